@@ -1,0 +1,1 @@
+//! A simulated EtherCAT segment with DS402 drives: bytes in, bytes out.

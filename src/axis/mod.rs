@@ -1,0 +1,1 @@
+//! One axis: the pure core and the handle that users hold.

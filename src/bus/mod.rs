@@ -1,0 +1,1 @@
+//! The bus thread: discovery, configuration, cyclic exchange.

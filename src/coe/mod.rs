@@ -1,0 +1,1 @@
+//! CANopen over EtherCAT: typed objects, the SDO codec, the mailbox client, emergencies.

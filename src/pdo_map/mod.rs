@@ -1,0 +1,1 @@
+//! PDO mapping: declared once, written by the rules, read back, laid out.
