@@ -1,0 +1,69 @@
+//! Option codes that this library reads or writes: quick stop (605Ah) and abort connection (6007h).
+
+/// Quick stop option code, object 605Ah: how the drive stops at quick stop and where it ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct QuickStopOption(pub i16);
+
+impl QuickStopOption {
+    /// Whether the drive stays in Quick stop active after standstill: values 5 to 8 (CiA DSP 402 v2.0, object 605Ah).
+    #[must_use]
+    pub const fn stays_in_quick_stop_active(self) -> bool {
+        matches!(self.0, 5..=8)
+    }
+
+    /// Whether the drive stops on a ramp or at a limit; 0 switches the power stage off at once and the axis coasts.
+    #[must_use]
+    pub const fn stops_under_control(self) -> bool {
+        !matches!(self.0, 0)
+    }
+}
+
+/// Abort connection option code, object 6007h (6807h): what an axis does when the process data stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum AbortConnection {
+    /// 0: nothing. The axis would go on moving.
+    NoAction,
+    /// 1: a fault; the drive stops by its fault reaction (605Eh).
+    Malfunction,
+    /// 2: Disable voltage; the axis coasts.
+    DisableVoltage,
+    /// 3: Quick stop (605Ah).
+    QuickStop,
+    /// Any other number.
+    Other(i16),
+}
+
+impl AbortConnection {
+    /// The meaning of a value of 6007h.
+    #[must_use]
+    pub const fn from_raw(raw: i16) -> Self {
+        match raw {
+            0 => Self::NoAction,
+            1 => Self::Malfunction,
+            2 => Self::DisableVoltage,
+            3 => Self::QuickStop,
+            n => Self::Other(n),
+        }
+    }
+
+    /// The value of 6007h.
+    #[must_use]
+    pub const fn raw(self) -> i16 {
+        match self {
+            Self::NoAction => 0,
+            Self::Malfunction => 1,
+            Self::DisableVoltage => 2,
+            Self::QuickStop => 3,
+            Self::Other(n) => n,
+        }
+    }
+
+    /// Whether an axis with this value is sure to stop when the process data stop.
+    #[must_use]
+    pub const fn stops(self) -> bool {
+        matches!(
+            self,
+            Self::Malfunction | Self::DisableVoltage | Self::QuickStop
+        )
+    }
+}
