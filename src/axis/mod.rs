@@ -1,1 +1,16 @@
-//! One axis: the pure core and the handle that users hold.
+//! One axis: the pure core, and the handle that users hold.
+//!
+//! The core joins power sequencing, the active mode and the one composer of controlwords. It is stepped once a cycle,
+//! either by the bus thread of a `Network` or by a program with a cyclic exchange of its own.
+
+mod command;
+mod config;
+mod fields;
+mod outcome;
+mod snapshot;
+
+pub use command::{Command, CommandId, Inputs, StopRequest};
+pub use config::{AxisConfig, Deadlines, Loss, Tolerances};
+pub use fields::AxisFields;
+pub use outcome::{Completion, Delivery, Event, Failure, WaitingFor};
+pub use snapshot::Snapshot;

@@ -1,0 +1,76 @@
+//! What the axis core is told: commands, stops, and what came back from the wire.
+
+use bitflags::bitflags;
+
+use crate::{ds402::Mode, profile_position::MoveCommand};
+
+/// Names one command until its last event.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CommandId(pub u32);
+
+/// A command to an axis. Each gives exactly one last event ([`Event::Done`](super::Event::Done)).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// To Operation enabled, from every state but Fault.
+    Enable,
+    /// To Ready to switch on or below; a moving or halted axis is stopped by quick stop before.
+    Disable,
+    /// Out of Fault, to Switch on disabled.
+    ResetFault,
+    /// Modes of operation 6060h, confirmed in 6061h; only while no set-point is active.
+    SelectMode(Mode),
+    /// A move in Profile Position mode.
+    Move(MoveCommand),
+    /// Bit 8: pause, keeping the set-point.
+    Halt,
+    /// Bit 8 low: go on.
+    Resume,
+    /// Halt, then abandon the set-point by quick stop.
+    Stop,
+    /// Bit 2 low.
+    QuickStop,
+    /// Leave the mode: bit 4 low, the set-point abandoned as by `Stop`.
+    Release,
+}
+
+bitflags! {
+    /// Stops asked for outside the command queue: the stop lane.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub struct StopRequest: u8 {
+        /// Pause (bit 8).
+        const HALT = 1;
+        /// Halt, then abandon the set-point by quick stop.
+        const STOP = 2;
+        /// Quick stop (bit 2).
+        const QUICK_STOP = 4;
+    }
+}
+
+/// What one cycle's exchange brought for an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Inputs<'a> {
+    /// The working counter was right: these inputs are of this cycle and the outputs were delivered.
+    Fresh(&'a [u8]),
+    /// The drive answered, but the working counter was wrong: fresh inputs, outputs perhaps not delivered.
+    Answered(&'a [u8]),
+    /// Nothing came back from the drive.
+    Stale,
+}
+
+impl<'a> Inputs<'a> {
+    /// Judges inputs by the working counter of the datagram that carried them.
+    ///
+    /// ```
+    /// use servocrab::axis::Inputs;
+    /// assert_eq!(Inputs::from_wkc(3, 3, &[0x31]), Inputs::Fresh(&[0x31]));
+    /// assert_eq!(Inputs::from_wkc(2, 3, &[0x31]), Inputs::Stale);
+    /// ```
+    #[must_use]
+    pub const fn from_wkc(working_counter: u16, expected: u16, inputs: &'a [u8]) -> Self {
+        if working_counter == expected {
+            Self::Fresh(inputs)
+        } else {
+            Self::Stale
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! What an axis core must know before its first cycle.
+
+use core::time::Duration;
+
+use crate::{
+    ds402::Mode,
+    profile_position::{Parameters, Traits},
+};
+
+use super::AxisFields;
+
+/// An axis: where its objects lie, how its drive behaves, what counts as arrived and for how long to wait.
+#[derive(Debug, Clone)]
+pub struct AxisConfig {
+    /// Where the axis' objects lie in the drive's process data.
+    pub fields: AxisFields,
+    /// How the drive's Profile Position mode behaves.
+    pub traits: Traits,
+    /// The mode that is written from the first cycle on.
+    pub mode: Mode,
+    /// What counts as arrived and as standing.
+    pub tolerances: Tolerances,
+    /// How long each step may take.
+    pub deadlines: Deadlines,
+    /// When a silent drive counts as lost.
+    pub loss: Loss,
+    /// What moves use for the parameters that they leave out: what the drive held when the axis attached.
+    pub defaults: Parameters,
+}
+
+/// What counts as arrived and as standing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tolerances {
+    /// Position units between target and 6064h at arrival: by default the drive's position window 6067h.
+    pub position: u32,
+    /// Velocity units of 606Ch up to which the axis stands.
+    pub velocity: u32,
+    /// How long 6064h must be steady to count as standing where nothing else tells.
+    pub settle: Duration,
+}
+
+impl Default for Tolerances {
+    fn default() -> Self {
+        Self {
+            position: 10,
+            velocity: 0,
+            settle: Duration::from_millis(100),
+        }
+    }
+}
+
+/// How long each step of a command may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Deadlines {
+    /// From `Enable` to Operation enabled.
+    pub enable: Duration,
+    /// From `Disable` of a standing axis to Ready to switch on or below.
+    pub disable: Duration,
+    /// From bit 4 to bit 12, and for bit 12 to fall before a set-point.
+    pub acknowledge: Duration,
+    /// From bit 8 or bit 2 to standstill.
+    pub standstill: Duration,
+    /// From 6060h to 6061h.
+    pub mode: Duration,
+    /// One edge of bit 7; three are tried.
+    pub fault_reset: Duration,
+}
+
+impl Default for Deadlines {
+    fn default() -> Self {
+        Self {
+            enable: Duration::from_secs(5),
+            disable: Duration::from_secs(5),
+            acknowledge: Duration::from_millis(500),
+            standstill: Duration::from_secs(10),
+            mode: Duration::from_secs(1),
+            fault_reset: Duration::from_millis(300),
+        }
+    }
+}
+
+/// When a silent drive counts as lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Loss {
+    /// Consecutive cycles without an answer of the drive.
+    pub stale_cycles: u32,
+    /// Consecutive cycles in which its outputs are not known to have been delivered; more than `stale_cycles`, so that
+    /// the loss of another drive in the same datagram does not count against this one.
+    pub undelivered_cycles: u32,
+}
+
+impl Default for Loss {
+    fn default() -> Self {
+        Self {
+            stale_cycles: 10,
+            undelivered_cycles: 30,
+        }
+    }
+}

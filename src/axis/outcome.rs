@@ -1,0 +1,231 @@
+//! What the axis core reports: events, completions, failures.
+
+use crate::{
+    ds402::{Controlword, Mode, State, Statusword, describe_error_code},
+    profile_position::Start,
+};
+
+/// One report about a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// The drive acknowledged the move's set-point; `Done` follows.
+    Accepted,
+    /// The axis stands halted with this move's set-point kept; `Done` follows.
+    Halted,
+    /// The last report.
+    Done(Result<Completion, Failure>),
+}
+
+/// How a command ended well.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Completion {
+    /// Done; there is no more to say.
+    Done,
+    /// The move arrived at its target and nothing followed it in motion.
+    Reached {
+        /// Position actual value 6064h when it was seen.
+        position: i32,
+    },
+    /// The move passed its target without stopping, into the next one.
+    Passed {
+        /// Position actual value 6064h when it was seen.
+        position: i32,
+    },
+    /// The axis stands, in this state.
+    Stopped {
+        /// Where the drive ended: by 605Ah.
+        state: State,
+    },
+}
+
+/// How far a set-point came before its command failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Delivery {
+    /// It was never sent: the drive has not executed it and will not.
+    NotSent,
+    /// It was sent and not acknowledged: whether the drive has taken it is unknown.
+    Unknown,
+    /// The drive acknowledged it.
+    Accepted,
+}
+
+/// What a deadline was set on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WaitingFor {
+    /// A DS402 state.
+    State(State),
+    /// Bit 12 to fall before the next set-point.
+    AcknowledgeLow,
+    /// Bit 12 to rise after bit 4.
+    Acknowledge,
+    /// The mode in 6061h.
+    Mode(Mode),
+    /// Velocity zero.
+    Standstill,
+    /// A place in the drive's set-point buffer.
+    BufferPlace,
+    /// The fault to go.
+    FaultCleared,
+}
+
+impl core::fmt::Display for WaitingFor {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::State(state) => write!(f, "the state {state}"),
+            Self::AcknowledgeLow => f.write_str("bit 12 (set-point acknowledge) to fall"),
+            Self::Acknowledge => f.write_str("bit 12 (set-point acknowledge) to rise"),
+            Self::Mode(mode) => write!(f, "mode {} in 6061h", mode.raw()),
+            Self::Standstill => f.write_str("standstill"),
+            Self::BufferPlace => f.write_str("a place in the drive's set-point buffer"),
+            Self::FaultCleared => f.write_str("the fault to be cleared"),
+        }
+    }
+}
+
+/// Why a command did not end well. It never leaves a motion behind that was not asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Failure {
+    /// A later move with [`Start::Immediately`] took this one's place.
+    #[error("superseded by a later move")]
+    Superseded,
+    /// The axis is halted (bit 8). Resume it, or stop it.
+    #[error("the axis is halted: resume it or stop it first")]
+    Halted,
+    /// A quick stop or stop ended it; the set-point is gone.
+    #[error("ended by a quick stop; the set-point is gone")]
+    QuickStopped,
+    /// The axis was disabled, or left Operation enabled by itself.
+    #[error("the axis was disabled (it is in {state})")]
+    Disabled {
+        /// The state seen.
+        state: State,
+    },
+    /// The drive has a fault.
+    #[error("the drive has a fault: {} ({})", FaultCode(*.code), FaultText(*.code))]
+    Fault {
+        /// Error code 603Fh, where it is mapped or was read; else none.
+        code: Option<u16>,
+    },
+    /// The drive no longer answers, or the network is gone.
+    #[error("the drive no longer answers; the set-point was {}", DeliveryText(*.delivery))]
+    BusLost {
+        /// How far the set-point came.
+        delivery: Delivery,
+    },
+    /// The drive says target reached and stands elsewhere: it has limited the move.
+    #[error(
+        "the drive reports its target reached but stands at {actual} instead of {target}: look for a limit in the drive"
+    )]
+    MissedTarget {
+        /// The position asked for.
+        target: i32,
+        /// Position actual value 6064h.
+        actual: i32,
+    },
+    /// A set-point that was sent into a full buffer, which cannot be acknowledged.
+    #[error("sent into a full buffer, where no acknowledge can be seen")]
+    Unconfirmed,
+    /// A deadline passed.
+    #[error(
+        "no answer in time while waiting for {waiting_for} (statusword {:#06x}, controlword {:#06x}); the set-point was {}",
+        .statusword.bits(), .controlword.bits(), DeliveryText(*.delivery)
+    )]
+    Timeout {
+        /// What was waited for.
+        waiting_for: WaitingFor,
+        /// The last statusword seen.
+        statusword: Statusword,
+        /// The last controlword sent.
+        controlword: Controlword,
+        /// How far the set-point came, for moves; `NotSent` for others.
+        delivery: Delivery,
+    },
+    /// Moves need Operation enabled.
+    #[error("the axis is not enabled (it is in {state}): enable it first")]
+    NotEnabled {
+        /// The state seen.
+        state: State,
+    },
+    /// Moves need the mode that they belong to.
+    #[error("mode {} is not active, 6061h shows {}: select it first", .expected.raw(), .shown.raw())]
+    WrongMode {
+        /// The mode that the command needs.
+        expected: Mode,
+        /// The mode display.
+        shown: Mode,
+    },
+    /// The drive cannot do this start.
+    #[error("the drive cannot start a move this way ({start:?}): {reason}")]
+    Unsupported {
+        /// What was asked.
+        start: Start,
+        /// Why not.
+        reason: &'static str,
+    },
+    /// A velocity, acceleration or deceleration of zero.
+    #[error("{0} is zero: the move would never end")]
+    Zero(&'static str),
+    /// The set-point names a parameter that is not mapped into the process data.
+    #[error("{0} is not in the process data: map it, or write it by SDO before the move")]
+    NotMapped(&'static str),
+    /// The drive forgets its set-point at halt; stop, enable and move again.
+    #[error("this drive does not keep its set-point through a halt: stop, enable and move again")]
+    ResumeUnsupported,
+    /// Bit 9 of the statusword is 0.
+    #[error(
+        "the drive is under local control (statusword bit 9 is 0): give control to the fieldbus"
+    )]
+    LocalControl,
+    /// Bit 4 of the statusword is 0.
+    #[error("the power stage has no supply (statusword bit 4 is 0): switch on its supply")]
+    NoVoltage,
+    /// The command needs an axis that stands without a set-point.
+    #[error("the axis is moving or has a set-point: stop it first")]
+    Moving,
+    /// There is no fault to reset.
+    #[error("there is no fault to reset (the axis is in {state})")]
+    NoFault {
+        /// The state seen.
+        state: State,
+    },
+    /// An earlier set-point may or may not have been taken.
+    #[error("an earlier set-point may or may not have been taken by the drive: call stop() first")]
+    NeedsStop,
+    /// Another command of the kind is still at work.
+    #[error("another command is still at work on this axis")]
+    Busy,
+    /// The caller gave the command up before it was sent.
+    #[error("withdrawn before it was sent")]
+    Withdrawn,
+}
+
+struct FaultCode(Option<u16>);
+
+impl core::fmt::Display for FaultCode {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.0 {
+            Some(code) => write!(f, "{code:04X}h"),
+            None => f.write_str("code not known"),
+        }
+    }
+}
+
+struct FaultText(Option<u16>);
+
+impl core::fmt::Display for FaultText {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.0.map_or("read 603Fh", describe_error_code))
+    }
+}
+
+struct DeliveryText(Delivery);
+
+impl core::fmt::Display for DeliveryText {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self.0 {
+            Delivery::NotSent => "not sent",
+            Delivery::Unknown => "sent, and whether the drive took it is unknown",
+            Delivery::Accepted => "accepted by the drive",
+        })
+    }
+}

@@ -1,0 +1,90 @@
+//! How a drive's Profile Position mode differs from other drives', as data.
+
+use crate::ds402::Controlword;
+
+use super::Start;
+
+/// The bits that one kind of start takes, or why the drive has no such start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StartBits {
+    /// These of bits 5 and 9.
+    Bits(Controlword),
+    /// Not by the drive's buffer: sequenced by this library after the active move's arrival.
+    Sequenced,
+    /// The drive cannot do it, for this reason.
+    Unsupported(&'static str),
+}
+
+/// Whether bit 12 shows that the drive's set-point buffer is full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BufferSignal {
+    /// Bit 12 stays 1 while no set-point can be taken, and falls when the active one ends.
+    Acknowledge,
+    /// Bit 12 follows bit 4 and shows nothing of the buffer: set-points are counted by this library.
+    None,
+}
+
+/// What a relative move counts from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RelativeBase {
+    /// The previous target.
+    PreviousTarget,
+    /// The position demand value, which at rest is the previous target.
+    Demand,
+    /// The position actual value.
+    Actual,
+    /// The drive's documents do not say; relative moves are not checked against the position.
+    Undocumented,
+}
+
+/// How a drive's Profile Position mode behaves.
+///
+/// ```
+/// use servocrab::profile_position::{BufferSignal, StartBits, Start, Traits};
+/// let traits = Traits::cia402();
+/// assert!(matches!(traits.bits(Start::Blend), StartBits::Bits(_)));
+/// assert_eq!(traits.buffer_signal, BufferSignal::None);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Traits {
+    /// Bits of [`Start::Immediately`].
+    pub immediately: StartBits,
+    /// Bits of [`Start::AfterCurrent`].
+    pub after_current: StartBits,
+    /// Bits of [`Start::Blend`].
+    pub blend: StartBits,
+    /// What bit 12 shows of the buffer.
+    pub buffer_signal: BufferSignal,
+    /// What relative moves count from.
+    pub relative_base: RelativeBase,
+    /// Whether a halted set-point is kept and continued when bit 8 falls.
+    pub halt_keeps_set_point: bool,
+    /// Whether bit 4 of the statusword tells that the power stage has its supply.
+    pub shows_voltage: bool,
+}
+
+impl Traits {
+    /// A drive after CiA 402 version 3, bit 12 taken to follow bit 4.
+    #[must_use]
+    pub const fn cia402() -> Self {
+        Self {
+            immediately: StartBits::Bits(Controlword::CHANGE_IMMEDIATELY),
+            after_current: StartBits::Bits(Controlword::empty()),
+            blend: StartBits::Bits(Controlword::BLEND),
+            buffer_signal: BufferSignal::None,
+            relative_base: RelativeBase::Undocumented,
+            halt_keeps_set_point: true,
+            shows_voltage: false,
+        }
+    }
+
+    /// The bits that a kind of start takes on this drive.
+    #[must_use]
+    pub const fn bits(&self, start: Start) -> StartBits {
+        match start {
+            Start::Immediately => self.immediately,
+            Start::AfterCurrent => self.after_current,
+            Start::Blend => self.blend,
+        }
+    }
+}
