@@ -1,0 +1,255 @@
+//! The axis as the segment around it sees it: objects in and out, one call per drive cycle, and the handles by which a
+//! test disturbs it.
+
+use core::time::Duration;
+use std::collections::VecDeque;
+
+use super::behaviour::Behaviour;
+use super::emergency::{self, Emergency};
+use super::ledger::Executed;
+use super::motion::Buffer;
+use super::objects::{self, ENTRIES, Entry, Objects, SetError};
+use super::power::Fault;
+use super::state::State;
+use super::status::Reached;
+use super::trajectory::Trajectory;
+
+/// What an acknowledge can do wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AckFault {
+    /// Nothing.
+    #[default]
+    None,
+    /// Bit 12 never rises, although set-points are taken.
+    Never,
+    /// Bit 12 is always 1.
+    StuckHigh,
+}
+
+/// Misbehaviour that a test switches on and off while the axis runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Disturbances {
+    /// Bit 12 of the statusword.
+    pub ack: AckFault,
+    /// Cycles from taking a set-point to bit 12.
+    pub ack_delay_cycles: u32,
+    /// Cycles for which a bit 10 left over from the move before stays after a set-point was taken.
+    pub stale_reached_cycles: u32,
+    /// Rising edges of bit 4 are not seen.
+    pub deaf_to_bit_4: bool,
+    /// The shaft does not turn: the actual position stays. Released, the actual position is the demand again.
+    pub blocked: bool,
+}
+
+/// One DS402 axis.
+///
+/// ```
+/// use servocrab_sim::ds402::{Axis, Behaviour, State};
+///
+/// let mut axis = Axis::new(Behaviour::generic());
+/// axis.cycle(core::time::Duration::from_millis(1));
+/// axis.cycle(core::time::Duration::from_millis(2));
+/// assert_eq!(axis.state(), State::SwitchOnDisabled);
+/// assert_eq!(axis.get(0x6041, 0), Some(0x0250));
+/// ```
+#[derive(Debug, Clone)]
+pub struct Axis {
+    pub(super) behaviour: Behaviour,
+    pub(super) objects: Objects,
+    pub(super) disturbances: Disturbances,
+    /// Time of the last cycle.
+    pub(super) now: Duration,
+    pub(super) cycles: u64,
+
+    pub(super) state: State,
+    pub(super) cycles_in_state: u32,
+    /// The state to which a disabling ramp leads.
+    pub(super) leaving_to: Option<State>,
+    pub(super) fault: Fault,
+    /// The controlword of the last cycle: edges are seen against it in every state.
+    pub(super) last_controlword: u16,
+    pub(super) mode_wait: u32,
+    pub(super) voltage: bool,
+    pub(super) remote: bool,
+    pub(super) inhibited: bool,
+    pub(super) warning: bool,
+    pub(super) referenced: bool,
+    pub(super) connected: bool,
+
+    pub(super) trajectory: Trajectory,
+    pub(super) buffer: Buffer,
+    pub(super) reached: Reached,
+    pub(super) actual: i64,
+    pub(super) actual_velocity: f64,
+    pub(super) lagging: VecDeque<(i64, f64)>,
+    pub(super) moved_at: Option<Duration>,
+
+    pub(super) ledger: Vec<Executed>,
+    pub(super) emergencies: VecDeque<Emergency>,
+}
+
+impl Axis {
+    /// An axis at position 0, just powered up.
+    pub fn new(behaviour: Behaviour) -> Axis {
+        Axis {
+            objects: Objects::new(&behaviour),
+            behaviour,
+            disturbances: Disturbances::default(),
+            now: Duration::ZERO,
+            cycles: 0,
+            state: State::NotReadyToSwitchOn,
+            cycles_in_state: 0,
+            leaving_to: None,
+            fault: Fault::default(),
+            last_controlword: 0,
+            mode_wait: 0,
+            voltage: true,
+            remote: true,
+            inhibited: false,
+            warning: false,
+            referenced: false,
+            connected: true,
+            trajectory: Trajectory::at(0),
+            buffer: Buffer::default(),
+            reached: Reached::default(),
+            actual: 0,
+            actual_velocity: 0.0,
+            lagging: VecDeque::new(),
+            moved_at: None,
+            ledger: Vec::new(),
+            emergencies: VecDeque::new(),
+        }
+    }
+
+    /// The entries of the object dictionary of this axis, sorted by index and subindex, as for axis 1.
+    pub fn entries(&self) -> &'static [Entry] {
+        &ENTRIES
+    }
+
+    /// The value of an object; none where there is no such entry.
+    pub fn get(&self, index: u16, subindex: u8) -> Option<i64> {
+        self.objects.get((index, subindex))
+    }
+
+    /// Writes an object, by SDO or from a PDO alike. It takes effect in the next cycle.
+    ///
+    /// # Errors
+    ///
+    /// [`SetError::Unknown`] where there is no such entry, [`SetError::ReadOnly`], and [`SetError::OutOfRange`] for a
+    /// value outside the type or the object's range; the old value stays.
+    pub fn set(&mut self, index: u16, subindex: u8, value: i64) -> Result<(), SetError> {
+        self.objects.set((index, subindex), value)
+    }
+
+    /// Runs one drive cycle: moves the axis on by one period, evaluates the objects that were written since the last
+    /// cycle, and updates those that can be read.
+    ///
+    /// `now` is the time of this cycle since an arbitrary epoch; it stamps the ledger and runs the windows' times.
+    pub fn cycle(&mut self, now: Duration) {
+        self.now = now;
+        if self.cycles > 0 {
+            self.advance();
+        }
+        self.cycles += 1;
+        self.follow_demand();
+        self.check_following_error();
+        let controlword = self.controlword();
+        let was_enabled = self.state == State::OperationEnabled;
+        self.run_state_machine(controlword);
+        let mode_became_active = self.update_mode(controlword);
+        self.run_set_points(controlword, was_enabled, mode_became_active);
+        self.publish(controlword);
+        self.last_controlword = controlword;
+    }
+
+    /// The next emergency message that waits to be sent.
+    pub fn take_emergency(&mut self) -> Option<Emergency> {
+        self.emergencies.pop_front()
+    }
+
+    /// Every set-point that was latched, in order.
+    pub fn ledger(&self) -> &[Executed] {
+        &self.ledger
+    }
+
+    /// Actual position in counts. It counts on where 6064h, a 32-bit value, wraps.
+    pub fn position(&self) -> i64 {
+        self.actual
+    }
+
+    /// Actual velocity in counts/s.
+    pub fn velocity(&self) -> f64 {
+        self.actual_velocity
+    }
+
+    /// The statusword (6041h) of the last cycle.
+    pub fn statusword(&self) -> u16 {
+        self.objects.value(objects::STATUSWORD) as u16
+    }
+
+    /// The controlword (6040h) as it was written last.
+    pub fn controlword(&self) -> u16 {
+        self.objects.value(objects::CONTROLWORD) as u16
+    }
+
+    /// The device state.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The error register (1001h).
+    pub fn error_register(&self) -> u8 {
+        emergency::register_of(self.fault.code)
+    }
+
+    /// Whether the actual position changed in a cycle later than `time`.
+    pub fn moved_since(&self, time: Duration) -> bool {
+        self.moved_at.is_some_and(|at| at > time)
+    }
+
+    /// The axis' misbehaviour, to be changed at any time.
+    pub fn disturbances(&mut self) -> &mut Disturbances {
+        &mut self.disturbances
+    }
+
+    /// Puts the axis at a position without a motion, as by a hand on the shaft; only without power.
+    pub fn place(&mut self, position: i64) {
+        if !self.state.is_powered() {
+            self.trajectory.place(position);
+            self.lagging.clear();
+            self.actual = position;
+            self.buffer.previous_target = position;
+        }
+    }
+
+    /// Switches the DC link (bit 4 of the statusword). Without it the axis cannot be switched on; a powered one faults.
+    pub fn set_voltage(&mut self, on: bool) {
+        self.voltage = on;
+    }
+
+    /// Remote (bit 9 of the statusword). In local control (`false`) the controlword is ignored.
+    pub fn set_remote(&mut self, remote: bool) {
+        self.remote = remote;
+    }
+
+    /// The enable input or safe torque off. Inhibited, the drive refuses to switch on; a powered axis coasts and goes to
+    /// Switch on disabled.
+    pub fn set_inhibited(&mut self, inhibited: bool) {
+        self.inhibited = inhibited;
+    }
+
+    /// Warning (bit 7 of the statusword).
+    pub fn set_warning(&mut self, warning: bool) {
+        self.warning = warning;
+    }
+
+    /// Whether the axis is referenced, for drives whose position limits need that.
+    pub fn set_referenced(&mut self, referenced: bool) {
+        self.referenced = referenced;
+    }
+
+    /// Digital inputs (60FDh).
+    pub fn set_digital_inputs(&mut self, inputs: u32) {
+        self.objects.put(objects::DIGITAL_INPUTS, inputs.into());
+    }
+}

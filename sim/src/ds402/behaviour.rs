@@ -1,0 +1,239 @@
+//! What one drive does differently from another, as data.
+//!
+//! Presets are written from the drives' documents; where a document is silent the comment says what is assumed.
+
+use core::time::Duration;
+
+/// When bit 12 (set-point acknowledge) of the statusword rises and falls.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AckPolicy {
+    /// Rises with a set-point that was taken, falls with bit 4, whatever the buffer holds (AKD2G).
+    FollowsBit4,
+    /// Rises with a set-point that was taken, falls when bit 4 is low and the buffer has room (drive with 2010h).
+    BufferFree,
+    /// As `FollowsBit4`, but already high when operation is enabled, until bit 4 was pulsed once (a drive that users
+    /// of canopen-python reported).
+    StickyAtEnable,
+}
+
+/// What bit 5 of the controlword does at a rising bit 4.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bit5 {
+    /// 1 replaces the active set-point at once (CiA 402 v3, AKD2G).
+    Replaces,
+    /// 1 passes the active target without stopping, then goes on; nothing replaces (AX2000).
+    Blends,
+}
+
+/// What happens to a set-point with bit 5 = 0 that finds the buffer full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FullBuffer {
+    /// It is not taken.
+    Ignore,
+    /// It takes the place of the one that waits.
+    OverwritePending,
+}
+
+/// Where a relative set-point starts to count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RelativeBase {
+    /// As bits 0 and 1 of 60F2h say at the edge.
+    PositioningOption,
+    /// The target before it, reached or not; for a queued one the end of the queue.
+    PreviousTarget,
+    /// The demand position at the moment it starts.
+    Demand,
+    /// The actual position at the moment it starts.
+    Actual,
+}
+
+/// When bit 10 (target reached) of the statusword is set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReachedPolicy {
+    /// When the last trajectory has ended.
+    TrajectoryEnd,
+    /// When the last trajectory has ended and the actual position was within 6067h for 6068h.
+    WindowAfterEnd,
+    /// When the actual position was within 6067h of the last target for 6068h, even if the axis still moves.
+    Window,
+}
+
+/// When the software position limits (607Dh) are not in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LimitsOff {
+    /// When both are 0 (AKD).
+    BothZero,
+    /// When the minimum is not below the maximum (Yaskawa).
+    MinNotBelowMax,
+}
+
+/// What becomes of a target outside the software position limits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LimitViolation {
+    /// The axis moves to the limit; bit 11 of the statusword is set.
+    Clamp,
+    /// The set-point is not taken and not acknowledged; bit 11 of the statusword is set.
+    Refuse,
+}
+
+/// What a following error beyond 6065h for 6066h does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FollowingError {
+    /// Fault 8611h, with bit 13 of the statusword (AKD2G: F6001).
+    Fault,
+    /// Bit 13 of the statusword, nothing else.
+    BitOnly,
+}
+
+/// What 0 in 6060h does to the active mode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ModeZero {
+    /// The active mode stays.
+    Keeps,
+    /// No mode is active (6061h = 0).
+    Clears,
+}
+
+/// Everything in which drives differ. Start from a preset and change fields.
+///
+/// ```
+/// use servocrab_sim::ds402::{AckPolicy, Axis, Behaviour};
+///
+/// let axis = Axis::new(Behaviour { ack: AckPolicy::BufferFree, ..Behaviour::akd2g() });
+/// assert_eq!(axis.position(), 0);
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Behaviour {
+    /// Time from one drive cycle to the next.
+    pub period: Duration,
+    /// Cycles in Not ready to switch on after power-up.
+    pub start_up_cycles: u32,
+    /// Cycles that the power section takes in Switched on before operation can be enabled.
+    pub power_on_cycles: u32,
+    /// Cycles from a new value in 6060h to 6061h.
+    pub mode_change_cycles: u32,
+    /// Controlword 000Fh in Ready to switch on runs transitions 3 and 4.
+    pub auto_3_4: bool,
+    /// Transition 16: enable operation leads from Quick stop active back to Operation enabled (605Ah 5–8).
+    pub transition_16: bool,
+    /// Bit 7 of the controlword is irrelevant for all commands but fault reset; else a set bit 7 masks them.
+    pub bit_7_irrelevant: bool,
+    /// Ready to switch on is refused without voltage; else only Switched on is.
+    pub ready_needs_voltage: bool,
+    /// Bit 5 of the statusword is 1 in the states that leave it undefined.
+    pub open_bit_5: bool,
+    /// Manufacturer bits that the statusword always carries; only bits 8, 14 and 15 are used.
+    pub manufacturer_bits: u16,
+    /// Bit 12 of the statusword.
+    pub ack: AckPolicy,
+    /// Bit 5 of the controlword.
+    pub bit_5: Bit5,
+    /// Bit 9 of the controlword (blend) is understood; else it is ignored.
+    pub bit_9: bool,
+    /// A set-point on a full buffer.
+    pub full_buffer: FullBuffer,
+    /// The base of relative set-points.
+    pub relative_base: RelativeBase,
+    /// Bit 10 of the statusword.
+    pub reached: ReachedPolicy,
+    /// Halt keeps the set-points and continues them when bit 8 falls; else it discards them.
+    pub halt_keeps: bool,
+    /// A bit 4 that is already high when profile position mode becomes active starts a move (Nanotec).
+    pub edge_at_mode_change: bool,
+    /// A mode change is refused while bit 8 is set.
+    pub halt_blocks_mode_change: bool,
+    /// 0 in 6060h.
+    pub mode_zero: ModeZero,
+    /// Cycles that bit 4 must stay high before a set-point is taken; 0 takes it in the cycle of the edge.
+    pub bit_4_filter_cycles: u32,
+    /// When 607Dh is not in force.
+    pub limits_off: LimitsOff,
+    /// 607Dh is in force only when the axis is referenced (Yaskawa).
+    pub limits_need_reference: bool,
+    /// A target outside 607Dh.
+    pub limit_violation: LimitViolation,
+    /// A following error that is too large for too long.
+    pub following_error: FollowingError,
+    /// Cycles by which the actual position lags behind the demand position.
+    pub actual_lag_cycles: u32,
+    /// Counts/s² by which an axis without power slows down.
+    pub coast_deceleration: u32,
+    /// Counts/s² of a stop at the current or voltage limit.
+    pub limit_deceleration: u32,
+    /// 6502h.
+    pub supported_modes: u32,
+    /// Values that 6086h takes. The trajectory is linear with each of them.
+    pub profile_types: &'static [i16],
+    /// 605Ah at power-up.
+    pub quick_stop_option: i16,
+    /// 6007h at power-up.
+    pub abort_connection_option: i16,
+}
+
+impl Behaviour {
+    /// Kollmorgen AKD2G, from its pages on profile position mode and on the controlword.
+    pub fn akd2g() -> Behaviour {
+        Behaviour {
+            // Its example goes from 06h to 0Fh; its command table leaves bit 3 open in "Switch on".
+            auto_3_4: true,
+            // Not in its command table; after a quick stop one has to step through the state machine.
+            transition_16: false,
+            // Its command table prints X for bit 7 except at fault reset.
+            bit_7_irrelevant: true,
+            // Bit 12 stays high as long as bit 4, also after arrival, and turns off with it.
+            ack: AckPolicy::FollowsBit4,
+            // Undocumented; assumed: the demand position, which at standstill is the previous target.
+            relative_base: RelativeBase::Demand,
+            // Within AXIS#.SETTLE.P; whether also while still moving is not documented, assumed not.
+            reached: ReachedPolicy::WindowAfterEnd,
+            halt_keeps: true,
+            // Of the first AKD generation: limits 0/0 are off.
+            limits_off: LimitsOff::BothZero,
+            // Bit 13 comes with fault F6001.
+            following_error: FollowingError::Fault,
+            // Its mode table: pp, pv, tq, hm, csp; the manufacturer's own modes have no bit here.
+            supported_modes: 0x0000_00AD,
+            // Undocumented; assumed.
+            mode_zero: ModeZero::Keeps,
+            ..Behaviour::generic()
+        }
+    }
+
+    /// A plain CiA 402 v3 drive with one active and one waiting set-point.
+    pub fn generic() -> Behaviour {
+        Behaviour {
+            period: Duration::from_millis(1),
+            start_up_cycles: 1,
+            power_on_cycles: 0,
+            mode_change_cycles: 0,
+            auto_3_4: true,
+            transition_16: true,
+            bit_7_irrelevant: false,
+            ready_needs_voltage: false,
+            open_bit_5: false,
+            manufacturer_bits: 0,
+            ack: AckPolicy::BufferFree,
+            bit_5: Bit5::Replaces,
+            bit_9: true,
+            full_buffer: FullBuffer::Ignore,
+            relative_base: RelativeBase::PositioningOption,
+            reached: ReachedPolicy::WindowAfterEnd,
+            halt_keeps: true,
+            edge_at_mode_change: false,
+            halt_blocks_mode_change: false,
+            mode_zero: ModeZero::Clears,
+            bit_4_filter_cycles: 0,
+            limits_off: LimitsOff::MinNotBelowMax,
+            limits_need_reference: false,
+            limit_violation: LimitViolation::Clamp,
+            following_error: FollowingError::Fault,
+            actual_lag_cycles: 0,
+            coast_deceleration: 1_000_000,
+            limit_deceleration: 100_000_000,
+            supported_modes: 0x0000_01AD,
+            profile_types: &[0],
+            quick_stop_option: 2,
+            abort_connection_option: 1,
+        }
+    }
+}

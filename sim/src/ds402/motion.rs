@@ -1,0 +1,281 @@
+//! Profile position mode: the set-point buffer, the handshake of bits 4 and 12, and halt.
+//!
+//! One set-point is active, one may wait.
+
+use super::axis::{AckFault, Axis};
+use super::behaviour::{AckPolicy, Bit5, FullBuffer, ModeZero};
+use super::ledger::{Cause, Outcome};
+use super::objects;
+use super::set_point::SetPoint;
+use super::state::State;
+
+/// 6061h of profile position mode.
+pub(super) const PROFILE_POSITION: i64 = 1;
+
+/// The set-point buffer and the handshake's memory.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Buffer {
+    pub(super) active: Option<SetPoint>,
+    pub(super) pending: Option<SetPoint>,
+    pub(super) halted: bool,
+    pub(super) ack: bool,
+    /// Cycles until a delayed acknowledge rises.
+    ack_due: Option<u32>,
+    /// Cycles until a rising edge of bit 4 passes the filter.
+    edge_due: Option<u32>,
+    /// The last target was outside the limits.
+    pub(super) limited: bool,
+    pub(super) previous_target: i64,
+}
+
+impl Buffer {
+    pub(super) fn is_empty(&self) -> bool {
+        self.active.is_none() && self.pending.is_none()
+    }
+
+    /// The target of the last set-point in the buffer, where it is known.
+    pub(super) fn last_target(&self) -> Option<i64> {
+        self.pending.or(self.active)?.target
+    }
+
+    /// Operation was enabled.
+    pub(super) fn enabled(&mut self, policy: AckPolicy) {
+        self.ack = policy == AckPolicy::StickyAtEnable;
+    }
+}
+
+impl Axis {
+    /// Moves the demand on by one period, and from a target that is passed or reached to the next set-point.
+    pub(super) fn advance(&mut self) {
+        let left = self.trajectory.advance(self.behaviour.period.as_secs_f64());
+        if self.finish_active() && !self.trajectory.stands() {
+            self.start_active();
+            self.trajectory.advance(left);
+        }
+    }
+
+    /// Mode of operation: 6061h follows 6060h. True in the cycle in which profile position mode becomes active.
+    pub(super) fn update_mode(&mut self, controlword: u16) -> bool {
+        let asked = self.objects.value(objects::MODE);
+        let active = self.objects.value(objects::MODE_DISPLAY);
+        let known = match asked {
+            0 => self.behaviour.mode_zero == ModeZero::Clears,
+            1..=32 => self.behaviour.supported_modes >> (asked - 1) & 1 != 0,
+            _ => false,
+        };
+        let blocked = self.behaviour.halt_blocks_mode_change && controlword & 0x0100 != 0;
+        if asked == active || !known || blocked {
+            self.mode_wait = 0;
+            return false;
+        }
+        if self.mode_wait < self.behaviour.mode_change_cycles {
+            self.mode_wait += 1;
+            return false;
+        }
+        self.mode_wait = 0;
+        self.objects.put(objects::MODE_DISPLAY, asked);
+        if active == PROFILE_POSITION && self.state == State::OperationEnabled {
+            self.discard_set_points(Cause::ModeChange);
+            self.slow_down();
+        }
+        asked == PROFILE_POSITION
+    }
+
+    /// The handshake and the halt of this cycle.
+    pub(super) fn run_set_points(
+        &mut self,
+        controlword: u16,
+        was_enabled: bool,
+        mode_became_active: bool,
+    ) {
+        let bit_4 = controlword & 0x0010 != 0;
+        let edge = bit_4 && self.last_controlword & 0x0010 == 0;
+        let can_take = self.state == State::OperationEnabled
+            && was_enabled
+            && self.leaving_to.is_none()
+            && self.remote
+            && self.objects.value(objects::MODE_DISPLAY) == PROFILE_POSITION;
+        if can_take {
+            self.run_halt(controlword & 0x0100 != 0);
+        }
+        let edge = edge || (mode_became_active && bit_4 && self.behaviour.edge_at_mode_change);
+        if self.passes_filter(edge, bit_4) && can_take && !self.disturbances.deaf_to_bit_4 {
+            self.take_set_point(controlword);
+        }
+        self.run_acknowledge(bit_4);
+        if can_take && !self.buffer.halted {
+            self.start_active();
+            // A set-point that leads nowhere is done in the cycle that took it.
+            while self.finish_active() {
+                self.start_active();
+            }
+        }
+    }
+
+    /// Drops what is active and what waits.
+    pub(super) fn discard_set_points(&mut self, cause: Cause) {
+        for set_point in [self.buffer.active.take(), self.buffer.pending.take()]
+            .into_iter()
+            .flatten()
+        {
+            self.close(set_point, Outcome::Discarded(cause));
+        }
+        self.buffer.halted = false;
+        self.buffer.ack = false;
+        self.buffer.ack_due = None;
+        self.buffer.edge_due = None;
+        self.buffer.previous_target = self.trajectory.counts();
+    }
+
+    fn passes_filter(&mut self, edge: bool, bit_4: bool) -> bool {
+        if edge {
+            self.buffer.edge_due = Some(self.behaviour.bit_4_filter_cycles);
+        }
+        if !bit_4 {
+            self.buffer.edge_due = None;
+        }
+        match self.buffer.edge_due {
+            Some(0) => {
+                self.buffer.edge_due = None;
+                true
+            }
+            Some(left) => {
+                self.buffer.edge_due = Some(left - 1);
+                false
+            }
+            None => false,
+        }
+    }
+
+    fn run_halt(&mut self, halt: bool) {
+        if halt && !self.buffer.halted {
+            if !self.behaviour.halt_keeps {
+                let ack = self.buffer.ack;
+                self.discard_set_points(Cause::Halt);
+                self.buffer.ack = ack;
+            }
+            self.begin_halt();
+            self.buffer.halted = true;
+        } else if !halt && self.buffer.halted {
+            self.buffer.halted = false;
+            if let Some(active) = self.buffer.active.filter(|active| active.started) {
+                self.run(active);
+            }
+        }
+    }
+
+    fn take_set_point(&mut self, controlword: u16) {
+        let bit = |n: u16| controlword & (1 << n) != 0;
+        let (replaces, blend) = match self.behaviour.bit_5 {
+            Bit5::Replaces => (bit(5), bit(9) && self.behaviour.bit_9),
+            Bit5::Blends => (false, bit(5)),
+        };
+        let full = self.buffer.active.is_some() && self.buffer.pending.is_some();
+        if full && !replaces && self.behaviour.full_buffer == FullBuffer::Ignore {
+            return;
+        }
+        let Some(set_point) = self.latch(controlword, replaces, blend) else {
+            self.buffer.limited = true;
+            return;
+        };
+        if replaces {
+            for old in [self.buffer.active.take(), self.buffer.pending.take()]
+                .into_iter()
+                .flatten()
+            {
+                self.close(old, Outcome::Replaced);
+            }
+        }
+        if self.buffer.active.is_none() {
+            self.buffer.active = Some(set_point);
+        } else {
+            if let Some(old) = self.buffer.pending.replace(set_point) {
+                self.close(old, Outcome::Replaced);
+            }
+            self.plan_junction();
+        }
+        self.reached
+            .set_point_taken(self.disturbances.stale_reached_cycles);
+        if self.disturbances.ack_delay_cycles == 0 {
+            self.buffer.ack = true;
+        } else {
+            self.buffer.ack_due = Some(self.disturbances.ack_delay_cycles);
+        }
+    }
+
+    /// Closes the active set-point if its trajectory is done, and lets the waiting one move up. True if so.
+    fn finish_active(&mut self) -> bool {
+        if self.buffer.halted || !self.trajectory.is_done() {
+            return false;
+        }
+        let Some(active) = self.buffer.active.take_if(|active| active.started) else {
+            return false;
+        };
+        let outcome = if self.trajectory.stands() {
+            Outcome::Reached
+        } else {
+            Outcome::Passed
+        };
+        if let Some(target) = active.target {
+            self.buffer.previous_target = target;
+        }
+        self.close(active, outcome);
+        self.buffer.active = self.buffer.pending.take();
+        if self.buffer.active.is_none() && !self.trajectory.stands() {
+            // An end velocity (6082h) that no further set-point takes up: assumed to end in a stop beyond the target.
+            self.slow_down();
+        }
+        true
+    }
+
+    fn close(&mut self, set_point: SetPoint, outcome: Outcome) {
+        let (now, position) = (self.now, self.trajectory.counts());
+        if let Some(line) = self.ledger.get_mut(set_point.line) {
+            line.ended_at = Some(now);
+            line.end_position = Some(position);
+            line.outcome = outcome;
+        }
+        if outcome == Outcome::Replaced {
+            if let Some(target) = set_point.target {
+                self.buffer.previous_target = target;
+            }
+        }
+    }
+
+    fn run_acknowledge(&mut self, bit_4: bool) {
+        match self.buffer.ack_due {
+            Some(left) if left > 1 => self.buffer.ack_due = Some(left - 1),
+            Some(_) => {
+                self.buffer.ack_due = None;
+                self.buffer.ack = true;
+            }
+            None => {}
+        }
+        if bit_4 {
+            return;
+        }
+        match self.behaviour.ack {
+            AckPolicy::FollowsBit4 | AckPolicy::StickyAtEnable => {
+                let pulsed = self.last_controlword & 0x0010 != 0;
+                if self.behaviour.ack == AckPolicy::FollowsBit4 || pulsed {
+                    self.buffer.ack = false;
+                    self.buffer.ack_due = None;
+                }
+            }
+            AckPolicy::BufferFree => {
+                if self.buffer.pending.is_none() && self.buffer.ack_due.is_none() {
+                    self.buffer.ack = false;
+                }
+            }
+        }
+    }
+
+    /// Bit 12 as it is shown.
+    pub(super) fn acknowledge(&self) -> bool {
+        match self.disturbances.ack {
+            AckFault::None => self.buffer.ack,
+            AckFault::Never => false,
+            AckFault::StuckHigh => true,
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! One set-point: what is sampled at the rising edge of bit 4, where it leads, and how it joins the one before.
+
+use super::axis::Axis;
+use super::behaviour::{LimitViolation, LimitsOff, RelativeBase};
+use super::ledger::{Executed, Outcome};
+use super::objects;
+use super::trajectory::Bounds;
+
+/// A set-point in the buffer.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SetPoint {
+    /// Its line in the ledger.
+    pub(super) line: usize,
+    base: RelativeBase,
+    value: i64,
+    /// Where it leads; known from the latch or from the start on.
+    pub(super) target: Option<i64>,
+    bounds: Bounds,
+    /// Velocity at its target for the blend that follows, in counts/s; else its own end velocity (6082h).
+    junction: Option<f64>,
+    /// Passes the target before it without stopping.
+    blend: bool,
+    pub(super) started: bool,
+}
+
+impl Axis {
+    /// Samples everything that belongs to a set-point and opens its line in the ledger.
+    pub(super) fn latch(
+        &mut self,
+        controlword: u16,
+        replaces: bool,
+        blend: bool,
+    ) -> Option<SetPoint> {
+        let bit = |n: u16| controlword & (1 << n) != 0;
+        let object = |address| self.objects.value(address);
+        let relative = bit(6);
+        let value = object(objects::TARGET_POSITION);
+        let base = match self.behaviour.relative_base {
+            RelativeBase::PositioningOption => match object(objects::POSITIONING_OPTION) & 3 {
+                1 => RelativeBase::Demand,
+                2 => RelativeBase::Actual,
+                _ => RelativeBase::PreviousTarget,
+            },
+            fixed => fixed,
+        };
+        let end_of_queue = self
+            .buffer
+            .last_target()
+            .unwrap_or(self.buffer.previous_target);
+        let asked = match (relative, base) {
+            (false, _) => Some(value),
+            (true, RelativeBase::PreviousTarget) => Some(end_of_queue.saturating_add(value)),
+            (true, _) => None,
+        };
+        let expected = asked.unwrap_or_else(|| {
+            let from = if replaces {
+                self.trajectory.counts()
+            } else {
+                end_of_queue
+            };
+            from.saturating_add(value)
+        });
+        if self.behaviour.limit_violation == LimitViolation::Refuse
+            && self.limited(expected) != expected
+        {
+            return None;
+        }
+        let velocity = object(objects::PROFILE_VELOCITY).min(object(objects::MAX_PROFILE_VELOCITY));
+        let acceleration =
+            object(objects::PROFILE_ACCELERATION).min(object(objects::MAX_ACCELERATION));
+        let bounds = Bounds {
+            velocity: velocity as f64,
+            end_velocity: object(objects::END_VELOCITY) as f64,
+            acceleration: acceleration as f64,
+            deceleration: self.deceleration(),
+        };
+        let target = asked.map(|asked| self.limited(asked));
+        self.buffer.limited = target.is_some() && target != asked;
+        self.ledger.push(Executed {
+            latched_at: self.now,
+            started_at: None,
+            start_position: None,
+            ended_at: None,
+            end_position: None,
+            relative,
+            bit_5: bit(5),
+            bit_9: bit(9),
+            value: value as i32,
+            target,
+            velocity: self.objects.value(objects::PROFILE_VELOCITY) as u32,
+            end_velocity: self.objects.value(objects::END_VELOCITY) as u32,
+            acceleration: self.objects.value(objects::PROFILE_ACCELERATION) as u32,
+            deceleration: self.objects.value(objects::PROFILE_DECELERATION) as u32,
+            profile_type: self.objects.value(objects::PROFILE_TYPE) as i16,
+            outcome: Outcome::Queued,
+        });
+        let line = self.ledger.len() - 1;
+        Some(SetPoint {
+            line,
+            base,
+            value,
+            target,
+            bounds,
+            junction: None,
+            blend,
+            started: false,
+        })
+    }
+
+    /// A target within the software position limits (607Dh, each less the home offset 607Ch).
+    fn limited(&self, target: i64) -> i64 {
+        let min = self.objects.value(objects::LIMIT_MIN);
+        let max = self.objects.value(objects::LIMIT_MAX);
+        let off = match self.behaviour.limits_off {
+            LimitsOff::BothZero => min == 0 && max == 0,
+            LimitsOff::MinNotBelowMax => min >= max,
+        };
+        if off || min > max || (self.behaviour.limits_need_reference && !self.referenced) {
+            return target;
+        }
+        let offset = self.objects.value(objects::HOME_OFFSET);
+        target.clamp(min - offset, max - offset)
+    }
+
+    /// Begins the active set-point's trajectory, unless it runs already.
+    pub(super) fn start_active(&mut self) {
+        let Some(mut active) = self.buffer.active.filter(|active| !active.started) else {
+            return;
+        };
+        let position = self.trajectory.counts();
+        let target = active.target.unwrap_or_else(|| {
+            let base = if active.base == RelativeBase::Actual {
+                self.actual
+            } else {
+                position
+            };
+            let asked = base.saturating_add(active.value);
+            let target = self.limited(asked);
+            self.buffer.limited = target != asked;
+            target
+        });
+        active.target = Some(target);
+        active.started = true;
+        self.buffer.active = Some(active);
+        let now = self.now;
+        if let Some(line) = self.ledger.get_mut(active.line) {
+            line.started_at = Some(now);
+            line.start_position = Some(position);
+            line.target = Some(target);
+            line.outcome = Outcome::Active;
+        }
+        self.run(active);
+        self.plan_junction();
+    }
+
+    pub(super) fn run(&mut self, set_point: SetPoint) {
+        if let Some(target) = set_point.target {
+            let own = set_point.bounds;
+            let end_velocity = set_point.junction.unwrap_or(own.end_velocity);
+            self.trajectory.run_to(
+                target,
+                Bounds {
+                    end_velocity,
+                    ..own
+                },
+            );
+        }
+    }
+
+    /// Lets the active set-point keep its velocity to its target where the waiting one blends: as fast as its own
+    /// profile velocity, but not faster than allows to stop at the second target. A reversal stops at the first.
+    pub(super) fn plan_junction(&mut self) {
+        let (Some(mut active), Some(next)) = (self.buffer.active, self.buffer.pending) else {
+            return;
+        };
+        let Some(first) = active.target.filter(|_| active.started) else {
+            return;
+        };
+        let second = next.target.unwrap_or(first.saturating_add(next.value));
+        let direction = (first as f64 - self.trajectory.position()).signum();
+        let way = second.saturating_sub(first) as f64 * direction;
+        let junction = next.blend.then(|| {
+            if way > 0.0 && next.bounds.can_move() {
+                let from_stop = 2.0 * next.bounds.deceleration * way;
+                let fastest = (from_stop + next.bounds.end_velocity.powi(2)).sqrt();
+                fastest.min(active.bounds.velocity)
+            } else {
+                0.0
+            }
+        });
+        if junction == active.junction {
+            return;
+        }
+        active.junction = junction;
+        self.buffer.active = Some(active);
+        if !self.buffer.halted {
+            self.run(active);
+        }
+    }
+
+    /// 6084h, or 6083h where that is 0, within 60C6h, in counts/s².
+    pub(super) fn deceleration(&self) -> f64 {
+        let own = self.objects.value(objects::PROFILE_DECELERATION);
+        let own = if own == 0 {
+            self.objects.value(objects::PROFILE_ACCELERATION)
+        } else {
+            own
+        };
+        own.min(self.objects.value(objects::MAX_DECELERATION)) as f64
+    }
+}

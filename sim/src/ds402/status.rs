@@ -1,0 +1,206 @@
+//! What the axis reports: actual position, following error, target reached, the statusword.
+
+use core::time::Duration;
+
+use super::axis::Axis;
+use super::behaviour::{FollowingError, ReachedPolicy};
+use super::emergency;
+use super::motion::PROFILE_POSITION;
+use super::objects;
+use super::state::State;
+
+/// A window object with this value switches its check off (DSP 402).
+const WINDOW_OFF: i64 = 0xFFFF_FFFF;
+
+/// The memory behind bits 10 and 13.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Reached {
+    shown: bool,
+    in_window_since: Option<Duration>,
+    /// Cycles for which an old bit 10 is still shown.
+    stale: u32,
+    outside_since: Option<Duration>,
+    following_error: bool,
+}
+
+impl Reached {
+    /// A set-point was taken.
+    pub(super) fn set_point_taken(&mut self, stale_cycles: u32) {
+        if self.shown {
+            self.stale = stale_cycles;
+        }
+        self.in_window_since = None;
+    }
+
+    pub(super) fn forget_following_error(&mut self) {
+        self.following_error = false;
+        self.outside_since = None;
+    }
+}
+
+impl Axis {
+    /// The actual position follows the demand, by so many cycles later.
+    pub(super) fn follow_demand(&mut self) {
+        let before = self.actual;
+        self.lagging
+            .push_back((self.trajectory.counts(), self.trajectory.velocity()));
+        while self.lagging.len() > self.behaviour.actual_lag_cycles as usize + 1 {
+            self.lagging.pop_front();
+        }
+        if self.disturbances.blocked {
+            self.actual_velocity = 0.0;
+        } else if let Some(&(position, velocity)) = self.lagging.front() {
+            self.actual = position;
+            self.actual_velocity = velocity;
+        }
+        if self.actual != before {
+            self.moved_at = Some(self.now);
+        }
+    }
+
+    pub(super) fn check_following_error(&mut self) {
+        let window = self.objects.value(objects::FOLLOWING_WINDOW);
+        let controlled = matches!(self.state, State::OperationEnabled | State::QuickStopActive);
+        let error = self
+            .trajectory
+            .counts()
+            .saturating_sub(self.actual)
+            .saturating_abs();
+        if !controlled || window == WINDOW_OFF || error <= window {
+            self.reached.outside_since = None;
+            if self.behaviour.following_error == FollowingError::BitOnly {
+                self.reached.following_error = false;
+            }
+            return;
+        }
+        let since = *self.reached.outside_since.get_or_insert(self.now);
+        let timeout = milliseconds(self.objects.value(objects::FOLLOWING_TIMEOUT));
+        if self.now.saturating_sub(since) >= timeout && !self.reached.following_error {
+            self.reached.following_error = true;
+            if self.behaviour.following_error == FollowingError::Fault {
+                self.raise_fault(emergency::FOLLOWING_ERROR);
+            }
+        }
+    }
+
+    /// Updates the objects that the master reads.
+    pub(super) fn publish(&mut self, controlword: u16) {
+        let reached = self.update_reached(controlword);
+        let statusword = self.compose_statusword(reached);
+        let demand = self.trajectory.counts();
+        let velocity = self.trajectory.velocity().round() as i64;
+        let values = [
+            (objects::STATUSWORD, i64::from(statusword)),
+            (objects::POSITION_DEMAND, wrapped(demand)),
+            (objects::POSITION_ACTUAL, wrapped(self.actual)),
+            (
+                objects::POSITION_INTERNAL,
+                wrapped(self.internal_position()),
+            ),
+            (objects::VELOCITY_DEMAND, saturated(velocity)),
+            (
+                objects::VELOCITY_ACTUAL,
+                saturated(self.actual_velocity.round() as i64),
+            ),
+            (
+                objects::FOLLOWING_ERROR_ACTUAL,
+                saturated(demand.saturating_sub(self.actual)),
+            ),
+        ];
+        for (address, value) in values {
+            self.objects.put(address, value);
+        }
+    }
+
+    /// Bit 10. With halt, and in Quick stop active: the axis stands. Else: all set-points are done, by the drive's
+    /// policy.
+    fn update_reached(&mut self, controlword: u16) -> bool {
+        let stands = self.trajectory.stands() && self.actual_velocity == 0.0;
+        let reached = match self.state {
+            State::QuickStopActive => stands,
+            State::OperationEnabled if self.buffer.halted && controlword & 0x0100 != 0 => stands,
+            State::OperationEnabled => self.target_reached(),
+            _ => false,
+        };
+        let stale = self.reached.stale > 0;
+        self.reached.stale = self.reached.stale.saturating_sub(1);
+        self.reached.shown = reached;
+        reached || stale
+    }
+
+    fn target_reached(&mut self) -> bool {
+        let policy = self.behaviour.reached;
+        let open = !self.buffer.is_empty();
+        if open && policy != ReachedPolicy::Window {
+            self.reached.in_window_since = None;
+            return false;
+        }
+        let target = match (open, self.buffer.last_target()) {
+            (true, None) => return false,
+            (true, Some(target)) => target,
+            (false, _) => self.trajectory.counts(),
+        };
+        let window = self.objects.value(objects::POSITION_WINDOW);
+        let within =
+            window == WINDOW_OFF || target.saturating_sub(self.actual).saturating_abs() <= window;
+        if policy == ReachedPolicy::TrajectoryEnd || window == WINDOW_OFF {
+            return !open && self.trajectory.stands();
+        }
+        if !within || (policy == ReachedPolicy::WindowAfterEnd && !self.trajectory.stands()) {
+            self.reached.in_window_since = None;
+            return false;
+        }
+        let since = *self.reached.in_window_since.get_or_insert(self.now);
+        self.now.saturating_sub(since)
+            >= milliseconds(self.objects.value(objects::POSITION_WINDOW_TIME))
+    }
+
+    fn compose_statusword(&self, reached: bool) -> u16 {
+        let profile_position = self.objects.value(objects::MODE_DISPLAY) == PROFILE_POSITION;
+        let bits = [
+            (4, self.voltage),
+            (
+                5,
+                self.behaviour.open_bit_5 && self.state.leaves_bit_5_open(),
+            ),
+            (7, self.warning),
+            (9, self.remote),
+            (10, reached),
+            (11, self.buffer.limited),
+            (12, profile_position && self.acknowledge()),
+            (13, profile_position && self.reached.following_error),
+        ];
+        let manufacturer = self.behaviour.manufacturer_bits & 0xC100;
+        bits.into_iter()
+            .filter(|&(_, set)| set)
+            .fold(self.state.pattern() | manufacturer, |word, (bit, _)| {
+                word | 1 << bit
+            })
+    }
+
+    /// 6063h: the actual position times encoder resolution and gear ratio, over the feed constant.
+    fn internal_position(&self) -> i64 {
+        let value = |address| i128::from(self.objects.value(address).max(1));
+        let times = value(objects::ENCODER_INCREMENTS)
+            * value(objects::GEAR_MOTOR)
+            * value(objects::FEED_SHAFT);
+        let over =
+            value(objects::ENCODER_REVOLUTIONS) * value(objects::GEAR_SHAFT) * value(objects::FEED);
+        // Three 32-bit factors and a position of 63 bits can exceed even 128 bits.
+        (i128::from(self.actual).saturating_mul(times) / over) as i64
+    }
+}
+
+/// A position as a 32-bit object shows it: it wraps.
+fn wrapped(position: i64) -> i64 {
+    i64::from(position as i32)
+}
+
+/// A difference or velocity as a 32-bit object shows it: it stays at the limit.
+fn saturated(value: i64) -> i64 {
+    value.clamp(i32::MIN.into(), i32::MAX.into())
+}
+
+fn milliseconds(value: i64) -> Duration {
+    Duration::from_millis(value.unsigned_abs())
+}

@@ -1,0 +1,251 @@
+//! A trapezoidal trajectory with separate acceleration and deceleration, as a short list of segments of constant
+//! acceleration. It ends exactly on its target.
+
+/// What bounds a trajectory.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Bounds {
+    /// Counts/s.
+    pub(super) velocity: f64,
+    /// Counts/s at the target, in the direction of travel.
+    pub(super) end_velocity: f64,
+    /// Counts/s².
+    pub(super) acceleration: f64,
+    /// Counts/s².
+    pub(super) deceleration: f64,
+}
+
+impl Bounds {
+    /// Whether a motion within these bounds ever gets anywhere.
+    pub(super) fn can_move(&self) -> bool {
+        self.velocity > 0.0 && self.acceleration > 0.0 && self.deceleration > 0.0
+    }
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Segment {
+    from: f64,
+    to: f64,
+    time: f64,
+}
+
+/// What the generator is doing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Course {
+    /// Keeps its position.
+    Hold,
+    /// Slows down to zero, wherever that is.
+    Stop,
+    /// Runs to a position, in counts.
+    To(f64),
+}
+
+/// The demand of the position loop: position in counts, velocity in counts/s, and what is planned.
+#[derive(Debug, Clone)]
+pub(super) struct Trajectory {
+    position: f64,
+    velocity: f64,
+    course: Course,
+    /// At most four are ever needed: brake, accelerate, cruise, decelerate.
+    segments: [Segment; 4],
+    count: usize,
+    current: usize,
+    elapsed: f64,
+    segment_start: f64,
+}
+
+impl Trajectory {
+    pub(super) fn at(position: i64) -> Trajectory {
+        Trajectory {
+            position: position as f64,
+            velocity: 0.0,
+            course: Course::Hold,
+            segments: [Segment::default(); 4],
+            count: 0,
+            current: 0,
+            elapsed: 0.0,
+            segment_start: position as f64,
+        }
+    }
+
+    /// Counts, with the fraction.
+    pub(super) fn position(&self) -> f64 {
+        self.position
+    }
+
+    /// Counts/s.
+    pub(super) fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// The nearest whole count.
+    pub(super) fn counts(&self) -> i64 {
+        self.position.round() as i64
+    }
+
+    pub(super) fn stands(&self) -> bool {
+        self.velocity == 0.0 && self.current >= self.count
+    }
+
+    /// Whether all that was planned is done. A trajectory to a target that its bounds do not allow is never done.
+    pub(super) fn is_done(&self) -> bool {
+        self.current >= self.count
+            && match self.course {
+                Course::To(target) => self.position == target,
+                Course::Hold | Course::Stop => true,
+            }
+    }
+
+    /// Plans from the present position and velocity to `target`.
+    ///
+    /// With a velocity or acceleration of zero there is no motion: an axis that stands stays, one that moves stops.
+    pub(super) fn run_to(&mut self, target: i64, bounds: Bounds) {
+        self.begin(Course::To(target as f64));
+        if !bounds.can_move() {
+            self.push(self.velocity, 0.0, bounds.deceleration);
+            return;
+        }
+        let end_velocity = bounds.end_velocity.clamp(0.0, bounds.velocity);
+        let mut distance = target as f64 - self.position;
+        let mut start = self.velocity;
+        let toward = start * distance > 0.0;
+        let room = 2.0 * bounds.deceleration * distance.abs();
+        // A relative 1e-12 lets a stop that was planned to end on this very target pass in spite of rounding.
+        let brakes_in_time = start * start - end_velocity * end_velocity <= room * (1.0 + 1e-12);
+        if start != 0.0 && !(toward && brakes_in_time) {
+            self.push(start, 0.0, bounds.deceleration);
+            distance -= start * start.abs() / (2.0 * bounds.deceleration);
+            start = 0.0;
+        }
+        if distance != 0.0 {
+            self.plan_toward(distance, start, end_velocity, bounds);
+        }
+        if self.count == 0 {
+            self.arrive();
+        }
+    }
+
+    /// Plans a stop with the given deceleration in counts/s²; a deceleration of zero stops at once.
+    pub(super) fn stop(&mut self, deceleration: f64) {
+        self.begin(Course::Stop);
+        self.push(self.velocity, 0.0, deceleration);
+    }
+
+    /// Puts the axis elsewhere, standing, with nothing planned.
+    pub(super) fn place(&mut self, position: i64) {
+        *self = Trajectory::at(position);
+    }
+
+    /// Moves on by `dt` seconds and returns what is left of it when the plan ended before.
+    pub(super) fn advance(&mut self, mut dt: f64) -> f64 {
+        while let Some(segment) = self
+            .segments
+            .get(self.current)
+            .copied()
+            .filter(|_| self.current < self.count)
+        {
+            let left = segment.time - self.elapsed;
+            if dt < left {
+                self.elapsed += dt;
+                let t = self.elapsed;
+                let acceleration = (segment.to - segment.from) / segment.time;
+                self.velocity = segment.from + acceleration * t;
+                self.position = self.segment_start + (segment.from + self.velocity) * 0.5 * t;
+                return 0.0;
+            }
+            dt -= left;
+            self.velocity = segment.to;
+            self.segment_start += (segment.from + segment.to) * 0.5 * segment.time;
+            self.position = self.segment_start;
+            self.elapsed = 0.0;
+            self.current += 1;
+            if self.current >= self.count {
+                self.arrive();
+            }
+        }
+        dt
+    }
+
+    /// The segments of a motion that starts toward the target and can end there.
+    fn plan_toward(&mut self, distance: f64, start: f64, end: f64, bounds: Bounds) {
+        let direction = distance.signum();
+        let (way, start) = (distance.abs(), start.abs());
+        let Bounds {
+            velocity: top,
+            acceleration: up,
+            deceleration: down,
+            ..
+        } = bounds;
+        if start > top {
+            self.push(direction * start, direction * top, down);
+            let slowing = (start * start - end * end) / (2.0 * down);
+            self.cruise(direction * top, way - slowing);
+            self.push(direction * top, direction * end, down);
+            return;
+        }
+        let peak_squared =
+            (2.0 * up * down * way + down * start * start + up * end * end) / (up + down);
+        let peak = peak_squared.max(start * start).sqrt();
+        if peak < end {
+            // Too short to get up to the end velocity: faster until the target.
+            let reached = (start * start + 2.0 * up * way).sqrt();
+            self.push(direction * start, direction * reached, up);
+            return;
+        }
+        let peak = peak.min(top);
+        self.push(direction * start, direction * peak, up);
+        let ramps =
+            (peak * peak - start * start) / (2.0 * up) + (peak * peak - end * end) / (2.0 * down);
+        self.cruise(direction * peak, way - ramps);
+        self.push(direction * peak, direction * end, down);
+    }
+
+    fn begin(&mut self, course: Course) {
+        self.course = course;
+        self.count = 0;
+        self.current = 0;
+        self.elapsed = 0.0;
+        self.segment_start = self.position;
+    }
+
+    fn push(&mut self, from: f64, to: f64, rate: f64) {
+        if from == to {
+            return;
+        }
+        if rate > 0.0 {
+            self.add(Segment {
+                from,
+                to,
+                time: (to - from).abs() / rate,
+            });
+        } else {
+            self.velocity = to;
+        }
+    }
+
+    fn cruise(&mut self, velocity: f64, way: f64) {
+        if way > 0.0 && velocity != 0.0 {
+            self.add(Segment {
+                from: velocity,
+                to: velocity,
+                time: way / velocity.abs(),
+            });
+        }
+    }
+
+    fn add(&mut self, segment: Segment) {
+        if let Some(slot) = self.segments.get_mut(self.count) {
+            *slot = segment;
+            self.count += 1;
+        }
+    }
+
+    /// The plan is at its end: what rounding left between the last segment and the target is taken away.
+    fn arrive(&mut self) {
+        if let Course::To(target) = self.course {
+            // A plan that its bounds forbid stops where it stops.
+            if (self.position - target).abs() < 0.5 {
+                self.position = target;
+            }
+        }
+    }
+}
