@@ -13,3 +13,4 @@ pub mod ds402;
 pub mod link;
 pub mod pdo_map;
 pub mod profile_position;
+pub mod sii;

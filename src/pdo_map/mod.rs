@@ -1,1 +1,16 @@
 //! PDO mapping: declared once, written by the rules, read back, laid out.
+//!
+//! A [`Mapping`] is declared with typed objects. From that one declaration come the SDO writes
+//! ([`Mapping::plan`]), the check of what the drive then holds ([`verify`](verify::compare)), and the places
+//! of the objects in the process data ([`Layout`], [`Field`]).
+
+mod entry;
+mod layout;
+mod mapping;
+mod plan;
+pub mod verify;
+
+pub use entry::{Entry, Pdo};
+pub use layout::{Field, Layout, LayoutError, Place};
+pub use mapping::{Direction, Limits, Mapping, MappingBuilder, MappingError};
+pub use plan::{Plan, Purpose, Step};

@@ -1,0 +1,361 @@
+//! The EtherCAT mailbox: header, counter, error replies, and what a mail that was read contains
+//! (ETG.1000.4, mailbox; ETG.1000.6, CoE header).
+
+use alloc::vec::Vec;
+use core::fmt;
+
+use super::emergency::Emergency;
+
+/// Bytes of the mailbox header.
+pub const HEADER_LENGTH: usize = 6;
+/// Bytes of the CoE header.
+pub const COE_HEADER_LENGTH: usize = 2;
+/// The shortest mail that can carry an SDO: mailbox header, CoE header, eight bytes of SDO.
+pub const SHORTEST_MAILBOX: usize = HEADER_LENGTH + COE_HEADER_LENGTH + 8;
+
+/// The header in front of every mail.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Header {
+    /// Bytes behind the header.
+    pub length: u16,
+    /// The station address of the mail's source; 0 in mails of the master.
+    pub address: u16,
+    /// Channel (bits 0–5) and priority (bits 6–7), both 0 in practice.
+    pub channel: u8,
+    /// The protocol of the bytes behind the header.
+    pub protocol: Protocol,
+    /// 1 to 7; 0 from a device that does not count.
+    pub counter: u8,
+}
+
+impl Header {
+    /// The header of a CoE mail of the master.
+    #[must_use]
+    pub const fn coe(length: u16, counter: Counter) -> Self {
+        Self {
+            length,
+            address: 0,
+            channel: 0,
+            protocol: Protocol::Coe,
+            counter: counter.0,
+        }
+    }
+
+    /// The header and the bytes that its length covers; what lies behind them in the mailbox is left out.
+    ///
+    /// # Errors
+    /// [`CutMail`] if `mail` is shorter than the header or than the header says.
+    pub fn parse(mail: &[u8]) -> Result<(Self, &[u8]), CutMail> {
+        let &[l0, l1, a0, a1, channel, kind, ref rest @ ..] = mail else {
+            return Err(CutMail {
+                needed: HEADER_LENGTH,
+                got: mail.len(),
+            });
+        };
+        let length = u16::from_le_bytes([l0, l1]);
+        let payload = rest.get(..usize::from(length)).ok_or(CutMail {
+            needed: HEADER_LENGTH + usize::from(length),
+            got: mail.len(),
+        })?;
+        let header = Self {
+            length,
+            address: u16::from_le_bytes([a0, a1]),
+            channel,
+            protocol: Protocol::from_bits(kind & 0x0F),
+            counter: kind >> 4 & 0x07,
+        };
+        Ok((header, payload))
+    }
+
+    /// The header's bytes.
+    #[must_use]
+    pub const fn to_bytes(self) -> [u8; HEADER_LENGTH] {
+        let [l0, l1] = self.length.to_le_bytes();
+        let [a0, a1] = self.address.to_le_bytes();
+        let kind = self.protocol.bits() | (self.counter & 0x07) << 4;
+        [l0, l1, a0, a1, self.channel, kind]
+    }
+}
+
+/// The protocol of a mail.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Protocol {
+    /// The device refuses a mail.
+    Error,
+    /// ADS over EtherCAT.
+    Aoe,
+    /// Ethernet over EtherCAT.
+    Eoe,
+    /// CANopen over EtherCAT.
+    Coe,
+    /// File access over EtherCAT.
+    Foe,
+    /// Servo profile over EtherCAT.
+    Soe,
+    /// The vendor's own.
+    Voe,
+    /// A value that the standard reserves.
+    Unknown(u8),
+}
+
+impl Protocol {
+    const fn from_bits(bits: u8) -> Self {
+        match bits {
+            0 => Self::Error,
+            1 => Self::Aoe,
+            2 => Self::Eoe,
+            3 => Self::Coe,
+            4 => Self::Foe,
+            5 => Self::Soe,
+            0xF => Self::Voe,
+            other => Self::Unknown(other),
+        }
+    }
+
+    const fn bits(self) -> u8 {
+        match self {
+            Self::Error => 0,
+            Self::Aoe => 1,
+            Self::Eoe => 2,
+            Self::Coe => 3,
+            Self::Foe => 4,
+            Self::Soe => 5,
+            Self::Voe => 0xF,
+            Self::Unknown(bits) => bits & 0x0F,
+        }
+    }
+}
+
+/// The counter of a session's mails: 1 to 7 and round again, never 0.
+///
+/// A device drops a mail whose counter is that of the mail before: that makes it safe to send a mail again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Counter(u8);
+
+impl Counter {
+    /// The first counter of a session.
+    pub const FIRST: Self = Self(1);
+
+    /// The counter of the next mail.
+    #[must_use]
+    pub const fn next(self) -> Self {
+        if self.0 >= 7 {
+            Self(1)
+        } else {
+            Self(self.0 + 1)
+        }
+    }
+
+    /// The number, 1 to 7.
+    #[must_use]
+    pub const fn get(self) -> u8 {
+        self.0
+    }
+}
+
+/// What a mail that was read from a device contains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mail<'a> {
+    /// The SDO server's answer: the bytes behind the CoE header.
+    SdoReply(&'a [u8]),
+    /// An emergency, which answers nothing.
+    Emergency(Emergency),
+    /// The device refused a mail for its form.
+    Error(MailboxError),
+    /// SDO information: the bytes behind the CoE header.
+    SdoInformation(&'a [u8]),
+    /// Something that this library does not use: the protocol and, for CoE, the service.
+    Other(Protocol, u8),
+}
+
+impl<'a> Mail<'a> {
+    /// Tells what the bytes read from a mailbox contain.
+    ///
+    /// # Errors
+    /// [`CutMail`] if the mail ends before its headers do, or an emergency or error reply is too short.
+    pub fn parse(mail: &'a [u8]) -> Result<(Header, Self), CutMail> {
+        let (header, payload) = Header::parse(mail)?;
+        let content = match header.protocol {
+            Protocol::Error => Self::Error(MailboxError::parse(payload)?),
+            Protocol::Coe => {
+                let &[h0, h1, ref rest @ ..] = payload else {
+                    return Err(CutMail {
+                        needed: COE_HEADER_LENGTH,
+                        got: payload.len(),
+                    });
+                };
+                match u16::from_le_bytes([h0, h1]) >> 12 {
+                    1 => Self::Emergency(Emergency::parse(rest)?),
+                    3 => Self::SdoReply(rest),
+                    8 => Self::SdoInformation(rest),
+                    service => Self::Other(Protocol::Coe, service as u8),
+                }
+            }
+            other => Self::Other(other, 0),
+        };
+        Ok((header, content))
+    }
+}
+
+/// A whole mail of the master that carries the SDO request `sdo`.
+#[must_use]
+pub fn sdo_mail(counter: Counter, sdo: &[u8]) -> Vec<u8> {
+    const SDO_REQUEST: u16 = 2 << 12;
+    let length = u16::try_from(COE_HEADER_LENGTH + sdo.len()).unwrap_or(u16::MAX);
+    let mut mail = Vec::with_capacity(HEADER_LENGTH + COE_HEADER_LENGTH + sdo.len());
+    mail.extend_from_slice(&Header::coe(length, counter).to_bytes());
+    mail.extend_from_slice(&SDO_REQUEST.to_le_bytes());
+    mail.extend_from_slice(sdo);
+    mail
+}
+
+/// Why a device refused a mail for its form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct MailboxError(pub u16);
+
+impl MailboxError {
+    fn parse(payload: &[u8]) -> Result<Self, CutMail> {
+        match *payload {
+            [_, _, c0, c1, ..] => Ok(Self(u16::from_le_bytes([c0, c1]))),
+            _ => Err(CutMail {
+                needed: 4,
+                got: payload.len(),
+            }),
+        }
+    }
+
+    /// The meaning in words.
+    #[must_use]
+    pub const fn text(self) -> &'static str {
+        match self.0 {
+            1 => "syntax of the mailbox header is wrong",
+            2 => "mailbox protocol is not supported",
+            3 => "channel is invalid",
+            4 => "service is not supported",
+            5 => "protocol header is invalid",
+            6 => "mail is too short",
+            7 => "device has no memory left",
+            8 => "length is inconsistent",
+            _ => "unknown reason",
+        }
+    }
+}
+
+impl fmt::Display for MailboxError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({:04X}h)", self.text(), self.0)
+    }
+}
+
+/// A mail that ends before it should.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("mail cut: expected at least {needed} bytes, got {got}")]
+pub struct CutMail {
+    /// Bytes that there should be at least.
+    pub needed: usize,
+    /// Bytes that there are.
+    pub got: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Public ethercrab repository, dumps/soem-sdinfo-akd.pcapng: SOEM reads 1C00h:3 of a real AKD.
+    const REQUEST: [u8; 16] = [
+        0x0A, 0, 0, 0, 0, 0x23, 0x00, 0x20, 0x40, 0x00, 0x1C, 0x03, 0, 0, 0, 0,
+    ];
+    const REPLY: [u8; 16] = [
+        0x0A, 0, 0, 0, 0, 0x23, 0x00, 0x30, 0x4F, 0x00, 0x1C, 0x03, 0x03, 0, 0, 0,
+    ];
+    const EMERGENCY: [u8; 16] = [
+        0x0A, 0, 0, 0, 0, 0x13, 0x00, 0x10, 0x11, 0x86, 0x21, 1, 2, 3, 4, 5,
+    ];
+    const ERROR: [u8; 10] = [4, 0, 0, 0, 0, 0x10, 1, 0, 5, 0];
+
+    #[test]
+    fn a_request_is_written_as_soem_writes_it_to_a_real_akd() {
+        let counter = Counter::FIRST.next();
+        assert_eq!(sdo_mail(counter, &REQUEST[8..]), REQUEST);
+    }
+
+    #[test]
+    fn a_reply_of_a_real_akd_is_an_sdo_reply_with_the_requests_counter() {
+        let (header, mail) = Mail::parse(&REPLY).unwrap();
+        assert_eq!(header.counter, 2);
+        assert_eq!(mail, Mail::SdoReply(&REPLY[8..]));
+    }
+
+    #[test]
+    fn bytes_behind_the_mail_are_no_part_of_it() {
+        let mut mailbox = [0xEE; 64];
+        mailbox[..16].copy_from_slice(&REPLY);
+        assert_eq!(
+            Mail::parse(&mailbox).unwrap().1,
+            Mail::SdoReply(&REPLY[8..])
+        );
+    }
+
+    #[test]
+    fn emergencies_and_mailbox_errors_are_told_apart_from_replies() {
+        let expected = Emergency {
+            code: 0x8611,
+            register: 0x21,
+            data: [1, 2, 3, 4, 5],
+        };
+        assert_eq!(
+            Mail::parse(&EMERGENCY).unwrap().1,
+            Mail::Emergency(expected)
+        );
+        let (_, error) = Mail::parse(&ERROR).unwrap();
+        assert_eq!(error, Mail::Error(MailboxError(5)));
+    }
+
+    #[test]
+    fn every_truncation_is_an_error() {
+        for whole in [&REPLY[..], &EMERGENCY, &ERROR] {
+            for length in 0..whole.len() {
+                assert!(Mail::parse(&whole[..length]).is_err(), "{length} bytes");
+            }
+        }
+    }
+
+    #[test]
+    fn a_mail_that_claims_less_than_its_content_needs_is_cut() {
+        let mut short = EMERGENCY;
+        for length in 0..10 {
+            short[0] = length;
+            assert!(Mail::parse(&short).is_err(), "{length} bytes claimed");
+        }
+    }
+
+    #[test]
+    fn the_counter_runs_from_one_to_seven_and_never_shows_zero() {
+        let mut counter = Counter::FIRST;
+        let mut seen = Vec::new();
+        for _ in 0..9 {
+            seen.push(counter.get());
+            counter = counter.next();
+        }
+        assert_eq!(seen, [1, 2, 3, 4, 5, 6, 7, 1, 2]);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_bytes_make_the_parser_panic(bytes: Vec<u8>) {
+            let _ = Mail::parse(&bytes).map(|(header, _)| header.to_bytes());
+        }
+
+        #[test]
+        fn a_header_survives_its_bytes(length in 0u16..40, address: u16, channel: u8, kind in 0u8..0x80) {
+            let mut mail = [0u8; 46];
+            mail[..2].copy_from_slice(&length.to_le_bytes());
+            mail[2..4].copy_from_slice(&address.to_le_bytes());
+            mail[4] = channel;
+            mail[5] = kind;
+            let (header, payload) = Header::parse(&mail).unwrap();
+            proptest::prop_assert_eq!(&header.to_bytes()[..], &mail[..6]);
+            proptest::prop_assert_eq!(payload.len(), usize::from(length));
+        }
+    }
+}

@@ -1,0 +1,516 @@
+//! Typed objects of a drive's dictionary: index, subindex, type, access, unit and name as one value,
+//! so that a wrong width or a write to a read-only object does not compile.
+
+use alloc::vec::Vec;
+use core::fmt;
+use core::marker::PhantomData;
+
+/// An object of the dictionary with the type `T` of its value and its access `A`.
+///
+/// ```
+/// use servocrab::coe::{Object, ReadWrite, Unit, obj};
+///
+/// // The constants of `obj` cover the standard's objects …
+/// assert_eq!(obj::POSITION_WINDOW_TIME.to_string(), "6068h:00 position window time");
+/// assert_eq!(obj::TARGET_POSITION.axis(2).index(), 0x687A);
+/// // … and a manufacturer's own object is declared the same way.
+/// const MIN_VELOCITY: Object<u16, ReadWrite> = Object::new(0x2010, 0, "min profile velocity").unit(Unit::Velocity);
+/// assert_eq!(MIN_VELOCITY.index(), 0x2010);
+/// ```
+pub struct Object<T, A = ReadWrite> {
+    index: u16,
+    subindex: u8,
+    name: &'static str,
+    unit: Unit,
+    mappable: Mappable,
+    kind: PhantomData<fn() -> (T, A)>,
+}
+
+impl<T, A> Object<T, A> {
+    /// An object without unit that cannot be mapped into a PDO; see [`Object::unit`], [`Object::mappable`].
+    #[must_use]
+    pub const fn new(index: u16, subindex: u8, name: &'static str) -> Self {
+        Self {
+            index,
+            subindex,
+            name,
+            unit: Unit::None,
+            mappable: Mappable::NO,
+            kind: PhantomData,
+        }
+    }
+
+    /// The same object with the unit of its value.
+    #[must_use]
+    pub const fn unit(mut self, unit: Unit) -> Self {
+        self.unit = unit;
+        self
+    }
+
+    /// The same object with the directions in which it may be mapped into a PDO.
+    #[must_use]
+    pub const fn mappable(mut self, mappable: Mappable) -> Self {
+        self.mappable = mappable;
+        self
+    }
+
+    /// The same object of axis `axis`, counted from 1 as in the drives' documents.
+    ///
+    /// Axis 1 (and 0) changes nothing; see [`AxisOffset::of_axis`] for the rule.
+    #[must_use]
+    pub const fn axis(self, axis: u8) -> Self {
+        self.offset(AxisOffset::of_axis(axis))
+    }
+
+    /// The same object moved by the offsets of one axis of a drive.
+    #[must_use]
+    pub const fn offset(mut self, offset: AxisOffset) -> Self {
+        self.index = offset.apply(self.index);
+        self
+    }
+
+    /// The index.
+    #[must_use]
+    pub const fn index(&self) -> u16 {
+        self.index
+    }
+
+    /// The subindex; 0 for an object that is a single variable.
+    #[must_use]
+    pub const fn subindex(&self) -> u8 {
+        self.subindex
+    }
+
+    /// Index and subindex together.
+    #[must_use]
+    pub const fn address(&self) -> ObjectAddress {
+        ObjectAddress::new(self.index, self.subindex)
+    }
+
+    /// The name, in the standard's words.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// The unit of the value.
+    #[must_use]
+    pub const fn value_unit(&self) -> Unit {
+        self.unit
+    }
+
+    /// The directions in which the object may be mapped into a PDO.
+    #[must_use]
+    pub const fn mapping(&self) -> Mappable {
+        self.mappable
+    }
+}
+
+impl<T, A> Clone for Object<T, A> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T, A> Copy for Object<T, A> {}
+
+impl<T, A> fmt::Debug for Object<T, A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Object({self})")
+    }
+}
+
+impl<T, A> fmt::Display for Object<T, A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.address(), self.name)
+    }
+}
+
+/// An object whose type is known at run time only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AnyObject {
+    /// The index.
+    pub index: u16,
+    /// The subindex.
+    pub subindex: u8,
+    /// The type of the value.
+    pub data_type: DataType,
+    /// Whether the value can be read.
+    pub readable: bool,
+    /// Whether the value can be written.
+    pub writable: bool,
+    /// The directions in which it may be mapped into a PDO.
+    pub mappable: Mappable,
+    /// The unit of the value.
+    pub unit: Unit,
+    /// The name.
+    pub name: &'static str,
+}
+
+impl AnyObject {
+    /// The length of the value in bits; 0 for a string, whose length varies.
+    #[must_use]
+    pub const fn bits(&self) -> u8 {
+        self.data_type.bits()
+    }
+
+    /// Index and subindex together.
+    #[must_use]
+    pub const fn address(&self) -> ObjectAddress {
+        ObjectAddress::new(self.index, self.subindex)
+    }
+
+    /// The same object moved by the offsets of one axis of a drive.
+    #[must_use]
+    pub const fn offset(mut self, offset: AxisOffset) -> Self {
+        self.index = offset.apply(self.index);
+        self
+    }
+}
+
+impl<T: Value, A: Access> From<Object<T, A>> for AnyObject {
+    fn from(object: Object<T, A>) -> Self {
+        Self {
+            index: object.index,
+            subindex: object.subindex,
+            data_type: T::DATA_TYPE,
+            readable: A::READABLE,
+            writable: A::WRITABLE,
+            mappable: object.mappable,
+            unit: object.unit,
+            name: object.name,
+        }
+    }
+}
+
+/// Index and subindex of an object; shown as `6041h:00`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ObjectAddress {
+    /// The index.
+    pub index: u16,
+    /// The subindex.
+    pub subindex: u8,
+}
+
+impl ObjectAddress {
+    /// The address of `index:subindex`.
+    #[must_use]
+    pub const fn new(index: u16, subindex: u8) -> Self {
+        Self { index, subindex }
+    }
+}
+
+impl fmt::Display for ObjectAddress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:04X}h:{:02X}", self.index, self.subindex)
+    }
+}
+
+/// By how much the objects of one axis of a drive lie above those of its first axis.
+///
+/// Objects 6000h–67FFh move by `profile`, 5000h–50FFh by `manufacturer`; all others belong to the whole
+/// device and stay. (Kollmorgen AKD2G, Profile Position Mode: 6040h/6840h, 5000h/5100h.)
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct AxisOffset {
+    /// Added to indices 6000h to 67FFh.
+    pub profile: u16,
+    /// Added to indices 5000h to 50FFh.
+    pub manufacturer: u16,
+}
+
+impl AxisOffset {
+    /// Distance of two axes in the profile area.
+    pub const PROFILE_STEP: u16 = 0x0800;
+    /// Distance of two axes in the 5000h area of the AKD2G.
+    pub const MANUFACTURER_STEP: u16 = 0x0100;
+
+    /// The offsets of axis `axis`, counted from 1: 0800h and 0100h for each axis before it.
+    ///
+    /// The profile has room for eight axes; a higher number counts as the eighth, 0 as the first.
+    #[must_use]
+    pub const fn of_axis(axis: u8) -> Self {
+        let before = match axis {
+            0 | 1 => 0,
+            2..=8 => axis as u16 - 1,
+            _ => 7,
+        };
+        Self {
+            profile: Self::PROFILE_STEP * before,
+            manufacturer: Self::MANUFACTURER_STEP * before,
+        }
+    }
+
+    /// `index` of the first axis, moved to this axis.
+    #[must_use]
+    pub const fn apply(&self, index: u16) -> u16 {
+        match index {
+            0x6000..=0x67FF => index.wrapping_add(self.profile),
+            0x5000..=0x50FF => index.wrapping_add(self.manufacturer),
+            _ => index,
+        }
+    }
+}
+
+/// The directions in which an object may be mapped, seen from the master.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Mappable {
+    /// May be mapped into an RxPDO: the master writes it.
+    pub outputs: bool,
+    /// May be mapped into a TxPDO: the master reads it.
+    pub inputs: bool,
+}
+
+impl Mappable {
+    /// Reached by SDO alone.
+    pub const NO: Self = Self {
+        outputs: false,
+        inputs: false,
+    };
+    /// Mappable into RxPDOs.
+    pub const OUTPUTS: Self = Self {
+        outputs: true,
+        inputs: false,
+    };
+    /// Mappable into TxPDOs.
+    pub const INPUTS: Self = Self {
+        outputs: false,
+        inputs: true,
+    };
+    /// Mappable both ways.
+    pub const BOTH: Self = Self {
+        outputs: true,
+        inputs: true,
+    };
+}
+
+/// The unit of an object's value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Unit {
+    /// None: a word of bits, a code, a ratio.
+    #[default]
+    None,
+    /// Position units, as the drive's scaling sets them.
+    Position,
+    /// Encoder increments.
+    Increments,
+    /// Velocity units, as the drive's scaling sets them.
+    Velocity,
+    /// Acceleration units, as the drive's scaling sets them.
+    Acceleration,
+    /// Milliseconds.
+    Milliseconds,
+    /// Nanoseconds.
+    Nanoseconds,
+    /// Revolutions.
+    Revolutions,
+    /// Increments per second.
+    IncrementsPerSecond,
+    /// Revolutions per second.
+    RevolutionsPerSecond,
+    /// Revolutions per minute.
+    RevolutionsPerMinute,
+}
+
+/// The type of an object's value at run time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DataType {
+    /// UNSIGNED8.
+    U8,
+    /// INTEGER8.
+    I8,
+    /// UNSIGNED16.
+    U16,
+    /// INTEGER16.
+    I16,
+    /// UNSIGNED32.
+    U32,
+    /// INTEGER32.
+    I32,
+    /// VISIBLE_STRING or any other sequence of bytes.
+    Bytes,
+}
+
+impl DataType {
+    /// The length in bits; 0 for bytes of varying number.
+    #[must_use]
+    pub const fn bits(self) -> u8 {
+        match self {
+            Self::U8 | Self::I8 => 8,
+            Self::U16 | Self::I16 => 16,
+            Self::U32 | Self::I32 => 32,
+            Self::Bytes => 0,
+        }
+    }
+}
+
+mod sealed {
+    pub trait Sealed {}
+}
+
+/// How an object may be reached: [`ReadOnly`], [`WriteOnly`] or [`ReadWrite`].
+pub trait Access: sealed::Sealed {
+    /// Whether the value can be read.
+    const READABLE: bool;
+    /// Whether the value can be written.
+    const WRITABLE: bool;
+}
+
+/// Access that allows reading.
+pub trait Readable: Access {}
+
+/// Access that allows writing.
+pub trait Writable: Access {}
+
+macro_rules! access {
+    ($(#[$doc:meta] $name:ident, $readable:literal, $writable:literal, [$($also:ident),+];)+) => {$(
+        #[$doc]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $name {}
+        impl sealed::Sealed for $name {}
+        impl Access for $name {
+            const READABLE: bool = $readable;
+            const WRITABLE: bool = $writable;
+        }
+        $(impl $also for $name {})+
+    )+};
+}
+
+access! {
+    /// The value can be read, not written.
+    ReadOnly, true, false, [Readable];
+    /// The value can be written, not read.
+    WriteOnly, false, true, [Writable];
+    /// The value can be read and written.
+    ReadWrite, true, true, [Readable, Writable];
+}
+
+/// A type that an object's value can have.
+pub trait Value: Sized + sealed::Sealed {
+    /// The type at run time.
+    const DATA_TYPE: DataType;
+
+    /// The value in `bytes`, or `None` if their number is not the type's.
+    fn decode(bytes: &[u8]) -> Option<Self>;
+
+    /// The value's bytes, little-endian.
+    fn encode(&self) -> Vec<u8>;
+}
+
+/// A value of fixed width, which can be mapped into a PDO.
+pub trait Number: Value + Copy {
+    /// The length in bits: 8, 16 or 32.
+    const BITS: u8;
+
+    /// The value's lowest bits, without the sign's extension.
+    fn to_raw(self) -> u32;
+
+    /// The value in the lowest [`Number::BITS`] of `raw`; bits above them are ignored.
+    fn from_raw(raw: u32) -> Self;
+}
+
+macro_rules! numbers {
+    ($($ty:ident, $unsigned:ident, $data_type:ident;)+) => {$(
+        impl sealed::Sealed for $ty {}
+        impl Value for $ty {
+            const DATA_TYPE: DataType = DataType::$data_type;
+            fn decode(bytes: &[u8]) -> Option<Self> {
+                Some(Self::from_le_bytes(bytes.try_into().ok()?))
+            }
+            fn encode(&self) -> Vec<u8> {
+                self.to_le_bytes().to_vec()
+            }
+        }
+        impl Number for $ty {
+            const BITS: u8 = Self::DATA_TYPE.bits();
+            fn to_raw(self) -> u32 {
+                u32::from(self as $unsigned)
+            }
+            fn from_raw(raw: u32) -> Self {
+                raw as $unsigned as Self
+            }
+        }
+    )+};
+}
+
+numbers! {
+    u8, u8, U8;
+    i8, u8, I8;
+    u16, u16, U16;
+    i16, u16, I16;
+    u32, u32, U32;
+    i32, u32, I32;
+}
+
+impl sealed::Sealed for Vec<u8> {}
+
+/// A string or any other sequence of bytes, as the drive sends it.
+impl Value for Vec<u8> {
+    const DATA_TYPE: DataType = DataType::Bytes;
+
+    fn decode(bytes: &[u8]) -> Option<Self> {
+        Some(bytes.to_vec())
+    }
+
+    fn encode(&self) -> Vec<u8> {
+        self.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coe::obj;
+    use alloc::string::ToString;
+
+    #[test]
+    fn the_position_window_time_is_sixteen_bits_wide() {
+        // Pitfall 34; the width is in object_6068 of the list of related objects of the 2010h drive.
+        let any = AnyObject::from(obj::POSITION_WINDOW_TIME);
+        assert_eq!((any.index, any.bits()), (0x6068, 16));
+        assert_eq!(10u16.encode(), [10, 0]);
+    }
+
+    #[test]
+    fn objects_of_the_second_axis_lie_0800h_and_0100h_higher() {
+        // Pitfall 36; AKD2G, Profile Position Mode: 6041h/6841h, 605Ah/685Ah, 5000h/5100h.
+        assert_eq!(obj::STATUSWORD.axis(2).index(), 0x6841);
+        assert_eq!(obj::QUICK_STOP_OPTION.axis(2).index(), 0x685A);
+        let motion_status = obj::AKD2G_MOTION_STATUS.axis(2);
+        assert_eq!(motion_status.address(), ObjectAddress::new(0x5100, 4));
+        assert_eq!(
+            obj::STATUSWORD.axis(8).index(),
+            0x9841,
+            "eight axes reach to 9FFFh"
+        );
+    }
+
+    #[test]
+    fn the_first_axis_and_objects_of_the_device_do_not_move() {
+        assert_eq!(obj::STATUSWORD.axis(1).index(), 0x6041);
+        assert_eq!(obj::VENDOR_ID.axis(2).index(), 0x1018);
+        assert_eq!(obj::MIN_PROFILE_VELOCITY.axis(2).index(), 0x2010);
+    }
+
+    #[test]
+    fn a_value_of_the_wrong_width_is_refused() {
+        assert_eq!(u16::decode(&[1, 2]), Some(0x0201));
+        assert_eq!(u16::decode(&[1, 2, 3]), None);
+        assert_eq!(i32::decode(&[0xFE, 0xFF, 0xFF, 0xFF]), Some(-2));
+        assert_eq!(i8::decode(&[]), None);
+    }
+
+    #[test]
+    fn a_negative_number_keeps_its_sign_through_its_raw_bits() {
+        assert_eq!((-1i8).to_raw(), 0xFF);
+        assert_eq!(i8::from_raw(0xFFFF_FFFF), -1);
+        assert_eq!(i16::from_raw((-300i16).to_raw()), -300);
+    }
+
+    #[test]
+    fn an_object_shows_its_address_and_name() {
+        assert_eq!(
+            obj::AKD2G_MOTION_STATUS.to_string(),
+            "5000h:04 AXIS#.MOTIONSTAT"
+        );
+    }
+}

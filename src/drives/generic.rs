@@ -1,0 +1,33 @@
+//! A drive of which nothing is known but that it follows the DS402 profile.
+
+use super::{AxisDescription, DriveDescription};
+use crate::pdo_map::Limits;
+
+/// One axis with the standard's objects in 1600h and 1A00h; any vendor and product.
+#[must_use]
+pub fn generic() -> DriveDescription {
+    DriveDescription {
+        name: "DS402 drive",
+        vendor: None,
+        product: None,
+        axes: alloc::vec![AxisDescription::profile_position(1, 0x1600, 0x1A00)],
+        limits: Limits {
+            // Many drives take eight objects in one PDO and no more.
+            entries_per_pdo: 8,
+            ..Limits::default()
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_generic_drive_of_any_maker_gets_one_axis() {
+        let drive = generic();
+        assert!(drive.matches(&crate::sii::Identity::default()));
+        let layout = drive.default_mapping().unwrap().layout();
+        assert_eq!((layout.output_bytes(), layout.input_bytes()), (19, 11));
+    }
+}

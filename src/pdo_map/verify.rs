@@ -1,0 +1,205 @@
+//! What a drive holds after its mapping was written, compared with what was declared.
+
+use alloc::string::String;
+use alloc::vec::Vec;
+use core::fmt;
+
+use super::entry::{Entry, Pdo};
+use super::mapping::{Direction, Mapping};
+
+/// Compares what was declared with what was read back.
+///
+/// # Errors
+/// [`Differences`], each naming PDO and place, with what was expected beside what was got.
+pub fn compare(expected: &Mapping, got: &Mapping) -> Result<(), Differences> {
+    let mut differences = Vec::new();
+    for direction in [Direction::Outputs, Direction::Inputs] {
+        let (expected, got) = (expected.pdos(direction), got.pdos(direction));
+        for place in 0..expected.len().max(got.len()) {
+            match (expected.get(place), got.get(place)) {
+                (Some(expected), Some(got)) if expected.index == got.index => {
+                    compare_pdo(direction, expected, got, &mut differences);
+                }
+                (expected, got) => differences.push(Difference::Assignment {
+                    direction,
+                    place: place + 1,
+                    expected: expected.map(|pdo| pdo.index),
+                    got: got.map(|pdo| pdo.index),
+                }),
+            }
+        }
+    }
+    if differences.is_empty() {
+        return Ok(());
+    }
+    Err(Differences(differences))
+}
+
+fn compare_pdo(direction: Direction, expected: &Pdo, got: &Pdo, differences: &mut Vec<Difference>) {
+    for place in 0..expected.entries.len().max(got.entries.len()) {
+        let entries = (
+            expected.entries.get(place).copied(),
+            got.entries.get(place).copied(),
+        );
+        if entries.0 != entries.1 {
+            differences.push(Difference::Entry {
+                direction,
+                pdo: expected.index,
+                place: place + 1,
+                expected: entries.0,
+                got: entries.1,
+            });
+        }
+    }
+}
+
+/// All differences; never empty.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Differences(pub Vec<Difference>);
+
+impl fmt::Display for Differences {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the drive holds another mapping than was written: ")?;
+        for (place, difference) in self.0.iter().enumerate() {
+            if place > 0 {
+                f.write_str("; ")?;
+            }
+            write!(f, "{difference}")?;
+        }
+        Ok(())
+    }
+}
+
+impl core::error::Error for Differences {}
+
+/// One difference; `None` stands for nothing at that place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Difference {
+    /// Another PDO is assigned.
+    Assignment {
+        /// The direction.
+        direction: Direction,
+        /// The subindex of 1C12h or 1C13h.
+        place: usize,
+        /// The PDO declared.
+        expected: Option<u16>,
+        /// The PDO that the drive holds.
+        got: Option<u16>,
+    },
+    /// Another object is mapped.
+    Entry {
+        /// The direction.
+        direction: Direction,
+        /// The PDO.
+        pdo: u16,
+        /// The subindex of the PDO's mapping object.
+        place: usize,
+        /// The entry declared.
+        expected: Option<Entry>,
+        /// The entry that the drive holds.
+        got: Option<Entry>,
+    },
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let nothing = || String::from("nothing");
+        match self {
+            Self::Assignment {
+                direction,
+                place,
+                expected,
+                got,
+            } => {
+                let name = |pdo: &Option<u16>| {
+                    pdo.map_or_else(nothing, |pdo| alloc::format!("PDO {pdo:04X}h"))
+                };
+                write!(
+                    f,
+                    "{:04X}h:{place:02X}: expected {}, got {}",
+                    direction.assignment(),
+                    name(expected),
+                    name(got)
+                )
+            }
+            Self::Entry {
+                pdo,
+                place,
+                expected,
+                got,
+                ..
+            } => {
+                let name = |entry: &Option<Entry>| {
+                    entry.map_or_else(nothing, |entry| alloc::format!("{entry}"))
+                };
+                write!(
+                    f,
+                    "{pdo:04X}h:{place:02X}: expected {}, got {}",
+                    name(expected),
+                    name(got)
+                )
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::string::ToString;
+    use alloc::vec;
+
+    fn mapping(outputs: &[(u16, &[Entry])]) -> Mapping {
+        let pdos = outputs.iter().map(|(index, entries)| Pdo {
+            index: *index,
+            entries: entries.to_vec(),
+        });
+        Mapping::from_pdos(pdos.collect(), Vec::new())
+    }
+
+    const CONTROLWORD: Entry = Entry::new(0x6040, 0, 16);
+    const MODE: Entry = Entry::new(0x6060, 0, 8);
+
+    #[test]
+    fn equal_mappings_have_no_difference() {
+        let same = mapping(&[(0x1600, &[CONTROLWORD, MODE])]);
+        assert_eq!(compare(&same, &same.clone()), Ok(()));
+    }
+
+    #[test]
+    fn another_entry_is_shown_beside_the_expected_one() {
+        let expected = mapping(&[(0x1600, &[CONTROLWORD, MODE])]);
+        let got = mapping(&[(0x1600, &[CONTROLWORD])]);
+        let differences = compare(&expected, &got).unwrap_err();
+        assert_eq!(
+            differences.0,
+            [Difference::Entry {
+                direction: Direction::Outputs,
+                pdo: 0x1600,
+                place: 2,
+                expected: Some(MODE),
+                got: None
+            }]
+        );
+        assert_eq!(
+            differences.to_string(),
+            "the drive holds another mapping than was written: \
+             1600h:02: expected 6060h:00 (8 bits), got nothing"
+        );
+    }
+
+    #[test]
+    fn another_or_a_further_assigned_pdo_is_a_difference() {
+        let expected = mapping(&[(0x1600, &[CONTROLWORD])]);
+        let got = mapping(&[(0x1601, &[CONTROLWORD]), (0x1602, &[])]);
+        let differences = compare(&expected, &got).unwrap_err().0;
+        let shown: Vec<_> = differences.iter().map(ToString::to_string).collect();
+        assert_eq!(
+            shown,
+            vec![
+                "1C12h:01: expected PDO 1600h, got PDO 1601h",
+                "1C12h:02: expected nothing, got PDO 1602h"
+            ]
+        );
+    }
+}
