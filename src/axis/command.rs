@@ -4,10 +4,6 @@ use bitflags::bitflags;
 
 use crate::{ds402::Mode, profile_position::MoveCommand};
 
-/// Names one command until its last event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct CommandId(pub u32);
-
 /// A command to an axis. Each gives exactly one last event ([`Event::Done`](super::Event::Done)).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {

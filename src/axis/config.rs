@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::Mode,
+    ds402::{Mode, QuickStopOption},
     profile_position::{Parameters, Traits},
 };
 
@@ -24,8 +24,28 @@ pub struct AxisConfig {
     pub deadlines: Deadlines,
     /// When a silent drive counts as lost.
     pub loss: Loss,
+    /// Quick stop option code 605Ah as read from the drive: where a quick stop ends.
+    pub quick_stop: QuickStopOption,
     /// What moves use for the parameters that they leave out: what the drive held when the axis attached.
     pub defaults: Parameters,
+}
+
+impl AxisConfig {
+    /// An axis after CiA 402 with its objects there, mode 1, and the default tolerances and deadlines. What its moves leave
+    /// out is not known.
+    #[must_use]
+    pub fn new(fields: AxisFields) -> Self {
+        Self {
+            fields,
+            traits: Traits::cia402(),
+            mode: Mode::ProfilePosition,
+            tolerances: Tolerances::default(),
+            deadlines: Deadlines::default(),
+            loss: Loss::default(),
+            quick_stop: QuickStopOption(2),
+            defaults: Parameters::default(),
+        }
+    }
 }
 
 /// What counts as arrived and as standing.

@@ -1,5 +1,10 @@
 //! Where an axis' objects lie in its drive's process data.
 
+use crate::{
+    ds402::{Controlword, Mode, Sample, Statusword},
+    profile_position::Parameters,
+};
+
 /// Byte offsets of an axis' objects in the drive's outputs and inputs. The mandatory ones are not optional.
 ///
 /// ```
@@ -57,5 +62,86 @@ impl AxisFields {
             actual_velocity: None,
             error_code: None,
         }
+    }
+
+    /// Reads the axis' objects out of the drive's inputs; nothing where they are too short.
+    pub(super) fn sample(&self, inputs: &[u8], noted_mode: Mode) -> Option<Sample> {
+        let mode = match self.mode_display {
+            Some(at) => Mode::from_raw(i8::from_le_bytes(read(inputs, at)?)),
+            None => noted_mode,
+        };
+        let velocity = match self.actual_velocity {
+            Some(at) => Some(i32::from_le_bytes(read(inputs, at)?)),
+            None => None,
+        };
+        let error_code = match self.error_code {
+            Some(at) => Some(u16::from_le_bytes(read(inputs, at)?)),
+            None => None,
+        };
+        Some(Sample {
+            statusword: Statusword::from_bits_retain(u16::from_le_bytes(read(
+                inputs,
+                self.statusword,
+            )?)),
+            mode,
+            position: i32::from_le_bytes(read(inputs, self.position)?),
+            velocity,
+            error_code,
+        })
+    }
+
+    /// Writes the axis' objects into the drive's outputs. What is not known (parameters that nobody gave) stays.
+    pub(super) fn write(
+        &self,
+        outputs: &mut [u8],
+        controlword: Controlword,
+        mode: Mode,
+        target: i32,
+        parameters: &Parameters,
+    ) {
+        put(
+            outputs,
+            Some(self.controlword),
+            Some(controlword.bits().to_le_bytes()),
+        );
+        put(outputs, Some(self.target), Some(target.to_le_bytes()));
+        put(outputs, self.mode, Some(mode.raw().to_le_bytes()));
+        put(
+            outputs,
+            self.velocity,
+            parameters.velocity.map(u32::to_le_bytes),
+        );
+        put(
+            outputs,
+            self.end_velocity,
+            parameters.end_velocity.map(u32::to_le_bytes),
+        );
+        put(
+            outputs,
+            self.acceleration,
+            parameters.acceleration.map(u32::to_le_bytes),
+        );
+        put(
+            outputs,
+            self.deceleration,
+            parameters.deceleration.map(u32::to_le_bytes),
+        );
+        put(
+            outputs,
+            self.profile_type,
+            parameters.profile_type.map(i16::to_le_bytes),
+        );
+    }
+}
+
+fn read<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
+    bytes.get(at..at.checked_add(N)?)?.try_into().ok()
+}
+
+fn put<const N: usize>(bytes: &mut [u8], at: Option<usize>, value: Option<[u8; N]>) {
+    if let (Some(at), Some(value)) = (at, value)
+        && let Some(place) = at.checked_add(N).and_then(|end| bytes.get_mut(at..end))
+    {
+        place.copy_from_slice(&value);
     }
 }

@@ -5,12 +5,17 @@
 
 mod command;
 mod config;
+mod core;
 mod fields;
-mod outcome;
+mod observe;
+mod power;
 mod snapshot;
+mod stopping;
+mod submit;
 
-pub use command::{Command, CommandId, Inputs, StopRequest};
+pub use self::core::AxisCore;
+pub use crate::profile_position::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
+pub use command::{Command, Inputs, StopRequest};
 pub use config::{AxisConfig, Deadlines, Loss, Tolerances};
 pub use fields::AxisFields;
-pub use outcome::{Completion, Delivery, Event, Failure, WaitingFor};
 pub use snapshot::Snapshot;

@@ -2,8 +2,17 @@
 //!
 //! The types and the sequencing are pure. How a drive differs is data: [`Traits`].
 
+mod events;
+mod outcome;
+mod sequencer;
 mod set_point;
+mod standstill;
+mod track;
 mod traits;
 
+pub(crate) use events::Events;
+pub use outcome::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
+pub(crate) use sequencer::{Cycle, Sequencer};
 pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};
+pub(crate) use standstill::{Bounds, Standstill};
 pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};

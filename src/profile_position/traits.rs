@@ -1,5 +1,7 @@
 //! How a drive's Profile Position mode differs from other drives', as data.
 
+use core::time::Duration;
+
 use crate::ds402::Controlword;
 
 use super::Start;
@@ -59,6 +61,8 @@ pub struct Traits {
     pub relative_base: RelativeBase,
     /// Whether a halted set-point is kept and continued when bit 8 falls.
     pub halt_keeps_set_point: bool,
+    /// The drive's own cycle: bit 4 must stay low for two of them where nothing shows that the drive has seen it low.
+    pub drive_cycle: Duration,
     /// Whether bit 4 of the statusword tells that the power stage has its supply.
     pub shows_voltage: bool,
 }
@@ -74,6 +78,7 @@ impl Traits {
             buffer_signal: BufferSignal::None,
             relative_base: RelativeBase::Undocumented,
             halt_keeps_set_point: true,
+            drive_cycle: Duration::from_millis(1),
             shows_voltage: false,
         }
     }

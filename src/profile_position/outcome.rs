@@ -1,9 +1,12 @@
-//! What the axis core reports: events, completions, failures.
+//! What is reported about a command: events, completions, failures.
 
-use crate::{
-    ds402::{Controlword, Mode, State, Statusword, describe_error_code},
-    profile_position::Start,
-};
+use crate::ds402::{Controlword, Mode, State, Statusword, describe_error_code};
+
+use super::Start;
+
+/// Names one command until its last event.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CommandId(pub u32);
 
 /// One report about a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -168,6 +171,9 @@ pub enum Failure {
     /// The set-point names a parameter that is not mapped into the process data.
     #[error("{0} is not in the process data: map it, or write it by SDO before the move")]
     NotMapped(&'static str),
+    /// The set-point leaves out a parameter that is mapped, and nobody has said what the drive holds.
+    #[error("{0} is neither given nor known from the drive: give it with the set-point")]
+    Missing(&'static str),
     /// The drive forgets its set-point at halt; stop, enable and move again.
     #[error("this drive does not keep its set-point through a halt: stop, enable and move again")]
     ResumeUnsupported,

@@ -1,0 +1,317 @@
+//! The axis core: one cycle at a time, inputs in, controlword and set-point out (pure).
+//!
+//! Contract, per cycle: [`AxisCore::submit`] what is new, [`AxisCore::apply_stop`] what the stop lane holds as the last thing
+//! before sending, send the outputs, [`AxisCore::step`] with what came back, then drain [`AxisCore::poll_event`].
+//! Everything in the outputs when `step` is called counts as sent.
+
+use core::time::Duration;
+
+use crate::{
+    ds402::{Controlword, Mode, PowerCommand, Sample, State, Statusword},
+    profile_position::{
+        Bounds, CommandId, Completion, Delivery, Event, Events, Failure, Sequencer, Standstill,
+    },
+};
+
+use super::{AxisConfig, Inputs, Snapshot, StopRequest, power::Power, stopping::Stopping};
+
+/// One axis, stepped once a cycle.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::axis::{AxisConfig, AxisCore, AxisFields, Command, CommandId, Inputs};
+///
+/// let mut axis = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
+/// let mut outputs = [0; 6];
+/// axis.submit(Duration::ZERO, CommandId(1), Command::Enable);
+/// // The drive shows Switch on disabled at position 0; the answer is Shutdown, 06h.
+/// axis.step(Duration::from_millis(1), Inputs::Fresh(&[0x50, 0x02, 0, 0, 0, 0]), &mut outputs);
+/// assert_eq!(outputs[0], 0x06);
+/// ```
+#[derive(Debug)]
+pub struct AxisCore {
+    pub(super) config: AxisConfig,
+    pub(super) bounds: Bounds,
+    pub(super) sample: Option<Sample>,
+    pub(super) standstill: Standstill,
+    pub(super) sequencer: Sequencer,
+    pub(super) power: Power,
+    pub(super) stopping: Stopping,
+    pub(super) events: Events,
+    /// Bit 8.
+    pub(super) halted: bool,
+    /// Since when bit 8 is known to have been delivered.
+    pub(super) halt_delivered: Option<Duration>,
+    pub(super) mode: Mode,
+    pub(super) mode_change: Option<ModeChange>,
+    /// 6061h where it is read by SDO.
+    noted_mode: Mode,
+    manufacturer: Controlword,
+    /// In the outputs now, and sent with the next cycle.
+    outgoing: Controlword,
+    /// Sent with the last cycle.
+    pub(super) sent: Controlword,
+    answered: bool,
+    lost: bool,
+    stale_cycles: u32,
+    undelivered_cycles: u32,
+    cycle: u64,
+}
+
+/// A change of 6060h that waits for 6061h.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ModeChange {
+    pub(super) id: CommandId,
+    pub(super) before: Mode,
+    pub(super) deadline: Duration,
+}
+
+impl AxisCore {
+    /// An axis that commands nothing until it is told to: its first words are Disable voltage, its first target is
+    /// where the drive stands.
+    #[must_use]
+    pub fn new(config: AxisConfig) -> Self {
+        let tolerances = config.tolerances;
+        Self {
+            bounds: Bounds {
+                position: tolerances.position,
+                velocity: tolerances.velocity,
+                settle: tolerances.settle,
+            },
+            sequencer: Sequencer::new(config.defaults),
+            mode: config.mode,
+            config,
+            sample: None,
+            standstill: Standstill::default(),
+            power: Power::Off,
+            stopping: Stopping::default(),
+            events: Events::new(),
+            halted: false,
+            halt_delivered: None,
+            mode_change: None,
+            noted_mode: Mode::None,
+            manufacturer: Controlword::empty(),
+            outgoing: Controlword::empty(),
+            sent: Controlword::empty(),
+            answered: false,
+            lost: false,
+            stale_cycles: 0,
+            undelivered_cycles: 0,
+            cycle: 0,
+        }
+    }
+
+    /// The stop lane: merges stops into outputs that have been computed and not been sent, as the last thing before
+    /// sending. A rise of bit 4 that was about to be sent is withdrawn and its move fails as not sent; returns whether
+    /// there was one. What was sent before keeps its bit 4.
+    pub fn apply_stop(&mut self, now: Duration, stop: StopRequest, outputs: &mut [u8]) -> bool {
+        let rising = self
+            .outgoing
+            .difference(self.sent)
+            .contains(Controlword::NEW_SET_POINT);
+        if stop.contains(StopRequest::QUICK_STOP) {
+            self.begin_quick_stop(now);
+        }
+        if stop.contains(StopRequest::STOP) {
+            self.begin_stop(now);
+        }
+        if stop.contains(StopRequest::HALT) {
+            self.begin_halt(now);
+        }
+        self.write_outputs(outputs);
+        rising && !self.outgoing.contains(Controlword::NEW_SET_POINT)
+    }
+
+    /// One cycle: takes in what came back and writes the axis' own fields of the outputs that are sent next.
+    ///
+    /// Inputs that did not arrive change nothing, until [`Loss`](super::Loss) says that the drive is lost.
+    pub fn step(&mut self, now: Duration, inputs: Inputs<'_>, outputs: &mut [u8]) {
+        self.cycle = self.cycle.wrapping_add(1);
+        self.sent = self.outgoing;
+        self.sequencer.mark_sent(now);
+        let (bytes, delivered) = match inputs {
+            Inputs::Fresh(bytes) => (Some(bytes), true),
+            Inputs::Answered(bytes) => (Some(bytes), false),
+            Inputs::Stale => (None, false),
+        };
+        let sample = bytes
+            .and_then(|bytes| self.config.fields.sample(bytes, self.noted_mode))
+            .filter(|sample| sample.state() != State::Unknown);
+        let delivered = delivered && sample.is_some();
+        self.answered = sample.is_some();
+        self.stale_cycles = if self.answered {
+            0
+        } else {
+            self.stale_cycles.saturating_add(1)
+        };
+        self.undelivered_cycles = if delivered {
+            0
+        } else {
+            self.undelivered_cycles.saturating_add(1)
+        };
+        if delivered {
+            self.lost = false;
+        }
+        if let Some(sample) = sample {
+            self.sample = Some(sample);
+            self.standstill.observe(now, &sample, &self.bounds);
+            self.observe(now, &sample, delivered);
+        }
+        let loss = self.config.loss;
+        if !self.lost
+            && (self.stale_cycles >= loss.stale_cycles
+                || self.undelivered_cycles >= loss.undelivered_cycles)
+        {
+            self.lose(now);
+        }
+        self.write_outputs(outputs);
+    }
+
+    /// Takes the next report; drain it after every other call.
+    pub fn poll_event(&mut self) -> Option<(CommandId, Event)> {
+        self.events.pop()
+    }
+
+    /// Withdraws a move that has not been sent, which then ends as [`Failure::Withdrawn`]; a rise of bit 4 that is in the
+    /// outputs and not sent is taken back. Returns whether there was such a move: afterwards it is too late, and the
+    /// handshake completes.
+    pub fn withdraw(&mut self, id: CommandId, outputs: &mut [u8]) -> bool {
+        let withdrawn = self
+            .sequencer
+            .withdraw(id, Failure::Withdrawn, &mut self.events);
+        if withdrawn {
+            self.write_outputs(outputs);
+        }
+        withdrawn
+    }
+
+    /// Whether a gated move has all that it needs in this cycle.
+    #[must_use]
+    pub fn is_armed(&self, id: CommandId) -> bool {
+        self.sequencer.is_armed(id)
+    }
+
+    /// Releases a gated, armed move: its bit 4 rises in the outputs that are sent next. Call it in the cycle in which
+    /// [`AxisCore::is_armed`] said so, after `step`.
+    pub fn fire(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
+        if let Some(sample) = self.sample {
+            self.sequencer
+                .fire(now, id, &sample, &self.bounds, &self.config.traits);
+            self.write_outputs(outputs);
+        }
+    }
+
+    /// What is known of the axis.
+    #[must_use]
+    pub fn snapshot(&self) -> Snapshot {
+        let sample = self.sample;
+        let statusword = sample.map_or(Statusword::empty(), |s| s.statusword);
+        Snapshot {
+            cycle: self.cycle,
+            age: self.stale_cycles,
+            answered: self.answered,
+            lost: self.lost,
+            statusword,
+            state: statusword.state(),
+            controlword: self.outgoing,
+            mode: sample.map_or(Mode::None, |s| s.mode),
+            position: sample.map_or(0, |s| s.position),
+            velocity: sample.and_then(|s| s.velocity).unwrap_or(0),
+            halted: self.halted,
+            has_set_point: self.sequencer.has_set_point(),
+        }
+    }
+
+    /// Sets bits 11–15 of the controlword, which are the manufacturer's; other bits are ignored.
+    pub fn set_manufacturer_bits(&mut self, bits: Controlword) {
+        self.manufacturer = bits & Controlword::MANUFACTURER;
+    }
+
+    /// Says what 6061h shows, where it is not mapped and was read by SDO.
+    pub fn note_mode(&mut self, mode: Mode) {
+        self.noted_mode = mode;
+    }
+
+    pub(super) const fn is_lost(&self) -> bool {
+        self.lost
+    }
+
+    pub(super) fn state(&self) -> State {
+        self.sample.map_or(State::NotReadyToSwitchOn, |s| s.state())
+    }
+
+    pub(super) fn done(&mut self, id: CommandId, result: Result<Completion, Failure>) {
+        self.events.push(id, Event::Done(result));
+    }
+
+    /// Whether the axis stands now. Without any inputs it is not known to stand.
+    pub(super) fn is_standing(&self, now: Duration) -> bool {
+        self.standstill.is_standing(now, &self.bounds)
+    }
+
+    /// The drive does not answer: everything ends, and what still reaches it is a quick stop.
+    fn lose(&mut self, now: Duration) {
+        self.lost = true;
+        let driven = self.power.is_driving();
+        self.sequencer
+            .fail_all(|delivery| Failure::BusLost { delivery }, &mut self.events);
+        self.fail_commands(Failure::BusLost {
+            delivery: Delivery::NotSent,
+        });
+        if driven && !self.begin_quick_stop(now) {
+            self.power = Power::Off;
+        }
+    }
+
+    /// Every pending command but moves ends with `failure`, and what they were doing ends with them.
+    pub(super) fn fail_commands(&mut self, failure: Failure) {
+        if let Some(id) = self.power.take_waiter() {
+            self.done(id, Err(failure));
+        }
+        if let Some(change) = self.mode_change.take() {
+            self.mode = change.before;
+            self.done(change.id, Err(failure));
+        }
+        while let Some(id) = self.stopping.pop_waiter() {
+            self.done(id, Err(failure));
+        }
+    }
+
+    /// The one composer of controlwords.
+    fn compose(&self) -> Controlword {
+        let state = self.state();
+        if state == State::FaultReactionActive {
+            // The drive is stopping by 605Eh; no other word may disturb it.
+            return self.sent.difference(Controlword::FAULT_RESET);
+        }
+        let halt = if self.halted {
+            Controlword::HALT
+        } else {
+            Controlword::empty()
+        };
+        let mode_bits = if self.power.allows_mode_bits() {
+            self.sequencer.bits()
+        } else {
+            Controlword::empty()
+        };
+        let power = if self.stopping.is_quick() {
+            PowerCommand::QuickStop
+        } else {
+            self.power
+                .command(state, self.sample.as_ref(), &self.config.traits)
+        };
+        power.controlword() | mode_bits | halt | self.manufacturer
+    }
+
+    fn write_outputs(&mut self, outputs: &mut [u8]) {
+        self.outgoing = self.compose();
+        let mode = self.mode;
+        self.config.fields.write(
+            outputs,
+            self.outgoing,
+            mode,
+            self.sequencer.target(),
+            self.sequencer.parameters(),
+        );
+    }
+}

@@ -1,0 +1,362 @@
+//! What each cycle's inputs mean for the commands that are under way.
+
+use core::time::Duration;
+
+use crate::{
+    ds402::{Controlword, Mode, Sample, State, Statusword},
+    profile_position::{CommandId, Completion, Cycle, Delivery, Failure, WaitingFor},
+};
+
+use super::{
+    AxisCore,
+    power::{Power, RESET_EDGES, RESET_PAUSE, ResetPhase},
+    stopping::{Stage, Wait},
+    submit::is_down,
+};
+
+impl AxisCore {
+    /// Takes in one cycle with fresh inputs.
+    pub(super) fn observe(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        let state = sample.state();
+        if state.is_fault() && !matches!(self.power, Power::Resetting { .. }) {
+            self.observe_fault(state);
+        }
+        self.observe_mode_change(now, sample);
+        self.observe_power(now, sample, delivered);
+        self.observe_halt(now, sample, delivered);
+        self.observe_stop(now, sample);
+        if state == State::OperationEnabled && self.power.is_driving() {
+            self.observe_moves(now, sample, delivered);
+        } else if !self.power.is_driving() {
+            self.sequencer.follow_position(sample.position);
+        }
+    }
+
+    /// A fault ends everything; nothing here resets it.
+    fn observe_fault(&mut self, state: State) {
+        let failure = self.fault().unwrap_or(Failure::Fault { code: None });
+        self.sequencer.fail_all(|_| failure, &mut self.events);
+        self.fail_commands(failure);
+        self.stopping.stage = Stage::None;
+        self.stopping.off = false;
+        if state == State::Fault {
+            self.leave_operation(Power::Off);
+        }
+    }
+
+    /// The drive is out of Operation enabled: bits 4 and 8 fall.
+    fn leave_operation(&mut self, power: Power) {
+        self.power = power;
+        self.halted = false;
+        self.halt_delivered = None;
+        self.sequencer.lower();
+    }
+
+    fn observe_mode_change(&mut self, now: Duration, sample: &Sample) {
+        let Some(change) = self.mode_change else {
+            return;
+        };
+        if sample.mode == self.mode {
+            self.mode_change = None;
+            self.done(change.id, Ok(Completion::Done));
+        } else if now >= change.deadline {
+            let waiting_for = WaitingFor::Mode(self.mode);
+            self.mode_change = None;
+            self.mode = change.before;
+            self.done(change.id, Err(self.timeout(waiting_for, Delivery::NotSent)));
+        }
+    }
+
+    fn observe_power(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        let state = sample.state();
+        match self.power {
+            Power::Off | Power::Holding => {}
+            Power::Ready => {
+                if state == State::SwitchOnDisabled {
+                    self.power = Power::Off;
+                }
+            }
+            Power::Disabling {
+                id,
+                goal: _,
+                deadline,
+            } => {
+                if is_down(state) {
+                    self.leave_operation(if state == State::ReadyToSwitchOn {
+                        Power::Ready
+                    } else {
+                        Power::Off
+                    });
+                    self.done(id, Ok(Completion::Stopped { state }));
+                } else if now >= deadline {
+                    let failure = self.timeout(
+                        WaitingFor::State(State::SwitchOnDisabled),
+                        Delivery::NotSent,
+                    );
+                    self.power = Power::Off;
+                    self.done(id, Err(failure));
+                }
+            }
+            Power::Enabling {
+                id,
+                deadline,
+                was_down,
+            } => {
+                if state == State::OperationEnabled && was_down {
+                    self.power = Power::Enabled;
+                    self.done(id, Ok(Completion::Done));
+                } else if now >= deadline {
+                    self.power = Power::Off;
+                    self.done(id, Err(self.why_not_enabled(sample)));
+                } else if state != State::OperationEnabled {
+                    self.power = Power::Enabling {
+                        id,
+                        deadline,
+                        was_down: true,
+                    };
+                }
+            }
+            Power::Enabled => {
+                if state != State::OperationEnabled
+                    && !state.is_fault()
+                    && !self.stopping.is_quick()
+                {
+                    self.observe_drop(state);
+                }
+            }
+            Power::Resetting { id, phase, edges } => {
+                if state.is_fault() {
+                    self.observe_reset(now, id, phase, edges, state, delivered);
+                } else {
+                    self.leave_operation(Power::Off);
+                    self.done(id, Ok(Completion::Stopped { state }));
+                }
+            }
+        }
+    }
+
+    fn why_not_enabled(&self, sample: &Sample) -> Failure {
+        if !sample.statusword.contains(Statusword::REMOTE) {
+            Failure::LocalControl
+        } else if self.config.traits.shows_voltage
+            && !sample.statusword.contains(Statusword::VOLTAGE_ENABLED)
+        {
+            Failure::NoVoltage
+        } else {
+            self.timeout(
+                WaitingFor::State(State::OperationEnabled),
+                Delivery::NotSent,
+            )
+        }
+    }
+
+    /// The drive has left Operation enabled by itself, or by somebody else's stop.
+    fn observe_drop(&mut self, state: State) {
+        let (failure, power) = if state == State::QuickStopActive {
+            (Failure::QuickStopped, Power::Holding)
+        } else {
+            (Failure::Disabled { state }, Power::Off)
+        };
+        self.sequencer.fail_all(|_| failure, &mut self.events);
+        while let Some(id) = self.stopping.take_waiter(|wait| wait == Wait::Stop) {
+            self.done(id, Ok(Completion::Stopped { state }));
+        }
+        self.fail_commands(failure);
+        self.stopping.stage = Stage::None;
+        self.stopping.off = false;
+        self.leave_operation(power);
+    }
+
+    fn observe_reset(
+        &mut self,
+        now: Duration,
+        id: CommandId,
+        phase: ResetPhase,
+        edges: u8,
+        state: State,
+        delivered: bool,
+    ) {
+        let phase = match phase {
+            ResetPhase::Low { until } => {
+                let low = delivered && !self.sent.contains(Controlword::FAULT_RESET);
+                if state != State::Fault || !low || now < until {
+                    return;
+                }
+                ResetPhase::High {
+                    until: now + self.config.deadlines.fault_reset,
+                }
+            }
+            ResetPhase::High { until } => {
+                if now < until {
+                    return;
+                }
+                if edges >= RESET_EDGES {
+                    let failure = self.timeout(WaitingFor::FaultCleared, Delivery::NotSent);
+                    self.leave_operation(Power::Off);
+                    self.done(id, Err(failure));
+                    return;
+                }
+                ResetPhase::Low {
+                    until: now + RESET_PAUSE,
+                }
+            }
+        };
+        let edges = edges + u8::from(matches!(phase, ResetPhase::High { .. }));
+        self.power = Power::Resetting { id, phase, edges };
+    }
+
+    fn observe_halt(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        if !self.halted {
+            // The axis left Operation enabled before it was seen to stand: its stop is over all the same.
+            let state = sample.state();
+            while let Some(id) = self
+                .stopping
+                .take_waiter(|wait| matches!(wait, Wait::Halt { .. }))
+            {
+                self.done(id, Ok(Completion::Stopped { state }));
+            }
+            return;
+        }
+        if delivered && self.sent.contains(Controlword::HALT) {
+            self.halt_delivered.get_or_insert(now);
+        }
+        if self.stands_halted(now, sample) {
+            if !self.stopping.halt_reported {
+                self.stopping.halt_reported = true;
+                self.sequencer.report_halted(&mut self.events);
+            }
+            let state = sample.state();
+            while let Some(id) = self
+                .stopping
+                .take_waiter(|wait| matches!(wait, Wait::Halt { .. }))
+            {
+                self.done(id, Ok(Completion::Stopped { state }));
+            }
+        }
+        while let Some(id) = self
+            .stopping
+            .take_waiter(|w| matches!(w, Wait::Halt { until } if now >= until))
+        {
+            let failure = self.timeout(WaitingFor::Standstill, Delivery::NotSent);
+            self.done(id, Err(failure));
+        }
+    }
+
+    /// Whether bit 8 has brought the axis to rest: by bit 10 and the velocity, or by a position that stays, both seen
+    /// only after the drive has had the time to take bit 8 in.
+    fn stands_halted(&self, now: Duration, sample: &Sample) -> bool {
+        let Some(since) = self.halt_delivered else {
+            return false;
+        };
+        let taken_in = now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle;
+        let told = sample.statusword.contains(Statusword::TARGET_REACHED) && self.is_standing(now);
+        taken_in && (told || self.standstill.steady_since(now, since, &self.bounds))
+    }
+
+    fn observe_stop(&mut self, now: Duration, sample: &Sample) {
+        let state = sample.state();
+        match self.stopping.stage {
+            Stage::None => {}
+            Stage::Halting { until } => {
+                if self.stands_halted(now, sample) || now >= until {
+                    self.begin_quick_stop(now);
+                }
+            }
+            Stage::Quick { until } => {
+                let holds = state == State::QuickStopActive
+                    && self.config.quick_stop.stays_in_quick_stop_active()
+                    && self.is_standing(now);
+                if holds || matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled) {
+                    self.finish_quick_stop(now, state);
+                } else if until.is_some_and(|until| now >= until) {
+                    // It is commanded on; those who wait are told that it has not worked.
+                    self.stopping.stage = Stage::Quick { until: None };
+                    let failure = self.timeout(WaitingFor::Standstill, Delivery::Accepted);
+                    self.sequencer.fail_all(|_| failure, &mut self.events);
+                    self.fail_commands(failure);
+                }
+            }
+            Stage::Off { until } => {
+                if is_down(state) {
+                    self.finish_stop(state);
+                } else if now >= until {
+                    self.stopping.stage = Stage::None;
+                    let failure = self.timeout(
+                        WaitingFor::State(State::SwitchOnDisabled),
+                        Delivery::NotSent,
+                    );
+                    self.fail_commands(failure);
+                }
+            }
+        }
+    }
+
+    fn finish_quick_stop(&mut self, now: Duration, state: State) {
+        let off = core::mem::take(&mut self.stopping.off);
+        let failure = if off {
+            Failure::Disabled { state }
+        } else {
+            Failure::QuickStopped
+        };
+        self.sequencer.fail_all(|_| failure, &mut self.events);
+        if state == State::QuickStopActive && off {
+            self.leave_operation(Power::Off);
+            self.stopping.stage = Stage::Off {
+                until: now + self.config.deadlines.disable,
+            };
+        } else {
+            self.leave_operation(if state == State::QuickStopActive {
+                Power::Holding
+            } else {
+                Power::Off
+            });
+            self.finish_stop(state);
+        }
+    }
+
+    fn finish_stop(&mut self, state: State) {
+        self.stopping.stage = Stage::None;
+        while let Some(id) = self.stopping.pop_waiter() {
+            self.done(id, Ok(Completion::Stopped { state }));
+        }
+    }
+
+    fn observe_moves(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        if self.stopping.is_quick() {
+            return;
+        }
+        if sample.mode != Mode::ProfilePosition {
+            if !self.sequencer.is_idle() {
+                let failure = Failure::WrongMode {
+                    expected: Mode::ProfilePosition,
+                    shown: sample.mode,
+                };
+                self.sequencer.fail_all(|_| failure, &mut self.events);
+                self.begin_quick_stop(now);
+            }
+            return;
+        }
+        let cycle = Cycle {
+            now,
+            sample,
+            standstill: &self.standstill,
+            bounds: &self.bounds,
+            traits: &self.config.traits,
+            delivered,
+            halted: self.halted,
+            acknowledge: self.config.deadlines.acknowledge,
+            controlword: self.sent,
+        };
+        self.sequencer.step(&cycle, &mut self.events);
+    }
+
+    fn timeout(&self, waiting_for: WaitingFor, delivery: Delivery) -> Failure {
+        let statusword = self.sample.map_or(Statusword::empty(), |s| s.statusword);
+        Failure::Timeout {
+            waiting_for,
+            statusword,
+            controlword: self.sent,
+            delivery,
+        }
+    }
+}

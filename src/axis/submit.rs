@@ -1,0 +1,387 @@
+//! How each command begins. What it then does from cycle to cycle is in `observe.rs`.
+
+use core::time::Duration;
+
+use crate::{
+    ds402::{Mode, PowerGoal, State},
+    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand, Parameters},
+};
+
+use super::{
+    AxisCore, Command,
+    core::ModeChange,
+    power::{Power, ResetPhase},
+    stopping::{Stage, Wait},
+};
+
+impl AxisCore {
+    /// Takes a command in. It reports through [`AxisCore::poll_event`], under this id, with exactly one
+    /// [`Event::Done`](super::Event::Done).
+    pub fn submit(&mut self, now: Duration, id: CommandId, command: Command) {
+        if self.is_lost() {
+            self.done(
+                id,
+                Err(Failure::BusLost {
+                    delivery: Delivery::NotSent,
+                }),
+            );
+            return;
+        }
+        match command {
+            Command::Enable => self.enable(now, id),
+            Command::Disable => self.disable(now, id),
+            Command::ResetFault => self.reset_fault(now, id),
+            Command::SelectMode(mode) => self.select_mode(now, id, mode),
+            Command::Move(command) => self.start_move(id, command),
+            Command::Halt => self.halt(now, id),
+            Command::Resume => self.resume(now, id),
+            Command::Stop => self.stop(now, id),
+            Command::QuickStop => self.quick_stop(now, id),
+            Command::Release => self.release(now, id),
+        }
+    }
+
+    fn enable(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        let refused = if let Some(fault) = self.fault() {
+            Some(fault)
+        } else if self.stopping.is_active() {
+            Some(Failure::Busy)
+        } else {
+            match self.power {
+                Power::Enabling { .. } | Power::Disabling { .. } | Power::Resetting { .. } => {
+                    Some(Failure::Busy)
+                }
+                Power::Enabled => {
+                    self.done(id, Ok(Completion::Done));
+                    return;
+                }
+                Power::Off | Power::Ready | Power::Holding => None,
+            }
+        };
+        if let Some(failure) = refused {
+            self.done(id, Err(failure));
+            return;
+        }
+        self.sequencer.lower();
+        self.halted = false;
+        let was_down = self.sample.is_some() && state != State::OperationEnabled;
+        self.power = Power::Enabling {
+            id,
+            deadline: now + self.config.deadlines.enable,
+            was_down,
+        };
+    }
+
+    fn disable(&mut self, now: Duration, id: CommandId) {
+        if matches!(
+            self.power,
+            Power::Resetting { .. } | Power::Disabling { .. }
+        ) {
+            self.done(id, Err(Failure::Busy));
+            return;
+        }
+        let state = self.state();
+        self.cancel_enabling(Failure::Disabled { state });
+        let deadline = now + self.config.deadlines.disable;
+        match self.power {
+            Power::Enabled => {
+                if self.begin_stop(now) {
+                    self.stopping.off = true;
+                    self.wait_for_stop(id);
+                } else {
+                    self.power = Power::Disabling {
+                        id,
+                        goal: PowerGoal::Ready,
+                        deadline,
+                    };
+                }
+            }
+            _ if state.is_fault() || is_down(state) => {
+                self.done(id, Ok(Completion::Stopped { state }));
+            }
+            _ => {
+                self.power = Power::Disabling {
+                    id,
+                    goal: PowerGoal::Off,
+                    deadline,
+                }
+            }
+        }
+    }
+
+    fn reset_fault(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        if !state.is_fault() {
+            self.done(id, Err(Failure::NoFault { state }));
+        } else if matches!(self.power, Power::Resetting { .. }) {
+            self.done(id, Err(Failure::Busy));
+        } else {
+            self.power = Power::Resetting {
+                id,
+                phase: ResetPhase::Low { until: now },
+                edges: 0,
+            };
+        }
+    }
+
+    fn select_mode(&mut self, now: Duration, id: CommandId, mode: Mode) {
+        if self.halted {
+            self.done(id, Err(Failure::Halted));
+        } else if !self.sequencer.is_idle() || (self.power.is_driving() && !self.is_standing(now)) {
+            self.done(id, Err(Failure::Moving));
+        } else if self.mode_change.is_some() || self.stopping.is_active() {
+            self.done(id, Err(Failure::Busy));
+        } else {
+            let change = ModeChange {
+                id,
+                before: self.mode,
+                deadline: now + self.config.deadlines.mode,
+            };
+            self.mode = mode;
+            self.mode_change = Some(change);
+        }
+    }
+
+    fn start_move(&mut self, id: CommandId, command: MoveCommand) {
+        match self.check_move(command) {
+            Ok(command) => self.sequencer.submit(id, command, &mut self.events),
+            Err(failure) => self.done(id, Err(failure)),
+        }
+    }
+
+    /// Everything that can be refused before anything is written.
+    fn check_move(&self, mut command: MoveCommand) -> Result<MoveCommand, Failure> {
+        let shown = self.sample.map_or(Mode::None, |s| s.mode);
+        if let Some(fault) = self.fault() {
+            return Err(fault);
+        }
+        if self.stopping.is_active() {
+            return Err(Failure::QuickStopped);
+        }
+        if !matches!(self.power, Power::Enabled) {
+            return Err(Failure::NotEnabled {
+                state: self.state(),
+            });
+        }
+        if self.halted {
+            return Err(Failure::Halted);
+        }
+        if self.mode_change.is_some()
+            || shown != Mode::ProfilePosition
+            || self.mode != Mode::ProfilePosition
+        {
+            return Err(Failure::WrongMode {
+                expected: Mode::ProfilePosition,
+                shown,
+            });
+        }
+        if self.sequencer.is_unknown() {
+            return Err(Failure::NeedsStop);
+        }
+        command.set_point.parameters = self.complete(command.set_point.parameters)?;
+        Ok(command)
+    }
+
+    /// The parameters as they go into the process data: given ones, else what the drive held.
+    fn complete(&self, given: Parameters) -> Result<Parameters, Failure> {
+        let fields = &self.config.fields;
+        let held = &self.config.defaults;
+        let speed = |mapped: bool, given: Option<u32>, held: Option<u32>, name: &'static str| match (
+            mapped, given,
+        ) {
+            (false, Some(_)) => Err(Failure::NotMapped(name)),
+            (false, None) => Ok(None),
+            (true, given) => match given.or(held) {
+                None => Err(Failure::Missing(name)),
+                Some(0) => Err(Failure::Zero(name)),
+                some => Ok(some),
+            },
+        };
+        if given.end_velocity.is_some() && fields.end_velocity.is_none() {
+            return Err(Failure::NotMapped("end velocity 6082h"));
+        }
+        if given.profile_type.is_some() && fields.profile_type.is_none() {
+            return Err(Failure::NotMapped("motion profile type 6086h"));
+        }
+        Ok(Parameters {
+            velocity: speed(
+                fields.velocity.is_some(),
+                given.velocity,
+                held.velocity,
+                "profile velocity 6081h",
+            )?,
+            acceleration: speed(
+                fields.acceleration.is_some(),
+                given.acceleration,
+                held.acceleration,
+                "profile acceleration 6083h",
+            )?,
+            deceleration: speed(
+                fields.deceleration.is_some(),
+                given.deceleration,
+                held.deceleration,
+                "profile deceleration 6084h",
+            )?,
+            // Left out means what the drive held, and 0 (stop at the target, linear ramps) where nobody has said.
+            end_velocity: given.end_velocity.or(held.end_velocity),
+            profile_type: given.profile_type.or(held.profile_type),
+        })
+    }
+
+    fn halt(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        if let Some(fault) = self.fault() {
+            self.done(id, Err(fault));
+            return;
+        }
+        self.begin_halt(now);
+        if self.power.is_driving() {
+            let until = now + self.config.deadlines.standstill;
+            let wait = if self.stopping.is_quick() {
+                Wait::Stop
+            } else {
+                Wait::Halt { until }
+            };
+            if !self.stopping.wait(id, wait) {
+                self.done(id, Err(Failure::Busy));
+            }
+        } else {
+            self.done(id, Ok(Completion::Stopped { state }));
+        }
+    }
+
+    fn resume(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        let result = if let Some(fault) = self.fault() {
+            Err(fault)
+        } else if self.stopping.is_active() {
+            Err(Failure::QuickStopped)
+        } else if !self.power.is_driving() {
+            Err(Failure::NotEnabled { state })
+        } else if !self.halted {
+            if self.sequencer.has_set_point() {
+                Err(Failure::Moving)
+            } else {
+                Ok(Completion::Done)
+            }
+        } else if self.sequencer.is_unknown() {
+            Err(Failure::NeedsStop)
+        } else if self.sequencer.has_set_point() && !self.config.traits.halt_keeps_set_point {
+            Err(Failure::ResumeUnsupported)
+        } else {
+            self.halted = false;
+            self.sequencer
+                .resumed(now, self.sample.map_or(0, |s| s.position));
+            while let Some(waiter) = self.stopping.pop_waiter() {
+                self.done(waiter, Err(Failure::Superseded));
+            }
+            Ok(Completion::Done)
+        };
+        self.done(id, result);
+    }
+
+    fn stop(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        if !state.is_fault() && self.begin_stop(now) {
+            self.wait_for_stop(id);
+        } else {
+            self.done(id, Ok(Completion::Stopped { state }));
+        }
+    }
+
+    fn quick_stop(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        if let Some(fault) = self.fault() {
+            self.done(id, Err(fault));
+        } else if self.begin_quick_stop(now) {
+            self.wait_for_stop(id);
+        } else {
+            self.done(id, Ok(Completion::Stopped { state }));
+        }
+    }
+
+    fn release(&mut self, now: Duration, id: CommandId) {
+        self.stop(now, id);
+    }
+
+    fn wait_for_stop(&mut self, id: CommandId) {
+        if !self.stopping.wait(id, Wait::Stop) {
+            self.done(id, Err(Failure::Busy));
+        }
+    }
+
+    /// Bit 8 from the next frame on. Moves that are not sent fail as halted.
+    pub(super) fn begin_halt(&mut self, _now: Duration) {
+        self.cancel_enabling(Failure::Halted);
+        if !self.power.is_driving() || self.stopping.is_quick() || self.state().is_fault() {
+            return;
+        }
+        self.sequencer
+            .withdraw_unsent(Failure::Halted, &mut self.events);
+        if !self.halted {
+            self.halted = true;
+            self.halt_delivered = None;
+            self.stopping.halt_reported = false;
+        }
+    }
+
+    /// Halt, with the quick stop to follow. False when the axis stands without a set-point: nothing is sent then.
+    pub(super) fn begin_stop(&mut self, now: Duration) -> bool {
+        self.cancel_enabling(Failure::QuickStopped);
+        if !self.power.is_driving() || self.state().is_fault() {
+            return false;
+        }
+        if self.stopping.is_active() {
+            return true;
+        }
+        self.sequencer
+            .withdraw_unsent(Failure::QuickStopped, &mut self.events);
+        if !self.sequencer.has_set_point() && self.is_standing(now) {
+            return false;
+        }
+        self.begin_halt(now);
+        self.stopping.stage = Stage::Halting {
+            until: now + self.config.deadlines.standstill,
+        };
+        true
+    }
+
+    /// Bit 2 low from the next frame on. False when the axis is not enabled: it has nothing to stop.
+    pub(super) fn begin_quick_stop(&mut self, now: Duration) -> bool {
+        self.cancel_enabling(Failure::QuickStopped);
+        if !self.power.is_driving() || self.state().is_fault() {
+            return false;
+        }
+        self.sequencer
+            .withdraw_unsent(Failure::QuickStopped, &mut self.events);
+        if !self.stopping.is_quick() {
+            self.stopping.stage = Stage::Quick {
+                until: Some(now + self.config.deadlines.standstill),
+            };
+        }
+        true
+    }
+
+    fn cancel_enabling(&mut self, failure: Failure) {
+        if let Power::Enabling { id, .. } = self.power {
+            self.power = Power::Off;
+            self.done(id, Err(failure));
+        }
+    }
+
+    pub(super) fn fault(&self) -> Option<Failure> {
+        let sample = self.sample?;
+        sample.state().is_fault().then_some(Failure::Fault {
+            code: sample.error_code.filter(|&code| code != 0),
+        })
+    }
+}
+
+/// Whether the power stage is off in this state.
+pub(super) const fn is_down(state: State) -> bool {
+    matches!(
+        state,
+        State::NotReadyToSwitchOn | State::SwitchOnDisabled | State::ReadyToSwitchOn
+    )
+}
