@@ -1,7 +1,9 @@
 //! Where an axis' objects lie in its drive's process data.
 
 use crate::{
+    coe::{AnyObject, AxisOffset, ObjectAddress, obj},
     ds402::{Controlword, Mode, Sample, Statusword},
+    pdo_map::{Direction, Layout},
     profile_position::Parameters,
 };
 
@@ -62,6 +64,55 @@ impl AxisFields {
             actual_velocity: None,
             error_code: None,
         }
+    }
+
+    /// The axis' objects where a mapping has put them; `offset` is that of the axis in its drive.
+    ///
+    /// ```
+    /// use servocrab::{axis::AxisFields, coe::AxisOffset, drives};
+    /// let layout = drives::akd2g().default_mapping()?.layout();
+    /// let second = AxisFields::from_layout(&layout, AxisOffset::of_axis(2))?;
+    /// assert_eq!((second.controlword, second.statusword), (19, 11));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`FieldError`] if 6040h, 607Ah, 6041h or 6064h is not mapped, or an object is not byte-aligned with its own width.
+    pub fn from_layout(layout: &Layout, offset: AxisOffset) -> Result<Self, FieldError> {
+        let find = |direction, object: AnyObject| -> Result<Option<usize>, FieldError> {
+            let object = object.offset(offset);
+            let address = object.address();
+            match layout.find(direction, address.index, address.subindex) {
+                None => Ok(None),
+                Some(place) if place.bit == 0 && place.bits == object.bits() => {
+                    Ok(Some(place.byte))
+                }
+                Some(_) => Err(FieldError::Misplaced { object: address }),
+            }
+        };
+        let output = |object| find(Direction::Outputs, object);
+        let input = |object| find(Direction::Inputs, object);
+        let must = |direction, object: AnyObject| {
+            find(direction, object)?.ok_or(FieldError::Missing {
+                object: object.offset(offset).address(),
+                direction,
+            })
+        };
+        Ok(Self {
+            controlword: must(Direction::Outputs, obj::CONTROLWORD.into())?,
+            target: must(Direction::Outputs, obj::TARGET_POSITION.into())?,
+            mode: output(obj::MODE_OF_OPERATION.into())?,
+            velocity: output(obj::PROFILE_VELOCITY.into())?,
+            end_velocity: output(obj::END_VELOCITY.into())?,
+            acceleration: output(obj::PROFILE_ACCELERATION.into())?,
+            deceleration: output(obj::PROFILE_DECELERATION.into())?,
+            profile_type: output(obj::MOTION_PROFILE_TYPE.into())?,
+            statusword: must(Direction::Inputs, obj::STATUSWORD.into())?,
+            position: must(Direction::Inputs, obj::POSITION_ACTUAL.into())?,
+            mode_display: input(obj::MODE_OF_OPERATION_DISPLAY.into())?,
+            actual_velocity: input(obj::VELOCITY_ACTUAL.into())?,
+            error_code: input(obj::ERROR_CODE.into())?,
+        })
     }
 
     /// Reads the axis' objects out of the drive's inputs; nothing where they are too short.
@@ -132,6 +183,25 @@ impl AxisFields {
             parameters.profile_type.map(i16::to_le_bytes),
         );
     }
+}
+
+/// A mapping that an axis cannot work with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum FieldError {
+    /// An object without which no axis works is not mapped.
+    #[error("{object} is not mapped into the {direction}: an axis cannot work without it")]
+    Missing {
+        /// The object.
+        object: ObjectAddress,
+        /// Where it belongs.
+        direction: Direction,
+    },
+    /// An object of the axis does not begin at a byte, or has another width than its type.
+    #[error("{object} must be mapped with its own width, beginning at a byte")]
+    Misplaced {
+        /// The object.
+        object: ObjectAddress,
+    },
 }
 
 fn read<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {

@@ -17,5 +17,5 @@ pub use self::core::AxisCore;
 pub use crate::profile_position::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
 pub use command::{Command, Inputs, StopRequest};
 pub use config::{AxisConfig, Deadlines, Loss, Tolerances};
-pub use fields::AxisFields;
+pub use fields::{AxisFields, FieldError};
 pub use snapshot::Snapshot;

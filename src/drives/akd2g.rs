@@ -2,6 +2,7 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::pdo_map::Limits;
+use crate::profile_position::{BufferSignal, RelativeBase, Traits};
 
 /// A two-axis AKD2G.
 ///
@@ -22,6 +23,14 @@ pub fn akd2g() -> DriveDescription {
             output_bytes: 64,
             input_bytes: 64,
             ..Limits::default()
+        },
+        // "Profile Position Mode": bit 5 starts at once, bit 9 with bit 5 low blends, bit 12 follows bit 4, a halt keeps
+        // the set-point. What relative moves count from is not documented.
+        traits: Traits {
+            buffer_signal: BufferSignal::None,
+            relative_base: RelativeBase::Undocumented,
+            halt_keeps_set_point: true,
+            ..Traits::cia402()
         },
     }
 }

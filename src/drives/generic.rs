@@ -2,6 +2,7 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::pdo_map::Limits;
+use crate::profile_position::Traits;
 
 /// One axis with the standard's objects in 1600h and 1A00h; any vendor and product.
 #[must_use]
@@ -16,6 +17,7 @@ pub fn generic() -> DriveDescription {
             entries_per_pdo: 8,
             ..Limits::default()
         },
+        traits: Traits::cia402(),
     }
 }
 

@@ -7,6 +7,7 @@ use alloc::vec::Vec;
 
 use crate::coe::{AnyObject, AxisOffset, obj};
 use crate::pdo_map::{Direction, Limits, Mapping, MappingError};
+use crate::profile_position::Traits;
 
 mod akd2g;
 mod generic;
@@ -37,6 +38,8 @@ pub struct DriveDescription {
     pub axes: Vec<AxisDescription>,
     /// What a mapping may hold at most.
     pub limits: Limits,
+    /// How its Profile Position mode behaves.
+    pub traits: Traits,
 }
 
 impl DriveDescription {
