@@ -1,0 +1,273 @@
+//! An axis core and a simulated drive axis, stepped together in virtual time, without frames.
+#![allow(missing_docs, unreachable_pub)]
+#![allow(dead_code, reason = "each test file uses its own part of the rig")]
+
+use core::time::Duration;
+use std::collections::VecDeque;
+
+use servocrab::axis::{
+    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs,
+    StopRequest,
+};
+use servocrab::coe::AxisOffset;
+use servocrab::drives;
+use servocrab::ds402::{Mode, Statusword};
+use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint};
+use servocrab_sim::ds402::{Axis, Behaviour, Executed};
+
+/// What happens to one cycle's frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Link {
+    /// Out and back, working counter right.
+    Good,
+    /// Lost on the way out: the drive sees nothing.
+    RequestLost,
+    /// Lost on the way back: the drive has the outputs, the master nothing.
+    ReplyLost,
+    /// Out and back, but the working counter is wrong because of somebody else.
+    Miscounted,
+}
+
+/// Outputs 6040h, 6060h, 607Ah, 6081h, 6083h, 6084h and inputs 6041h, 6061h, 6064h, 606Ch: index and bytes.
+const OUTPUTS: [(u16, usize); 6] = [
+    (0x6040, 2),
+    (0x6060, 1),
+    (0x607A, 4),
+    (0x6081, 4),
+    (0x6083, 4),
+    (0x6084, 4),
+];
+const INPUTS: [(u16, usize); 4] = [(0x6041, 2), (0x6061, 1), (0x6064, 4), (0x606C, 4)];
+
+pub const CYCLE: Duration = Duration::from_millis(1);
+
+pub struct Rig {
+    pub core: AxisCore,
+    pub drive: Axis,
+    pub now: Duration,
+    pub outputs: Vec<u8>,
+    /// The controlword of every frame sent, delivered or not.
+    pub words: Vec<u16>,
+    pub events: Vec<(CommandId, Event)>,
+    /// Inputs take this many cycles more to come.
+    pub latency: usize,
+    /// What the stop lane holds for the next frame.
+    pub stop: StopRequest,
+    on_their_way: VecDeque<Vec<u8>>,
+    next_id: u32,
+}
+
+impl Rig {
+    pub fn akd2g() -> Self {
+        Self::new(Behaviour::akd2g(), |_| {})
+    }
+
+    /// A drive of this behaviour, and an axis of the library's AKD2G description changed by `change`.
+    pub fn new(behaviour: Behaviour, change: impl FnOnce(&mut AxisConfig)) -> Self {
+        let description = drives::akd2g();
+        let layout = description
+            .default_mapping()
+            .expect("the AKD2G's mapping")
+            .layout();
+        let fields = AxisFields::from_layout(&layout, AxisOffset::of_axis(1)).expect("all fields");
+        let mut config = AxisConfig::new(fields);
+        config.traits = description.traits;
+        config.defaults = Parameters {
+            velocity: Some(50_000),
+            acceleration: Some(500_000),
+            deceleration: Some(500_000),
+            ..Parameters::default()
+        };
+        change(&mut config);
+        Self {
+            core: AxisCore::new(config),
+            drive: Axis::new(behaviour),
+            now: Duration::ZERO,
+            outputs: vec![0; OUTPUTS.iter().map(|(_, bytes)| bytes).sum()],
+            words: Vec::new(),
+            events: Vec::new(),
+            latency: 0,
+            stop: StopRequest::empty(),
+            on_their_way: VecDeque::new(),
+            next_id: 0,
+        }
+    }
+
+    /// An AKD2G in Operation enabled.
+    pub fn enabled() -> Self {
+        let mut rig = Self::akd2g();
+        rig.enable();
+        rig
+    }
+
+    pub fn enable(&mut self) {
+        let id = self.send(Command::Enable);
+        assert_eq!(self.finish(id), Ok(Completion::Done));
+    }
+
+    pub fn send(&mut self, command: Command) -> CommandId {
+        self.next_id += 1;
+        let id = CommandId(self.next_id);
+        self.core.submit(self.now, id, command);
+        self.drain();
+        id
+    }
+
+    pub fn abs(&mut self, target: i32, set_point: SetPoint) -> CommandId {
+        self.move_with(Reference::Absolute, target, set_point)
+    }
+
+    pub fn rel(&mut self, distance: i32, set_point: SetPoint) -> CommandId {
+        self.move_with(Reference::Relative, distance, set_point)
+    }
+
+    fn move_with(&mut self, reference: Reference, target: i32, set_point: SetPoint) -> CommandId {
+        self.send(Command::Move(MoveCommand {
+            reference,
+            target,
+            set_point,
+            gated: false,
+        }))
+    }
+
+    pub fn cycle(&mut self) {
+        self.cycle_over(Link::Good);
+    }
+
+    /// One bus cycle: stop lane, frame out and back, core, and the drive's own cycle after it.
+    pub fn cycle_over(&mut self, link: Link) {
+        self.now += CYCLE;
+        let stop = core::mem::take(&mut self.stop);
+        if !stop.is_empty() {
+            self.core.apply_stop(self.now, stop, &mut self.outputs);
+            self.drain();
+        }
+        self.words
+            .push(u16::from_le_bytes([self.outputs[0], self.outputs[1]]));
+        // A drive answers with what it put into its inputs before this frame passed.
+        let inputs = self.inputs();
+        if link != Link::RequestLost {
+            self.deliver();
+        }
+        self.on_their_way.push_back(inputs);
+        let arrived = if self.on_their_way.len() > self.latency {
+            self.on_their_way.pop_front()
+        } else {
+            None
+        };
+        let inputs = match (&arrived, link) {
+            (Some(inputs), Link::Good) => Inputs::Fresh(inputs),
+            (Some(inputs), Link::Miscounted) => Inputs::Answered(inputs),
+            _ => Inputs::Stale,
+        };
+        self.core.step(self.now, inputs, &mut self.outputs);
+        self.drain();
+        self.drive.cycle(self.now);
+    }
+
+    pub fn run(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.cycle();
+        }
+    }
+
+    /// Runs until the condition holds; fails after `cycles`.
+    pub fn run_until(&mut self, cycles: usize, mut condition: impl FnMut(&Self) -> bool) {
+        for _ in 0..cycles {
+            if condition(self) {
+                return;
+            }
+            self.cycle();
+        }
+        panic!(
+            "not within {cycles} cycles; statusword {:#06x}, {:?}",
+            self.drive.statusword(),
+            self.core.snapshot()
+        );
+    }
+
+    /// The command's last report, where it has come.
+    pub fn outcome(&self, id: CommandId) -> Option<Result<Completion, Failure>> {
+        self.events.iter().find_map(|&(of, event)| match event {
+            Event::Done(result) if of == id => Some(result),
+            _ => None,
+        })
+    }
+
+    pub fn reports(&self, id: CommandId) -> Vec<Event> {
+        self.events
+            .iter()
+            .filter(|(of, _)| *of == id)
+            .map(|&(_, event)| event)
+            .collect()
+    }
+
+    pub fn accepted(&self, id: CommandId) -> bool {
+        self.events.contains(&(id, Event::Accepted))
+    }
+
+    /// Runs to the command's last report, for at most 30 s.
+    pub fn finish(&mut self, id: CommandId) -> Result<Completion, Failure> {
+        self.run_until(30_000, |rig| rig.outcome(id).is_some());
+        self.outcome(id).expect("it has just been seen")
+    }
+
+    pub fn wait_accepted(&mut self, id: CommandId) {
+        self.run_until(2_000, |rig| rig.accepted(id));
+    }
+
+    pub fn ledger(&self) -> &[Executed] {
+        self.drive.ledger()
+    }
+
+    pub fn statusword(&self) -> Statusword {
+        Statusword::from_bits_retain(self.drive.statusword())
+    }
+
+    pub fn mode(&self) -> Mode {
+        self.core.snapshot().mode
+    }
+
+    /// The word in the outputs, sent with the next frame.
+    pub fn word(&self) -> u16 {
+        u16::from_le_bytes([self.outputs[0], self.outputs[1]])
+    }
+
+    /// The words of the frames since frame `from`, each run of the same word once.
+    pub fn distinct_words(&self, from: usize) -> Vec<u16> {
+        let mut words = self.words[from..].to_vec();
+        words.dedup();
+        words
+    }
+
+    fn drain(&mut self) {
+        while let Some(event) = self.core.poll_event() {
+            self.events.push(event);
+        }
+    }
+
+    fn deliver(&mut self) {
+        let mut at = 0;
+        for (index, bytes) in OUTPUTS {
+            let mut raw = [0; 8];
+            raw[..bytes].copy_from_slice(&self.outputs[at..at + bytes]);
+            at += bytes;
+            let value = match index {
+                0x607A => i64::from(i64::from_le_bytes(raw) as i32),
+                0x6060 => i64::from(raw[0] as i8),
+                _ => i64::from_le_bytes(raw),
+            };
+            // A value that the drive refuses stays what it was, as with a PDO.
+            let _ = self.drive.set(index, 0, value);
+        }
+    }
+
+    fn inputs(&self) -> Vec<u8> {
+        let mut image = Vec::new();
+        for (index, bytes) in INPUTS {
+            let value = self.drive.get(index, 0).expect("the drive has the object");
+            image.extend_from_slice(&value.to_le_bytes()[..bytes]);
+        }
+        image
+    }
+}

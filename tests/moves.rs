@@ -1,0 +1,199 @@
+//! The ordinary life of an axis: enable, moves, halt, stops, faults; judged by the drive's ledger.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::Rig;
+use servocrab::axis::{Command, Completion, Event, Failure};
+use servocrab::ds402::State;
+use servocrab::profile_position::{SetPoint, Start};
+use servocrab_sim::ds402::Outcome;
+
+#[test]
+fn an_axis_is_enabled_step_by_step_and_nothing_moves() {
+    let mut rig = Rig::akd2g();
+    rig.drive.place(777);
+    rig.enable();
+    rig.run(100);
+    assert_eq!(rig.distinct_words(0), [0x00, 0x06, 0x07, 0x0F]);
+    assert_eq!(rig.drive.position(), 777);
+    assert!(rig.ledger().is_empty());
+}
+
+#[test]
+fn an_absolute_move_is_executed_once_and_reaches_its_target() {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(10_000, SetPoint::new().velocity(50_000));
+    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 10_000 }));
+    assert_eq!(rig.ledger().len(), 1);
+    assert_eq!(rig.ledger()[0].outcome, Outcome::Reached);
+    assert_eq!(rig.reports(id).first(), Some(&Event::Accepted));
+}
+
+#[test]
+fn relative_moves_add_up() {
+    let mut rig = Rig::enabled();
+    for n in 1..=3 {
+        let id = rig.rel(-1_000, SetPoint::new());
+        assert!(matches!(rig.finish(id), Ok(Completion::Reached { .. })));
+        assert_eq!(rig.drive.position(), -1_000 * n);
+    }
+    assert_eq!(rig.ledger().len(), 3);
+}
+
+#[test]
+fn a_move_with_immediately_supersedes_the_one_under_way() {
+    let mut rig = Rig::enabled();
+    let first = rig.abs(100_000, SetPoint::new());
+    rig.wait_accepted(first);
+    rig.run(100);
+    let second = rig.abs(-5_000, SetPoint::new());
+    assert_eq!(
+        rig.finish(second),
+        Ok(Completion::Reached { position: -5_000 })
+    );
+    assert_eq!(rig.outcome(first), Some(Err(Failure::Superseded)));
+    assert_eq!(rig.ledger()[0].outcome, Outcome::Replaced);
+}
+
+#[test]
+fn queued_and_blended_moves_end_in_order() {
+    let mut rig = Rig::enabled();
+    let a = rig.abs(10_000, SetPoint::new());
+    let b = rig.abs(20_000, SetPoint::new().start(Start::AfterCurrent));
+    let c = rig.abs(30_000, SetPoint::new().start(Start::Blend));
+    assert!(matches!(
+        rig.finish(c),
+        Ok(Completion::Reached { position: 30_000 })
+    ));
+    assert!(matches!(
+        rig.outcome(a),
+        Some(Ok(Completion::Reached { .. }))
+    ));
+    assert!(matches!(
+        rig.outcome(b),
+        Some(Ok(Completion::Passed { .. }))
+    ));
+    let outcomes: Vec<_> = rig.ledger().iter().map(|e| e.outcome).collect();
+    assert_eq!(
+        outcomes,
+        [Outcome::Reached, Outcome::Passed, Outcome::Reached]
+    );
+}
+
+#[test]
+fn a_halt_keeps_the_set_point_and_resume_completes_it() {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(200);
+    let halt = rig.send(Command::Halt);
+    assert_eq!(
+        rig.finish(halt),
+        Ok(Completion::Stopped {
+            state: State::OperationEnabled
+        })
+    );
+    assert_eq!(rig.drive.velocity(), 0.0);
+    assert_eq!(rig.reports(id), [Event::Accepted, Event::Halted]);
+    let refused = rig.abs(0, SetPoint::new());
+    assert_eq!(rig.outcome(refused), Some(Err(Failure::Halted)));
+    rig.run(500);
+    assert!(rig.outcome(id).is_none());
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
+    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 50_000 }));
+    assert_eq!(rig.ledger().len(), 1);
+}
+
+#[test]
+fn a_quick_stop_loses_the_set_point_and_enabling_again_moves_nothing() {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(200);
+    let stop = rig.send(Command::QuickStop);
+    assert_eq!(
+        rig.finish(stop),
+        Ok(Completion::Stopped {
+            state: State::SwitchOnDisabled
+        })
+    );
+    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    let stood = rig.drive.position();
+    rig.enable();
+    rig.run(500);
+    assert_eq!(rig.drive.position(), stood);
+}
+
+#[test]
+fn stop_halts_first_and_then_abandons() {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(200);
+    let from = rig.words.len();
+    let stop = rig.send(Command::Stop);
+    assert!(matches!(
+        rig.finish(stop),
+        Ok(Completion::Stopped {
+            state: State::SwitchOnDisabled
+        })
+    ));
+    assert_eq!(rig.distinct_words(from), [0x0F, 0x10F, 0x10B]);
+    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+}
+
+#[test]
+fn disabling_a_moving_axis_stops_it_and_a_standing_one_is_shut_down() {
+    let mut rig = Rig::enabled();
+    let off = rig.send(Command::Disable);
+    assert_eq!(
+        rig.finish(off),
+        Ok(Completion::Stopped {
+            state: State::ReadyToSwitchOn
+        })
+    );
+    rig.enable();
+    let id = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(100);
+    let off = rig.send(Command::Disable);
+    assert!(matches!(
+        rig.finish(off),
+        Ok(Completion::Stopped {
+            state: State::SwitchOnDisabled
+        })
+    ));
+    assert!(matches!(
+        rig.outcome(id),
+        Some(Err(Failure::Disabled { .. }))
+    ));
+}
+
+#[test]
+fn a_fault_ends_the_move_and_its_reset_enables_nothing() {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(100);
+    rig.drive.inject_fault(0x7305);
+    assert!(matches!(rig.finish(id), Err(Failure::Fault { .. })));
+    rig.run(500);
+    let refused = rig.send(Command::Enable);
+    assert!(matches!(
+        rig.outcome(refused),
+        Some(Err(Failure::Fault { .. }))
+    ));
+    let reset = rig.send(Command::ResetFault);
+    assert_eq!(
+        rig.finish(reset),
+        Ok(Completion::Stopped {
+            state: State::SwitchOnDisabled
+        })
+    );
+    let stood = rig.drive.position();
+    rig.run(500);
+    assert_eq!(rig.core.snapshot().state, State::SwitchOnDisabled);
+    assert_eq!(rig.drive.position(), stood);
+}
