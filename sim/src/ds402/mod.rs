@@ -45,3 +45,6 @@ pub use emergency::Emergency;
 pub use ledger::{Cause, Executed, Outcome};
 pub use objects::{Access, DataType, Entry, Mapping, SetError};
 pub use state::State;
+
+#[cfg(test)]
+mod tests;

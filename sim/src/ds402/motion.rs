@@ -235,10 +235,10 @@ impl Axis {
             line.end_position = Some(position);
             line.outcome = outcome;
         }
-        if outcome == Outcome::Replaced {
-            if let Some(target) = set_point.target {
-                self.buffer.previous_target = target;
-            }
+        if outcome == Outcome::Replaced
+            && let Some(target) = set_point.target
+        {
+            self.buffer.previous_target = target;
         }
     }
 

@@ -1,6 +1,9 @@
 //! A trapezoidal trajectory with separate acceleration and deceleration, as a short list of segments of constant
 //! acceleration. It ends exactly on its target.
 
+/// Seconds that a sum of cycle times may fall short of a segment's end; no cycle is added for them.
+const ROUNDING: f64 = 1e-9;
+
 /// What bounds a trajectory.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bounds {
@@ -144,7 +147,7 @@ impl Trajectory {
             .filter(|_| self.current < self.count)
         {
             let left = segment.time - self.elapsed;
-            if dt < left {
+            if dt + ROUNDING < left {
                 self.elapsed += dt;
                 let t = self.elapsed;
                 let acceleration = (segment.to - segment.from) / segment.time;
@@ -152,7 +155,7 @@ impl Trajectory {
                 self.position = self.segment_start + (segment.from + self.velocity) * 0.5 * t;
                 return 0.0;
             }
-            dt -= left;
+            dt = (dt - left).max(0.0);
             self.velocity = segment.to;
             self.segment_start += (segment.from + segment.to) * 0.5 * segment.time;
             self.position = self.segment_start;
