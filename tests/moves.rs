@@ -62,10 +62,14 @@ fn queued_and_blended_moves_end_in_order() {
     let a = rig.abs(10_000, SetPoint::new());
     let b = rig.abs(20_000, SetPoint::new().start(Start::AfterCurrent));
     let c = rig.abs(30_000, SetPoint::new().start(Start::Blend));
-    assert!(matches!(
-        rig.finish(c),
-        Ok(Completion::Reached { position: 30_000 })
-    ));
+    let end = rig.finish(c);
+    assert_eq!(
+        end,
+        Ok(Completion::Reached { position: 30_000 }),
+        "{:?} {:#?}",
+        rig.events,
+        rig.ledger()
+    );
     assert!(matches!(
         rig.outcome(a),
         Some(Ok(Completion::Reached { .. }))

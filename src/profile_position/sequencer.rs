@@ -349,7 +349,7 @@ impl Sequencer {
         let tolerance = cycle.bounds.position;
         let position = cycle.sample.position;
         if let [Some(first), Some(second)] = &mut self.held {
-            first.note(cycle.sample);
+            first.note(cycle.sample, tolerance);
             let (first, second) = (*first, *second);
             let ended = match cycle.traits.buffer_signal {
                 BufferSignal::Acknowledge => self.is_low_acknowledged(cycle),
@@ -365,7 +365,9 @@ impl Sequencer {
                 let completion = if second.start == Start::Blend {
                     Completion::Passed { position }
                 } else {
-                    Completion::Reached { position }
+                    Completion::Reached {
+                        position: first.arrived().unwrap_or(position),
+                    }
                 };
                 events.push(first.id, Event::Done(Ok(completion)));
                 let mut second = second;
@@ -375,9 +377,12 @@ impl Sequencer {
             }
             return;
         }
-        if let Some(track) = &mut self.held[0]
-            && let Some(outcome) =
-                track.observe(cycle.now, cycle.sample, cycle.standstill, cycle.bounds)
+        let Some(track) = &mut self.held[0] else {
+            return;
+        };
+        track.note(cycle.sample, tolerance);
+        if let Some(outcome) =
+            track.outcome(cycle.now, cycle.sample, cycle.standstill, cycle.bounds)
         {
             self.last_end = if outcome.is_ok() { track.end } else { None };
             events.push(track.id, Event::Done(outcome));

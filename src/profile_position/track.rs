@@ -18,6 +18,8 @@ pub(super) struct Track {
     since: Duration,
     /// Whether bit 10 was seen low since then: only then a high one is news.
     left_target: bool,
+    /// The last position within the window around its end.
+    arrived: Option<i32>,
     /// On which side of its end the axis was when it became active: the sign of end − position.
     side: i32,
 }
@@ -36,6 +38,7 @@ impl Track {
             end,
             since: now,
             left_target: false,
+            arrived: None,
             side: 0,
         };
         track.becomes_active(now, position);
@@ -51,16 +54,30 @@ impl Track {
             .map_or(0, |end| end.wrapping_sub(position).signum());
     }
 
-    /// Whether the position shows that it has ended and the next one is under way.
+    /// Whether the position shows that it has ended and the next one is under way: the axis was at the end, or has
+    /// passed it, and is away from it again. Being at the end is not enough: the drive may still be finishing this one,
+    /// and has no place for another before that.
     pub(super) fn is_left_behind(&self, position: i32, tolerance: u32) -> bool {
         self.end.is_some_and(|end| {
-            distance(end, position) <= tolerance || end.wrapping_sub(position).signum() != self.side
+            let passed = end.wrapping_sub(position).signum() == -self.side && self.side != 0;
+            distance(end, position) > tolerance && (passed || self.arrived.is_some())
         })
     }
 
-    /// Takes in one fresh cycle as a set-point that another one follows.
-    pub(super) fn note(&mut self, sample: &Sample) {
+    /// The position at which it was last seen at its end.
+    pub(super) const fn arrived(&self) -> Option<i32> {
+        self.arrived
+    }
+
+    /// Takes in one fresh cycle.
+    pub(super) fn note(&mut self, sample: &Sample, tolerance: u32) {
         self.left_target |= !sample.statusword.contains(Statusword::TARGET_REACHED);
+        if self
+            .end
+            .is_some_and(|end| distance(end, sample.position) <= tolerance)
+        {
+            self.arrived = Some(sample.position);
+        }
     }
 
     /// Whether both this one and `next` are over: the axis has been under way and now stands for the settle time at the
@@ -81,16 +98,15 @@ impl Track {
             && standstill.steady_since(now, next.since, bounds)
     }
 
-    /// Takes in one fresh cycle as the last set-point; says when and how it ended.
-    pub(super) fn observe(
-        &mut self,
+    /// When and how it ended, as the last set-point.
+    pub(super) fn outcome(
+        &self,
         now: Duration,
         sample: &Sample,
         standstill: &Standstill,
         bounds: &Bounds,
     ) -> Option<Result<Completion, Failure>> {
         if !sample.statusword.contains(Statusword::TARGET_REACHED) {
-            self.left_target = true;
             return None;
         }
         let reached = Ok(Completion::Reached {
