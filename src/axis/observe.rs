@@ -347,7 +347,10 @@ impl AxisCore {
             acknowledge: self.config.deadlines.acknowledge,
             controlword: self.sent,
         };
-        self.sequencer.step(&cycle, &mut self.events);
+        if self.sequencer.step(&cycle, &mut self.events) {
+            // A set-point that the drive took while halted is kept as well: whoever asked for it is told.
+            self.stopping.halt_reported = false;
+        }
     }
 
     fn timeout(&self, waiting_for: WaitingFor, delivery: Delivery) -> Failure {

@@ -2,6 +2,7 @@
 //!
 //! The types and the sequencing are pure. How a drive differs is data: [`Traits`].
 
+mod chain;
 mod events;
 mod outcome;
 mod sequencer;
@@ -9,6 +10,7 @@ mod set_point;
 mod standstill;
 mod track;
 mod traits;
+mod waiting;
 
 pub(crate) use events::Events;
 pub use outcome::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};

@@ -1,0 +1,184 @@
+//! The set-points that the drive holds: the active one and the one behind it, followed to their ends.
+
+use crate::ds402::{Controlword, Sample};
+
+use super::{
+    Bounds, BufferSignal, Completion, Cycle, Event, Events, Failure, MoveCommand, Reference,
+    RelativeBase, Start, StartBits, Traits, standstill::distance, track::Track,
+};
+
+/// Set-points that the drive may hold.
+const HELD: usize = 2;
+
+/// Whether the drive can take a move.
+pub(super) enum Place {
+    Free,
+    Later,
+    Never(&'static str),
+}
+
+/// The set-points that the drive has acknowledged and not ended, in order.
+#[derive(Debug, Default)]
+pub(super) struct Chain {
+    held: [Option<Track>; HELD],
+    /// The end of the last set-point, where the axis has arrived.
+    last_end: Option<i32>,
+}
+
+impl Chain {
+    pub(super) fn is_empty(&self) -> bool {
+        self.held.iter().all(Option::is_none)
+    }
+
+    /// Takes in a set-point that the drive has acknowledged; with `Immediately` it is the only one from now on.
+    pub(super) fn push(&mut self, track: Track, events: &mut Events) {
+        if track.start == Start::Immediately {
+            self.fail_all(Failure::Superseded, events);
+        }
+        if let Some(place) = self.held.iter_mut().find(|place| place.is_none()) {
+            *place = Some(track);
+        }
+    }
+
+    /// Ends all of them, with the axis anywhere.
+    pub(super) fn fail_all(&mut self, failure: Failure, events: &mut Events) {
+        for track in self.held.iter_mut().filter_map(Option::take) {
+            events.push(track.id, Event::Done(Err(failure)));
+        }
+        self.last_end = None;
+    }
+
+    /// The axis stands halted: says so for each of them.
+    pub(super) fn report_halted(&self, events: &mut Events) {
+        for track in self.held.iter().flatten() {
+            events.push(track.id, Event::Halted);
+        }
+    }
+
+    /// Bit 8 falls: what bit 10 showed while halted is of no meaning any more.
+    pub(super) fn resumed(&mut self, now: core::time::Duration, position: i32) {
+        if let [Some(track), _] = &mut self.held {
+            track.becomes_active(now, position);
+        }
+    }
+
+    /// One cycle that is not halted. `room_shown`: bit 12 is low again after a set-point.
+    pub(super) fn follow(&mut self, cycle: &Cycle<'_>, room_shown: bool, events: &mut Events) {
+        let tolerance = cycle.bounds.position;
+        let position = cycle.sample.position;
+        match &mut self.held {
+            [Some(first), Some(second)] => {
+                first.note(cycle.sample, tolerance);
+                let ended = match cycle.traits.buffer_signal {
+                    BufferSignal::Acknowledge => room_shown,
+                    BufferSignal::None => first.is_left_behind(position, tolerance),
+                } || first.is_over_with(
+                    second,
+                    cycle.now,
+                    cycle.sample,
+                    cycle.standstill,
+                    cycle.bounds,
+                );
+                if ended {
+                    let completion = if second.start == Start::Blend {
+                        Completion::Passed { position }
+                    } else {
+                        Completion::Reached {
+                            position: first.arrived().unwrap_or(position),
+                        }
+                    };
+                    events.push(first.id, Event::Done(Ok(completion)));
+                    second.becomes_active(cycle.now, position);
+                    self.last_end = first.end;
+                    self.held.rotate_left(1);
+                    self.held[HELD - 1] = None;
+                }
+            }
+            [Some(track), None] => {
+                track.note(cycle.sample, tolerance);
+                if let Some(outcome) =
+                    track.outcome(cycle.now, cycle.sample, cycle.standstill, cycle.bounds)
+                {
+                    self.last_end = if outcome.is_ok() { track.end } else { None };
+                    events.push(track.id, Event::Done(outcome));
+                    self.held[0] = None;
+                }
+            }
+            [None, _] => {}
+        }
+    }
+
+    /// Whether the drive can take this move now.
+    pub(super) fn place_for(&self, command: &MoveCommand, traits: &Traits) -> Place {
+        let start = command.set_point.start;
+        let bits = traits.bits(start);
+        if let StartBits::Unsupported(reason) = bits {
+            return Place::Never(reason);
+        }
+        let [Some(active), next] = &self.held else {
+            return Place::Free;
+        };
+        let full = next.is_some();
+        match start {
+            Start::Immediately if full && traits.buffer_signal == BufferSignal::Acknowledge => {
+                Place::Never(
+                    "its buffer is full and would not acknowledge: stop, or wait for the active move's end",
+                )
+            }
+            Start::Immediately => Place::Free,
+            _ if bits == StartBits::Sequenced || full => Place::Later,
+            _ if traits.buffer_signal == BufferSignal::Acknowledge || active.end.is_some() => {
+                Place::Free
+            }
+            Start::AfterCurrent => Place::Later,
+            Start::Blend => Place::Never(
+                "the end of the active move shows neither in bit 12 nor in the position: \
+                 use AfterCurrent, or an absolute move before it",
+            ),
+        }
+    }
+
+    /// Where a move will end, where the documents and the position tell.
+    pub(super) fn end_of(
+        &self,
+        command: &MoveCommand,
+        sample: &Sample,
+        bounds: &Bounds,
+        traits: &Traits,
+    ) -> Option<i32> {
+        if command.reference == Reference::Absolute {
+            return Some(command.target);
+        }
+        let position = sample.position;
+        let base = match (self.held.iter().flatten().last(), command.set_point.start) {
+            // Whatever the base is, at the end of the move before it they are all the same.
+            (Some(before), Start::AfterCurrent | Start::Blend) => before.end,
+            (Some(before), Start::Immediately) => match traits.relative_base {
+                RelativeBase::PreviousTarget => before.end,
+                RelativeBase::Demand | RelativeBase::Actual | RelativeBase::Undocumented => None,
+            },
+            (None, _) => match traits.relative_base {
+                RelativeBase::Actual | RelativeBase::Demand => Some(position),
+                RelativeBase::PreviousTarget => self.last_end,
+                RelativeBase::Undocumented => self
+                    .last_end
+                    .filter(|&end| distance(end, position) <= bounds.position),
+            },
+        };
+        base.map(|base| base.wrapping_add(command.target))
+    }
+}
+
+/// Bits 4, 5, 6 and 9 that start a move.
+pub(super) const fn start_bits(command: &MoveCommand, traits: &Traits) -> Controlword {
+    let start = match traits.bits(command.set_point.start) {
+        StartBits::Bits(bits) => bits,
+        // Sequenced after arrival: it starts an axis that stands.
+        StartBits::Sequenced | StartBits::Unsupported(_) => Controlword::empty(),
+    };
+    let relative = match command.reference {
+        Reference::Absolute => Controlword::empty(),
+        Reference::Relative => Controlword::RELATIVE,
+    };
+    Controlword::NEW_SET_POINT.union(start).union(relative)
+}

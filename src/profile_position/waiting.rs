@@ -1,0 +1,78 @@
+//! Moves that wait for their turn, in the order in which they were asked for.
+
+use core::time::Duration;
+
+use super::{CommandId, MoveCommand};
+
+/// Moves that may wait; one more is refused as busy.
+const PLACES: usize = 4;
+
+/// A move that has not been sent.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Request {
+    pub(super) id: CommandId,
+    pub(super) command: MoveCommand,
+    /// When it became the next in turn with nothing but bit 12 in its way.
+    pub(super) blocked_since: Option<Duration>,
+}
+
+/// A queue of fixed size.
+#[derive(Debug, Default)]
+pub(super) struct Waiting {
+    places: [Option<Request>; PLACES],
+}
+
+impl Waiting {
+    pub(super) fn is_empty(&self) -> bool {
+        self.places[0].is_none()
+    }
+
+    /// Adds a move at the end; false when there is no place.
+    pub(super) fn push(&mut self, id: CommandId, command: MoveCommand) -> bool {
+        match self.places.iter_mut().find(|place| place.is_none()) {
+            Some(place) => {
+                *place = Some(Request {
+                    id,
+                    command,
+                    blocked_since: None,
+                });
+                true
+            }
+            None => false,
+        }
+    }
+
+    pub(super) const fn first(&self) -> Option<Request> {
+        self.places[0]
+    }
+
+    /// Since when the first one has nothing but bit 12 in its way: since `now`, if it is asked for the first time.
+    pub(super) fn first_blocked_since(&mut self, now: Duration) -> Duration {
+        match &mut self.places[0] {
+            Some(first) => *first.blocked_since.get_or_insert(now),
+            None => now,
+        }
+    }
+
+    pub(super) fn pop(&mut self) -> Option<Request> {
+        let first = self.places[0].take();
+        self.places.rotate_left(1);
+        first
+    }
+
+    /// Removes the move with this id; whether there was one.
+    pub(super) fn remove(&mut self, id: CommandId) -> bool {
+        let Some(at) = self
+            .places
+            .iter()
+            .position(|place| place.is_some_and(|r| r.id == id))
+        else {
+            return false;
+        };
+        if let Some(tail) = self.places.get_mut(at..) {
+            tail.rotate_left(1);
+        }
+        self.places[PLACES - 1] = None;
+        true
+    }
+}
