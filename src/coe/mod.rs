@@ -4,18 +4,30 @@
 //! transfers without I/O), [`error`]. With `std`: the mailbox client, one per device, and its transport.
 
 pub mod abort;
+#[cfg(feature = "std")]
+mod client;
 pub mod emergency;
 pub mod error;
+#[cfg(feature = "std")]
+mod handle;
 pub mod mailbox;
 pub mod obj;
 pub mod object;
 pub mod sdo;
+#[cfg(feature = "std")]
+mod transport;
 
 pub use abort::AbortCode;
+#[cfg(feature = "std")]
+pub use client::{Clock, MailboxClient, MailboxSettings};
 pub use emergency::Emergency;
 pub use error::{DriveError, DriveId, SdoError, SdoStep, Transfer, TransferKind};
+#[cfg(feature = "std")]
+pub use handle::{Emergencies, SdoHandle, TimedEmergency};
 pub use mailbox::MailboxError;
 pub use object::{
     Access, AnyObject, AxisOffset, DataType, Mappable, Number, Object, ObjectAddress, ReadOnly,
     ReadWrite, Readable, Unit, Value, Writable, WriteOnly,
 };
+#[cfg(feature = "std")]
+pub use transport::{EthercrabMailbox, LinkFault, MailboxStatus, MailboxTransport};

@@ -5,12 +5,16 @@
 //! of the objects in the process data ([`Layout`], [`Field`]).
 
 mod entry;
+#[cfg(feature = "std")]
+mod execute;
 mod layout;
 mod mapping;
 mod plan;
 pub mod verify;
 
 pub use entry::{Entry, Pdo};
+#[cfg(feature = "std")]
+pub use execute::{ConfigureError, configure, execute, read_back};
 pub use layout::{Field, Layout, LayoutError, Place};
 pub use mapping::{Direction, Limits, Mapping, MappingBuilder, MappingError};
 pub use plan::{Plan, Purpose, Step};

@@ -1,0 +1,520 @@
+//! The mailbox client: one actor per device, which alone touches its mailbox, on the thread that owns the bus.
+//!
+//! Transfers run one after another. A frame that is lost is sent again with the same mailbox counter, by which
+//! the device knows it; a mail whose reading is lost is asked for again by the repeat request.
+
+use alloc::string::ToString;
+use alloc::sync::Arc;
+use alloc::vec;
+use alloc::vec::Vec;
+use core::future::Future;
+use core::time::Duration;
+
+use smol::channel::{Receiver, bounded};
+use smol::future::or;
+
+use super::error::{DriveId, SdoError, SdoStep, Transfer};
+use super::handle::{Emergencies, EmergencyQueue, Request, SdoHandle};
+use super::mailbox::{Counter, Mail, SHORTEST_MAILBOX, sdo_mail};
+use super::obj;
+use super::object::ObjectAddress;
+use super::sdo::{Download, SdoFault, Step, Upload, abort_request};
+use super::transport::{LinkFault, MailboxStatus, MailboxTransport};
+use crate::sii::Mailbox;
+
+#[cfg(test)]
+mod tests;
+
+/// The time that the actor lives in.
+pub trait Clock {
+    /// The present, since an arbitrary epoch.
+    fn now(&self) -> Duration;
+
+    /// Resolves at `time`.
+    fn sleep_until(&self, time: Duration) -> impl Future<Output = ()>;
+}
+
+/// Lengths, deadlines and bounds of a mailbox client.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MailboxSettings {
+    /// Bytes of the mailbox that the master writes.
+    pub write_length: usize,
+    /// Bytes of the mailbox that the master reads.
+    pub read_length: usize,
+    /// After this a frame counts as lost and its future is dropped.
+    pub frame_timeout: Duration,
+    /// After this a request without reply has failed; counted anew for each segment.
+    pub reply_timeout: Duration,
+    /// The time between two looks at a mailbox while a reply is due.
+    pub poll_interval: Duration,
+    /// The time between two looks at the mailbox while nothing is due, for emergencies.
+    pub idle_interval: Duration,
+    /// How many accesses in a row may fail before a transfer is given up.
+    pub attempts: u32,
+    /// Requests that may wait.
+    pub request_capacity: usize,
+    /// Emergencies that are kept.
+    pub emergency_capacity: usize,
+}
+
+impl MailboxSettings {
+    /// The settings for a device's mailbox, with 1 s for a reply.
+    #[must_use]
+    pub fn new(mailbox: &Mailbox) -> Self {
+        Self {
+            write_length: usize::from(mailbox.receive_length),
+            read_length: usize::from(mailbox.send_length),
+            frame_timeout: Duration::from_millis(150),
+            reply_timeout: Duration::from_secs(1),
+            poll_interval: Duration::from_micros(250),
+            idle_interval: Duration::from_millis(10),
+            attempts: 5,
+            request_capacity: 16,
+            emergency_capacity: 64,
+        }
+    }
+}
+
+/// The actor of one device's mailbox; see [`MailboxClient::run`].
+pub struct MailboxClient<T, C> {
+    transport: T,
+    clock: C,
+    settings: MailboxSettings,
+    requests: Receiver<Request>,
+    emergencies: EmergencyQueue,
+    counter: Counter,
+    /// What was read last, as long as its mail says.
+    last: Vec<u8>,
+    /// A mail was asked for again: the next one may be the last one once more.
+    repeated: bool,
+    /// A transfer whose reply may still come.
+    owed: Option<Transfer>,
+    /// Accesses that failed in a row.
+    failures: u32,
+}
+
+/// What a look at the device's mailbox brought.
+enum Found {
+    Nothing,
+    /// A mail that answers nothing: an emergency, a late reply.
+    Other,
+    Answer(Step),
+}
+
+impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
+    /// A client for the drive `drive`, with its handle and its emergencies.
+    pub fn new(
+        transport: T,
+        clock: C,
+        settings: MailboxSettings,
+        drive: DriveId,
+    ) -> (Self, SdoHandle, Emergencies) {
+        let (sender, requests) = bounded(settings.request_capacity.max(1));
+        let (queue, emergencies) = EmergencyQueue::new(settings.emergency_capacity);
+        let client = Self {
+            transport,
+            clock,
+            settings,
+            requests,
+            emergencies: queue,
+            counter: Counter::FIRST,
+            last: Vec::new(),
+            repeated: false,
+            owed: None,
+            failures: 0,
+        };
+        let handle = SdoHandle {
+            requests: sender,
+            drive: Arc::new(drive),
+            timeout: None,
+        };
+        (client, handle, emergencies)
+    }
+
+    /// Serves the handles, and collects emergencies, until the last handle is dropped.
+    pub async fn run(mut self) {
+        loop {
+            let wake = self.clock.now() + self.settings.idle_interval;
+            let requests = self.requests.clone();
+            let next = or(async { Some(requests.recv().await) }, async {
+                self.clock.sleep_until(wake).await;
+                None
+            });
+            match next.await {
+                Some(Ok(request)) => self.serve(request).await,
+                Some(Err(_)) => return,
+                None => self.collect().await,
+            }
+        }
+    }
+
+    /// Reads away what waits while nothing is due.
+    async fn collect(&mut self) {
+        loop {
+            match self.look(None).await {
+                Ok(Found::Other) => {}
+                Ok(_) => return,
+                Err(fault) => {
+                    tracing::debug!(?fault, "mailbox could not be read");
+                    return;
+                }
+            }
+        }
+    }
+
+    async fn serve(&mut self, request: Request) {
+        // Nobody waits any more and nothing was sent: withdrawn.
+        if request.reply.is_closed() {
+            return;
+        }
+        let reply = request.reply.clone();
+        let result = self.transfer(request).await;
+        // A caller that went away meanwhile misses its result; the mailbox is in order.
+        drop(reply.try_send(result));
+    }
+
+    async fn transfer(&mut self, request: Request) -> Result<Vec<u8>, SdoError> {
+        let transfer = request.transfer;
+        let timeout = request.timeout.unwrap_or(self.settings.reply_timeout);
+        if self.owed.is_some_and(|owed| owed.object == transfer.object) {
+            self.resynchronise(transfer, timeout).await?;
+        }
+        let mut dialogue = Dialogue::of(request, self.settings.write_length);
+        self.converse(&mut dialogue, transfer, timeout).await?;
+        Ok(dialogue.into_data())
+    }
+
+    /// Waits out the late reply of an earlier transfer of the same object, which its address does not tell from
+    /// this one's. A device answers in order: once it has answered about another object, nothing late comes.
+    async fn resynchronise(
+        &mut self,
+        transfer: Transfer,
+        timeout: Duration,
+    ) -> Result<(), SdoError> {
+        let other = if transfer.object == obj::DEVICE_TYPE.address() {
+            obj::VENDOR_ID.address()
+        } else {
+            obj::DEVICE_TYPE.address()
+        };
+        let mut dialogue = Dialogue::Upload(Upload::new(other));
+        match self
+            .converse(&mut dialogue, Transfer::read(other), timeout)
+            .await
+        {
+            Ok(()) | Err(SdoError::Aborted { .. }) => Ok(()),
+            Err(_) => {
+                self.owed = Some(transfer);
+                Err(SdoError::Timeout {
+                    transfer,
+                    step: SdoStep::EarlierReply,
+                    after: timeout,
+                })
+            }
+        }
+    }
+
+    /// Runs a transfer to its end.
+    async fn converse(
+        &mut self,
+        dialogue: &mut Dialogue,
+        transfer: Transfer,
+        timeout: Duration,
+    ) -> Result<(), SdoError> {
+        loop {
+            match self.exchange(dialogue, transfer, timeout).await {
+                Ok(Step::Done) => {
+                    self.owed = None;
+                    return Ok(());
+                }
+                Ok(_) => {}
+                Err(failure) => {
+                    let error = failure.describe(transfer, timeout, dialogue.is_segmented());
+                    self.owed = match failure {
+                        Failure::Fault(SdoFault::Aborted(_)) => None,
+                        _ => Some(transfer),
+                    };
+                    if dialogue.is_segmented()
+                        && let Some(code) = failure.abort_code()
+                    {
+                        // A courtesy, so that the device drops its half of the transfer; without reply.
+                        let mail = self.mail(&abort_request(transfer.object, code));
+                        let _ = self.access(self.transport.write_mail(&mail)).await;
+                    }
+                    return Err(error);
+                }
+            }
+        }
+    }
+
+    /// Sends the request that is due and waits for its reply.
+    async fn exchange(
+        &mut self,
+        dialogue: &mut Dialogue,
+        transfer: Transfer,
+        timeout: Duration,
+    ) -> Result<Step, Failure> {
+        let deadline = self.clock.now() + timeout;
+        let request = dialogue.request();
+        let mail = self.mail(&request);
+        self.failures = 0;
+        tracing::trace!(%transfer, ?mail, "SDO request");
+        let mut sent = false;
+        loop {
+            if !sent {
+                match self.access(self.transport.write_mail(&mail)).await {
+                    Ok(taken) => sent = taken,
+                    Err(fault) => self.tolerate(fault)?,
+                }
+            }
+            // Also before the request was taken: a device may not take one before its own mail is read, and
+            // a request whose frame was lost on its way back may have been answered.
+            loop {
+                match self.look(Some(dialogue)).await? {
+                    Found::Answer(step) => return Ok(step),
+                    Found::Other => {}
+                    Found::Nothing => break,
+                }
+            }
+            let now = self.clock.now();
+            if now >= deadline {
+                return Err(if sent {
+                    Failure::NoReply
+                } else {
+                    Failure::NotTaken
+                });
+            }
+            let next = (now + self.settings.poll_interval).min(deadline);
+            self.clock.sleep_until(next).await;
+        }
+    }
+
+    fn mail(&mut self, sdo: &[u8]) -> Vec<u8> {
+        let mail = sdo_mail(self.counter, sdo);
+        self.counter = self.counter.next();
+        mail
+    }
+
+    /// Reads one mail, if there is one, and hands it to whom it concerns.
+    async fn look(&mut self, dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
+        let status = match self.access(self.transport.status()).await {
+            Ok(status) => status,
+            Err(fault) => {
+                self.tolerate(fault)?;
+                return Ok(Found::Nothing);
+            }
+        };
+        if !status.mail_waiting {
+            self.failures = 0;
+            return Ok(Found::Nothing);
+        }
+        let mut mail = vec![0; self.settings.read_length.max(SHORTEST_MAILBOX)];
+        match self.access(self.transport.read_mail(&mut mail)).await {
+            Ok(true) => {
+                self.failures = 0;
+                self.take(&mail, dialogue)
+            }
+            // Empty although a mail waited: a frame that was sent again has read it before.
+            Ok(false) | Err(LinkFault::Lost) => {
+                self.tolerate(LinkFault::Lost)?;
+                self.repeat(status).await?;
+                Ok(Found::Nothing)
+            }
+            Err(fault) => {
+                self.tolerate(fault)?;
+                Ok(Found::Nothing)
+            }
+        }
+    }
+
+    fn take(&mut self, mail: &[u8], dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
+        let (header, content) = match Mail::parse(mail) {
+            Ok(parsed) => parsed,
+            Err(cut) if dialogue.is_some() => return Err(Failure::Fault(cut.into())),
+            Err(cut) => {
+                tracing::warn!(%cut, "mail dropped");
+                return Ok(Found::Other);
+            }
+        };
+        let whole = mail
+            .get(..super::mailbox::HEADER_LENGTH + usize::from(header.length))
+            .unwrap_or(mail);
+        let twice = self.repeated && header.counter != 0 && whole == self.last;
+        self.repeated = false;
+        if twice {
+            return Ok(Found::Other);
+        }
+        self.last.clear();
+        self.last.extend_from_slice(whole);
+        match (content, dialogue) {
+            (Mail::Emergency(emergency), _) => {
+                tracing::warn!(%emergency, "emergency");
+                self.emergencies.push(self.clock.now(), emergency);
+                Ok(Found::Other)
+            }
+            (Mail::SdoReply(reply), Some(dialogue)) => match dialogue.feed(reply) {
+                Ok(Step::Foreign) => {
+                    tracing::debug!(?reply, "reply of another request dropped");
+                    Ok(Found::Other)
+                }
+                Ok(step) => Ok(Found::Answer(step)),
+                Err(fault) => Err(Failure::Fault(fault)),
+            },
+            (Mail::Error(error), Some(_)) => Err(Failure::Refused(error)),
+            (content, _) => {
+                tracing::debug!(?content, "mail that nobody waits for dropped");
+                Ok(Found::Other)
+            }
+        }
+    }
+
+    /// Asks the device for its last mail once more and waits until it has followed.
+    async fn repeat(&mut self, before: MailboxStatus) -> Result<(), Failure> {
+        let toggle = !before.repeat_requested;
+        let deadline = self.clock.now() + self.settings.frame_timeout;
+        self.repeated = true;
+        while let Err(fault) = self.access(self.transport.request_repeat(toggle)).await {
+            self.tolerate(fault)?;
+            self.pause().await;
+        }
+        // A device that never follows has no repeat; what it sends next is read as usual.
+        while self.clock.now() < deadline {
+            match self.access(self.transport.status()).await {
+                Ok(status) if status.repeat_done == toggle => break,
+                Ok(_) => {}
+                Err(fault) => self.tolerate(fault)?,
+            }
+            self.pause().await;
+        }
+        Ok(())
+    }
+
+    async fn pause(&self) {
+        let next = self.clock.now() + self.settings.poll_interval;
+        self.clock.sleep_until(next).await;
+    }
+
+    /// One access with its deadline.
+    async fn access<R>(
+        &self,
+        access: impl Future<Output = Result<R, LinkFault>>,
+    ) -> Result<R, LinkFault> {
+        let deadline = self.clock.now() + self.settings.frame_timeout;
+        or(access, async {
+            self.clock.sleep_until(deadline).await;
+            Err(LinkFault::Lost)
+        })
+        .await
+    }
+
+    /// Counts a failed access; too many in a row end the transfer.
+    fn tolerate(&mut self, fault: LinkFault) -> Result<(), Failure> {
+        if fault == LinkFault::Busy {
+            return Ok(());
+        }
+        self.failures += 1;
+        if self.failures >= self.settings.attempts {
+            return Err(Failure::Link(fault));
+        }
+        Ok(())
+    }
+}
+
+/// A transfer of either direction.
+enum Dialogue {
+    Upload(Upload),
+    Download(Download),
+}
+
+impl Dialogue {
+    fn of(request: Request, write_length: usize) -> Self {
+        let object: ObjectAddress = request.transfer.object;
+        if request.is_read() {
+            let mut upload = Upload::new(object);
+            if let Some(width) = request.width {
+                upload = upload.width(width);
+            }
+            if request.complete_access {
+                upload = upload.complete_access();
+            }
+            return Self::Upload(upload);
+        }
+        let mut download = Download::new(object, request.data, write_length);
+        if request.complete_access {
+            download = download.complete_access();
+        }
+        Self::Download(download)
+    }
+
+    fn request(&self) -> Vec<u8> {
+        match self {
+            Self::Upload(upload) => upload.request().to_vec(),
+            Self::Download(download) => download.request(),
+        }
+    }
+
+    fn feed(&mut self, reply: &[u8]) -> Result<Step, SdoFault> {
+        match self {
+            Self::Upload(upload) => upload.feed(reply),
+            Self::Download(download) => download.feed(reply),
+        }
+    }
+
+    const fn is_segmented(&self) -> bool {
+        match self {
+            Self::Upload(upload) => upload.is_segmented(),
+            Self::Download(download) => download.is_segmented(),
+        }
+    }
+
+    fn into_data(self) -> Vec<u8> {
+        match self {
+            Self::Upload(upload) => upload.into_data(),
+            Self::Download(_) => Vec::new(),
+        }
+    }
+}
+
+/// Why an exchange failed, before it is told with its object.
+#[derive(Debug, Clone, Copy)]
+enum Failure {
+    Fault(SdoFault),
+    Refused(super::mailbox::MailboxError),
+    NotTaken,
+    NoReply,
+    Link(LinkFault),
+}
+
+impl Failure {
+    fn describe(self, transfer: Transfer, after: Duration, segmented: bool) -> SdoError {
+        let reply = if segmented {
+            SdoStep::Segment
+        } else {
+            SdoStep::Reply
+        };
+        let timeout = |step| SdoError::Timeout {
+            transfer,
+            step,
+            after,
+        };
+        match self {
+            Self::Fault(fault) => SdoError::from_fault(transfer, fault),
+            Self::Refused(error) => SdoError::Mailbox { transfer, error },
+            Self::NotTaken => timeout(SdoStep::Sending),
+            Self::NoReply => timeout(reply),
+            Self::Link(fault) => SdoError::Link {
+                transfer,
+                step: reply,
+                reason: fault.to_string(),
+            },
+        }
+    }
+
+    /// What to tell the device, if it has to be told.
+    const fn abort_code(&self) -> Option<super::abort::AbortCode> {
+        match self {
+            Self::Fault(fault) => fault.abort_code(),
+            Self::NotTaken | Self::NoReply => Some(super::abort::AbortCode::TIME_OUT),
+            Self::Refused(_) | Self::Link(_) => None,
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! What a program holds of a mailbox client: the handle for SDO transfers and the queue of emergencies.
+
+use alloc::sync::Arc;
+use alloc::vec::Vec;
+use core::sync::atomic::{AtomicU64, Ordering};
+use core::time::Duration;
+
+use smol::channel::{Receiver, Sender, bounded};
+
+use super::emergency::Emergency;
+use super::error::{DriveError, DriveId, SdoError, Transfer, TransferKind};
+use super::object::{Object, ObjectAddress, Readable, Value, Writable};
+
+/// Reads and writes objects of one drive; clones share its mailbox, in which transfers run one after another.
+///
+/// A caller that drops its future leaves the mailbox in order: a transfer that has not begun is withdrawn, one
+/// that has is completed by the client.
+#[derive(Debug, Clone)]
+pub struct SdoHandle {
+    pub(super) requests: Sender<Request>,
+    pub(super) drive: Arc<DriveId>,
+    pub(super) timeout: Option<Duration>,
+}
+
+/// A transfer on its way to the client.
+#[derive(Debug)]
+pub(super) struct Request {
+    pub(super) transfer: Transfer,
+    /// What is written; nothing for a reading.
+    pub(super) data: Vec<u8>,
+    pub(super) complete_access: bool,
+    /// The object's width in bytes where the program knows it.
+    pub(super) width: Option<usize>,
+    pub(super) timeout: Option<Duration>,
+    pub(super) reply: Sender<Result<Vec<u8>, SdoError>>,
+}
+
+impl SdoHandle {
+    /// The drive.
+    #[must_use]
+    pub fn drive(&self) -> &DriveId {
+        &self.drive
+    }
+
+    /// The same handle with another time for each reply, for objects over which a device takes long (storing
+    /// parameters).
+    #[must_use]
+    pub const fn with_timeout(mut self, timeout: Duration) -> Self {
+        self.timeout = Some(timeout);
+        self
+    }
+
+    /// Reads an object.
+    ///
+    /// # Errors
+    /// [`SdoError`] with the drive: it refused (`Aborted`, `Mailbox`), did not answer (`Timeout`, `Link`), broke
+    /// the protocol (`UnexpectedReply`, `Toggle`, `Cut`), has the object with another width (`WrongSize`), or the
+    /// bus is gone (`Closed`).
+    pub async fn read<T: Value, A: Readable>(&self, object: Object<T, A>) -> Result<T, DriveError> {
+        let transfer = Transfer::read(object.address());
+        let width = match usize::from(T::DATA_TYPE.bits()) {
+            0 => None,
+            bits => Some(bits / 8),
+        };
+        let data = self.run(transfer, Vec::new(), false, width).await?;
+        T::decode(&data).ok_or_else(|| {
+            self.error(SdoError::WrongSize {
+                transfer,
+                expected: width.unwrap_or_default(),
+                got: data.len(),
+            })
+        })
+    }
+
+    /// Writes an object; confirmed by the drive when the future resolves.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::read`]. After `Timeout` and `Link` the write may have taken effect.
+    pub async fn write<T: Value, A: Writable>(
+        &self,
+        object: Object<T, A>,
+        value: T,
+    ) -> Result<(), DriveError> {
+        let transfer = Transfer::write(object.address());
+        self.run(transfer, value.encode(), false, None).await?;
+        Ok(())
+    }
+
+    /// Reads the bytes of `index:subindex`, as many as the drive sends.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::read`], but for `WrongSize` of a type.
+    pub async fn read_bytes(&self, index: u16, subindex: u8) -> Result<Vec<u8>, DriveError> {
+        let transfer = Transfer::read(ObjectAddress::new(index, subindex));
+        self.run(transfer, Vec::new(), false, None).await
+    }
+
+    /// Writes `data` to `index:subindex`.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::write`].
+    pub async fn write_bytes(
+        &self,
+        index: u16,
+        subindex: u8,
+        data: Vec<u8>,
+    ) -> Result<(), DriveError> {
+        let transfer = Transfer::write(ObjectAddress::new(index, subindex));
+        self.run(transfer, data, false, None).await?;
+        Ok(())
+    }
+
+    /// Reads `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::read_bytes`]; many drives refuse with abort code 06010004h.
+    pub async fn read_complete(&self, index: u16, subindex: u8) -> Result<Vec<u8>, DriveError> {
+        let transfer = Transfer::read(ObjectAddress::new(index, subindex));
+        self.run(transfer, Vec::new(), true, None).await
+    }
+
+    /// Writes `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::write`]; many drives refuse with abort code 06010004h.
+    pub async fn write_complete(
+        &self,
+        index: u16,
+        subindex: u8,
+        data: Vec<u8>,
+    ) -> Result<(), DriveError> {
+        let transfer = Transfer::write(ObjectAddress::new(index, subindex));
+        self.run(transfer, data, true, None).await?;
+        Ok(())
+    }
+
+    async fn run(
+        &self,
+        transfer: Transfer,
+        data: Vec<u8>,
+        complete_access: bool,
+        width: Option<usize>,
+    ) -> Result<Vec<u8>, DriveError> {
+        let (reply, answer) = bounded(1);
+        let request = Request {
+            transfer,
+            data,
+            complete_access,
+            width,
+            timeout: self.timeout,
+            reply,
+        };
+        let closed = || self.error(SdoError::Closed { transfer });
+        self.requests.send(request).await.map_err(|_| closed())?;
+        let result = answer.recv().await.map_err(|_| closed())?;
+        result.map_err(|error| self.error(error))
+    }
+
+    fn error(&self, error: SdoError) -> DriveError {
+        DriveError {
+            drive: DriveId::clone(&self.drive),
+            error,
+        }
+    }
+}
+
+impl Request {
+    pub(super) const fn is_read(&self) -> bool {
+        matches!(self.transfer.kind, TransferKind::Read)
+    }
+}
+
+/// An emergency message with the moment in which it was read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TimedEmergency {
+    /// When it was read, on the bus's clock.
+    pub at: Duration,
+    /// What the drive said.
+    pub emergency: Emergency,
+}
+
+/// The emergencies of one drive, in the order in which it sent them.
+///
+/// The queue is bounded. When it is full the oldest stay, since they tell the cause; what came too much is
+/// counted in [`Emergencies::lost`].
+#[derive(Debug, Clone)]
+pub struct Emergencies {
+    queue: Receiver<TimedEmergency>,
+    lost: Arc<AtomicU64>,
+}
+
+impl Emergencies {
+    /// The next emergency; `None` once the bus is gone and all have been taken.
+    pub async fn next(&self) -> Option<TimedEmergency> {
+        self.queue.recv().await.ok()
+    }
+
+    /// The next emergency, if there is one now.
+    #[must_use]
+    pub fn try_next(&self) -> Option<TimedEmergency> {
+        self.queue.try_recv().ok()
+    }
+
+    /// How many found the queue full.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost.load(Ordering::Relaxed)
+    }
+}
+
+/// The client's end of the emergencies.
+#[derive(Debug)]
+pub(super) struct EmergencyQueue {
+    queue: Sender<TimedEmergency>,
+    lost: Arc<AtomicU64>,
+}
+
+impl EmergencyQueue {
+    pub(super) fn new(capacity: usize) -> (Self, Emergencies) {
+        let (sender, receiver) = bounded(capacity.max(1));
+        let lost = Arc::new(AtomicU64::new(0));
+        let queue = Self {
+            queue: sender,
+            lost: Arc::clone(&lost),
+        };
+        let emergencies = Emergencies {
+            queue: receiver,
+            lost,
+        };
+        (queue, emergencies)
+    }
+
+    pub(super) fn push(&self, at: Duration, emergency: Emergency) {
+        if self
+            .queue
+            .try_send(TimedEmergency { at, emergency })
+            .is_err()
+        {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
