@@ -186,7 +186,7 @@ mod tests {
         for (index, bits) in page {
             let object = all.iter().find(|object| object.index == index);
             assert_eq!(
-                object.map(|object| object.bits()),
+                object.map(super::super::object::AnyObject::bits),
                 Some(bits),
                 "{index:04X}h"
             );
