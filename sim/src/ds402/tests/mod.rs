@@ -3,6 +3,7 @@
 mod faults;
 mod handshake;
 mod motion;
+mod random;
 mod sequence;
 mod states;
 mod trajectory;

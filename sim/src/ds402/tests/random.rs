@@ -1,0 +1,201 @@
+//! Anything a master may write, in any order: what always holds, whatever that is.
+
+use core::time::Duration;
+
+use proptest::prelude::*;
+
+use super::super::{
+    AckPolicy, Axis, Behaviour, Bit5, Executed, FullBuffer, LimitViolation, Outcome, State,
+};
+
+#[derive(Debug, Clone)]
+enum Action {
+    Word(u16),
+    Object(u16, i64),
+    Fault(u16),
+    Voltage(bool),
+    Remote(bool),
+    Inhibit(bool),
+    Connection(bool),
+    Run(u32),
+    /// Everything that a master does to get to Operation enabled, with bit 4 low.
+    Enable,
+}
+
+/// Mostly words of an axis in operation, so that it gets somewhere; now and then any other.
+fn words() -> impl Strategy<Value = u16> {
+    let usual = prop::sample::select(vec![0x000F, 0x000F, 0x001F, 0x001F, 0x003F, 0x021F]);
+    prop_oneof![
+        20 => (usual, any::<u16>()).prop_map(|(word, noise)| word | (noise & noise >> 3 & 0x0370)),
+        1 => prop::sample::select(vec![0x0006, 0x0007, 0x000B, 0x001B, 0x0000]),
+        1 => any::<u16>(),
+    ]
+}
+
+fn values() -> impl Strategy<Value = i64> {
+    prop_oneof![
+        4 => -5000..5000_i64,
+        3 => 1..1_000_000_i64,
+        1 => prop::sample::select(vec![0, 1, i64::from(i32::MAX), i64::from(i32::MIN), 0xFFFF_FFFF]),
+    ]
+}
+
+fn actions() -> impl Strategy<Value = Action> {
+    let objects = vec![
+        0x607A, 0x607A, 0x607A, 0x6081, 0x6082, 0x6083, 0x6084, 0x6085, 0x607F, 0x60C5, 0x60C6,
+        0x60F2, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6007, 0x6067, 0x6068, 0x607C,
+    ];
+    prop_oneof![
+        60 => words().prop_map(Action::Word),
+        30 => (prop::sample::select(objects), values())
+            .prop_map(|(index, value)| Action::Object(index, value)),
+        4 => (-4..12_i64).prop_map(|code| Action::Object(0x605A, code)),
+        2 => prop::sample::select(vec![0, 1, 1, 1, 8]).prop_map(|mode| Action::Object(0x6060, mode)),
+        1 => any::<u16>().prop_map(Action::Fault),
+        1 => any::<bool>().prop_map(Action::Voltage),
+        1 => any::<bool>().prop_map(Action::Remote),
+        1 => any::<bool>().prop_map(Action::Inhibit),
+        1 => any::<bool>().prop_map(Action::Connection),
+        6 => Just(Action::Enable),
+        50 => (1..300_u32).prop_map(Action::Run),
+    ]
+}
+
+fn behaviours() -> impl Strategy<Value = Behaviour> {
+    (any::<[bool; 6]>(), 0..3_u32).prop_map(|(flag, cycles)| Behaviour {
+        ack: if flag[0] {
+            AckPolicy::FollowsBit4
+        } else {
+            AckPolicy::BufferFree
+        },
+        bit_5: if flag[1] {
+            Bit5::Replaces
+        } else {
+            Bit5::Blends
+        },
+        full_buffer: if flag[2] {
+            FullBuffer::Ignore
+        } else {
+            FullBuffer::OverwritePending
+        },
+        limit_violation: if flag[3] {
+            LimitViolation::Clamp
+        } else {
+            LimitViolation::Refuse
+        },
+        halt_keeps: flag[4],
+        power_on_cycles: cycles,
+        ..if flag[5] {
+            Behaviour::akd2g()
+        } else {
+            Behaviour::generic()
+        }
+    })
+}
+
+fn is_open(line: &Executed) -> bool {
+    matches!(line.outcome, Outcome::Queued | Outcome::Active)
+}
+
+/// The state that a statusword shows, by the masks of DSP 402.
+fn shown(statusword: u16) -> State {
+    match (statusword & 0x004F, statusword & 0x006F) {
+        (0x00, _) => State::NotReadyToSwitchOn,
+        (0x40, _) => State::SwitchOnDisabled,
+        (0x0F, _) => State::FaultReactionActive,
+        (0x08, _) => State::Fault,
+        (_, 0x21) => State::ReadyToSwitchOn,
+        (_, 0x23) => State::SwitchedOn,
+        (_, 0x27) => State::OperationEnabled,
+        (_, 0x07) => State::QuickStopActive,
+        _ => panic!("{statusword:04X} is no state"),
+    }
+}
+
+fn check(before: &Axis, after: &Axis) {
+    assert_eq!(shown(after.statusword()), after.state());
+    let (old, new) = (before.ledger(), after.ledger());
+    assert!(new.len() - old.len() <= 1, "one set-point per edge");
+    assert!(new.iter().filter(|line| is_open(line)).count() <= 2);
+    assert!(
+        new.iter()
+            .filter(|line| line.outcome == Outcome::Active)
+            .count()
+            <= 1
+    );
+    for (old, new) in old.iter().zip(new) {
+        assert!(is_open(old) || old == new, "a final outcome changed");
+    }
+    for line in new {
+        if line.outcome == Outcome::Reached || line.outcome == Outcome::Passed {
+            assert_eq!(line.end_position, line.target);
+        }
+    }
+    let rose = after.statusword() & !before.statusword() & 0x1000 != 0;
+    assert!(
+        !rose || new.len() > old.len(),
+        "bit 12 rose without a set-point"
+    );
+    let edge = after.controlword() & 0x0010 != 0;
+    assert!(new.len() == old.len() || edge, "a set-point without bit 4");
+    if before.velocity() == 0.0 && after.velocity() != 0.0 {
+        let active = |line: &Executed| line.outcome == Outcome::Active;
+        assert!(old.iter().any(active), "the axis moves without a set-point");
+        assert_eq!(before.state(), State::OperationEnabled);
+    }
+    if before.state() != State::OperationEnabled {
+        assert!(
+            after.velocity().abs() <= before.velocity().abs(),
+            "faster without operation"
+        );
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(150))]
+
+    #[test]
+    fn whatever_is_written_the_ledger_the_words_and_the_motion_agree(
+        behaviour in behaviours(), actions in prop::collection::vec(actions(), 1..150),
+    ) {
+        let mut axis = Axis::new(behaviour);
+        let mut now = Duration::ZERO;
+        for action in [Action::Run(3), Action::Enable].into_iter().chain(actions) {
+            let mut steps = vec![(axis.controlword(), 1)];
+            match action {
+                Action::Word(word) => steps = vec![(word, 1)],
+                Action::Run(count) => steps = vec![(axis.controlword(), count)],
+                Action::Enable => {
+                    axis.set(0x6060, 0, 1).expect("profile position mode");
+                    axis.set_voltage(true);
+                    axis.set_remote(true);
+                    axis.set_inhibited(false);
+                    axis.connection_restored();
+                    steps = vec![(0x0000, 2), (0x0080, 1), (0x0006, 1), (0x0007, 1), (0x000F, 4)];
+                }
+                Action::Object(index, value) => {
+                    // A value that the object refuses changes nothing.
+                    let kept = axis.get(index, 0);
+                    if axis.set(index, 0, value).is_err() {
+                        prop_assert_eq!(axis.get(index, 0), kept);
+                    }
+                }
+                Action::Fault(code) => axis.inject_fault(code),
+                Action::Voltage(on) => axis.set_voltage(on),
+                Action::Remote(remote) => axis.set_remote(remote),
+                Action::Inhibit(inhibited) => axis.set_inhibited(inhibited),
+                Action::Connection(true) => axis.connection_restored(),
+                Action::Connection(false) => axis.connection_lost(),
+            }
+            for (word, cycles) in steps {
+                axis.set(0x6040, 0, word.into()).expect("any word");
+                for _ in 0..cycles {
+                    let before = axis.clone();
+                    now += Duration::from_millis(1);
+                    axis.cycle(now);
+                    check(&before, &axis);
+                }
+            }
+        }
+    }
+}
