@@ -1,2 +1,35 @@
 //! A simulated EtherCAT segment with DS402 drives: bytes in, bytes out.
+//!
+//! A [`Segment`] is a line of SubDevices. [`Segment::process`] takes a whole Ethernet frame through it and back, as a
+//! ring of real ones would: datagrams, working counters, FMMUs, sync managers, mailboxes, AL states. Time is an argument,
+//! so a test runs thousands of cycles in milliseconds. [`ds402::Axis`] is the drive behind the objects, with a ledger of
+//! the set-points it executed.
+//!
+//! Nothing here shares code or constants with a MainDevice library: it is written from the standards and the drives'
+//! documents, so that one misreading cannot cancel out.
+
+mod al;
+mod coe;
+mod description;
+mod device;
+mod dictionary;
+mod drive;
 pub mod ds402;
+mod esc;
+mod frame;
+mod mailbox;
+mod pdo;
+pub mod personality;
+mod segment;
+mod sii;
+
+pub use al::AlState;
+pub use coe::Abort;
+pub use description::{
+    ClockMode, Description, Direction, Identity, Mailbox, PdoDescription, PdoEntryDescription,
+    SyncManagerDescription, SyncManagerUse,
+};
+pub use device::{Blueprint, Device};
+pub use drive::{AxisStatusObject, DriveBlueprint};
+pub use pdo::PdoLimits;
+pub use segment::{CycleRecord, Segment};

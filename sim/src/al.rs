@@ -1,0 +1,256 @@
+//! The AL state machine of a SubDevice: requests of the MainDevice, checks, refusals with an AL status code.
+
+use core::time::Duration;
+
+/// AL states, with the codes that the registers use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum AlState {
+    /// No mailbox, no process data.
+    Init = 1,
+    /// Mailbox.
+    PreOp = 2,
+    /// Firmware download; no device of this crate has it.
+    Boot = 3,
+    /// Mailbox and inputs; outputs are ignored.
+    SafeOp = 4,
+    /// Mailbox, inputs and outputs.
+    Op = 8,
+}
+
+/// Reasons of a refusal or a fall, as register 0134h gives them (ETG.1000.6 table 11).
+pub(crate) mod code {
+    pub(crate) const NONE: u16 = 0x0000;
+    pub(crate) const INVALID_CHANGE: u16 = 0x0011;
+    pub(crate) const UNKNOWN_STATE: u16 = 0x0012;
+    pub(crate) const BOOT_NOT_SUPPORTED: u16 = 0x0013;
+    pub(crate) const INVALID_MAILBOX: u16 = 0x0016;
+    pub(crate) const NO_VALID_OUTPUTS: u16 = 0x0019;
+    pub(crate) const WATCHDOG: u16 = 0x001B;
+    pub(crate) const INVALID_OUTPUTS: u16 = 0x001D;
+    pub(crate) const INVALID_INPUTS: u16 = 0x001E;
+}
+
+/// Control bit 4 acknowledges an error, status bit 4 shows it.
+const ERROR_BIT: u16 = 0x0010;
+
+/// What the device checks before a step up.
+pub(crate) trait Checks {
+    /// INIT to PREOP.
+    fn mailbox(&self) -> Result<(), u16>;
+    /// PREOP to SAFEOP.
+    fn process_data(&self) -> Result<(), u16>;
+    /// SAFEOP to OP: whether valid outputs have come.
+    fn outputs_are_valid(&self) -> bool;
+}
+
+/// The state machine.
+#[derive(Clone, Debug)]
+pub(crate) struct AlMachine {
+    state: AlState,
+    code: u16,
+    /// A request for OP that waits for outputs, and until when.
+    waiting: Option<Duration>,
+}
+
+impl AlMachine {
+    /// After power-up.
+    pub(crate) fn new() -> Self {
+        Self {
+            state: AlState::Init,
+            code: code::NONE,
+            waiting: None,
+        }
+    }
+
+    /// The state now.
+    pub(crate) fn state(&self) -> AlState {
+        self.state
+    }
+
+    /// The AL status code; zero without error.
+    pub(crate) fn code(&self) -> u16 {
+        self.code
+    }
+
+    /// Value of the AL status register.
+    pub(crate) fn status(&self) -> u16 {
+        u16::from(self.state as u8)
+            | if self.code == code::NONE {
+                0
+            } else {
+                ERROR_BIT
+            }
+    }
+
+    /// The MainDevice wrote AL control. `patience` is how long a request for OP waits for outputs.
+    pub(crate) fn request(
+        &mut self,
+        control: u16,
+        checks: &dyn Checks,
+        now: Duration,
+        patience: Duration,
+    ) {
+        let Some(requested) = decode(control) else {
+            self.refuse(code::UNKNOWN_STATE);
+            return;
+        };
+        if control & ERROR_BIT != 0 {
+            self.code = code::NONE;
+        } else if self.code != code::NONE && requested > self.state {
+            // While the error is not acknowledged, no step up is even looked at.
+            return;
+        }
+        self.waiting = None;
+        match (self.state, requested) {
+            (AlState::Init, AlState::Boot) => self.refuse(code::BOOT_NOT_SUPPORTED),
+            (_, AlState::Boot) => self.refuse(code::INVALID_CHANGE),
+            (state, requested) if requested <= state => {
+                self.state = requested;
+                self.code = code::NONE;
+            }
+            (AlState::Init, AlState::PreOp) => self.step(AlState::PreOp, checks.mailbox()),
+            (AlState::PreOp, AlState::SafeOp) => self.step(AlState::SafeOp, checks.process_data()),
+            (AlState::SafeOp, AlState::Op) if checks.outputs_are_valid() => {
+                self.step(AlState::Op, Ok(()));
+            }
+            (AlState::SafeOp, AlState::Op) => self.waiting = Some(now.saturating_add(patience)),
+            _ => self.refuse(code::INVALID_CHANGE),
+        }
+    }
+
+    /// Looks whether a request for OP can be granted or has waited too long.
+    pub(crate) fn poll(&mut self, checks: &dyn Checks, now: Duration) {
+        let Some(deadline) = self.waiting else {
+            return;
+        };
+        if checks.outputs_are_valid() {
+            self.waiting = None;
+            self.step(AlState::Op, Ok(()));
+        } else if now >= deadline {
+            self.waiting = None;
+            self.refuse(code::NO_VALID_OUTPUTS);
+        }
+    }
+
+    /// The device itself falls to a lower state with a reason.
+    pub(crate) fn fall(&mut self, state: AlState, code: u16) {
+        self.waiting = None;
+        self.state = self.state.min(state);
+        self.code = code;
+    }
+
+    fn step(&mut self, state: AlState, check: Result<(), u16>) {
+        match check {
+            Ok(()) => {
+                self.state = state;
+                self.code = code::NONE;
+            }
+            Err(code) => self.refuse(code),
+        }
+    }
+
+    fn refuse(&mut self, code: u16) {
+        self.waiting = None;
+        self.code = code;
+    }
+}
+
+fn decode(control: u16) -> Option<AlState> {
+    Some(match control & 0x000F {
+        1 => AlState::Init,
+        2 => AlState::PreOp,
+        3 => AlState::Boot,
+        4 => AlState::SafeOp,
+        8 => AlState::Op,
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Answers {
+        mailbox: Result<(), u16>,
+        outputs: bool,
+    }
+
+    impl Checks for Answers {
+        fn mailbox(&self) -> Result<(), u16> {
+            self.mailbox
+        }
+        fn process_data(&self) -> Result<(), u16> {
+            Ok(())
+        }
+        fn outputs_are_valid(&self) -> bool {
+            self.outputs
+        }
+    }
+
+    const FINE: Answers = Answers {
+        mailbox: Ok(()),
+        outputs: true,
+    };
+    const PATIENCE: Duration = Duration::from_millis(100);
+
+    /// Writes AL control and tells AL status and status code.
+    fn ask(machine: &mut AlMachine, control: u16, checks: &Answers) -> (u16, u16) {
+        machine.request(control, checks, Duration::ZERO, PATIENCE);
+        (machine.status(), machine.code())
+    }
+
+    #[test]
+    fn it_goes_up_step_by_step_and_down_in_one() {
+        let mut machine = AlMachine::new();
+        assert_eq!(ask(&mut machine, 2, &FINE), (2, 0));
+        assert_eq!(ask(&mut machine, 4, &FINE), (4, 0));
+        assert_eq!(ask(&mut machine, 8, &FINE), (8, 0));
+        assert_eq!(ask(&mut machine, 1, &FINE), (1, 0));
+    }
+
+    #[test]
+    fn a_skipped_state_is_an_invalid_change() {
+        let mut machine = AlMachine::new();
+        assert_eq!(ask(&mut machine, 8, &FINE), (0x11, 0x0011));
+    }
+
+    #[test]
+    fn unknown_states_and_boot_are_refused_with_codes_of_their_own() {
+        assert_eq!(ask(&mut AlMachine::new(), 7, &FINE), (0x11, 0x0012));
+        assert_eq!(ask(&mut AlMachine::new(), 3, &FINE), (0x11, 0x0013));
+    }
+
+    #[test]
+    fn an_error_blocks_the_way_up_until_it_is_acknowledged() {
+        let mut machine = AlMachine::new();
+        let bad = Answers {
+            mailbox: Err(0x0016),
+            outputs: true,
+        };
+        assert_eq!(ask(&mut machine, 2, &bad), (0x11, 0x0016));
+        assert_eq!(ask(&mut machine, 2, &FINE), (0x11, 0x0016));
+        assert_eq!(ask(&mut machine, 0x11, &FINE), (1, 0));
+        assert_eq!(ask(&mut machine, 2, &FINE), (2, 0));
+    }
+
+    #[test]
+    fn op_waits_for_outputs_and_is_refused_when_none_come() {
+        let silent = Answers {
+            mailbox: Ok(()),
+            outputs: false,
+        };
+        let mut machine = AlMachine::new();
+        ask(&mut machine, 2, &FINE);
+        ask(&mut machine, 4, &FINE);
+        assert_eq!(ask(&mut machine, 8, &silent), (4, 0));
+        machine.poll(&silent, Duration::from_millis(99));
+        assert_eq!(machine.status(), 4);
+        machine.poll(&silent, PATIENCE);
+        assert_eq!((machine.status(), machine.code()), (0x14, 0x0019));
+        assert_eq!(ask(&mut machine, 0x14, &silent), (4, 0));
+        assert_eq!(ask(&mut machine, 8, &silent), (4, 0));
+        machine.poll(&FINE, Duration::ZERO);
+        assert_eq!(machine.status(), 8);
+    }
+}

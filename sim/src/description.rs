@@ -1,0 +1,173 @@
+//! What a SubDevice says about itself: identity, mailbox, sync managers, PDOs. The SII image is made from it, and the AL
+//! state machine checks the MainDevice's settings against it.
+
+/// Which way process data goes, seen from the MainDevice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Written by the MainDevice: an RxPDO of the SubDevice.
+    Outputs,
+    /// Read by the MainDevice: a TxPDO of the SubDevice.
+    Inputs,
+}
+
+/// The four numbers that tell what a SubDevice is (object 1018h and SII words 8 to Fh).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Identity {
+    /// Vendor id.
+    pub vendor: u32,
+    /// Product code.
+    pub product: u32,
+    /// Revision number.
+    pub revision: u32,
+    /// Serial number.
+    pub serial: u32,
+}
+
+/// What a sync manager is for (SII category 41, last byte).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SyncManagerUse {
+    /// Mailbox that the MainDevice writes.
+    MailboxOut,
+    /// Mailbox that the MainDevice reads.
+    MailboxIn,
+    /// Process data that the MainDevice writes.
+    Outputs,
+    /// Process data that the MainDevice reads.
+    Inputs,
+}
+
+/// A sync manager as SII category 41 recommends it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SyncManagerDescription {
+    /// First address of the memory.
+    pub start: u16,
+    /// Length in bytes.
+    pub length: u16,
+    /// Control byte.
+    pub control: u8,
+    /// What it is for.
+    pub purpose: SyncManagerUse,
+}
+
+/// One object in a PDO of SII category 50 or 51.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PdoEntryDescription {
+    /// Index of the object.
+    pub index: u16,
+    /// Subindex of the object.
+    pub subindex: u8,
+    /// Data type as the SII codes it (2 I8, 3 I16, 4 I32, 5 U8, 6 U16, 7 U32).
+    pub data_type: u8,
+    /// Length in bits.
+    pub bits: u8,
+}
+
+/// One PDO of SII category 50 or 51.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PdoDescription {
+    /// Index of the PDO (16xxh or 1Axxh).
+    pub index: u16,
+    /// Which way its data goes.
+    pub direction: Direction,
+    /// Sync manager that carries it by default; `None` when it is not assigned.
+    pub sync_manager: Option<u8>,
+    /// What is in it.
+    pub entries: Vec<PdoEntryDescription>,
+}
+
+/// A distributed-clock mode of SII category 60.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ClockMode {
+    /// Name of the mode.
+    pub name: String,
+    /// Value for register 0980h.
+    pub assign_activate: u16,
+}
+
+/// Addresses and sizes of the standard mailbox (SII words 18h to 1Bh).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mailbox {
+    /// Where the MainDevice writes: address and length in bytes.
+    pub out: (u16, u16),
+    /// Where the MainDevice reads: address and length in bytes.
+    pub input: (u16, u16),
+    /// Protocols (1 AoE, 2 EoE, 4 CoE, 8 FoE, 10h SoE, 20h VoE).
+    pub protocols: u16,
+    /// CoE details byte of SII category 30.
+    pub coe_details: u8,
+}
+
+/// All that a SubDevice says about itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Description {
+    /// Name that a MainDevice finds.
+    pub name: String,
+    /// Order text.
+    pub order: String,
+    /// Group text.
+    pub group: String,
+    /// Who it is.
+    pub identity: Identity,
+    /// Station alias (SII word 4).
+    pub alias: u16,
+    /// Its mailbox, when it has one.
+    pub mailbox: Option<Mailbox>,
+    /// Its sync managers.
+    pub sync_managers: Vec<SyncManagerDescription>,
+    /// FMMU usage bytes of SII category 40 (1 outputs, 2 inputs, 3 mailbox state).
+    pub fmmu_usage: Vec<u8>,
+    /// Its PDOs by default.
+    pub pdos: Vec<PdoDescription>,
+    /// Its distributed-clock modes.
+    pub clock_modes: Vec<ClockMode>,
+    /// Content of vendor category 0800h, which stands before all others.
+    pub vendor_category: Option<Vec<u8>>,
+    /// Whether it executes LRW (feature register 0008h, bit 9).
+    pub supports_lrw: bool,
+    /// Whether an SII read gives eight bytes instead of four.
+    pub sii_reads_eight_bytes: bool,
+}
+
+impl Description {
+    /// A SubDevice with neither mailbox nor process data.
+    #[must_use]
+    pub fn new(name: &str, identity: Identity) -> Self {
+        Self {
+            name: name.to_owned(),
+            order: name.to_owned(),
+            group: "Simulated".to_owned(),
+            identity,
+            alias: 0,
+            mailbox: None,
+            sync_managers: Vec::new(),
+            fmmu_usage: Vec::new(),
+            pdos: Vec::new(),
+            clock_modes: Vec::new(),
+            vendor_category: None,
+            supports_lrw: true,
+            sii_reads_eight_bytes: true,
+        }
+    }
+
+    /// Number of the sync manager that serves this purpose.
+    #[must_use]
+    pub fn sync_manager_for(&self, purpose: SyncManagerUse) -> Option<usize> {
+        self.sync_managers
+            .iter()
+            .position(|sm| sm.purpose == purpose)
+    }
+
+    /// Bytes of process data that the PDOs assigned by default make up.
+    #[must_use]
+    pub fn process_data_bytes(&self, direction: Direction) -> usize {
+        let assigned = self
+            .pdos
+            .iter()
+            .filter(|pdo| pdo.direction == direction && pdo.sync_manager.is_some());
+        let bits: usize = assigned
+            .flat_map(|pdo| &pdo.entries)
+            .map(|entry| usize::from(entry.bits))
+            .sum();
+        bits.div_ceil(8)
+    }
+}

@@ -1,0 +1,477 @@
+//! One SubDevice: its ESC, and the processor behind it with AL state machine, mailbox and process data.
+
+use core::time::Duration;
+
+use crate::al::{AlMachine, AlState, Checks, code};
+use crate::coe::{Server, emergency_payload};
+use crate::description::{Description, Direction, SyncManagerUse};
+use crate::drive::{Drive, DriveBlueprint};
+use crate::ds402::Axis;
+use crate::esc::{Esc, Place};
+use crate::mailbox::{MailError, Mailbox, Post};
+use crate::sii;
+
+/// How long a request for OP waits for outputs before it is refused. Assumed: real firmware waits, some longer.
+const OUTPUTS_PATIENCE: Duration = Duration::from_millis(200);
+
+/// What a device is made of; after a power failure it is made again from the same.
+#[derive(Clone, Debug)]
+pub struct Blueprint {
+    /// What it says about itself.
+    pub description: Description,
+    /// The drive behind it, when it is one.
+    pub drive: Option<DriveBlueprint>,
+    /// Time between two cycles of its processor.
+    pub cycle: Duration,
+}
+
+/// One SubDevice.
+///
+/// ```
+/// use servocrab_sim::{Segment, personality};
+/// let mut segment = Segment::new();
+/// segment.push(personality::coupler());
+/// segment.push(personality::akd2g());
+/// assert_eq!(segment.len(), 2);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Device {
+    blueprint: Blueprint,
+    powered: bool,
+    esc: Esc,
+    al: AlMachine,
+    mailbox: Mailbox,
+    server: Server,
+    drive: Option<Drive>,
+    plain_inputs: Vec<u8>,
+    outputs: Vec<u8>,
+    /// Output buffers completed when SAFEOP was entered.
+    outputs_before: u32,
+    next_cycle: Duration,
+}
+
+impl Device {
+    /// A device that has just been switched on.
+    #[must_use]
+    pub fn new(blueprint: Blueprint) -> Self {
+        let description = &blueprint.description;
+        // Any start will do for a free-running clock, as long as no two kinds of devices have the same.
+        let clock_start = u64::from(description.identity.product) * 1_000;
+        let esc = Esc::new(
+            sii::image(description),
+            description.sii_reads_eight_bytes,
+            description.supports_lrw,
+            clock_start,
+        );
+        let drive = blueprint
+            .drive
+            .as_ref()
+            .map(|drive| Drive::new(drive, description));
+        let mut device = Self {
+            powered: true,
+            esc,
+            al: AlMachine::new(),
+            mailbox: Mailbox::default(),
+            server: Server::new(description.mailbox.map_or(0, |mailbox| mailbox.input.1)),
+            drive,
+            plain_inputs: vec![0; description.process_data_bytes(Direction::Inputs)],
+            outputs: Vec::new(),
+            outputs_before: 0,
+            next_cycle: Duration::ZERO,
+            blueprint,
+        };
+        device
+            .esc
+            .set_al_status(device.al.status(), device.al.code());
+        device
+    }
+
+    /// What the device says about itself.
+    #[must_use]
+    pub fn description(&self) -> &Description {
+        &self.blueprint.description
+    }
+
+    /// AL state.
+    #[must_use]
+    pub fn al_state(&self) -> AlState {
+        self.al.state()
+    }
+
+    /// AL status code (register 0134h); zero without error.
+    #[must_use]
+    pub fn al_status_code(&self) -> u16 {
+        self.al.code()
+    }
+
+    /// The axes, none when it is no drive.
+    #[must_use]
+    pub fn axes(&self) -> &[Axis] {
+        self.drive.as_ref().map_or(&[], Drive::axes)
+    }
+
+    /// An axis, counted from zero.
+    #[must_use]
+    pub fn axis(&self, axis: usize) -> Option<&Axis> {
+        self.axes().get(axis)
+    }
+
+    /// An axis to be changed, counted from zero.
+    pub fn axis_mut(&mut self, axis: usize) -> Option<&mut Axis> {
+        self.drive.as_mut()?.axes_mut().get_mut(axis)
+    }
+
+    /// The outputs that the device used in its last cycle in OP.
+    #[must_use]
+    pub fn outputs(&self) -> &[u8] {
+        &self.outputs
+    }
+
+    /// The last whole buffer of outputs that arrived, used or not.
+    #[must_use]
+    pub fn last_outputs(&self) -> &[u8] {
+        self.sync_manager(SyncManagerUse::Outputs)
+            .map_or(&[], |index| self.esc.buffer(index))
+    }
+
+    /// Sets the inputs of a device without CoE, as its terminals would; as many bytes as it has count.
+    pub fn set_inputs(&mut self, bytes: &[u8]) {
+        self.plain_inputs
+            .iter_mut()
+            .zip(bytes)
+            .for_each(|(input, byte)| *input = *byte);
+    }
+
+    /// Sends an emergency (code, error register, the maker's five bytes) ahead of every queued reply, at once when the
+    /// mailbox is free. Without a mailbox, or in INIT, nothing is sent.
+    pub fn inject_emergency(&mut self, code: u16, register: u8, data: [u8; 5], now: Duration) {
+        if self.mailbox_is_running() {
+            self.mailbox
+                .push_emergency(emergency_payload(code, register, data));
+            self.poll_mailbox(now);
+        }
+    }
+
+    /// Number of mails that wait behind the one in the sync manager.
+    #[must_use]
+    pub fn queued_mails(&self) -> usize {
+        self.mailbox.queued()
+    }
+
+    /// Sets the time that the device takes to answer a mail.
+    pub fn set_mailbox_delay(&mut self, delay: Duration) {
+        self.mailbox.delay = delay;
+    }
+
+    /// Makes the device fall to SAFEOP, or stay below it, with an error, as after a fault of its own.
+    pub fn fall_to_safe_op(&mut self, al_status_code: u16) {
+        let before = self.al.state();
+        self.al.fall(AlState::SafeOp, al_status_code);
+        self.after_al(before);
+    }
+
+    /// Whether it has power.
+    #[must_use]
+    pub fn is_powered(&self) -> bool {
+        self.powered
+    }
+
+    /// Switches the power off: the device forgets everything but what is in its EEPROM, and no frame passes it.
+    pub fn power_off(&mut self) {
+        self.powered = false;
+    }
+
+    /// Switches the power on: the device starts in INIT, its axes at position zero.
+    pub fn power_on(&mut self, now: Duration) {
+        if !self.powered {
+            let delay = self.mailbox.delay;
+            *self = Self::new(self.blueprint.clone());
+            self.mailbox.delay = delay;
+            self.next_cycle = now;
+        }
+    }
+
+    pub(crate) fn set_place(&mut self, place: Place) {
+        self.esc.set_place(place);
+    }
+
+    pub(crate) fn esc(&mut self) -> &mut Esc {
+        &mut self.esc
+    }
+
+    /// When the device does something by itself next: a cycle or the end of the watchdog's patience.
+    pub(crate) fn next_event(&self) -> Option<Duration> {
+        let watchdog = self.esc.watchdog_deadline().unwrap_or(Duration::MAX);
+        self.powered.then(|| self.next_cycle.min(watchdog))
+    }
+
+    /// Begins cycles at a time, when it has none yet.
+    pub(crate) fn start_at(&mut self, now: Duration) {
+        self.next_cycle = now;
+    }
+
+    /// Does what is due at `now`; `true` when that was a cycle.
+    pub(crate) fn run(&mut self, now: Duration) -> bool {
+        if self.esc.check_watchdog(now) {
+            self.watchdog_expired();
+        }
+        if self.next_cycle > now {
+            return false;
+        }
+        self.next_cycle = now.saturating_add(self.blueprint.cycle.max(Duration::from_micros(1)));
+        self.cycle(now);
+        true
+    }
+
+    /// Reacts to what a datagram did to the ESC.
+    pub(crate) fn after_datagram(&mut self, now: Duration) {
+        if let Some(control) = self.esc.take_al_control() {
+            let before = self.al.state();
+            let mut al = self.al.clone();
+            al.request(control, &CheckedBy(self), now, OUTPUTS_PATIENCE);
+            self.al = al;
+            self.after_al(before);
+        }
+        if self.esc.take_sync_manager_change() && self.al.state() >= AlState::SafeOp {
+            let before = self.al.state();
+            if let Err(code) = CheckedBy(self).process_data() {
+                self.al.fall(AlState::PreOp, code);
+                self.after_al(before);
+            }
+        }
+        self.poll_mailbox(now);
+    }
+
+    fn cycle(&mut self, now: Duration) {
+        let before = self.al.state();
+        let mut al = self.al.clone();
+        al.poll(&CheckedBy(self), now);
+        self.al = al;
+        self.after_al(before);
+        if self.al.state() == AlState::Op {
+            self.outputs = self.last_outputs().to_vec();
+            if let Some(drive) = &mut self.drive {
+                drive.write_outputs(&self.outputs);
+            }
+        }
+        if let Some(drive) = &mut self.drive {
+            drive.cycle(now);
+        }
+        while let Some(emergency) = self.drive.as_mut().and_then(Drive::take_emergency) {
+            if self.mailbox_is_running() {
+                let payload = emergency_payload(emergency.code, emergency.register, emergency.data);
+                self.mailbox.push_emergency(payload);
+            }
+        }
+        self.publish_inputs();
+        self.poll_mailbox(now);
+    }
+
+    /// Follows a change of the AL state with what belongs to it.
+    fn after_al(&mut self, before: AlState) {
+        let state = self.al.state();
+        self.esc.set_al_status(self.al.status(), self.al.code());
+        if state == before {
+            return;
+        }
+        if let Some(drive) = &mut self.drive
+            && (state == AlState::Op) != (before == AlState::Op)
+        {
+            drive.set_connected(state == AlState::Op);
+        }
+        if state == AlState::SafeOp && before < AlState::SafeOp {
+            self.outputs_before = self.completed_outputs();
+            self.publish_inputs();
+        }
+        if state == AlState::Init {
+            self.mailbox.reset();
+            self.server = Server::new(
+                self.description()
+                    .mailbox
+                    .map_or(0, |mailbox| mailbox.input.1),
+            );
+        }
+    }
+
+    fn watchdog_expired(&mut self) {
+        let armed = self
+            .sync_manager(SyncManagerUse::Outputs)
+            .is_some_and(|index| self.esc.watchdog_is_armed(index));
+        if self.al.state() == AlState::Op && armed {
+            self.al.fall(AlState::SafeOp, code::WATCHDOG);
+            self.after_al(AlState::Op);
+        }
+    }
+
+    fn publish_inputs(&mut self) {
+        if self.al.state() >= AlState::SafeOp
+            && let Some(index) = self.sync_manager(SyncManagerUse::Inputs)
+        {
+            let inputs = self
+                .drive
+                .as_ref()
+                .map_or_else(|| self.plain_inputs.clone(), Drive::read_inputs);
+            self.esc.set_buffer(index, &inputs);
+        }
+    }
+
+    fn mailbox_is_running(&self) -> bool {
+        self.description().mailbox.is_some() && self.al.state() != AlState::Init
+    }
+
+    fn poll_mailbox(&mut self, now: Duration) {
+        if !self.mailbox_is_running() {
+            return;
+        }
+        let (Some(out), Some(input)) = (
+            self.sync_manager(SyncManagerUse::MailboxOut),
+            self.sync_manager(SyncManagerUse::MailboxIn),
+        ) else {
+            return;
+        };
+        let is_preop = self.al.state() == AlState::PreOp;
+        let Self {
+            esc,
+            mailbox,
+            server,
+            drive,
+            ..
+        } = self;
+        let mut post = SyncManagers { esc, out, input };
+        mailbox.poll(&mut post, now, |payload| {
+            let drive = drive.as_mut().ok_or(MailError::UnsupportedProtocol)?;
+            server.serve(payload, &mut drive.sdo(is_preop))
+        });
+    }
+
+    fn sync_manager(&self, purpose: SyncManagerUse) -> Option<usize> {
+        self.blueprint.description.sync_manager_for(purpose)
+    }
+
+    fn completed_outputs(&self) -> u32 {
+        self.sync_manager(SyncManagerUse::Outputs)
+            .map_or(0, |index| self.esc.completed_buffers(index))
+    }
+
+    fn process_data_bytes(&self, direction: Direction) -> usize {
+        let plain = || self.description().process_data_bytes(direction);
+        self.drive
+            .as_ref()
+            .map_or_else(plain, |drive| drive.bytes(direction))
+    }
+}
+
+/// The mailbox's two sync managers.
+struct SyncManagers<'a> {
+    esc: &'a mut Esc,
+    out: usize,
+    input: usize,
+}
+
+impl Post for SyncManagers<'_> {
+    fn take(&mut self) -> Option<Vec<u8>> {
+        self.esc.take_mail(self.out)
+    }
+
+    fn waits(&self) -> bool {
+        self.esc.mail_waits(self.input)
+    }
+
+    fn put(&mut self, mail: &[u8]) -> bool {
+        self.esc.put_mail(self.input, mail)
+    }
+
+    fn withdraw(&mut self) {
+        self.esc.withdraw_mail(self.input);
+    }
+
+    fn repeat_is_requested(&self) -> bool {
+        self.esc.repeat_is_requested(self.input)
+    }
+
+    fn acknowledge_repeat(&mut self) {
+        self.esc.acknowledge_repeat(self.input);
+    }
+}
+
+/// The checks of the AL state machine against a device's description and mapping.
+struct CheckedBy<'a>(&'a Device);
+
+impl CheckedBy<'_> {
+    /// Process-data sync manager: as long as what is mapped, and its three buffers clear of all other sync managers.
+    fn process_data_sync_manager(
+        &self,
+        purpose: SyncManagerUse,
+        direction: Direction,
+        code: u16,
+    ) -> Result<(), u16> {
+        let length = self.0.process_data_bytes(direction);
+        let Some(index) = self.0.sync_manager(purpose) else {
+            return if length == 0 { Ok(()) } else { Err(code) };
+        };
+        let settings = self.0.esc.sync_manager(index);
+        if length == 0 {
+            return if settings.enabled && settings.length > 0 {
+                Err(code)
+            } else {
+                Ok(())
+            };
+        }
+        let fits = settings.enabled
+            && usize::from(settings.length) == length
+            && !settings.is_mailbox()
+            && settings.master_writes() == (direction == Direction::Outputs)
+            && self.0.esc.is_clear_of_others(index);
+        if fits { Ok(()) } else { Err(code) }
+    }
+}
+
+impl Checks for CheckedBy<'_> {
+    fn mailbox(&self) -> Result<(), u16> {
+        let Some(mailbox) = self.0.description().mailbox else {
+            return Ok(());
+        };
+        let check = |purpose, (start, length): (u16, u16), master_writes| {
+            self.0
+                .sync_manager(purpose)
+                .map(|index| self.0.esc.sync_manager(index))
+                .is_some_and(|settings| {
+                    settings.enabled
+                        && settings.is_mailbox()
+                        && settings.master_writes() == master_writes
+                        && (settings.start, settings.length) == (start, length)
+                })
+        };
+        let fits = check(SyncManagerUse::MailboxOut, mailbox.out, true)
+            && check(SyncManagerUse::MailboxIn, mailbox.input, false);
+        if fits {
+            Ok(())
+        } else {
+            Err(code::INVALID_MAILBOX)
+        }
+    }
+
+    fn process_data(&self) -> Result<(), u16> {
+        self.process_data_sync_manager(
+            SyncManagerUse::Outputs,
+            Direction::Outputs,
+            code::INVALID_OUTPUTS,
+        )?;
+        self.process_data_sync_manager(
+            SyncManagerUse::Inputs,
+            Direction::Inputs,
+            code::INVALID_INPUTS,
+        )
+    }
+
+    fn outputs_are_valid(&self) -> bool {
+        let Some(index) = self.0.sync_manager(SyncManagerUse::Outputs) else {
+            return true;
+        };
+        if self.0.process_data_bytes(Direction::Outputs) == 0 {
+            return true;
+        }
+        let in_time = !self.0.esc.watchdog_is_armed(index) || self.0.esc.watchdog_is_running();
+        self.0.completed_outputs() != self.0.outputs_before && in_time
+    }
+}

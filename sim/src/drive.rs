@@ -1,0 +1,419 @@
+//! A CoE servo drive behind its ESC: object dictionary, process data and the DS402 axes.
+
+use core::time::Duration;
+
+use crate::coe::{Abort, Objects};
+use crate::description::{Description, Direction, Identity};
+use crate::dictionary::Dictionary;
+use crate::ds402::{
+    Access, Axis, Behaviour, DataType, Emergency, Entry as AxisEntry, Mapping, SetError,
+};
+use crate::pdo::{Mappable, PdoLimits, PdoSet};
+
+/// First index of the drive profile's area of axis 1.
+const PROFILE_AREA: u16 = 0x6000;
+
+/// An object that a maker adds for each axis: a word of status bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AxisStatusObject {
+    /// Index for axis 1.
+    pub index: u16,
+    /// What is added to the index for each further axis.
+    pub increment: u16,
+    /// Subindex.
+    pub subindex: u8,
+}
+
+/// What makes one CoE drive different from another, apart from its description.
+#[derive(Clone, Debug)]
+pub struct DriveBlueprint {
+    /// One behaviour for each axis.
+    pub axes: Vec<Behaviour>,
+    /// What is added to a profile object's index for each further axis.
+    pub axis_increment: u16,
+    /// The maker's status word of each axis.
+    pub status_object: Option<AxisStatusObject>,
+    /// An object for text of the user: index and the most bytes.
+    pub note: Option<(u16, usize)>,
+    /// How much can be mapped in each direction.
+    pub limits: PdoLimits,
+    /// Software version (100Ah).
+    pub software_version: String,
+    /// Hardware version (1009h).
+    pub hardware_version: String,
+}
+
+/// The drive.
+#[derive(Clone, Debug)]
+pub(crate) struct Drive {
+    objects: DriveObjects,
+    outputs: PdoSet,
+    inputs: PdoSet,
+}
+
+/// Everything in the dictionary but the PDOs.
+#[derive(Clone, Debug)]
+struct DriveObjects {
+    axes: Vec<Axis>,
+    axis_increment: u16,
+    status_object: Option<AxisStatusObject>,
+    stored: Dictionary,
+}
+
+/// Where an object of an axis is.
+enum AxisObject {
+    Profile {
+        axis: usize,
+        entry: AxisEntry,
+    },
+    /// Subindex 0 of a record whose axis model lists only the elements.
+    Count(u8),
+    Status {
+        axis: usize,
+    },
+}
+
+impl Drive {
+    /// A drive after power-up.
+    pub(crate) fn new(blueprint: &DriveBlueprint, description: &Description) -> Self {
+        let pdos = |direction| PdoSet::new(direction, blueprint.limits, &description.pdos);
+        Self {
+            objects: DriveObjects {
+                axes: blueprint.axes.iter().cloned().map(Axis::new).collect(),
+                axis_increment: blueprint.axis_increment,
+                status_object: blueprint.status_object,
+                stored: communication_objects(blueprint, &description.name, description.identity),
+            },
+            outputs: pdos(Direction::Outputs),
+            inputs: pdos(Direction::Inputs),
+        }
+    }
+
+    /// The axes.
+    pub(crate) fn axes(&self) -> &[Axis] {
+        &self.objects.axes
+    }
+
+    /// The axes, to be changed.
+    pub(crate) fn axes_mut(&mut self) -> &mut [Axis] {
+        &mut self.objects.axes
+    }
+
+    /// Bytes of process data that are mapped.
+    pub(crate) fn bytes(&self, direction: Direction) -> usize {
+        match direction {
+            Direction::Outputs => self.outputs.bytes(),
+            Direction::Inputs => self.inputs.bytes(),
+        }
+    }
+
+    /// Takes the MainDevice's process data over into the objects.
+    pub(crate) fn write_outputs(&mut self, bytes: &[u8]) {
+        let mut at = 0;
+        for entry in self.outputs.layout() {
+            let length = usize::from(entry.bits / 8);
+            if let Some(value) = bytes.get(at..at + length) {
+                // A value that the object does not take leaves it as it was; process data has no way to say so.
+                let _refused = self.objects.download(entry.index, entry.subindex, value);
+            }
+            at += length;
+        }
+    }
+
+    /// The process data for the MainDevice.
+    pub(crate) fn read_inputs(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(self.inputs.bytes());
+        for entry in self.inputs.layout() {
+            let mut value = self
+                .objects
+                .upload(entry.index, entry.subindex)
+                .unwrap_or_default();
+            value.resize(usize::from(entry.bits / 8), 0);
+            bytes.extend(value);
+        }
+        bytes
+    }
+
+    /// One drive cycle of every axis.
+    pub(crate) fn cycle(&mut self, now: Duration) {
+        self.objects
+            .axes
+            .iter_mut()
+            .for_each(|axis| axis.cycle(now));
+    }
+
+    /// The next emergency of any axis.
+    pub(crate) fn take_emergency(&mut self) -> Option<Emergency> {
+        self.objects.axes.iter_mut().find_map(Axis::take_emergency)
+    }
+
+    /// OP was entered or left.
+    pub(crate) fn set_connected(&mut self, connected: bool) {
+        for axis in &mut self.objects.axes {
+            if connected {
+                axis.connection_restored();
+            } else {
+                axis.connection_lost();
+            }
+        }
+    }
+
+    /// The dictionary as the SDO server sees it.
+    pub(crate) fn sdo(&mut self, is_preop: bool) -> SdoObjects<'_> {
+        SdoObjects {
+            drive: self,
+            is_preop,
+        }
+    }
+}
+
+/// The dictionary together with the AL state that some of it depends on.
+pub(crate) struct SdoObjects<'a> {
+    drive: &'a mut Drive,
+    is_preop: bool,
+}
+
+impl Objects for SdoObjects<'_> {
+    fn upload(&self, index: u16, subindex: u8) -> Result<Vec<u8>, Abort> {
+        let pdos = [&self.drive.outputs, &self.drive.inputs]
+            .into_iter()
+            .find(|pdos| pdos.owns(index));
+        pdos.map_or_else(
+            || self.drive.objects.upload(index, subindex),
+            |pdos| pdos.upload(index, subindex),
+        )
+    }
+
+    fn room(&self, index: u16, subindex: u8) -> Result<usize, Abort> {
+        let pdos = [&self.drive.outputs, &self.drive.inputs]
+            .into_iter()
+            .find(|pdos| pdos.owns(index));
+        pdos.map_or_else(
+            || self.drive.objects.room(index, subindex),
+            |pdos| pdos.room(index, subindex),
+        )
+    }
+
+    fn download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<(), Abort> {
+        let Drive {
+            objects,
+            outputs,
+            inputs,
+        } = &mut *self.drive;
+        if outputs.owns(index) {
+            let lookup = |index, subindex| objects.mappable(index, subindex, Direction::Outputs);
+            outputs.download(index, subindex, data, self.is_preop, lookup)
+        } else if inputs.owns(index) {
+            let lookup = |index, subindex| objects.mappable(index, subindex, Direction::Inputs);
+            inputs.download(index, subindex, data, self.is_preop, lookup)
+        } else {
+            objects.download(index, subindex, data)
+        }
+    }
+}
+
+impl DriveObjects {
+    fn upload(&self, index: u16, subindex: u8) -> Result<Vec<u8>, Abort> {
+        match self.axis_object(index, subindex)? {
+            None if index == 0x1001 => {
+                let register = self
+                    .axes
+                    .iter()
+                    .fold(0, |register, axis| register | axis.error_register());
+                if subindex == 0 {
+                    Ok(vec![register])
+                } else {
+                    Err(Abort::NoSubindex)
+                }
+            }
+            None => self.stored.upload(index, subindex),
+            Some(AxisObject::Count(count)) => Ok(vec![count]),
+            Some(AxisObject::Status { axis }) => Ok(self.status_bits(axis).to_le_bytes().to_vec()),
+            Some(AxisObject::Profile { axis, entry }) => {
+                let value = self
+                    .axes
+                    .get(axis)
+                    .and_then(|axis| axis.get(entry.index, entry.subindex));
+                let bytes = value.ok_or(Abort::NoObject)?.to_le_bytes();
+                Ok(bytes.into_iter().take(entry.kind.size()).collect())
+            }
+        }
+    }
+
+    fn room(&self, index: u16, subindex: u8) -> Result<usize, Abort> {
+        match self.axis_object(index, subindex)? {
+            None if index == 0x1001 => Err(Abort::ReadOnly),
+            None => self.stored.room(index, subindex),
+            Some(AxisObject::Profile { entry, .. }) if entry.access == Access::ReadWrite => {
+                Ok(entry.kind.size())
+            }
+            Some(_) => Err(Abort::ReadOnly),
+        }
+    }
+
+    fn download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<(), Abort> {
+        match self.axis_object(index, subindex)? {
+            None if index == 0x1001 => Err(Abort::ReadOnly),
+            None => self.stored.download(index, subindex, data),
+            Some(AxisObject::Count(_) | AxisObject::Status { .. }) => Err(Abort::ReadOnly),
+            Some(AxisObject::Profile { axis, entry }) => {
+                if data.len() != entry.kind.size() {
+                    return Err(if data.len() > entry.kind.size() {
+                        Abort::TooLong
+                    } else {
+                        Abort::TooShort
+                    });
+                }
+                let axis = self.axes.get_mut(axis).ok_or(Abort::NoObject)?;
+                axis.set(entry.index, entry.subindex, decode(entry.kind, data))
+                    .map_err(|error| match error {
+                        SetError::Unknown => Abort::NoObject,
+                        SetError::ReadOnly => Abort::ReadOnly,
+                        SetError::OutOfRange => Abort::Range,
+                    })
+            }
+        }
+    }
+
+    fn mappable(&self, index: u16, subindex: u8, direction: Direction) -> Result<Mappable, Abort> {
+        match self.axis_object(index, subindex)? {
+            Some(AxisObject::Profile { entry, .. }) => Ok(Mappable {
+                bits: 8 * entry.kind.size() as u8,
+                allowed: match entry.mapping {
+                    Mapping::None => false,
+                    Mapping::Rx => direction == Direction::Outputs,
+                    Mapping::Tx => direction == Direction::Inputs,
+                    Mapping::Both => true,
+                },
+            }),
+            Some(AxisObject::Status { .. }) => Ok(Mappable {
+                bits: 32,
+                allowed: direction == Direction::Inputs,
+            }),
+            Some(AxisObject::Count(_)) => Ok(Mappable {
+                bits: 8,
+                allowed: false,
+            }),
+            None => {
+                let length = self.upload(index, subindex)?.len();
+                Ok(Mappable {
+                    bits: u8::try_from(8 * length).unwrap_or(0),
+                    allowed: false,
+                })
+            }
+        }
+    }
+
+    /// The axis object that an index and subindex mean; `None` when the index is of no axis.
+    fn axis_object(&self, index: u16, subindex: u8) -> Result<Option<AxisObject>, Abort> {
+        if let Some(axis) = self.status_axis(index) {
+            let last = self.status_object.map_or(0, |object| object.subindex);
+            return match subindex {
+                0 => Ok(Some(AxisObject::Count(last))),
+                _ if subindex == last => Ok(Some(AxisObject::Status { axis })),
+                _ => Err(Abort::NoSubindex),
+            };
+        }
+        let Some(offset) = index.checked_sub(PROFILE_AREA) else {
+            return Ok(None);
+        };
+        let axis = usize::from(offset / self.axis_increment.max(1));
+        let base = PROFILE_AREA + offset % self.axis_increment.max(1);
+        let Some(model) = self.axes.get(axis) else {
+            return Ok(None);
+        };
+        let mut last = None;
+        for entry in model.entries().iter().filter(|entry| entry.index == base) {
+            if entry.subindex == subindex {
+                return Ok(Some(AxisObject::Profile {
+                    axis,
+                    entry: *entry,
+                }));
+            }
+            last = last.max(Some(entry.subindex));
+        }
+        match last {
+            None => Err(Abort::NoObject),
+            Some(last) if subindex == 0 => Ok(Some(AxisObject::Count(last))),
+            Some(_) => Err(Abort::NoSubindex),
+        }
+    }
+
+    fn status_axis(&self, index: u16) -> Option<usize> {
+        let object = self.status_object?;
+        let offset = index.checked_sub(object.index)?;
+        let axis = usize::from(offset.checked_div(object.increment)?);
+        (offset % object.increment == 0 && axis < self.axes.len()).then_some(axis)
+    }
+
+    /// The maker's status word. Its bits are in no document that was available; assumed: bit 0, a set-point is being
+    /// executed, which is when the axis is enabled and has not reached its target.
+    fn status_bits(&self, axis: usize) -> u32 {
+        let word = self.axes.get(axis).map_or(0, Axis::statusword);
+        u32::from(word & 0x006F == 0x0027 && word & 0x0400 == 0)
+    }
+}
+
+/// The value of little-endian bytes of a type.
+fn decode(kind: DataType, data: &[u8]) -> i64 {
+    let unsigned = data
+        .iter()
+        .take(8)
+        .rev()
+        .fold(0u64, |value, byte| value << 8 | u64::from(*byte));
+    match kind {
+        DataType::I8 => i64::from(unsigned as i8),
+        DataType::I16 => i64::from(unsigned as i16),
+        DataType::I32 => i64::from(unsigned as i32),
+        DataType::U8 | DataType::U16 | DataType::U32 => unsigned.cast_signed(),
+    }
+}
+
+/// The communication profile's objects (CiA 301, ETG.1000.6 clause 5.6.7).
+fn communication_objects(blueprint: &DriveBlueprint, name: &str, identity: Identity) -> Dictionary {
+    let mut objects = Dictionary::default();
+    // Profile 402 with a servo drive (bit 17).
+    objects.fixed(0x1000, 0, &0x0002_0192u32.to_le_bytes());
+    objects.fixed(0x1008, 0, name.as_bytes());
+    objects.fixed(0x1009, 0, blueprint.hardware_version.as_bytes());
+    objects.fixed(0x100A, 0, blueprint.software_version.as_bytes());
+    objects.fixed(0x1018, 0, &[4]);
+    let numbers = [
+        identity.vendor,
+        identity.product,
+        identity.revision,
+        identity.serial,
+    ];
+    for (subindex, number) in (1..).zip(numbers) {
+        objects.fixed(0x1018, subindex, &number.to_le_bytes());
+    }
+    // Sync manager types: mailbox out, mailbox in, outputs, inputs.
+    objects.fixed(0x1C00, 0, &[4]);
+    for kind in 1..=4 {
+        objects.fixed(0x1C00, kind, &[kind]);
+    }
+    // Error settings: local error reaction and sync error counter limit.
+    objects.fixed(0x10F1, 0, &[2]);
+    objects.writable(0x10F1, 1, &1u32.to_le_bytes());
+    objects.writable(0x10F1, 2, &4u16.to_le_bytes());
+    for index in [0x1C32, 0x1C33] {
+        objects.fixed(index, 0, &[4]);
+        // Synchronisation type 0: free run, the only one; cycle time in nanoseconds; types supported, bit 0.
+        let cycle = blueprint
+            .axes
+            .first()
+            .map_or(0, |axis| axis.period.as_nanos());
+        objects.writable(index, 1, &0u16.to_le_bytes());
+        objects.fixed(
+            index,
+            2,
+            &u32::try_from(cycle).unwrap_or(u32::MAX).to_le_bytes(),
+        );
+        objects.fixed(index, 3, &0u32.to_le_bytes());
+        objects.fixed(index, 4, &1u16.to_le_bytes());
+    }
+    if let Some((index, longest)) = blueprint.note {
+        objects.text(index, 0, "", longest);
+    }
+    objects
+}

@@ -1,0 +1,101 @@
+//! The SII interface of an ESC (0500h–050Fh): the MainDevice reads the EEPROM word by word through it.
+
+use super::{Esc, registers as reg};
+
+/// Control bit 0: writing is enabled for this access.
+const WRITE_ENABLE: u16 = 0x0001;
+/// Status bit 6: a read gives eight bytes.
+const READS_EIGHT_BYTES: u16 = 0x0040;
+/// Status bit 7: the EEPROM has two-byte addresses, as those above 16 kbit have.
+const TWO_BYTE_ADDRESS: u16 = 0x0080;
+/// Commands in bits 10–8.
+const COMMAND_READ: u16 = 0x0100;
+const COMMAND_WRITE: u16 = 0x0200;
+const COMMAND_RELOAD: u16 = 0x0400;
+/// Status bit 13: the command was not executed.
+const COMMAND_ERROR: u16 = 0x2000;
+/// Status bit 14: write command without write enable.
+const WRITE_ENABLE_ERROR: u16 = 0x4000;
+
+impl Esc {
+    /// Whether the device's processor, not the MainDevice, has the EEPROM.
+    pub(crate) fn sii_is_with_the_device(&self) -> bool {
+        self.byte(reg::SII_OWNER) & 0x01 != 0
+    }
+
+    /// Value of the control/status register when no command is under way.
+    pub(super) fn sii_idle_status(&self) -> u16 {
+        let width = if self.sii_reads_eight_bytes {
+            READS_EIGHT_BYTES
+        } else {
+            0
+        };
+        width | TWO_BYTE_ADDRESS
+    }
+
+    /// A write to the owner register: bit 0 gives the EEPROM to the device, bit 1 takes it back by force.
+    pub(super) fn write_sii_owner(&mut self, value: u8) {
+        let owner = if value & 0x02 != 0 { 0 } else { value & 0x01 };
+        self.set_byte(reg::SII_OWNER, owner);
+    }
+
+    /// A write to the control register executes its command at once.
+    pub(super) fn sii_command(&mut self, control: u16) {
+        let idle = self.sii_idle_status();
+        if self.sii_is_with_the_device() {
+            self.set_word(reg::SII_CONTROL, idle | COMMAND_ERROR);
+            return;
+        }
+        let word = usize::try_from(self.double_word(reg::SII_ADDRESS)).unwrap_or(usize::MAX);
+        let status = match control & 0x0700 {
+            0 => idle,
+            COMMAND_READ => {
+                self.sii_read(word);
+                idle
+            }
+            COMMAND_WRITE if control & WRITE_ENABLE == 0 => idle | WRITE_ENABLE_ERROR,
+            COMMAND_WRITE => {
+                self.sii_write(word);
+                idle
+            }
+            COMMAND_RELOAD => {
+                self.load_configuration();
+                idle
+            }
+            _ => idle | COMMAND_ERROR,
+        };
+        self.set_word(reg::SII_CONTROL, status);
+    }
+
+    /// Copies words into the data register; behind the end the EEPROM reads as FFh.
+    fn sii_read(&mut self, word: usize) {
+        let count: u16 = if self.sii_reads_eight_bytes { 8 } else { 4 };
+        for at in 0..count {
+            let from = word
+                .checked_mul(2)
+                .and_then(|first| first.checked_add(usize::from(at)));
+            let value = from
+                .and_then(|from| self.sii.get(from))
+                .copied()
+                .unwrap_or(0xFF);
+            self.set_byte(reg::SII_DATA + at, value);
+        }
+    }
+
+    /// Writes one word; outside of the EEPROM nothing happens.
+    fn sii_write(&mut self, word: usize) {
+        let value = self.word(reg::SII_DATA).to_le_bytes();
+        let target = word
+            .checked_mul(2)
+            .and_then(|first| self.sii.get_mut(first..first.checked_add(2)?));
+        if let Some(target) = target {
+            target.copy_from_slice(&value);
+        }
+    }
+
+    /// What an ESC takes over from the EEPROM at power-up: the station alias (word 4).
+    pub(super) fn load_configuration(&mut self) {
+        let alias = crate::frame::read_u16(&self.sii, 8).unwrap_or(0);
+        self.set_word(reg::STATION_ALIAS, alias);
+    }
+}

@@ -1,0 +1,366 @@
+//! The mailbox of a SubDevice: mails in, mails out, counters, repeats, and the answers to mails that it cannot use.
+//! Mail: length u16, address u16, channel u8, type | counter << 4, then the payload (ETG.1000.4 clause 5.6).
+
+use core::time::Duration;
+use std::collections::VecDeque;
+
+use crate::frame::read_u16;
+
+/// Bytes before the payload.
+pub(crate) const HEADER: usize = 6;
+/// Type of a mail that reports an error of the mailbox itself.
+const TYPE_ERROR: u8 = 0;
+/// Type of a CoE mail.
+pub(crate) const TYPE_COE: u8 = 3;
+
+/// Why a mail was not served, as an error mail gives it (ETG.1000.4 table 30).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
+pub(crate) enum MailError {
+    UnsupportedProtocol = 2,
+    ServiceNotSupported = 4,
+    TooShort = 6,
+    InvalidSize = 8,
+}
+
+/// The gate to the sync managers that the mailbox works through.
+pub(crate) trait Post {
+    /// Takes the mail that the MainDevice wrote.
+    fn take(&mut self) -> Option<Vec<u8>>;
+    /// Whether the last mail that was put still waits to be read.
+    fn waits(&self) -> bool;
+    /// Puts a mail; `false` when that is not possible now.
+    fn put(&mut self, mail: &[u8]) -> bool;
+    /// Takes back a mail that was not read.
+    fn withdraw(&mut self);
+    /// Whether the MainDevice asks for the last mail again.
+    fn repeat_is_requested(&self) -> bool;
+    /// Says that the repeat request was seen.
+    fn acknowledge_repeat(&mut self);
+}
+
+/// A mail on its way to the MainDevice.
+#[derive(Clone, Debug)]
+enum Outgoing {
+    /// Gets its header, with the next counter, when it is put.
+    New { kind: u8, payload: Vec<u8> },
+    /// Was put before and keeps its bytes.
+    Again(Vec<u8>),
+}
+
+/// State of a mailbox.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Mailbox {
+    /// Counter of the last request; zero before the first.
+    last_request: u8,
+    /// Counter of the last mail sent; zero before the first.
+    last_sent: u8,
+    /// Number of emergencies at the front of the queue.
+    emergencies: usize,
+    queue: VecDeque<Outgoing>,
+    waiting: Option<Vec<u8>>,
+    last_read: Option<Vec<u8>>,
+    request: Option<(Duration, u8, Vec<u8>)>,
+    /// Time between taking a request and answering it.
+    pub(crate) delay: Duration,
+}
+
+impl Mailbox {
+    /// Forgets everything but the delay: INIT was entered.
+    pub(crate) fn reset(&mut self) {
+        *self = Self {
+            delay: self.delay,
+            ..Self::default()
+        };
+    }
+
+    /// Queues a CoE mail ahead of all replies, behind the emergencies that are queued already.
+    pub(crate) fn push_emergency(&mut self, payload: Vec<u8>) {
+        let at = self.emergencies.min(self.queue.len());
+        self.queue.insert(
+            at,
+            Outgoing::New {
+                kind: TYPE_COE,
+                payload,
+            },
+        );
+        self.emergencies = at + 1;
+    }
+
+    /// Number of mails that wait behind the one in the sync manager.
+    pub(crate) fn queued(&self) -> usize {
+        self.queue.len()
+    }
+
+    /// Moves mails both ways. `serve` gets the payload of each CoE mail and gives the payload of the reply.
+    pub(crate) fn poll<P: Post>(
+        &mut self,
+        post: &mut P,
+        now: Duration,
+        mut serve: impl FnMut(&[u8]) -> Result<Option<Vec<u8>>, MailError>,
+    ) {
+        if self.waiting.is_some() && !post.waits() {
+            self.last_read = self.waiting.take();
+        }
+        if post.repeat_is_requested() {
+            self.repeat(post);
+        }
+        if self.request.is_none()
+            && let Some(mail) = post.take()
+        {
+            self.receive(&mail, now);
+        }
+        if let Some((due, kind, payload)) = self.request.take() {
+            if due > now {
+                self.request = Some((due, kind, payload));
+            } else {
+                self.answer(kind, &payload, &mut serve);
+            }
+        }
+        self.send(post);
+    }
+
+    /// Puts the mail that was read last once more, ahead of everything else.
+    fn repeat<P: Post>(&mut self, post: &mut P) {
+        if let Some(last) = self.last_read.take() {
+            if let Some(unread) = self.waiting.take() {
+                post.withdraw();
+                self.queue.push_front(Outgoing::Again(unread));
+                self.emergencies += 1;
+            }
+            self.queue.push_front(Outgoing::Again(last));
+            self.emergencies += 1;
+        }
+        post.acknowledge_repeat();
+    }
+
+    /// Checks a mail's header; a request is kept until it is due.
+    fn receive(&mut self, mail: &[u8], now: Duration) {
+        let (Some(length), Some(kind)) = (read_u16(mail, 0), mail.get(5)) else {
+            return;
+        };
+        let counter = kind >> 4 & 0x07;
+        if counter != 0 && counter == self.last_request {
+            // The MainDevice sent it again because it saw no working counter; it was served already.
+            return;
+        }
+        self.last_request = counter;
+        match mail.get(HEADER..HEADER + usize::from(length)) {
+            Some(payload) => {
+                self.request = Some((
+                    now.saturating_add(self.delay),
+                    kind & 0x0F,
+                    payload.to_vec(),
+                ));
+            }
+            None => self.reply_error(MailError::InvalidSize),
+        }
+    }
+
+    fn answer(
+        &mut self,
+        kind: u8,
+        payload: &[u8],
+        serve: &mut impl FnMut(&[u8]) -> Result<Option<Vec<u8>>, MailError>,
+    ) {
+        if kind != TYPE_COE {
+            self.reply_error(MailError::UnsupportedProtocol);
+            return;
+        }
+        match serve(payload) {
+            Ok(Some(payload)) => self.queue.push_back(Outgoing::New {
+                kind: TYPE_COE,
+                payload,
+            }),
+            Ok(None) => {}
+            Err(error) => self.reply_error(error),
+        }
+    }
+
+    fn reply_error(&mut self, error: MailError) {
+        let mut payload = vec![1, 0];
+        payload.extend((error as u16).to_le_bytes());
+        self.queue.push_back(Outgoing::New {
+            kind: TYPE_ERROR,
+            payload,
+        });
+    }
+
+    /// Puts the first queued mail when the last one was read.
+    fn send<P: Post>(&mut self, post: &mut P) {
+        if self.waiting.is_some() || post.waits() {
+            return;
+        }
+        let counter = self.last_sent % 7 + 1;
+        let (mail, is_new) = match self.queue.front() {
+            None => return,
+            Some(Outgoing::Again(mail)) => (mail.clone(), false),
+            Some(Outgoing::New { kind, payload }) => (compose(*kind, counter, payload), true),
+        };
+        if post.put(&mail) {
+            self.queue.pop_front();
+            self.emergencies = self.emergencies.saturating_sub(1);
+            if is_new {
+                self.last_sent = counter;
+            }
+            self.waiting = Some(mail);
+        }
+    }
+}
+
+fn compose(kind: u8, counter: u8, payload: &[u8]) -> Vec<u8> {
+    let length = u16::try_from(payload.len()).unwrap_or(u16::MAX);
+    let mut mail = length.to_le_bytes().to_vec();
+    mail.extend([0, 0, 0, kind | counter << 4]);
+    mail.extend(payload);
+    mail
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two sync managers as plain fields.
+    #[derive(Default)]
+    struct Slots {
+        to_device: Option<Vec<u8>>,
+        to_master: Option<Vec<u8>>,
+        requested: bool,
+        acknowledged: bool,
+    }
+
+    impl Post for Slots {
+        fn take(&mut self) -> Option<Vec<u8>> {
+            self.to_device.take()
+        }
+        fn waits(&self) -> bool {
+            self.to_master.is_some()
+        }
+        fn put(&mut self, mail: &[u8]) -> bool {
+            self.to_master = Some(mail.to_vec());
+            true
+        }
+        fn withdraw(&mut self) {
+            self.to_master = None;
+        }
+        fn repeat_is_requested(&self) -> bool {
+            self.requested != self.acknowledged
+        }
+        fn acknowledge_repeat(&mut self) {
+            self.acknowledged = self.requested;
+        }
+    }
+
+    struct Dialogue {
+        mailbox: Mailbox,
+        slots: Slots,
+        served: Vec<Vec<u8>>,
+    }
+
+    impl Dialogue {
+        fn new() -> Self {
+            Self {
+                mailbox: Mailbox::default(),
+                slots: Slots::default(),
+                served: Vec::new(),
+            }
+        }
+
+        fn poll(&mut self, now: Duration) {
+            let served = &mut self.served;
+            self.mailbox.poll(&mut self.slots, now, |payload| {
+                served.push(payload.to_vec());
+                Ok(Some(payload.to_vec()))
+            });
+        }
+
+        fn send(&mut self, mail: &[u8]) {
+            self.slots.to_device = Some(mail.to_vec());
+            self.poll(Duration::ZERO);
+        }
+
+        fn read(&mut self) -> Option<Vec<u8>> {
+            let mail = self.slots.to_master.take();
+            self.poll(Duration::ZERO);
+            mail
+        }
+    }
+
+    #[test]
+    fn replies_are_numbered_from_one_to_seven_and_round_again() {
+        let mut talk = Dialogue::new();
+        let mut counters = Vec::new();
+        for counter in (1..=7).chain(1..=2) {
+            talk.send(&[1, 0, 0, 0, 0, counter << 4 | 3, 0xAA]);
+            counters.push(talk.read().unwrap()[5] >> 4);
+        }
+        assert_eq!(counters, [1, 2, 3, 4, 5, 6, 7, 1, 2]);
+    }
+
+    #[test]
+    fn a_request_with_the_counter_of_the_last_one_is_dropped() {
+        let mut talk = Dialogue::new();
+        talk.send(&[1, 0, 0, 0, 0, 0x13, 0xAA]);
+        assert!(talk.read().is_some());
+        talk.send(&[1, 0, 0, 0, 0, 0x13, 0xAA]);
+        assert_eq!(talk.read(), None);
+        assert_eq!(talk.served.len(), 1);
+    }
+
+    #[test]
+    fn counter_zero_is_never_a_repeat() {
+        let mut talk = Dialogue::new();
+        talk.send(&[1, 0, 0, 0, 0, 0x03, 0xAA]);
+        talk.read();
+        talk.send(&[1, 0, 0, 0, 0, 0x03, 0xAA]);
+        assert_eq!(talk.served.len(), 2);
+    }
+
+    #[test]
+    fn a_repeat_request_brings_the_last_mail_again_before_the_next() {
+        let mut talk = Dialogue::new();
+        talk.send(&[1, 0, 0, 0, 0, 0x13, 0xAA]);
+        let first = talk.read().unwrap();
+        talk.send(&[1, 0, 0, 0, 0, 0x23, 0xBB]);
+        talk.slots.requested = true;
+        talk.poll(Duration::ZERO);
+        assert!(talk.slots.acknowledged);
+        assert_eq!(talk.read().unwrap(), first);
+        let second = talk.read().unwrap();
+        assert_eq!((second[5] >> 4, second[6]), (2, 0xBB));
+    }
+
+    #[test]
+    fn emergencies_overtake_replies_in_their_own_order() {
+        let mut talk = Dialogue::new();
+        talk.send(&[1, 0, 0, 0, 0, 0x13, 0xAA]);
+        talk.slots.to_device = Some(vec![1, 0, 0, 0, 0, 0x23, 0xBB]);
+        talk.poll(Duration::ZERO);
+        talk.mailbox.push_emergency(vec![1]);
+        talk.mailbox.push_emergency(vec![2]);
+        let order: Vec<u8> = core::iter::from_fn(|| talk.read())
+            .map(|mail| mail[6])
+            .collect();
+        assert_eq!(order, [0xAA, 1, 2, 0xBB]);
+    }
+
+    #[test]
+    fn a_reply_comes_after_the_delay_and_not_before() {
+        let mut talk = Dialogue::new();
+        talk.mailbox.delay = Duration::from_millis(5);
+        talk.send(&[1, 0, 0, 0, 0, 0x13, 0xAA]);
+        talk.poll(Duration::from_millis(4));
+        assert!(talk.slots.to_master.is_none());
+        talk.poll(Duration::from_millis(5));
+        assert!(talk.slots.to_master.is_some());
+    }
+
+    #[test]
+    fn wrong_mails_are_answered_with_their_error() {
+        let mut talk = Dialogue::new();
+        talk.send(&[1, 0, 0, 0, 0, 0x14, 0]);
+        assert_eq!(talk.read().unwrap()[6..], [1, 0, 2, 0]);
+        talk.send(&[200, 0, 0, 0, 0, 0x23, 0]);
+        assert_eq!(talk.read().unwrap()[6..], [1, 0, 8, 0]);
+    }
+}

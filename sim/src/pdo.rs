@@ -1,0 +1,297 @@
+//! PDO mapping and assignment of one direction: the objects 16xxh or 1Axxh and 1C12h or 1C13h, and their rules.
+//! A list is rewritten in PREOP, after its subindex 0 was set to zero; a mapping, after its PDO was taken out of the
+//! assignment.
+
+use crate::coe::Abort;
+use crate::description::{Direction, PdoDescription, PdoEntryDescription};
+
+/// What can be known about an object that is to be mapped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Mappable {
+    /// Length in bits.
+    pub(crate) bits: u8,
+    /// Whether it can be mapped in this direction.
+    pub(crate) allowed: bool,
+}
+
+/// A mapped object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Entry {
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    pub(crate) bits: u8,
+}
+
+impl Entry {
+    /// Index in the upper half, subindex, length in bits in the lowest byte (CiA 301, object 1600h).
+    fn from_value(value: u32) -> Self {
+        let [bits, subindex, low, high] = value.to_le_bytes();
+        Self {
+            index: u16::from_le_bytes([low, high]),
+            subindex,
+            bits,
+        }
+    }
+
+    fn of_description(entry: &PdoEntryDescription) -> u32 {
+        let entry = Self {
+            index: entry.index,
+            subindex: entry.subindex,
+            bits: entry.bits,
+        };
+        entry.value()
+    }
+
+    fn value(self) -> u32 {
+        u32::from(self.index) << 16 | u32::from(self.subindex) << 8 | u32::from(self.bits)
+    }
+}
+
+/// How much a drive can map in one direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PdoLimits {
+    /// Bytes in all assigned PDOs together.
+    pub bytes: usize,
+    /// Entries in one PDO.
+    pub entries: u8,
+}
+
+/// A counted list: subindex 0 says how many of the elements count.
+#[derive(Clone, Debug)]
+struct List {
+    count: u8,
+    values: Vec<u32>,
+}
+
+impl List {
+    fn new(values: &[u32], capacity: u8) -> Self {
+        let mut all = values.to_vec();
+        all.resize(usize::from(capacity), 0);
+        Self {
+            count: u8::try_from(values.len()).unwrap_or(capacity).min(capacity),
+            values: all,
+        }
+    }
+
+    fn active(&self) -> &[u32] {
+        self.values.get(..usize::from(self.count)).unwrap_or(&[])
+    }
+
+    fn slot(&mut self, subindex: u8) -> Result<&mut u32, Abort> {
+        self.values
+            .get_mut(usize::from(subindex).wrapping_sub(1))
+            .ok_or(Abort::NoSubindex)
+    }
+
+    /// Bytes of a subindex, of which the elements have `width` bytes.
+    fn upload(&self, subindex: u8, width: usize) -> Result<Vec<u8>, Abort> {
+        if subindex == 0 {
+            return Ok(vec![self.count]);
+        }
+        let value = self
+            .values
+            .get(usize::from(subindex) - 1)
+            .ok_or(Abort::NoSubindex)?;
+        Ok(value.to_le_bytes().into_iter().take(width).collect())
+    }
+}
+
+/// All PDOs of one direction.
+#[derive(Clone, Debug)]
+pub(crate) struct PdoSet {
+    direction: Direction,
+    limits: PdoLimits,
+    pdos: Vec<(u16, List)>,
+    assignment: List,
+}
+
+impl PdoSet {
+    /// The PDOs of a direction as they are at power-up; those that the description gives a sync manager are assigned.
+    pub(crate) fn new(direction: Direction, limits: PdoLimits, all: &[PdoDescription]) -> Self {
+        let own = all.iter().filter(|pdo| pdo.direction == direction);
+        let lists = own.clone().map(|pdo| {
+            let values: Vec<u32> = pdo.entries.iter().map(Entry::of_description).collect();
+            (pdo.index, List::new(&values, limits.entries))
+        });
+        let assigned: Vec<u32> = own
+            .clone()
+            .filter(|pdo| pdo.sync_manager.is_some())
+            .map(|pdo| u32::from(pdo.index))
+            .collect();
+        let capacity = u8::try_from(own.clone().count()).unwrap_or(u8::MAX);
+        Self {
+            direction,
+            limits,
+            pdos: lists.collect(),
+            assignment: List::new(&assigned, capacity),
+        }
+    }
+
+    /// Index of the assignment object.
+    fn assignment_index(&self) -> u16 {
+        match self.direction {
+            Direction::Outputs => 0x1C12,
+            Direction::Inputs => 0x1C13,
+        }
+    }
+
+    /// Whether this set answers for an object.
+    pub(crate) fn owns(&self, index: u16) -> bool {
+        index == self.assignment_index() || self.pdos.iter().any(|(pdo, _)| *pdo == index)
+    }
+
+    /// The bytes of one of its objects.
+    pub(crate) fn upload(&self, index: u16, subindex: u8) -> Result<Vec<u8>, Abort> {
+        if index == self.assignment_index() {
+            return self.assignment.upload(subindex, 2);
+        }
+        self.list(index).ok_or(Abort::NoObject)?.upload(subindex, 4)
+    }
+
+    /// Length in bytes of one of its objects.
+    pub(crate) fn room(&self, index: u16, subindex: u8) -> Result<usize, Abort> {
+        self.upload(index, subindex).map(|bytes| bytes.len())
+    }
+
+    /// Writes one of its objects by the rules.
+    pub(crate) fn download(
+        &mut self,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+        is_preop: bool,
+        lookup: impl Fn(u16, u8) -> Result<Mappable, Abort>,
+    ) -> Result<(), Abort> {
+        let length = self.room(index, subindex)?;
+        if data.len() != length {
+            return Err(if data.len() > length {
+                Abort::TooLong
+            } else {
+                Abort::TooShort
+            });
+        }
+        if !is_preop {
+            return Err(Abort::State);
+        }
+        let value = data
+            .iter()
+            .rev()
+            .fold(0, |value, byte| value << 8 | u32::from(*byte));
+        if index == self.assignment_index() {
+            self.write_assignment(subindex, value)
+        } else {
+            self.write_mapping(index, subindex, value, lookup)
+        }
+    }
+
+    /// The objects in all assigned PDOs, in order.
+    pub(crate) fn layout(&self) -> Vec<Entry> {
+        let assigned = self
+            .assignment
+            .active()
+            .iter()
+            .filter_map(|pdo| self.list(u16::try_from(*pdo).ok()?));
+        assigned
+            .flat_map(List::active)
+            .map(|value| Entry::from_value(*value))
+            .collect()
+    }
+
+    /// Bytes of all assigned PDOs.
+    pub(crate) fn bytes(&self) -> usize {
+        self.layout()
+            .iter()
+            .map(|entry| usize::from(entry.bits))
+            .sum::<usize>()
+            .div_ceil(8)
+    }
+
+    fn list(&self, index: u16) -> Option<&List> {
+        self.pdos
+            .iter()
+            .find(|(pdo, _)| *pdo == index)
+            .map(|(_, list)| list)
+    }
+
+    fn write_assignment(&mut self, subindex: u8, value: u32) -> Result<(), Abort> {
+        if subindex == 0 {
+            let count = u8::try_from(value).map_err(|_| Abort::Range)?;
+            let chosen = self
+                .assignment
+                .values
+                .get(..usize::from(count))
+                .ok_or(Abort::Range)?;
+            if chosen.contains(&0) {
+                return Err(Abort::Incompatible);
+            }
+            let before = core::mem::replace(&mut self.assignment.count, count);
+            if self.bytes() > self.limits.bytes {
+                self.assignment.count = before;
+                return Err(Abort::MappingTooLong);
+            }
+            return Ok(());
+        }
+        if self.assignment.count != 0 {
+            return Err(Abort::SubindexLocked);
+        }
+        if value != 0 && !self.pdos.iter().any(|(pdo, _)| u32::from(*pdo) == value) {
+            return Err(Abort::Range);
+        }
+        *self.assignment.slot(subindex)? = value;
+        Ok(())
+    }
+
+    fn write_mapping(
+        &mut self,
+        index: u16,
+        subindex: u8,
+        value: u32,
+        lookup: impl Fn(u16, u8) -> Result<Mappable, Abort>,
+    ) -> Result<(), Abort> {
+        if self.assignment.active().contains(&u32::from(index)) {
+            return Err(Abort::State);
+        }
+        let limit = self.limits.bytes * 8;
+        let list = self
+            .pdos
+            .iter_mut()
+            .find(|(pdo, _)| *pdo == index)
+            .map(|(_, list)| list);
+        let list = list.ok_or(Abort::NoObject)?;
+        if subindex == 0 {
+            let count = u8::try_from(value).map_err(|_| Abort::Range)?;
+            let chosen = list
+                .values
+                .get(..usize::from(count))
+                .ok_or(Abort::MappingTooLong)?;
+            if chosen.contains(&0) {
+                return Err(Abort::Incompatible);
+            }
+            if chosen
+                .iter()
+                .map(|value| usize::from(Entry::from_value(*value).bits))
+                .sum::<usize>()
+                > limit
+            {
+                return Err(Abort::MappingTooLong);
+            }
+            list.count = count;
+            return Ok(());
+        }
+        if list.count != 0 {
+            return Err(Abort::SubindexLocked);
+        }
+        if value != 0 {
+            let entry = Entry::from_value(value);
+            let object = lookup(entry.index, entry.subindex)?;
+            if !object.allowed {
+                return Err(Abort::NotMappable);
+            }
+            if object.bits != entry.bits {
+                return Err(Abort::Length);
+            }
+        }
+        *list.slot(subindex)? = value;
+        Ok(())
+    }
+}

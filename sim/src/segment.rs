@@ -1,0 +1,359 @@
+//! A line of SubDevices: frames in, frames out.
+
+use core::time::Duration;
+
+use crate::al::AlState;
+use crate::device::Device;
+use crate::ds402::Axis;
+use crate::esc::{Esc, Place};
+use crate::frame::{
+    DATAGRAM_HEADER, WORKING_COUNTER, datagrams, is_ethercat, mark_source, read_u16, read_u32,
+};
+
+/// One axis after one drive cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct CycleRecord<'a> {
+    /// When the cycle was.
+    pub time: Duration,
+    /// Number of the drive among the drives of the segment, from zero.
+    pub drive: usize,
+    /// Number of the axis in the drive, from one.
+    pub axis: usize,
+    /// AL state of the drive.
+    pub al_state: AlState,
+    /// The axis.
+    pub model: &'a Axis,
+}
+
+/// Called after each drive cycle, for each axis.
+type Observer = Box<dyn FnMut(&CycleRecord<'_>) + Send>;
+
+/// SubDevices in a line, in the order in which frames reach them.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab_sim::{Segment, personality};
+///
+/// let mut segment = Segment::new();
+/// segment.push(personality::akd2g());
+/// // One BRD of the AL status (0130h, two bytes).
+/// let mut frame = vec![0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x10, 0, 0, 0, 0, 1, 0x88, 0xA4, 14, 0x10];
+/// frame.extend([7, 0, 0, 0, 0x30, 0x01, 2, 0, 0, 0, 0, 0, 0, 0]);
+/// assert!(segment.process(&mut frame, Duration::ZERO));
+/// assert_eq!(frame[26..30], [1, 0, 1, 0]); // INIT, and one SubDevice has answered
+/// ```
+#[derive(Default)]
+pub struct Segment {
+    devices: Vec<Device>,
+    /// The cable in front of this device is pulled.
+    unplugged: Option<usize>,
+    observer: Option<Observer>,
+    started: bool,
+}
+
+impl Segment {
+    /// A segment without SubDevices.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Appends a SubDevice at the end of the line.
+    pub fn push(&mut self, device: Device) {
+        self.devices.push(device);
+        self.started = false;
+    }
+
+    /// Appends a SubDevice at the end of the line.
+    #[must_use]
+    pub fn with(mut self, device: Device) -> Self {
+        self.push(device);
+        self
+    }
+
+    /// Number of SubDevices, with power or without.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.devices.len()
+    }
+
+    /// Whether there is no SubDevice.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.devices.is_empty()
+    }
+
+    /// A SubDevice by its position in the line, from zero.
+    #[must_use]
+    pub fn device(&self, position: usize) -> Option<&Device> {
+        self.devices.get(position)
+    }
+
+    /// A SubDevice to be changed, by its position in the line, from zero.
+    pub fn device_mut(&mut self, position: usize) -> Option<&mut Device> {
+        self.devices.get_mut(position)
+    }
+
+    /// All SubDevices in order.
+    #[must_use]
+    pub fn devices(&self) -> &[Device] {
+        &self.devices
+    }
+
+    /// An axis by the position of its SubDevice and its number in it, both from zero.
+    #[must_use]
+    pub fn axis(&self, position: usize, axis: usize) -> Option<&Axis> {
+        self.device(position)?.axis(axis)
+    }
+
+    /// An axis to be changed.
+    pub fn axis_mut(&mut self, position: usize, axis: usize) -> Option<&mut Axis> {
+        self.device_mut(position)?.axis_mut(axis)
+    }
+
+    /// The last whole buffer of outputs that reached a SubDevice.
+    #[must_use]
+    pub fn last_outputs(&self, position: usize) -> &[u8] {
+        self.device(position).map_or(&[], Device::last_outputs)
+    }
+
+    /// Pulls the cable in front of the SubDevice at this position; zero cuts off the whole segment.
+    pub fn unplug(&mut self, position: usize) {
+        self.unplugged = Some(position);
+    }
+
+    /// Puts the cable back.
+    pub fn plug(&mut self) {
+        self.unplugged = None;
+    }
+
+    /// Has a function called after each drive cycle, once for each axis.
+    pub fn observe(&mut self, observer: impl FnMut(&CycleRecord<'_>) + Send + 'static) {
+        self.observer = Some(Box::new(observer));
+    }
+
+    /// Takes a frame through all SubDevices and back, in place. `false`, with the frame unchanged, when it is no EtherCAT
+    /// frame or when no SubDevice is there to return it.
+    ///
+    /// `now` never goes back from call to call.
+    pub fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
+        self.advance(now);
+        let reachable = self.reachable();
+        if !is_ethercat(frame) || reachable == 0 {
+            return false;
+        }
+        for (position, device) in self.devices.iter_mut().take(reachable).enumerate() {
+            device.set_place(Place {
+                position,
+                behind: reachable - 1 - position,
+            });
+        }
+        mark_source(frame);
+        for range in datagrams(frame) {
+            if let Some(datagram) = frame.get_mut(range) {
+                for device in self.devices.iter_mut().take(reachable) {
+                    if execute(device.esc(), datagram, now) {
+                        device.after_datagram(now);
+                    }
+                }
+            }
+        }
+        true
+    }
+
+    /// Runs the processors of all SubDevices up to `now`, cycle by cycle.
+    pub fn advance(&mut self, now: Duration) {
+        if !self.started {
+            self.started = true;
+            self.devices
+                .iter_mut()
+                .for_each(|device| device.start_at(now));
+        }
+        while let Some(time) = self.devices.iter().filter_map(Device::next_event).min()
+            && time <= now
+        {
+            let mut drive = 0;
+            for device in &mut self.devices {
+                let due = device.next_event().is_some_and(|event| event <= time);
+                if due && device.run(time) {
+                    observe(&mut self.observer, device, drive, time);
+                }
+                drive += usize::from(!device.axes().is_empty());
+            }
+        }
+    }
+
+    /// Number of SubDevices that frames reach.
+    fn reachable(&self) -> usize {
+        let powered = self
+            .devices
+            .iter()
+            .take_while(|device| device.is_powered())
+            .count();
+        powered.min(self.unplugged.unwrap_or(usize::MAX))
+    }
+}
+
+fn observe(observer: &mut Option<Observer>, device: &Device, drive: usize, time: Duration) {
+    let Some(observer) = observer else {
+        return;
+    };
+    for (axis, model) in (1..).zip(device.axes()) {
+        observer(&CycleRecord {
+            time,
+            drive,
+            axis,
+            al_state: device.al_state(),
+            model,
+        });
+    }
+}
+
+/// Datagram commands (ETG.1000.4 table 24).
+mod command {
+    pub(super) const APRD: u8 = 1;
+    pub(super) const APWR: u8 = 2;
+    pub(super) const APRW: u8 = 3;
+    pub(super) const FPRD: u8 = 4;
+    pub(super) const FPWR: u8 = 5;
+    pub(super) const FPRW: u8 = 6;
+    pub(super) const BRD: u8 = 7;
+    pub(super) const BWR: u8 = 8;
+    pub(super) const BRW: u8 = 9;
+    pub(super) const LRD: u8 = 10;
+    pub(super) const LWR: u8 = 11;
+    pub(super) const LRW: u8 = 12;
+    pub(super) const ARMW: u8 = 13;
+    pub(super) const FRMW: u8 = 14;
+}
+
+/// What one device does with one datagram.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Action {
+    Read,
+    Write,
+    ReadWrite,
+    /// Broadcast reads combine the devices' bytes by OR.
+    ReadOr,
+    ReadWriteOr,
+}
+
+/// Executes one datagram on one device; `true` when the device was meant.
+fn execute(esc: &mut Esc, datagram: &mut [u8], now: Duration) -> bool {
+    let (Some(command), Some(address), Some(offset), Some(logical)) = (
+        datagram.first().copied(),
+        read_u16(datagram, 2),
+        read_u16(datagram, 4),
+        read_u32(datagram, 2),
+    ) else {
+        return false;
+    };
+    if matches!(command, command::LRD | command::LWR | command::LRW) {
+        return execute_logical(esc, command, logical, datagram, now);
+    }
+    let is_auto_increment = matches!(
+        command,
+        command::APRD | command::APWR | command::APRW | command::ARMW
+    );
+    let is_broadcast = matches!(command, command::BRD | command::BWR | command::BRW);
+    if is_auto_increment || is_broadcast {
+        let next = address.wrapping_add(1).to_le_bytes();
+        if let Some(field) = datagram.get_mut(2..4) {
+            field.copy_from_slice(&next);
+        }
+    }
+    let meant = if is_auto_increment {
+        address == 0
+    } else {
+        is_broadcast || esc.has_address(address)
+    };
+    let action = match command {
+        command::APRD | command::FPRD if meant => Action::Read,
+        command::APWR | command::FPWR if meant => Action::Write,
+        command::APRW | command::FPRW if meant => Action::ReadWrite,
+        command::BRD => Action::ReadOr,
+        command::BWR => Action::Write,
+        command::BRW => Action::ReadWriteOr,
+        // The device that is meant gives its value, all others take what passes.
+        command::ARMW | command::FRMW => {
+            if meant {
+                Action::Read
+            } else {
+                Action::Write
+            }
+        }
+        _ => return false,
+    };
+    let Some((data, counter)) = data_and_counter(datagram) else {
+        return false;
+    };
+    let address = usize::from(offset);
+    let incoming = data.to_vec();
+    let mut done = 0;
+    if action != Action::Write {
+        let mut bytes = incoming.clone();
+        if esc.read(address, &mut bytes, now) {
+            done += 1;
+            let or = matches!(action, Action::ReadOr | Action::ReadWriteOr);
+            data.iter_mut()
+                .zip(bytes)
+                .for_each(|(target, byte)| *target = if or { *target | byte } else { byte });
+        }
+    }
+    if matches!(
+        action,
+        Action::Write | Action::ReadWrite | Action::ReadWriteOr
+    ) && esc.write(address, &incoming, None, now)
+    {
+        done += if action == Action::Write { 1 } else { 2 };
+    }
+    finish(esc, datagram, counter, done)
+}
+
+fn execute_logical(
+    esc: &mut Esc,
+    command: u8,
+    logical: u32,
+    datagram: &mut [u8],
+    now: Duration,
+) -> bool {
+    if command == command::LRW && !esc.supports_lrw() {
+        return false;
+    }
+    let Some((data, counter)) = data_and_counter(datagram) else {
+        return false;
+    };
+    let incoming = data.to_vec();
+    let mut done = 0;
+    if command != command::LWR && esc.logical_read(logical, data, now) {
+        done += 1;
+    }
+    if command != command::LRD && esc.logical_write(logical, &incoming, now) {
+        done += if command == command::LRW { 2 } else { 1 };
+    }
+    if done == 0 {
+        return false;
+    }
+    finish(esc, datagram, counter, done)
+}
+
+/// Splits a datagram into its data and the working counter that came in.
+fn data_and_counter(datagram: &mut [u8]) -> Option<(&mut [u8], u16)> {
+    let at = datagram.len().checked_sub(WORKING_COUNTER)?;
+    let counter = read_u16(datagram, at)?;
+    Some((datagram.get_mut(DATAGRAM_HEADER..at)?, counter))
+}
+
+/// Adds to the working counter and sets the interrupt bits.
+fn finish(esc: &mut Esc, datagram: &mut [u8], counter: u16, done: u16) -> bool {
+    let at = datagram.len() - WORKING_COUNTER;
+    let interrupt = esc.interrupt();
+    let shown = read_u16(datagram, 8).unwrap_or(0) | interrupt;
+    if let Some(field) = datagram.get_mut(8..10) {
+        field.copy_from_slice(&shown.to_le_bytes());
+    }
+    if let Some(field) = datagram.get_mut(at..) {
+        field.copy_from_slice(&counter.wrapping_add(done).to_le_bytes());
+    }
+    true
+}

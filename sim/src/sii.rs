@@ -1,0 +1,261 @@
+//! The SII image (EEPROM) of a SubDevice, made from its description.
+//! Layout: 64 words of configuration and identity, then categories up to the end mark FFFFh (ETG.1000.6, ETG.2010).
+
+use crate::description::{Description, Direction, PdoDescription, SyncManagerUse};
+
+/// Size of the EEPROM in bytes: 32 kbit.
+const SIZE: usize = 4096;
+/// Byte address of the first category.
+const CATEGORIES: usize = 0x80;
+
+const CATEGORY_STRINGS: u16 = 10;
+const CATEGORY_GENERAL: u16 = 30;
+const CATEGORY_FMMU: u16 = 40;
+const CATEGORY_SYNC_MANAGER: u16 = 41;
+const CATEGORY_TX_PDO: u16 = 50;
+const CATEGORY_RX_PDO: u16 = 51;
+const CATEGORY_CLOCK: u16 = 60;
+/// First of the vendors' own categories.
+const CATEGORY_VENDOR: u16 = 0x0800;
+const CATEGORY_END: u16 = 0xFFFF;
+
+/// The whole image.
+pub(crate) fn image(description: &Description) -> Vec<u8> {
+    let mut image = vec![0; CATEGORIES];
+    put(&mut image, 0, &head(description));
+    let mut strings = Strings::default();
+    let general = general(description, &mut strings);
+    let clock: Vec<u8> = description
+        .clock_modes
+        .iter()
+        .flat_map(|mode| clock_mode(mode, &mut strings))
+        .collect();
+    if let Some(vendor) = &description.vendor_category {
+        category(&mut image, CATEGORY_VENDOR, vendor);
+    }
+    category(&mut image, CATEGORY_STRINGS, &strings.bytes());
+    category(&mut image, CATEGORY_GENERAL, &general);
+    category(&mut image, CATEGORY_FMMU, &description.fmmu_usage);
+    category(
+        &mut image,
+        CATEGORY_SYNC_MANAGER,
+        &sync_managers(description),
+    );
+    category(
+        &mut image,
+        CATEGORY_TX_PDO,
+        &pdos(description, Direction::Inputs),
+    );
+    category(
+        &mut image,
+        CATEGORY_RX_PDO,
+        &pdos(description, Direction::Outputs),
+    );
+    category(&mut image, CATEGORY_CLOCK, &clock);
+    image.extend(CATEGORY_END.to_le_bytes());
+    image.resize(SIZE.max(image.len()), 0xFF);
+    image
+}
+
+/// Checksum over the first seven words: CRC-8, polynomial 07h, start FFh.
+pub(crate) fn checksum(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0xFF, |crc, byte| {
+        (0..8).fold(crc ^ byte, |crc: u8, _| {
+            if crc & 0x80 != 0 {
+                crc << 1 ^ 0x07
+            } else {
+                crc << 1
+            }
+        })
+    })
+}
+
+/// Words 0 to 3Fh.
+fn head(description: &Description) -> Vec<u8> {
+    let mut head = vec![0; CATEGORIES];
+    // PDI control and configuration as in the SII of a real AKD; the ESC of this simulation does not use them.
+    put(&mut head, 0, &[0x09, 0x00, 0x00, 0x08]);
+    put(&mut head, 8, &description.alias.to_le_bytes());
+    let crc = checksum(head.get(..14).unwrap_or(&[]));
+    put(&mut head, 14, &[crc]);
+    let identity = description.identity;
+    for (at, value) in (0x10..).step_by(4).zip([
+        identity.vendor,
+        identity.product,
+        identity.revision,
+        identity.serial,
+    ]) {
+        put(&mut head, at, &value.to_le_bytes());
+    }
+    if let Some(mailbox) = description.mailbox {
+        let words = [
+            mailbox.out.0,
+            mailbox.out.1,
+            mailbox.input.0,
+            mailbox.input.1,
+            mailbox.protocols,
+        ];
+        for (at, word) in (0x30..).step_by(2).zip(words) {
+            put(&mut head, at, &word.to_le_bytes());
+        }
+    }
+    // Size in kbit less one, and the version of this layout.
+    put(&mut head, 0x7C, &((SIZE / 128 - 1) as u16).to_le_bytes());
+    put(&mut head, 0x7E, &1u16.to_le_bytes());
+    head
+}
+
+/// Category 30.
+fn general(description: &Description, strings: &mut Strings) -> Vec<u8> {
+    let mut bytes = vec![0; 32];
+    bytes[0] = strings.index(&description.group);
+    bytes[2] = strings.index(&description.order);
+    bytes[3] = strings.index(&description.name);
+    bytes[5] = description.mailbox.map_or(0, |mailbox| mailbox.coe_details);
+    // Ports 0 and 1 are MII.
+    bytes[16] = 0x11;
+    bytes
+}
+
+/// Category 41.
+fn sync_managers(description: &Description) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for sm in &description.sync_managers {
+        bytes.extend(sm.start.to_le_bytes());
+        bytes.extend(sm.length.to_le_bytes());
+        let kind = match sm.purpose {
+            SyncManagerUse::MailboxOut => 1,
+            SyncManagerUse::MailboxIn => 2,
+            SyncManagerUse::Outputs => 3,
+            SyncManagerUse::Inputs => 4,
+        };
+        bytes.extend([sm.control, 0, 1, kind]);
+    }
+    bytes
+}
+
+/// Category 50 or 51.
+fn pdos(description: &Description, direction: Direction) -> Vec<u8> {
+    description
+        .pdos
+        .iter()
+        .filter(|pdo| pdo.direction == direction)
+        .flat_map(pdo)
+        .collect()
+}
+
+fn pdo(pdo: &PdoDescription) -> Vec<u8> {
+    let mut bytes = pdo.index.to_le_bytes().to_vec();
+    let count = u8::try_from(pdo.entries.len()).unwrap_or(u8::MAX);
+    bytes.extend([count, pdo.sync_manager.unwrap_or(0xFF), 0, 0, 0, 0]);
+    for entry in pdo.entries.iter().take(usize::from(count)) {
+        bytes.extend(entry.index.to_le_bytes());
+        bytes.extend([entry.subindex, 0, entry.data_type, entry.bits, 0, 0]);
+    }
+    bytes
+}
+
+/// One mode of category 60.
+fn clock_mode(mode: &crate::description::ClockMode, strings: &mut Strings) -> Vec<u8> {
+    let mut bytes = vec![0; 24];
+    put(&mut bytes, 14, &mode.assign_activate.to_le_bytes());
+    bytes[18] = strings.index(&mode.name);
+    bytes
+}
+
+/// Appends a category, padded to whole words; an empty one is left out.
+fn category(image: &mut Vec<u8>, kind: u16, data: &[u8]) {
+    if data.is_empty() {
+        return;
+    }
+    let words = u16::try_from(data.len().div_ceil(2)).unwrap_or(u16::MAX);
+    image.extend(kind.to_le_bytes());
+    image.extend(words.to_le_bytes());
+    image.extend(data.iter().take(usize::from(words) * 2));
+    if data.len() % 2 == 1 {
+        image.push(0);
+    }
+}
+
+fn put(image: &mut [u8], at: usize, bytes: &[u8]) {
+    image
+        .iter_mut()
+        .skip(at)
+        .zip(bytes)
+        .for_each(|(target, byte)| *target = *byte);
+}
+
+/// The strings category; indices count from one, zero means none.
+#[derive(Default)]
+struct Strings(Vec<String>);
+
+impl Strings {
+    fn index(&mut self, text: &str) -> u8 {
+        let position = self
+            .0
+            .iter()
+            .position(|known| known == text)
+            .unwrap_or_else(|| {
+                self.0.push(text.to_owned());
+                self.0.len() - 1
+            });
+        u8::try_from(position + 1).unwrap_or(0)
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        let mut bytes = vec![u8::try_from(self.0.len()).unwrap_or(u8::MAX)];
+        for text in &self.0 {
+            let length = u8::try_from(text.len()).unwrap_or(u8::MAX);
+            bytes.push(length);
+            bytes.extend(text.bytes().take(usize::from(length)));
+        }
+        bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::description::Identity;
+
+    #[test]
+    fn the_checksum_is_the_one_of_a_real_drive() {
+        // First eight words of a Kollmorgen AKD, public ethercrab repository, dumps/eeprom/akd.hex: checksum 10h.
+        let head = [0x09, 0x00, 0x00, 0x08, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+        assert_eq!(checksum(&head), 0x10);
+    }
+
+    #[test]
+    fn the_image_begins_with_checksum_and_identity() {
+        let identity = Identity {
+            vendor: 0x6A,
+            product: 0x414B_4432,
+            revision: 1,
+            serial: 7,
+        };
+        let image = image(&Description::new("x", identity));
+        assert_eq!(image[14], checksum(&image[..14]));
+        assert_eq!(image[0x10..0x14], [0x6A, 0, 0, 0]);
+        assert_eq!(image[0x14..0x18], [0x32, 0x44, 0x4B, 0x41]);
+        assert_eq!(image[0x18..0x1C], [1, 0, 0, 0]);
+        assert_eq!(image[0x1C..0x20], [7, 0, 0, 0]);
+    }
+
+    #[test]
+    fn the_vendor_category_comes_first_and_the_end_mark_last() {
+        let mut description = Description::new("name", Identity::default());
+        description.vendor_category = Some(vec![1, 2, 3]);
+        let image = image(&description);
+        let mut kinds = Vec::new();
+        let mut at = CATEGORIES;
+        loop {
+            let kind = u16::from_le_bytes([image[at], image[at + 1]]);
+            kinds.push(kind);
+            if kind == CATEGORY_END {
+                break;
+            }
+            at += 4 + 2 * usize::from(u16::from_le_bytes([image[at + 2], image[at + 3]]));
+        }
+        assert_eq!(kinds, [0x0800, 10, 30, 0xFFFF]);
+    }
+}
