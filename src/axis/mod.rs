@@ -13,9 +13,51 @@ mod snapshot;
 mod stopping;
 mod submit;
 
+#[cfg(feature = "std")]
+mod error;
+#[cfg(feature = "std")]
+mod field;
+#[cfg(feature = "std")]
+mod handle;
+#[cfg(feature = "std")]
+mod liveness;
+#[cfg(feature = "std")]
+mod pending;
+#[cfg(feature = "std")]
+mod port;
+#[cfg(feature = "std")]
+mod setup;
+#[cfg(feature = "std")]
+mod shared;
+#[cfg(feature = "std")]
+mod status;
+#[cfg(feature = "std")]
+mod together;
+#[cfg(feature = "std")]
+mod waiters;
+
 pub use self::core::AxisCore;
 pub use crate::profile_position::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
 pub use command::{Command, Inputs, StopRequest};
 pub use config::{AxisConfig, Deadlines, Loss, Tolerances};
 pub use fields::{AxisFields, FieldError};
 pub use snapshot::Snapshot;
+
+#[cfg(feature = "std")]
+pub use error::{AxisError, AxisErrorKind, AxisIdentity};
+#[cfg(feature = "std")]
+pub use field::{Field, OutputField};
+#[cfg(feature = "std")]
+pub(crate) use handle::Lease;
+#[cfg(feature = "std")]
+pub use handle::{Axis, StopHandle};
+#[cfg(feature = "std")]
+pub use liveness::{Liveness, LivenessWatch};
+#[cfg(feature = "std")]
+pub(crate) use pending::Pending;
+#[cfg(feature = "std")]
+pub use port::AxisPort;
+#[cfg(feature = "std")]
+pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
+#[cfg(feature = "std")]
+pub use together::{AxisSet, GroupQueue, Groups, TogetherError, together};

@@ -31,19 +31,23 @@ impl Layout {
     /// Where `index:subindex` lies; `None` if it is not mapped in this direction.
     #[must_use]
     pub fn find(&self, direction: Direction, index: u16, subindex: u8) -> Option<Place> {
+        let address = ObjectAddress::new(index, subindex);
+        let (_, place) = self
+            .objects(direction)
+            .find(|(object, _)| *object == address)?;
+        Some(place)
+    }
+
+    /// All objects mapped in this direction with their places, without padding.
+    pub fn objects(&self, direction: Direction) -> impl Iterator<Item = (ObjectAddress, Place)> {
         let entries = match direction {
             Direction::Outputs => &self.outputs,
             Direction::Inputs => &self.inputs,
         };
-        let address = ObjectAddress::new(index, subindex);
-        let (entry, bit) = entries
+        entries
             .iter()
-            .find(|(entry, _)| !entry.is_padding() && entry.address() == address)?;
-        Some(Place {
-            byte: bit / 8,
-            bit: (bit % 8) as u8,
-            bits: entry.bits,
-        })
+            .filter(|(entry, _)| !entry.is_padding())
+            .map(|(entry, bit)| (entry.address(), Place::at(*bit, entry.bits)))
     }
 
     /// The field of an object that the master writes.
@@ -119,6 +123,16 @@ pub struct Place {
     pub bit: u8,
     /// Its length in bits.
     pub bits: u8,
+}
+
+impl Place {
+    const fn at(first_bit: usize, bits: u8) -> Self {
+        Self {
+            byte: first_bit / 8,
+            bit: (first_bit % 8) as u8,
+            bits,
+        }
+    }
 }
 
 /// A number at its place in a drive's process data.

@@ -12,9 +12,19 @@ mod track;
 mod traits;
 mod waiting;
 
+#[cfg(feature = "std")]
+mod handle;
+#[cfg(feature = "std")]
+mod motion;
+
 pub(crate) use events::Events;
 pub use outcome::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
 pub(crate) use sequencer::{Cycle, Sequencer};
 pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};
 pub(crate) use standstill::{Bounds, Standstill};
 pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};
+
+#[cfg(feature = "std")]
+pub use handle::{MoveRequest, ProfilePosition};
+#[cfg(feature = "std")]
+pub use motion::{Done, Move, Outcome};

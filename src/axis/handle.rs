@@ -1,0 +1,354 @@
+//! The handle of an axis that programs hold: every operation is awaited, from any executor and any thread.
+
+use core::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
+};
+use std::sync::Arc;
+
+use crate::{
+    coe::ObjectAddress,
+    ds402::{Controlword, Mode, State},
+    profile_position::ProfilePosition,
+};
+
+use super::{
+    AxisError, AxisErrorKind, AxisIdentity, Command, Completion, ParameterAccess, Snapshot,
+    StopRequest, pending::Pending, shared::Shared,
+};
+
+/// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
+///
+/// When the last of them, and of everything that came from them ([`ProfilePosition`],
+/// [`Move`](crate::profile_position::Move)), is dropped, a moving axis is stopped; see
+/// [`keep_moving_on_drop`](Self::keep_moving_on_drop).
+///
+/// None of its stops is a safety function in the sense of the safety standards (STO, SS1).
+#[derive(Debug, Clone)]
+pub struct Axis {
+    pub(crate) handles: Arc<Handles>,
+}
+
+impl Axis {
+    pub(super) fn new(handles: Arc<Handles>) -> Self {
+        Self { handles }
+    }
+
+    /// The axis' name and its drive.
+    #[must_use]
+    pub fn identity(&self) -> &AxisIdentity {
+        &self.handles.shared.identity
+    }
+
+    /// To Operation enabled, from every state but Fault. No motion follows from it.
+    ///
+    /// Once asked for it is completed, also when the future is dropped.
+    ///
+    /// # Errors
+    /// With the reason for which the drive refuses: a fault, local control, no supply, or a deadline; or when the bus is
+    /// lost.
+    pub async fn enable(&self) -> Result<(), AxisError> {
+        self.run(Command::Enable).await?;
+        self.trace("enabled");
+        Ok(())
+    }
+
+    /// Off power, to Ready to switch on or below. An axis that moves or is halted is stopped first and its set-point
+    /// abandoned.
+    ///
+    /// # Errors
+    /// When a deadline passes or the bus is lost.
+    pub async fn disable(&self) -> Result<(), AxisError> {
+        self.run(Command::Disable).await?;
+        self.trace("disabled");
+        Ok(())
+    }
+
+    /// Out of Fault, to Switch on disabled. It never enables.
+    ///
+    /// # Errors
+    /// [`Failure::NoFault`](super::Failure::NoFault), or [`Failure::Fault`](super::Failure::Fault) if the drive keeps
+    /// its fault, or when the bus is lost.
+    pub async fn reset_fault(&self) -> Result<(), AxisError> {
+        self.run(Command::ResetFault).await?;
+        self.trace("fault reset");
+        Ok(())
+    }
+
+    /// The latest snapshot.
+    #[must_use]
+    pub fn status(&self) -> Snapshot {
+        self.handles.shared.status.snapshot()
+    }
+
+    /// The next snapshot in which anything but the cycle's number and age differs. Once the network is closed it is the
+    /// last one, at once, and says that the drive is lost.
+    pub async fn changed(&self) -> Snapshot {
+        let shared = &self.handles.shared;
+        let before = shared.changes.load(Ordering::Acquire);
+        shared
+            .changed
+            .until(|| {
+                (shared.is_closed() || shared.changes.load(Ordering::Acquire) != before)
+                    .then_some(())
+            })
+            .await;
+        shared.status.snapshot()
+    }
+
+    /// Selects Profile Position and leases it. The lease ends by [`ProfilePosition::release`] or by dropping it.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists; otherwise when the drive does not show the mode in time,
+    /// the axis moves in another mode, or the bus is lost.
+    pub async fn profile_position(&self) -> Result<ProfilePosition, AxisError> {
+        let lease = Lease::take(&self.handles)?;
+        self.select(Mode::ProfilePosition).await?;
+        self.trace("Profile Position leased");
+        Ok(ProfilePosition::new(self.clone(), lease))
+    }
+
+    /// What stops this axis from anywhere: `Drop`, a signal, a panic hook.
+    #[must_use]
+    pub fn stop_handle(&self) -> StopHandle {
+        StopHandle {
+            shared: Arc::clone(&self.handles.shared),
+        }
+    }
+
+    /// Pauses by bit 8, keeping the set-point; resolves at standstill. [`resume`](Self::resume) goes on.
+    ///
+    /// Once asked for it is completed, also when the future is dropped.
+    ///
+    /// # Errors
+    /// In Fault, when a deadline passes, or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for
+    /// nevertheless.
+    pub async fn halt(&self) -> Result<(), AxisError> {
+        self.stop_by(Command::Halt, StopRequest::HALT).await?;
+        self.trace("halted");
+        Ok(())
+    }
+
+    /// Goes on after a halt.
+    ///
+    /// # Errors
+    /// [`Failure::ResumeUnsupported`](super::Failure::ResumeUnsupported) if the drive has forgotten its set-point; in
+    /// Fault, while moving, or when the bus is lost.
+    pub async fn resume(&self) -> Result<(), AxisError> {
+        self.run(Command::Resume).await?;
+        self.trace("resumed");
+        Ok(())
+    }
+
+    /// Halts, then abandons the set-point by quick stop. Gives the state in which the drive stands, which 605Ah decides.
+    /// A standing axis without a set-point stays as it is.
+    ///
+    /// # Errors
+    /// When a deadline passes or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for nevertheless.
+    pub async fn stop(&self) -> Result<State, AxisError> {
+        let state = self.stop_by(Command::Stop, StopRequest::STOP).await?;
+        self.trace("stopped");
+        Ok(state)
+    }
+
+    /// Quick stop (bit 2): the set-point is gone. Gives the state in which the drive stands, which 605Ah decides.
+    ///
+    /// # Errors
+    /// In Fault, when a deadline passes, or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for
+    /// nevertheless.
+    pub async fn quick_stop(&self) -> Result<State, AxisError> {
+        let state = self
+            .stop_by(Command::QuickStop, StopRequest::QUICK_STOP)
+            .await?;
+        self.trace("quick stopped");
+        Ok(state)
+    }
+
+    /// Sets bits 11 to 15 of the controlword, which are the manufacturer's; other bits are ignored.
+    pub fn set_manufacturer_bits(&self, bits: Controlword) {
+        self.handles.shared.set_manufacturer(bits);
+    }
+
+    /// Lets the axis finish its move when the last handle is dropped, for the reason given.
+    pub fn keep_moving_on_drop(&self, reason: &str) {
+        self.handles.keep_moving.store(true, Ordering::Release);
+        tracing::info!(
+            axis = self.identity().axis,
+            drive = %self.identity().drive,
+            reason,
+            "keeps moving when its last handle is dropped"
+        );
+    }
+
+    pub(crate) fn submit(&self, command: Command) -> Result<Pending, AxisError> {
+        Pending::submit(Arc::clone(&self.handles), command)
+    }
+
+    pub(crate) async fn run(&self, command: Command) -> Result<Completion, AxisError> {
+        self.submit(command)?.done().await
+    }
+
+    pub(crate) fn trace(&self, what: &str) {
+        let identity = self.identity();
+        tracing::info!(axis = identity.axis, drive = %identity.drive, "{what}");
+    }
+
+    async fn stop_by(&self, command: Command, lane: StopRequest) -> Result<State, AxisError> {
+        let pending = match self.submit(command) {
+            Ok(pending) => pending,
+            Err(error) => {
+                self.handles.shared.request_stop(lane);
+                return Err(error);
+            }
+        };
+        Ok(match pending.done().await? {
+            Completion::Stopped { state } => state,
+            _ => self.status().state,
+        })
+    }
+
+    /// Selects a mode; 6060h and 6061h go by SDO where they are not in the process data.
+    async fn select(&self, mode: Mode) -> Result<(), AxisError> {
+        let handles = &self.handles;
+        let fields = &handles.shared.setup.fields;
+        if fields.mode.is_none() {
+            handles
+                .write_parameter(MODE_OF_OPERATION, vec![mode.raw().cast_unsigned()])
+                .await?;
+        }
+        let pending = self.submit(Command::SelectMode(mode))?;
+        if fields.mode_display.is_some() {
+            return pending.done().await.map(drop);
+        }
+        let shown = async {
+            loop {
+                let value = handles.read_parameter(MODE_OF_OPERATION_DISPLAY).await?;
+                if let Some(raw) = value.first() {
+                    handles.shared.note_mode(raw.cast_signed());
+                }
+                smol::Timer::after(MODE_POLL).await;
+            }
+        };
+        smol::future::or(async { pending.done().await.map(drop) }, shown).await
+    }
+}
+
+/// How often 6061h is read by SDO while a mode is awaited there.
+const MODE_POLL: Duration = Duration::from_millis(5);
+
+const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
+const MODE_OF_OPERATION: ObjectAddress = ObjectAddress::new(0x6060, 0);
+const MODE_OF_OPERATION_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
+
+/// Stops one axis: at once, from any thread, without waiting and without failing. What it asks for is in the next
+/// process-data frame, whatever else is queued. It does not count as a handle of the axis.
+///
+/// Only atomics are touched: it may be called from a signal handler. It is no safety function.
+#[derive(Debug, Clone)]
+pub struct StopHandle {
+    shared: Arc<Shared>,
+}
+
+impl StopHandle {
+    /// Pauses by bit 8, keeping the set-point.
+    pub fn halt(&self) {
+        self.shared.request_stop(StopRequest::HALT);
+    }
+
+    /// Halts, then abandons the set-point by quick stop.
+    pub fn stop(&self) {
+        self.shared.request_stop(StopRequest::STOP);
+    }
+
+    /// Quick stop (bit 2).
+    pub fn quick_stop(&self) {
+        self.shared.request_stop(StopRequest::QUICK_STOP);
+    }
+}
+
+/// All handles of an axis together; the axis is stopped when the last one goes.
+#[derive(Debug)]
+pub(crate) struct Handles {
+    pub(crate) shared: Arc<Shared>,
+    /// Held from an SDO write of a move's parameters until the drive has taken the set-point.
+    pub(crate) parameters_in_use: smol::lock::Mutex<()>,
+    keep_moving: AtomicBool,
+}
+
+impl Handles {
+    pub(super) fn new(shared: Arc<Shared>) -> Self {
+        Self {
+            shared,
+            parameters_in_use: smol::lock::Mutex::new(()),
+            keep_moving: AtomicBool::new(false),
+        }
+    }
+
+    fn parameters(&self) -> &dyn ParameterAccess {
+        &*self.shared.setup.parameters
+    }
+
+    /// An object as the drive numbers it for this axis.
+    pub(crate) fn of_axis(&self, object: ObjectAddress) -> ObjectAddress {
+        ObjectAddress::new(
+            self.shared.setup.offset.apply(object.index),
+            object.subindex,
+        )
+    }
+
+    /// Writes an object of this axis by SDO.
+    pub(crate) async fn write_parameter(
+        &self,
+        object: ObjectAddress,
+        value: Vec<u8>,
+    ) -> Result<(), AxisError> {
+        let object = self.of_axis(object);
+        let written = self.parameters().write(object, value).await;
+        written.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
+    }
+
+    async fn read_parameter(&self, object: ObjectAddress) -> Result<Vec<u8>, AxisError> {
+        let object = self.of_axis(object);
+        let read = self.parameters().read(object).await;
+        read.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
+    }
+
+    /// Error code 603Fh, by SDO; none if it cannot be read.
+    pub(super) async fn read_error_code(&self) -> Option<u16> {
+        let value = self.read_parameter(ERROR_CODE).await.ok()?;
+        Some(u16::from_le_bytes(value.try_into().ok()?))
+    }
+}
+
+impl Drop for Handles {
+    fn drop(&mut self) {
+        if !self.keep_moving.load(Ordering::Acquire) {
+            // The core does nothing where nothing moves and no set-point is active.
+            self.shared.request_stop(StopRequest::STOP);
+        }
+    }
+}
+
+/// The one lease of a mode.
+#[derive(Debug)]
+pub(crate) struct Lease {
+    shared: Arc<Shared>,
+}
+
+impl Lease {
+    fn take(handles: &Handles) -> Result<Self, AxisError> {
+        let shared = &handles.shared;
+        if shared.leased.swap(true, Ordering::AcqRel) {
+            return Err(shared.error(AxisErrorKind::ModeInUse));
+        }
+        Ok(Self {
+            shared: Arc::clone(shared),
+        })
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.shared.leased.store(false, Ordering::Release);
+    }
+}

@@ -1,0 +1,123 @@
+//! One command under way, as its future holds it.
+
+use core::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::{AxisError, AxisErrorKind, Command, CommandId, Completion, Failure, handle::Handles};
+
+/// One command under way. Dropped before its drive has seen anything of it, a move is withdrawn; other commands go on.
+#[derive(Debug)]
+pub(crate) struct Pending {
+    pub(crate) handles: Arc<Handles>,
+    pub(crate) id: CommandId,
+    withdraw_on_drop: bool,
+    /// Kept, because the slot gives it once. A lock of the handles' side alone.
+    result: Mutex<Option<Result<Completion, Failure>>>,
+    halts_seen: AtomicU32,
+}
+
+impl Pending {
+    pub(super) fn submit(handles: Arc<Handles>, command: Command) -> Result<Self, AxisError> {
+        let shared = &handles.shared;
+        let id = shared.submit(command).map_err(|kind| shared.error(kind))?;
+        Ok(Self {
+            id,
+            withdraw_on_drop: matches!(command, Command::Move(_)),
+            result: Mutex::new(None),
+            halts_seen: AtomicU32::new(0),
+            handles,
+        })
+    }
+
+    /// The result, once it is there.
+    pub(crate) fn result(&self) -> Option<Result<Completion, Failure>> {
+        let mut result = self.result.lock().unwrap_or_else(PoisonError::into_inner);
+        if result.is_none() {
+            *result = self.handles.shared.take_result(self.id);
+        }
+        *result
+    }
+
+    /// Waits for the result.
+    pub(crate) async fn done(&self) -> Result<Completion, AxisError> {
+        let result = self.wait(|| self.result()).await;
+        self.judge(result).await
+    }
+
+    /// Waits for the result, or for the axis standing halted, each halt once.
+    pub(crate) async fn done_or_halted(&self) -> Result<Completion, AxisError> {
+        let result = self
+            .wait(|| {
+                self.result().or_else(|| {
+                    let halts = self.handles.shared.halts(self.id);
+                    let seen = self.halts_seen.swap(halts, Ordering::AcqRel);
+                    (seen != halts).then_some(Err(Failure::Halted))
+                })
+            })
+            .await;
+        self.judge(result).await
+    }
+
+    /// Waits for the drive's acknowledge of a move's set-point. From then on dropping this withdraws nothing.
+    pub(crate) async fn accepted(&mut self) -> Result<(), AxisError> {
+        let result = self
+            .wait(|| {
+                if self.handles.shared.is_accepted(self.id) {
+                    return Some(Ok(()));
+                }
+                self.result().map(|result| result.map(|_| ()))
+            })
+            .await;
+        self.withdraw_on_drop = false;
+        match result {
+            Ok(()) => Ok(()),
+            Err(failure) => Err(self.handles.fail(failure).await),
+        }
+    }
+
+    async fn wait<T>(&self, ready: impl FnMut() -> Option<T>) -> T {
+        self.handles.shared.waiters(self.id).until(ready).await
+    }
+
+    async fn judge(&self, result: Result<Completion, Failure>) -> Result<Completion, AxisError> {
+        match result {
+            Ok(completion) => Ok(completion),
+            Err(failure) => Err(self.handles.fail(failure).await),
+        }
+    }
+}
+
+impl Drop for Pending {
+    fn drop(&mut self) {
+        let shared = &self.handles.shared;
+        if self.withdraw_on_drop && !shared.is_done(self.id) {
+            shared.withdraw(self.id);
+        }
+        shared.leave(self.id);
+    }
+}
+
+impl Handles {
+    /// The error for a failure. A fault whose code is not in the process data is asked for its code, so that the error
+    /// has it.
+    pub(crate) async fn fail(&self, failure: Failure) -> AxisError {
+        let failure = match failure {
+            Failure::Fault { code: None } => Failure::Fault {
+                code: self.read_error_code().await,
+            },
+            failure => failure,
+        };
+        if let Failure::Fault { code } = failure {
+            let status = self.shared.status.snapshot();
+            tracing::error!(
+                axis = self.shared.identity.axis,
+                drive = %self.shared.identity.drive,
+                code = code.map(tracing::field::display),
+                statusword = status.statusword.bits(),
+                controlword = status.controlword.bits(),
+                "{failure}"
+            );
+        }
+        self.shared.error(AxisErrorKind::Failed(failure))
+    }
+}

@@ -1,0 +1,178 @@
+//! The bus thread's end of an axis' handles: called twice a cycle, around the exchange. It allocates nothing and waits
+//! for nobody.
+
+use core::{sync::atomic::Ordering, time::Duration};
+use std::sync::Arc;
+
+use super::{AxisCore, Command, Snapshot, StopRequest, shared::Shared};
+use crate::ds402::{Controlword, Mode};
+
+/// Carries commands from the handles to the axis core, and its reports and snapshots back. Order of a cycle:
+///
+/// 1. [`before_send`](Self::before_send) for every axis,
+/// 2. [`Groups::advance`](super::Groups::advance), which raises bit 4 of the axes that start together,
+/// 3. sending and receiving,
+/// 4. [`AxisCore::step`] and [`after_step`](Self::after_step) for every axis.
+///
+/// When it is dropped, even by a panic, everything that waits for this axis resolves.
+#[derive(Debug)]
+pub struct AxisPort {
+    shared: Arc<Shared>,
+    manufacturer: Controlword,
+    published: Option<Snapshot>,
+    inputs: Vec<u8>,
+}
+
+impl AxisPort {
+    pub(super) fn new(shared: Arc<Shared>) -> Self {
+        let inputs = shared.setup.layout.input_bytes();
+        Self {
+            shared,
+            manufacturer: Controlword::empty(),
+            published: None,
+            inputs: Vec::with_capacity(inputs),
+        }
+    }
+
+    /// Takes commands and withdrawals in, merges the outputs that the program has set, and last the stop lane.
+    ///
+    /// True if a rise of bit 4 that was about to be sent was withdrawn by a stop.
+    pub fn before_send(&mut self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) -> bool {
+        let shared = &self.shared;
+        if let Some(raw) = shared.take_noted_mode() {
+            core.note_mode(Mode::from_raw(raw));
+        }
+        let manufacturer = shared.manufacturer();
+        if manufacturer != self.manufacturer {
+            self.manufacturer = manufacturer;
+            core.set_manufacturer_bits(manufacturer);
+        }
+        shared.merge_outputs(outputs);
+
+        // A command is queued before it is withdrawn: whoever is withdrawn by now is found in the queue below.
+        let withdrawn = shared.withdrawn_count();
+        let mut taken = self.take_commands(core, now);
+        let asked = shared.take_stop();
+        if !asked.is_empty() {
+            // What was queued before the stop was asked for is stopped with the rest, not started after it.
+            taken = self.take_commands(core, now).after(taken);
+        }
+        for _ in 0..withdrawn {
+            if let Some(id) = shared.take_withdrawn() {
+                core.withdraw(id, outputs);
+            }
+        }
+        let stop = taken.stop | asked;
+        let withdrew = (taken.urgent || !stop.is_empty()) && core.apply_stop(now, stop, outputs);
+        self.pass_events(core);
+        withdrew
+    }
+
+    /// Passes the core's reports to the futures that wait for them and publishes the snapshot.
+    ///
+    /// `inputs` are the drive's, or none if none came in this cycle.
+    pub fn after_step(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) {
+        if let Some(inputs) = inputs {
+            self.inputs.clear();
+            self.inputs.extend_from_slice(inputs);
+        }
+        let snapshot = core.snapshot();
+        // First the snapshot: a future that is woken by its result reads the status that belongs to it.
+        self.shared.status.publish(&snapshot, &self.inputs);
+        self.pass_events(core);
+        if self.published.is_none_or(|last| differs(&last, &snapshot)) {
+            self.shared.changes.fetch_add(1, Ordering::AcqRel);
+            self.shared.changed.wake_all();
+        }
+        self.published = Some(snapshot);
+    }
+
+    /// Ends it all: every future of this axis resolves with [`Failure::BusLost`](super::Failure::BusLost), the last snapshot says that the drive
+    /// is lost, and new commands are refused.
+    pub fn close(&mut self) {
+        if self.shared.is_closed() {
+            return;
+        }
+        let last = self
+            .published
+            .unwrap_or_else(|| self.shared.status.snapshot());
+        let lost = Snapshot {
+            answered: false,
+            lost: true,
+            ..last
+        };
+        self.shared.status.publish(&lost, &self.inputs);
+        self.shared.close();
+    }
+
+    /// Submits what is queued. A stop among it goes into the frame that is about to be sent, like the stop lane.
+    fn take_commands(&self, core: &mut AxisCore, now: Duration) -> Taken {
+        let mut taken = Taken {
+            stop: StopRequest::empty(),
+            urgent: false,
+            resumes: false,
+        };
+        while let Some((id, command)) = self.shared.take_command() {
+            match command {
+                Command::Halt => taken.stop |= StopRequest::HALT,
+                Command::Stop => taken.stop |= StopRequest::STOP,
+                Command::QuickStop => taken.stop |= StopRequest::QUICK_STOP,
+                Command::Disable | Command::Release => taken.urgent = true,
+                Command::Resume => {
+                    taken.stop -= StopRequest::HALT;
+                    taken.resumes = true;
+                }
+                Command::Enable
+                | Command::ResetFault
+                | Command::SelectMode(_)
+                | Command::Move(_) => {}
+            }
+            core.submit(now, id, command);
+            self.pass_events(core);
+        }
+        taken
+    }
+
+    fn pass_events(&self, core: &mut AxisCore) {
+        while let Some((id, event)) = core.poll_event() {
+            self.shared.report(id, event);
+        }
+    }
+}
+
+impl Drop for AxisPort {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+/// What the commands taken in ask of the frame that is about to be sent.
+#[derive(Debug, Clone, Copy)]
+struct Taken {
+    /// Stops among them.
+    stop: StopRequest,
+    /// Whether the controlword must be composed anew even without a stop.
+    urgent: bool,
+    /// Whether a halt that was asked for before is taken back.
+    resumes: bool,
+}
+
+impl Taken {
+    fn after(mut self, before: Self) -> Self {
+        if !self.resumes {
+            self.stop |= before.stop;
+        }
+        self.stop |= before.stop - StopRequest::HALT;
+        self.urgent |= before.urgent;
+        self
+    }
+}
+
+/// Whether anything changed that a handle may wait for; cycles and their age count for themselves.
+fn differs(last: &Snapshot, new: &Snapshot) -> bool {
+    Snapshot {
+        cycle: new.cycle,
+        age: new.age,
+        ..*last
+    } != *new
+}

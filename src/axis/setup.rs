@@ -1,0 +1,119 @@
+//! What handles of an axis must know, and the two ends that come of it: one for the program, one for the cycle's owner.
+
+use core::{fmt, future::Future, pin::Pin};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+use crate::{
+    coe::{AxisOffset, ObjectAddress, SdoError, Transfer},
+    pdo_map::Layout,
+    profile_position::Traits,
+};
+
+use super::{
+    AxisCore, AxisFields, AxisIdentity, AxisPort, GroupQueue,
+    handle::{Axis, Handles},
+    shared::Shared,
+};
+
+/// A future that can be sent to another thread.
+pub type BoxFuture<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
+
+/// SDO access to the drive of an axis, for parameters and codes that are not in its process data.
+pub trait ParameterAccess: Send + Sync {
+    /// Writes an object; ready when the drive has confirmed it.
+    fn write(&self, object: ObjectAddress, value: Vec<u8>) -> BoxFuture<'_, Result<(), SdoError>>;
+
+    /// Reads an object.
+    fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>>;
+}
+
+/// No SDO access: for axes with everything in their process data, in a program without a mailbox client.
+///
+/// ```
+/// use servocrab::{axis::{NoParameters, ParameterAccess}, coe::ObjectAddress};
+/// let read = NoParameters.read(ObjectAddress::new(0x603F, 0));
+/// assert!(smol::block_on(read).is_err());
+/// ```
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoParameters;
+
+impl ParameterAccess for NoParameters {
+    fn write(&self, object: ObjectAddress, _: Vec<u8>) -> BoxFuture<'_, Result<(), SdoError>> {
+        let transfer = Transfer::write(object);
+        Box::pin(async move { Err(SdoError::Closed { transfer }) })
+    }
+
+    fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>> {
+        let transfer = Transfer::read(object);
+        Box::pin(async move { Err(SdoError::Closed { transfer }) })
+    }
+}
+
+/// What handles of an axis must know of it.
+pub struct AxisSetup {
+    /// The axis' name, and its drive.
+    pub identity: AxisIdentity,
+    /// By how much the axis' objects lie above those of the drive's first axis.
+    pub offset: AxisOffset,
+    /// Where the core's objects lie, as in its own configuration.
+    pub fields: AxisFields,
+    /// The drive's ways, as in the core's own configuration.
+    pub traits: Traits,
+    /// Where all mapped objects of the drive lie.
+    pub layout: Layout,
+    /// SDO access to the drive.
+    pub parameters: Arc<dyn ParameterAccess>,
+    /// Where starts of several axes together are asked for: one queue for all axes of a network.
+    pub groups: GroupQueue,
+    /// The axis' number in its network, by which [`Groups`](super::Groups) asks for its core.
+    pub index: usize,
+}
+
+impl fmt::Debug for AxisSetup {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("AxisSetup")
+            .field("identity", &self.identity)
+            .field("index", &self.index)
+            .finish_non_exhaustive()
+    }
+}
+
+impl AxisSetup {
+    /// The two ends of an axis: where its handles come from, and the port for whoever steps its core.
+    #[must_use]
+    pub fn open(self, core: &AxisCore) -> (AxisSource, AxisPort) {
+        let shared = Arc::new(Shared::new(self, &core.snapshot()));
+        let source = AxisSource {
+            shared: Arc::clone(&shared),
+            handles: Arc::default(),
+        };
+        (source, AxisPort::new(shared))
+    }
+}
+
+/// Where handles of an axis come from. It is no handle itself: it keeps no motion alive.
+#[derive(Debug, Clone)]
+pub struct AxisSource {
+    shared: Arc<Shared>,
+    handles: Arc<Mutex<Weak<Handles>>>,
+}
+
+impl AxisSource {
+    /// The axis' name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.shared.identity.axis
+    }
+
+    /// A handle; all that exist at a time belong together.
+    #[must_use]
+    pub fn axis(&self) -> Axis {
+        let mut known = self.handles.lock().unwrap_or_else(PoisonError::into_inner);
+        let handles = known.upgrade().unwrap_or_else(|| {
+            let handles = Arc::new(Handles::new(Arc::clone(&self.shared)));
+            *known = Arc::downgrade(&handles);
+            handles
+        });
+        Axis::new(handles)
+    }
+}

@@ -1,0 +1,349 @@
+//! What the handles of an axis and the bus thread share: commands in slots, the stop lane, the snapshot. Only atomics.
+
+use core::sync::atomic::{
+    AtomicBool, AtomicI16, AtomicU8, AtomicU16, AtomicU32, AtomicU64, Ordering,
+};
+use std::sync::Arc;
+
+use crossbeam_queue::ArrayQueue;
+
+use super::{
+    AxisError, AxisErrorKind, AxisIdentity, AxisSetup, Command, CommandId, Completion, Delivery,
+    Event, Failure, Snapshot, StopRequest, status::StatusCell, waiters::Waiters,
+};
+use crate::{
+    coe::{Number, ObjectAddress},
+    ds402::Controlword,
+    pdo_map::{Direction, Field, Place},
+};
+
+/// Commands under way at once, of one axis.
+const SLOTS: u8 = 32;
+/// Futures that wait for one command, and for changes of one axis, before they must poll.
+const WAITERS_PER_COMMAND: usize = 4;
+const WAITERS_PER_AXIS: usize = 32;
+
+/// Set in an output cell once a program has written it.
+const WRITTEN: u64 = 1 << 32;
+/// Set in the noted mode once one was noted.
+const NOTED: i16 = 1 << 8;
+
+/// One axis, seen from both sides.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub(crate) setup: AxisSetup,
+    pub(crate) identity: Arc<AxisIdentity>,
+    pub(crate) status: StatusCell,
+    /// Woken when a snapshot shows something new.
+    pub(crate) changed: Waiters,
+    /// How often that was.
+    pub(crate) changes: AtomicU64,
+    /// Whether a mode is leased.
+    pub(crate) leased: AtomicBool,
+    queue: ArrayQueue<(CommandId, Command)>,
+    withdrawn: ArrayQueue<CommandId>,
+    slots: Box<[Slot]>,
+    free: ArrayQueue<u8>,
+    stop: AtomicU8,
+    manufacturer: AtomicU16,
+    noted_mode: AtomicI16,
+    closed: AtomicBool,
+    outputs: Box<[OutputCell]>,
+}
+
+/// A mapped object of the drive's outputs, and what the program has set it to.
+#[derive(Debug)]
+struct OutputCell {
+    object: ObjectAddress,
+    place: Place,
+    value: AtomicU64,
+}
+
+/// One command under way. It is given back when it is done and its future is gone, by whoever comes last.
+#[derive(Debug)]
+struct Slot {
+    id: AtomicU32,
+    marks: AtomicU8,
+    halts: AtomicU32,
+    result: ArrayQueue<Result<Completion, Failure>>,
+    waiters: Waiters,
+}
+
+mod mark {
+    /// The bus thread has taken the command.
+    pub(super) const TAKEN: u8 = 1;
+    /// The drive has acknowledged the set-point.
+    pub(super) const ACCEPTED: u8 = 2;
+    /// The result is there.
+    pub(super) const DONE: u8 = 4;
+    /// Nobody waits any more.
+    pub(super) const LEFT: u8 = 8;
+}
+
+impl Shared {
+    pub(crate) fn new(setup: AxisSetup, snapshot: &Snapshot) -> Self {
+        let free = ArrayQueue::new(SLOTS.into());
+        for slot in 0..SLOTS {
+            // There is room: the queue was made for this many.
+            let _ = free.push(slot);
+        }
+        let outputs = setup
+            .layout
+            .objects(Direction::Outputs)
+            .map(|(object, place)| OutputCell {
+                object,
+                place,
+                value: AtomicU64::new(0),
+            });
+        let outputs = outputs.collect();
+        Self {
+            identity: Arc::new(setup.identity.clone()),
+            status: StatusCell::new(snapshot, setup.layout.input_bytes()),
+            changed: Waiters::new(WAITERS_PER_AXIS),
+            changes: AtomicU64::new(0),
+            leased: AtomicBool::new(false),
+            queue: ArrayQueue::new(SLOTS.into()),
+            // A slot gives at most one withdrawal between two cycles, and one that was there before.
+            withdrawn: ArrayQueue::new(2 * usize::from(SLOTS)),
+            slots: (0..SLOTS).map(|_| Slot::new()).collect(),
+            free,
+            stop: AtomicU8::new(0),
+            manufacturer: AtomicU16::new(0),
+            noted_mode: AtomicI16::new(0),
+            closed: AtomicBool::new(false),
+            outputs,
+            setup,
+        }
+    }
+
+    pub(crate) fn error(&self, kind: AxisErrorKind) -> AxisError {
+        AxisError {
+            identity: Arc::clone(&self.identity),
+            kind,
+        }
+    }
+
+    pub(crate) fn is_closed(&self) -> bool {
+        self.closed.load(Ordering::Acquire)
+    }
+
+    // The handles' side.
+
+    /// Asks for a stop: it is in the next frame, whatever is queued.
+    pub(crate) fn request_stop(&self, stop: StopRequest) {
+        self.stop.fetch_or(stop.bits(), Ordering::Release);
+    }
+
+    /// Queues a command.
+    pub(crate) fn submit(&self, command: Command) -> Result<CommandId, AxisErrorKind> {
+        if self.is_closed() {
+            return Err(AxisErrorKind::Closed);
+        }
+        let index = self.free.pop().ok_or(AxisErrorKind::QueueFull)?;
+        let slot = self
+            .slots
+            .get(usize::from(index))
+            .ok_or(AxisErrorKind::QueueFull)?;
+        // The generation above the slot's number tells this command from all that used the slot before.
+        let generation = (slot.id.load(Ordering::Relaxed) >> 8).wrapping_add(1);
+        let id = CommandId(generation << 8 | u32::from(index));
+        slot.reset(id);
+        if self.queue.push((id, command)).is_err() {
+            let _ = self.free.push(index);
+            return Err(AxisErrorKind::QueueFull);
+        }
+        Ok(id)
+    }
+
+    /// Gives a command up, so far as it was not sent.
+    pub(crate) fn withdraw(&self, id: CommandId) {
+        let _ = self.withdrawn.push(id);
+    }
+
+    /// Nobody waits for this command any more.
+    pub(crate) fn leave(&self, id: CommandId) {
+        if let Some(slot) = self.slot(id) {
+            self.mark_last(slot, id, mark::LEFT, mark::DONE);
+        }
+    }
+
+    pub(crate) fn is_accepted(&self, id: CommandId) -> bool {
+        self.slot(id).is_some_and(|slot| slot.has(mark::ACCEPTED))
+    }
+
+    /// How often the axis stood halted with this move's set-point kept.
+    pub(crate) fn halts(&self, id: CommandId) -> u32 {
+        self.slot(id)
+            .map_or(0, |slot| slot.halts.load(Ordering::Acquire))
+    }
+
+    pub(crate) fn is_done(&self, id: CommandId) -> bool {
+        self.slot(id).is_none_or(|slot| slot.has(mark::DONE))
+    }
+
+    /// The result, which can be taken once.
+    pub(crate) fn take_result(&self, id: CommandId) -> Option<Result<Completion, Failure>> {
+        // In this order: a command that was done before the end is not lost with the bus.
+        let closed = self.is_closed();
+        let slot = self.slot(id)?;
+        if slot.has(mark::DONE) {
+            return slot.result.pop();
+        }
+        let delivery = match slot.marks.load(Ordering::Acquire) {
+            marks if marks & mark::ACCEPTED != 0 => Delivery::Accepted,
+            marks if marks & mark::TAKEN != 0 => Delivery::Unknown,
+            _ => Delivery::NotSent,
+        };
+        closed.then_some(Err(Failure::BusLost { delivery }))
+    }
+
+    pub(crate) fn waiters(&self, id: CommandId) -> &Waiters {
+        self.slot(id).map_or(&self.changed, |slot| &slot.waiters)
+    }
+
+    pub(crate) fn set_manufacturer(&self, bits: Controlword) {
+        let bits = bits.bits() & Controlword::MANUFACTURER.bits();
+        self.manufacturer.store(bits, Ordering::Release);
+    }
+
+    pub(crate) fn note_mode(&self, raw: i8) {
+        let noted = NOTED | i16::from(raw.cast_unsigned());
+        self.noted_mode.store(noted, Ordering::Release);
+    }
+
+    /// The place among the outputs of an object that is mapped there.
+    pub(crate) fn output_cell(&self, object: ObjectAddress) -> Option<usize> {
+        self.outputs.iter().position(|cell| cell.object == object)
+    }
+
+    pub(crate) fn write_output(&self, cell: usize, raw: u32) {
+        if let Some(cell) = self.outputs.get(cell) {
+            cell.value
+                .store(WRITTEN | u64::from(raw), Ordering::Release);
+        }
+    }
+
+    pub(crate) fn written_output(&self, cell: usize) -> Option<u32> {
+        let value = self.outputs.get(cell)?.value.load(Ordering::Acquire);
+        (value & WRITTEN != 0).then_some(value as u32)
+    }
+
+    // The bus thread's side.
+
+    pub(super) fn take_stop(&self) -> StopRequest {
+        StopRequest::from_bits_truncate(self.stop.swap(0, Ordering::AcqRel))
+    }
+
+    pub(super) fn take_command(&self) -> Option<(CommandId, Command)> {
+        let (id, command) = self.queue.pop()?;
+        if let Some(slot) = self.slot(id) {
+            slot.marks.fetch_or(mark::TAKEN, Ordering::AcqRel);
+        }
+        Some((id, command))
+    }
+
+    pub(super) fn withdrawn_count(&self) -> usize {
+        self.withdrawn.len()
+    }
+
+    pub(super) fn take_withdrawn(&self) -> Option<CommandId> {
+        self.withdrawn.pop()
+    }
+
+    /// Bits 11 to 15 of the controlword, as last set.
+    pub(super) fn manufacturer(&self) -> Controlword {
+        Controlword::from_bits_retain(self.manufacturer.load(Ordering::Acquire))
+    }
+
+    pub(super) fn take_noted_mode(&self) -> Option<i8> {
+        let noted = self.noted_mode.load(Ordering::Acquire);
+        if noted & NOTED == 0 {
+            return None;
+        }
+        Some(self.noted_mode.swap(0, Ordering::AcqRel) as i8)
+    }
+
+    /// Writes what the program has set into the drive's outputs.
+    pub(super) fn merge_outputs(&self, outputs: &mut [u8]) {
+        for cell in &self.outputs {
+            let value = cell.value.load(Ordering::Acquire);
+            if value & WRITTEN != 0 {
+                let raw = value as u32;
+                match cell.place.bits {
+                    8 => write(cell.place, raw as u8, outputs),
+                    16 => write(cell.place, raw as u16, outputs),
+                    _ => write(cell.place, raw, outputs),
+                }
+            }
+        }
+    }
+
+    /// Passes an event to the command's future.
+    pub(super) fn report(&self, id: CommandId, event: Event) {
+        let Some(slot) = self.slot(id) else { return };
+        match event {
+            Event::Accepted => {
+                slot.marks.fetch_or(mark::ACCEPTED, Ordering::AcqRel);
+            }
+            Event::Halted => {
+                slot.halts.fetch_add(1, Ordering::AcqRel);
+            }
+            Event::Done(result) => {
+                slot.result.force_push(result);
+                self.mark_last(slot, id, mark::DONE, mark::LEFT);
+            }
+        }
+        slot.waiters.wake_all();
+    }
+
+    /// The bus is gone: every future resolves, none is left waiting.
+    pub(super) fn close(&self) {
+        self.closed.store(true, Ordering::Release);
+        self.changes.fetch_add(1, Ordering::AcqRel);
+        for slot in &self.slots {
+            slot.waiters.wake_all();
+        }
+        self.changed.wake_all();
+    }
+
+    /// The slot of a command that is still under way or whose future still waits.
+    fn slot(&self, id: CommandId) -> Option<&Slot> {
+        let slot = self.slots.get((id.0 & 0xFF) as usize)?;
+        (slot.id.load(Ordering::Acquire) == id.0).then_some(slot)
+    }
+
+    fn mark_last(&self, slot: &Slot, id: CommandId, mark: u8, other: u8) {
+        let before = slot.marks.fetch_or(mark, Ordering::AcqRel);
+        if before & other != 0 && before & mark == 0 {
+            let _ = self.free.push(id.0 as u8);
+        }
+    }
+}
+
+impl Slot {
+    fn new() -> Self {
+        Self {
+            id: AtomicU32::new(0),
+            marks: AtomicU8::new(0),
+            halts: AtomicU32::new(0),
+            result: ArrayQueue::new(1),
+            waiters: Waiters::new(WAITERS_PER_COMMAND),
+        }
+    }
+
+    fn reset(&self, id: CommandId) {
+        self.result.pop();
+        self.halts.store(0, Ordering::Relaxed);
+        self.marks.store(0, Ordering::Relaxed);
+        self.id.store(id.0, Ordering::Release);
+    }
+
+    fn has(&self, mark: u8) -> bool {
+        self.marks.load(Ordering::Acquire) & mark != 0
+    }
+}
+
+/// An image that is too short is the exchange's error, and shows there.
+fn write<T: Number>(place: Place, value: T, outputs: &mut [u8]) {
+    let _ = Field::new(place).is_some_and(|field| field.write(outputs, value));
+}

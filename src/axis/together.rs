@@ -1,0 +1,272 @@
+//! Moves of several axes whose bits 4 rise in one cycle: all of them or none.
+
+use core::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
+};
+use std::sync::Arc;
+
+use crossbeam_queue::ArrayQueue;
+
+use crate::profile_position::{Move, MoveCommand, MoveRequest};
+
+use super::{
+    AxisCore, AxisError, AxisErrorKind, Command, CommandId, Failure, pending::Pending,
+    shared::Shared,
+};
+
+/// Groups that wait to start at once, of one network.
+const GROUPS: usize = 16;
+
+/// Where moves are asked to start together: one queue for all axes of a network, a clone in each [`AxisSetup`](super::AxisSetup).
+///
+/// ```
+/// use servocrab::axis::GroupQueue;
+/// let queue = GroupQueue::new();
+/// let of_the_first_axis = queue.clone();
+/// let groups = queue.groups();
+/// # drop((of_the_first_axis, groups));
+/// ```
+#[derive(Debug, Clone)]
+pub struct GroupQueue {
+    queues: Arc<Queues>,
+}
+
+#[derive(Debug)]
+struct Queues {
+    new: ArrayQueue<Arc<Group>>,
+    /// Back to the program, so that the bus thread frees no memory.
+    over: ArrayQueue<Arc<Group>>,
+}
+
+#[derive(Debug)]
+struct Group {
+    members: Vec<Member>,
+    fired: AtomicBool,
+}
+
+#[derive(Debug)]
+struct Member {
+    axis: usize,
+    id: CommandId,
+    shared: Arc<Shared>,
+}
+
+impl Default for GroupQueue {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl GroupQueue {
+    /// An empty queue.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            queues: Arc::new(Queues {
+                new: ArrayQueue::new(GROUPS),
+                over: ArrayQueue::new(2 * GROUPS),
+            }),
+        }
+    }
+
+    /// The bus thread's end. There is to be one.
+    #[must_use]
+    pub fn groups(&self) -> Groups {
+        Groups {
+            queues: Arc::clone(&self.queues),
+            waiting: Vec::with_capacity(GROUPS),
+        }
+    }
+}
+
+/// The axes of a network, as [`Groups::advance`] asks for them.
+pub trait AxisSet {
+    /// The core of the axis with this number, and the outputs of its drive that are about to be sent.
+    fn axis(&mut self, index: usize) -> Option<(&mut AxisCore, &mut [u8])>;
+}
+
+/// The groups that wait for their start.
+#[derive(Debug)]
+pub struct Groups {
+    queues: Arc<Queues>,
+    waiting: Vec<Arc<Group>>,
+}
+
+impl Groups {
+    /// Starts the groups of which every move has what it needs, and gives up those of which one has failed.
+    ///
+    /// To be called after [`AxisPort::before_send`](super::AxisPort::before_send) of every axis and right before
+    /// sending: then no stop can come between the rise of one bit 4 and another.
+    pub fn advance(&mut self, now: Duration, axes: &mut impl AxisSet) {
+        while self.waiting.len() < GROUPS
+            && let Some(group) = self.queues.new.pop()
+        {
+            self.waiting.push(group);
+        }
+        let queues = &self.queues;
+        self.waiting.retain(|group| {
+            let over = group.advance(now, axes);
+            if over {
+                // Where there is no room it is freed here.
+                let _ = queues.over.push(Arc::clone(group));
+            }
+            !over
+        });
+    }
+}
+
+impl Group {
+    /// Whether there is nothing more to do for it.
+    fn advance(&self, now: Duration, axes: &mut impl AxisSet) -> bool {
+        let failed = |member: &Member| member.shared.is_done(member.id);
+        if self.members.iter().any(failed) {
+            self.withdraw(axes);
+            return true;
+        }
+        let mut is_armed = |member: &Member| {
+            axes.axis(member.axis)
+                .is_some_and(|(core, _)| core.is_armed(member.id))
+        };
+        if !self.members.iter().all(&mut is_armed) {
+            return false;
+        }
+        for member in &self.members {
+            if let Some((core, outputs)) = axes.axis(member.axis) {
+                core.fire(now, member.id, outputs);
+            }
+        }
+        self.fired.store(true, Ordering::Release);
+        true
+    }
+
+    fn withdraw(&self, axes: &mut impl AxisSet) {
+        for member in &self.members {
+            if let Some((core, outputs)) = axes.axis(member.axis) {
+                core.withdraw(member.id, outputs);
+                while let Some((id, event)) = core.poll_event() {
+                    member.shared.report(id, event);
+                }
+            }
+        }
+    }
+}
+
+/// Starts moves of several axes of one network in one process-data frame: every bit 4 rises in the same cycle, or none
+/// does. Resolves when all drives have acknowledged.
+///
+/// Dropped before the bits rose, nothing is started.
+///
+/// # Errors
+/// [`TogetherError`] with the first reason: before the bits rose it holds no move, and nothing was sent to any drive.
+pub async fn together(
+    requests: impl IntoIterator<Item = MoveRequest>,
+) -> Result<Vec<Move>, TogetherError> {
+    let requests: Vec<MoveRequest> = requests.into_iter().collect();
+    let Some(first) = requests.first() else {
+        return Ok(Vec::new());
+    };
+    let shared_of = |request: &MoveRequest| Arc::clone(&request.axis.handles.shared);
+    let queues = &shared_of(first).setup.groups.queues;
+    while queues.over.pop().is_some() {}
+    for (n, request) in requests.iter().enumerate() {
+        let shared = shared_of(request);
+        let twice = requests
+            .iter()
+            .take(n)
+            .any(|other| Arc::ptr_eq(&shared_of(other), &shared));
+        if twice || !Arc::ptr_eq(&shared.setup.groups.queues, queues) {
+            return Err(shared.error(AxisErrorKind::NotTogether).into());
+        }
+    }
+
+    // In the order of the axes, so that two groups never wait for each other.
+    let mut in_order: Vec<&MoveRequest> = requests.iter().collect();
+    in_order.sort_by_key(|request| request.axis.handles.shared.setup.index);
+    let mut prepared = Vec::new();
+    for request in in_order {
+        let (command, guard) = request.prepare().await?;
+        prepared.push((request, command, guard));
+    }
+    // Dropped on the way out, what was submitted is withdrawn.
+    let mut pending: Vec<Pending> = Vec::new();
+    for (request, command, _) in &prepared {
+        let command = MoveCommand {
+            gated: true,
+            ..*command
+        };
+        pending.push(request.axis.submit(Command::Move(command))?);
+    }
+    let group = Arc::new(Group {
+        members: prepared
+            .iter()
+            .zip(&pending)
+            .map(|((request, ..), pending)| Member {
+                axis: request.axis.handles.shared.setup.index,
+                id: pending.id,
+                shared: shared_of(request),
+            })
+            .collect(),
+        fired: AtomicBool::new(false),
+    });
+    if queues.new.push(Arc::clone(&group)).is_err() {
+        return Err(shared_of(first).error(AxisErrorKind::QueueFull).into());
+    }
+
+    let mut started = Vec::new();
+    let mut errors = Vec::new();
+    for ((request, ..), pending) in prepared.iter().zip(pending) {
+        match request.accepted(pending).await {
+            Ok(accepted) => started.push((*request, accepted)),
+            Err(error) => errors.push(error),
+        }
+    }
+    // As they were asked for.
+    started.sort_by_key(|(of, _)| {
+        requests
+            .iter()
+            .position(|request| core::ptr::eq(*of, request))
+    });
+    let started = started.into_iter().map(|(_, accepted)| accepted).collect();
+    // The one that failed by itself tells more than those that were withdrawn for it.
+    let own = errors
+        .iter()
+        .position(|error| error.failure() != Some(Failure::Withdrawn));
+    if errors.is_empty() {
+        Ok(started)
+    } else {
+        Err(TogetherError {
+            error: errors.swap_remove(own.unwrap_or(0)),
+            fired: group.fired.load(Ordering::Acquire),
+            started,
+        })
+    }
+}
+
+/// Moves did not all start together.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}")]
+pub struct TogetherError {
+    /// The first reason.
+    pub error: AxisError,
+    /// Whether the bits 4 had risen: without it, no drive has seen anything of the moves.
+    pub fired: bool,
+    /// The moves that their drives have acknowledged all the same. Dropping them does not stop them.
+    pub started: Vec<Move>,
+}
+
+impl From<AxisError> for TogetherError {
+    fn from(error: AxisError) -> Self {
+        Self {
+            error,
+            fired: false,
+            started: Vec::new(),
+        }
+    }
+}
+
+impl From<TogetherError> for AxisError {
+    fn from(error: TogetherError) -> Self {
+        error.error
+    }
+}

@@ -1,0 +1,221 @@
+//! Profile Position as a lease of an axis: moves are asked for here.
+
+use core::fmt;
+
+use smol::lock::MutexGuard;
+
+use crate::{
+    axis::{Axis, AxisError, AxisErrorKind, Command, Lease, Pending},
+    coe::{Number, Object, Writable, obj},
+};
+
+use super::{Failure, Move, MoveCommand, Reference, SetPoint, StartBits};
+
+/// The lease of an axis in Profile Position mode, from [`Axis::profile_position`].
+///
+/// Dropping it gives the mode back and leaves the motion alone; [`release`](Self::release) ends the motion as well.
+#[derive(Debug)]
+pub struct ProfilePosition {
+    axis: Axis,
+    _lease: Lease,
+}
+
+impl ProfilePosition {
+    pub(crate) const fn new(axis: Axis, lease: Lease) -> Self {
+        Self {
+            axis,
+            _lease: lease,
+        }
+    }
+
+    /// The axis.
+    #[must_use]
+    pub const fn axis(&self) -> &Axis {
+        &self.axis
+    }
+
+    /// Moves to a position; resolves when the drive has acknowledged the set-point.
+    ///
+    /// Parameters that the set-point names and that are not in the process data are written by SDO and confirmed
+    /// before. Dropped before bit 4 rose, the move is withdrawn; later, the drive executes it.
+    ///
+    /// # Errors
+    /// With the reason for which the axis refuses the move (not enabled, halted, a fault, a start that the drive cannot
+    /// do, a parameter of zero …), for which the drive did not take it, or for which a parameter could not be written.
+    /// A failure says whether the set-point was not sent, was accepted, or may have been taken.
+    pub async fn move_abs(&self, target: i32, set_point: SetPoint) -> Result<Move, AxisError> {
+        self.abs(target, set_point).send().await
+    }
+
+    /// Moves by a distance from the base that the drive documents (60F2h); otherwise as [`move_abs`](Self::move_abs).
+    ///
+    /// # Errors
+    /// As [`move_abs`](Self::move_abs).
+    pub async fn move_rel(&self, distance: i32, set_point: SetPoint) -> Result<Move, AxisError> {
+        self.rel(distance, set_point).send().await
+    }
+
+    /// A move to a position that is not sent yet, for [`together`](crate::axis::together).
+    pub fn abs(&self, target: i32, set_point: SetPoint) -> MoveRequest {
+        self.request(Reference::Absolute, target, set_point)
+    }
+
+    /// A move by a distance that is not sent yet, for [`together`](crate::axis::together).
+    pub fn rel(&self, distance: i32, set_point: SetPoint) -> MoveRequest {
+        self.request(Reference::Relative, distance, set_point)
+    }
+
+    /// Ends the motion as [`Axis::stop`] does, with bit 4 low and the set-point abandoned, and gives the mode back. A
+    /// standing axis without a set-point stays enabled.
+    ///
+    /// # Errors
+    /// When a deadline passes or the bus is lost. The mode is given back all the same.
+    pub async fn release(self) -> Result<(), AxisError> {
+        self.axis.run(Command::Release).await?;
+        self.axis.trace("Profile Position released");
+        Ok(())
+    }
+
+    fn request(&self, reference: Reference, target: i32, set_point: SetPoint) -> MoveRequest {
+        MoveRequest {
+            axis: self.axis.clone(),
+            command: MoveCommand {
+                reference,
+                target,
+                set_point,
+                gated: false,
+            },
+        }
+    }
+}
+
+/// A move that is not sent yet.
+#[must_use = "it is sent by `together`"]
+#[derive(Debug, Clone)]
+pub struct MoveRequest {
+    pub(crate) axis: Axis,
+    pub(crate) command: MoveCommand,
+}
+
+impl MoveRequest {
+    async fn send(self) -> Result<Move, AxisError> {
+        let (command, _parameters) = self.prepare().await?;
+        let pending = self.axis.submit(Command::Move(command))?;
+        self.accepted(pending).await
+    }
+
+    /// Waits for the acknowledge.
+    pub(crate) async fn accepted(&self, mut pending: Pending) -> Result<Move, AxisError> {
+        match pending.accepted().await {
+            Ok(()) => {
+                self.trace("move accepted", &"by the drive");
+                Ok(Move::new(pending, self.command))
+            }
+            Err(error) => {
+                self.trace("move not accepted", &error.kind);
+                Err(error)
+            }
+        }
+    }
+
+    /// Writes by SDO what the move needs and the process data does not hold. The guard is to be held until the drive
+    /// has taken the set-point, so that no other move's parameters come in between.
+    pub(crate) async fn prepare(
+        &self,
+    ) -> Result<(MoveCommand, Option<MutexGuard<'_, ()>>), AxisError> {
+        let mut command = self.command;
+        let handles = &self.axis.handles;
+        let fields = &handles.shared.setup.fields;
+        let start = command.set_point.start;
+        if let StartBits::Unsupported(reason) = handles.shared.setup.traits.bits(start) {
+            let failure = Failure::Unsupported { start, reason };
+            return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
+        }
+        let parameters = &mut command.set_point.parameters;
+        let mut by_sdo = BySdo::default();
+        by_sdo.speed(
+            fields.velocity.is_some(),
+            &mut parameters.velocity,
+            obj::PROFILE_VELOCITY,
+            "profile velocity 6081h",
+        );
+        by_sdo.speed(
+            fields.acceleration.is_some(),
+            &mut parameters.acceleration,
+            obj::PROFILE_ACCELERATION,
+            "profile acceleration 6083h",
+        );
+        by_sdo.speed(
+            fields.deceleration.is_some(),
+            &mut parameters.deceleration,
+            obj::PROFILE_DECELERATION,
+            "profile deceleration 6084h",
+        );
+        by_sdo.other(
+            fields.end_velocity.is_some(),
+            &mut parameters.end_velocity,
+            obj::END_VELOCITY,
+        );
+        by_sdo.other(
+            fields.profile_type.is_some(),
+            &mut parameters.profile_type,
+            obj::MOTION_PROFILE_TYPE,
+        );
+        if let Some(name) = by_sdo.zero {
+            let failure = Failure::Zero(name);
+            return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
+        }
+        if by_sdo.writes.is_empty() {
+            return Ok((command, None));
+        }
+        let guard = handles.parameters_in_use.lock().await;
+        for (object, value) in by_sdo.writes {
+            handles.write_parameter(object, value).await?;
+        }
+        Ok((command, Some(guard)))
+    }
+
+    fn trace(&self, what: &str, why: &dyn fmt::Display) {
+        let identity = self.axis.identity();
+        tracing::info!(
+            axis = identity.axis,
+            drive = %identity.drive,
+            reference = ?self.command.reference,
+            target = self.command.target,
+            "{what}: {why}"
+        );
+    }
+}
+
+/// What a move needs written by SDO.
+#[derive(Debug, Default)]
+struct BySdo {
+    writes: Vec<(crate::coe::ObjectAddress, Vec<u8>)>,
+    zero: Option<&'static str>,
+}
+
+impl BySdo {
+    fn speed<A: Writable>(
+        &mut self,
+        mapped: bool,
+        value: &mut Option<u32>,
+        object: Object<u32, A>,
+        name: &'static str,
+    ) {
+        if !mapped && *value == Some(0) {
+            self.zero = Some(name);
+        }
+        self.other(mapped, value, object);
+    }
+
+    fn other<T: Number, A: Writable>(
+        &mut self,
+        mapped: bool,
+        value: &mut Option<T>,
+        object: Object<T, A>,
+    ) {
+        if !mapped && let Some(value) = value.take() {
+            self.writes.push((object.address(), value.encode()));
+        }
+    }
+}
