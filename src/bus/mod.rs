@@ -1,1 +1,5 @@
 //! The bus thread: discovery, configuration, cyclic exchange.
+
+mod watchdog;
+
+pub use watchdog::{WatchdogError, arm_watchdog};
