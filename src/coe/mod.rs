@@ -14,6 +14,8 @@ pub mod mailbox;
 pub mod obj;
 pub mod object;
 pub mod sdo;
+#[cfg(all(test, feature = "std"))]
+pub(crate) mod test_device;
 #[cfg(feature = "std")]
 mod transport;
 

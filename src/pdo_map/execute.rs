@@ -98,3 +98,99 @@ pub enum ConfigureError {
     #[error("{0}")]
     Differs(Box<DriveError<Differences>>),
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coe::test_device::{Device, rig};
+    use crate::coe::{AbortCode, obj};
+    use crate::drives;
+    use crate::pdo_map::Purpose;
+    use crate::pdo_map::verify::Difference;
+
+    fn configure_akd2g(device: impl Fn(&Device)) -> Result<Layout, ConfigureError> {
+        let (rig, scripted, handle, _) = rig();
+        device(&scripted);
+        let mapping = drives::akd2g().default_mapping().unwrap();
+        rig.run(async move { configure(&mapping, &handle).await })
+    }
+
+    #[test]
+    fn a_mapping_that_the_drive_takes_gives_its_layout() {
+        let layout = configure_akd2g(|_| {}).unwrap();
+        assert_eq!((layout.output_bytes(), layout.input_bytes()), (38, 22));
+    }
+
+    #[test]
+    fn a_refused_entry_is_named_with_the_drives_reason() {
+        let error = configure_akd2g(|device| {
+            let mut state = device.0.borrow_mut();
+            state.refused.insert((0x1610, 4), 0x0604_0041);
+        });
+        let ConfigureError::Refused { step, error } = error.unwrap_err() else {
+            panic!("not refused");
+        };
+        assert_eq!(step.purpose, Purpose::Map(Entry::new(0x6881, 0, 32)));
+        assert_eq!(error.error.abort_code(), Some(AbortCode::NOT_MAPPABLE));
+        assert_eq!(error.drive.position, 3);
+    }
+
+    #[test]
+    fn nothing_is_written_after_a_refused_step() {
+        // Pitfall 31.
+        let (rig, device, handle, _) = rig();
+        device
+            .0
+            .borrow_mut()
+            .refused
+            .insert((0x1600, 0), 0x0800_0022);
+        let plan = drives::akd2g().default_mapping().unwrap().plan();
+        let result = rig.run(async move { execute(&plan, &handle).await });
+        assert!(matches!(
+            result,
+            Err(ConfigureError::Refused {
+                step: Step {
+                    purpose: Purpose::EmptyPdo,
+                    ..
+                },
+                ..
+            })
+        ));
+        assert_eq!(device.0.borrow().written, [(0x1C12, 0, vec![0])]);
+    }
+
+    #[test]
+    fn a_drive_that_confirms_but_keeps_its_own_mapping_is_found_out() {
+        let error = configure_akd2g(|device| {
+            device.set(0x1600, 2, &Entry::new(0x6072, 0, 16).raw().to_le_bytes());
+            device.0.borrow_mut().stubborn.push((0x1600, 2));
+        });
+        let ConfigureError::Differs(error) = error.unwrap_err() else {
+            panic!("not found out");
+        };
+        assert_eq!(
+            error.error.0,
+            [Difference::Entry {
+                direction: Direction::Outputs,
+                pdo: 0x1600,
+                place: 2,
+                expected: Some(Entry::new(0x6060, 0, 8)),
+                got: Some(Entry::new(0x6072, 0, 16)),
+            }]
+        );
+    }
+
+    #[test]
+    fn a_drive_without_assignment_object_is_unreadable_not_empty() {
+        let (rig, _, handle, _) = rig();
+        let result = rig.run(async move { read_back(&handle).await });
+        let ConfigureError::Unreadable(error) = result.unwrap_err() else {
+            panic!("not unreadable");
+        };
+        assert_eq!(error.error.abort_code(), Some(AbortCode::NO_OBJECT));
+        assert_eq!(
+            error.error.transfer().object,
+            obj::OUTPUT_ASSIGNMENT_COUNT.address()
+        );
+    }
+}

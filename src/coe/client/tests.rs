@@ -1,1 +1,334 @@
+//! The client against a scripted device in virtual time.
 
+use super::*;
+use crate::coe::test_device::{Device, Fault, Rig, emergency, rig};
+use crate::coe::{AbortCode, DriveError, Emergencies, obj};
+use proptest::prelude::*;
+use std::collections::VecDeque;
+
+const VELOCITY: (u16, u8) = (0x6081, 0);
+
+fn read_statusword(rig: &Rig, handle: &SdoHandle) -> Result<u16, DriveError> {
+    let handle = handle.clone();
+    rig.run(async move { handle.read(obj::STATUSWORD).await })
+}
+
+fn write_velocity(rig: &Rig, handle: &SdoHandle, value: u32) -> Result<(), DriveError> {
+    let handle = handle.clone();
+    rig.run(async move { handle.write(obj::PROFILE_VELOCITY, value).await })
+}
+
+fn codes(emergencies: &Emergencies) -> Vec<u16> {
+    std::iter::from_fn(|| emergencies.try_next())
+        .map(|timed| timed.emergency.code)
+        .collect()
+}
+
+/// A device with statusword 1637h, and its client.
+fn device_with_statusword() -> (Rig, Device, SdoHandle, Emergencies) {
+    let all = rig();
+    all.1.set(0x6041, 0, &[0x37, 0x16]);
+    all
+}
+
+#[test]
+fn typed_values_are_read_and_written() {
+    let (rig, device, handle, _) = device_with_statusword();
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    assert_eq!(write_velocity(&rig, &handle, 200_000), Ok(()));
+    assert_eq!(
+        device.0.borrow().written,
+        [(0x6081, 0, vec![0x40, 0x0D, 3, 0])]
+    );
+}
+
+#[test]
+fn an_object_of_another_width_is_an_error_and_no_number() {
+    let (rig, device, handle, _) = rig();
+    device.set(0x6041, 0, &[1, 2, 3, 4]);
+    let error = read_statusword(&rig, &handle).unwrap_err().error;
+    assert!(matches!(
+        error,
+        SdoError::WrongSize {
+            expected: 2,
+            got: 4,
+            ..
+        }
+    ));
+}
+
+#[test]
+fn an_abort_tells_drive_object_and_reason() {
+    let (rig, _, handle, _) = rig();
+    let error = read_statusword(&rig, &handle).unwrap_err();
+    assert_eq!(error.drive.position, 3);
+    assert_eq!(error.error.abort_code(), Some(AbortCode::NO_OBJECT));
+    assert_eq!(error.error.transfer().object, obj::STATUSWORD.address());
+}
+
+#[test]
+fn an_emergency_before_a_reply_is_delivered_and_the_reply_used() {
+    let (rig, device, handle, emergencies) = device_with_statusword();
+    device.0.borrow_mut().before_reply = vec![emergency(0x7320), emergency(0x3220)];
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    assert_eq!(codes(&emergencies), [0x7320, 0x3220]);
+}
+
+#[test]
+fn an_emergency_in_place_of_a_reply_is_delivered_and_the_transfer_times_out() {
+    let (rig, device, handle, emergencies) = device_with_statusword();
+    device.0.borrow_mut().before_reply = vec![emergency(0x8611)];
+    device.0.borrow_mut().swallow = 1;
+    let error = read_statusword(&rig, &handle).unwrap_err().error;
+    assert!(matches!(
+        error,
+        SdoError::Timeout {
+            step: SdoStep::Reply,
+            ..
+        }
+    ));
+    assert_eq!(codes(&emergencies), [0x8611]);
+    assert_eq!(
+        read_statusword(&rig, &handle),
+        Ok(0x1637),
+        "the mailbox is in order afterwards"
+    );
+}
+
+#[test]
+fn emergencies_are_collected_while_nothing_is_asked() {
+    let (rig, device, _handle, emergencies) = rig();
+    device.post(&emergency(0x4210));
+    rig.pass(Duration::from_millis(20));
+    let seen = emergencies.try_next().unwrap();
+    assert_eq!(seen.emergency.code, 0x4210);
+    assert!(seen.at <= Duration::from_millis(10));
+}
+
+#[test]
+fn a_full_queue_keeps_the_oldest_emergencies_and_counts_the_others() {
+    let (rig, device, _handle, emergencies) = rig();
+    for code in 1..=5 {
+        device.post(&emergency(code));
+    }
+    rig.pass(Duration::from_millis(20));
+    assert_eq!(codes(&emergencies), [1, 2, 3]);
+    assert_eq!(emergencies.lost(), 2);
+}
+
+#[test]
+fn the_late_reply_of_a_timed_out_request_is_not_taken_for_another_objects() {
+    let (rig, device, handle, _) = device_with_statusword();
+    device.set(0x6064, 0, &[1, 0, 0, 0]);
+    device.0.borrow_mut().delays = VecDeque::from([Duration::from_millis(1500)]);
+    assert!(read_statusword(&rig, &handle).is_err());
+    let later = handle.clone();
+    let position = rig.run(async move { later.read(obj::POSITION_ACTUAL).await });
+    assert_eq!(position, Ok(1));
+}
+
+#[test]
+fn the_late_confirmation_of_a_write_does_not_confirm_the_next_write_of_that_object() {
+    let (rig, device, handle, _) = rig();
+    device.0.borrow_mut().delays = VecDeque::from([Duration::from_millis(1500)]);
+    let error = write_velocity(&rig, &handle, 1).unwrap_err().error;
+    assert!(matches!(error, SdoError::Timeout { .. }));
+    device.0.borrow_mut().refused.insert(VELOCITY, 0x0800_0022);
+    let error = write_velocity(&rig, &handle, 2).unwrap_err().error;
+    assert_eq!(error.abort_code(), Some(AbortCode::PRESENT_STATE));
+}
+
+#[test]
+fn a_reply_whose_reading_was_lost_is_asked_for_again() {
+    for fault in [Fault::LostAfter, Fault::LostBefore, Fault::Twice] {
+        let (rig, device, handle, emergencies) = device_with_statusword();
+        // Accesses: write, status, read.
+        device.0.borrow_mut().faults = VecDeque::from([None, None, Some(fault)]);
+        assert_eq!(read_statusword(&rig, &handle), Ok(0x1637), "{fault:?}");
+        assert_eq!(device.0.borrow().served, 1, "{fault:?}");
+        assert!(emergencies.try_next().is_none());
+        assert_eq!(read_statusword(&rig, &handle), Ok(0x1637), "{fault:?}");
+    }
+}
+
+#[test]
+fn an_emergency_is_delivered_once_though_its_mail_was_repeated() {
+    let (rig, device, handle, emergencies) = device_with_statusword();
+    let mut counted = emergency(0x7320);
+    counted[5] |= 0x50;
+    device.0.borrow_mut().before_reply = vec![counted];
+    // The emergency is read (accesses 2 and 3); the reading of the reply is lost before the device.
+    device.0.borrow_mut().faults =
+        VecDeque::from([None, None, None, None, Some(Fault::LostBefore)]);
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    assert_eq!(codes(&emergencies), [0x7320]);
+}
+
+#[test]
+fn a_request_whose_frame_was_lost_is_carried_out_once() {
+    for fault in [Fault::LostBefore, Fault::LostAfter, Fault::Twice] {
+        let (rig, device, handle, _) = rig();
+        device.0.borrow_mut().faults = VecDeque::from([Some(fault)]);
+        assert_eq!(write_velocity(&rig, &handle, 7), Ok(()), "{fault:?}");
+        assert_eq!(device.0.borrow().written.len(), 1, "{fault:?}");
+    }
+}
+
+#[test]
+fn any_single_fault_leaves_segmented_transfers_whole() {
+    let name: Vec<u8> = (0..100).collect();
+    let run = |faults: VecDeque<Option<Fault>>| {
+        let (rig, device, handle, _) = rig();
+        device.set(0x1008, 0, &name);
+        device.0.borrow_mut().faults = faults;
+        let data = name.clone();
+        let result = rig.run(async move {
+            let read = handle.read(obj::DEVICE_NAME).await?;
+            handle.write_bytes(0x2001, 0, data).await?;
+            Ok::<_, DriveError>(read)
+        });
+        let state = device.0.borrow();
+        (result, state.written.clone(), state.accesses)
+    };
+    let expected = [(0x2001, 0, name.clone())];
+    let (_, _, accesses) = run(VecDeque::new());
+    assert!(accesses > 20);
+    for place in 0..accesses {
+        for fault in [Fault::LostBefore, Fault::LostAfter, Fault::Twice] {
+            let mut faults = VecDeque::from(vec![None; place]);
+            faults.push_back(Some(fault));
+            let (result, written, _) = run(faults);
+            assert_eq!(result, Ok(name.clone()), "{fault:?} of access {place}");
+            assert_eq!(written, expected, "{fault:?} of access {place}");
+        }
+    }
+}
+
+#[test]
+fn a_full_mailbox_is_waited_for() {
+    let (rig, device, handle, _) = device_with_statusword();
+    device.0.borrow_mut().takes_from = Duration::from_millis(300);
+    let first = handle.clone().with_timeout(Duration::from_millis(50));
+    assert!(read_statusword(&rig, &first).is_err());
+    assert_eq!(
+        read_statusword(&rig, &handle),
+        Ok(0x1637),
+        "sent again until the device takes it"
+    );
+    assert!(rig.clock.now() >= Duration::from_millis(300));
+}
+
+#[test]
+fn a_mailbox_that_stays_full_is_a_timeout_of_sending() {
+    let (rig, device, handle, _) = rig();
+    device.0.borrow_mut().takes_from = Duration::MAX;
+    let blocked = rig.run({
+        let handle = handle.clone();
+        async move { handle.read(obj::DEVICE_TYPE).await }
+    });
+    assert!(matches!(
+        blocked.unwrap_err().error,
+        SdoError::Timeout {
+            step: SdoStep::Reply,
+            ..
+        }
+    ));
+    let error = read_statusword(&rig, &handle).unwrap_err().error;
+    assert!(
+        matches!(
+            error,
+            SdoError::Timeout {
+                step: SdoStep::Sending,
+                ..
+            }
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_dead_link_ends_a_transfer_in_bounded_time() {
+    let (rig, device, handle, _) = rig();
+    device.0.borrow_mut().faults = VecDeque::from(vec![Some(Fault::LostBefore); 1000]);
+    let error = read_statusword(&rig, &handle).unwrap_err().error;
+    assert!(matches!(error, SdoError::Link { .. }), "{error}");
+    assert!(rig.clock.now() < Duration::from_secs(2));
+}
+
+#[test]
+fn a_caller_that_goes_away_leaves_the_mailbox_in_order() {
+    let (rig, device, handle, _) = device_with_statusword();
+    let name: Vec<u8> = (0..100).collect();
+    device.0.borrow_mut().delays = VecDeque::from(vec![Duration::from_millis(20); 5]);
+    let (clock, leaver, data) = (rig.clock.clone(), handle.clone(), name.clone());
+    rig.run(async move {
+        let write = async {
+            leaver.write_bytes(0x2001, 0, data).await.unwrap();
+            panic!("the caller did not go away");
+        };
+        or(write, clock.sleep_until(Duration::from_millis(5))).await;
+    });
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    assert_eq!(
+        device.0.borrow().written,
+        [(0x2001, 0, name)],
+        "what had begun was completed"
+    );
+}
+
+#[test]
+fn a_request_that_has_not_begun_is_withdrawn_with_its_caller() {
+    let (rig, device, handle, _) = device_with_statusword();
+    device.0.borrow_mut().delays = VecDeque::from([Duration::from_millis(20)]);
+    let (clock, first, second) = (rig.clock.clone(), handle.clone(), handle.clone());
+    let value = rig.run(async move {
+        let leaver = async {
+            or(
+                async { drop(second.write(obj::PROFILE_VELOCITY, 1).await) },
+                clock.sleep_until(Duration::from_millis(5)),
+            )
+            .await;
+        };
+        smol::future::zip(first.read(obj::STATUSWORD), leaver)
+            .await
+            .0
+    });
+    assert_eq!(value, Ok(0x1637));
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    assert!(device.0.borrow().written.is_empty());
+}
+
+#[test]
+fn a_request_after_the_client_has_gone_is_refused_and_does_not_hang() {
+    let (rig, _, handle, _) = rig();
+    drop(rig);
+    let result = smol::block_on(handle.read(obj::STATUSWORD));
+    assert!(matches!(result.unwrap_err().error, SdoError::Closed { .. }));
+}
+
+proptest! {
+    #[test]
+    fn no_mails_make_the_client_panic_or_hang(mails in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..32), 0..8)) {
+        let (rig, device, handle, _) = device_with_statusword();
+        device.0.borrow_mut().before_reply = mails;
+        let _ = read_statusword(&rig, &handle);
+        rig.pass(Duration::from_millis(100));
+        prop_assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    }
+
+    #[test]
+    fn headed_mails_of_any_content_do_no_harm(kinds in prop::collection::vec((0u8..16, any::<u8>(), any::<[u8; 10]>()), 0..6)) {
+        let (rig, device, handle, _) = device_with_statusword();
+        device.0.borrow_mut().before_reply = kinds
+            .into_iter()
+            .map(|(kind, service, payload)| {
+                let mut mail = vec![12, 0, 0, 0, 0, kind, 0, service];
+                mail.extend(payload);
+                mail
+            })
+            .collect();
+        let _ = read_statusword(&rig, &handle);
+        rig.pass(Duration::from_millis(100));
+        prop_assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    }
+}
