@@ -64,6 +64,7 @@ pub struct Akd2g {
     identity: Identity,
     inputs_at: u16,
     supports_lrw: bool,
+    mailbox_bytes: u16,
 }
 
 impl Default for Akd2g {
@@ -86,6 +87,7 @@ impl Akd2g {
             },
             inputs_at: 0x1200,
             supports_lrw: true,
+            mailbox_bytes: 1024,
         }
     }
 
@@ -126,6 +128,13 @@ impl Akd2g {
         self
     }
 
+    /// Sets the size of both mailboxes, up to 1024 bytes.
+    #[must_use]
+    pub fn mailbox_bytes(mut self, bytes: u16) -> Self {
+        self.mailbox_bytes = bytes.min(1024);
+        self
+    }
+
     /// Takes the LRW command away, so that the MainDevice needs LRD and LWR.
     #[must_use]
     pub fn without_lrw(mut self) -> Self {
@@ -154,8 +163,8 @@ impl Akd2g {
         description.order = "AKD2G".to_owned();
         description.group = "Drives".to_owned();
         description.mailbox = Some(Mailbox {
-            out: (0x1800, 1024),
-            input: (0x1C00, 1024),
+            out: (0x1800, self.mailbox_bytes),
+            input: (0x1C00, self.mailbox_bytes),
             protocols: 0x000E,
             coe_details: 0x0D,
         });
@@ -169,13 +178,13 @@ impl Akd2g {
         description.sync_managers = vec![
             SyncManagerDescription {
                 start: 0x1800,
-                length: 1024,
+                length: self.mailbox_bytes,
                 control: 0x26,
                 purpose: SyncManagerUse::MailboxOut,
             },
             SyncManagerDescription {
                 start: 0x1C00,
-                length: 1024,
+                length: self.mailbox_bytes,
                 control: 0x22,
                 purpose: SyncManagerUse::MailboxIn,
             },
