@@ -21,7 +21,7 @@ pub enum AckPolicy {
 pub enum Bit5 {
     /// 1 replaces the active set-point at once (CiA 402 v3, AKD2G).
     Replaces,
-    /// 1 passes the active target without stopping, then goes on; nothing replaces (AX2000).
+    /// 1 passes the active target without stopping, then goes on; nothing replaces; only with 6086h = 0 (AX2000).
     Blends,
 }
 
@@ -234,6 +234,35 @@ impl Behaviour {
             profile_types: &[0],
             quick_stop_option: 2,
             abort_connection_option: 1,
+        }
+    }
+    /// The drive with 2010h (minimum profile velocity), from its page on profile position mode. 2010h itself, the speed
+    /// at which its ramps start and end, is not modelled.
+    pub fn with_2010h() -> Behaviour {
+        Behaviour {
+            // Bit 12 falls when the drive can take a set-point; both busy keeps it high.
+            ack: AckPolicy::BufferFree,
+            // Not described.
+            bit_9: false,
+            full_buffer: FullBuffer::Ignore,
+            supported_modes: 0x0000_0001,
+            ..Behaviour::generic()
+        }
+    }
+
+    /// Beckhoff AX2000, from its CANopen manual's page on 6086h.
+    pub fn ax2000() -> Behaviour {
+        Behaviour {
+            // Bit 5 = 1 goes on through the target; only with linear ramps.
+            bit_5: Bit5::Blends,
+            // Its set-points know bits 4 and 5 only.
+            bit_9: false,
+            ack: AckPolicy::BufferFree,
+            // 0 linear, 1 sin²; here both run as linear ramps.
+            profile_types: &[0, 1],
+            // Its base is chosen by a manufacturer's object; assumed: the demand position.
+            relative_base: RelativeBase::Demand,
+            ..Behaviour::generic()
         }
     }
 }

@@ -166,9 +166,10 @@ impl Axis {
 
     fn take_set_point(&mut self, controlword: u16) {
         let bit = |n: u16| controlword & (1 << n) != 0;
+        let linear = self.objects.value(objects::PROFILE_TYPE) == 0;
         let (replaces, blend) = match self.behaviour.bit_5 {
             Bit5::Replaces => (bit(5), bit(9) && self.behaviour.bit_9),
-            Bit5::Blends => (false, bit(5)),
+            Bit5::Blends => (false, bit(5) && linear),
         };
         let full = self.buffer.active.is_some() && self.buffer.pending.is_some();
         if full && !replaces && self.behaviour.full_buffer == FullBuffer::Ignore {

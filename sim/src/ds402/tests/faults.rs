@@ -246,3 +246,47 @@ fn a_ramp_of_605bh_and_605ch_is_run_to_its_end_before_the_state_changes() {
         assert_eq!(bench.axis.state(), end);
     }
 }
+
+#[test]
+fn quick_stop_takes_the_ramp_of_605ah() {
+    for (option, cycles) in [(1, 200), (2, 50), (5, 200), (6, 50)] {
+        let mut bench = moving(Behaviour::generic());
+        bench.set(0x605A, option);
+        bench.word(0x000B);
+        // 000Fh would lead back (transition 16), but not before the axis stands.
+        bench.word(0x000F);
+        let mut left = cycles - 1;
+        while bench.axis.velocity() > 0.0 {
+            assert_eq!(
+                bench.axis.state(),
+                State::QuickStopActive,
+                "605Ah = {option}"
+            );
+            bench.run(1);
+            left -= 1;
+        }
+        assert_eq!(left, 0, "605Ah = {option}");
+        let end = if option < 5 {
+            State::SwitchOnDisabled
+        } else {
+            State::OperationEnabled
+        };
+        assert_eq!(bench.axis.state(), end, "605Ah = {option}");
+    }
+}
+
+#[test]
+fn a_shaft_that_was_blocked_stays_where_it_is_when_it_comes_free_without_power() {
+    let mut bench = Bench::enabled(Behaviour {
+        actual_lag_cycles: 3,
+        ..Behaviour::akd2g()
+    });
+    bench.axis.disturbances().blocked = true;
+    bench.start(0x000F, 10_000);
+    bench.run(200);
+    bench.word(0x0000);
+    bench.axis.disturbances().blocked = false;
+    bench.run(10);
+    assert_eq!(bench.axis.position(), 0);
+    assert!(!bench.axis.moved_since(core::time::Duration::ZERO));
+}

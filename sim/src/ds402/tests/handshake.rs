@@ -399,3 +399,54 @@ fn target_reached_waits_for_the_window_time() {
         early.axis.position()
     );
 }
+
+#[test]
+fn an_edge_while_a_disabling_ramp_runs_is_lost() {
+    let mut bench = Bench::enabled(Behaviour::akd2g());
+    bench.start(0x000F, 4000);
+    bench.run(150);
+    bench.word(0x0007);
+    bench.start(0x000F, 8000);
+    assert_eq!(
+        bench.axis.state(),
+        State::OperationEnabled,
+        "the ramp still runs"
+    );
+    bench.run(300);
+    assert_eq!(bench.outcomes(), [Discarded(Cause::Disabled)]);
+}
+
+#[test]
+fn the_preset_with_2010h_holds_two_set_points_and_knows_no_blend() {
+    let mut bench = Bench::enabled(Behaviour::with_2010h());
+    bench.start(0x000F, 1000);
+    bench.start(0x020F, 2000);
+    bench.word(0x000F);
+    assert!(bench.bit(12), "both are busy");
+    bench.settle();
+    assert_eq!(bench.outcomes(), [Reached, Reached]);
+}
+
+#[test]
+fn the_ax2000_preset_blends_by_bit_5_with_linear_ramps_only() {
+    for (profile_type, first) in [(0, Outcome::Passed), (1, Reached)] {
+        let mut bench = Bench::enabled(Behaviour::ax2000());
+        bench.set(0x6086, profile_type);
+        bench.start(0x002F, 2000);
+        bench.start(0x002F, 6000);
+        assert_eq!(bench.outcomes(), [Active, Queued]);
+        bench.settle();
+        assert_eq!(bench.outcomes(), [first, Reached], "6086h = {profile_type}");
+    }
+}
+
+#[test]
+fn the_acknowledge_falls_when_operation_ends() {
+    for word in [0x001B, 0x0017, 0x0010] {
+        let mut bench = Bench::enabled(Behaviour::akd2g());
+        bench.start(0x000F, 4000);
+        assert!(bench.bit(12));
+        bench.word(word);
+        assert!(!bench.bit(12), "{word:04X}");
+    }
+}

@@ -322,3 +322,13 @@ fn mode_changes_under_halt_and_to_zero_are_the_drives_choice() {
     keeps.run(10);
     assert_eq!(keeps.axis.get(0x6061, 0), Some(1));
 }
+
+#[test]
+fn a_blend_works_in_the_negative_direction_too() {
+    let mut bench = Bench::enabled(Behaviour::akd2g());
+    bench.start(0x000F, -4000);
+    bench.start(0x020F, -8000);
+    bench.settle();
+    assert_eq!(bench.outcomes(), [Passed, Reached]);
+    assert_eq!(bench.axis.position(), -8000);
+}
