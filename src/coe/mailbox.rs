@@ -187,6 +187,11 @@ impl<'a> Mail<'a> {
                 match u16::from_le_bytes([h0, h1]) >> 12 {
                     1 => Self::Emergency(Emergency::parse(rest)?),
                     3 => Self::SdoReply(rest),
+                    // An abort travels as an SDO request in both directions (ETG.1000.6, abort SDO transfer);
+                    // some devices send it as a response.
+                    2 if rest.first().is_some_and(|command| command >> 5 == 4) => {
+                        Self::SdoReply(rest)
+                    }
                     8 => Self::SdoInformation(rest),
                     service => Self::Other(Protocol::Coe, service as u8),
                 }
@@ -268,6 +273,10 @@ mod tests {
     const REPLY: [u8; 16] = [
         0x0A, 0, 0, 0, 0, 0x23, 0x00, 0x30, 0x4F, 0x00, 0x1C, 0x03, 0x03, 0, 0, 0,
     ];
+    // A simulated drive, recorded with SOEM: 5555h does not exist. The abort is an SDO request.
+    const ABORT: [u8; 16] = [
+        0x0A, 0, 0, 0, 0, 0x73, 0x00, 0x20, 0x80, 0x55, 0x55, 0, 0, 0, 0x02, 0x06,
+    ];
     const EMERGENCY: [u8; 16] = [
         0x0A, 0, 0, 0, 0, 0x13, 0x00, 0x10, 0x11, 0x86, 0x21, 1, 2, 3, 4, 5,
     ];
@@ -284,6 +293,25 @@ mod tests {
         let (header, mail) = Mail::parse(&REPLY).unwrap();
         assert_eq!(header.counter, 2);
         assert_eq!(mail, Mail::SdoReply(&REPLY[8..]));
+    }
+
+    #[test]
+    fn an_abort_is_an_answer_as_request_and_as_response() {
+        assert_eq!(Mail::parse(&ABORT).unwrap().1, Mail::SdoReply(&ABORT[8..]));
+        let mut response = ABORT;
+        response[7] = 0x30;
+        assert_eq!(
+            Mail::parse(&response).unwrap().1,
+            Mail::SdoReply(&ABORT[8..])
+        );
+    }
+
+    #[test]
+    fn a_request_that_comes_from_a_device_answers_nothing() {
+        assert_eq!(
+            Mail::parse(&REQUEST).unwrap().1,
+            Mail::Other(Protocol::Coe, 2)
+        );
     }
 
     #[test]

@@ -315,7 +315,9 @@ impl State {
         self.reply_counter = self.reply_counter % 7 + 1;
         let ready = now + self.delays.pop_front().unwrap_or_default();
         let mut mail = ((sdo.len() + 2) as u16).to_le_bytes().to_vec();
-        mail.extend([0, 0, 0, 3 | self.reply_counter << 4, 0, 0x30]);
+        // An abort travels as an SDO request.
+        let service = if sdo[0] == 0x80 { 0x20 } else { 0x30 };
+        mail.extend([0, 0, 0, 3 | self.reply_counter << 4, 0, service]);
         mail.extend(sdo);
         self.outbox.push_back((ready, mail));
     }
