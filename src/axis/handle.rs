@@ -104,7 +104,6 @@ impl Axis {
     pub async fn profile_position(&self) -> Result<ProfilePosition, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::ProfilePosition).await?;
-        self.trace("Profile Position leased");
         Ok(ProfilePosition::new(self.clone(), lease))
     }
 
@@ -189,8 +188,7 @@ impl Axis {
     }
 
     pub(crate) fn trace(&self, what: &str) {
-        let identity = self.identity();
-        tracing::info!(axis = identity.axis, drive = %identity.drive, "{what}");
+        self.handles.shared.trace(what);
     }
 
     async fn stop_by(&self, command: Command, lane: StopRequest) -> Result<State, AxisError> {
@@ -236,12 +234,16 @@ impl Axis {
 /// How often 6061h is read by SDO while a mode is awaited there.
 const MODE_POLL: Duration = Duration::from_millis(5);
 
+/// An error is not held back longer than this for its code.
+const ERROR_CODE_DEADLINE: Duration = Duration::from_secs(1);
+
 const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
 const MODE_OF_OPERATION: ObjectAddress = ObjectAddress::new(0x6060, 0);
 const MODE_OF_OPERATION_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 /// Stops one axis: at once, from any thread, without waiting and without failing. What it asks for is in the next
-/// process-data frame, whatever else is queued. It does not count as a handle of the axis.
+/// process-data frame, whatever else is queued, and it wins over everything that is asked for in the same cycle. It does
+/// not count as a handle of the axis.
 ///
 /// Only atomics are touched: it may be called from a signal handler. It is no safety function.
 #[derive(Debug, Clone)]
@@ -313,9 +315,14 @@ impl Handles {
         read.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
     }
 
-    /// Error code 603Fh, by SDO; none if it cannot be read.
+    /// Error code 603Fh, by SDO; none if it cannot be read, or not soon.
     pub(super) async fn read_error_code(&self) -> Option<u16> {
-        let value = self.read_parameter(ERROR_CODE).await.ok()?;
+        let read = async { self.read_parameter(ERROR_CODE).await.ok() };
+        let late = async {
+            smol::Timer::after(ERROR_CODE_DEADLINE).await;
+            None
+        };
+        let value = smol::future::or(read, late).await?;
         Some(u16::from_le_bytes(value.try_into().ok()?))
     }
 }
@@ -325,6 +332,8 @@ impl Drop for Handles {
         if !self.keep_moving.load(Ordering::Acquire) {
             // The core does nothing where nothing moves and no set-point is active.
             self.shared.request_stop(StopRequest::STOP);
+            self.shared
+                .trace("last handle dropped: stopped if it moves");
         }
     }
 }
@@ -341,6 +350,7 @@ impl Lease {
         if shared.leased.swap(true, Ordering::AcqRel) {
             return Err(shared.error(AxisErrorKind::ModeInUse));
         }
+        shared.trace("mode leased");
         Ok(Self {
             shared: Arc::clone(shared),
         })
@@ -350,5 +360,6 @@ impl Lease {
 impl Drop for Lease {
     fn drop(&mut self) {
         self.shared.leased.store(false, Ordering::Release);
+        self.shared.trace("mode lease given back");
     }
 }

@@ -50,6 +50,41 @@ impl ParameterAccess for NoParameters {
 }
 
 /// What handles of an axis must know of it.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::axis::*;
+/// use servocrab::coe::{AxisOffset, DriveId};
+/// use servocrab::{drives, profile_position::Traits, sii::Identity};
+///
+/// let layout = drives::generic().default_mapping()?.layout();
+/// let fields = AxisFields::from_layout(&layout, AxisOffset::default())?;
+/// let mut core = AxisCore::new(AxisConfig::new(fields));
+/// let drive = DriveId { position: 0, name: "lift".into(), identity: Identity::default() };
+/// let (source, mut port) = AxisSetup {
+///     identity: AxisIdentity { axis: "z".into(), drive },
+///     offset: AxisOffset::default(),
+///     fields,
+///     traits: Traits::cia402(),
+///     layout,
+///     parameters: std::sync::Arc::new(NoParameters),
+///     groups: GroupQueue::new(),
+///     index: 0,
+/// }
+/// .open(&core);
+///
+/// // Handles go to the program, the port stays with the cycle.
+/// let axis = source.axis();
+/// let (now, mut outputs) = (Duration::from_millis(1), [0; 19]);
+/// axis.stop_handle().stop();
+/// port.before_send(&mut core, now, &mut outputs);
+/// // … send the outputs, receive the inputs: Switch on disabled, 40h …
+/// let inputs = [0x40, 0x02, 1, 0, 0, 0, 0, 0, 0, 0, 0];
+/// core.step(now, Inputs::Fresh(&inputs), &mut outputs);
+/// port.after_step(&mut core, Some(&inputs));
+/// assert_eq!(axis.status().state, servocrab::ds402::State::SwitchOnDisabled);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct AxisSetup {
     /// The axis' name, and its drive.
     pub identity: AxisIdentity,

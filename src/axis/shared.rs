@@ -123,6 +123,15 @@ impl Shared {
         }
     }
 
+    /// For the program's side alone: a subscriber may lock and allocate.
+    pub(crate) fn trace(&self, what: &str) {
+        tracing::info!(
+            axis = self.identity.axis,
+            drive = %self.identity.drive,
+            "{what}"
+        );
+    }
+
     pub(crate) fn is_closed(&self) -> bool {
         self.closed.load(Ordering::Acquire)
     }

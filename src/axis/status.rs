@@ -158,16 +158,16 @@ mod tests {
         Snapshot {
             cycle,
             age: cycle as u32,
-            answered: cycle % 2 == 0,
-            lost: cycle % 3 == 0,
+            answered: cycle.is_multiple_of(2),
+            lost: cycle.is_multiple_of(3),
             statusword,
             state: statusword.state(),
             controlword: Controlword::from_bits_retain(cycle as u16),
             mode: Mode::from_raw(cycle as i8),
             position: -(cycle as i32),
             velocity: cycle as i32,
-            halted: cycle % 5 == 0,
-            has_set_point: cycle % 7 == 0,
+            halted: cycle.is_multiple_of(5),
+            has_set_point: cycle.is_multiple_of(7),
         }
     }
 

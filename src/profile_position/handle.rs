@@ -71,9 +71,7 @@ impl ProfilePosition {
     /// # Errors
     /// When a deadline passes or the bus is lost. The mode is given back all the same.
     pub async fn release(self) -> Result<(), AxisError> {
-        self.axis.run(Command::Release).await?;
-        self.axis.trace("Profile Position released");
-        Ok(())
+        self.axis.run(Command::Release).await.map(drop)
     }
 
     fn request(&self, reference: Reference, target: i32, set_point: SetPoint) -> MoveRequest {

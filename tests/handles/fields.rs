@@ -1,0 +1,95 @@
+//! Further objects in the process data, the manufacturer's bits, and waiting for changes.
+
+use servocrab::{
+    axis::AxisErrorKind,
+    coe::{Object, ReadWrite, obj},
+    ds402::{Controlword, State},
+};
+
+use crate::machine::{Machine, Task};
+
+#[test]
+fn a_mapped_input_is_read_as_it_came_last() {
+    let mut machine = Machine::new(1);
+    let inputs = machine.axis(0).input(obj::DIGITAL_INPUTS).unwrap();
+    machine.drive().set_digital_inputs(0xA5A5_0102);
+    machine.run(2);
+    assert_eq!(inputs.get(), 0xA5A5_0102);
+    machine.silent = true;
+    machine.run(2);
+    assert_eq!(inputs.get(), 0xA5A5_0102);
+}
+
+#[test]
+fn a_mapped_output_is_sent_once_it_is_set_and_disturbs_nothing() {
+    let (mut machine, axis) = Machine::enabled();
+    let outputs = axis.output(obj::DIGITAL_OUTPUTS).unwrap();
+    assert_eq!(outputs.get(), None);
+    outputs.set(0x8001_0000);
+    machine.run(2);
+    assert_eq!(machine.drive().get(0x60FE, 1), Some(0x8001_0000));
+    assert_eq!(outputs.get(), Some(0x8001_0000));
+    assert_eq!(axis.status().state, State::OperationEnabled);
+}
+
+#[test]
+fn what_the_axis_writes_itself_cannot_be_written_by_the_program() {
+    let axis = Machine::new(1).axis(0);
+    let controlword = axis.output(obj::CONTROLWORD).unwrap_err();
+    assert!(matches!(
+        controlword.kind,
+        AxisErrorKind::OwnedByAxis { .. }
+    ));
+    let of_another_axis: Object<i32, ReadWrite> = obj::TARGET_POSITION.axis(2);
+    let target = axis.output(of_another_axis).unwrap_err();
+    assert!(matches!(target.kind, AxisErrorKind::OwnedByAxis { .. }));
+}
+
+#[test]
+fn an_object_that_is_not_mapped_or_not_so_wide_is_an_error_that_names_it() {
+    let axis = Machine::new(1).axis(0);
+    let missing = axis.input(obj::POSITION_DEMAND).unwrap_err();
+    assert!(matches!(missing.kind, AxisErrorKind::Field(_)));
+    assert!(missing.to_string().contains("6062h"), "{missing}");
+    const NARROW: Object<u16, ReadWrite> = Object::new(0x60FD, 0, "digital inputs");
+    assert!(axis.input(NARROW).is_err());
+}
+
+#[test]
+fn the_manufacturers_bits_are_the_programs_and_no_others() {
+    let (mut machine, axis) = Machine::enabled();
+    axis.set_manufacturer_bits(Controlword::all());
+    machine.run(3);
+    assert_eq!(*machine.stations[0].words.last().unwrap(), 0xF80F);
+    axis.set_manufacturer_bits(Controlword::empty());
+    machine.run(3);
+    assert_eq!(*machine.stations[0].words.last().unwrap(), 0x000F);
+}
+
+#[test]
+fn a_wait_for_a_change_ends_with_the_change_and_not_with_the_cycle() {
+    let (mut machine, axis) = Machine::enabled();
+    machine.run(10);
+    let mut first = Task::new(axis.changed());
+    let mut second = Task::new(axis.changed());
+    for _ in 0..50 {
+        assert!(first.poll().is_none() && second.poll().is_none());
+        machine.cycle();
+    }
+    machine.drive().set_warning(true);
+    let status = machine.finish_task(&mut first);
+    assert_ne!(status.statusword.bits() & 0x80, 0);
+    assert_eq!(machine.finish_task(&mut second), status);
+}
+
+#[test]
+fn missing_inputs_show_in_the_status() {
+    let (mut machine, axis) = Machine::enabled();
+    let mut changing = Task::new(axis.changed());
+    assert!(changing.poll().is_none());
+    machine.silent = true;
+    let status = machine.finish_task(&mut changing);
+    assert!(!status.answered);
+    machine.run(3);
+    assert_eq!(axis.status().age, 4);
+}

@@ -1,0 +1,339 @@
+//! Axes with their handles' ports, each on a simulated drive of its own, stepped together in virtual time, and futures
+//! that are polled by hand, only when they were woken.
+
+use core::{
+    future::Future,
+    pin::Pin,
+    task::{Context, Poll, Waker},
+    time::Duration,
+};
+use std::{
+    sync::{
+        Arc, Mutex, MutexGuard,
+        atomic::{AtomicBool, Ordering},
+    },
+    task::Wake,
+};
+
+use servocrab::{
+    axis::{
+        Axis, AxisConfig, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSet, AxisSetup,
+        AxisSource, BoxFuture, GroupQueue, Groups, Inputs, ParameterAccess,
+    },
+    coe::{AbortCode, AnyObject, AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj},
+    drives,
+    pdo_map::{Direction, Layout, Mapping},
+    profile_position::{Parameters, Traits},
+};
+use servocrab_sim::ds402;
+
+pub(crate) const CYCLE: Duration = Duration::from_millis(1);
+
+pub(crate) type Drive = Arc<Mutex<ds402::Axis>>;
+
+pub(crate) struct Station {
+    pub(crate) core: AxisCore,
+    pub(crate) port: Option<AxisPort>,
+    pub(crate) source: AxisSource,
+    pub(crate) drive: Drive,
+    pub(crate) outputs: Vec<u8>,
+    /// The controlword of every frame sent.
+    pub(crate) words: Vec<u16>,
+    pub(crate) sdo: Arc<Sdo>,
+    layout: Layout,
+}
+
+pub(crate) struct Machine {
+    pub(crate) stations: Vec<Station>,
+    pub(crate) now: Duration,
+    /// Nothing comes back while this is set.
+    pub(crate) silent: bool,
+    groups: Groups,
+}
+
+/// What differs from an AKD2G with its default mapping.
+#[derive(Clone)]
+pub(crate) struct Variant {
+    pub(crate) not_mapped: Vec<u16>,
+    pub(crate) traits: Traits,
+}
+
+impl Default for Variant {
+    fn default() -> Self {
+        Self {
+            not_mapped: Vec::new(),
+            traits: drives::akd2g().traits,
+        }
+    }
+}
+
+/// SDO access that goes straight to the drive's objects, and remembers what was asked.
+pub(crate) struct Sdo {
+    drive: Drive,
+    pub(crate) written: Mutex<Vec<(u16, Vec<u8>)>>,
+    pub(crate) refuse: AtomicBool,
+}
+
+impl ParameterAccess for Sdo {
+    fn write(&self, object: ObjectAddress, value: Vec<u8>) -> BoxFuture<'_, Result<(), SdoError>> {
+        Box::pin(async move {
+            if self.refuse.load(Ordering::Relaxed) {
+                return Err(SdoError::Aborted {
+                    transfer: Transfer::write(object),
+                    code: AbortCode::PRESENT_STATE,
+                });
+            }
+            let mut raw = [0; 8];
+            raw[..value.len()].copy_from_slice(&value);
+            let number = i64::from_le_bytes(raw);
+            lock(&self.drive)
+                .set(object.index, object.subindex, number)
+                .unwrap();
+            self.written.lock().unwrap().push((object.index, value));
+            Ok(())
+        })
+    }
+
+    fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>> {
+        Box::pin(async move {
+            let value = lock(&self.drive)
+                .get(object.index, object.subindex)
+                .unwrap();
+            let bytes = if object.index == 0x6061 { 1 } else { 2 };
+            Ok(value.to_le_bytes()[..bytes].to_vec())
+        })
+    }
+}
+
+pub(crate) fn lock(drive: &Drive) -> MutexGuard<'_, ds402::Axis> {
+    drive.lock().unwrap()
+}
+
+impl Machine {
+    /// With this many axes, each on its own drive, in Switch on disabled.
+    pub(crate) fn new(axes: usize) -> Self {
+        Self::of(axes, &Variant::default())
+    }
+
+    pub(crate) fn of(axes: usize, variant: &Variant) -> Self {
+        let queue = GroupQueue::new();
+        let mut machine = Self {
+            stations: (0..axes)
+                .map(|index| Station::new(index, &queue, variant))
+                .collect(),
+            now: Duration::ZERO,
+            silent: false,
+            groups: queue.groups(),
+        };
+        machine.run(5);
+        machine
+    }
+
+    /// One axis in Operation enabled.
+    pub(crate) fn enabled() -> (Self, Axis) {
+        let mut machine = Self::new(1);
+        let axis = machine.axis(0);
+        machine.finish(axis.enable()).unwrap();
+        (machine, axis)
+    }
+
+    pub(crate) fn axis(&self, index: usize) -> Axis {
+        self.stations[index].source.axis()
+    }
+
+    pub(crate) fn drive(&self) -> MutexGuard<'_, ds402::Axis> {
+        lock(&self.stations[0].drive)
+    }
+
+    pub(crate) fn cycle(&mut self) {
+        self.now += CYCLE;
+        let now = self.now;
+        for station in &mut self.stations {
+            if let Some(port) = &mut station.port {
+                port.before_send(&mut station.core, now, &mut station.outputs);
+            }
+        }
+        self.groups.advance(now, &mut Stations(&mut self.stations));
+        for station in &mut self.stations {
+            station.exchange(now, self.silent);
+        }
+    }
+
+    pub(crate) fn run(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.cycle();
+        }
+    }
+
+    /// Runs until the future is ready.
+    pub(crate) fn finish<T>(&mut self, future: impl Future<Output = T>) -> T {
+        let mut task = Task::new(future);
+        self.finish_task(&mut task)
+    }
+
+    pub(crate) fn finish_task<T>(&mut self, task: &mut Task<'_, T>) -> T {
+        for _ in 0..30_000 {
+            if let Some(value) = task.poll() {
+                return value;
+            }
+            self.cycle();
+        }
+        panic!("still not ready: {:?}", self.stations[0].core.snapshot());
+    }
+}
+
+struct Stations<'a>(&'a mut [Station]);
+
+impl AxisSet for Stations<'_> {
+    fn axis(&mut self, index: usize) -> Option<(&mut AxisCore, &mut [u8])> {
+        let station = self.0.get_mut(index)?;
+        Some((&mut station.core, &mut station.outputs))
+    }
+}
+
+impl Station {
+    fn new(index: usize, queue: &GroupQueue, variant: &Variant) -> Self {
+        let layout = layout(variant);
+        let fields = AxisFields::from_layout(&layout, AxisOffset::default()).unwrap();
+        let mut config = AxisConfig::new(fields);
+        config.traits = variant.traits;
+        config.defaults = Parameters {
+            velocity: Some(50_000),
+            acceleration: Some(500_000),
+            deceleration: Some(500_000),
+            ..Parameters::default()
+        };
+        let core = AxisCore::new(config);
+        let drive: Drive = Arc::new(Mutex::new(ds402::Axis::new(ds402::Behaviour::akd2g())));
+        let sdo = Arc::new(Sdo {
+            drive: Arc::clone(&drive),
+            written: Mutex::default(),
+            refuse: AtomicBool::new(false),
+        });
+        let setup = AxisSetup {
+            identity: AxisIdentity {
+                axis: format!("axis{index}"),
+                drive: DriveId {
+                    position: index as u16,
+                    name: "AKD2G".into(),
+                    identity: servocrab::sii::Identity::default(),
+                },
+            },
+            offset: AxisOffset::default(),
+            fields,
+            traits: variant.traits,
+            layout: layout.clone(),
+            parameters: sdo.clone(),
+            groups: queue.clone(),
+            index,
+        };
+        let (source, port) = setup.open(&core);
+        Self {
+            core,
+            port: Some(port),
+            source,
+            drive,
+            outputs: vec![0; layout.output_bytes()],
+            words: Vec::new(),
+            sdo,
+            layout,
+        }
+    }
+
+    fn exchange(&mut self, now: Duration, silent: bool) {
+        self.words
+            .push(u16::from_le_bytes([self.outputs[0], self.outputs[1]]));
+        let mut drive = self.drive.lock().unwrap();
+        let mut inputs = vec![0; self.layout.input_bytes()];
+        for (object, place) in self.layout.objects(Direction::Inputs) {
+            let value = drive.get(object.index, object.subindex).unwrap();
+            let bytes = usize::from(place.bits / 8);
+            inputs[place.byte..place.byte + bytes].copy_from_slice(&value.to_le_bytes()[..bytes]);
+        }
+        for (object, place) in self.layout.objects(Direction::Outputs) {
+            let bytes = usize::from(place.bits / 8);
+            let mut raw = [0; 8];
+            raw[..bytes].copy_from_slice(&self.outputs[place.byte..place.byte + bytes]);
+            let value = match object.index {
+                0x607A => i64::from(i64::from_le_bytes(raw) as i32),
+                _ => i64::from_le_bytes(raw),
+            };
+            // What the drive refuses stays what it was, as with a PDO.
+            let _ = drive.set(object.index, object.subindex, value);
+        }
+        let arrived = (!silent).then_some(inputs.as_slice());
+        let fresh = arrived.map_or(Inputs::Stale, Inputs::Fresh);
+        self.core.step(now, fresh, &mut self.outputs);
+        if let Some(port) = &mut self.port {
+            port.after_step(&mut self.core, arrived);
+        }
+        drive.cycle(now);
+    }
+}
+
+fn layout(variant: &Variant) -> Layout {
+    let mapped = |objects: &[AnyObject]| -> Vec<AnyObject> {
+        let all = objects.iter().copied();
+        all.filter(|object| !variant.not_mapped.contains(&object.index))
+            .collect()
+    };
+    let outputs = mapped(&[
+        obj::CONTROLWORD.into(),
+        obj::MODE_OF_OPERATION.into(),
+        obj::TARGET_POSITION.into(),
+        obj::PROFILE_VELOCITY.into(),
+        obj::PROFILE_ACCELERATION.into(),
+        obj::PROFILE_DECELERATION.into(),
+        obj::DIGITAL_OUTPUTS.into(),
+    ]);
+    let inputs = mapped(&[
+        obj::STATUSWORD.into(),
+        obj::MODE_OF_OPERATION_DISPLAY.into(),
+        obj::POSITION_ACTUAL.into(),
+        obj::VELOCITY_ACTUAL.into(),
+        obj::DIGITAL_INPUTS.into(),
+    ]);
+    let mut builder = Mapping::builder().rx_pdo(0x1600);
+    for object in outputs {
+        builder = builder.object(Direction::Outputs, object);
+    }
+    builder = builder.tx_pdo(0x1A00);
+    for object in inputs {
+        builder = builder.object(Direction::Inputs, object);
+    }
+    builder.build().unwrap().layout()
+}
+
+/// A future that is polled only when it was woken: one whose waking is forgotten never ends.
+pub(crate) struct Task<'a, T> {
+    future: Pin<Box<dyn Future<Output = T> + 'a>>,
+    woken: Arc<Woken>,
+}
+
+struct Woken(AtomicBool);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
+impl<'a, T> Task<'a, T> {
+    pub(crate) fn new(future: impl Future<Output = T> + 'a) -> Self {
+        Self {
+            future: Box::pin(future),
+            woken: Arc::new(Woken(AtomicBool::new(true))),
+        }
+    }
+
+    pub(crate) fn poll(&mut self) -> Option<T> {
+        if !self.woken.0.swap(false, Ordering::AcqRel) {
+            return None;
+        }
+        let waker = Waker::from(Arc::clone(&self.woken));
+        match self.future.as_mut().poll(&mut Context::from_waker(&waker)) {
+            Poll::Ready(value) => Some(value),
+            Poll::Pending => None,
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! What the awaited handles of an axis promise, on simulated drives in virtual time.
+#![allow(missing_docs)]
+
+mod bus;
+mod fields;
+mod lease;
+mod machine;
+mod moves;
+mod stops;
+mod threads;
+mod together;

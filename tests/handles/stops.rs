@@ -1,0 +1,243 @@
+//! Halts, stops, the stop lane, and what dropping handles does.
+
+use servocrab::{
+    axis::{AxisErrorKind, Failure},
+    ds402::State,
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::ds402;
+
+use crate::machine::{Machine, Task};
+
+const HALT: u16 = 0x0100;
+
+#[test]
+fn a_halted_move_says_so_once_and_goes_on_to_its_target_after_resume() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(20_000, SetPoint::new()))
+        .unwrap();
+    machine.run(20);
+    machine.finish(axis.halt()).unwrap();
+    assert_eq!(axis.status().velocity, 0);
+    let halted = machine.finish(moved.done()).unwrap_err();
+    assert_eq!(halted.failure(), Some(Failure::Halted));
+    let mut through = Task::new(moved.done_through_halt());
+    let mut again = Task::new(moved.done());
+    for _ in 0..100 {
+        assert!(through.poll().is_none() && again.poll().is_none());
+        machine.cycle();
+    }
+    let refused = machine.finish(pp.move_abs(1, SetPoint::new())).unwrap_err();
+    assert_eq!(refused.failure(), Some(Failure::Halted));
+    machine.finish(axis.resume()).unwrap();
+    let reached = Outcome::Reached { position: 20_000 };
+    assert_eq!(machine.finish_task(&mut through).unwrap(), reached);
+    assert_eq!(machine.finish_task(&mut again).unwrap(), reached);
+    assert_eq!(machine.drive().ledger().len(), 1);
+}
+
+#[test]
+fn a_quick_stop_says_where_the_drive_stands_and_ends_the_move() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    machine.run(100);
+    // 605Ah is 2 in the simulated drive: it ends in Switch on disabled.
+    let state = machine.finish(axis.quick_stop()).unwrap();
+    assert_eq!(state, State::SwitchOnDisabled);
+    let ended = machine.finish(moved.done()).unwrap_err();
+    assert_eq!(ended.failure(), Some(Failure::QuickStopped));
+    let stands = machine.drive().position();
+    machine.finish(axis.enable()).unwrap();
+    machine.run(200);
+    assert_eq!(
+        machine.drive().position(),
+        stands,
+        "no motion follows from enabling"
+    );
+}
+
+#[test]
+fn the_stop_lane_is_in_the_next_frame_whatever_is_queued() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    let mut queued: Vec<_> = (0..100)
+        .map(|n| Task::new(pp.move_abs(n, SetPoint::new())))
+        .collect();
+    let full = queued.iter_mut().filter_map(Task::poll).collect::<Vec<_>>();
+    assert!(!full.is_empty());
+    for refused in full {
+        let refused = refused.unwrap_err();
+        assert!(
+            matches!(refused.kind, AxisErrorKind::QueueFull),
+            "{refused}"
+        );
+    }
+    axis.stop_handle().halt();
+    machine.cycle();
+    assert_eq!(
+        machine.stations[0].words.last().unwrap() & (HALT | 0x10),
+        HALT
+    );
+    axis.stop_handle().quick_stop();
+    machine.cycle();
+    assert_eq!(machine.stations[0].words.last().unwrap() & 0x04, 0);
+    machine.finish(moved.done_through_halt()).unwrap_err();
+    drop(queued);
+    machine.run(1_000);
+    assert_eq!(
+        machine.drive().ledger().len(),
+        1,
+        "nothing that was queued was started"
+    );
+}
+
+#[test]
+fn a_halt_that_finds_the_queue_full_is_in_the_next_frame_all_the_same() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    machine.run(10);
+    let mut queued: Vec<_> = (0..40)
+        .map(|n| Task::new(pp.move_abs(n, SetPoint::new())))
+        .collect();
+    let _ = queued.iter_mut().filter_map(Task::poll).count();
+    let full = Task::new(axis.halt()).poll().unwrap().unwrap_err();
+    assert!(matches!(full.kind, AxisErrorKind::QueueFull));
+    machine.cycle();
+    assert_eq!(machine.stations[0].words.last().unwrap() & HALT, HALT);
+    let halted = machine.finish(moved.done()).unwrap_err();
+    assert_eq!(halted.failure(), Some(Failure::Halted));
+}
+
+#[test]
+fn pitfall_19_an_awaited_halt_is_in_the_next_frame() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let _moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    let mut halting = Task::new(axis.halt());
+    assert!(halting.poll().is_none());
+    machine.cycle();
+    assert_eq!(machine.stations[0].words.last().unwrap() & HALT, HALT);
+    machine.finish_task(&mut halting).unwrap();
+}
+
+#[test]
+fn a_move_that_was_queued_before_a_stop_is_not_started_after_it() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let mut moving = Task::new(pp.move_abs(5_000, SetPoint::new()));
+    assert!(moving.poll().is_none());
+    axis.stop_handle().stop();
+    let refused = machine.finish_task(&mut moving).unwrap_err();
+    assert_eq!(refused.failure(), Some(Failure::QuickStopped));
+    machine.run(200);
+    assert!(machine.drive().ledger().is_empty());
+}
+
+#[test]
+fn a_halt_taken_back_in_the_same_cycle_is_no_halt() {
+    let (mut machine, axis) = Machine::enabled();
+    let mut halting = Task::new(axis.halt());
+    let mut resuming = Task::new(axis.resume());
+    let _ = (halting.poll(), resuming.poll());
+    machine.finish_task(&mut resuming).unwrap();
+    machine.run(5);
+    assert!(!axis.status().halted);
+    assert_eq!(machine.stations[0].words.last().unwrap() & HALT, 0);
+}
+
+#[test]
+fn dropping_the_last_handle_stops_a_moving_axis() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(1_000_000, SetPoint::new()))
+        .unwrap();
+    machine.run(100);
+    drop(axis);
+    drop(pp);
+    machine.run(100);
+    assert!(
+        machine.drive().velocity() > 0.0,
+        "the move itself is a handle yet"
+    );
+    drop(moved);
+    machine.run(1_000);
+    assert_eq!(machine.drive().velocity(), 0.0);
+    assert_ne!(machine.drive().state(), ds402::State::OperationEnabled);
+    assert!(machine.drive().position() < 100_000);
+}
+
+#[test]
+fn dropping_the_last_handle_of_a_standing_axis_leaves_it_enabled() {
+    let (mut machine, axis) = Machine::enabled();
+    machine.run(200);
+    drop(axis);
+    machine.run(200);
+    assert_eq!(machine.drive().state(), ds402::State::OperationEnabled);
+    assert_eq!(machine.stations[0].words.last().unwrap() & HALT, 0);
+}
+
+#[test]
+fn an_axis_that_is_to_keep_moving_arrives_without_any_handle() {
+    let (mut machine, axis) = Machine::enabled();
+    axis.keep_moving_on_drop("the conveyor must be emptied");
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(50_000, SetPoint::new()))
+        .unwrap();
+    drop((axis, pp, moved));
+    machine.run(3_000);
+    assert_eq!(machine.drive().position(), 50_000);
+}
+
+#[test]
+fn a_move_that_halts_on_drop_halts_only_before_its_outcome() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine.finish(pp.move_abs(100, SetPoint::new())).unwrap();
+    let moved = moved.halt_on_drop();
+    machine.finish(moved.done()).unwrap();
+    drop(moved);
+    machine.run(10);
+    assert!(!axis.status().halted);
+    let moved = machine
+        .finish(pp.move_abs(100_000, SetPoint::new()))
+        .unwrap();
+    drop(moved.halt_on_drop());
+    machine.cycle();
+    assert!(axis.status().halted);
+}
+
+#[test]
+fn a_stop_tells_where_the_drive_stands_and_leaves_a_standing_axis_as_it_is() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let _moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    machine.run(50);
+    let state = machine.finish(axis.stop()).unwrap();
+    assert_eq!(state, axis.status().state);
+    assert_eq!(state, State::SwitchOnDisabled);
+    machine.run(300);
+    machine.finish(axis.enable()).unwrap();
+    let standing = machine.finish(axis.stop()).unwrap();
+    assert_eq!(
+        standing,
+        State::OperationEnabled,
+        "a standing axis stays as it is"
+    );
+}

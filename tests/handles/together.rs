@@ -1,0 +1,133 @@
+//! Moves that start together: all in one frame, or none.
+
+use servocrab::{
+    axis::{AxisErrorKind, Failure, together},
+    profile_position::{ProfilePosition, SetPoint},
+};
+
+use crate::machine::{Machine, Task, lock};
+
+fn machine(axes: usize) -> (Machine, Vec<ProfilePosition>) {
+    let mut machine = Machine::new(axes);
+    let leases = (0..axes)
+        .map(|n| {
+            let axis = machine.axis(n);
+            machine.finish(axis.enable()).unwrap();
+            machine.finish(axis.profile_position()).unwrap()
+        })
+        .collect();
+    (machine, leases)
+}
+
+fn rises(machine: &Machine, axis: usize) -> Vec<usize> {
+    let words = &machine.stations[axis].words;
+    (1..words.len())
+        .filter(|&n| words[n] & 0x10 != 0 && words[n - 1] & 0x10 == 0)
+        .collect()
+}
+
+#[test]
+fn bits_4_of_all_axes_rise_in_one_frame() {
+    let (mut machine, pp) = machine(3);
+    // The first axis is busy with a handshake of its own, so that it is ready later than the others.
+    let alone = machine.finish(pp[0].move_abs(10, SetPoint::new())).unwrap();
+    let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
+    let moves = machine.finish(together(requests)).unwrap();
+    assert_eq!(moves.len(), 3);
+    for moved in &moves {
+        machine.finish(moved.done()).unwrap();
+    }
+    let last: Vec<_> = (0..3)
+        .map(|n| *rises(&machine, n).last().unwrap())
+        .collect();
+    assert!(last.iter().all(|rise| *rise == last[0]), "{last:?}");
+    assert!(alone.outcome().is_some());
+    for station in &machine.stations {
+        assert_eq!(lock(&station.drive).position(), 5_000);
+    }
+}
+
+#[test]
+fn none_starts_when_one_is_refused() {
+    let (mut machine, pp) = machine(3);
+    machine.finish(pp[1].axis().disable()).unwrap();
+    let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
+    let error = machine.finish(together(requests)).unwrap_err();
+    assert!(matches!(
+        error.error.failure(),
+        Some(Failure::NotEnabled { .. })
+    ));
+    assert_eq!(error.error.identity.axis, "axis1");
+    assert!(!error.fired && error.started.is_empty());
+    machine.run(300);
+    for station in &machine.stations {
+        assert!(lock(&station.drive).ledger().is_empty());
+    }
+}
+
+#[test]
+fn none_starts_when_one_is_stopped_before_the_frame() {
+    for cycles in 0..6 {
+        let (mut machine, pp) = machine(2);
+        let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
+        let mut starting = Task::new(together(requests));
+        assert!(starting.poll().is_none());
+        machine.run(cycles);
+        let rose = [0, 1].map(|n| rises(&machine, n).len());
+        assert_eq!(rose[0], rose[1], "all or none");
+        pp[1].axis().stop_handle().halt();
+        machine.run(300);
+        let rose_later = [0, 1].map(|n| rises(&machine, n).len());
+        assert_eq!(rose_later, rose, "nothing starts after the halt");
+        if rose == [0, 0] {
+            let error = starting.poll().unwrap().unwrap_err();
+            assert_eq!(error.error.failure(), Some(Failure::Halted));
+            assert_eq!(error.error.identity.axis, "axis1");
+        }
+    }
+}
+
+#[test]
+fn none_starts_when_the_future_is_dropped_before_the_frame() {
+    let (mut machine, pp) = machine(2);
+    let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
+    let mut starting = Task::new(together(requests));
+    assert!(starting.poll().is_none());
+    drop(starting);
+    machine.run(300);
+    assert!(rises(&machine, 0).is_empty() && rises(&machine, 1).is_empty());
+    // Nothing of it is left in the way.
+    let moved = machine.finish(pp[0].move_abs(5, SetPoint::new())).unwrap();
+    machine.finish(moved.done()).unwrap();
+}
+
+#[test]
+fn a_drive_that_does_not_acknowledge_is_told_with_the_moves_that_run() {
+    let (mut machine, pp) = machine(2);
+    lock(&machine.stations[1].drive).disturbances().ack = servocrab_sim::ds402::AckFault::Never;
+    let requests: Vec<_> = pp.iter().map(|pp| pp.abs(9_000, SetPoint::new())).collect();
+    let error = machine.finish(together(requests)).unwrap_err();
+    assert!(error.fired);
+    assert!(matches!(
+        error.error.failure(),
+        Some(Failure::Timeout { .. })
+    ));
+    assert_eq!(error.started.len(), 1);
+    machine.finish(error.started[0].done()).unwrap();
+}
+
+#[test]
+fn moves_of_one_axis_or_of_two_networks_are_not_started_together() {
+    let (mut first, pp) = machine(1);
+    let (_second, other) = machine(1);
+    let at = |pp: &ProfilePosition| pp.abs(5, SetPoint::new());
+    let twice = first
+        .finish(together([at(&pp[0]), at(&pp[0])]))
+        .unwrap_err();
+    assert!(matches!(twice.error.kind, AxisErrorKind::NotTogether));
+    let apart = first
+        .finish(together([at(&pp[0]), at(&other[0])]))
+        .unwrap_err();
+    assert!(matches!(apart.error.kind, AxisErrorKind::NotTogether));
+    assert!(first.finish(together([])).unwrap().is_empty());
+}
