@@ -1,0 +1,239 @@
+//! Pitfalls 14 to 19: halt, quick stop, and how soon they are sent.
+
+use servocrab::axis::{Command, Completion, Failure, StopRequest};
+use servocrab::ds402::{Mode, QuickStopOption, State};
+use servocrab::profile_position::SetPoint;
+use servocrab_sim::ds402::{Behaviour, Outcome};
+
+use crate::common::Rig;
+use crate::{BIT_4, BIT_7, BIT_8, enabled, rises};
+
+/// Whether a word stops or releases the axis: disable voltage or quick stop.
+fn quick_stops(word: u16) -> bool {
+    word & 0x0006 != 0x0006
+}
+
+/// An AKD2G with an accepted move under way.
+fn moving() -> (Rig, servocrab::axis::CommandId) {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(1_000_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(200);
+    (rig, id)
+}
+
+#[test]
+fn pitfall_14_resume_releases_the_halt() {
+    let (mut rig, id) = moving();
+    let halt = rig.send(Command::Halt);
+    assert!(rig.finish(halt).is_ok());
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.finish(resume), Ok(Completion::Done));
+    rig.run(2);
+    assert_eq!(rig.word() & BIT_8, 0);
+    assert_eq!(
+        rig.finish(id),
+        Ok(Completion::Reached {
+            position: 1_000_000
+        })
+    );
+}
+
+#[test]
+fn pitfall_14_after_a_stop_the_axis_is_enabled_without_bit_8() {
+    let (mut rig, _) = moving();
+    let stop = rig.send(Command::Stop);
+    assert!(rig.finish(stop).is_ok());
+    let from = rig.words.len();
+    rig.enable();
+    let id = rig.abs(0, SetPoint::new());
+    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 0 }));
+    assert!(rig.words[from + 1..].iter().all(|word| word & BIT_8 == 0));
+}
+
+#[test]
+fn pitfall_15_a_halt_is_bit_8_and_keeps_state_and_set_point() {
+    let (mut rig, id) = moving();
+    let from = rig.words.len();
+    let halt = rig.send(Command::Halt);
+    assert_eq!(
+        rig.finish(halt),
+        Ok(Completion::Stopped {
+            state: State::OperationEnabled
+        })
+    );
+    rig.run(100);
+    assert_eq!(rig.distinct_words(from), [0x0F, 0x10F]);
+    assert_eq!(rig.ledger()[0].outcome, Outcome::Active);
+    assert_eq!(rig.outcome(id), None);
+}
+
+#[test]
+fn pitfall_16_no_mode_change_is_tried_while_bit_8_is_set() {
+    let mut rig = enabled(|drive| drive.halt_blocks_mode_change = true);
+    let halt = rig.send(Command::Halt);
+    assert!(rig.finish(halt).is_ok());
+    let refused = rig.send(Command::SelectMode(Mode::Homing));
+    assert_eq!(rig.outcome(refused), Some(Err(Failure::Halted)));
+    let resume = rig.send(Command::Resume);
+    assert!(rig.finish(resume).is_ok());
+    let change = rig.send(Command::SelectMode(Mode::Homing));
+    assert_eq!(rig.finish(change), Ok(Completion::Done));
+    assert_eq!(rig.mode(), Mode::Homing);
+}
+
+#[test]
+fn pitfall_17_no_sequencing_of_the_same_cycle_cancels_a_quick_stop() {
+    // From the first word of enabling to the middle of a move's handshake.
+    for cycle in 1..40 {
+        let mut rig = enabled(|drive| drive.power_on_cycles = 3);
+        let disable = rig.send(Command::Disable);
+        assert!(rig.finish(disable).is_ok());
+        rig.drive.disturbances().ack_delay_cycles = 5;
+        let enable = rig.send(Command::Enable);
+        let mut id = None;
+        for _ in 0..cycle {
+            rig.cycle();
+            if id.is_none() && rig.outcome(enable).is_some() {
+                id = Some(rig.abs(100_000, SetPoint::new()));
+            }
+        }
+        rig.stop = StopRequest::QUICK_STOP;
+        let from = rig.words.len();
+        rig.run(300);
+        assert!(
+            rig.words[from..].iter().all(|&word| quick_stops(word)),
+            "stopped after cycle {cycle}: {:x?}",
+            rig.distinct_words(from)
+        );
+        assert_eq!(rig.core.snapshot().state, State::SwitchOnDisabled);
+    }
+}
+
+#[test]
+fn pitfall_17_quick_stop_active_is_left_by_enabling() {
+    for transition_16 in [false, true] {
+        let behaviour = Behaviour {
+            transition_16,
+            quick_stop_option: 6,
+            ..Behaviour::akd2g()
+        };
+        let mut rig = Rig::new(behaviour, |config| config.quick_stop = QuickStopOption(6));
+        rig.enable();
+        let id = rig.abs(1_000_000, SetPoint::new());
+        rig.wait_accepted(id);
+        rig.run(200);
+        let stop = rig.send(Command::QuickStop);
+        let held = Completion::Stopped {
+            state: State::QuickStopActive,
+        };
+        assert_eq!(rig.finish(stop), Ok(held));
+        let stood = rig.drive.position();
+        rig.run(100);
+        assert_eq!(rig.core.snapshot().state, State::QuickStopActive);
+        let enable = rig.send(Command::Enable);
+        assert_eq!(rig.finish(enable), Ok(Completion::Done));
+        rig.run(100);
+        assert_eq!(rig.drive.position(), stood);
+        let id = rig.abs(0, SetPoint::new());
+        assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 0 }));
+    }
+}
+
+#[test]
+fn pitfall_18_a_quick_stop_in_fault_resets_nothing() {
+    let (mut rig, _) = moving();
+    rig.drive.inject_fault(0x7305);
+    rig.run_until(2_000, |rig| rig.core.snapshot().state == State::Fault);
+    let from = rig.words.len();
+    let stop = rig.send(Command::QuickStop);
+    assert!(matches!(rig.finish(stop), Err(Failure::Fault { .. })));
+    rig.stop = StopRequest::QUICK_STOP;
+    rig.run(500);
+    assert!(rig.words[from..].iter().all(|word| word & BIT_7 == 0));
+    assert_eq!(rig.core.snapshot().state, State::Fault);
+}
+
+#[test]
+fn pitfall_18_a_quick_stop_enables_nothing() {
+    let mut rig = Rig::akd2g();
+    rig.run(10);
+    let stop = rig.send(Command::QuickStop);
+    assert_eq!(
+        rig.finish(stop),
+        Ok(Completion::Stopped {
+            state: State::SwitchOnDisabled
+        })
+    );
+    rig.stop = StopRequest::QUICK_STOP;
+    rig.run(100);
+    assert!(rig.words.iter().all(|&word| quick_stops(word)));
+    assert_eq!(rig.core.snapshot().state, State::SwitchOnDisabled);
+}
+
+#[test]
+fn pitfall_19_a_stop_is_in_the_next_frame_whatever_the_handshake_waits_for() {
+    for (stop, on_the_wire) in [
+        (StopRequest::HALT, BIT_8),
+        (StopRequest::STOP, BIT_8),
+        (StopRequest::QUICK_STOP, 0),
+    ] {
+        let mut rig = Rig::enabled();
+        rig.drive.disturbances().ack_delay_cycles = 400;
+        rig.abs(1_000_000, SetPoint::new());
+        rig.abs(0, SetPoint::new());
+        rig.run(100);
+        assert_ne!(rig.word() & BIT_4, 0, "the handshake is under way");
+        let from = rig.words.len();
+        rig.stop = stop;
+        rig.cycle();
+        let word = rig.words[from];
+        assert_eq!(word & BIT_8, on_the_wire, "{stop:?}: {word:#06x}");
+        assert_eq!(quick_stops(word), on_the_wire == 0, "{word:#06x}");
+        rig.run(200);
+        assert_eq!(rig.drive.velocity(), 0.0);
+    }
+}
+
+#[test]
+fn pitfall_19_a_stop_command_is_in_the_next_outputs_whatever_waits() {
+    for command in [Command::Halt, Command::Stop, Command::QuickStop] {
+        let mut rig = Rig::enabled();
+        rig.drive.disturbances().ack_delay_cycles = 400;
+        rig.abs(1_000_000, SetPoint::new());
+        rig.abs(0, SetPoint::new());
+        rig.run(100);
+        let stop = rig.send(command);
+        rig.run(2);
+        let word = rig.words[rig.words.len() - 1];
+        assert!(
+            quick_stops(word) || word & BIT_8 != 0,
+            "{command:?}: {word:#06x}"
+        );
+        assert!(rig.finish(stop).is_ok());
+        assert_eq!(rig.drive.velocity(), 0.0);
+        assert_eq!(rig.ledger().len(), 1, "what waited was not sent");
+    }
+}
+
+#[test]
+fn pitfall_19_a_stop_withdraws_a_set_point_that_has_not_been_sent() {
+    for stop in [
+        StopRequest::HALT,
+        StopRequest::STOP,
+        StopRequest::QUICK_STOP,
+    ] {
+        let mut rig = Rig::enabled();
+        let id = rig.abs(10_000, SetPoint::new());
+        rig.run_until(20, |rig| rig.word() & BIT_4 != 0);
+        assert_eq!(rises(&rig.words, BIT_4), 0, "composed and not sent");
+        rig.stop = stop;
+        rig.run(500);
+        assert_eq!(rises(&rig.words, BIT_4), 0);
+        assert!(rig.ledger().is_empty());
+        assert!(matches!(
+            rig.outcome(id),
+            Some(Err(Failure::Halted | Failure::QuickStopped))
+        ));
+    }
+}
