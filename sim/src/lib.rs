@@ -16,7 +16,10 @@ mod dictionary;
 mod drive;
 pub mod ds402;
 mod esc;
+mod faults;
 mod frame;
+#[cfg(target_os = "linux")]
+pub mod link;
 mod mailbox;
 mod pdo;
 pub mod personality;
@@ -31,5 +34,6 @@ pub use description::{
 };
 pub use device::{Blueprint, Device};
 pub use drive::{AxisStatusObject, DriveBlueprint};
+pub use faults::{Fault, FaultyWire};
 pub use pdo::PdoLimits;
 pub use segment::{CycleRecord, Segment};

@@ -1,0 +1,147 @@
+//! A simulated EtherCAT segment on a network interface.
+
+mod trace;
+
+use std::error::Error;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use clap::{Parser, ValueEnum};
+use servocrab_sim::link::{FRAME_CAPACITY, RawSocket};
+use servocrab_sim::{Device, Segment, personality};
+use trace::Trace;
+
+/// How long the program waits for a frame before it looks at the time again.
+const WAIT: Duration = Duration::from_millis(1);
+/// How many frames are answered before the program looks at the time and at signals again.
+const BURST: usize = 64;
+/// How often the trace is written out.
+const FLUSH_EVERY: Duration = Duration::from_millis(100);
+
+/// Simulates a line of EtherCAT SubDevices on a network interface.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    /// Network interface to answer on, for example one end of a veth pair
+    #[arg(long)]
+    interface: String,
+    /// SubDevice to append to the line; give it once for each, in order
+    #[arg(long, required = true)]
+    drive: Vec<Kind>,
+    /// Seconds to run; without it, until SIGINT or SIGTERM
+    #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
+    duration: Option<Duration>,
+    /// CSV file that gets a row for each axis and drive cycle
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+}
+
+/// The SubDevices that can be simulated.
+#[derive(Clone, Copy, ValueEnum)]
+enum Kind {
+    /// Kollmorgen AKD2G, two axes
+    Akd2g,
+    /// A coupler without process data
+    Coupler,
+    /// An I/O terminal without CoE, two bytes each way
+    Io,
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("servocrab-sim: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let mut segment = Segment::new();
+    for kind in &arguments.drive {
+        segment.push(build(*kind));
+    }
+    let socket = RawSocket::open(&arguments.interface)?;
+    let trace = match &arguments.trace {
+        Some(path) => Some(start_trace(path, &mut segment)?),
+        None => None,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = Arc::clone(&stop);
+    ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))?;
+
+    println!(
+        "listening on {}: {} SubDevice(s)",
+        arguments.interface,
+        segment.len()
+    );
+    std::io::stdout().flush()?;
+
+    let start = Instant::now();
+    let mut flushed = Duration::ZERO;
+    let mut buffer = [0; FRAME_CAPACITY];
+    while !stop.load(Ordering::Relaxed) {
+        socket.wait(WAIT)?;
+        for _ in 0..BURST {
+            let Some(length) = socket.receive(&mut buffer)? else {
+                break;
+            };
+            let frame = buffer.get_mut(..length).unwrap_or(&mut []);
+            if segment.process(frame, start.elapsed()) {
+                socket.send(frame)?;
+            }
+        }
+        let now = start.elapsed();
+        segment.advance(now);
+        if let Some(trace) = &trace
+            && now - flushed >= FLUSH_EVERY
+        {
+            flushed = now;
+            lock(trace).flush()?;
+        }
+        if arguments.duration.is_some_and(|duration| now >= duration) {
+            break;
+        }
+    }
+    if let Some(trace) = &trace {
+        lock(trace).flush()?;
+    }
+    Ok(())
+}
+
+type SharedTrace = Arc<Mutex<Trace<BufWriter<File>>>>;
+
+fn start_trace(path: &PathBuf, segment: &mut Segment) -> Result<SharedTrace, Box<dyn Error>> {
+    let file =
+        File::create(path).map_err(|error| format!("cannot write {}: {error}", path.display()))?;
+    let trace = Arc::new(Mutex::new(Trace::new(BufWriter::new(file))?));
+    let rows = Arc::clone(&trace);
+    segment.observe(move |record| lock(&rows).record(record));
+    Ok(trace)
+}
+
+/// The trace is used by one thread only, so a poisoned lock protects nothing.
+fn lock(trace: &SharedTrace) -> std::sync::MutexGuard<'_, Trace<BufWriter<File>>> {
+    trace.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn build(kind: Kind) -> Device {
+    match kind {
+        Kind::Akd2g => personality::akd2g(),
+        Kind::Coupler => personality::coupler(),
+        Kind::Io => personality::io_terminal(),
+    }
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text
+        .parse()
+        .map_err(|_| format!("{text:?} is no number of seconds"))?;
+    Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
+}
