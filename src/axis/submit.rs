@@ -138,6 +138,10 @@ impl AxisCore {
                 before: self.mode,
                 deadline: now + self.config.deadlines.mode,
             };
+            // 607Ah still holds the last move's target or distance; another mode may follow it at once.
+            if let Some(sample) = self.sample {
+                self.sequencer.follow_position(sample.position);
+            }
             self.mode = mode;
             self.mode_change = Some(change);
         }
