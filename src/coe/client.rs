@@ -3,11 +3,11 @@
 //! Transfers run one after another. A frame that is lost is sent again with the same mailbox counter, by which
 //! the device knows it; a mail whose reading is lost is asked for again by the repeat request.
 
-use alloc::string::ToString;
 use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
 use core::future::Future;
+use core::pin::pin;
 use core::time::Duration;
 
 use smol::channel::{Receiver, bounded};
@@ -17,13 +17,17 @@ use super::error::{DriveId, SdoError, SdoStep, Transfer};
 use super::handle::{Emergencies, EmergencyQueue, Request, SdoHandle};
 use super::mailbox::{Counter, Mail, SHORTEST_MAILBOX, sdo_mail};
 use super::obj;
-use super::object::ObjectAddress;
-use super::sdo::{Download, SdoFault, Step, Upload, abort_request};
+use super::sdo::{SdoFault, Step, Upload, abort_request};
 use super::transport::{LinkFault, MailboxStatus, MailboxTransport};
-use crate::sii::Mailbox;
 
 #[cfg(test)]
 mod tests;
+
+mod dialogue;
+mod settings;
+
+use dialogue::{Dialogue, Failure};
+pub use settings::MailboxSettings;
 
 /// The time that the actor lives in.
 pub trait Clock {
@@ -32,47 +36,6 @@ pub trait Clock {
 
     /// Resolves at `time`.
     fn sleep_until(&self, time: Duration) -> impl Future<Output = ()>;
-}
-
-/// Lengths, deadlines and bounds of a mailbox client.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct MailboxSettings {
-    /// Bytes of the mailbox that the master writes.
-    pub write_length: usize,
-    /// Bytes of the mailbox that the master reads.
-    pub read_length: usize,
-    /// After this a frame counts as lost and its future is dropped.
-    pub frame_timeout: Duration,
-    /// After this a request without reply has failed; counted anew for each segment.
-    pub reply_timeout: Duration,
-    /// The time between two looks at a mailbox while a reply is due.
-    pub poll_interval: Duration,
-    /// The time between two looks at the mailbox while nothing is due, for emergencies.
-    pub idle_interval: Duration,
-    /// How many accesses in a row may fail before a transfer is given up.
-    pub attempts: u32,
-    /// Requests that may wait.
-    pub request_capacity: usize,
-    /// Emergencies that are kept.
-    pub emergency_capacity: usize,
-}
-
-impl MailboxSettings {
-    /// The settings for a device's mailbox, with 1 s for a reply.
-    #[must_use]
-    pub fn new(mailbox: &Mailbox) -> Self {
-        Self {
-            write_length: usize::from(mailbox.receive_length),
-            read_length: usize::from(mailbox.send_length),
-            frame_timeout: Duration::from_millis(150),
-            reply_timeout: Duration::from_secs(1),
-            poll_interval: Duration::from_micros(250),
-            idle_interval: Duration::from_millis(10),
-            attempts: 5,
-            request_capacity: 16,
-            emergency_capacity: 64,
-        }
-    }
 }
 
 /// The actor of one device's mailbox; see [`MailboxClient::run`].
@@ -133,17 +96,24 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
     /// Serves the handles, and collects emergencies, until the last handle is dropped.
     pub async fn run(mut self) {
+        let requests = self.requests.clone();
         loop {
-            let wake = self.clock.now() + self.settings.idle_interval;
-            let requests = self.requests.clone();
-            let next = or(async { Some(requests.recv().await) }, async {
-                self.clock.sleep_until(wake).await;
-                None
-            });
-            match next.await {
-                Some(Ok(request)) => self.serve(request).await,
-                Some(Err(_)) => return,
-                None => self.collect().await,
+            // One future over all idle looks: making one allocates.
+            let mut next = pin!(requests.recv());
+            let request = loop {
+                let wake = self.clock.now() + self.settings.idle_interval;
+                let request = or(async { Some(next.as_mut().await) }, async {
+                    self.clock.sleep_until(wake).await;
+                    None
+                });
+                match request.await {
+                    Some(request) => break request,
+                    None => self.collect().await,
+                }
+            };
+            match request {
+                Ok(request) => self.serve(request).await,
+                Err(_) => return,
             }
         }
     }
@@ -416,105 +386,5 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             return Err(Failure::Link(fault));
         }
         Ok(())
-    }
-}
-
-/// A transfer of either direction.
-enum Dialogue {
-    Upload(Upload),
-    Download(Download),
-}
-
-impl Dialogue {
-    fn of(request: Request, write_length: usize) -> Self {
-        let object: ObjectAddress = request.transfer.object;
-        if request.is_read() {
-            let mut upload = Upload::new(object);
-            if let Some(width) = request.width {
-                upload = upload.width(width);
-            }
-            if request.complete_access {
-                upload = upload.complete_access();
-            }
-            return Self::Upload(upload);
-        }
-        let mut download = Download::new(object, request.data, write_length);
-        if request.complete_access {
-            download = download.complete_access();
-        }
-        Self::Download(download)
-    }
-
-    fn request(&self) -> Vec<u8> {
-        match self {
-            Self::Upload(upload) => upload.request().to_vec(),
-            Self::Download(download) => download.request(),
-        }
-    }
-
-    fn feed(&mut self, reply: &[u8]) -> Result<Step, SdoFault> {
-        match self {
-            Self::Upload(upload) => upload.feed(reply),
-            Self::Download(download) => download.feed(reply),
-        }
-    }
-
-    const fn is_segmented(&self) -> bool {
-        match self {
-            Self::Upload(upload) => upload.is_segmented(),
-            Self::Download(download) => download.is_segmented(),
-        }
-    }
-
-    fn into_data(self) -> Vec<u8> {
-        match self {
-            Self::Upload(upload) => upload.into_data(),
-            Self::Download(_) => Vec::new(),
-        }
-    }
-}
-
-/// Why an exchange failed, before it is told with its object.
-#[derive(Debug, Clone, Copy)]
-enum Failure {
-    Fault(SdoFault),
-    Refused(super::mailbox::MailboxError),
-    NotTaken,
-    NoReply,
-    Link(LinkFault),
-}
-
-impl Failure {
-    fn describe(self, transfer: Transfer, after: Duration, segmented: bool) -> SdoError {
-        let reply = if segmented {
-            SdoStep::Segment
-        } else {
-            SdoStep::Reply
-        };
-        let timeout = |step| SdoError::Timeout {
-            transfer,
-            step,
-            after,
-        };
-        match self {
-            Self::Fault(fault) => SdoError::from_fault(transfer, fault),
-            Self::Refused(error) => SdoError::Mailbox { transfer, error },
-            Self::NotTaken => timeout(SdoStep::Sending),
-            Self::NoReply => timeout(reply),
-            Self::Link(fault) => SdoError::Link {
-                transfer,
-                step: reply,
-                reason: fault.to_string(),
-            },
-        }
-    }
-
-    /// What to tell the device, if it has to be told.
-    const fn abort_code(&self) -> Option<super::abort::AbortCode> {
-        match self {
-            Self::Fault(fault) => fault.abort_code(),
-            Self::NotTaken | Self::NoReply => Some(super::abort::AbortCode::TIME_OUT),
-            Self::Refused(_) | Self::Link(_) => None,
-        }
     }
 }

@@ -9,7 +9,8 @@ use smol::channel::{Receiver, Sender, bounded};
 
 use super::emergency::Emergency;
 use super::error::{DriveError, DriveId, SdoError, Transfer, TransferKind};
-use super::object::{Object, ObjectAddress, Readable, Value, Writable};
+use super::object::{Object, ObjectAddress};
+use super::value::{Readable, Value, Writable};
 
 /// Reads and writes objects of one drive; clones share its mailbox, in which transfers run one after another.
 ///

@@ -1,6 +1,6 @@
 //! CANopen over EtherCAT: typed objects, the SDO codec, the mailbox client, emergencies.
 //!
-//! Pure: [`object`] and [`obj`] (the objects), [`mailbox`], [`sdo`], [`emergency`] and [`abort`] (bytes and
+//! Pure: [`object`], [`value`] and [`obj`] (the objects), [`mailbox`], [`sdo`], [`emergency`] and [`abort`] (bytes and
 //! transfers without I/O), [`error`]. With `std`: the mailbox client, one per device, and its transport.
 
 pub mod abort;
@@ -18,6 +18,7 @@ pub mod sdo;
 pub(crate) mod test_device;
 #[cfg(feature = "std")]
 mod transport;
+pub mod value;
 
 pub use abort::AbortCode;
 #[cfg(feature = "std")]
@@ -27,9 +28,9 @@ pub use error::{DriveError, DriveId, SdoError, SdoStep, Transfer, TransferKind};
 #[cfg(feature = "std")]
 pub use handle::{Emergencies, SdoHandle, TimedEmergency};
 pub use mailbox::MailboxError;
-pub use object::{
-    Access, AnyObject, AxisOffset, DataType, Mappable, Number, Object, ObjectAddress, ReadOnly,
-    ReadWrite, Readable, Unit, Value, Writable, WriteOnly,
-};
+pub use object::{AnyObject, AxisOffset, Mappable, Object, ObjectAddress, Unit};
 #[cfg(feature = "std")]
 pub use transport::{EthercrabMailbox, LinkFault, MailboxStatus, MailboxTransport};
+pub use value::{
+    Access, DataType, Number, ReadOnly, ReadWrite, Readable, Value, Writable, WriteOnly,
+};

@@ -3,7 +3,8 @@
 
 use alloc::vec::Vec;
 
-use super::object::{Mappable, Object, ReadOnly, ReadWrite, Unit};
+use super::object::{Mappable, Object, Unit};
+use super::value::{ReadOnly, ReadWrite};
 
 const RX: Mappable = Mappable::OUTPUTS;
 const TX: Mappable = Mappable::INPUTS;

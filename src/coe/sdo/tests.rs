@@ -377,7 +377,7 @@ proptest! {
         let _ = download.feed(&[0x60, 0x08, 0x10, 0, 0, 0, 0, 0]);
         for reply in replies {
             let _ = (upload.feed(&reply), download.feed(&reply));
-            prop_assert!(upload.data.len() <= 100);
+            prop_assert!(upload.clone().into_data().len() <= 100);
             prop_assert!(!download.request().is_empty());
         }
     }

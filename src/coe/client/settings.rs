@@ -1,0 +1,46 @@
+//! What a mailbox client is told: lengths, deadlines, bounds.
+
+use core::time::Duration;
+
+use crate::sii::Mailbox;
+
+/// Lengths, deadlines and bounds of a mailbox client.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MailboxSettings {
+    /// Bytes of the mailbox that the master writes.
+    pub write_length: usize,
+    /// Bytes of the mailbox that the master reads.
+    pub read_length: usize,
+    /// After this a frame counts as lost and its future is dropped.
+    pub frame_timeout: Duration,
+    /// After this a request without reply has failed; counted anew for each segment.
+    pub reply_timeout: Duration,
+    /// The time between two looks at a mailbox while a reply is due.
+    pub poll_interval: Duration,
+    /// The time between two looks at the mailbox while nothing is due, for emergencies.
+    pub idle_interval: Duration,
+    /// How many accesses in a row may fail before a transfer is given up.
+    pub attempts: u32,
+    /// Requests that may wait.
+    pub request_capacity: usize,
+    /// Emergencies that are kept.
+    pub emergency_capacity: usize,
+}
+
+impl MailboxSettings {
+    /// The settings for a device's mailbox, with 1 s for a reply.
+    #[must_use]
+    pub fn new(mailbox: &Mailbox) -> Self {
+        Self {
+            write_length: usize::from(mailbox.receive_length),
+            read_length: usize::from(mailbox.send_length),
+            frame_timeout: Duration::from_millis(150),
+            reply_timeout: Duration::from_secs(1),
+            poll_interval: Duration::from_micros(250),
+            idle_interval: Duration::from_millis(10),
+            attempts: 5,
+            request_capacity: 16,
+            emergency_capacity: 64,
+        }
+    }
+}
