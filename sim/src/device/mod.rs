@@ -1,5 +1,8 @@
 //! One SubDevice: its ESC, and the processor behind it with AL state machine, mailbox and process data.
 
+mod checks;
+mod post;
+
 use core::time::Duration;
 
 use crate::al::{AlMachine, AlState, Checks, code};
@@ -8,8 +11,10 @@ use crate::description::{Description, Direction, SyncManagerUse};
 use crate::drive::{Drive, DriveBlueprint};
 use crate::ds402::Axis;
 use crate::esc::{Esc, Place};
-use crate::mailbox::{MailError, Mailbox, Post};
+use crate::mailbox::{MailError, Mailbox};
 use crate::sii;
+use checks::CheckedBy;
+use post::SyncManagers;
 
 /// How long a request for OP waits for outputs before it is refused. Assumed: real firmware waits, some longer.
 const OUTPUTS_PATIENCE: Duration = Duration::from_millis(200);
@@ -358,120 +363,5 @@ impl Device {
         self.drive
             .as_ref()
             .map_or_else(plain, |drive| drive.bytes(direction))
-    }
-}
-
-/// The mailbox's two sync managers.
-struct SyncManagers<'a> {
-    esc: &'a mut Esc,
-    out: usize,
-    input: usize,
-}
-
-impl Post for SyncManagers<'_> {
-    fn take(&mut self) -> Option<Vec<u8>> {
-        self.esc.take_mail(self.out)
-    }
-
-    fn waits(&self) -> bool {
-        self.esc.mail_waits(self.input)
-    }
-
-    fn put(&mut self, mail: &[u8]) -> bool {
-        self.esc.put_mail(self.input, mail)
-    }
-
-    fn withdraw(&mut self) {
-        self.esc.withdraw_mail(self.input);
-    }
-
-    fn repeat_is_requested(&self) -> bool {
-        self.esc.repeat_is_requested(self.input)
-    }
-
-    fn acknowledge_repeat(&mut self) {
-        self.esc.acknowledge_repeat(self.input);
-    }
-}
-
-/// The checks of the AL state machine against a device's description and mapping.
-struct CheckedBy<'a>(&'a Device);
-
-impl CheckedBy<'_> {
-    /// Process-data sync manager: as long as what is mapped, and its three buffers clear of all other sync managers.
-    fn process_data_sync_manager(
-        &self,
-        purpose: SyncManagerUse,
-        direction: Direction,
-        code: u16,
-    ) -> Result<(), u16> {
-        let length = self.0.process_data_bytes(direction);
-        let Some(index) = self.0.sync_manager(purpose) else {
-            return if length == 0 { Ok(()) } else { Err(code) };
-        };
-        let settings = self.0.esc.sync_manager(index);
-        if length == 0 {
-            return if settings.enabled && settings.length > 0 {
-                Err(code)
-            } else {
-                Ok(())
-            };
-        }
-        let fits = settings.enabled
-            && usize::from(settings.length) == length
-            && !settings.is_mailbox()
-            && settings.master_writes() == (direction == Direction::Outputs)
-            && self.0.esc.is_clear_of_others(index);
-        if fits { Ok(()) } else { Err(code) }
-    }
-}
-
-impl Checks for CheckedBy<'_> {
-    fn mailbox(&self) -> Result<(), u16> {
-        let Some(mailbox) = self.0.description().mailbox else {
-            return Ok(());
-        };
-        let check = |purpose, (start, length): (u16, u16), master_writes| {
-            self.0
-                .sync_manager(purpose)
-                .map(|index| self.0.esc.sync_manager(index))
-                .is_some_and(|settings| {
-                    settings.enabled
-                        && settings.is_mailbox()
-                        && settings.master_writes() == master_writes
-                        && (settings.start, settings.length) == (start, length)
-                })
-        };
-        let fits = check(SyncManagerUse::MailboxOut, mailbox.out, true)
-            && check(SyncManagerUse::MailboxIn, mailbox.input, false);
-        if fits {
-            Ok(())
-        } else {
-            Err(code::INVALID_MAILBOX)
-        }
-    }
-
-    fn process_data(&self) -> Result<(), u16> {
-        self.process_data_sync_manager(
-            SyncManagerUse::Outputs,
-            Direction::Outputs,
-            code::INVALID_OUTPUTS,
-        )?;
-        self.process_data_sync_manager(
-            SyncManagerUse::Inputs,
-            Direction::Inputs,
-            code::INVALID_INPUTS,
-        )
-    }
-
-    fn outputs_are_valid(&self) -> bool {
-        let Some(index) = self.0.sync_manager(SyncManagerUse::Outputs) else {
-            return true;
-        };
-        if self.0.process_data_bytes(Direction::Outputs) == 0 {
-            return true;
-        }
-        let in_time = !self.0.esc.watchdog_is_armed(index) || self.0.esc.watchdog_is_running();
-        self.0.completed_outputs() != self.0.outputs_before && in_time
     }
 }

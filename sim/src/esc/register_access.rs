@@ -1,0 +1,129 @@
+//! Registers that are more than stored bytes: what a write to one sets off, and which are computed when they are read.
+
+use core::ops::Range;
+use core::time::Duration;
+
+use super::clock::difference;
+use super::registers as reg;
+use super::registers::{CHANNELS, WriteRule};
+use super::sync_manager::SyncManager;
+use super::{Esc, sync_manager_register};
+
+impl Esc {
+    /// A write into the register area, byte by byte by each register's rule, then what the write sets off.
+    pub(super) fn write_registers(&mut self, at: usize, bytes: &[u8], now: Duration) {
+        let range = at..at + bytes.len();
+        let enabled: [bool; CHANNELS] =
+            core::array::from_fn(|index| self.sync_manager(index).enabled);
+        for (address, byte) in range.clone().zip(bytes) {
+            // The register area ends at 1000h.
+            self.write_register(address as u16, *byte, &enabled);
+        }
+        let touches = |register: u16, length: usize| {
+            let register = usize::from(register);
+            range.start < register + length && register < range.end
+        };
+        self.sync_managers_written |= touches(reg::SYNC_MANAGER, 8 * CHANNELS);
+        for index in 0..CHANNELS {
+            if touches(sync_manager_register(index), 8) && !self.sync_manager(index).enabled {
+                self.sync_managers[index] = SyncManager::default();
+            }
+        }
+        if touches(reg::AL_CONTROL, 2) {
+            self.al_control_written = true;
+        }
+        if touches(reg::SII_CONTROL, 2) {
+            let offset = usize::from(reg::SII_CONTROL).checked_sub(at);
+            let control = offset.and_then(|offset| crate::frame::read_u16(bytes, offset));
+            self.sii_command(control.unwrap_or(0));
+        }
+        if touches(reg::DC_RECEIVE_TIMES, 4) {
+            let times = self.clock.receive_times(self.place, now);
+            for (port, time) in (0u16..).zip(times) {
+                self.set_bytes(reg::DC_RECEIVE_TIMES + 4 * port, &time.to_le_bytes());
+            }
+            self.set_bytes(
+                reg::DC_RECEIVE_TIME_UNIT,
+                &self.clock.local(self.place, now).to_le_bytes(),
+            );
+        }
+        if touches(reg::DC_SYSTEM_TIME, 4)
+            && let Some(offset) = usize::from(reg::DC_SYSTEM_TIME).checked_sub(at)
+            && let Some(received) = crate::frame::read_u32(bytes, offset)
+        {
+            // The register compares the low halves, the received one plus the delay to the reference.
+            let received = received.wrapping_add(self.double_word(reg::DC_DELAY));
+            let value = difference(self.system_time(now) as u32, received);
+            self.set_bytes(reg::DC_DIFFERENCE, &value.to_le_bytes());
+        }
+    }
+
+    fn write_register(&mut self, address: u16, byte: u8, enabled: &[bool; CHANNELS]) {
+        if address == reg::SII_OWNER {
+            self.write_sii_owner(byte);
+            return;
+        }
+        let sync_managers = reg::SYNC_MANAGER..reg::SYNC_MANAGER + 8 * CHANNELS as u16;
+        if sync_managers.contains(&address) {
+            let index = usize::from((address - reg::SYNC_MANAGER) / 8);
+            let configurable = enabled.get(index) == Some(&false);
+            match (address - reg::SYNC_MANAGER) % 8 {
+                // Start, length and control are locked while it is enabled.
+                0..=4 if configurable => self.set_byte(address, byte),
+                6 => self.set_byte(address, byte),
+                _ => {}
+            }
+            return;
+        }
+        match reg::write_rule(address) {
+            WriteRule::Plain => self.set_byte(address, byte),
+            WriteRule::Clear => self.set_byte(address, 0),
+            WriteRule::Ignored => {}
+        }
+    }
+
+    /// Brings registers up to date that are computed, as far as the range shows them.
+    pub(super) fn refresh(&mut self, start: usize, end: usize, now: Duration) {
+        let shows = |range: Range<usize>| start < range.end && range.start < end;
+        if shows(0x0210..0x0224) {
+            self.refresh_events();
+        }
+        if shows(0x0440..0x0441) {
+            self.set_byte(
+                reg::WATCHDOG_STATUS,
+                u8::from(self.watchdog_timeout().is_none() || self.watchdog_is_running()),
+            );
+        }
+        if shows(0x0800..0x0840) {
+            for index in 0..CHANNELS {
+                let settings = self.sync_manager(index);
+                let status = self.sync_managers[index].status(settings);
+                self.set_byte(
+                    sync_manager_register(index) + 5,
+                    if settings.enabled { status } else { 0 },
+                );
+            }
+        }
+        if shows(0x0910..0x0918) {
+            self.set_bytes(reg::DC_SYSTEM_TIME, &self.system_time(now).to_le_bytes());
+        }
+    }
+
+    /// AL event request and ECAT event request: mailboxes with a mail in bits 8 and up, AL control in bit 0.
+    pub(super) fn refresh_events(&mut self) {
+        let mut mails: u16 = 0;
+        for (index, sm) in self.sync_managers.iter().enumerate() {
+            mails |= u16::from(sm.full) << (8 + index.min(7));
+        }
+        self.set_word(reg::ECAT_EVENT, mails);
+        self.set_word(reg::AL_EVENT, mails | u16::from(self.al_control_written));
+    }
+
+    fn system_time(&self, now: Duration) -> u64 {
+        let low = u64::from(self.double_word(reg::DC_OFFSET));
+        let high = u64::from(self.double_word(reg::DC_OFFSET + 4));
+        self.clock
+            .local(self.place, now)
+            .wrapping_add(high << 32 | low)
+    }
+}
