@@ -1,0 +1,352 @@
+//! The real link: the library on one end of a veth pair, the simulated segment's own process on the other.
+//!
+//! The tests run again inside a network namespace of their own. Where none can be made they say so and pass, but fail when
+//! `CI=true`.
+#![allow(missing_docs)]
+#![cfg(target_os = "linux")]
+
+use std::{
+    env, fs,
+    io::{BufRead, BufReader, Read},
+    path::PathBuf,
+    process::{Child, Command, ExitStatus, Stdio},
+    time::{Duration, Instant},
+};
+
+const INSIDE: &str = "SERVOCRAB_TEST_NAMESPACE";
+
+/// Runs the named test again inside a namespace with a veth pair; true when this process is inside already.
+fn inside_namespace(test: &str) -> bool {
+    if env::var_os(INSIDE).is_some() {
+        run(
+            "ip",
+            &[
+                "link", "add", "master0", "type", "veth", "peer", "name", "slave0",
+            ],
+        );
+        for interface in ["master0", "slave0"] {
+            run("ip", &["link", "set", interface, "up"]);
+        }
+        return true;
+    }
+    let possible = Command::new("unshare")
+        .args(["-rn", "true"])
+        .status()
+        .is_ok_and(|status| status.success())
+        && Command::new("ip")
+            .arg("-V")
+            .stdout(Stdio::null())
+            .status()
+            .is_ok_and(|status| status.success());
+    if !possible {
+        let message =
+            format!("{test}: SKIPPED: no network namespace can be made here (unshare -rn, ip)");
+        assert_ne!(
+            env::var("CI").as_deref(),
+            Ok("true"),
+            "{message}, and in CI that is a failure"
+        );
+        eprintln!("{message}");
+        return false;
+    }
+    let status = Command::new("unshare")
+        .arg("-rn")
+        .arg(env::current_exe().expect("this test has a path"))
+        .args(["--exact", test, "--nocapture", "--test-threads=1"])
+        .env(INSIDE, "1")
+        .status()
+        .expect("unshare has just worked");
+    assert!(status.success(), "{test} failed inside its namespace");
+    false
+}
+
+fn run(program: &str, arguments: &[&str]) {
+    let status = Command::new(program)
+        .args(arguments)
+        .status()
+        .expect("the program is there");
+    assert!(status.success(), "{program} {arguments:?}: {status}");
+}
+
+/// A program of this workspace, as built with the tests.
+fn program(name: &str) -> PathBuf {
+    let deps = env::current_exe().expect("this test has a path");
+    let profile = deps.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
+    let path = profile.join(name);
+    assert!(
+        path.exists(),
+        "{} is not built: run `cargo test --workspace`",
+        path.display()
+    );
+    path
+}
+
+/// A process that ends with its owner, by its own id.
+struct Process(Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Process {
+    fn wait(&mut self, limit: Duration) -> ExitStatus {
+        let end = Instant::now() + limit;
+        loop {
+            if let Some(status) = self.0.try_wait().expect("it is our child") {
+                return status;
+            }
+            assert!(Instant::now() < end, "still running after {limit:?}");
+            std::thread::yield_now();
+        }
+    }
+
+    fn signal(&self, signal: &str) {
+        run("kill", &[&format!("-{signal}"), &self.0.id().to_string()]);
+    }
+}
+
+/// The simulated segment, listening; its trace is in the file.
+fn simulator(test: &str) -> (Process, PathBuf) {
+    let trace = env::temp_dir().join(format!("servocrab-{test}-{}.csv", std::process::id()));
+    let mut child = Command::new(program("servocrab-sim"))
+        .args([
+            "--interface",
+            "slave0",
+            "--drive",
+            "akd2g",
+            "--for",
+            "60",
+            "--trace",
+        ])
+        .arg(&trace)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the simulator starts");
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().expect("piped"))
+        .read_line(&mut line)
+        .expect("a line");
+    assert_eq!(line.trim(), "listening on slave0: 1 SubDevice(s)");
+    (Process(child), trace)
+}
+
+fn pp_move(arguments: &[&str]) -> Process {
+    let child = Command::new(program("examples/pp_move"))
+        .args(["--interface", "master0"])
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("pp_move starts");
+    Process(child)
+}
+
+/// Reads the program's output up to a line that begins like this.
+fn read_to(process: &mut Process, begin: &str) -> BufReader<std::process::ChildStdout> {
+    let mut output = BufReader::new(process.0.stdout.take().expect("piped"));
+    let mut line = String::new();
+    while !line.starts_with(begin) {
+        line.clear();
+        if output.read_line(&mut line).expect("text") == 0 {
+            let mut errors = String::new();
+            let _ = process
+                .0
+                .stderr
+                .take()
+                .map(|mut e| e.read_to_string(&mut errors));
+            panic!("pp_move ended before {begin:?}: {errors}");
+        }
+    }
+    output
+}
+
+#[derive(Debug, Clone)]
+struct Row {
+    time_s: f64,
+    axis: u8,
+    al_state: String,
+    controlword: u16,
+    statusword: u16,
+    position: f64,
+    velocity: f64,
+}
+
+/// Ends the simulator in order and reads what it wrote of axis 1.
+fn trace(mut simulator: Process, file: &PathBuf) -> Vec<Row> {
+    simulator.signal("TERM");
+    assert!(simulator.wait(Duration::from_secs(10)).success());
+    let text = fs::read_to_string(file).expect("the trace is there");
+    fs::remove_file(file).expect("it is ours");
+    let mut lines = text.lines();
+    assert_eq!(
+        lines.next(),
+        Some("time_s,drive,axis,al_state,controlword,statusword,target,position,velocity")
+    );
+    let row = |line: &str| {
+        let fields: Vec<&str> = line.split(',').collect();
+        Row {
+            time_s: fields[0].parse().expect("time"),
+            axis: fields[2].parse().expect("axis"),
+            al_state: fields[3].to_owned(),
+            controlword: fields[4].parse().expect("controlword"),
+            statusword: fields[5].parse().expect("statusword"),
+            position: fields[7].parse().expect("position"),
+            velocity: fields[8].parse().expect("velocity"),
+        }
+    };
+    lines.map(row).filter(|row| row.axis == 1).collect()
+}
+
+#[test]
+fn a_move_over_the_wire_reaches_its_target_and_exits_with_success() {
+    if !inside_namespace("a_move_over_the_wire_reaches_its_target_and_exits_with_success") {
+        return;
+    }
+    let (simulator, file) = simulator("move");
+    let mut program = pp_move(&["--to", "12345", "--velocity", "50000"]);
+    let mut output = read_to(&mut program, "Reached");
+    assert!(program.wait(Duration::from_secs(10)).success());
+    let _ = output.read_to_string(&mut String::new());
+    let rows = trace(simulator, &file);
+    let last = rows.last().expect("rows");
+    assert_eq!(last.position, 12345.0);
+    assert_ne!(last.statusword & 0x6F, 0x27, "it ends disabled");
+    assert!(
+        rows.iter().any(|row| row.controlword == 0x3F),
+        "bit 4 and bit 5 were on the wire"
+    );
+}
+
+#[test]
+fn killed_in_mid_move_the_drive_stops_by_its_watchdog() {
+    if !inside_namespace("killed_in_mid_move_the_drive_stops_by_its_watchdog") {
+        return;
+    }
+    let (simulator, file) = simulator("kill");
+    let mut program = pp_move(&["--to", "1000000", "--velocity", "50000"]);
+    let _output = read_to(&mut program, "moving");
+    program.signal("KILL");
+    program.wait(Duration::from_secs(10));
+    // The simulator's own clock decides: it runs on until its trace shows the stop.
+    let end = Instant::now() + Duration::from_secs(20);
+    loop {
+        let text = fs::read_to_string(&file).unwrap_or_default();
+        let standing = text
+            .lines()
+            .rev()
+            .skip(1)
+            .take(400)
+            .filter(|line| line.ends_with(",0") || line.ends_with(",0.0"));
+        if text.contains("SAFEOP") && standing.count() >= 200 {
+            break;
+        }
+        assert!(Instant::now() < end, "the drive has not stopped");
+        std::thread::yield_now();
+    }
+    let rows = trace(simulator, &file);
+    let fell = rows
+        .iter()
+        .position(|row| row.al_state.starts_with("SAFEOP") && row.velocity != 0.0);
+    let fell = fell.expect("the watchdog ran out while the axis was moving");
+    assert!(rows[fell - 1].velocity > 0.0, "it was moving until then");
+    let last = rows.last().expect("rows");
+    assert_eq!(last.velocity, 0.0);
+    assert!(
+        last.position < 1_000_000.0,
+        "it stopped short of its target"
+    );
+}
+
+#[test]
+fn ctrl_c_in_mid_move_stops_and_disables() {
+    if !inside_namespace("ctrl_c_in_mid_move_stops_and_disables") {
+        return;
+    }
+    let (simulator, file) = simulator("interrupt");
+    let mut program = pp_move(&["--to", "1000000", "--velocity", "50000"]);
+    let mut output = read_to(&mut program, "moving");
+    program.signal("INT");
+    let status = program.wait(Duration::from_secs(10));
+    assert_eq!(status.code(), Some(1), "interrupted is not reached");
+    let mut rest = String::new();
+    output.read_to_string(&mut rest).expect("text");
+    assert!(rest.starts_with("disabled at "), "{rest:?}");
+    let rows = trace(simulator, &file);
+    let last = rows.last().expect("rows");
+    assert_eq!(last.velocity, 0.0);
+    assert!(last.position < 1_000_000.0);
+    assert_eq!(last.statusword & 0x4F, 0x40, "Switch on disabled");
+    assert_ne!(last.al_state, "OP", "OP was left");
+    let stopping = rows
+        .iter()
+        .find(|row| row.controlword & 0x100 != 0)
+        .expect("bit 8 came first");
+    assert!(stopping.velocity > 0.0 && stopping.time_s < last.time_s);
+}
+
+#[test]
+fn a_missing_interface_is_named_in_the_error() {
+    if !inside_namespace("a_missing_interface_is_named_in_the_error") {
+        return;
+    }
+    let mut program = Command::new(program("examples/pp_move"))
+        .args(["--interface", "nosuch0", "--to", "1"])
+        .stderr(Stdio::piped())
+        .spawn()
+        .map(Process)
+        .expect("pp_move starts");
+    assert_eq!(program.wait(Duration::from_secs(10)).code(), Some(1));
+    let mut text = String::new();
+    program
+        .0
+        .stderr
+        .take()
+        .expect("piped")
+        .read_to_string(&mut text)
+        .expect("text");
+    assert!(text.contains("nosuch0"), "{text}");
+}
+
+#[test]
+fn an_interface_that_is_down_is_named_in_the_error() {
+    if !inside_namespace("an_interface_that_is_down_is_named_in_the_error") {
+        return;
+    }
+    run("ip", &["link", "set", "master0", "down"]);
+    let mut program = pp_move(&["--to", "1"]);
+    assert_eq!(program.wait(Duration::from_secs(10)).code(), Some(1));
+    let mut text = String::new();
+    program
+        .0
+        .stderr
+        .take()
+        .expect("piped")
+        .read_to_string(&mut text)
+        .expect("text");
+    assert!(
+        text.contains("master0") && text.to_lowercase().contains("down"),
+        "{text}"
+    );
+}
+
+#[test]
+fn an_empty_line_is_an_error_that_says_so() {
+    if !inside_namespace("an_empty_line_is_an_error_that_says_so") {
+        return;
+    }
+    let mut program = pp_move(&["--to", "1"]);
+    assert_eq!(program.wait(Duration::from_secs(30)).code(), Some(1));
+    let mut text = String::new();
+    program
+        .0
+        .stderr
+        .take()
+        .expect("piped")
+        .read_to_string(&mut text)
+        .expect("text");
+    assert!(text.contains("SubDevice"), "{text}");
+}
