@@ -29,6 +29,9 @@ mod settings;
 use dialogue::{Dialogue, Failure};
 pub use settings::MailboxSettings;
 
+/// Mails read in a row before deadlines and requests get their turn: a device may send without end.
+const MAILS_AT_ONCE: usize = 16;
+
 /// The time that the actor lives in.
 pub trait Clock {
     /// The present, since an arbitrary epoch.
@@ -120,7 +123,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
     /// Reads away what waits while nothing is due.
     async fn collect(&mut self) {
-        loop {
+        for _ in 0..MAILS_AT_ONCE {
             match self.look(None).await {
                 Ok(Found::Other) => {}
                 Ok(_) => return,
@@ -238,7 +241,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             }
             // Also before the request was taken: a device may not take one before its own mail is read, and
             // a request whose frame was lost on its way back may have been answered.
-            loop {
+            for _ in 0..MAILS_AT_ONCE {
                 match self.look(Some(dialogue)).await? {
                     Found::Answer(step) => return Ok(step),
                     Found::Other => {}

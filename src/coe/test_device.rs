@@ -95,6 +95,8 @@ pub(crate) struct State {
     pub(crate) before_reply: Vec<Vec<u8>>,
     /// The next replies that are not sent.
     pub(crate) swallow: usize,
+    /// A mail that is there whenever the mailbox is looked at.
+    pub(crate) flood: Option<Vec<u8>>,
     /// Requests are taken from this moment on.
     pub(crate) takes_from: Duration,
     request: Option<Vec<u8>>,
@@ -235,6 +237,7 @@ impl State {
             delays: VecDeque::new(),
             before_reply: Vec::new(),
             swallow: 0,
+            flood: None,
             takes_from: Duration::ZERO,
             request: None,
             last_counter: 0,
@@ -257,6 +260,9 @@ impl State {
     }
 
     fn fetch(&mut self) -> Option<Vec<u8>> {
+        if let Some(mail) = &self.flood {
+            return Some(mail.clone());
+        }
         self.work();
         let now = self.clock.now();
         self.outbox.front().filter(|(ready, _)| *ready <= now)?;
@@ -270,7 +276,8 @@ impl State {
         let now = self.clock.now();
         MailboxStatus {
             request_pending: self.request.is_some(),
-            mail_waiting: self.outbox.front().is_some_and(|(ready, _)| *ready <= now),
+            mail_waiting: self.flood.is_some()
+                || self.outbox.front().is_some_and(|(ready, _)| *ready <= now),
             repeat_requested: self.repeat,
             repeat_done: self.repeat,
         }

@@ -117,6 +117,17 @@ fn a_full_queue_keeps_the_oldest_emergencies_and_counts_the_others() {
 }
 
 #[test]
+fn a_device_that_sends_without_end_costs_the_transfer_and_no_more() {
+    let (rig, device, handle, emergencies) = device_with_statusword();
+    device.0.borrow_mut().flood = Some(emergency(0x8611));
+    let error = read_statusword(&rig, &handle).unwrap_err().error;
+    assert!(matches!(error, SdoError::Timeout { .. }), "{error}");
+    assert!(emergencies.lost() > 0);
+    device.0.borrow_mut().flood = None;
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+}
+
+#[test]
 fn the_late_reply_of_a_timed_out_request_is_not_taken_for_another_objects() {
     let (rig, device, handle, _) = device_with_statusword();
     device.set(0x6064, 0, &[1, 0, 0, 0]);
