@@ -104,26 +104,43 @@ mod tests {
     use super::*;
     use crate::coe::test_device::{Device, rig};
     use crate::coe::{AbortCode, obj};
-    use crate::drives;
     use crate::pdo_map::Purpose;
     use crate::pdo_map::verify::Difference;
 
-    fn configure_akd2g(device: impl Fn(&Device)) -> Result<Layout, ConfigureError> {
+    /// Two axes, as an AKD2G has them.
+    fn two_axes() -> Mapping {
+        let mut builder = Mapping::builder();
+        for (axis, rx_pdo, tx_pdo) in [(1, 0x1600, 0x1A00), (2, 0x1610, 0x1A10)] {
+            builder = builder
+                .axis(axis)
+                .rx_pdo(rx_pdo)
+                .output(obj::CONTROLWORD)
+                .output(obj::MODE_OF_OPERATION)
+                .output(obj::TARGET_POSITION)
+                .output(obj::PROFILE_VELOCITY)
+                .tx_pdo(tx_pdo)
+                .input(obj::STATUSWORD)
+                .input(obj::POSITION_ACTUAL);
+        }
+        builder.build().unwrap()
+    }
+
+    fn configured(device: impl Fn(&Device)) -> Result<Layout, ConfigureError> {
         let (rig, scripted, handle, _) = rig();
         device(&scripted);
-        let mapping = drives::akd2g().default_mapping().unwrap();
+        let mapping = two_axes();
         rig.run(async move { configure(&mapping, &handle).await })
     }
 
     #[test]
     fn a_mapping_that_the_drive_takes_gives_its_layout() {
-        let layout = configure_akd2g(|_| {}).unwrap();
-        assert_eq!((layout.output_bytes(), layout.input_bytes()), (38, 22));
+        let layout = configured(|_| {}).unwrap();
+        assert_eq!((layout.output_bytes(), layout.input_bytes()), (22, 12));
     }
 
     #[test]
     fn a_refused_entry_is_named_with_the_drives_reason() {
-        let error = configure_akd2g(|device| {
+        let error = configured(|device| {
             let mut state = device.0.borrow_mut();
             state.refused.insert((0x1610, 4), 0x0604_0041);
         });
@@ -144,7 +161,7 @@ mod tests {
             .borrow_mut()
             .refused
             .insert((0x1600, 0), 0x0800_0022);
-        let plan = drives::akd2g().default_mapping().unwrap().plan();
+        let plan = two_axes().plan();
         let result = rig.run(async move { execute(&plan, &handle).await });
         assert!(matches!(
             result,
@@ -161,7 +178,7 @@ mod tests {
 
     #[test]
     fn a_drive_that_confirms_but_keeps_its_own_mapping_is_found_out() {
-        let error = configure_akd2g(|device| {
+        let error = configured(|device| {
             device.set(0x1600, 2, &Entry::new(0x6072, 0, 16).raw().to_le_bytes());
             device.0.borrow_mut().stubborn.push((0x1600, 2));
         });
