@@ -284,7 +284,8 @@ impl Device {
         {
             drive.set_connected(state == AlState::Op);
         }
-        if state == AlState::SafeOp && before < AlState::SafeOp {
+        if state == AlState::SafeOp {
+            // Outputs from before do not count for the next way to OP.
             self.outputs_before = self.completed_outputs();
             self.publish_inputs();
         }

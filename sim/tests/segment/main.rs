@@ -2,6 +2,8 @@
 
 mod bring_up;
 mod coe;
+mod datagrams;
+mod drive_events;
 mod hostile;
 mod master;
 mod pdo_rules;
