@@ -1,5 +1,6 @@
 //! The CoE client and the SII parser against the simulated AKD2G, by EtherCAT frames composed here: two
 //! implementations that share nothing meet in bytes.
+#![cfg(feature = "std")]
 
 use std::cell::{Cell, RefCell};
 use std::future::{Future, poll_fn};

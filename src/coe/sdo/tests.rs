@@ -3,6 +3,7 @@
 
 use super::*;
 use alloc::vec;
+use alloc::vec::Vec;
 use proptest::prelude::*;
 
 const NAME: ObjectAddress = ObjectAddress::new(0x1008, 0);
