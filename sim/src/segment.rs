@@ -51,6 +51,13 @@ pub struct Segment {
     started: bool,
 }
 
+impl core::fmt::Debug for Segment {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let names = self.devices.iter().map(|device| &device.description().name);
+        f.debug_list().entries(names).finish()
+    }
+}
+
 impl Segment {
     /// A segment without SubDevices.
     #[must_use]

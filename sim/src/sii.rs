@@ -258,4 +258,29 @@ mod tests {
         }
         assert_eq!(kinds, [0x0800, 10, 30, 0xFFFF]);
     }
+
+    #[test]
+    fn mailboxes_and_sync_managers_have_the_bytes_of_a_real_drive() {
+        // The same AKD, words 18h to 1Ch and the first two entries of category 41.
+        let image = image(crate::personality::akd2g().description());
+        assert_eq!(
+            image[0x30..0x3A],
+            [0x00, 0x18, 0x00, 0x04, 0x00, 0x1C, 0x00, 0x04, 0x0E, 0x00]
+        );
+        let expected = [
+            0x00, 0x18, 0x00, 0x04, 0x26, 0x00, 0x01, 0x01, //
+            0x00, 0x1C, 0x00, 0x04, 0x22, 0x00, 0x01, 0x02, 0x00, 0x11,
+        ];
+        let head = [41, 0, 16, 0];
+        let at = image.windows(4).position(|window| window == head).unwrap();
+        assert_eq!(image[at + 4..][..expected.len()], expected);
+    }
+
+    #[test]
+    fn a_mapped_object_has_the_bytes_of_a_real_drive() {
+        // The same AKD, category 50: object 6041h:0, 16 bits, type 6; only the number of its name differs.
+        let image = image(crate::personality::akd2g().description());
+        let entry = [0x41, 0x60, 0x00, 0x00, 0x06, 0x10, 0x00, 0x00];
+        assert!(image.windows(8).any(|window| window == entry));
+    }
 }

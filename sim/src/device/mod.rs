@@ -43,6 +43,7 @@ pub struct Blueprint {
 pub struct Device {
     blueprint: Blueprint,
     powered: bool,
+    frozen: bool,
     esc: Esc,
     al: AlMachine,
     mailbox: Mailbox,
@@ -74,6 +75,7 @@ impl Device {
             .map(|drive| Drive::new(drive, description));
         let mut device = Self {
             powered: true,
+            frozen: false,
             esc,
             al: AlMachine::new(),
             mailbox: Mailbox::default(),
@@ -175,6 +177,12 @@ impl Device {
         self.after_al(before);
     }
 
+    /// Stops or restarts the processor behind the ESC. While it stands, registers, memory and the last process data still
+    /// answer, but no mail, no AL request and no axis is served.
+    pub fn freeze(&mut self, frozen: bool) {
+        self.frozen = frozen;
+    }
+
     /// Whether it has power.
     #[must_use]
     pub fn is_powered(&self) -> bool {
@@ -217,19 +225,24 @@ impl Device {
 
     /// Does what is due at `now`; `true` when that was a cycle.
     pub(crate) fn run(&mut self, now: Duration) -> bool {
-        if self.esc.check_watchdog(now) {
+        if self.esc.check_watchdog(now) && !self.frozen {
             self.watchdog_expired();
         }
         if self.next_cycle > now {
             return false;
         }
         self.next_cycle = now.saturating_add(self.blueprint.cycle.max(Duration::from_micros(1)));
-        self.cycle(now);
-        true
+        if !self.frozen {
+            self.cycle(now);
+        }
+        !self.frozen
     }
 
     /// Reacts to what a datagram did to the ESC.
     pub(crate) fn after_datagram(&mut self, now: Duration) {
+        if self.frozen {
+            return;
+        }
         if let Some(control) = self.esc.take_al_control() {
             let before = self.al.state();
             let mut al = self.al.clone();

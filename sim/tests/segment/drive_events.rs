@@ -99,3 +99,28 @@ fn the_observer_sees_each_axis_once_in_each_cycle() {
         [(first, 0, 1), (first, 0, 2), (second, 0, 1), (second, 0, 2)]
     );
 }
+
+#[test]
+fn a_frozen_processor_leaves_the_esc_answering_with_old_inputs() {
+    let mut master = in_op(0x24);
+    let before = master.cycle(&[0; 38]);
+    master.segment.device_mut(0).unwrap().freeze(true);
+    let mut outputs = [0; 38];
+    outputs[0] = 0x06;
+    for _ in 0..10 {
+        assert_eq!(master.cycle(&outputs), before);
+    }
+    master.post(3, &[0x00, 0x20, 0x40, 0x00, 0x10, 0x00, 0, 0, 0, 0]);
+    assert_eq!(master.fetch(), None);
+    assert_eq!(master.request(0x1001, 1), (8, 0));
+    master.segment.device_mut(0).unwrap().freeze(false);
+    assert_eq!(master.exchange(BWR, 0, 0x1000, &[0]).1, 1);
+    assert_eq!(master.al(0x1001), (1, 0), "the request is served late");
+}
+
+#[test]
+fn a_segment_can_be_moved_to_another_thread() {
+    let segment = Segment::new().with(personality::akd2g());
+    let length = std::thread::spawn(move || segment.len()).join().unwrap();
+    assert_eq!(length, 1);
+}
