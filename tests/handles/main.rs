@@ -2,6 +2,7 @@
 #![allow(missing_docs)]
 
 mod bus;
+mod chaos;
 mod fields;
 mod lease;
 mod machine;
