@@ -70,9 +70,20 @@ impl Mapped {
         (first, (self.memory_bit + self.bits).div_ceil(8) - first)
     }
 
+    /// The bytes of the datagram's data, when no byte is mapped in part.
+    fn whole_bytes(&self) -> Option<core::ops::Range<usize>> {
+        let aligned = [self.data_bit, self.memory_bit, self.bits]
+            .iter()
+            .all(|bits| bits % 8 == 0);
+        aligned.then(|| self.data_bit / 8..(self.data_bit + self.bits) / 8)
+    }
+
     /// Takes the bits out of a datagram: memory bytes and, for each, which of its bits are meant.
     pub(crate) fn gather(&self, data: &[u8]) -> (Vec<u8>, Vec<u8>) {
         let (first, count) = self.memory_bytes();
+        if let Some(bytes) = self.whole_bytes().and_then(|range| data.get(range)) {
+            return (bytes.to_vec(), vec![0xFF; count]);
+        }
         let mut bytes = vec![0; count];
         let mut mask = vec![0; count];
         for bit in 0..self.bits {
@@ -92,6 +103,13 @@ impl Mapped {
 
     /// Puts bits of memory bytes into a datagram; other bits of the datagram stay.
     pub(crate) fn scatter(&self, bytes: &[u8], data: &mut [u8]) {
+        if let Some(target) = self.whole_bytes().and_then(|range| data.get_mut(range)) {
+            target
+                .iter_mut()
+                .zip(bytes)
+                .for_each(|(target, byte)| *target = *byte);
+            return;
+        }
         let (first, _) = self.memory_bytes();
         for bit in 0..self.bits {
             let source = self.memory_bit + bit - first * 8;

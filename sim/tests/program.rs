@@ -1,0 +1,70 @@
+//! The program `servocrab-sim` from outside: what it prints, how it ends.
+
+use std::process::{Command, Output};
+
+fn run(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_servocrab-sim"))
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn errors(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn an_interface_that_is_not_there_ends_it_with_its_name() {
+    let output = run(&["--interface", "nosuchif0", "--drive", "akd2g"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(
+        errors(&output),
+        "servocrab-sim: there is no network interface \"nosuchif0\"\n"
+    );
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn a_segment_without_devices_and_unknown_devices_are_refused() {
+    assert_eq!(run(&["--interface", "lo"]).status.code(), Some(2));
+    let output = run(&["--interface", "lo", "--drive", "akd9"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(errors(&output).contains("akd2g"), "{}", errors(&output));
+}
+
+#[test]
+fn it_runs_for_the_time_asked_for_and_traces_without_frames_or_says_what_right_it_lacks() {
+    let trace = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("program-trace.csv");
+    let path = trace.to_str().unwrap();
+    let output = run(&[
+        "--interface",
+        "lo",
+        "--drive",
+        "coupler",
+        "--drive",
+        "akd2g",
+        "--for",
+        "0.3",
+        "--trace",
+        path,
+    ]);
+    if !output.status.success() {
+        // Without the right to raw sockets, or where the loopback interface is not up.
+        let errors = errors(&output);
+        assert!(
+            errors.contains("CAP_NET_RAW") || errors.contains("is down"),
+            "{errors}"
+        );
+        return;
+    }
+    assert_eq!(
+        String::from_utf8_lossy(&output.stdout),
+        "listening on lo: 2 SubDevice(s)\n"
+    );
+    let text = std::fs::read_to_string(trace).unwrap();
+    assert!(text.starts_with(
+        "time_s,drive,axis,al_state,controlword,statusword,target,position,velocity\n"
+    ));
+    // Two axes, a row each millisecond for 0.3 s.
+    assert!(text.lines().count() > 400, "{} lines", text.lines().count());
+}
