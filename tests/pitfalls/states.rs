@@ -226,3 +226,20 @@ fn pitfall_29_the_target_is_the_actual_position_before_the_mode_is_active() {
     assert!(enabling_words > 100);
     assert_eq!(rig.mode(), Mode::CyclicPosition);
 }
+
+#[test]
+fn pitfall_29_a_mode_that_follows_the_target_finds_the_actual_position_there() {
+    let mut rig = Rig::enabled();
+    for distance in [30_000, -1_000] {
+        let id = rig.rel(distance, SetPoint::new());
+        assert!(rig.finish(id).is_ok());
+    }
+    let change = rig.send(Command::SelectMode(Mode::CyclicPosition));
+    for _ in 0..10 {
+        rig.cycle();
+        if rig.outputs[2] == 8 {
+            assert_eq!(target(&rig), 29_000, "in a frame with mode 8");
+        }
+    }
+    assert_eq!(rig.outcome(change), Some(Ok(Completion::Done)));
+}
