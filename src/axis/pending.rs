@@ -46,11 +46,13 @@ impl Pending {
 
     /// Waits for the result, or for the axis standing halted, each halt once.
     pub(crate) async fn done_or_halted(&self) -> Result<Completion, AxisError> {
+        // Waits that are under way at the same time all hear of the same halt.
+        let seen = self.halts_seen.load(Ordering::Acquire);
         let result = self
             .wait(|| {
                 self.result().or_else(|| {
                     let halts = self.handles.shared.halts(self.id);
-                    let seen = self.halts_seen.swap(halts, Ordering::AcqRel);
+                    self.halts_seen.store(halts, Ordering::Release);
                     (seen != halts).then_some(Err(Failure::Halted))
                 })
             })

@@ -1,4 +1,5 @@
 //! What the awaited handles of an axis promise, on simulated drives in virtual time.
+#![cfg(feature = "std")]
 #![allow(missing_docs)]
 
 mod bus;

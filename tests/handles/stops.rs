@@ -39,6 +39,22 @@ fn a_halted_move_says_so_once_and_goes_on_to_its_target_after_resume() {
 }
 
 #[test]
+fn all_who_wait_for_a_move_hear_that_it_was_halted() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(20_000, SetPoint::new()))
+        .unwrap();
+    let mut waits = [Task::new(moved.done()), Task::new(moved.done())];
+    assert!(waits.iter_mut().all(|wait| wait.poll().is_none()));
+    axis.stop_handle().halt();
+    for wait in &mut waits {
+        let halted = machine.finish_task(wait).unwrap_err();
+        assert_eq!(halted.failure(), Some(Failure::Halted));
+    }
+}
+
+#[test]
 fn a_quick_stop_says_where_the_drive_stands_and_ends_the_move() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
