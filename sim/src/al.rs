@@ -18,7 +18,7 @@ pub enum AlState {
     Op = 8,
 }
 
-/// Reasons of a refusal or a fall, as register 0134h gives them (ETG.1000.6 table 11).
+/// Reasons of a refusal or a fall, as register 0134h gives them (ETG.1000.6).
 pub(crate) mod code {
     pub(crate) const NONE: u16 = 0x0000;
     pub(crate) const INVALID_CHANGE: u16 = 0x0011;

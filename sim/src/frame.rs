@@ -1,5 +1,5 @@
 //! Where the datagrams of an EtherCAT frame are.
-//! Layout: Ethernet header, EtherCAT header, then datagrams until one says that no more follow (IEC 61158-4-12, 5.4).
+//! Layout: Ethernet header, EtherCAT header, then datagrams until one says that no more follow (ETG.1000.4).
 
 use core::ops::Range;
 

@@ -1,5 +1,5 @@
 //! The mailbox of a SubDevice: mails in, mails out, counters, repeats, and the answers to mails that it cannot use.
-//! Mail: length u16, address u16, channel u8, type | counter << 4, then the payload (ETG.1000.4 clause 5.6).
+//! Mail: length u16, address u16, channel u8, type | counter << 4, then the payload (ETG.1000.4).
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -13,7 +13,7 @@ const TYPE_ERROR: u8 = 0;
 /// Type of a CoE mail.
 pub(crate) const TYPE_COE: u8 = 3;
 
-/// Why a mail was not served, as an error mail gives it (ETG.1000.4 table 30).
+/// Why a mail was not served, as an error mail gives it (ETG.1000.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub(crate) enum MailError {

@@ -216,7 +216,7 @@ fn observe(observer: &mut Option<Observer>, device: &Device, drive: usize, time:
     }
 }
 
-/// Datagram commands (ETG.1000.4 table 24).
+/// Datagram commands (ETG.1000.4).
 mod command {
     pub(super) const APRD: u8 = 1;
     pub(super) const APWR: u8 = 2;

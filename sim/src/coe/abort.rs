@@ -1,4 +1,4 @@
-//! SDO abort codes, by the reasons for which a simulated drive uses them (ETG.1000.6 table 41).
+//! SDO abort codes, by the reasons for which a simulated drive uses them (ETG.1000.6).
 
 /// Why an SDO transfer was not done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -312,7 +312,8 @@ fn initiate_payload(command: u8, index: u16, subindex: u8, data: &[u8]) -> Vec<u
     payload
 }
 
-/// An abort travels as an SDO request in both directions (ETG.1000.6 table 40).
+/// An abort travels with the service number of a request in both directions, as the open SubDevice stack SOES sends it; not
+/// confirmed on a drive.
 fn abort_payload(index: u16, subindex: u8, abort: Abort) -> Vec<u8> {
     let mut payload = head(SERVICE_SDO_REQUEST, 0x80);
     payload.extend(index.to_le_bytes());

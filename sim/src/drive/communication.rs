@@ -4,7 +4,7 @@ use super::DriveBlueprint;
 use crate::description::Identity;
 use crate::dictionary::Dictionary;
 
-/// The communication profile's objects (CiA 301, ETG.1000.6 clause 5.6.7).
+/// The communication profile's objects (CiA 301, ETG.1000.6).
 pub(super) fn communication_objects(
     blueprint: &DriveBlueprint,
     name: &str,

@@ -27,7 +27,7 @@ impl Fmmu {
     /// Decodes the registers; `None` when the FMMU is off or describes no bit.
     ///
     /// Logical start u32, length u16, start bit, end bit, physical start u16, physical start bit, type (1 read, 2 write),
-    /// activate bit 0 (ETG.1000.4 clause 6.6).
+    /// activate bit 0 (ETG.1000.4).
     pub(crate) fn from_registers(registers: &[u8]) -> Option<Self> {
         let byte = |at: usize| registers.get(at).copied().unwrap_or(0);
         let length = u64::from(read_u16(registers, 4)?);

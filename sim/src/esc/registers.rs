@@ -1,5 +1,5 @@
 //! Addresses of the ESC registers that this simulation has, and which of them the MainDevice may write.
-//! Source: the register list in the ESC data sheets (ETG.1000.4 clause 6), as far as masters use them.
+//! Source: the register list in the ESC data sheets (ETG.1000.4), as far as masters use them.
 
 use core::ops::Range;
 

@@ -38,7 +38,7 @@ fn three() -> Master {
 
 #[test]
 fn each_command_counts_as_the_standard_says() {
-    // Command, address, working counter: ETG.1000.4 table 25; the memory at 1000h is plain.
+    // Command, address, working counter: ETG.1000.4; the memory at 1000h is plain.
     let cases: [(u8, u16, u16); 14] = [
         (NOP, 0, 0),
         (APRD, 0xFFFF, 1),
