@@ -1,1 +1,67 @@
-//! How frames leave the process: raw socket or in-process wire.
+//! How frames leave the process: a raw socket (AF_PACKET), or an in-process wire to a simulated segment.
+//!
+//! A link also owns the time that the bus loop lives in, so that a wire can run in virtual time.
+
+mod raw;
+mod waiting;
+mod wire;
+
+use std::{io, task::Waker, time::Duration};
+
+pub use raw::{RawSocket, RawSocketError};
+pub use wire::{Fate, Wire};
+
+/// The EtherType of EtherCAT.
+pub(crate) const ETHERTYPE: u16 = 0x88A4;
+/// The longest Ethernet frame without its checksum: 14 bytes of header, 1500 of payload.
+pub(crate) const LONGEST_FRAME: usize = 1514;
+/// The shortest Ethernet frame without its checksum (IEEE 802.3).
+pub(crate) const SHORTEST_FRAME: usize = 60;
+
+/// A way for Ethernet frames out of the process and back, and the clock that goes with it.
+///
+/// Nothing here blocks but [`wait`](Link::wait), and that not longer than it is told.
+pub trait Link {
+    /// Sends one Ethernet frame (without checksum). Shorter frames than 60 bytes are padded by the link.
+    ///
+    /// # Errors
+    /// What the operating system says; `WouldBlock` if its queue is full, `NetworkDown` if the cable is out.
+    fn send(&mut self, frame: &[u8]) -> io::Result<()>;
+
+    /// Takes one received frame, if there is one, and gives its length. Longer frames than `buffer` are dropped.
+    ///
+    /// # Errors
+    /// What the operating system says.
+    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>>;
+
+    /// Waits until a frame has come, the waker was used, or `timeout` is over.
+    fn wait(&mut self, timeout: Duration);
+
+    /// The time since an arbitrary moment. It never goes back.
+    fn now(&self) -> Duration;
+
+    /// Ends a [`wait`](Link::wait) early, from any thread.
+    fn waker(&self) -> Waker;
+}
+
+impl<L: Link + ?Sized> Link for Box<L> {
+    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
+        (**self).send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+        (**self).receive(buffer)
+    }
+
+    fn wait(&mut self, timeout: Duration) {
+        (**self).wait(timeout);
+    }
+
+    fn now(&self) -> Duration {
+        (**self).now()
+    }
+
+    fn waker(&self) -> Waker {
+        (**self).waker()
+    }
+}

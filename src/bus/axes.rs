@@ -1,0 +1,182 @@
+//! All axes of a network in the cycle: commands in, stops last, groups together, cores stepped, reports out.
+
+use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
+
+use super::{
+    control::Control,
+    cycle::Stepper,
+    drive_setup::ReadyDrive,
+    exchange::{Answer, DriveData},
+};
+use crate::{
+    axis::{
+        AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, BoxFuture, Command,
+        CommandId, GroupQueue, Groups, LivenessWatch, ParameterAccess, StopRequest,
+    },
+    coe::{ObjectAddress, SdoError, SdoHandle},
+    ds402::State,
+};
+
+/// The command by which the network itself disables an axis: no handle gives this number.
+const OWN_COMMAND: CommandId = CommandId(u32::MAX);
+
+/// The axes of a network.
+pub(super) struct Axes {
+    axes: Vec<RunningAxis>,
+    groups: Groups,
+    watches: Vec<LivenessWatch>,
+    control: Arc<Control>,
+}
+
+struct RunningAxis {
+    /// The place of its drive in the exchange.
+    drive: usize,
+    core: AxisCore,
+    port: AxisPort,
+}
+
+impl Axes {
+    /// A core, a port and a source of handles for each axis.
+    pub(super) fn open(drives: &[ReadyDrive], control: Arc<Control>) -> (Self, Vec<AxisSource>) {
+        let queue = GroupQueue::new();
+        let mut axes = Vec::new();
+        let mut sources = Vec::new();
+        for (place, drive) in drives.iter().enumerate() {
+            for axis in &drive.axes {
+                let core = AxisCore::new(axis.config.clone());
+                let setup = AxisSetup {
+                    identity: AxisIdentity {
+                        axis: axis.name.clone(),
+                        drive: drive.found.id.clone(),
+                    },
+                    offset: axis.offset,
+                    fields: axis.config.fields,
+                    traits: axis.config.traits,
+                    layout: drive.layout.clone(),
+                    parameters: Arc::new(Parameters(drive.sdo.clone())),
+                    groups: queue.clone(),
+                    index: axes.len(),
+                };
+                let (source, port) = setup.open(&core);
+                sources.push(source);
+                axes.push(RunningAxis {
+                    drive: place,
+                    core,
+                    port,
+                });
+            }
+        }
+        let running = Self {
+            axes,
+            groups: queue.groups(),
+            watches: Vec::with_capacity(8),
+            control,
+        };
+        (running, sources)
+    }
+
+    /// Disables all axes; moving ones are stopped by quick stop before.
+    pub(super) fn disable(&mut self, now: Duration) {
+        for axis in &mut self.axes {
+            axis.core.submit(now, OWN_COMMAND, Command::Disable);
+        }
+    }
+
+    /// Whether no axis that answers can move any more.
+    pub(super) fn are_disabled(&self) -> bool {
+        self.axes.iter().all(|axis| {
+            let snapshot = axis.core.snapshot();
+            let powered = matches!(
+                snapshot.state,
+                State::SwitchedOn
+                    | State::OperationEnabled
+                    | State::QuickStopActive
+                    | State::FaultReactionActive
+            );
+            snapshot.lost || !powered
+        })
+    }
+
+    fn stop(&mut self, now: Duration) -> StopRequest {
+        while let Some(watch) = self.control.take_watch() {
+            self.watches.push(watch);
+        }
+        let mut stop = self.control.take_stop();
+        for watch in &mut self.watches {
+            if watch.expired(now) {
+                stop |= StopRequest::HALT;
+            }
+        }
+        stop
+    }
+}
+
+impl Stepper for Rc<RefCell<Axes>> {
+    fn before_send(&mut self, now: Duration, drives: &mut [DriveData]) {
+        let this = &mut *self.borrow_mut();
+        let stop = this.stop(now);
+        for axis in &mut this.axes {
+            let Some(drive) = drives.get_mut(axis.drive) else {
+                continue;
+            };
+            axis.port
+                .before_send(&mut axis.core, now, &mut drive.outputs);
+            if !stop.is_empty() {
+                axis.core.apply_stop(now, stop, &mut drive.outputs);
+            }
+        }
+        let mut set = Set {
+            axes: &mut this.axes,
+            drives,
+        };
+        this.groups.advance(now, &mut set);
+    }
+
+    fn after_receive(&mut self, now: Duration, drives: &mut [DriveData]) {
+        for axis in &mut self.borrow_mut().axes {
+            let Some(drive) = drives.get_mut(axis.drive) else {
+                continue;
+            };
+            let (judged, outputs) = drive.judged();
+            axis.core.step(now, judged, outputs);
+            let inputs = (drive.answer != Answer::Stale).then_some(&drive.inputs[..]);
+            axis.port.after_step(&mut axis.core, inputs);
+        }
+    }
+}
+
+struct Set<'a> {
+    axes: &'a mut [RunningAxis],
+    drives: &'a mut [DriveData],
+}
+
+impl AxisSet for Set<'_> {
+    fn axis(&mut self, index: usize) -> Option<(&mut AxisCore, &mut [u8])> {
+        let axis = self.axes.get_mut(index)?;
+        let drive = self.drives.get_mut(axis.drive)?;
+        Some((&mut axis.core, &mut drive.outputs))
+    }
+}
+
+/// SDO access for the handles of an axis.
+struct Parameters(SdoHandle);
+
+impl ParameterAccess for Parameters {
+    fn write(&self, object: ObjectAddress, value: Vec<u8>) -> BoxFuture<'_, Result<(), SdoError>> {
+        Box::pin(async move {
+            self.0
+                .write_bytes(object.index, object.subindex, value)
+                .await
+                .map_err(|error| error.error)
+        })
+    }
+
+    fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>> {
+        Box::pin(async move {
+            self.0
+                .read_bytes(object.index, object.subindex)
+                .await
+                .map_err(|error| error.error)
+        })
+    }
+}

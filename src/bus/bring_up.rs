@@ -1,0 +1,236 @@
+//! The line from power-on to OP, as one future on the bus thread.
+
+use std::time::Duration;
+
+use super::{
+    AlState, BringUpStep, DriveFault, NetworkError, al,
+    config::{DriveConfig, Watchdog},
+    cycle::{Cycle, Stepper},
+    discovery::{self, Found},
+    drive_setup::{Job, ReadyDrive},
+    exchange::Exchange,
+    packing::{Member, fits_one_frame, logical_addresses},
+    reactor::Context,
+};
+
+/// Complete exchanges before OP is asked for, so that every drive has seen valid outputs.
+const GOOD_CYCLES: u32 = 3;
+/// How long that may take, beside the cycles themselves.
+const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
+/// How long a drive may take into OP (ETG.1020, default timeout of SAFEOP to OP is 10 s).
+const OP_LIMIT: Duration = Duration::from_secs(10);
+
+/// What the program wants of the line.
+#[derive(Debug, Clone)]
+pub(super) struct LinePlan {
+    pub(super) cycle: Duration,
+    pub(super) drives: Vec<(u16, DriveConfig)>,
+    pub(super) watchdog: Watchdog,
+}
+
+impl LinePlan {
+    /// What is wrong with the declaration itself.
+    pub(super) fn check(&self) -> Result<(), NetworkError> {
+        let wrong = |text: String| Err(NetworkError::Declaration(text));
+        if self.drives.is_empty() {
+            return wrong("no drive was declared".into());
+        }
+        if self.cycle < Duration::from_micros(50) || self.cycle > Duration::from_secs(1) {
+            return wrong(format!(
+                "a cycle of {:?} is not between 50 µs and 1 s",
+                self.cycle
+            ));
+        }
+        let mut names = Vec::new();
+        for (place, (position, drive)) in self.drives.iter().enumerate() {
+            if let Some(mistake) = drive.mistake() {
+                return wrong(format!("drive at position {position}: {mistake}"));
+            }
+            if self
+                .drives
+                .iter()
+                .take(place)
+                .any(|(other, _)| other == position)
+            {
+                return wrong(format!("two drives at position {position}"));
+            }
+            for axis in &drive.axes {
+                if names.contains(&&axis.name) {
+                    return wrong(format!("two axes are named `{}`", axis.name));
+                }
+                names.push(&axis.name);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Brings all declared drives into SAFEOP; all others stay in PREOP.
+pub(super) async fn configure(
+    context: &Context,
+    plan: LinePlan,
+) -> Result<Vec<ReadyDrive>, NetworkError> {
+    let line = discovery::discover(context).await?;
+    tracing::info!(count = line.len(), "SubDevices in PREOP");
+    let mut jobs = Vec::new();
+    for (position, config) in plan.drives {
+        let found = line
+            .get(usize::from(position))
+            .cloned()
+            .ok_or(NetworkError::NotThere {
+                position,
+                expected: config.description.name,
+                count: line.len(),
+            })?;
+        jobs.push(checked(found, config, plan.watchdog.time(plan.cycle))?);
+    }
+    let sizes: Vec<_> = jobs
+        .iter()
+        .map(|job| {
+            let layout = job.mapping.layout();
+            (layout.output_bytes(), layout.input_bytes())
+        })
+        .collect();
+    for (job, logical) in jobs.iter_mut().zip(logical_addresses(&sizes)) {
+        job.logical = logical;
+    }
+    let tasks: Vec<_> = jobs
+        .into_iter()
+        .map(|job| context.executor.spawn(job.run(context.clone())))
+        .collect();
+    let mut ready = Vec::new();
+    for task in tasks {
+        ready.push(task.await?);
+    }
+    Ok(ready)
+}
+
+/// Compares a drive with its description.
+fn checked(
+    found: Found,
+    config: DriveConfig,
+    watchdog: Option<Duration>,
+) -> Result<Job, NetworkError> {
+    let description = &config.description;
+    if !description.matches(&found.id.identity) {
+        let error = DriveFault::WrongIdentity {
+            name: description.name,
+            vendor: description.vendor,
+            product: description.product,
+            got: found.id.identity,
+        };
+        return Err(found.fault(BringUpStep::Identity, error));
+    }
+    let mapping = match config.mapping() {
+        Ok(mapping) => mapping,
+        Err(error) => return Err(found.fault(BringUpStep::Mapping, error.into())),
+    };
+    let layout = mapping.layout();
+    let (outputs, inputs) = (layout.output_bytes(), layout.input_bytes());
+    if !fits_one_frame(outputs, inputs) {
+        return Err(found.fault(
+            BringUpStep::ProcessData,
+            DriveFault::TooLong { outputs, inputs },
+        ));
+    }
+    Ok(Job {
+        found,
+        config,
+        mapping,
+        logical: 0,
+        watchdog,
+    })
+}
+
+/// Starts the cycles.
+pub(super) fn start_cycles(
+    context: &Context,
+    drives: &[ReadyDrive],
+    stepper: Box<dyn Stepper>,
+    period: Duration,
+) {
+    let members: Vec<_> = drives.iter().map(member).collect();
+    let exchange = Exchange::new(&members);
+    let first = context.time.now() + period;
+    *context.cycle.borrow_mut() = Some(Cycle::new(exchange, stepper, period, first));
+}
+
+/// A drive's part in the exchange.
+fn member(drive: &ReadyDrive) -> Member {
+    let patience = drive
+        .axes
+        .iter()
+        .map(|axis| axis.config.loss.stale_cycles)
+        .min();
+    Member {
+        logical: drive.logical,
+        outputs: drive.layout.output_bytes(),
+        inputs: drive.layout.input_bytes(),
+        lrw: drive.lrw,
+        patience: patience.unwrap_or(1).max(1),
+    }
+}
+
+/// Brings all drives from SAFEOP into OP, once complete exchanges have given them valid outputs.
+pub(super) async fn operate(
+    context: &Context,
+    drives: &[ReadyDrive],
+    period: Duration,
+) -> Result<(), NetworkError> {
+    wait_for_exchange(context, drives, period).await?;
+    let tasks: Vec<_> = drives
+        .iter()
+        .map(|drive| {
+            let registers = context.registers.clone();
+            let station = drive.found.station;
+            context
+                .executor
+                .spawn(async move { al::request(&registers, station, AlState::Op, OP_LIMIT).await })
+        })
+        .collect();
+    for (place, (task, drive)) in tasks.into_iter().zip(drives).enumerate() {
+        if let Err(error) = task.await {
+            return Err(drive
+                .found
+                .clone()
+                .fault(BringUpStep::State(AlState::Op), error.into()));
+        }
+        if let Some(cycle) = &mut *context.cycle.borrow_mut()
+            && let Some(data) = cycle.exchange.drives.get_mut(place)
+        {
+            data.operational = true;
+        }
+        tracing::info!(drive = %drive.found.id, "in OP");
+    }
+    Ok(())
+}
+
+async fn wait_for_exchange(
+    context: &Context,
+    drives: &[ReadyDrive],
+    period: Duration,
+) -> Result<(), NetworkError> {
+    let limit = EXCHANGE_LIMIT + period * GOOD_CYCLES * 4;
+    let started = context.time.now();
+    loop {
+        context.time.sleep(period).await;
+        let cycle = context.cycle.borrow();
+        let Some(cycle) = cycle.as_ref() else {
+            return Err(NetworkError::Thread("the cycle was ended".into()));
+        };
+        if cycle.good >= GOOD_CYCLES {
+            return Ok(());
+        }
+        if context.time.now().saturating_sub(started) > limit {
+            // The one that does not answer, or else the first, whose working counter is wrong with the others'.
+            let silent = cycle.exchange.drives.iter().position(|drive| drive.lost);
+            return Err(match drives.get(silent.unwrap_or(0)) {
+                Some(drive) => drive
+                    .found
+                    .clone()
+                    .fault(BringUpStep::ProcessData, DriveFault::NoExchange(limit)),
+                None => NetworkError::NoSubDevice,
+            });
+        }
+    }
+}

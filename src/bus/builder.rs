@@ -1,0 +1,242 @@
+//! From the description of a line to a running network.
+
+use std::{
+    sync::Arc,
+    thread::{self, JoinHandle},
+    time::Duration,
+};
+
+use smol::channel::{Receiver, Sender, bounded};
+
+use super::{
+    DriveConfig, Network, NetworkError,
+    bring_up::LinePlan,
+    config::Watchdog,
+    control::Control,
+    reactor::Reactor,
+    supervisor::{self, Started},
+};
+use crate::link::{Link, RawSocket};
+
+/// Describes a network: its link, its cycle, its drives.
+///
+/// ```no_run
+/// # async fn example() -> Result<(), Box<dyn std::error::Error>> {
+/// use servocrab::{bus::{DriveConfig, Network}, drives};
+/// use std::time::Duration;
+/// let net = Network::builder()
+///     .interface("eth0")
+///     .cycle(Duration::from_millis(1))
+///     .drive(0, DriveConfig::new(drives::akd2g()).axis("x").axis("y"))
+///     .start()
+///     .await?;
+/// let x = net.axis("x")?;
+/// # Ok(())
+/// # }
+/// ```
+#[must_use]
+pub struct NetworkBuilder {
+    link: LinkChoice,
+    plan: LinePlan,
+}
+
+enum LinkChoice {
+    None,
+    Interface(String),
+    Link(Box<dyn Link + Send>),
+}
+
+impl Network {
+    /// Begins the description of a network: a cycle of 1 ms, armed watchdogs, no drives yet.
+    pub const fn builder() -> NetworkBuilder {
+        NetworkBuilder {
+            link: LinkChoice::None,
+            plan: LinePlan {
+                cycle: Duration::from_millis(1),
+                drives: Vec::new(),
+                watchdog: Watchdog::Armed(None),
+            },
+        }
+    }
+}
+
+impl NetworkBuilder {
+    /// Uses a raw socket on this network interface (Linux; needs `CAP_NET_RAW`).
+    pub fn interface(mut self, name: &str) -> Self {
+        self.link = LinkChoice::Interface(name.to_owned());
+        self
+    }
+
+    /// Uses this link.
+    pub fn link(mut self, link: impl Link + Send + 'static) -> Self {
+        self.link = LinkChoice::Link(Box::new(link));
+        self
+    }
+
+    /// The time from one exchange of process data to the next.
+    pub const fn cycle(mut self, cycle: Duration) -> Self {
+        self.plan.cycle = cycle;
+        self
+    }
+
+    /// A drive at this position in the line (the first SubDevice is 0). SubDevices that are not named stay in PREOP.
+    pub fn drive(mut self, position: u16, drive: DriveConfig) -> Self {
+        self.plan.drives.push((position, drive));
+        self
+    }
+
+    /// After this time without process data the drives leave OP and stop their axes. Without it: twenty cycles, at least
+    /// 100 ms.
+    pub fn watchdog(mut self, time: Duration) -> Self {
+        self.plan.watchdog = Watchdog::Armed(Some(time));
+        self
+    }
+
+    /// Does without the process-data watchdog: the axes go on moving when this program or its computer dies. The reason
+    /// goes into the log.
+    pub fn without_watchdog(mut self, reason: &str) -> Self {
+        self.plan.watchdog = Watchdog::Off(reason.to_owned());
+        self
+    }
+
+    /// Configures the line, starts the bus thread, and brings the drives into OP. The axes are disabled then.
+    ///
+    /// A caller that drops the future ends the bring-up; the drives are sent to INIT.
+    ///
+    /// # Errors
+    /// Everything that can be wrong with the link, the line or a drive: see [`NetworkError`].
+    pub async fn start(self) -> Result<Network, NetworkError> {
+        let (starting, parts) = self.prepare()?;
+        let thread = thread::Builder::new()
+            .name("servocrab-bus".into())
+            .spawn(move || parts.into_loop().run())
+            .map_err(|error| NetworkError::Thread(error.to_string()))?;
+        starting.finish(Some(thread)).await
+    }
+
+    /// The network and its loop apart, for a program that runs the loop on a thread of its own making (with a real-time
+    /// priority, say), or turn by turn in virtual time. The loop stays on the thread on which this is called.
+    ///
+    /// # Errors
+    /// What is wrong with the declaration, or with the link.
+    pub fn split(self) -> Result<(Starting, BusLoop), NetworkError> {
+        let (starting, parts) = self.prepare()?;
+        Ok((starting, parts.into_loop()))
+    }
+
+    fn prepare(self) -> Result<(Starting, Parts), NetworkError> {
+        self.plan.check()?;
+        let link = match self.link {
+            LinkChoice::None => return Err(NetworkError::NoLink),
+            LinkChoice::Interface(name) => Box::new(RawSocket::open(&name)?),
+            LinkChoice::Link(link) => link,
+        };
+        if let Watchdog::Off(reason) = &self.plan.watchdog {
+            tracing::warn!(reason, "the process-data watchdogs are off");
+        }
+        let control = Control::new();
+        control.set_waker(link.waker());
+        let (started, starting) = bounded(1);
+        let (alive, over) = bounded(1);
+        let parts = Parts {
+            link,
+            plan: self.plan,
+            control: Arc::clone(&control),
+            started,
+            alive,
+        };
+        let starting = Starting {
+            guard: Guard(Some(control)),
+            started: starting,
+            over,
+        };
+        Ok((starting, parts))
+    }
+}
+
+/// What the bus loop is made of, before it is on its thread.
+struct Parts {
+    link: Box<dyn Link + Send>,
+    plan: LinePlan,
+    control: Arc<Control>,
+    started: Sender<Result<Started, NetworkError>>,
+    alive: Sender<()>,
+}
+
+impl Parts {
+    fn into_loop(self) -> BusLoop {
+        let reactor = Reactor::new(self.link, Arc::clone(&self.control.counters));
+        let context = reactor.context().clone();
+        let life = supervisor::supervise(context.clone(), self.plan, self.control, self.started);
+        context.executor.spawn(life).detach();
+        BusLoop {
+            reactor,
+            _alive: self.alive,
+        }
+    }
+}
+
+/// The loop of a network: everything on the bus happens in its turns.
+pub struct BusLoop {
+    reactor: Reactor,
+    _alive: Sender<()>,
+}
+
+impl BusLoop {
+    /// One turn: frames, a cycle if it is time, acyclic work in the gap, and a wait until there is more to do. False
+    /// once the network has ended.
+    #[must_use = "the loop is over when this is false"]
+    pub fn turn(&mut self) -> bool {
+        self.reactor.turn()
+    }
+
+    /// The link's time.
+    #[must_use]
+    pub fn now(&self) -> Duration {
+        self.reactor.now()
+    }
+
+    /// Turns until the network has ended.
+    pub fn run(mut self) {
+        while self.turn() {}
+    }
+}
+
+/// A network on its way to OP, while somebody turns its loop.
+pub struct Starting {
+    guard: Guard,
+    started: Receiver<Result<Started, NetworkError>>,
+    over: Receiver<()>,
+}
+
+impl Starting {
+    /// The network, once its drives are in OP.
+    ///
+    /// # Errors
+    /// As [`NetworkBuilder::start`].
+    pub async fn network(self) -> Result<Network, NetworkError> {
+        self.finish(None).await
+    }
+
+    async fn finish(mut self, thread: Option<JoinHandle<()>>) -> Result<Network, NetworkError> {
+        let started =
+            self.started.recv().await.map_err(|_| {
+                NetworkError::Thread("it ended before the drives were in OP".into())
+            })??;
+        let Some(control) = self.guard.0.take() else {
+            return Err(NetworkError::Thread("it was given up".into()));
+        };
+        Ok(Network::new(started, control, self.over.clone(), thread))
+    }
+}
+
+/// Ends the bring-up when nobody waits for it any more.
+struct Guard(Option<Arc<Control>>);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        if let Some(control) = &self.0 {
+            control.request_shutdown();
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! What a program says of the drives in its line.
+
+use std::time::Duration;
+
+use crate::{
+    axis::{Deadlines, Loss, Tolerances},
+    coe::{AnyObject, ObjectAddress},
+    drives::DriveDescription,
+    ds402::Mode,
+    pdo_map::{Direction, Mapping, MappingError},
+};
+
+/// A drive of the line: what it is, the names of its axes, and what is to be configured.
+///
+/// ```
+/// use servocrab::{bus::DriveConfig, coe::obj, drives};
+/// let drive = DriveConfig::new(drives::akd2g())
+///     .axis("x")
+///     .axis("y")
+///     .map_input("x", obj::DIGITAL_INPUTS);
+/// ```
+#[derive(Debug, Clone)]
+pub struct DriveConfig {
+    pub(super) description: DriveDescription,
+    pub(super) axes: Vec<AxisDeclaration>,
+    pub(super) start_up: Vec<StartUpWrite>,
+    mistakes: Vec<String>,
+}
+
+/// An axis as the program wants it.
+#[derive(Debug, Clone)]
+pub(super) struct AxisDeclaration {
+    pub(super) name: String,
+    pub(super) tolerances: Option<Tolerances>,
+    pub(super) deadlines: Deadlines,
+    pub(super) loss: Loss,
+    pub(super) mode: Mode,
+    outputs: Vec<AnyObject>,
+    inputs: Vec<AnyObject>,
+}
+
+/// One SDO write of a start-up list.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct StartUpWrite {
+    pub(super) object: ObjectAddress,
+    pub(super) value: Vec<u8>,
+}
+
+impl DriveConfig {
+    /// A drive of this kind. Its axes get their names by [`axis`](Self::axis), in order; those without a name are not used.
+    #[must_use]
+    pub const fn new(description: DriveDescription) -> Self {
+        Self {
+            description,
+            axes: Vec::new(),
+            start_up: Vec::new(),
+            mistakes: Vec::new(),
+        }
+    }
+
+    /// Names the drive's next axis.
+    #[must_use]
+    pub fn axis(mut self, name: &str) -> Self {
+        self.axes.push(AxisDeclaration {
+            name: name.to_owned(),
+            tolerances: None,
+            deadlines: Deadlines::default(),
+            loss: Loss::default(),
+            mode: Mode::ProfilePosition,
+            outputs: Vec::new(),
+            inputs: Vec::new(),
+        });
+        self
+    }
+
+    /// Maps one more object of this axis into what the master writes. The object is that of a first axis.
+    #[must_use]
+    pub fn map_output(mut self, axis: &str, object: impl Into<AnyObject>) -> Self {
+        let object = object.into();
+        self.with_axis(axis, |axis| axis.outputs.push(object));
+        self
+    }
+
+    /// Maps one more object of this axis into what the master reads. The object is that of a first axis.
+    #[must_use]
+    pub fn map_input(mut self, axis: &str, object: impl Into<AnyObject>) -> Self {
+        let object = object.into();
+        self.with_axis(axis, |axis| axis.inputs.push(object));
+        self
+    }
+
+    /// What counts as arrived and as standing on this axis. Without it the position window 6067h is read from the drive.
+    #[must_use]
+    pub fn tolerances(mut self, axis: &str, tolerances: Tolerances) -> Self {
+        self.with_axis(axis, |axis| axis.tolerances = Some(tolerances));
+        self
+    }
+
+    /// How long each step of a command of this axis may take.
+    #[must_use]
+    pub fn deadlines(mut self, axis: &str, deadlines: Deadlines) -> Self {
+        self.with_axis(axis, |axis| axis.deadlines = deadlines);
+        self
+    }
+
+    /// When this axis counts as lost.
+    #[must_use]
+    pub fn loss(mut self, axis: &str, loss: Loss) -> Self {
+        self.with_axis(axis, |axis| axis.loss = loss);
+        self
+    }
+
+    /// Writes an object in PREOP before the PDO mapping, in the order of the calls: the value's bytes, little-endian, as
+    /// many as the object is wide.
+    #[must_use]
+    pub fn start_up(mut self, object: ObjectAddress, value: &[u8]) -> Self {
+        self.start_up.push(StartUpWrite {
+            object,
+            value: value.to_vec(),
+        });
+        self
+    }
+
+    fn with_axis(&mut self, name: &str, change: impl FnOnce(&mut AxisDeclaration)) {
+        match self.axes.iter_mut().find(|axis| axis.name == name) {
+            Some(axis) => change(axis),
+            None => self
+                .mistakes
+                .push(format!("`{name}` is no axis of this drive: name it first")),
+        }
+    }
+
+    /// What is wrong with the declaration itself.
+    pub(super) fn mistake(&self) -> Option<String> {
+        if let Some(mistake) = self.mistakes.first() {
+            return Some(mistake.clone());
+        }
+        let (named, there) = (self.axes.len(), self.description.axes.len());
+        if named == 0 {
+            return Some(format!(
+                "no axis of the {} was named",
+                self.description.name
+            ));
+        }
+        (named > there).then(|| {
+            format!(
+                "{named} axes were named, but the {} has {there}",
+                self.description.name
+            )
+        })
+    }
+
+    /// The mapping of the named axes, with what was mapped beside the description's own objects.
+    pub(super) fn mapping(&self) -> Result<Mapping, MappingError> {
+        let mut builder = Mapping::builder().limits(self.description.limits);
+        for (description, axis) in self.description.axes.iter().zip(&self.axes) {
+            builder = builder
+                .offset(description.offset)
+                .rx_pdo(description.rx_pdo);
+            for object in description.outputs.iter().chain(&axis.outputs) {
+                builder = builder.object(Direction::Outputs, *object);
+            }
+            builder = builder.tx_pdo(description.tx_pdo);
+            for object in description.inputs.iter().chain(&axis.inputs) {
+                builder = builder.object(Direction::Inputs, *object);
+            }
+        }
+        builder.build()
+    }
+}
+
+/// What happens when the process data stop.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Watchdog {
+    /// The drives leave OP after this time; twenty cycles, but not less than 100 ms, if not said.
+    Armed(Option<Duration>),
+    /// Nothing, for this reason.
+    Off(String),
+}
+
+impl Watchdog {
+    /// The watchdog time for this cycle.
+    pub(super) fn time(&self, cycle: Duration) -> Option<Duration> {
+        match self {
+            Self::Armed(time) => Some(time.unwrap_or((cycle * 20).max(Duration::from_millis(100)))),
+            Self::Off(_) => None,
+        }
+    }
+}

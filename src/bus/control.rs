@@ -1,0 +1,113 @@
+//! What a program's thread and the bus thread share beside the axes: stops of all axes, the end, what happened.
+
+use std::sync::{
+    Arc, OnceLock,
+    atomic::{AtomicBool, AtomicU8, Ordering},
+};
+use std::task::Waker;
+
+use crossbeam_queue::ArrayQueue;
+use smol::channel::{Receiver, Sender};
+
+use super::{AlStatus, statistics::Counters};
+use crate::{
+    axis::{LivenessWatch, StopRequest},
+    coe::DriveId,
+};
+
+/// Liveness rules that can be handed over at once.
+const WATCHES: usize = 8;
+/// Network events that are kept for a program that does not look.
+const EVENTS: usize = 64;
+
+#[derive(Debug)]
+pub(super) struct Control {
+    shutdown: AtomicBool,
+    stop: AtomicU8,
+    watches: ArrayQueue<LivenessWatch>,
+    waker: OnceLock<Waker>,
+    pub(super) counters: Arc<Counters>,
+    pub(super) events: (Sender<NetworkEvent>, Receiver<NetworkEvent>),
+}
+
+impl Control {
+    pub(super) fn new() -> Arc<Self> {
+        Arc::new(Self {
+            shutdown: AtomicBool::new(false),
+            stop: AtomicU8::new(0),
+            watches: ArrayQueue::new(WATCHES),
+            waker: OnceLock::new(),
+            counters: Arc::default(),
+            events: smol::channel::bounded(EVENTS),
+        })
+    }
+
+    /// Lets requests end the link's wait.
+    pub(super) fn set_waker(&self, waker: Waker) {
+        // A second one would be of the same loop.
+        let _ = self.waker.set(waker);
+    }
+
+    pub(super) fn request_stop(&self, stop: StopRequest) {
+        self.stop.fetch_or(stop.bits(), Ordering::Release);
+    }
+
+    pub(super) fn take_stop(&self) -> StopRequest {
+        StopRequest::from_bits_truncate(self.stop.swap(0, Ordering::AcqRel))
+    }
+
+    pub(super) fn request_shutdown(&self) {
+        self.shutdown.store(true, Ordering::Release);
+        if let Some(waker) = self.waker.get() {
+            waker.wake_by_ref();
+        }
+    }
+
+    pub(super) fn is_shutdown(&self) -> bool {
+        self.shutdown.load(Ordering::Acquire)
+    }
+
+    /// Hands a liveness rule to the bus thread; the oldest that was not yet taken gives way.
+    pub(super) fn add_watch(&self, watch: LivenessWatch) {
+        self.watches.force_push(watch);
+    }
+
+    pub(super) fn take_watch(&self) -> Option<LivenessWatch> {
+        self.watches.pop()
+    }
+
+    /// Keeps the event if there is room; a program that does not look loses the later ones.
+    pub(super) fn report(&self, event: NetworkEvent) {
+        tracing::warn!("{event}");
+        drop(self.events.0.try_send(event));
+    }
+}
+
+/// Something that happened to a drive of a running network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NetworkEvent {
+    /// It no longer answers; its axes count as lost.
+    Lost(DriveId),
+    /// It answers again.
+    Back(DriveId),
+    /// It left OP: its axes no longer act on what they are told.
+    LeftOp {
+        /// The drive.
+        drive: DriveId,
+        /// The state it is in, and why.
+        status: AlStatus,
+    },
+    /// It is in OP again.
+    InOp(DriveId),
+}
+
+impl std::fmt::Display for NetworkEvent {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Lost(drive) => write!(f, "{drive} no longer answers"),
+            Self::Back(drive) => write!(f, "{drive} answers again"),
+            Self::LeftOp { drive, status } => write!(f, "{drive} has left OP: it is in {status}"),
+            Self::InOp(drive) => write!(f, "{drive} is in OP again"),
+        }
+    }
+}

@@ -1,0 +1,318 @@
+//! One drive from PREOP to SAFEOP: identity, start-up list, mapping, parameters, process data, watchdog.
+//!
+//! The futures of all drives run concurrently.
+
+use std::{rc::Rc, time::Duration};
+
+use super::{
+    AlState, BringUpStep, DriveFault, NetworkError, al,
+    config::{AxisDeclaration, DriveConfig},
+    discovery::Found,
+    eeprom,
+    reactor::Context,
+    sync_managers::{self, Area, AreaDirection},
+    time::Time,
+};
+use crate::{
+    axis::{AxisConfig, AxisFields, Tolerances},
+    coe::{
+        AbortCode, AxisOffset, Clock, DriveError, Emergencies, EthercrabMailbox, MailboxClient,
+        MailboxSettings, Number, Object, Readable, SdoError, SdoHandle, obj,
+    },
+    ds402::{AbortConnection, QuickStopOption},
+    pdo_map::{self, ConfigureError, Layout, Mapping},
+    profile_position::Parameters,
+    sii::SyncManagerUsage,
+};
+
+/// How long a drive may take into SAFEOP (ETG.1020, default timeout of PREOP to SAFEOP is 10 s).
+const SAFE_OP_LIMIT: Duration = Duration::from_secs(10);
+
+/// A drive in SAFEOP, ready for the exchange.
+pub(super) struct ReadyDrive {
+    pub(super) found: Found,
+    pub(super) sdo: SdoHandle,
+    pub(super) emergencies: Emergencies,
+    pub(super) layout: Layout,
+    pub(super) logical: u32,
+    pub(super) lrw: bool,
+    pub(super) axes: Vec<ReadyAxis>,
+}
+
+/// An axis with what was read from its drive.
+pub(super) struct ReadyAxis {
+    pub(super) name: String,
+    pub(super) offset: AxisOffset,
+    pub(super) config: AxisConfig,
+}
+
+/// What is to be done with one drive.
+pub(super) struct Job {
+    pub(super) found: Found,
+    pub(super) config: DriveConfig,
+    pub(super) mapping: Mapping,
+    /// The logical address of its outputs; its inputs follow.
+    pub(super) logical: u32,
+    /// The watchdog's time; none if the program does without.
+    pub(super) watchdog: Option<Duration>,
+}
+
+impl Job {
+    /// Does it.
+    pub(super) async fn run(self, context: Context) -> Result<ReadyDrive, NetworkError> {
+        let found = self.found.clone();
+        self.steps(&context)
+            .await
+            .map_err(|(step, error)| found.fault(step, error))
+    }
+
+    async fn steps(self, context: &Context) -> Result<ReadyDrive, Failed> {
+        let registers = &context.registers;
+        let station = self.found.station;
+        tracing::debug!(drive = %self.found.id, "configuring");
+        let sii = eeprom::read(registers, station)
+            .await
+            .map_err(|error| (BringUpStep::Sii, error.into()))?;
+        let mailbox = sii
+            .mailbox
+            .filter(|mailbox| mailbox.protocols.coe())
+            .ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
+        let (client, sdo, emergencies) = MailboxClient::new(
+            EthercrabMailbox::new(registers.main(), station, mailbox),
+            TaskClock(Rc::clone(&context.time)),
+            MailboxSettings::new(&mailbox),
+            self.found.id.clone(),
+        );
+        context.executor.spawn(client.run()).detach();
+
+        self.start_up_list(&sdo).await?;
+        let layout = pdo_map::configure(&self.mapping, &sdo)
+            .await
+            .map_err(|error| (BringUpStep::Mapping, mapping_fault(error)))?;
+        let mut axes = Vec::new();
+        for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
+            let fields = AxisFields::from_layout(&layout, description.offset)
+                .map_err(|error| (BringUpStep::Mapping, error.into()))?;
+            let config = self
+                .axis_config(&sdo, axis, fields, description.offset)
+                .await?;
+            stop_on_loss(&sdo, axis, description.offset, config.quick_stop).await?;
+            axes.push(ReadyAxis {
+                name: axis.name.clone(),
+                offset: description.offset,
+                config,
+            });
+        }
+
+        let process_data = |error: DriveFault| (BringUpStep::ProcessData, error);
+        let (outputs, inputs) = (layout.output_bytes(), layout.input_bytes());
+        let behind = u32::try_from(outputs).unwrap_or(u32::MAX);
+        let outputs = sync_managers::area(&sii, SyncManagerUsage::Outputs, outputs, self.logical)
+            .map_err(|error| process_data(error.into()))?;
+        let inputs = sync_managers::area(
+            &sii,
+            SyncManagerUsage::Inputs,
+            inputs,
+            self.logical.saturating_add(behind),
+        )
+        .map_err(|error| process_data(error.into()))?;
+        let watchdog = self.watchdog.is_some();
+        outputs
+            .write(registers, station, AreaDirection::Outputs { watchdog })
+            .await
+            .map_err(|error| process_data(error.into()))?;
+        inputs
+            .write(registers, station, AreaDirection::Inputs)
+            .await
+            .map_err(|error| process_data(error.into()))?;
+        let lrw = sync_managers::takes_lrw(registers, station)
+            .await
+            .map_err(|error| process_data(error.into()))?;
+        self.arm(context, &outputs).await?;
+        eeprom::give_away(registers, station)
+            .await
+            .map_err(|error| (BringUpStep::Sii, error.into()))?;
+        al::request(registers, station, AlState::SafeOp, SAFE_OP_LIMIT)
+            .await
+            .map_err(|error| (BringUpStep::State(AlState::SafeOp), error.into()))?;
+        tracing::debug!(drive = %self.found.id, "in SAFEOP");
+        Ok(ReadyDrive {
+            found: self.found,
+            sdo,
+            emergencies,
+            layout,
+            logical: self.logical,
+            lrw,
+            axes,
+        })
+    }
+
+    async fn start_up_list(&self, sdo: &SdoHandle) -> Result<(), Failed> {
+        for write in &self.config.start_up {
+            sdo.write_bytes(
+                write.object.index,
+                write.object.subindex,
+                write.value.clone(),
+            )
+            .await
+            .map_err(at(BringUpStep::StartUpList))?;
+        }
+        Ok(())
+    }
+
+    async fn axis_config(
+        &self,
+        sdo: &SdoHandle,
+        axis: &AxisDeclaration,
+        fields: AxisFields,
+        offset: AxisOffset,
+    ) -> Result<AxisConfig, Failed> {
+        let mut config = AxisConfig::new(fields);
+        config.traits = self.config.description.traits;
+        config.mode = axis.mode;
+        config.deadlines = axis.deadlines;
+        config.loss = axis.loss;
+        config.tolerances = axis.tolerances.unwrap_or_default();
+        if axis.tolerances.is_none()
+            && let Some(position) = read_if_there(sdo, obj::POSITION_WINDOW.offset(offset)).await?
+            // FFFFFFFFh switches the window off (CiA DSP 402 v2.0, object 6067h).
+            && position != u32::MAX
+        {
+            config.tolerances = Tolerances {
+                position,
+                ..config.tolerances
+            };
+        }
+        if let Some(code) = read_if_there(sdo, obj::QUICK_STOP_OPTION.offset(offset)).await? {
+            config.quick_stop = QuickStopOption(code);
+        }
+        config.defaults = Parameters {
+            velocity: read_if_there(sdo, obj::PROFILE_VELOCITY.offset(offset)).await?,
+            acceleration: read_if_there(sdo, obj::PROFILE_ACCELERATION.offset(offset)).await?,
+            deceleration: read_if_there(sdo, obj::PROFILE_DECELERATION.offset(offset)).await?,
+            ..Parameters::default()
+        };
+        Ok(config)
+    }
+
+    async fn arm(&self, context: &Context, outputs: &Area) -> Result<(), Failed> {
+        let step = BringUpStep::Watchdog;
+        let ticks = match self.watchdog {
+            None => 0,
+            Some(time) => {
+                sync_managers::watchdog_ticks(time).ok_or((step, DriveFault::WatchdogTime(time)))?
+            }
+        };
+        let got =
+            sync_managers::set_watchdog(&context.registers, self.found.station, outputs, ticks)
+                .await
+                .map_err(|error| (step, error.into()))?;
+        if self.watchdog.is_some() && !got.is_armed_with(ticks) {
+            let expected = ticks;
+            return Err((step, DriveFault::WatchdogUnarmed { expected, got }));
+        }
+        Ok(())
+    }
+}
+
+impl Found {
+    /// The error of a step, with the drive.
+    pub(super) fn fault(self, step: BringUpStep, error: DriveFault) -> NetworkError {
+        NetworkError::Drive {
+            drive: self.id,
+            step,
+            error: Box::new(error),
+        }
+    }
+}
+
+/// A step that failed, and how.
+type Failed = (BringUpStep, DriveFault);
+
+fn at(step: BringUpStep) -> impl Fn(DriveError) -> Failed {
+    move |DriveError { error, .. }| (step, error.into())
+}
+
+/// Sets what the axis does when the process data stop to a value that stops it, and checks what the drive holds then.
+async fn stop_on_loss(
+    sdo: &SdoHandle,
+    axis: &AxisDeclaration,
+    offset: AxisOffset,
+    quick_stop: QuickStopOption,
+) -> Result<(), Failed> {
+    let step = BringUpStep::AbortConnection;
+    let object = obj::ABORT_CONNECTION_OPTION.offset(offset);
+    let Some(mut value) = read_if_there(sdo, object)
+        .await
+        .map_err(|(_, error)| (step, error))?
+    else {
+        tracing::warn!(
+            axis = axis.name,
+            "no object 6007h: the drive alone decides what it does when the process data stop"
+        );
+        return Ok(());
+    };
+    // A quick stop that only switches off would let the axis coast: then a fault, which has a reaction of its own.
+    let preferred = [
+        AbortConnection::QuickStop,
+        AbortConnection::Malfunction,
+        AbortConnection::DisableVoltage,
+    ];
+    let skip = usize::from(!quick_stop.stops_under_control());
+    for choice in preferred.into_iter().skip(skip) {
+        match sdo.write(object, choice.raw()).await {
+            Ok(()) => {}
+            Err(error) if error.error.abort_code().is_some() => continue,
+            Err(error) => return Err(at(step)(error)),
+        }
+        value = sdo.read(object).await.map_err(at(step))?;
+        if value == choice.raw() {
+            return Ok(());
+        }
+    }
+    if AbortConnection::from_raw(value).stops() {
+        return Ok(());
+    }
+    let axis = axis.name.clone();
+    Err((step, DriveFault::DoesNotStop { axis, value }))
+}
+
+/// Reads an object that a drive need not have.
+async fn read_if_there<T: Number, A: Readable>(
+    sdo: &SdoHandle,
+    object: Object<T, A>,
+) -> Result<Option<T>, Failed> {
+    match sdo.read(object).await {
+        Ok(value) => Ok(Some(value)),
+        Err(DriveError {
+            error: SdoError::Aborted { code, .. },
+            ..
+        }) if code == AbortCode::NO_OBJECT || code == AbortCode::NO_SUBINDEX => Ok(None),
+        Err(error) => Err(at(BringUpStep::Parameters)(error)),
+    }
+}
+
+/// The mapping's fault without the drive, which the error around it names.
+fn mapping_fault(error: ConfigureError) -> DriveFault {
+    match error {
+        ConfigureError::Refused { step, error } => DriveFault::MappingRefused {
+            step,
+            error: error.error,
+        },
+        ConfigureError::Unreadable(error) => DriveFault::Sdo(error.error),
+        ConfigureError::Differs(error) => DriveFault::MappingDiffers(error.error),
+    }
+}
+
+/// The loop's time as mailbox clients take it.
+struct TaskClock(Rc<Time>);
+
+impl Clock for TaskClock {
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
+    async fn sleep_until(&self, time: Duration) {
+        self.0.sleep(time.saturating_sub(self.0.now())).await;
+    }
+}

@@ -1,0 +1,223 @@
+//! Why a network could not be started: which drive, which step, what was expected and what came.
+
+use std::{fmt, time::Duration};
+
+use super::{
+    AlError, AlState, AlStatus, EepromError, RegisterError, SyncManagerError, WatchdogState,
+};
+use crate::{
+    axis::FieldError,
+    coe::{DriveId, SdoError},
+    link::RawSocketError,
+    pdo_map::{MappingError, Step, verify::Differences},
+    sii::Identity,
+};
+
+/// Why a network could not be started.
+#[derive(Debug, thiserror::Error)]
+pub enum NetworkError {
+    /// The raw socket could not be opened.
+    #[error(transparent)]
+    Link(#[from] RawSocketError),
+    /// The builder was given no link.
+    #[error("no link was given: name an interface, or give a link")]
+    NoLink,
+    /// The bus thread could not be started, or ended before the network had started.
+    #[error("the bus thread could not run: {0}")]
+    Thread(String),
+    /// Frames do not come back.
+    #[error("no frame came back: is the cable plugged in, and the first SubDevice powered?")]
+    NoAnswer,
+    /// Frames come back, but no SubDevice answers.
+    #[error("no SubDevice answers on this link")]
+    NoSubDevice,
+    /// Discovery did not bring every SubDevice into PREOP.
+    #[error("the line of {count} SubDevices did not reach PREOP: {reason}{}", Stragglers(.stragglers))]
+    Discovery {
+        /// How many SubDevices answered.
+        count: u16,
+        /// What failed.
+        reason: String,
+        /// Which are not in PREOP: position and AL status.
+        stragglers: Vec<(u16, AlStatus)>,
+    },
+    /// A drive is expected where the line has no SubDevice.
+    #[error(
+        "a drive ({expected}) is expected at position {position}, but the line has {count} SubDevices"
+    )]
+    NotThere {
+        /// The position, from 0.
+        position: u16,
+        /// The drive's name in its description.
+        expected: &'static str,
+        /// How many SubDevices the line has.
+        count: usize,
+    },
+    /// Two drives were given for one position, or one name for two axes, or there is no axis.
+    #[error("{0}")]
+    Declaration(String),
+    /// A drive could not be configured.
+    #[error("{drive}: {step}: {error}")]
+    Drive {
+        /// The drive.
+        drive: DriveId,
+        /// What was being done.
+        step: BringUpStep,
+        /// What went wrong.
+        error: Box<DriveFault>,
+    },
+}
+
+/// A step of a drive's bring-up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BringUpStep {
+    /// Comparing vendor and product with the description.
+    Identity,
+    /// Reading the SII.
+    Sii,
+    /// Start-up list.
+    StartUpList,
+    /// Writing and reading back of the PDO mapping.
+    Mapping,
+    /// Reading the axes' parameters.
+    Parameters,
+    /// 6007h, what an axis does when the process data stop.
+    AbortConnection,
+    /// Sync managers and FMMUs.
+    ProcessData,
+    /// The process-data watchdog.
+    Watchdog,
+    /// A change of the AL state.
+    State(AlState),
+}
+
+impl fmt::Display for BringUpStep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Identity => f.write_str("checking its identity"),
+            Self::Sii => f.write_str("reading its SII"),
+            Self::StartUpList => f.write_str("writing its start-up list"),
+            Self::Mapping => f.write_str("mapping its PDOs"),
+            Self::Parameters => f.write_str("reading its parameters"),
+            Self::AbortConnection => f.write_str("setting what it does when the process data stop"),
+            Self::ProcessData => f.write_str("setting up its process data"),
+            Self::Watchdog => f.write_str("arming its process-data watchdog"),
+            Self::State(state) => write!(f, "bringing it into {state}"),
+        }
+    }
+}
+
+/// What went wrong with a drive.
+#[derive(Debug, thiserror::Error)]
+pub enum DriveFault {
+    /// It is another drive.
+    #[error("expected {}, got {got}", Expected(.name, *.vendor, *.product))]
+    WrongIdentity {
+        /// The expected drive's name.
+        name: &'static str,
+        /// The expected vendor ID, if any.
+        vendor: Option<u32>,
+        /// The expected product code, if any.
+        product: Option<u32>,
+        /// What the drive says.
+        got: Identity,
+    },
+    /// The declared mapping is impossible.
+    #[error(transparent)]
+    Declaration(#[from] MappingError),
+    /// The declared mapping lacks an object that the axis needs.
+    #[error(transparent)]
+    Fields(#[from] FieldError),
+    /// The drive refused a step of the mapping.
+    #[error("{step}: {error}")]
+    MappingRefused {
+        /// The step: which entry of which PDO.
+        step: Step,
+        /// The drive's reason.
+        error: SdoError,
+    },
+    /// The drive holds another mapping than was written.
+    #[error(transparent)]
+    MappingDiffers(Differences),
+    /// An SDO transfer failed.
+    #[error(transparent)]
+    Sdo(#[from] SdoError),
+    /// It has no CoE mailbox.
+    #[error("its SII names no CoE mailbox")]
+    NoMailbox,
+    /// Its SII could not be read.
+    #[error(transparent)]
+    Sii(#[from] EepromError),
+    /// Its registers could not be reached.
+    #[error(transparent)]
+    Register(#[from] RegisterError),
+    /// Its process data do not fit its sync managers.
+    #[error(transparent)]
+    SyncManager(#[from] SyncManagerError),
+    /// Its process data do not fit into a frame.
+    #[error("{outputs} bytes of outputs and {inputs} of inputs do not fit into one frame")]
+    TooLong {
+        /// Bytes of outputs.
+        outputs: usize,
+        /// Bytes of inputs.
+        inputs: usize,
+    },
+    /// The watchdog time has no room in its register.
+    #[error("a watchdog time of {0:?} cannot be set: it must be more than 0 and at most 6.5535 s")]
+    WatchdogTime(Duration),
+    /// The watchdog is not armed, so that the axes would go on moving when the program dies.
+    #[error(
+        "it is not armed (triggered by the outputs: {}, divider {}, {} ticks where {expected} were set): the axes would go on \
+         moving when this program dies. To accept that, say why in without_watchdog(\"...\")",
+        .got.triggered, .got.divider, .got.ticks
+    )]
+    WatchdogUnarmed {
+        /// Ticks of 100 µs that were set.
+        expected: u16,
+        /// What the drive holds.
+        got: WatchdogState,
+    },
+    /// 6007h holds a value that does not stop the axis.
+    #[error(
+        "6007h of axis {axis} is {value}, which does not stop it, and no stopping value was accepted"
+    )]
+    DoesNotStop {
+        /// The axis' name.
+        axis: String,
+        /// The value read back.
+        value: i16,
+    },
+    /// It did not change its AL state.
+    #[error(transparent)]
+    Al(#[from] AlError),
+    /// The cyclic exchange did not get going.
+    #[error("no complete exchange of process data within {0:?}")]
+    NoExchange(Duration),
+}
+
+struct Expected<'a>(&'a str, Option<u32>, Option<u32>);
+
+impl fmt::Display for Expected<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} (", self.0)?;
+        match self.1 {
+            Some(vendor) => write!(f, "vendor {vendor:08X}h")?,
+            None => f.write_str("any vendor")?,
+        }
+        match self.2 {
+            Some(product) => write!(f, ", product {product:08X}h)"),
+            None => f.write_str(", any product)"),
+        }
+    }
+}
+
+struct Stragglers<'a>(&'a [(u16, AlStatus)]);
+
+impl fmt::Display for Stragglers<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (position, status) in self.0 {
+            write!(f, "; the one at position {position} is in {status}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,262 @@
+//! The cyclic exchange: process-data frames composed once, sent each cycle, judged when they come back.
+//!
+//! Before sending, the input areas are filled with a pattern that no DS402 drive can answer. An area that still holds it was
+//! not answered, so that one silent drive does not blind the others that share its datagram.
+
+use std::{ops::Range, time::Duration};
+
+use super::frame::{self, Tag};
+use super::packing::{Member, Packed, Part, pack};
+use super::statistics::Counters;
+use crate::{axis::Inputs, link::Link};
+
+/// Fills unanswered input areas. As a statusword it decodes to no state (CiA DSP 402 v2.0, table 7).
+const PATTERN: u8 = 0xFF;
+
+/// One drive's share of the exchange.
+#[derive(Debug, Clone)]
+pub(super) struct DriveData {
+    /// What is sent in the next cycle.
+    pub(super) outputs: Vec<u8>,
+    /// What came back last.
+    pub(super) inputs: Vec<u8>,
+    /// What the last cycle brought.
+    pub(super) answer: Answer,
+    /// Whether it counts as lost: then nothing is expected of it.
+    pub(super) lost: bool,
+    /// Whether it is in OP, so that it acts on its outputs.
+    pub(super) operational: bool,
+    stale_cycles: u32,
+    patience: u32,
+}
+
+/// What a cycle brought from a drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Answer {
+    /// Inputs, and the outputs were delivered.
+    Fresh,
+    /// Inputs; whether the outputs were delivered is not known.
+    Answered,
+    /// Nothing.
+    Stale,
+}
+
+impl DriveData {
+    /// The inputs as the axis core takes them, and the outputs that it writes.
+    pub(super) fn judged(&mut self) -> (Inputs<'_>, &mut [u8]) {
+        let inputs = match self.answer {
+            Answer::Fresh if self.operational => Inputs::Fresh(&self.inputs),
+            Answer::Fresh | Answer::Answered => Inputs::Answered(&self.inputs),
+            Answer::Stale => Inputs::Stale,
+        };
+        (inputs, &mut self.outputs)
+    }
+}
+
+/// What happened to the drives in a cycle, beyond their data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Events {
+    /// A drive fell silent for good, or came back.
+    pub(super) membership: bool,
+    /// All AL states OR-ed together and the number of SubDevices that answered, where that came back.
+    pub(super) al_status: Option<(u8, u16)>,
+    /// A working counter was wrong.
+    pub(super) wrong: bool,
+}
+
+pub(super) struct Exchange {
+    pub(super) drives: Vec<DriveData>,
+    packed: Packed,
+    cycle: u64,
+    in_flight: bool,
+}
+
+impl Exchange {
+    pub(super) fn new(members: &[Member]) -> Self {
+        let drives = members.iter().map(|member| DriveData {
+            outputs: vec![0; member.outputs],
+            inputs: vec![0; member.inputs],
+            answer: Answer::Stale,
+            lost: false,
+            operational: false,
+            stale_cycles: 0,
+            patience: member.patience,
+        });
+        let packed = pack(members);
+        Self {
+            drives: drives.collect(),
+            packed,
+            cycle: 0,
+            in_flight: false,
+        }
+    }
+
+    /// Whether frames are on their way.
+    pub(super) const fn in_flight(&self) -> bool {
+        self.in_flight
+    }
+
+    /// Sends all frames of a cycle back to back.
+    pub(super) fn send(&mut self, link: &mut dyn Link, counters: &Counters) {
+        self.cycle = self.cycle.wrapping_add(1);
+        for part in &self.packed.parts {
+            let Some(frame) = self.packed.frames.get_mut(part.frame) else {
+                continue;
+            };
+            for share in &part.shares {
+                let Some(drive) = self.drives.get(share.drive) else {
+                    continue;
+                };
+                if let Some(to) = slice_mut(&mut frame.request, share.outputs.as_ref()) {
+                    to.copy_from_slice(&drive.outputs);
+                }
+                if let Some(to) = slice_mut(&mut frame.request, share.inputs.as_ref()) {
+                    to.fill(PATTERN);
+                }
+            }
+        }
+        for (place, frame) in (0..).zip(&mut self.packed.frames) {
+            let source = Tag::cyclic(self.cycle, place).source_address();
+            if let Some(to) = frame.request.get_mut(6..12) {
+                to.copy_from_slice(&source);
+            }
+            frame.back = false;
+            if link.send(&frame.request).is_err() {
+                counters.not_sent.add();
+            }
+        }
+        self.in_flight = true;
+        counters.cycles.add();
+    }
+
+    /// Takes a frame of process data that came back. True once all of this cycle are there.
+    pub(super) fn accept(&mut self, tag: Tag, answer: &[u8], counters: &Counters) -> bool {
+        let Tag::Cyclic { frame: place, .. } = tag else {
+            return false;
+        };
+        let current = self.in_flight && tag == Tag::cyclic(self.cycle, place);
+        match self.packed.frames.get_mut(usize::from(place)) {
+            Some(frame) if current && !frame.back => {
+                if frame::is_answer_to(answer, &frame.request) {
+                    frame.answer.clear();
+                    frame.answer.extend_from_slice(answer);
+                    frame.back = true;
+                } else {
+                    counters.damaged.add();
+                }
+            }
+            _ => counters.late.add(),
+        }
+        current && self.packed.frames.iter().all(|frame| frame.back)
+    }
+
+    /// Judges what came back and ends the cycle.
+    pub(super) fn judge(&mut self, counters: &Counters) -> Events {
+        self.in_flight = false;
+        let mut events = Events::default();
+        let missing = self
+            .packed
+            .frames
+            .iter()
+            .filter(|frame| !frame.back)
+            .count();
+        counters.lost.add_many(missing as u64);
+        for drive in &mut self.drives {
+            drive.answer = Answer::Fresh;
+        }
+        for part in &self.packed.parts {
+            let answer = self
+                .packed
+                .frames
+                .get(part.frame)
+                .filter(|frame| frame.back)
+                .map(|frame| frame.answer.as_slice());
+            let right = judge_part(part, answer, &mut self.drives, &mut events);
+            if !right && answer.is_some() {
+                counters.wrong_working_counters.add();
+                events.wrong = true;
+            }
+        }
+        for drive in &mut self.drives {
+            events.membership |= drive.count_silence();
+        }
+        events.al_status = self.read_al_status();
+        events
+    }
+
+    fn read_al_status(&self) -> Option<(u8, u16)> {
+        let (place, data) = self.packed.al_status.as_ref()?;
+        let frame = self.packed.frames.get(*place).filter(|frame| frame.back)?;
+        let &[status, _, c0, c1] = frame.answer.get(data.start..data.end + 2)? else {
+            return None;
+        };
+        Some((status, u16::from_le_bytes([c0, c1])))
+    }
+}
+
+impl DriveData {
+    /// True when it is lost from now on, or no longer.
+    fn count_silence(&mut self) -> bool {
+        let before = self.lost;
+        if self.answer == Answer::Stale {
+            self.stale_cycles = self.stale_cycles.saturating_add(1);
+            self.lost |= self.stale_cycles >= self.patience;
+        } else {
+            self.stale_cycles = 0;
+        }
+        self.lost != before
+    }
+}
+
+/// Takes the inputs of the drives that share a datagram. Whether its working counter was right.
+fn judge_part(
+    part: &Part,
+    answer: Option<&[u8]>,
+    drives: &mut [DriveData],
+    events: &mut Events,
+) -> bool {
+    let mut expected = 0;
+    for share in &part.shares {
+        let Some(drive) = drives.get_mut(share.drive) else {
+            continue;
+        };
+        if let Some(inputs) = &share.inputs {
+            match answer.and_then(|answer| answer.get(inputs.clone())) {
+                Some(bytes) if bytes.iter().any(|byte| *byte != PATTERN) => {
+                    drive.inputs.copy_from_slice(bytes);
+                    events.membership |= drive.lost;
+                    drive.lost = false;
+                }
+                _ => drive.answer = Answer::Stale,
+            }
+        }
+        if !drive.lost {
+            expected += share.counts;
+        }
+    }
+    let counter = answer
+        .and_then(|answer| answer.get(part.data.end..part.data.end + 2))
+        .and_then(|bytes| <[u8; 2]>::try_from(bytes).ok())
+        .map(u16::from_le_bytes);
+    let right = counter == Some(expected);
+    if !right {
+        for share in &part.shares {
+            if let Some(drive) = drives.get_mut(share.drive)
+                && drive.answer == Answer::Fresh
+            {
+                drive.answer = Answer::Answered;
+            }
+        }
+    }
+    right
+}
+
+fn slice_mut<'a>(bytes: &'a mut [u8], range: Option<&Range<usize>>) -> Option<&'a mut [u8]> {
+    bytes.get_mut(range?.clone())
+}
+
+/// How long the frames of a cycle may be away.
+pub(super) fn receive_deadline(cycle: Duration) -> Duration {
+    // The rest of the cycle is for the axis cores and for acyclic frames.
+    cycle * 3 / 4
+}

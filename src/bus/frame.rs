@@ -1,0 +1,277 @@
+//! EtherCAT frames as this library builds and reads them (ETG.1000.4: frame, datagram, working counter).
+
+/// Bytes of the Ethernet header.
+pub(super) const ETHERNET_HEADER: usize = 14;
+/// Bytes before the first datagram: Ethernet and EtherCAT header.
+pub(super) const HEADERS: usize = ETHERNET_HEADER + 2;
+/// Bytes of a datagram before its data.
+pub(super) const DATAGRAM_HEADER: usize = 10;
+/// Bytes of a datagram around its data.
+pub(super) const DATAGRAM_OVERHEAD: usize = DATAGRAM_HEADER + 2;
+/// What an EtherCAT frame holds beside the EtherCAT header.
+pub(super) const PAYLOAD: usize = 1498;
+
+/// Datagram commands.
+pub(super) mod command {
+    pub(in crate::bus) const BRD: u8 = 7;
+    pub(in crate::bus) const LRD: u8 = 10;
+    pub(in crate::bus) const LWR: u8 = 11;
+    pub(in crate::bus) const LRW: u8 = 12;
+}
+
+/// What a frame of ours is for, in its source address.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Tag {
+    /// A frame of ethercrab's, with the number of its sending.
+    Acyclic(u32),
+    /// Process data, with the cycle's number and the frame's place in the cycle.
+    Cyclic {
+        /// The low 24 bits of the cycle's number.
+        cycle: u32,
+        /// The frame's place.
+        frame: u8,
+    },
+}
+
+/// First bytes of our source addresses: unicast, and with bit 1 clear, which the first SubDevice sets.
+const ACYCLIC: [u8; 2] = [0x10, 0xA5];
+const CYCLIC: [u8; 2] = [0x10, 0xC5];
+const LOCALLY_ADMINISTERED: u8 = 0x02;
+const CYCLE_MASK: u32 = 0x00FF_FFFF;
+
+impl Tag {
+    /// The tag of this frame of this cycle.
+    pub(super) const fn cyclic(cycle: u64, frame: u8) -> Self {
+        Self::Cyclic {
+            cycle: cycle as u32 & CYCLE_MASK,
+            frame,
+        }
+    }
+
+    pub(super) const fn source_address(self) -> [u8; 6] {
+        let ([a, b], [c, d, e, f]) = match self {
+            Self::Acyclic(number) => (ACYCLIC, number.to_be_bytes()),
+            Self::Cyclic { cycle, frame } => (CYCLIC, (cycle << 8 | frame as u32).to_be_bytes()),
+        };
+        [a, b, c, d, e, f]
+    }
+
+    /// The tag of a frame that came back; `None` if it is not ours or never passed a SubDevice.
+    pub(super) fn of_answer(frame: &[u8]) -> Option<Self> {
+        let &[_, _, _, _, _, _, a, b, c, d, e, f, t0, t1, ..] = frame else {
+            return None;
+        };
+        if [t0, t1] != crate::link::ETHERTYPE.to_be_bytes() || a & LOCALLY_ADMINISTERED == 0 {
+            return None;
+        }
+        let number = u32::from_be_bytes([c, d, e, f]);
+        match [a & !LOCALLY_ADMINISTERED, b] {
+            ACYCLIC => Some(Self::Acyclic(number)),
+            CYCLIC => Some(Self::Cyclic {
+                cycle: number >> 8,
+                frame: f,
+            }),
+            _ => None,
+        }
+    }
+}
+
+/// One datagram of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Datagram<'a> {
+    pub(super) command: u8,
+    pub(super) index: u8,
+    pub(super) address: [u8; 4],
+    pub(super) data: &'a [u8],
+    pub(super) working_counter: u16,
+    /// Where its data start in the frame.
+    pub(super) offset: usize,
+}
+
+/// The datagrams of an Ethernet frame; `None` in the place of one that is cut.
+pub(super) fn datagrams(frame: &[u8]) -> impl Iterator<Item = Option<Datagram<'_>>> {
+    let end = match *frame {
+        [.., _] => frame
+            .get(ETHERNET_HEADER..HEADERS)
+            .and_then(|header| <[u8; 2]>::try_from(header).ok())
+            .map_or(0, |header| {
+                HEADERS + usize::from(u16::from_le_bytes(header) & 0x07FF)
+            }),
+        [] => 0,
+    };
+    let mut next = Some(HEADERS);
+    core::iter::from_fn(move || {
+        let start = next.take()?;
+        let Some((datagram, more)) = frame.get(..end).and_then(|whole| parse(whole, start)) else {
+            return Some(None);
+        };
+        if more {
+            next = Some(datagram.offset + datagram.data.len() + 2);
+        }
+        Some(Some(datagram))
+    })
+}
+
+fn parse(frame: &[u8], start: usize) -> Option<(Datagram<'_>, bool)> {
+    let &[command, index, a0, a1, a2, a3, l0, l1, _, _, ref rest @ ..] = frame.get(start..)? else {
+        return None;
+    };
+    let flags = u16::from_le_bytes([l0, l1]);
+    let length = usize::from(flags & 0x07FF);
+    let (data, rest) = rest.split_at_checked(length)?;
+    let &[w0, w1, ..] = rest else { return None };
+    let datagram = Datagram {
+        command,
+        index,
+        address: [a0, a1, a2, a3],
+        data,
+        working_counter: u16::from_le_bytes([w0, w1]),
+        offset: start + DATAGRAM_HEADER,
+    };
+    Some((datagram, flags & 0x8000 != 0))
+}
+
+/// Whether `answer` holds the datagrams of `request`: commands, indices, addresses and lengths.
+pub(super) fn is_answer_to(answer: &[u8], request: &[u8]) -> bool {
+    let mut answers = datagrams(answer);
+    let same = datagrams(request).all(|asked| match (asked, answers.next()) {
+        (Some(asked), Some(Some(got))) => {
+            asked.command == got.command
+                && asked.index == got.index
+                && asked.data.len() == got.data.len()
+                && same_address(asked.command, asked.address, got.address)
+        }
+        _ => false,
+    });
+    same && answers.next().is_none()
+}
+
+/// SubDevices count up the device part of position and broadcast addresses.
+fn same_address(command: u8, asked: [u8; 4], got: [u8; 4]) -> bool {
+    match command {
+        1..=3 | 7..=9 | 13 => asked.get(2..) == got.get(2..),
+        _ => asked == got,
+    }
+}
+
+/// A frame that is composed once and sent many times.
+#[derive(Debug, Clone)]
+pub(super) struct Composer {
+    bytes: Vec<u8>,
+    last: Option<usize>,
+}
+
+impl Composer {
+    pub(super) fn new() -> Self {
+        let mut bytes = vec![0xFF; 6];
+        bytes.extend([0; 6]);
+        bytes.extend(crate::link::ETHERTYPE.to_be_bytes());
+        bytes.extend([0, 0]);
+        Self { bytes, last: None }
+    }
+
+    /// Adds a datagram with zeros as data and gives where they lie in the frame.
+    pub(super) fn push(
+        &mut self,
+        command: u8,
+        address: [u8; 4],
+        length: usize,
+    ) -> core::ops::Range<usize> {
+        if let Some(flags) = self.last.and_then(|at| self.bytes.get_mut(at + 7)) {
+            *flags |= 0x80;
+        }
+        let start = self.bytes.len();
+        self.last = Some(start);
+        let count = u16::try_from(length).unwrap_or(u16::MAX) & 0x07FF;
+        self.bytes.push(command);
+        self.bytes.push(0);
+        self.bytes.extend(address);
+        self.bytes.extend(count.to_le_bytes());
+        self.bytes.extend([0, 0]);
+        self.bytes.resize(self.bytes.len() + length + 2, 0);
+        let start = start + DATAGRAM_HEADER;
+        start..start + length
+    }
+
+    /// The frame, with its length filled in.
+    pub(super) fn finish(mut self) -> Vec<u8> {
+        let length = u16::try_from(self.bytes.len() - HEADERS).unwrap_or(0x07FF) & 0x07FF;
+        let header = (0x1000 | length).to_le_bytes();
+        for (to, from) in self.bytes.iter_mut().skip(ETHERNET_HEADER).zip(header) {
+            *to = from;
+        }
+        self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Composer, Tag, command, datagrams, is_answer_to};
+
+    fn two_datagrams() -> Vec<u8> {
+        let mut composer = Composer::new();
+        composer.push(command::LRW, [0, 0, 1, 0], 3);
+        composer.push(command::BRD, [0, 0, 0x30, 0x01], 2);
+        composer.finish()
+    }
+
+    #[test]
+    fn a_composed_frame_has_the_bytes_of_the_standard() {
+        // ETG.1000.4: 11 bits of length and type 1; command, index, address, 11 bits of length with bit 15 for more, interrupt,
+        // data, working counter.
+        assert_eq!(
+            two_datagrams()[12..],
+            [
+                0x88, 0xA4, 29, 0x10, //
+                12, 0, 0, 0, 1, 0, 3, 0x80, 0, 0, 0, 0, 0, 0, 0, //
+                7, 0, 0, 0, 0x30, 0x01, 2, 0, 0, 0, 0, 0, 0, 0,
+            ]
+        );
+    }
+
+    #[test]
+    fn every_truncation_of_a_frame_is_no_answer_and_no_panic() {
+        let request = two_datagrams();
+        assert!(is_answer_to(&request, &request));
+        for length in 0..request.len() {
+            assert!(!is_answer_to(&request[..length], &request), "{length}");
+        }
+    }
+
+    #[test]
+    fn an_answer_with_another_address_or_length_is_refused_but_a_counted_broadcast_is_not() {
+        let request = two_datagrams();
+        let mut counted = request.clone();
+        counted[33] = 5;
+        assert!(is_answer_to(&counted, &request));
+        let mut elsewhere = request.clone();
+        elsewhere[18] = 1;
+        assert!(!is_answer_to(&elsewhere, &request));
+        let mut register = request.clone();
+        register[35] = 0x31;
+        assert!(!is_answer_to(&register, &request));
+        let mut length = request.clone();
+        length[22] = 2;
+        assert!(!is_answer_to(&length, &request));
+    }
+
+    #[test]
+    fn a_tag_comes_back_only_from_a_segment() {
+        for tag in [Tag::Acyclic(0xDEAD_BEEF), Tag::cyclic(0x0123_4567_89AB, 7)] {
+            let mut frame = two_datagrams();
+            frame[6..12].copy_from_slice(&tag.source_address());
+            assert_eq!(Tag::of_answer(&frame), None, "our own frame, not an answer");
+            frame[6] |= 2;
+            assert_eq!(Tag::of_answer(&frame), Some(tag));
+            frame[13] = 0;
+            assert_eq!(Tag::of_answer(&frame), None, "another EtherType");
+        }
+    }
+
+    #[test]
+    fn the_datagrams_are_found_where_they_were_put() {
+        let frame = two_datagrams();
+        let offsets: Vec<_> = datagrams(&frame).map(|d| d.unwrap().offset).collect();
+        assert_eq!(offsets, [26, 41]);
+    }
+}

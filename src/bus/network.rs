@@ -1,0 +1,174 @@
+//! A running network, as a program holds it.
+
+use std::{fmt, sync::Arc, thread::JoinHandle, time::Duration};
+
+use smol::channel::Receiver;
+
+use super::{
+    NetworkError,
+    control::{Control, NetworkEvent},
+    statistics::Statistics,
+    supervisor::{Started, StartedDrive},
+};
+use crate::{
+    axis::{Axis, AxisSource, Liveness, StopRequest},
+    coe::{Emergencies, SdoHandle},
+};
+
+/// Drives in OP, exchanging process data on a thread of their own.
+///
+/// Made by [`Network::builder`](Network::builder). When it is dropped all axes are stopped and disabled, the drives
+/// leave OP in order, and the thread ends; [`shutdown`](Self::shutdown) does the same and is awaited.
+pub struct Network {
+    axes: Vec<AxisSource>,
+    drives: Vec<StartedDrive>,
+    control: Arc<Control>,
+    over: Receiver<()>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Network {
+    pub(super) fn new(
+        started: Started,
+        control: Arc<Control>,
+        over: Receiver<()>,
+        thread: Option<JoinHandle<()>>,
+    ) -> Self {
+        Self {
+            axes: started.axes,
+            drives: started.drives,
+            control,
+            over,
+            thread,
+        }
+    }
+
+    /// A handle of the axis with this name.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no axis has this name.
+    pub fn axis(&self, name: &str) -> Result<Axis, NetworkError> {
+        self.axes
+            .iter()
+            .find(|source| source.name() == name)
+            .map(AxisSource::axis)
+            .ok_or_else(|| NetworkError::Declaration(format!("no axis is named `{name}`")))
+    }
+
+    /// Stops every axis, in the next frame.
+    pub fn stop_all(&self, stop: StopRequest) {
+        self.control.request_stop(stop);
+    }
+
+    /// Stops every axis from anywhere: signal handlers, panic hooks, other threads.
+    #[must_use]
+    pub fn stop_handle(&self) -> NetworkStop {
+        NetworkStop {
+            control: Arc::clone(&self.control),
+        }
+    }
+
+    /// Has every axis halt when the program does not feed the returned rule for this time.
+    #[must_use = "a rule that is not fed halts every axis"]
+    pub fn liveness(&self, timeout: Duration) -> Liveness {
+        let (liveness, watch) = Liveness::new(timeout);
+        self.control.add_watch(watch);
+        liveness
+    }
+
+    /// SDO access to the drive at this position in the line; `None` if no drive was declared there.
+    #[must_use]
+    pub fn sdo(&self, position: u16) -> Option<SdoHandle> {
+        self.drive(position).map(|drive| drive.sdo.clone())
+    }
+
+    /// The emergencies of the drive at this position in the line; `None` if no drive was declared there.
+    #[must_use]
+    pub fn emergencies(&self, position: u16) -> Option<Emergencies> {
+        self.drive(position).map(|drive| drive.emergencies.clone())
+    }
+
+    /// What happens to drives: lost, back, out of OP. Each event is seen once, whoever asks.
+    #[must_use]
+    pub fn events(&self) -> NetworkEvents {
+        NetworkEvents {
+            queue: self.control.events.1.clone(),
+        }
+    }
+
+    /// What the bus thread has counted.
+    #[must_use]
+    pub fn statistics(&self) -> Statistics {
+        self.control.counters.read()
+    }
+
+    /// Stops and disables all axes, leads the drives out of OP, and ends the thread.
+    pub async fn shutdown(mut self) {
+        self.control.request_shutdown();
+        // Ready when the bus loop is gone.
+        let _ = self.over.recv().await;
+        self.join();
+    }
+
+    fn drive(&self, position: u16) -> Option<&StartedDrive> {
+        self.drives.iter().find(|drive| drive.position == position)
+    }
+
+    fn join(&mut self) {
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the bus thread has panicked");
+        }
+    }
+}
+
+impl Drop for Network {
+    fn drop(&mut self) {
+        self.control.request_shutdown();
+        self.join();
+    }
+}
+
+impl fmt::Debug for Network {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Network")
+            .field(
+                "axes",
+                &self.axes.iter().map(AxisSource::name).collect::<Vec<_>>(),
+            )
+            .finish_non_exhaustive()
+    }
+}
+
+/// Stops every axis of a network, in the next frame. It neither blocks nor fails.
+#[derive(Debug, Clone)]
+pub struct NetworkStop {
+    control: Arc<Control>,
+}
+
+impl NetworkStop {
+    /// Stops every axis.
+    pub fn stop_all(&self, stop: StopRequest) {
+        self.control.request_stop(stop);
+    }
+}
+
+/// What happens to the drives of a network.
+#[derive(Debug, Clone)]
+pub struct NetworkEvents {
+    queue: Receiver<NetworkEvent>,
+}
+
+impl NetworkEvents {
+    /// The next event; `None` once the network is gone.
+    pub async fn next(&self) -> Option<NetworkEvent> {
+        self.queue.recv().await.ok()
+    }
+
+    /// The next event, if there is one now.
+    #[must_use]
+    pub fn try_next(&self) -> Option<NetworkEvent> {
+        self.queue.try_recv().ok()
+    }
+}

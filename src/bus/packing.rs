@@ -1,0 +1,218 @@
+//! Which drive's process data go into which datagram of which frame: composed once, before the first cycle.
+
+use std::ops::Range;
+
+use super::frame::{self, Composer, DATAGRAM_OVERHEAD, command};
+
+const AL_STATUS: u16 = 0x0130;
+/// Bytes of data of the AL status broadcast.
+const AL_STATUS_BYTES: usize = 2;
+/// What the process data may use of a frame: the rest is the AL status broadcast's.
+const LONGEST_AREA: usize = frame::PAYLOAD - 2 * DATAGRAM_OVERHEAD - AL_STATUS_BYTES;
+
+/// How a drive takes part.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Member {
+    /// Logical address of its outputs; its inputs follow.
+    pub(super) logical: u32,
+    pub(super) outputs: usize,
+    pub(super) inputs: usize,
+    pub(super) lrw: bool,
+    /// Consecutive silent cycles after which it counts as lost.
+    pub(super) patience: u32,
+}
+
+/// A frame of the exchange: what is sent, and what came back in this cycle.
+pub(super) struct Frame {
+    pub(super) request: Vec<u8>,
+    pub(super) answer: Vec<u8>,
+    pub(super) back: bool,
+}
+
+/// A datagram and the drives that share it.
+pub(super) struct Part {
+    pub(super) frame: usize,
+    pub(super) data: Range<usize>,
+    pub(super) shares: Vec<Share>,
+}
+
+/// A drive's place in a datagram, with what it adds to the working counter.
+pub(super) struct Share {
+    pub(super) drive: usize,
+    pub(super) outputs: Option<Range<usize>>,
+    pub(super) inputs: Option<Range<usize>>,
+    pub(super) counts: u16,
+}
+
+/// The frames of the exchange, ready to be filled.
+pub(super) struct Packed {
+    pub(super) frames: Vec<Frame>,
+    pub(super) parts: Vec<Part>,
+    /// The frame with the AL status broadcast, and where its data lie.
+    pub(super) al_status: Option<(usize, Range<usize>)>,
+}
+
+/// Packs the process data of these drives.
+pub(super) fn pack(members: &[Member]) -> Packed {
+    let mut packer = Packer::default();
+    for (drive, member) in members.iter().enumerate() {
+        packer.add(drive, member);
+    }
+    packer.finish()
+}
+
+/// Where each drive lies in the logical address space: one behind the other, outputs before inputs.
+pub(super) fn logical_addresses(sizes: &[(usize, usize)]) -> Vec<u32> {
+    let mut next = 0;
+    sizes
+        .iter()
+        .map(|(outputs, inputs)| {
+            let here = next;
+            next += u32::try_from(outputs + inputs).unwrap_or(u32::MAX / 64);
+            here
+        })
+        .collect()
+}
+
+/// Whether a drive's process data fit into one frame.
+pub(super) const fn fits_one_frame(outputs: usize, inputs: usize) -> bool {
+    outputs + inputs <= LONGEST_AREA
+}
+
+/// Puts datagrams into frames, drive by drive.
+#[derive(Default)]
+struct Packer {
+    frames: Vec<Composer>,
+    /// Datagrams of the last frame that are still open for more drives: logical address and drives.
+    parts: Vec<(usize, PartPlan)>,
+}
+
+/// A datagram before it is put into its frame.
+struct PartPlan {
+    command: u8,
+    logical: u32,
+    length: usize,
+    shares: Vec<Share>,
+}
+
+impl Packer {
+    fn add(&mut self, drive: usize, member: &Member) {
+        let Member {
+            logical,
+            outputs,
+            inputs,
+            lrw,
+            ..
+        } = *member;
+        let logical_inputs = logical.saturating_add(u32::try_from(outputs).unwrap_or(u32::MAX));
+        let share = |out: bool, inp: bool, counts| Share {
+            drive,
+            outputs: (out && outputs != 0).then_some(0..outputs),
+            inputs: (inp && inputs != 0).then_some(if out {
+                outputs..outputs + inputs
+            } else {
+                0..inputs
+            }),
+            counts,
+        };
+        if lrw {
+            let counts = u16::from(inputs != 0) + 2 * u16::from(outputs != 0);
+            self.put(
+                command::LRW,
+                logical,
+                outputs + inputs,
+                share(true, true, counts),
+            );
+            return;
+        }
+        if inputs != 0 {
+            self.put(command::LRD, logical_inputs, inputs, share(false, true, 1));
+        }
+        if outputs != 0 {
+            self.put(command::LWR, logical, outputs, share(true, false, 1));
+        }
+    }
+
+    /// Joins the last datagram if the addresses follow each other and the frame has room, else begins one.
+    fn put(&mut self, command: u8, logical: u32, length: usize, mut share: Share) {
+        let frame = self.parts.last().map_or(0, |(frame, _)| *frame);
+        let used: usize = self
+            .parts
+            .iter()
+            .filter(|(at, _)| *at == frame)
+            .map(|(_, part)| part.length + DATAGRAM_OVERHEAD)
+            .sum();
+        let joins = |part: &PartPlan| {
+            part.command == command
+                && u32::try_from(part.length).is_ok_and(|n| part.logical + n == logical)
+        };
+        // The AL status broadcast finds room in every frame.
+        let room = LONGEST_AREA + DATAGRAM_OVERHEAD;
+        match self.parts.last_mut() {
+            Some((_, part)) if joins(part) && used + length <= room => {
+                let moved =
+                    |range: Range<usize>| range.start + part.length..range.end + part.length;
+                share.outputs = share.outputs.map(moved);
+                share.inputs = share.inputs.map(moved);
+                part.length += length;
+                part.shares.push(share);
+            }
+            _ => {
+                let full = used + length + DATAGRAM_OVERHEAD > room;
+                let part = PartPlan {
+                    command,
+                    logical,
+                    length,
+                    shares: vec![share],
+                };
+                self.parts.push((frame + usize::from(full), part));
+            }
+        }
+    }
+
+    fn finish(mut self) -> Packed {
+        let mut parts = Vec::new();
+        for (frame, plan) in self.parts {
+            while self.frames.len() <= frame {
+                self.frames.push(Composer::new());
+            }
+            let Some(composer) = self.frames.get_mut(frame) else {
+                continue;
+            };
+            let data = composer.push(plan.command, plan.logical.to_le_bytes(), plan.length);
+            let moved = |range: Range<usize>| range.start + data.start..range.end + data.start;
+            let shares = plan.shares.into_iter().map(|share| Share {
+                outputs: share.outputs.map(moved),
+                inputs: share.inputs.map(moved),
+                ..share
+            });
+            parts.push(Part {
+                frame,
+                shares: shares.collect(),
+                data,
+            });
+        }
+        let [r0, r1] = AL_STATUS.to_le_bytes();
+        let last = self.frames.len().checked_sub(1);
+        let al_status = last.and_then(|last| {
+            let data = self
+                .frames
+                .last_mut()?
+                .push(command::BRD, [0, 0, r0, r1], AL_STATUS_BYTES);
+            Some((last, data))
+        });
+        let frames = self.frames.into_iter().map(|composer| {
+            let request = composer.finish();
+            Frame {
+                answer: Vec::with_capacity(crate::link::LONGEST_FRAME),
+                request,
+                back: false,
+            }
+        });
+        Packed {
+            frames: frames.collect(),
+            parts,
+            al_status,
+        }
+    }
+}

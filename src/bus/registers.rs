@@ -1,0 +1,138 @@
+//! Reading and writing of SubDevice registers and memory by acyclic futures, each with a deadline.
+
+use std::{rc::Rc, time::Duration};
+
+use ethercrab::{Command, MainDevice, error::Error};
+
+use super::{acyclic::GIVEN_UP_AFTER, time::Time};
+
+/// How long to wait for a free frame slot of ethercrab's.
+const SLOT_RETRY: Duration = Duration::from_millis(1);
+
+/// Why an access to a register failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum RegisterError {
+    /// No frame came back, though it was sent several times.
+    #[error("no frame came back")]
+    NoFrame,
+    /// The frame came back, but the SubDevice did not act on it (working counter 0).
+    #[error("the SubDevice did not answer")]
+    NotAnswered,
+    /// ethercrab refused the request.
+    #[error("ethercrab: {0}")]
+    Refused(Error),
+}
+
+/// Access to the registers of all SubDevices, from futures on the bus thread.
+#[derive(Clone)]
+pub(super) struct Registers {
+    main: &'static MainDevice<'static>,
+    time: Rc<Time>,
+}
+
+impl Registers {
+    pub(super) fn new(main: &'static MainDevice<'static>, time: Rc<Time>) -> Self {
+        Self { main, time }
+    }
+
+    pub(super) fn time(&self) -> &Rc<Time> {
+        &self.time
+    }
+
+    pub(super) fn main(&self) -> &'static MainDevice<'static> {
+        self.main
+    }
+
+    /// How many SubDevices answer a broadcast.
+    pub(super) async fn count(&self) -> Result<u16, RegisterError> {
+        // The working counter is not public on an answer, but it is in the error about it.
+        let request = || async {
+            match Command::brd(0)
+                .with_wkc(0)
+                .receive_slice(self.main, 1)
+                .await
+            {
+                Ok(_) => Ok(0),
+                Err(Error::WorkingCounter { received, .. }) => Ok(received),
+                Err(error) => Err(error),
+            }
+        };
+        self.ask(request).await
+    }
+
+    /// Reads `N` bytes from `register` on.
+    pub(super) async fn read<const N: usize>(
+        &self,
+        station: u16,
+        register: u16,
+    ) -> Result<[u8; N], RegisterError> {
+        let mut bytes = [0; N];
+        self.read_into(station, register, &mut bytes).await?;
+        Ok(bytes)
+    }
+
+    /// Reads as many bytes as `buffer` has from `register` on.
+    pub(super) async fn read_into(
+        &self,
+        station: u16,
+        register: u16,
+        buffer: &mut [u8],
+    ) -> Result<(), RegisterError> {
+        let length = u16::try_from(buffer.len()).unwrap_or(u16::MAX);
+        let mut buffer = core::cell::RefCell::new(buffer);
+        let shared = &buffer;
+        self.ask(|| async move {
+            let answer = Command::fprd(station, register)
+                .receive_slice(self.main, length)
+                .await?;
+            // The bytes lie in a slot that is already free: they are copied before anything else is polled.
+            for (to, from) in shared.borrow_mut().iter_mut().zip(answer.iter()) {
+                *to = *from;
+            }
+            Ok(())
+        })
+        .await?;
+        buffer.get_mut();
+        Ok(())
+    }
+
+    /// Writes `bytes` from `register` on.
+    pub(super) async fn write(
+        &self,
+        station: u16,
+        register: u16,
+        bytes: &[u8],
+    ) -> Result<(), RegisterError> {
+        self.ask(|| async move {
+            Command::fpwr(station, register)
+                .send_receive_slice(self.main, bytes)
+                .await
+                .map(|_| ())
+        })
+        .await
+    }
+
+    async fn ask<T, F>(&self, request: impl Fn() -> F) -> Result<T, RegisterError>
+    where
+        F: Future<Output = Result<T, Error>>,
+    {
+        let patience = GIVEN_UP_AFTER;
+        let attempt = async {
+            loop {
+                match request().await {
+                    // All slots are in flight.
+                    Err(Error::Pdu(ethercrab::error::PduError::SwapState)) => {
+                        self.time.sleep(SLOT_RETRY).await;
+                    }
+                    other => return other,
+                }
+            }
+        };
+        match self.time.within(patience, attempt).await {
+            None => Err(RegisterError::NoFrame),
+            Some(Ok(value)) => Ok(value),
+            Some(Err(Error::WorkingCounter { received: 0, .. })) => Err(RegisterError::NotAnswered),
+            Some(Err(error)) => Err(RegisterError::Refused(error)),
+        }
+    }
+}

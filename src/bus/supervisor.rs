@@ -1,0 +1,220 @@
+//! The future that leads a network through its life: bring-up, watching over the AL states, the end in order.
+
+use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
+
+use smol::channel::Sender;
+
+use super::{
+    AlState, NetworkError, al,
+    axes::Axes,
+    bring_up::{self, LinePlan},
+    control::{Control, NetworkEvent},
+    drive_setup::ReadyDrive,
+    reactor::Context,
+};
+use crate::{
+    axis::AxisSource,
+    coe::{Emergencies, SdoHandle},
+};
+
+/// How often the shutdown flag is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+/// How often AL states are read while something is wrong with them.
+const AL_EVERY: Duration = Duration::from_millis(20);
+/// How long axes may take to stop and disable at the end, beside their own deadlines.
+const DISABLE_LIMIT: Duration = Duration::from_secs(15);
+/// How long each AL state may take on the way down.
+const DOWN_LIMIT: Duration = Duration::from_secs(1);
+const AL_CONTROL: u16 = 0x0120;
+
+/// What a program gets of a network that is in OP.
+pub(super) struct Started {
+    pub(super) axes: Vec<AxisSource>,
+    pub(super) drives: Vec<StartedDrive>,
+}
+
+/// The mailbox of a drive.
+pub(super) struct StartedDrive {
+    pub(super) position: u16,
+    pub(super) sdo: SdoHandle,
+    pub(super) emergencies: Emergencies,
+}
+
+/// Leads the network, and ends the loop.
+pub(super) async fn supervise(
+    context: Context,
+    plan: LinePlan,
+    control: Arc<Control>,
+    started: Sender<Result<Started, NetworkError>>,
+) {
+    let period = plan.cycle;
+    let bring_up = smol::future::or(
+        async { Some(start(&context, plan, &control).await) },
+        async {
+            given_up(&context, &control).await;
+            None
+        },
+    );
+    match bring_up.await {
+        Some(Ok((axes, drives, to_program))) => {
+            if started.send(Ok(to_program)).await.is_ok() {
+                watch(&context, &drives, &control).await;
+            }
+            end(&context, &axes, &drives, period).await;
+        }
+        Some(Err(error)) => {
+            leave(&context).await;
+            drop(started.send(Err(error)).await);
+        }
+        None => leave(&context).await,
+    }
+    context.end();
+}
+
+type Running = (Rc<RefCell<Axes>>, Vec<ReadyDrive>, Started);
+
+async fn start(
+    context: &Context,
+    plan: LinePlan,
+    control: &Arc<Control>,
+) -> Result<Running, NetworkError> {
+    let period = plan.cycle;
+    let drives = bring_up::configure(context, plan).await?;
+    let (axes, sources) = Axes::open(&drives, Arc::clone(control));
+    let axes = Rc::new(RefCell::new(axes));
+    bring_up::start_cycles(context, &drives, Box::new(Rc::clone(&axes)), period);
+    bring_up::operate(context, &drives, period).await?;
+    let to_program = Started {
+        axes: sources,
+        drives: drives
+            .iter()
+            .map(|drive| StartedDrive {
+                position: drive.found.id.position,
+                sdo: drive.sdo.clone(),
+                emergencies: drive.emergencies.clone(),
+            })
+            .collect(),
+    };
+    Ok((axes, drives, to_program))
+}
+
+async fn given_up(context: &Context, control: &Control) {
+    while !control.is_shutdown() {
+        context.time.sleep(LOOK_EVERY).await;
+    }
+}
+
+/// Watches over the drives until the network is to end.
+async fn watch(context: &Context, drives: &[ReadyDrive], control: &Control) {
+    let mut usual = None;
+    let mut lost = vec![false; drives.len()];
+    while !control.is_shutdown() {
+        context.time.sleep(LOOK_EVERY).await;
+        let Some((al_status, wrong)) = look(context, drives, &mut lost, control) else {
+            return;
+        };
+        let Some(seen) = al_status else { continue };
+        if usual.is_none() && !wrong {
+            usual = Some(seen);
+        }
+        let all_operational = context
+            .cycle
+            .borrow()
+            .as_ref()
+            .is_some_and(|cycle| cycle.exchange.drives.iter().all(|drive| drive.operational));
+        if usual == Some(seen) && !wrong && all_operational {
+            continue;
+        }
+        for (place, drive) in drives.iter().enumerate() {
+            read_state(context, place, drive, control).await;
+        }
+        context.time.sleep(AL_EVERY).await;
+    }
+}
+
+/// What the last cycle showed; `None` when there are no cycles any more.
+fn look(
+    context: &Context,
+    drives: &[ReadyDrive],
+    lost: &mut [bool],
+    control: &Control,
+) -> Option<(Option<(u8, u16)>, bool)> {
+    let mut cycle = context.cycle.borrow_mut();
+    let cycle = cycle.as_mut()?;
+    let states = drives.iter().zip(&cycle.exchange.drives).zip(lost);
+    for ((drive, data), lost) in states {
+        if data.lost != *lost {
+            *lost = data.lost;
+            let id = drive.found.id.clone();
+            control.report(if data.lost {
+                NetworkEvent::Lost(id)
+            } else {
+                NetworkEvent::Back(id)
+            });
+        }
+    }
+    Some((cycle.last.al_status, cycle.last.wrong))
+}
+
+async fn read_state(context: &Context, place: usize, drive: &ReadyDrive, control: &Control) {
+    // A drive that does not answer is reported as lost by its process data.
+    let Ok(status) = al::status(&context.registers, drive.found.station).await else {
+        return;
+    };
+    let in_op = status.state == AlState::Op && status.error.is_none();
+    let mut cycle = context.cycle.borrow_mut();
+    let Some(data) = cycle
+        .as_mut()
+        .and_then(|cycle| cycle.exchange.drives.get_mut(place))
+    else {
+        return;
+    };
+    if data.operational != in_op {
+        data.operational = in_op;
+        let id = drive.found.id.clone();
+        control.report(if in_op {
+            NetworkEvent::InOp(id)
+        } else {
+            NetworkEvent::LeftOp { drive: id, status }
+        });
+    }
+}
+
+/// The end in order: axes stopped and disabled, then SAFEOP, no more cycles, PREOP, INIT.
+async fn end(context: &Context, axes: &Rc<RefCell<Axes>>, drives: &[ReadyDrive], period: Duration) {
+    let time = &context.time;
+    axes.borrow_mut().disable(time.now());
+    let until = time.now() + DISABLE_LIMIT;
+    loop {
+        // The first look is after a cycle, so that what was asked for has been sent.
+        time.sleep(period * 2).await;
+        if axes.borrow().are_disabled() {
+            break;
+        }
+        if time.now() >= until {
+            tracing::warn!("axes did not stop in time; they are left to what 6007h tells them");
+            break;
+        }
+    }
+    for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
+        for drive in drives {
+            let asked = al::request(&context.registers, drive.found.station, state, DOWN_LIMIT);
+            if let Err(error) = asked.await {
+                tracing::warn!(drive = %drive.found.id, %state, "not on the way down: {error}");
+            }
+        }
+        if state == AlState::SafeOp {
+            // Dropping the ports tells the handles.
+            context.cycle.borrow_mut().take();
+        }
+    }
+    leave(context).await;
+}
+
+/// Sends everybody to INIT, whoever listens.
+async fn leave(context: &Context) {
+    context.cycle.borrow_mut().take();
+    let reset = ethercrab::Command::bwr(AL_CONTROL).ignore_wkc();
+    let sent = reset.send(context.registers.main(), [0x11u8, 0]);
+    let _ = context.time.within(DOWN_LIMIT, sent).await;
+}

@@ -1,0 +1,304 @@
+//! Sync managers and FMMUs of the process data (ETG.1000.4), written from the mapping that was read back, and the
+//! process-data watchdog.
+
+use std::time::Duration;
+
+use super::registers::{RegisterError, Registers};
+use crate::sii::{FmmuUsage, Sii, SyncManager, SyncManagerUsage};
+
+const FMMU: u16 = 0x0600;
+const SYNC_MANAGER: u16 = 0x0800;
+const ACTIVATE: u16 = 6;
+const WATCHDOG_DIVIDER: u16 = 0x0400;
+const WATCHDOG_TIME: u16 = 0x0420;
+/// ESC features, 0008h bit 9: no LRW.
+const FEATURES: u16 = 0x0008;
+const NO_LRW: u16 = 1 << 9;
+
+/// Control byte, bit 6: writes trigger the watchdog.
+const WATCHDOG_TRIGGER: u8 = 0x40;
+/// 0400h for ticks of 100 µs: (2498 + 2) · 40 ns.
+const DIVIDER: u16 = 2498;
+const TICK: Duration = Duration::from_micros(100);
+
+/// Where a drive's process data lie, in its memory and in the logical address space.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Area {
+    /// The sync manager's number.
+    number: u8,
+    /// The FMMU's number.
+    fmmu: u8,
+    start: u16,
+    control: u8,
+    pub(super) length: u16,
+    /// The logical address.
+    pub(super) logical: u32,
+}
+
+/// Why the sync managers cannot hold the process data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum SyncManagerError {
+    /// The SII names no sync manager for these data.
+    #[error("its SII names no sync manager for the {0}")]
+    Missing(&'static str),
+    /// Three buffers run into the next sync manager's memory.
+    #[error(
+        "three buffers of {length} bytes from {start:04X}h for the {what} run into the sync manager at {next:04X}h"
+    )]
+    Overlap {
+        /// Outputs or inputs.
+        what: &'static str,
+        /// Its first byte in the SubDevice's memory.
+        start: u16,
+        /// Bytes of one buffer.
+        length: u16,
+        /// First byte of the next sync manager.
+        next: u16,
+    },
+    /// More bytes than a sync manager has.
+    #[error("{0} bytes of process data are too many")]
+    TooLong(usize),
+}
+
+/// Finds the sync manager and FMMU for the outputs or inputs of a drive.
+pub(super) fn area(
+    sii: &Sii,
+    usage: SyncManagerUsage,
+    length: usize,
+    logical: u32,
+) -> Result<Area, SyncManagerError> {
+    let (what, wanted, default) = match usage {
+        SyncManagerUsage::Outputs => ("outputs", FmmuUsage::Outputs, 0),
+        _ => ("inputs", FmmuUsage::Inputs, 1),
+    };
+    let length = u16::try_from(length).map_err(|_| SyncManagerError::TooLong(length))?;
+    let managers = (0..).zip(&sii.sync_managers);
+    let (number, manager) = managers
+        .into_iter()
+        .find(|(_, manager)| manager.usage == usage)
+        .ok_or(SyncManagerError::Missing(what))?;
+    no_overlap(&sii.sync_managers, manager, length, what)?;
+    let fmmu = (0..)
+        .zip(&sii.fmmu_usage)
+        .find(|(_, usage)| **usage == wanted)
+        .map_or(default, |(number, _)| number);
+    Ok(Area {
+        number,
+        fmmu,
+        start: manager.start,
+        control: manager.control,
+        length,
+        logical,
+    })
+}
+
+fn no_overlap(
+    all: &[SyncManager],
+    manager: &SyncManager,
+    length: u16,
+    what: &'static str,
+) -> Result<(), SyncManagerError> {
+    let start = manager.start;
+    let next = all
+        .iter()
+        .map(|other| other.start)
+        .filter(|other| *other > start)
+        .min();
+    match next {
+        Some(next) if u32::from(start) + 3 * u32::from(length) > u32::from(next) => {
+            Err(SyncManagerError::Overlap {
+                what,
+                start,
+                length,
+                next,
+            })
+        }
+        _ => Ok(()),
+    }
+}
+
+impl Area {
+    /// Writes sync manager and FMMU; empty process data leave both switched off.
+    pub(super) async fn write(
+        &self,
+        registers: &Registers,
+        station: u16,
+        direction: AreaDirection,
+    ) -> Result<(), RegisterError> {
+        let manager = SYNC_MANAGER + 8 * u16::from(self.number);
+        let fmmu = FMMU + 16 * u16::from(self.fmmu);
+        // A sync manager may only be changed while it is switched off.
+        registers.write(station, manager + ACTIVATE, &[0]).await?;
+        registers.write(station, fmmu + 12, &[0]).await?;
+        if self.length == 0 {
+            return Ok(());
+        }
+        let [s0, s1] = self.start.to_le_bytes();
+        let [l0, l1] = self.length.to_le_bytes();
+        let control = self.control(direction);
+        registers
+            .write(station, manager, &[s0, s1, l0, l1, control])
+            .await?;
+        registers.write(station, manager + ACTIVATE, &[1]).await?;
+        let [a0, a1, a2, a3] = self.logical.to_le_bytes();
+        let kind = match direction {
+            AreaDirection::Outputs { .. } => 2,
+            AreaDirection::Inputs => 1,
+        };
+        registers
+            .write(
+                station,
+                fmmu,
+                &[a0, a1, a2, a3, l0, l1, 0, 7, s0, s1, 0, kind, 1, 0, 0, 0],
+            )
+            .await
+    }
+
+    /// Whether the sync manager really triggers the watchdog.
+    async fn triggers(&self, registers: &Registers, station: u16) -> Result<bool, RegisterError> {
+        let manager = SYNC_MANAGER + 8 * u16::from(self.number);
+        let [control] = registers.read(station, manager + 4).await?;
+        Ok(control & WATCHDOG_TRIGGER != 0)
+    }
+
+    /// Three buffers, written by the master (outputs) or by the device (inputs); bits 4 and 5 as the SII has them.
+    const fn control(&self, direction: AreaDirection) -> u8 {
+        match direction {
+            AreaDirection::Outputs { watchdog } => {
+                let trigger = if watchdog { WATCHDOG_TRIGGER } else { 0 };
+                self.control & 0x30 | 0x04 | trigger
+            }
+            AreaDirection::Inputs => self.control & 0x30,
+        }
+    }
+}
+
+/// Who writes an area.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum AreaDirection {
+    Outputs { watchdog: bool },
+    Inputs,
+}
+
+/// What was found of the watchdog after it was set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WatchdogState {
+    /// Whether the outputs' sync manager triggers it.
+    pub triggered: bool,
+    /// Divider, register 0400h.
+    pub divider: u16,
+    /// Time in ticks, register 0420h; 0 switches it off.
+    pub ticks: u16,
+}
+
+/// The ticks of 0420h for this time; `None` if it has no room there.
+pub(super) fn watchdog_ticks(time: Duration) -> Option<u16> {
+    let ticks = u16::try_from(time.as_micros().div_ceil(TICK.as_micros())).ok()?;
+    (ticks != 0).then_some(ticks)
+}
+
+/// Sets the process-data watchdog, 0 for off, and gives what the SubDevice holds then.
+pub(super) async fn set_watchdog(
+    registers: &Registers,
+    station: u16,
+    outputs: &Area,
+    ticks: u16,
+) -> Result<WatchdogState, RegisterError> {
+    if ticks != 0 {
+        registers
+            .write(station, WATCHDOG_DIVIDER, &DIVIDER.to_le_bytes())
+            .await?;
+    }
+    registers
+        .write(station, WATCHDOG_TIME, &ticks.to_le_bytes())
+        .await?;
+    Ok(WatchdogState {
+        triggered: outputs.triggers(registers, station).await?,
+        divider: u16::from_le_bytes(registers.read(station, WATCHDOG_DIVIDER).await?),
+        ticks: u16::from_le_bytes(registers.read(station, WATCHDOG_TIME).await?),
+    })
+}
+
+impl WatchdogState {
+    pub(super) const fn is_armed_with(self, ticks: u16) -> bool {
+        self.triggered && self.divider == DIVIDER && self.ticks == ticks && ticks != 0
+    }
+}
+
+/// Whether the SubDevice takes LRW.
+pub(super) async fn takes_lrw(registers: &Registers, station: u16) -> Result<bool, RegisterError> {
+    let features = u16::from_le_bytes(registers.read(station, FEATURES).await?);
+    Ok(features & NO_LRW == 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sii::Identity;
+
+    fn akd() -> Sii {
+        // The sync managers of a real AKD (public ethercrab repository, dumps/eeprom/akd.hex).
+        let manager = |start, length, control, usage| SyncManager {
+            start,
+            length,
+            control,
+            enable: 1,
+            usage,
+        };
+        Sii {
+            identity: Identity::default(),
+            mailbox: None,
+            strings: vec![],
+            general: None,
+            fmmu_usage: vec![
+                FmmuUsage::Outputs,
+                FmmuUsage::Inputs,
+                FmmuUsage::MailboxStatus,
+            ],
+            sync_managers: vec![
+                manager(0x1800, 1024, 0x26, SyncManagerUsage::MailboxOut),
+                manager(0x1C00, 1024, 0x22, SyncManagerUsage::MailboxIn),
+                manager(0x1100, 0, 0x24, SyncManagerUsage::Outputs),
+                manager(0x1140, 0, 0x20, SyncManagerUsage::Inputs),
+            ],
+            tx_pdos: vec![],
+            rx_pdos: vec![],
+            clock_modes: vec![],
+        }
+    }
+
+    #[test]
+    fn the_watchdog_trigger_is_set_even_where_the_sii_leaves_it_out() {
+        let outputs = area(&akd(), SyncManagerUsage::Outputs, 19, 0).unwrap();
+        assert_eq!(
+            outputs.control(AreaDirection::Outputs { watchdog: true }),
+            0x64
+        );
+        assert_eq!(
+            outputs.control(AreaDirection::Outputs { watchdog: false }),
+            0x24
+        );
+    }
+
+    #[test]
+    fn three_buffers_must_not_run_into_the_next_sync_manager() {
+        assert!(area(&akd(), SyncManagerUsage::Outputs, 21, 0).is_ok());
+        assert_eq!(
+            area(&akd(), SyncManagerUsage::Outputs, 22, 0),
+            Err(SyncManagerError::Overlap {
+                what: "outputs",
+                start: 0x1100,
+                length: 22,
+                next: 0x1140
+            })
+        );
+    }
+
+    #[test]
+    fn a_watchdog_time_is_rounded_up_to_ticks_and_must_fit() {
+        assert_eq!(watchdog_ticks(Duration::from_millis(100)), Some(1000));
+        assert_eq!(watchdog_ticks(Duration::from_micros(101)), Some(2));
+        assert_eq!(watchdog_ticks(Duration::ZERO), None);
+        assert_eq!(watchdog_ticks(Duration::from_secs(7)), None);
+    }
+}

@@ -1,0 +1,145 @@
+//! The time that acyclic futures live in: what the link's clock said at the start of the loop's turn.
+
+use std::{
+    cell::{Cell, RefCell},
+    future::{Future, poll_fn},
+    pin::pin,
+    rc::Rc,
+    task::{Context, Poll, Waker},
+    time::Duration,
+};
+
+/// The loop's time and the futures that sleep until a moment of it.
+#[derive(Default)]
+pub(super) struct Time {
+    now: Cell<Duration>,
+    next_sleeper: Cell<u64>,
+    sleepers: RefCell<Vec<Sleeper>>,
+}
+
+struct Sleeper {
+    number: u64,
+    until: Duration,
+    waker: Waker,
+}
+
+impl Time {
+    pub(super) fn now(&self) -> Duration {
+        self.now.get()
+    }
+
+    /// Moves on to `now` and wakes whose time has come.
+    pub(super) fn advance(&self, now: Duration) {
+        self.now.set(now);
+        self.sleepers.borrow_mut().retain(|sleeper| {
+            let asleep = sleeper.until > now;
+            if !asleep {
+                sleeper.waker.wake_by_ref();
+            }
+            asleep
+        });
+    }
+
+    /// When the next sleeper is to be woken.
+    pub(super) fn next(&self) -> Option<Duration> {
+        self.sleepers.borrow().iter().map(|s| s.until).min()
+    }
+
+    pub(super) fn sleep(self: &Rc<Self>, duration: Duration) -> Sleep {
+        let number = self.next_sleeper.get();
+        self.next_sleeper.set(number.wrapping_add(1));
+        Sleep {
+            time: Rc::clone(self),
+            number,
+            until: self.now().saturating_add(duration),
+        }
+    }
+
+    /// Polls `future` until it is ready or `limit` is over; then it is dropped, within the poll.
+    pub(super) async fn within<T>(
+        self: &Rc<Self>,
+        limit: Duration,
+        future: impl Future<Output = T>,
+    ) -> Option<T> {
+        let mut sleep = self.sleep(limit);
+        let mut future = pin!(future);
+        poll_fn(|context| {
+            if let Poll::Ready(value) = future.as_mut().poll(context) {
+                return Poll::Ready(Some(value));
+            }
+            sleep.poll_until(context).map(|()| None)
+        })
+        .await
+    }
+}
+
+/// Ready when its time has come.
+pub(super) struct Sleep {
+    time: Rc<Time>,
+    number: u64,
+    until: Duration,
+}
+
+impl Sleep {
+    fn poll_until(&mut self, context: &Context<'_>) -> Poll<()> {
+        if self.time.now() >= self.until {
+            return Poll::Ready(());
+        }
+        let mut sleepers = self.time.sleepers.borrow_mut();
+        match sleepers.iter_mut().find(|s| s.number == self.number) {
+            Some(sleeper) => sleeper.waker.clone_from(context.waker()),
+            None => sleepers.push(Sleeper {
+                number: self.number,
+                until: self.until,
+                waker: context.waker().clone(),
+            }),
+        }
+        Poll::Pending
+    }
+}
+
+impl Future for Sleep {
+    type Output = ();
+
+    fn poll(mut self: std::pin::Pin<&mut Self>, context: &mut Context<'_>) -> Poll<()> {
+        self.poll_until(context)
+    }
+}
+
+impl Drop for Sleep {
+    fn drop(&mut self) {
+        self.time
+            .sleepers
+            .borrow_mut()
+            .retain(|s| s.number != self.number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{future::pending, rc::Rc, time::Duration};
+
+    use smol::LocalExecutor;
+
+    use super::Time;
+
+    #[test]
+    fn a_future_that_is_never_ready_ends_at_its_limit_and_not_before() {
+        let time = Rc::new(Time::default());
+        let executor = LocalExecutor::new();
+        let task = executor.spawn({
+            let time = Rc::clone(&time);
+            async move { time.within(Duration::from_millis(5), pending::<()>()).await }
+        });
+        for ms in 0..5 {
+            time.advance(Duration::from_millis(ms));
+            while executor.try_tick() {}
+            assert!(!task.is_finished());
+        }
+        assert_eq!(time.next(), Some(Duration::from_millis(5)));
+        time.advance(Duration::from_millis(5));
+        while executor.try_tick() {}
+        assert!(task.is_finished());
+        assert_eq!(time.next(), None);
+    }
+}

@@ -1,0 +1,273 @@
+//! A raw socket (AF_PACKET, Linux) on one network interface.
+#![allow(unsafe_code)]
+
+use std::{
+    ffi::CString,
+    io,
+    os::fd::{AsRawFd, FromRawFd, OwnedFd},
+    sync::Arc,
+    task::Waker,
+    time::{Duration, Instant},
+};
+
+use super::{
+    ETHERTYPE, Link, SHORTEST_FRAME,
+    waiting::{self, Event},
+};
+
+/// Why a raw socket could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum RawSocketError {
+    /// The process may not open raw sockets.
+    #[error(
+        "no permission to open a raw socket: run as root, or give the program the capability \
+         (`setcap cap_net_raw+ep <program>`)"
+    )]
+    NoPermission,
+    /// There is no interface of this name.
+    #[error("there is no network interface `{0}`")]
+    NoInterface(String),
+    /// The interface is there, but down.
+    #[error("the network interface `{0}` is down: bring it up (`ip link set {0} up`)")]
+    InterfaceDown(String),
+    /// Any other refusal of the operating system.
+    #[error("cannot {step} on network interface `{interface}`")]
+    Os {
+        /// What was attempted.
+        step: &'static str,
+        /// The interface's name.
+        interface: String,
+        /// What the operating system says.
+        source: io::Error,
+    },
+}
+
+/// A raw socket that sends and receives EtherCAT frames on one network interface.
+///
+/// Needs the capability `CAP_NET_RAW`.
+///
+/// ```no_run
+/// use servocrab::link::RawSocket;
+/// let link = RawSocket::open("eth0")?;
+/// # Ok::<(), servocrab::link::RawSocketError>(())
+/// ```
+pub struct RawSocket {
+    socket: OwnedFd,
+    event: Arc<Event>,
+    start: Instant,
+    padded: [u8; SHORTEST_FRAME],
+}
+
+impl RawSocket {
+    /// Opens a socket on the interface of this name.
+    ///
+    /// # Errors
+    /// No permission, no such interface, the interface is down, or what else the operating system refuses.
+    pub fn open(interface: &str) -> Result<Self, RawSocketError> {
+        let os = |step| {
+            let interface = interface.to_owned();
+            move |source| RawSocketError::Os {
+                step,
+                interface,
+                source,
+            }
+        };
+        let name = CString::new(interface)
+            .map_err(|_| RawSocketError::NoInterface(interface.to_owned()))?;
+        // SAFETY: the name is a string with its end mark and lives until the call is over.
+        let index = unsafe { libc::if_nametoindex(name.as_ptr()) };
+        let index = libc::c_int::try_from(index).unwrap_or(0);
+        if index == 0 {
+            return Err(RawSocketError::NoInterface(interface.to_owned()));
+        }
+        let socket = open_socket().map_err(|error| match error.raw_os_error() {
+            Some(libc::EPERM | libc::EACCES) => RawSocketError::NoPermission,
+            _ => os("open a raw socket")(error),
+        })?;
+        if !is_up(&socket, &name).map_err(os("read the flags"))? {
+            return Err(RawSocketError::InterfaceDown(interface.to_owned()));
+        }
+        // Without this the socket reads its own frames back before the segment's answer.
+        set_option(&socket, PACKET_IGNORE_OUTGOING, &1i32).map_err(os("ignore outgoing frames"))?;
+        // Answers carry the destination they were sent with, which is the broadcast address: but a switch or a
+        // virtual interface may change it.
+        let membership = libc::packet_mreq {
+            mr_ifindex: index,
+            mr_type: PACKET_MR_PROMISC,
+            mr_alen: 0,
+            mr_address: [0; 8],
+        };
+        set_option(&socket, libc::PACKET_ADD_MEMBERSHIP, &membership)
+            .map_err(os("receive all frames"))?;
+        bind(&socket, index).map_err(os("bind"))?;
+        Ok(Self {
+            socket,
+            event: Event::new().map_err(os("make a waker"))?,
+            start: Instant::now(),
+            padded: [0; SHORTEST_FRAME],
+        })
+    }
+}
+
+/// `PACKET_IGNORE_OUTGOING` of linux/if_packet.h (since Linux 4.20).
+const PACKET_IGNORE_OUTGOING: libc::c_int = 23;
+/// `PACKET_MR_PROMISC` of linux/if_packet.h, in the width of the structure's field.
+const PACKET_MR_PROMISC: libc::c_ushort = 1;
+
+fn open_socket() -> io::Result<OwnedFd> {
+    // SAFETY: socket takes no pointers; its result is checked before it is used as a descriptor. Protocol 0 receives
+    // nothing until the socket is bound to its interface.
+    let fd = unsafe {
+        libc::socket(
+            libc::AF_PACKET,
+            libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC,
+            0,
+        )
+    };
+    if fd < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    // SAFETY: the descriptor was just made, is valid and belongs to nobody else.
+    Ok(unsafe { OwnedFd::from_raw_fd(fd) })
+}
+
+fn is_up(socket: &OwnedFd, name: &CString) -> io::Result<bool> {
+    // SAFETY: ifreq is plain data, for which all zeros are a value.
+    let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
+    // One byte is left for the end mark.
+    let room = request.ifr_name.len() - 1;
+    for (to, from) in request.ifr_name.iter_mut().zip(name.as_bytes()).take(room) {
+        *to = from.cast_signed() as libc::c_char;
+    }
+    // SAFETY: SIOCGIFFLAGS reads and writes one ifreq, which lives until the call is over.
+    let result = unsafe { libc::ioctl(socket.as_raw_fd(), libc::SIOCGIFFLAGS, &raw mut request) };
+    if result < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    // SAFETY: the call succeeded, so the kernel has filled in this field of the union.
+    let flags = unsafe { request.ifr_ifru.ifru_flags };
+    Ok(libc::c_int::from(flags) & libc::IFF_UP != 0)
+}
+
+fn set_option<T>(socket: &OwnedFd, option: libc::c_int, value: &T) -> io::Result<()> {
+    let length = libc::socklen_t::try_from(size_of::<T>()).map_err(io::Error::other)?;
+    // SAFETY: the value lives until the call is over and its own length is passed.
+    let result = unsafe {
+        libc::setsockopt(
+            socket.as_raw_fd(),
+            libc::SOL_PACKET,
+            option,
+            std::ptr::from_ref(value).cast(),
+            length,
+        )
+    };
+    if result < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(())
+}
+
+fn bind(socket: &OwnedFd, interface: libc::c_int) -> io::Result<()> {
+    // SAFETY: sockaddr_ll is plain data, for which all zeros are a value.
+    let mut address: libc::sockaddr_ll = unsafe { std::mem::zeroed() };
+    address.sll_family = libc::AF_PACKET as libc::c_ushort;
+    address.sll_protocol = ETHERTYPE.to_be();
+    address.sll_ifindex = interface;
+    let length =
+        libc::socklen_t::try_from(size_of::<libc::sockaddr_ll>()).map_err(io::Error::other)?;
+    // SAFETY: the address lives until the call is over and its own length is passed.
+    let result = unsafe { libc::bind(socket.as_raw_fd(), (&raw const address).cast(), length) };
+    if result < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(())
+}
+
+impl Link for RawSocket {
+    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
+        let frame = if frame.len() < SHORTEST_FRAME {
+            self.padded.fill(0);
+            for (to, from) in self.padded.iter_mut().zip(frame) {
+                *to = *from;
+            }
+            &self.padded[..]
+        } else {
+            frame
+        };
+        // SAFETY: reads as many bytes as the slice has, which lives until the call is over.
+        let sent = unsafe {
+            libc::send(
+                self.socket.as_raw_fd(),
+                frame.as_ptr().cast(),
+                frame.len(),
+                0,
+            )
+        };
+        match usize::try_from(sent) {
+            Err(_) => Err(io::Error::last_os_error()),
+            Ok(sent) if sent == frame.len() => Ok(()),
+            Ok(_) => Err(io::ErrorKind::WriteZero.into()),
+        }
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+        loop {
+            // SAFETY: writes at most as many bytes as the slice has, which lives until the call is over. With MSG_TRUNC
+            // the result is the frame's whole length.
+            let length = unsafe {
+                libc::recv(
+                    self.socket.as_raw_fd(),
+                    buffer.as_mut_ptr().cast(),
+                    buffer.len(),
+                    libc::MSG_TRUNC,
+                )
+            };
+            return match usize::try_from(length) {
+                Ok(length) if length <= buffer.len() => Ok(Some(length)),
+                Ok(_) => continue,
+                Err(_) => match io::Error::last_os_error() {
+                    error if error.kind() == io::ErrorKind::WouldBlock => Ok(None),
+                    error if error.kind() == io::ErrorKind::Interrupted => continue,
+                    error => Err(error),
+                },
+            };
+        }
+    }
+
+    fn wait(&mut self, timeout: Duration) {
+        waiting::wait(Some(self.socket.as_raw_fd()), &self.event, timeout);
+    }
+
+    fn now(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    fn waker(&self) -> Waker {
+        self.event.waker()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{RawSocket, RawSocketError};
+
+    #[test]
+    fn an_interface_that_is_missing_is_named_in_the_error() {
+        let Err(error) = RawSocket::open("no-such-if0") else {
+            panic!("opened an interface that does not exist");
+        };
+        assert!(matches!(error, RawSocketError::NoInterface(_)));
+        assert_eq!(
+            error.to_string(),
+            "there is no network interface `no-such-if0`"
+        );
+    }
+
+    #[test]
+    fn a_name_with_a_zero_byte_is_no_interface() {
+        assert!(matches!(
+            RawSocket::open("a\0b"),
+            Err(RawSocketError::NoInterface(_))
+        ));
+    }
+}

@@ -1,0 +1,262 @@
+//! From power-on to OP, and each way in which that is refused.
+
+use std::time::Duration;
+
+use servocrab::{
+    bus::{BringUpStep, DriveConfig, DriveFault, Network, NetworkBuilder, NetworkError},
+    coe::{Mappable, Object, ReadWrite, obj},
+    drives,
+    link::Wire,
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::{AlState, Identity, Segment, personality};
+
+use crate::rig::{Line, Rig, akd2g, is_write_to};
+
+#[test]
+fn both_axes_of_an_akd2g_come_up_and_move() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
+    for (number, name) in ["x", "y"].into_iter().enumerate() {
+        let axis = rig.net().axis(name).unwrap();
+        rig.until(axis.enable()).unwrap();
+        let moved = rig.until(async {
+            let mode = axis.profile_position().await.unwrap();
+            let set_point = SetPoint::new()
+                .velocity(100_000)
+                .acceleration(1_000_000)
+                .deceleration(1_000_000);
+            let motion = mode.move_abs(10_000, set_point).await.unwrap();
+            motion.done().await.unwrap()
+        });
+        assert!(matches!(moved, Outcome::Reached { position } if (position - 10_000).abs() < 20));
+        let segment = line.segment();
+        let executed = segment.axis(0, number).unwrap().ledger();
+        assert_eq!(executed.len(), 1, "one set-point was executed");
+        assert_eq!(executed[0].value, 10_000);
+    }
+    rig.shutdown();
+    assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
+}
+
+#[test]
+fn a_coupler_and_a_terminal_in_the_line_are_left_in_preop() {
+    let line = Line::new(
+        Segment::new()
+            .with(personality::coupler())
+            .with(personality::io_terminal())
+            .with(personality::akd2g()),
+    );
+    let rig = Rig::start(Network::builder().link(line.wire()).drive(2, akd2g())).unwrap();
+    let states: Vec<_> = line
+        .segment()
+        .devices()
+        .iter()
+        .map(servocrab_sim::Device::al_state)
+        .collect();
+    assert_eq!(states, [AlState::PreOp, AlState::PreOp, AlState::Op]);
+    rig.shutdown();
+}
+
+#[test]
+fn a_drive_without_lrw_exchanges_by_lrd_and_lwr() {
+    let drive = personality::Akd2g::new().without_lrw().build();
+    let line = Line::new(Segment::new().with(drive).with(personality::akd2g()));
+    let second = DriveConfig::new(drives::akd2g()).axis("z");
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(0, akd2g())
+        .drive(1, second);
+    let mut rig = Rig::start(builder).unwrap();
+    for name in ["y", "z"] {
+        let axis = rig.net().axis(name).unwrap();
+        rig.until(axis.enable()).unwrap();
+    }
+    assert_eq!(rig.net().statistics().wrong_working_counters, 0);
+    rig.shutdown();
+}
+
+#[test]
+fn an_object_that_was_mapped_beside_the_others_is_read_through_its_field() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let drive = akd2g().map_input("y", obj::FOLLOWING_ERROR_ACTUAL);
+    let rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
+    let axis = rig.net().axis("y").unwrap();
+    let field = axis.input(obj::FOLLOWING_ERROR_ACTUAL).unwrap();
+    assert_eq!(field.get(), 0);
+    assert!(
+        rig.net()
+            .axis("x")
+            .unwrap()
+            .input(obj::FOLLOWING_ERROR_ACTUAL)
+            .is_err()
+    );
+    rig.shutdown();
+}
+
+#[test]
+fn another_drive_is_refused_with_both_identities() {
+    let other = Identity {
+        vendor: 0x6A,
+        product: 0x0041_4B44,
+        revision: 2,
+        serial: 3,
+    };
+    let line = Line::new(
+        Segment::new()
+            .with(personality::coupler())
+            .with(personality::Akd2g::new().identity(other).build()),
+    );
+    let error = refused(Network::builder().link(line.wire()).drive(1, akd2g()));
+    let text = error.to_string();
+    for part in [
+        "drive 1",
+        "414B4432h",
+        "00414B44h",
+        "checking its identity",
+        "AKD2G",
+    ] {
+        assert!(text.contains(part), "{part} is not in: {text}");
+    }
+    assert!(matches!(
+        fault(error),
+        (BringUpStep::Identity, DriveFault::WrongIdentity { got, .. }) if got.product == 0x0041_4B44
+    ));
+}
+
+#[test]
+fn a_position_behind_the_end_of_the_line_is_refused() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let error = refused(Network::builder().link(line.wire()).drive(3, akd2g()));
+    assert!(matches!(
+        error,
+        NetworkError::NotThere {
+            position: 3,
+            count: 1,
+            ..
+        }
+    ));
+}
+
+#[test]
+fn a_link_without_answer_and_one_without_subdevice_are_told_apart() {
+    let latency = Duration::from_micros(10);
+    let silent = Wire::in_virtual_time(latency, |_, _| false);
+    let error = refused(Network::builder().link(silent).drive(0, akd2g()));
+    assert!(matches!(error, NetworkError::NoAnswer), "{error}");
+    let empty = Wire::in_virtual_time(latency, |frame, _| {
+        frame[6] |= 2;
+        true
+    });
+    let error = refused(Network::builder().link(empty).drive(0, akd2g()));
+    assert!(matches!(error, NetworkError::NoSubDevice), "{error}");
+}
+
+#[test]
+fn a_refused_mapping_names_the_entry_and_the_abort_code() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let unknown: Object<u32, ReadWrite> =
+        Object::new(0x2FFE, 7, "nothing").mappable(Mappable::INPUTS);
+    let drive = akd2g().map_input("x", unknown);
+    let error = refused(Network::builder().link(line.wire()).drive(0, drive));
+    let text = error.to_string();
+    for part in ["2FFEh:07", "1A00h:05", "h)"] {
+        assert!(text.contains(part), "{part} is not in: {text}");
+    }
+    let (BringUpStep::Mapping, DriveFault::MappingRefused { step, error }) = fault(error) else {
+        panic!("another fault: {text}");
+    };
+    assert_eq!((step.object.index, step.object.subindex), (0x1A00, 5));
+    assert!(error.abort_code().is_some(), "{text}");
+}
+
+#[test]
+fn a_watchdog_that_cannot_be_armed_is_refused_unless_opted_out_in_words() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    // The drive takes the write to 0420h, but as zero.
+    let spoiled = || {
+        line.spoiled_wire(|frame| {
+            if is_write_to(frame, 0x0420) {
+                frame[26] = 0;
+                frame[27] = 0;
+            }
+        })
+    };
+    let error = refused(Network::builder().link(spoiled()).drive(0, akd2g()));
+    assert!(error.to_string().contains("without_watchdog"), "{error}");
+    assert!(matches!(
+        fault(error),
+        (BringUpStep::Watchdog, DriveFault::WatchdogUnarmed { expected: 1000, got }) if got.ticks == 0
+    ));
+    let builder = Network::builder()
+        .link(spoiled())
+        .without_watchdog("nothing is mounted on the motors")
+        .drive(0, akd2g());
+    Rig::start(builder).unwrap().shutdown();
+}
+
+#[test]
+fn a_drive_that_refuses_safe_op_is_quoted_with_its_al_status_code() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    // One byte more in sync manager 2 than the drive has mapped.
+    let wire = line.spoiled_wire(|frame| {
+        if is_write_to(frame, 0x0810) {
+            frame[28] += 1;
+        }
+    });
+    let error = refused(Network::builder().link(wire).drive(0, akd2g()));
+    let text = error.to_string();
+    assert!(text.contains("SAFEOP"), "{text}");
+    assert!(text.contains("001Dh"), "{text}");
+}
+
+#[test]
+fn the_watchdog_is_armed_and_an_axis_stops_when_the_process_data_stop() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let sdo = rig.net().sdo(0).unwrap();
+    for index in [0x6007, 0x6807] {
+        assert_eq!(
+            rig.until(sdo.read_bytes(index, 0)).unwrap(),
+            [3, 0],
+            "{index:04X}h"
+        );
+    }
+    let now = rig.bus.now();
+    line.segment().advance(now + Duration::from_millis(95));
+    assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
+    line.segment().advance(now + Duration::from_millis(105));
+    let segment = line.segment();
+    assert_eq!(segment.devices()[0].al_state(), AlState::SafeOp);
+    assert_eq!(segment.devices()[0].al_status_code(), 0x001B);
+}
+
+#[test]
+fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let text = |builder: NetworkBuilder| refused(builder).to_string();
+    let net = || Network::builder().link(line.wire());
+    assert!(text(net()).contains("no drive"));
+    assert!(text(net().drive(0, akd2g()).drive(1, akd2g())).contains("two axes are named `x`"));
+    assert!(text(net().drive(0, akd2g().axis("z"))).contains("3 axes were named"));
+    let unnamed = akd2g().map_input("z", obj::DIGITAL_INPUTS);
+    assert!(text(net().drive(0, unnamed)).contains("`z` is no axis"));
+    assert!(text(net().cycle(Duration::ZERO).drive(0, akd2g())).contains("cycle"));
+    assert!(text(Network::builder().drive(0, akd2g())).contains("no link"));
+    assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
+}
+
+fn refused(builder: NetworkBuilder) -> NetworkError {
+    match Rig::start(builder) {
+        Ok(_) => panic!("it was started"),
+        Err(error) => error,
+    }
+}
+
+fn fault(error: NetworkError) -> (BringUpStep, DriveFault) {
+    match error {
+        NetworkError::Drive { step, error, .. } => (step, *error),
+        other => panic!("no fault of a drive: {other}"),
+    }
+}

@@ -1,0 +1,231 @@
+//! Frames that are lost, late, changed or cut; drives that fall silent or leave OP.
+
+use std::time::Duration;
+
+use servocrab::{
+    axis::{Liveness, StopRequest},
+    bus::{AlState as State, Network, NetworkEvent},
+    ds402,
+    link::Fate,
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::{Segment, personality};
+
+use crate::rig::{Line, Rig, akd2g, is_cyclic};
+
+const MS: Duration = Duration::from_millis(1);
+
+fn one_drive() -> Line {
+    Line::new(Segment::new().with(personality::akd2g()))
+}
+
+/// One move of axis `x`, which is enabled for it.
+fn move_x(rig: &mut Rig, target: i32) -> i32 {
+    let axis = rig.net().axis("x").unwrap();
+    rig.until(axis.enable()).unwrap();
+    let outcome = rig.until(async {
+        let mode = axis.profile_position().await.unwrap();
+        let set_point = SetPoint::new()
+            .velocity(100_000)
+            .acceleration(1_000_000)
+            .deceleration(1_000_000);
+        let motion = mode.move_abs(target, set_point).await.unwrap();
+        motion.done().await.unwrap()
+    });
+    match outcome {
+        Outcome::Reached { position } | Outcome::Passed { position } => position,
+    }
+}
+
+#[test]
+fn lost_frames_end_neither_bring_up_nor_move() {
+    let line = one_drive();
+    let wire = line.wire_with(|number, _| match number % 20 {
+        7 => Fate::LoseRequest,
+        13 => Fate::LoseAnswer,
+        _ => Fate::Deliver,
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    assert!((move_x(&mut rig, 5_000) - 5_000).abs() < 20);
+    let statistics = rig.net().statistics();
+    assert!(statistics.lost > 10, "{statistics:?}");
+    assert_eq!(line.segment().axis(0, 0).unwrap().ledger().len(), 1);
+    rig.shutdown();
+}
+
+#[test]
+fn late_frames_are_counted_and_used_for_nothing() {
+    let line = one_drive();
+    let wire = line.wire_with(|number, frame| {
+        if is_cyclic(frame) && number % 10 == 0 {
+            Fate::Delay(5 * MS / 2)
+        } else {
+            Fate::Deliver
+        }
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    assert!((move_x(&mut rig, 5_000) - 5_000).abs() < 20);
+    let statistics = rig.net().statistics();
+    assert!(statistics.late > 5, "{statistics:?}");
+    assert!(
+        statistics.lost.abs_diff(statistics.late) <= 1,
+        "{statistics:?}"
+    );
+    rig.shutdown();
+}
+
+#[test]
+fn a_late_answer_of_an_acyclic_request_is_not_taken_for_a_later_ones() {
+    // Each late frame has been sent again meanwhile: two answers come for one request.
+    let line = one_drive();
+    let wire = line.wire_with(|number, frame| {
+        if !is_cyclic(frame) && number % 50 == 0 {
+            Fate::Delay(30 * MS)
+        } else {
+            Fate::Deliver
+        }
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    let sdo = rig.net().sdo(0).unwrap();
+    for _ in 0..200 {
+        assert_eq!(
+            rig.until(sdo.read_bytes(0x1018, 2)).unwrap(),
+            0x414B_4432u32.to_le_bytes()
+        );
+    }
+    assert!(rig.net().statistics().late > 5);
+    rig.shutdown();
+}
+
+#[test]
+fn doubled_cut_changed_and_foreign_frames_are_counted_and_end_nothing() {
+    let line = one_drive();
+    let wire = line.wire_with(|number, _| match number % 40 {
+        5 => Fate::Double,
+        12 => Fate::Cut(17),
+        19 => Fate::Corrupt(16),
+        // The EtherType: whose frame that is cannot be told.
+        26 => Fate::Corrupt(12),
+        33 => Fate::Cut(3),
+        _ => Fate::Deliver,
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    assert!((move_x(&mut rig, 5_000) - 5_000).abs() < 20);
+    let statistics = rig.net().statistics();
+    assert!(statistics.late > 5, "{statistics:?}");
+    assert!(statistics.damaged > 5, "{statistics:?}");
+    assert!(statistics.foreign > 5, "{statistics:?}");
+    rig.shutdown();
+}
+
+#[test]
+fn a_drive_that_falls_silent_does_not_blind_the_others() {
+    let line = Line::new(
+        Segment::new()
+            .with(personality::akd2g())
+            .with(personality::akd2g()),
+    );
+    let second = servocrab::bus::DriveConfig::new(servocrab::drives::akd2g()).axis("z");
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(0, akd2g())
+        .drive(1, second);
+    let mut rig = Rig::start(builder).unwrap();
+    let events = rig.net().events();
+    line.segment().unplug(1);
+    rig.run_for(50 * MS);
+    assert!(matches!(events.try_next(), Some(NetworkEvent::Lost(drive)) if drive.position == 1));
+    let (x, z) = (rig.net().axis("x").unwrap(), rig.net().axis("z").unwrap());
+    assert!(z.status().lost);
+    assert!(!x.status().lost);
+    assert!((move_x(&mut rig, 5_000) - 5_000).abs() < 20);
+    assert_eq!(events.try_next(), None, "the first drive is well");
+    rig.shutdown();
+}
+
+#[test]
+fn a_drive_that_leaves_op_is_named_with_its_al_status_code() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let events = rig.net().events();
+    rig.run_for(20 * MS);
+    assert_eq!(events.try_next(), None);
+    line.segment()
+        .device_mut(0)
+        .unwrap()
+        .fall_to_safe_op(0x001B);
+    rig.run_for(60 * MS);
+    let Some(NetworkEvent::LeftOp { drive, status }) = events.try_next() else {
+        panic!("nothing was reported");
+    };
+    assert_eq!(drive.position, 0);
+    assert_eq!((status.state, status.error), (State::SafeOp, Some(0x001B)));
+    assert!(
+        rig.net().axis("x").unwrap().status().lost,
+        "a drive that ignores its outputs counts as lost"
+    );
+    rig.shutdown();
+}
+
+#[test]
+fn a_stop_of_all_axes_halts_a_move() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let mut moving = start_long_move(&mut rig);
+    rig.net().stop_handle().stop_all(StopRequest::HALT);
+    rig.run_for(500 * MS);
+    let status = rig.net().axis("x").unwrap().status();
+    assert!(status.halted && status.velocity == 0, "{status:?}");
+    assert!(moving.take().is_some());
+    rig.shutdown();
+}
+
+#[test]
+fn a_program_that_no_longer_feeds_its_liveness_halts_every_axis() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let _moving = start_long_move(&mut rig);
+    let live: Liveness = rig.net().liveness(50 * MS);
+    for _ in 0..10 {
+        live.feed();
+        rig.run_for(20 * MS);
+    }
+    assert!(!rig.net().axis("x").unwrap().status().halted);
+    rig.run_for(400 * MS);
+    let status = rig.net().axis("x").unwrap().status();
+    assert!(status.halted && status.velocity == 0, "{status:?}");
+    rig.shutdown();
+}
+
+#[test]
+fn the_end_of_the_network_stops_a_moving_axis_before_it_leaves_op() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let moving = start_long_move(&mut rig);
+    rig.shutdown();
+    drop(moving);
+    let segment = line.segment();
+    let axis = segment.axis(0, 0).unwrap();
+    assert_eq!(axis.velocity(), 0.0);
+    assert!(!axis.position().eq(&0), "it had moved");
+}
+
+/// Axis `x` on a way that takes a minute. What is returned keeps the mode.
+fn start_long_move(rig: &mut Rig) -> Option<impl Sized + use<>> {
+    let axis = rig.net().axis("x").unwrap();
+    rig.until(axis.enable()).unwrap();
+    let started = rig.until(async {
+        let mode = axis.profile_position().await.unwrap();
+        let set_point = SetPoint::new()
+            .velocity(10_000)
+            .acceleration(100_000)
+            .deceleration(100_000);
+        let motion = mode.move_abs(600_000, set_point).await.unwrap();
+        (mode, motion)
+    });
+    rig.run_for(300 * MS);
+    let status = axis.status();
+    assert_eq!(status.state, ds402::State::OperationEnabled);
+    assert_eq!(status.velocity, 10_000);
+    Some((started, axis))
+}

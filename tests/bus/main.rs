@@ -1,0 +1,5 @@
+//! The network against a simulated segment, in virtual time and without a thread.
+
+mod bring_up;
+mod faults;
+mod rig;

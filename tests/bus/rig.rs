@@ -1,0 +1,137 @@
+//! A network and a simulated segment in virtual time, turned by the test itself.
+
+use std::{
+    future::Future,
+    pin::pin,
+    sync::{Arc, Mutex, MutexGuard},
+    task::{Context, Poll, Waker},
+    time::Duration,
+};
+
+use servocrab::{
+    bus::{BusLoop, DriveConfig, Network, NetworkBuilder, NetworkError},
+    drives,
+    link::{Fate, Wire},
+};
+use servocrab_sim::Segment;
+
+/// How long a frame takes to come back.
+const LATENCY: Duration = Duration::from_micros(10);
+/// Longer than anything that a test waits for.
+const LIMIT: Duration = Duration::from_secs(120);
+
+/// A simulated segment that the test and the wire share.
+#[derive(Clone)]
+pub(crate) struct Line(Arc<Mutex<Segment>>);
+
+impl Line {
+    pub(crate) fn new(segment: Segment) -> Self {
+        Self(Arc::new(Mutex::new(segment)))
+    }
+
+    pub(crate) fn segment(&self) -> MutexGuard<'_, Segment> {
+        self.0.lock().unwrap()
+    }
+
+    pub(crate) fn wire(&self) -> Wire {
+        let segment = Arc::clone(&self.0);
+        Wire::in_virtual_time(LATENCY, move |frame: &mut [u8], now| {
+            segment.lock().unwrap().process(frame, now)
+        })
+    }
+
+    pub(crate) fn wire_with(&self, plan: impl FnMut(u64, &[u8]) -> Fate + Send + 'static) -> Wire {
+        self.wire().with_plan(plan)
+    }
+}
+
+impl Line {
+    /// A wire on which each frame is changed before the segment sees it.
+    pub(crate) fn spoiled_wire(&self, spoil: impl Fn(&mut [u8]) + Send + 'static) -> Wire {
+        let segment = Arc::clone(&self.0);
+        Wire::in_virtual_time(LATENCY, move |frame: &mut [u8], now| {
+            spoil(frame);
+            segment.lock().unwrap().process(frame, now)
+        })
+    }
+}
+
+/// Whether a frame carries process data: its first datagram is logical (LRD, LWR, LRW).
+pub(crate) fn is_cyclic(frame: &[u8]) -> bool {
+    (10..=12).contains(&frame[16])
+}
+
+/// Whether a frame's first datagram writes to this register of one SubDevice.
+pub(crate) fn is_write_to(frame: &[u8], register: u16) -> bool {
+    frame[16] == 5 && frame[20..22] == register.to_le_bytes()
+}
+
+/// An AKD2G with axes `x` and `y`.
+pub(crate) fn akd2g() -> DriveConfig {
+    DriveConfig::new(drives::akd2g()).axis("x").axis("y")
+}
+
+/// A network and its loop.
+pub(crate) struct Rig {
+    pub(crate) net: Option<Network>,
+    pub(crate) bus: BusLoop,
+}
+
+impl Rig {
+    pub(crate) fn start(builder: NetworkBuilder) -> Result<Self, NetworkError> {
+        let (starting, mut bus) = builder.split()?;
+        let net = turn_until(&mut bus, starting.network())?;
+        Ok(Self {
+            net: Some(net),
+            bus,
+        })
+    }
+
+    pub(crate) fn net(&self) -> &Network {
+        self.net.as_ref().unwrap()
+    }
+
+    pub(crate) fn until<T>(&mut self, future: impl Future<Output = T>) -> T {
+        turn_until(&mut self.bus, future)
+    }
+
+    pub(crate) fn run_for(&mut self, time: Duration) {
+        let end = self.bus.now() + time;
+        while self.bus.now() < end {
+            assert!(self.bus.turn(), "the loop has ended");
+        }
+    }
+
+    /// The end in order.
+    pub(crate) fn shutdown(mut self) {
+        let net = self.net.take().unwrap();
+        let mut over = pin!(net.shutdown());
+        let mut context = Context::from_waker(Waker::noop());
+        assert!(over.as_mut().poll(&mut context).is_pending());
+        self.bus.run();
+        assert!(over.as_mut().poll(&mut context).is_ready());
+    }
+}
+
+/// Turns the loop until the future is ready.
+pub(crate) fn turn_until<T>(bus: &mut BusLoop, future: impl Future<Output = T>) -> T {
+    let mut future = pin!(future);
+    let mut context = Context::from_waker(Waker::noop());
+    let end = bus.now() + LIMIT;
+    loop {
+        if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
+            return value;
+        }
+        let goes_on = bus.turn();
+        assert!(
+            bus.now() < end,
+            "not ready within {LIMIT:?} of virtual time"
+        );
+        if !goes_on {
+            match future.as_mut().poll(&mut context) {
+                Poll::Ready(value) => return value,
+                Poll::Pending => panic!("the loop has ended and the future is not ready"),
+            }
+        }
+    }
+}
