@@ -5,6 +5,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+#[cfg(feature = "std")]
+mod by_sdo;
 mod configuration;
 mod handshake;
 mod set_points;
