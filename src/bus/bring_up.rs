@@ -82,7 +82,7 @@ pub(super) async fn configure(
                 expected: config.description.name,
                 count: line.len(),
             })?;
-        jobs.push(checked(found, config, plan.watchdog.time(plan.cycle))?);
+        jobs.push(checked(found, config, &plan.watchdog, plan.cycle)?);
     }
     let sizes: Vec<_> = jobs
         .iter()
@@ -109,7 +109,8 @@ pub(super) async fn configure(
 fn checked(
     found: Found,
     config: DriveConfig,
-    watchdog: Option<Duration>,
+    watchdog: &Watchdog,
+    cycle: Duration,
 ) -> Result<Job, NetworkError> {
     let description = &config.description;
     if !description.matches(&found.id.identity) {
@@ -138,7 +139,8 @@ fn checked(
         config,
         mapping,
         logical: 0,
-        watchdog,
+        watchdog: watchdog.time(cycle),
+        loss: watchdog.loss(cycle),
     })
 }
 

@@ -33,7 +33,7 @@ pub(super) struct AxisDeclaration {
     pub(super) name: String,
     pub(super) tolerances: Option<Tolerances>,
     pub(super) deadlines: Deadlines,
-    pub(super) loss: Loss,
+    pub(super) loss: Option<Loss>,
     pub(super) mode: Mode,
     outputs: Vec<AnyObject>,
     inputs: Vec<AnyObject>,
@@ -65,7 +65,7 @@ impl DriveConfig {
             name: name.to_owned(),
             tolerances: None,
             deadlines: Deadlines::default(),
-            loss: Loss::default(),
+            loss: None,
             mode: Mode::ProfilePosition,
             outputs: Vec::new(),
             inputs: Vec::new(),
@@ -103,10 +103,10 @@ impl DriveConfig {
         self
     }
 
-    /// When this axis counts as lost.
+    /// When this axis counts as lost. Without it: after half of the watchdog's time, but not less than ten cycles.
     #[must_use]
     pub fn loss(mut self, axis: &str, loss: Loss) -> Self {
-        self.with_axis(axis, |axis| axis.loss = loss);
+        self.with_axis(axis, |axis| axis.loss = Some(loss));
         self
     }
 
@@ -184,6 +184,21 @@ impl Watchdog {
         match self {
             Self::Armed(time) => Some(time.unwrap_or((cycle * 20).max(Duration::from_millis(100)))),
             Self::Off(_) => None,
+        }
+    }
+
+    /// When an axis counts as lost, where the program does not say: early enough before the watchdog stops it, and
+    /// not at every hiccup of an operating system that is not made for real time.
+    pub(super) fn loss(&self, cycle: Duration) -> Loss {
+        let time = self.time(cycle).unwrap_or(Duration::from_millis(100));
+        let cycles = (time / 2).as_nanos() / cycle.as_nanos().max(1);
+        let least = Loss::default();
+        let stale_cycles = u32::try_from(cycles)
+            .unwrap_or(u32::MAX)
+            .max(least.stale_cycles);
+        Loss {
+            stale_cycles,
+            undelivered_cycles: stale_cycles.saturating_mul(3),
         }
     }
 }

@@ -14,7 +14,7 @@ use super::{
     time::Time,
 };
 use crate::{
-    axis::{AxisConfig, AxisFields, Tolerances},
+    axis::{AxisConfig, AxisFields, Loss, Tolerances},
     coe::{
         AbortCode, AxisOffset, Clock, DriveError, Emergencies, EthercrabMailbox, MailboxClient,
         MailboxSettings, Number, Object, Readable, SdoError, SdoHandle, obj,
@@ -55,6 +55,8 @@ pub(super) struct Job {
     pub(super) logical: u32,
     /// The watchdog's time; none if the program does without.
     pub(super) watchdog: Option<Duration>,
+    /// When an axis counts as lost, where the program does not say.
+    pub(super) loss: Loss,
 }
 
 impl Job {
@@ -171,7 +173,7 @@ impl Job {
         config.traits = self.config.description.traits;
         config.mode = axis.mode;
         config.deadlines = axis.deadlines;
-        config.loss = axis.loss;
+        config.loss = axis.loss.unwrap_or(self.loss);
         config.tolerances = axis.tolerances.unwrap_or_default();
         if axis.tolerances.is_none()
             && let Some(position) = read_if_there(sdo, obj::POSITION_WINDOW.offset(offset)).await?

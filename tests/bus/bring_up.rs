@@ -247,6 +247,22 @@ fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
 }
 
+#[test]
+fn a_start_that_is_given_up_ends_the_loop_and_leaves_the_drives_in_init() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let (starting, mut bus) = Network::builder()
+        .link(line.wire())
+        .drive(0, akd2g())
+        .split()
+        .unwrap();
+    while line.segment().devices()[0].al_state() != AlState::PreOp {
+        assert!(bus.turn());
+    }
+    drop(starting);
+    bus.run();
+    assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
+}
+
 fn refused(builder: NetworkBuilder) -> NetworkError {
     match Rig::start(builder) {
         Ok(_) => panic!("it was started"),

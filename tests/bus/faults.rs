@@ -133,7 +133,13 @@ fn a_drive_that_falls_silent_does_not_blind_the_others() {
     let mut rig = Rig::start(builder).unwrap();
     let events = rig.net().events();
     line.segment().unplug(1);
-    rig.run_for(50 * MS);
+    rig.run_for(45 * MS);
+    assert_eq!(
+        events.try_next(),
+        None,
+        "half of the watchdog's time is not over"
+    );
+    rig.run_for(20 * MS);
     assert!(matches!(events.try_next(), Some(NetworkEvent::Lost(drive)) if drive.position == 1));
     let (x, z) = (rig.net().axis("x").unwrap(), rig.net().axis("z").unwrap());
     assert!(z.status().lost);
@@ -154,7 +160,7 @@ fn a_drive_that_leaves_op_is_named_with_its_al_status_code() {
         .device_mut(0)
         .unwrap()
         .fall_to_safe_op(0x001B);
-    rig.run_for(60 * MS);
+    rig.run_for(220 * MS);
     let Some(NetworkEvent::LeftOp { drive, status }) = events.try_next() else {
         panic!("nothing was reported");
     };

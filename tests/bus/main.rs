@@ -3,3 +3,4 @@
 mod bring_up;
 mod faults;
 mod rig;
+mod threaded;

@@ -1,0 +1,60 @@
+//! The bus loop on its own thread, in real time.
+
+use std::{
+    sync::{Arc, Mutex},
+    time::{Duration, Instant},
+};
+
+use servocrab::{bus::Network, ds402::State, link::Wire, profile_position::SetPoint};
+use servocrab_sim::{AlState, Segment, personality};
+
+use crate::rig::akd2g;
+
+fn line() -> (Arc<Mutex<Segment>>, Wire) {
+    let segment = Arc::new(Mutex::new(Segment::new().with(personality::akd2g())));
+    let shared = Arc::clone(&segment);
+    let wire = Wire::new(move |frame: &mut [u8], now| shared.lock().unwrap().process(frame, now));
+    (segment, wire)
+}
+
+#[test]
+fn a_network_runs_on_its_own_thread_and_ends_in_order() {
+    let (segment, wire) = line();
+    smol::block_on(async {
+        let net = Network::builder()
+            .link(wire)
+            .watchdog(Duration::from_secs(2))
+            .drive(0, akd2g())
+            .start()
+            .await
+            .unwrap();
+        let axis = net.axis("x").unwrap();
+        axis.enable().await.unwrap();
+        assert_eq!(axis.status().state, State::OperationEnabled);
+        let mode = axis.profile_position().await.unwrap();
+        let set_point = SetPoint::new()
+            .velocity(1_000_000)
+            .acceleration(10_000_000)
+            .deceleration(10_000_000);
+        let motion = mode.move_abs(1_000, set_point).await.unwrap();
+        motion.done().await.unwrap();
+        assert!(net.statistics().cycles > 10);
+        net.shutdown().await;
+    });
+    let segment = segment.lock().unwrap();
+    assert_eq!(segment.devices()[0].al_state(), AlState::Init);
+    assert_eq!(segment.axis(0, 0).unwrap().ledger().len(), 1);
+}
+
+#[test]
+fn a_network_that_is_dropped_ends_its_thread_in_bounded_time() {
+    let (segment, wire) = line();
+    let net = smol::block_on(Network::builder().link(wire).drive(0, akd2g()).start()).unwrap();
+    let started = Instant::now();
+    drop(net);
+    assert!(started.elapsed() < Duration::from_secs(5));
+    assert_eq!(
+        segment.lock().unwrap().devices()[0].al_state(),
+        AlState::Init
+    );
+}
