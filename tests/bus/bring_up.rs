@@ -263,6 +263,58 @@ fn a_start_that_is_given_up_ends_the_loop_and_leaves_the_drives_in_init() {
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
 }
 
+#[test]
+fn more_drives_than_one_frame_holds_exchange_in_two_and_fall_silent_alone() {
+    // 60 bytes each: 1800 bytes in all.
+    const DRIVES: u16 = 30;
+    let mut segment = Segment::new();
+    let mut builder = Network::builder();
+    for position in 0..DRIVES {
+        segment.push(personality::akd2g());
+        let drive = DriveConfig::new(drives::akd2g())
+            .axis(&format!("x{position}"))
+            .axis(&format!("y{position}"));
+        builder = builder.drive(position, drive);
+    }
+    let line = Line::new(segment);
+    let mut rig = Rig::start(builder.link(line.wire())).unwrap();
+    let first = rig.net().axis("y0").unwrap();
+    let last = rig.net().axis("y29").unwrap();
+    rig.until(first.enable()).unwrap();
+    rig.until(last.enable()).unwrap();
+    let statistics = rig.net().statistics();
+    assert_eq!(statistics.wrong_working_counters, 0, "{statistics:?}");
+    line.segment().unplug(29);
+    rig.run_for(Duration::from_millis(100));
+    assert!(last.status().lost);
+    assert!(!first.status().lost);
+    let before = rig.net().statistics().wrong_working_counters;
+    rig.run_for(Duration::from_millis(100));
+    let after = rig.net().statistics().wrong_working_counters;
+    assert_eq!(before, after, "nothing is expected of a drive that is lost");
+    rig.shutdown();
+}
+
+#[test]
+fn an_emergency_of_a_running_drive_is_delivered_in_time() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let emergencies = rig.net().emergencies(0).unwrap();
+    let now = rig.bus.now();
+    line.segment()
+        .device_mut(0)
+        .unwrap()
+        .inject_emergency(0x7320, 0x20, [1, 2, 3, 4, 5], now);
+    let got = rig.until(emergencies.next()).unwrap();
+    assert_eq!(got.emergency.code, 0x7320);
+    assert!(
+        got.at - now < Duration::from_millis(50),
+        "{:?}",
+        got.at - now
+    );
+    rig.shutdown();
+}
+
 fn refused(builder: NetworkBuilder) -> NetworkError {
     match Rig::start(builder) {
         Ok(_) => panic!("it was started"),
