@@ -97,15 +97,15 @@ async fn control(main_device: &MainDevice<'_>) -> Result<(), Box<dyn Error>> {
         smol::Timer::at(next).await;
         let now = begin.elapsed();
 
+        let drive = group.subdevice(main_device, 0)?;
         if under_way.is_none() {
             let Some((id, (what, command))) = steps.next() else {
                 break;
             };
             println!("{:6.3} s  {what}", now.as_secs_f64());
-            axis.submit(now, id, command);
+            axis.submit(now, id, command, &mut drive.outputs_raw_mut());
             under_way = Some(id);
         }
-        let drive = group.subdevice(main_device, 0)?;
         // A stop from elsewhere (a button, a signal) goes here, as the last thing before the exchange.
         axis.apply_stop(now, StopRequest::empty(), &mut drive.outputs_raw_mut());
 

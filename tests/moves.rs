@@ -144,7 +144,7 @@ fn stop_halts_first_and_then_abandons() {
             state: State::SwitchOnDisabled
         })
     ));
-    assert_eq!(rig.distinct_words(from), [0x0F, 0x10F, 0x10B]);
+    assert_eq!(rig.distinct_words(from), [0x10F, 0x10B]);
     assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
 }
 

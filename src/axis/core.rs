@@ -9,7 +9,8 @@ use core::time::Duration;
 use crate::{
     ds402::{Controlword, Mode, PowerCommand, Sample, State, Statusword},
     profile_position::{
-        Bounds, CommandId, Completion, Delivery, Event, Events, Failure, Sequencer, Standstill,
+        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Sequencer,
+        Standstill,
     },
 };
 
@@ -23,7 +24,7 @@ use super::{AxisConfig, Inputs, Snapshot, StopRequest, power::Power, stopping::S
 ///
 /// let mut axis = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
 /// let mut outputs = [0; 6];
-/// axis.submit(Duration::ZERO, CommandId(1), Command::Enable);
+/// axis.submit(Duration::ZERO, CommandId(1), Command::Enable, &mut outputs);
 /// // The drive shows Switch on disabled at position 0; the answer is Shutdown, 06h.
 /// axis.step(Duration::from_millis(1), Inputs::Fresh(&[0x50, 0x02, 0, 0, 0, 0]), &mut outputs);
 /// assert_eq!(outputs[0], 0x06);
@@ -34,6 +35,8 @@ pub struct AxisCore {
     pub(super) bounds: Bounds,
     pub(super) sample: Option<Sample>,
     pub(super) standstill: Standstill,
+    /// Whether the axis was standing in the last cycle with inputs.
+    standing: bool,
     pub(super) sequencer: Sequencer,
     pub(super) power: Power,
     pub(super) stopping: Stopping,
@@ -83,6 +86,7 @@ impl AxisCore {
             config,
             sample: None,
             standstill: Standstill::default(),
+            standing: false,
             power: Power::Off,
             stopping: Stopping::default(),
             events: Events::new(),
@@ -113,7 +117,7 @@ impl AxisCore {
             self.begin_quick_stop(now);
         }
         if stop.contains(StopRequest::STOP) {
-            self.begin_stop(now);
+            self.begin_stop(now, Failure::QuickStopped);
         }
         if stop.contains(StopRequest::HALT) {
             self.begin_halt(now);
@@ -129,6 +133,7 @@ impl AxisCore {
         self.cycle = self.cycle.wrapping_add(1);
         self.sent = self.outgoing;
         self.sequencer.mark_sent(now);
+        self.sequencer.disarm();
         let (bytes, delivered) = match inputs {
             Inputs::Fresh(bytes) => (Some(bytes), true),
             Inputs::Answered(bytes) => (Some(bytes), false),
@@ -155,6 +160,7 @@ impl AxisCore {
         if let Some(sample) = sample {
             self.sample = Some(sample);
             self.standstill.observe(now, &sample, &self.bounds);
+            self.standing = self.is_standing(now);
             self.observe(now, &sample, delivered);
         }
         let loss = self.config.loss;
@@ -195,8 +201,18 @@ impl AxisCore {
     /// [`AxisCore::is_armed`] said so, after `step`.
     pub fn fire(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
         if let Some(sample) = self.sample {
-            self.sequencer
-                .fire(now, id, &sample, &self.bounds, &self.config.traits);
+            let cycle = Cycle {
+                now,
+                sample: &sample,
+                standstill: &self.standstill,
+                bounds: &self.bounds,
+                traits: &self.config.traits,
+                delivered: true,
+                halted: self.halted,
+                acknowledge: self.config.deadlines.acknowledge,
+                controlword: self.sent,
+            };
+            self.sequencer.fire(id, &cycle);
             self.write_outputs(outputs);
         }
     }
@@ -297,13 +313,17 @@ impl AxisCore {
         let power = if self.stopping.is_quick() {
             PowerCommand::QuickStop
         } else {
-            self.power
-                .command(state, self.sample.as_ref(), &self.config.traits)
+            self.power.command(
+                state,
+                self.sample.as_ref(),
+                self.standing,
+                &self.config.traits,
+            )
         };
         power.controlword() | mode_bits | halt | self.manufacturer
     }
 
-    fn write_outputs(&mut self, outputs: &mut [u8]) {
+    pub(super) fn write_outputs(&mut self, outputs: &mut [u8]) {
         self.outgoing = self.compose();
         let mode = self.mode;
         self.config.fields.write(

@@ -21,6 +21,11 @@ impl AxisCore {
         if state.is_fault() && !matches!(self.power, Power::Resetting { .. }) {
             self.observe_fault(state);
         }
+        if state == State::Fault {
+            self.halted = false;
+            self.halt_delivered = None;
+            self.sequencer.lower();
+        }
         self.observe_mode_change(now, sample);
         self.observe_power(now, sample, delivered);
         self.observe_halt(now, sample, delivered);
@@ -109,6 +114,8 @@ impl AxisCore {
                     self.power = Power::Off;
                     self.done(id, Err(self.why_not_enabled(sample)));
                 } else if state != State::OperationEnabled {
+                    self.halted = false;
+                    self.halt_delivered = None;
                     self.power = Power::Enabling {
                         id,
                         deadline,
@@ -121,7 +128,14 @@ impl AxisCore {
                     && !state.is_fault()
                     && !self.stopping.is_quick()
                 {
-                    self.observe_drop(state);
+                    if self.stopping.is_active() {
+                        // Somebody waits for the standstill, which the drive now brings about its own way.
+                        self.stopping.stage = Stage::Quick {
+                            until: Some(now + self.config.deadlines.standstill),
+                        };
+                    } else {
+                        self.observe_drop(state);
+                    }
                 }
             }
             Power::Resetting { id, phase, edges } => {
@@ -177,7 +191,13 @@ impl AxisCore {
         delivered: bool,
     ) {
         let phase = match phase {
-            ResetPhase::Low { until } => {
+            ResetPhase::Low { until, reaction } => {
+                if state != State::Fault && now >= reaction {
+                    let failure = self.timeout(WaitingFor::State(State::Fault), Delivery::NotSent);
+                    self.power = Power::Off;
+                    self.done(id, Err(failure));
+                    return;
+                }
                 let low = delivered && !self.sent.contains(Controlword::FAULT_RESET);
                 if state != State::Fault || !low || now < until {
                     return;
@@ -198,6 +218,7 @@ impl AxisCore {
                 }
                 ResetPhase::Low {
                     until: now + RESET_PAUSE,
+                    reaction: now + self.config.deadlines.standstill,
                 }
             }
         };
@@ -249,8 +270,7 @@ impl AxisCore {
             return false;
         };
         let taken_in = now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle;
-        let told = sample.statusword.contains(Statusword::TARGET_REACHED) && self.is_standing(now);
-        taken_in && (told || self.standstill.steady_since(now, since, &self.bounds))
+        taken_in && sample.statusword.contains(Statusword::TARGET_REACHED) && self.is_standing(now)
     }
 
     fn observe_stop(&mut self, now: Duration, sample: &Sample) {

@@ -4,7 +4,7 @@
 use core::{sync::atomic::Ordering, time::Duration};
 use std::sync::Arc;
 
-use super::{AxisCore, Command, Snapshot, StopRequest, shared::Shared};
+use super::{AxisCore, Snapshot, shared::Shared};
 use crate::ds402::{Controlword, Mode};
 
 /// Carries commands from the handles to the axis core, and its reports and snapshots back. Order of a cycle:
@@ -35,9 +35,7 @@ impl AxisPort {
     }
 
     /// Takes commands and withdrawals in, merges the outputs that the program has set, and last the stop lane.
-    ///
-    /// True if a rise of bit 4 that was about to be sent was withdrawn by a stop.
-    pub fn before_send(&mut self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) -> bool {
+    pub fn before_send(&mut self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
         let shared = &self.shared;
         if let Some(raw) = shared.take_noted_mode() {
             core.note_mode(Mode::from_raw(raw));
@@ -51,21 +49,21 @@ impl AxisPort {
 
         // A command is queued before it is withdrawn: whoever is withdrawn by now is found in the queue below.
         let withdrawn = shared.withdrawn_count();
-        let mut taken = self.take_commands(core, now);
-        let asked = shared.take_stop();
-        if !asked.is_empty() {
+        self.take_commands(core, now, outputs);
+        let stop = shared.take_stop();
+        if !stop.is_empty() {
             // What was queued before the stop was asked for is stopped with the rest, not started after it.
-            taken = self.take_commands(core, now).after(taken);
+            self.take_commands(core, now, outputs);
         }
         for _ in 0..withdrawn {
             if let Some(id) = shared.take_withdrawn() {
                 core.withdraw(id, outputs);
             }
         }
-        let stop = taken.stop | asked;
-        let withdrew = (taken.urgent || !stop.is_empty()) && core.apply_stop(now, stop, outputs);
+        if !stop.is_empty() {
+            core.apply_stop(now, stop, outputs);
+        }
         self.pass_events(core);
-        withdrew
     }
 
     /// Passes the core's reports to the futures that wait for them and publishes the snapshot.
@@ -105,32 +103,12 @@ impl AxisPort {
         self.shared.close();
     }
 
-    /// Submits what is queued. A stop among it goes into the frame that is about to be sent, like the stop lane.
-    fn take_commands(&self, core: &mut AxisCore, now: Duration) -> Taken {
-        let mut taken = Taken {
-            stop: StopRequest::empty(),
-            urgent: false,
-            resumes: false,
-        };
+    /// Submits what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.
+    fn take_commands(&self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
         while let Some((id, command)) = self.shared.take_command() {
-            match command {
-                Command::Halt => taken.stop |= StopRequest::HALT,
-                Command::Stop => taken.stop |= StopRequest::STOP,
-                Command::QuickStop => taken.stop |= StopRequest::QUICK_STOP,
-                Command::Disable | Command::Release => taken.urgent = true,
-                Command::Resume => {
-                    taken.stop -= StopRequest::HALT;
-                    taken.resumes = true;
-                }
-                Command::Enable
-                | Command::ResetFault
-                | Command::SelectMode(_)
-                | Command::Move(_) => {}
-            }
-            core.submit(now, id, command);
+            core.submit(now, id, command, outputs);
             self.pass_events(core);
         }
-        taken
     }
 
     fn pass_events(&self, core: &mut AxisCore) {
@@ -143,28 +121,6 @@ impl AxisPort {
 impl Drop for AxisPort {
     fn drop(&mut self) {
         self.close();
-    }
-}
-
-/// What the commands taken in ask of the frame that is about to be sent.
-#[derive(Debug, Clone, Copy)]
-struct Taken {
-    /// Stops among them.
-    stop: StopRequest,
-    /// Whether the controlword must be composed anew even without a stop.
-    urgent: bool,
-    /// Whether a halt that was asked for before is taken back.
-    resumes: bool,
-}
-
-impl Taken {
-    fn after(mut self, before: Self) -> Self {
-        if !self.resumes {
-            self.stop |= before.stop;
-        }
-        self.stop |= before.stop - StopRequest::HALT;
-        self.urgent |= before.urgent;
-        self
     }
 }
 

@@ -48,8 +48,8 @@ pub(super) enum Power {
 /// Where bit 7 is.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum ResetPhase {
-    /// Low at least until then, and until that was delivered.
-    Low { until: Duration },
+    /// Low at least until then, and until that was delivered and the fault reaction is over, for which there is a deadline.
+    Low { until: Duration, reaction: Duration },
     /// High until then, or until the fault is gone.
     High { until: Duration },
 }
@@ -70,8 +70,13 @@ impl Power {
         &self,
         state: State,
         sample: Option<&Sample>,
+        standing: bool,
         traits: &Traits,
     ) -> PowerCommand {
+        if state == State::QuickStopActive && !standing {
+            // The drive stops on its ramp; disabling the voltage now would let the axis coast.
+            return PowerCommand::QuickStop;
+        }
         match self {
             Self::Off => PowerCommand::DisableVoltage,
             Self::Ready => next_command(state, PowerGoal::Ready),

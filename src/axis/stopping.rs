@@ -50,6 +50,13 @@ impl Stopping {
         !matches!(self.stage, Stage::None)
     }
 
+    /// Somebody new waits for a quick stop whose deadline has passed: it gets a deadline again.
+    pub(super) const fn set_deadline(&mut self, until: Duration) {
+        if matches!(self.stage, Stage::Quick { until: None }) {
+            self.stage = Stage::Quick { until: Some(until) };
+        }
+    }
+
     /// Adds a waiter; false when there is no room.
     pub(super) fn wait(&mut self, id: CommandId, wait: Wait) -> bool {
         match self.waiters.iter_mut().find(|place| place.is_none()) {

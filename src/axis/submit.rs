@@ -15,9 +15,14 @@ use super::{
 };
 
 impl AxisCore {
-    /// Takes a command in. It reports through [`AxisCore::poll_event`], under this id, with exactly one
+    /// Takes a command in, between two steps. What it stops or withdraws is out of the outputs at once. It reports through [`AxisCore::poll_event`], under this id, with exactly one
     /// [`Event::Done`](super::Event::Done).
-    pub fn submit(&mut self, now: Duration, id: CommandId, command: Command) {
+    pub fn submit(&mut self, now: Duration, id: CommandId, command: Command, outputs: &mut [u8]) {
+        self.begin(now, id, command);
+        self.write_outputs(outputs);
+    }
+
+    fn begin(&mut self, now: Duration, id: CommandId, command: Command) {
         if self.is_lost() {
             self.done(
                 id,
@@ -64,7 +69,6 @@ impl AxisCore {
             return;
         }
         self.sequencer.lower();
-        self.halted = false;
         let was_down = self.sample.is_some() && state != State::OperationEnabled;
         self.power = Power::Enabling {
             id,
@@ -82,13 +86,17 @@ impl AxisCore {
             return;
         }
         let state = self.state();
+        if state.is_fault() {
+            self.done(id, Ok(Completion::Stopped { state }));
+            return;
+        }
         self.cancel_enabling(Failure::Disabled { state });
         let deadline = now + self.config.deadlines.disable;
         match self.power {
             Power::Enabled => {
-                if self.begin_stop(now) {
+                if self.begin_stop(now, Failure::Disabled { state }) {
                     self.stopping.off = true;
-                    self.wait_for_stop(id);
+                    self.wait_for_stop(now, id);
                 } else {
                     self.power = Power::Disabling {
                         id,
@@ -97,7 +105,7 @@ impl AxisCore {
                     };
                 }
             }
-            _ if state.is_fault() || is_down(state) => {
+            _ if is_down(state) => {
                 self.done(id, Ok(Completion::Stopped { state }));
             }
             _ => {
@@ -117,9 +125,13 @@ impl AxisCore {
         } else if matches!(self.power, Power::Resetting { .. }) {
             self.done(id, Err(Failure::Busy));
         } else {
+            let reaction = now + self.config.deadlines.standstill;
             self.power = Power::Resetting {
                 id,
-                phase: ResetPhase::Low { until: now },
+                phase: ResetPhase::Low {
+                    until: now,
+                    reaction,
+                },
                 edges: 0,
             };
         }
@@ -242,12 +254,9 @@ impl AxisCore {
         self.begin_halt(now);
         if self.power.is_driving() {
             let until = now + self.config.deadlines.standstill;
-            let wait = if self.stopping.is_quick() {
-                Wait::Stop
-            } else {
-                Wait::Halt { until }
-            };
-            if !self.stopping.wait(id, wait) {
+            if self.stopping.is_quick() {
+                self.wait_for_stop(now, id);
+            } else if !self.stopping.wait(id, Wait::Halt { until }) {
                 self.done(id, Err(Failure::Busy));
             }
         } else {
@@ -275,8 +284,7 @@ impl AxisCore {
             Err(Failure::ResumeUnsupported)
         } else {
             self.halted = false;
-            self.sequencer
-                .resumed(now, self.sample.map_or(0, |s| s.position));
+            self.sequencer.resumed(now);
             while let Some(waiter) = self.stopping.pop_waiter() {
                 self.done(waiter, Err(Failure::Superseded));
             }
@@ -287,8 +295,8 @@ impl AxisCore {
 
     fn stop(&mut self, now: Duration, id: CommandId) {
         let state = self.state();
-        if !state.is_fault() && self.begin_stop(now) {
-            self.wait_for_stop(id);
+        if !state.is_fault() && self.begin_stop(now, Failure::QuickStopped) {
+            self.wait_for_stop(now, id);
         } else {
             self.done(id, Ok(Completion::Stopped { state }));
         }
@@ -299,7 +307,7 @@ impl AxisCore {
         if let Some(fault) = self.fault() {
             self.done(id, Err(fault));
         } else if self.begin_quick_stop(now) {
-            self.wait_for_stop(id);
+            self.wait_for_stop(now, id);
         } else {
             self.done(id, Ok(Completion::Stopped { state }));
         }
@@ -309,7 +317,9 @@ impl AxisCore {
         self.stop(now, id);
     }
 
-    fn wait_for_stop(&mut self, id: CommandId) {
+    fn wait_for_stop(&mut self, now: Duration, id: CommandId) {
+        self.stopping
+            .set_deadline(now + self.config.deadlines.standstill);
         if !self.stopping.wait(id, Wait::Stop) {
             self.done(id, Err(Failure::Busy));
         }
@@ -331,16 +341,16 @@ impl AxisCore {
     }
 
     /// Halt, with the quick stop to follow. False when the axis stands without a set-point: nothing is sent then.
-    pub(super) fn begin_stop(&mut self, now: Duration) -> bool {
-        self.cancel_enabling(Failure::QuickStopped);
+    /// Moves that are not sent fail as `failure`.
+    pub(super) fn begin_stop(&mut self, now: Duration, failure: Failure) -> bool {
+        self.cancel_enabling(failure);
         if !self.power.is_driving() || self.state().is_fault() {
             return false;
         }
         if self.stopping.is_active() {
             return true;
         }
-        self.sequencer
-            .withdraw_unsent(Failure::QuickStopped, &mut self.events);
+        self.sequencer.withdraw_unsent(failure, &mut self.events);
         if !self.sequencer.has_set_point() && self.is_standing(now) {
             return false;
         }

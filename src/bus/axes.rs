@@ -25,6 +25,8 @@ pub(super) struct Axes {
     axes: Vec<RunningAxis>,
     groups: Groups,
     watches: Vec<LivenessWatch>,
+    /// All axes are to be disabled with the next frame.
+    disable_asked: bool,
     control: Arc<Control>,
 }
 
@@ -71,15 +73,14 @@ impl Axes {
             groups: queue.groups(),
             watches: Vec::with_capacity(8),
             control,
+            disable_asked: false,
         };
         (running, sources)
     }
 
     /// Disables all axes; moving ones are stopped by quick stop before.
-    pub(super) fn disable(&mut self, now: Duration) {
-        for axis in &mut self.axes {
-            axis.core.submit(now, OWN_COMMAND, Command::Disable);
-        }
+    pub(super) fn disable(&mut self) {
+        self.disable_asked = true;
     }
 
     /// Whether no axis that answers can move any more.
@@ -115,12 +116,17 @@ impl Stepper for Rc<RefCell<Axes>> {
     fn before_send(&mut self, now: Duration, drives: &mut [DriveData]) {
         let this = &mut *self.borrow_mut();
         let stop = this.stop(now);
+        let disable = core::mem::take(&mut this.disable_asked);
         for axis in &mut this.axes {
             let Some(drive) = drives.get_mut(axis.drive) else {
                 continue;
             };
             axis.port
                 .before_send(&mut axis.core, now, &mut drive.outputs);
+            if disable {
+                axis.core
+                    .submit(now, OWN_COMMAND, Command::Disable, &mut drive.outputs);
+            }
             if !stop.is_empty() {
                 axis.core.apply_stop(now, stop, &mut drive.outputs);
             }

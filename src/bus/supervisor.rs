@@ -183,7 +183,7 @@ async fn read_state(context: &Context, place: usize, drive: &ReadyDrive, control
 /// The end in order: axes stopped and disabled, then SAFEOP, no more cycles, PREOP, INIT.
 async fn end(context: &Context, axes: &Rc<RefCell<Axes>>, drives: &[ReadyDrive], period: Duration) {
     let time = &context.time;
-    axes.borrow_mut().disable(time.now());
+    axes.borrow_mut().disable();
     let until = time.now() + DISABLE_LIMIT;
     loop {
         // The first look is after a cycle, so that what was asked for has been sent.

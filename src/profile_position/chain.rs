@@ -1,10 +1,12 @@
 //! The set-points that the drive holds: the active one and the one behind it, followed to their ends.
 
-use crate::ds402::{Controlword, Sample};
+use core::time::Duration;
+
+use crate::ds402::Controlword;
 
 use super::{
-    Bounds, BufferSignal, Completion, Cycle, Event, Events, Failure, MoveCommand, Reference,
-    RelativeBase, Start, StartBits, Traits, standstill::distance, track::Track,
+    BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference, RelativeBase, Start,
+    StartBits, Traits, standstill::distance, track::Track,
 };
 
 /// Set-points that the drive may hold.
@@ -48,57 +50,56 @@ impl Chain {
         self.last_end = None;
     }
 
-    /// The axis stands halted: says so for each of them.
-    pub(super) fn report_halted(&self, events: &mut Events) {
-        for track in self.held.iter().flatten() {
+    /// The axis stands halted: says so for each of them, once for each halt.
+    pub(super) fn report_halted(&mut self, events: &mut Events) {
+        for track in self
+            .held
+            .iter_mut()
+            .flatten()
+            .filter(|track| !track.halt_told)
+        {
+            track.halt_told = true;
             events.push(track.id, Event::Halted);
         }
     }
 
-    /// Bit 8 falls: what bit 10 showed while halted is of no meaning any more.
-    pub(super) fn resumed(&mut self, now: core::time::Duration, position: i32) {
-        if let [Some(track), _] = &mut self.held {
-            track.becomes_active(now, position);
+    /// Bit 8 falls.
+    pub(super) fn resumed(&mut self, now: Duration) {
+        for track in self.held.iter_mut().flatten() {
+            track.goes_on(now);
+        }
+    }
+
+    /// One cycle that is halted: an end may be passed on the ramp, but nothing is claimed of a halted axis.
+    pub(super) fn note_halted(&mut self, cycle: &Cycle<'_>) {
+        let alone = self.held.iter().flatten().count() < HELD;
+        if let [Some(first), _] = &mut self.held {
+            first.note(cycle, alone);
         }
     }
 
     /// One cycle that is not halted. `room_shown`: bit 12 is low again after a set-point.
     pub(super) fn follow(&mut self, cycle: &Cycle<'_>, room_shown: bool, events: &mut Events) {
-        let tolerance = cycle.bounds.position;
-        let position = cycle.sample.position;
         match &mut self.held {
             [Some(first), Some(second)] => {
-                first.note(cycle.sample, tolerance);
-                let ended = match cycle.traits.buffer_signal {
-                    BufferSignal::Acknowledge => room_shown,
-                    BufferSignal::None => first.is_left_behind(position, tolerance),
-                } || first.is_over_with(
-                    second,
-                    cycle.now,
-                    cycle.sample,
-                    cycle.standstill,
-                    cycle.bounds,
-                );
-                if ended {
-                    let completion = if second.start == Start::Blend {
-                        Completion::Passed { position }
-                    } else {
-                        Completion::Reached {
-                            position: first.arrived().unwrap_or(position),
-                        }
-                    };
-                    events.push(first.id, Event::Done(Ok(completion)));
-                    second.becomes_active(cycle.now, position);
+                first.note(cycle, false);
+                let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
+                let left =
+                    cycle.traits.buffer_signal == BufferSignal::None && first.is_left_behind(cycle);
+                if shown || left || first.is_over_with(second, cycle) {
+                    events.push(
+                        first.id,
+                        Event::Done(first.ended_into(second, cycle, shown)),
+                    );
+                    second.becomes_active(cycle.now, cycle.sample.position);
                     self.last_end = first.end;
                     self.held.rotate_left(1);
                     self.held[HELD - 1] = None;
                 }
             }
             [Some(track), None] => {
-                track.note(cycle.sample, tolerance);
-                if let Some(outcome) =
-                    track.outcome(cycle.now, cycle.sample, cycle.standstill, cycle.bounds)
-                {
+                track.note(cycle, true);
+                if let Some(outcome) = track.outcome(cycle) {
                     self.last_end = if outcome.is_ok() { track.end } else { None };
                     events.push(track.id, Event::Done(outcome));
                     self.held[0] = None;
@@ -119,37 +120,41 @@ impl Chain {
             return Place::Free;
         };
         let full = next.is_some();
+        let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
         match start {
-            Start::Immediately if full && traits.buffer_signal == BufferSignal::Acknowledge => {
-                Place::Never(
-                    "its buffer is full and would not acknowledge: stop, or wait for the active move's end",
-                )
-            }
+            Start::Immediately if full && shown_by_bit_12 => Place::Never(
+                "its buffer is full and would not acknowledge: stop, or wait for the active move's end",
+            ),
             Start::Immediately => Place::Free,
             _ if bits == StartBits::Sequenced || full => Place::Later,
-            _ if traits.buffer_signal == BufferSignal::Acknowledge || active.end.is_some() => {
-                Place::Free
-            }
-            Start::AfterCurrent => Place::Later,
-            Start::Blend => Place::Never(
+            _ if shown_by_bit_12 => Place::Free,
+            Start::AfterCurrent if active.shows_its_stop() => Place::Free,
+            Start::Blend if active.shows_its_passing() => Place::Free,
+            Start::Blend if active.end.is_none() => Place::Never(
                 "the end of the active move shows neither in bit 12 nor in the position: \
                  use AfterCurrent, or an absolute move before it",
             ),
+            // Sent when the axis is on its way to the end, or has arrived there.
+            Start::AfterCurrent | Start::Blend => Place::Later,
+        }
+    }
+
+    /// Whether a move would begin at rest.
+    pub(super) fn begins_at_rest(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> bool {
+        match command.set_point.start {
+            Start::AfterCurrent => true,
+            Start::Blend | Start::Immediately => {
+                self.is_empty() && cycle.standstill.is_standing(cycle.now, cycle.bounds)
+            }
         }
     }
 
     /// Where a move will end, where the documents and the position tell.
-    pub(super) fn end_of(
-        &self,
-        command: &MoveCommand,
-        sample: &Sample,
-        bounds: &Bounds,
-        traits: &Traits,
-    ) -> Option<i32> {
+    pub(super) fn end_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         if command.reference == Reference::Absolute {
             return Some(command.target);
         }
-        let position = sample.position;
+        let (position, traits) = (cycle.sample.position, cycle.traits);
         let base = match (self.held.iter().flatten().last(), command.set_point.start) {
             // Whatever the base is, at the end of the move before it they are all the same.
             (Some(before), Start::AfterCurrent | Start::Blend) => before.end,
@@ -162,7 +167,7 @@ impl Chain {
                 RelativeBase::PreviousTarget => self.last_end,
                 RelativeBase::Undocumented => self
                     .last_end
-                    .filter(|&end| distance(end, position) <= bounds.position),
+                    .filter(|&end| distance(end, position) <= cycle.bounds.position),
             },
         };
         base.map(|base| base.wrapping_add(command.target))

@@ -49,6 +49,8 @@ enum Bit4 {
         /// Where the axis was when it rose, and where the set-point ends, judged then.
         position: i32,
         end: Option<i32>,
+        /// Whether it begins at rest.
+        from_rest: bool,
     },
     /// High, and its set-point has been reported as failed already: a stop is under way.
     Abandoned,
@@ -191,13 +193,13 @@ impl Sequencer {
     }
 
     /// The axis stands halted: says so for each set-point that the drive keeps.
-    pub(crate) fn report_halted(&self, events: &mut Events) {
+    pub(crate) fn report_halted(&mut self, events: &mut Events) {
         self.chain.report_halted(events);
     }
 
     /// Bit 8 falls.
-    pub(crate) fn resumed(&mut self, now: Duration, position: i32) {
-        self.chain.resumed(now, position);
+    pub(crate) fn resumed(&mut self, now: Duration) {
+        self.chain.resumed(now);
     }
 
     /// Whether this gated move has everything it needs but its release.
@@ -205,26 +207,26 @@ impl Sequencer {
         self.armed == Some(id)
     }
 
+    /// No gated move may be released on what an earlier cycle showed.
+    pub(crate) const fn disarm(&mut self) {
+        self.armed = None;
+    }
+
     /// Releases a gated, armed move: bit 4 rises.
-    pub(crate) fn fire(
-        &mut self,
-        now: Duration,
-        id: CommandId,
-        sample: &Sample,
-        bounds: &Bounds,
-        traits: &Traits,
-    ) {
+    pub(crate) fn fire(&mut self, id: CommandId, cycle: &Cycle<'_>) {
         if self.armed == Some(id)
             && let Some(request) = self.waiting.pop()
         {
-            self.raise(now, request, sample, bounds, traits);
+            self.raise(request, cycle);
         }
     }
 
     /// One cycle with fresh inputs in Operation enabled and mode 1. Returns whether a set-point was acknowledged.
     pub(crate) fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         let accepted = self.follow_bit4(cycle, events);
-        if !cycle.halted {
+        if cycle.halted {
+            self.chain.note_halted(cycle);
+        } else {
             let room_shown = self.is_low_acknowledged(cycle);
             self.chain.follow(cycle, room_shown, events);
             self.start_next(cycle, events);
@@ -253,10 +255,12 @@ impl Sequencer {
                 since,
                 position,
                 end,
+                from_rest,
             } => {
                 if acknowledge {
                     let start = request.command.set_point.start;
-                    let track = Track::new(request.id, start, *end, cycle.now, *position);
+                    let track =
+                        Track::new(request.id, start, *end, *from_rest, *position, cycle.now);
                     self.low();
                     events.push(track.id, Event::Accepted);
                     self.chain.push(track, events);
@@ -266,6 +270,8 @@ impl Sequencer {
                     events.push(request.id, Event::Done(Err(failure)));
                     self.unknown = true;
                     self.low();
+                    // What the drive holds is not known: nothing more is sent before a stop has made it known.
+                    self.withdraw_unsent(Failure::NeedsStop, events);
                 }
             }
             Bit4::High { .. } | Bit4::Abandoned => {}
@@ -299,7 +305,7 @@ impl Sequencer {
                 self.armed = Some(request.id);
             } else {
                 self.waiting.pop();
-                self.raise(cycle.now, request, cycle.sample, cycle.bounds, cycle.traits);
+                self.raise(request, cycle);
             }
         } else if cycle
             .now
@@ -329,25 +335,18 @@ impl Sequencer {
             && (will_be_seen || long_enough)
     }
 
-    fn raise(
-        &mut self,
-        now: Duration,
-        request: Request,
-        sample: &Sample,
-        bounds: &Bounds,
-        traits: &Traits,
-    ) {
-        let end = self.chain.end_of(&request.command, sample, bounds, traits);
-        self.bits = start_bits(&request.command, traits);
+    fn raise(&mut self, request: Request, cycle: &Cycle<'_>) {
+        self.bits = start_bits(&request.command, cycle.traits);
         self.target = request.command.target;
         self.parameters = request.command.set_point.parameters;
         self.armed = None;
         self.bit4 = Bit4::High {
             request,
             sent: false,
-            since: now,
-            position: sample.position,
-            end,
+            since: cycle.now,
+            position: cycle.sample.position,
+            end: self.chain.end_of(&request.command, cycle),
+            from_rest: self.chain.begins_at_rest(&request.command, cycle),
         };
     }
 

@@ -2,9 +2,9 @@
 
 use core::time::Duration;
 
-use crate::ds402::{Sample, Statusword};
+use crate::ds402::Statusword;
 
-use super::{Bounds, CommandId, Completion, Failure, Standstill, Start, standstill::distance};
+use super::{CommandId, Completion, Cycle, Failure, Start, standstill::distance};
 
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy)]
@@ -14,6 +14,10 @@ pub(super) struct Track {
     pub(super) start: Start,
     /// Where it ends, where that is known.
     pub(super) end: Option<i32>,
+    /// Whether it begins at rest: then the axis goes to its end without passing it before.
+    pub(super) from_rest: bool,
+    /// Whether whoever waits has been told that the axis stands halted.
+    pub(super) halt_told: bool,
     /// When it became the active one, or was resumed.
     since: Duration,
     /// Whether bit 10 was seen low since then: only then a high one is news.
@@ -22,6 +26,9 @@ pub(super) struct Track {
     arrived: Option<i32>,
     /// On which side of its end the axis was when it became active: the sign of end − position.
     side: i32,
+    /// How far the end was in the last cycle, and whether the axis has come nearer since it became active.
+    remaining: u32,
+    approaching: bool,
 }
 
 impl Track {
@@ -29,100 +36,153 @@ impl Track {
         id: CommandId,
         start: Start,
         end: Option<i32>,
-        now: Duration,
+        from_rest: bool,
         position: i32,
+        now: Duration,
     ) -> Self {
         let mut track = Self {
             id,
             start,
             end,
+            from_rest,
+            halt_told: false,
             since: now,
             left_target: false,
             arrived: None,
             side: 0,
+            remaining: 0,
+            approaching: false,
         };
         track.becomes_active(now, position);
         track
     }
 
-    /// It is the active one from now on (again): what bit 10 showed before is of no meaning for it.
+    /// It is the active one from now on.
     pub(super) fn becomes_active(&mut self, now: Duration, position: i32) {
         self.since = now;
         self.left_target = false;
-        self.side = self
-            .end
-            .map_or(0, |end| end.wrapping_sub(position).signum());
+        self.arrived = None;
+        self.turn(position);
+    }
+
+    /// It goes on after a halt, from rest: what bit 10 showed before is of no meaning for it.
+    pub(super) fn goes_on(&mut self, now: Duration) {
+        self.since = now;
+        self.left_target = false;
+        self.halt_told = false;
+        self.from_rest = true;
+    }
+
+    /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
+    pub(super) fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
+        self.left_target |= !cycle.sample.statusword.contains(Statusword::TARGET_REACHED);
+        let Some(end) = self.end else { return };
+        let position = cycle.sample.position;
+        let remaining = distance(end, position);
+        self.approaching |= remaining < self.remaining;
+        self.remaining = remaining;
+        if remaining <= cycle.bounds.position {
+            self.arrived = Some(position);
+        } else if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
+            // It was replaced too fast to stop at its end: it has overshot, and comes back.
+            self.arrived = None;
+            self.turn(position);
+        }
+    }
+
+    /// Whether a set-point that stops at this one's end may be queued behind it: the position will show without doubt
+    /// when that has taken over.
+    pub(super) const fn shows_its_stop(&self) -> bool {
+        self.end.is_some() && self.from_rest
+    }
+
+    /// Whether a set-point may be blended onto this one: the position will show when the end is passed.
+    pub(super) const fn shows_its_passing(&self) -> bool {
+        self.end.is_some() && (self.from_rest || self.approaching)
     }
 
     /// Whether the position shows that it has ended and the next one is under way: the axis was at the end, or has
     /// passed it, and is away from it again. Being at the end is not enough: the drive may still be finishing this one,
     /// and has no place for another before that.
-    pub(super) fn is_left_behind(&self, position: i32, tolerance: u32) -> bool {
+    pub(super) fn is_left_behind(&self, cycle: &Cycle<'_>) -> bool {
+        let position = cycle.sample.position;
         self.end.is_some_and(|end| {
-            let passed = end.wrapping_sub(position).signum() == -self.side && self.side != 0;
-            distance(end, position) > tolerance && (passed || self.arrived.is_some())
+            distance(end, position) > cycle.bounds.position
+                && (self.passed(position) || self.arrived.is_some())
         })
     }
 
-    /// The position at which it was last seen at its end.
-    pub(super) const fn arrived(&self) -> Option<i32> {
-        self.arrived
-    }
-
-    /// Takes in one fresh cycle.
-    pub(super) fn note(&mut self, sample: &Sample, tolerance: u32) {
-        self.left_target |= !sample.statusword.contains(Statusword::TARGET_REACHED);
-        if self
-            .end
-            .is_some_and(|end| distance(end, sample.position) <= tolerance)
-        {
-            self.arrived = Some(sample.position);
-        }
-    }
-
-    /// Whether both this one and `next` are over: the axis has been under way and now stands for the settle time at the
-    /// end of `next`.
-    pub(super) fn is_over_with(
-        &self,
-        next: &Self,
-        now: Duration,
-        sample: &Sample,
-        standstill: &Standstill,
-        bounds: &Bounds,
-    ) -> bool {
-        self.left_target
-            && sample.statusword.contains(Statusword::TARGET_REACHED)
+    /// Whether both this one and `next` are over: the axis has been under way, or had no way to go, and has stood at the
+    /// end of `next` for the settle time.
+    pub(super) fn is_over_with(&self, next: &Self, cycle: &Cycle<'_>) -> bool {
+        (self.left_target || self.remaining <= cycle.bounds.position)
+            && cycle.sample.statusword.contains(Statusword::TARGET_REACHED)
             && next
                 .end
-                .is_some_and(|end| distance(end, sample.position) <= bounds.position)
-            && standstill.steady_since(now, next.since, bounds)
+                .is_some_and(|end| distance(end, cycle.sample.position) <= cycle.bounds.position)
+            && cycle
+                .standstill
+                .steady_since(cycle.now, next.since, cycle.bounds)
+    }
+
+    /// How it ended, with `next` taking over. `shown`: the drive itself has said so, by bit 12.
+    pub(super) fn ended_into(
+        &self,
+        next: &Self,
+        cycle: &Cycle<'_>,
+        shown: bool,
+    ) -> Result<Completion, Failure> {
+        let position = cycle.sample.position;
+        match self.end {
+            Some(target) if !shown && self.arrived.is_none() && !self.passed(position) => {
+                Err(Failure::MissedTarget {
+                    target,
+                    actual: position,
+                })
+            }
+            _ if next.start == Start::Blend => Ok(Completion::Passed { position }),
+            // Between two cycles it was at its end; the nearest that was seen is the better word.
+            _ => Ok(Completion::Reached {
+                position: self.arrived.unwrap_or(position),
+            }),
+        }
     }
 
     /// When and how it ended, as the last set-point.
-    pub(super) fn outcome(
-        &self,
-        now: Duration,
-        sample: &Sample,
-        standstill: &Standstill,
-        bounds: &Bounds,
-    ) -> Option<Result<Completion, Failure>> {
-        if !sample.statusword.contains(Statusword::TARGET_REACHED) {
+    pub(super) fn outcome(&self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
+        if !cycle.sample.statusword.contains(Statusword::TARGET_REACHED) {
             return None;
         }
-        let reached = Ok(Completion::Reached {
-            position: sample.position,
-        });
-        let steady = standstill.steady_since(now, self.since, bounds);
+        let position = cycle.sample.position;
+        let reached = Ok(Completion::Reached { position });
+        let steady = cycle
+            .standstill
+            .steady_since(cycle.now, self.since, cycle.bounds);
         match self.end {
-            Some(end) if distance(end, sample.position) <= bounds.position => {
-                (self.left_target || standstill.is_standing(now, bounds)).then_some(reached)
-            }
+            Some(end) if distance(end, position) <= cycle.bounds.position => (self.left_target
+                || cycle.standstill.is_standing(cycle.now, cycle.bounds))
+            .then_some(reached),
             // Bit 10 alone may be the one of the set-point before; an axis that stands for the settle time is not on its way.
-            Some(end) => steady.then_some(Err(Failure::MissedTarget {
-                target: end,
-                actual: sample.position,
+            Some(target) => steady.then_some(Err(Failure::MissedTarget {
+                target,
+                actual: position,
             })),
             None => (self.left_target || steady).then_some(reached),
         }
+    }
+
+    fn turn(&mut self, position: i32) {
+        self.side = self
+            .end
+            .map_or(0, |end| end.wrapping_sub(position).signum());
+        self.remaining = self.end.map_or(0, |end| distance(end, position));
+        self.approaching = false;
+    }
+
+    fn passed(&self, position: i32) -> bool {
+        self.side != 0
+            && self
+                .end
+                .is_some_and(|end| end.wrapping_sub(position).signum() == -self.side)
     }
 }

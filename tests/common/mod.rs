@@ -108,7 +108,7 @@ impl Rig {
     pub fn send(&mut self, command: Command) -> CommandId {
         self.next_id += 1;
         let id = CommandId(self.next_id);
-        self.core.submit(self.now, id, command);
+        self.core.submit(self.now, id, command, &mut self.outputs);
         self.drain();
         id
     }

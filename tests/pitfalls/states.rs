@@ -82,7 +82,8 @@ fn pitfall_22_the_upper_bits_of_the_statusword_change_no_state() {
 #[test]
 fn pitfall_23_a_drive_that_does_not_show_its_voltage_is_enabled() {
     let mut core = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
-    core.submit(Duration::ZERO, CommandId(1), Command::Enable);
+    let mut outputs = [0; 6];
+    core.submit(Duration::ZERO, CommandId(1), Command::Enable, &mut outputs);
     // Bit 4 is 0 in each statusword, as on a drive that does not have it.
     for (statusword, controlword) in [
         (0x0240, 0x06),
@@ -91,7 +92,6 @@ fn pitfall_23_a_drive_that_does_not_show_its_voltage_is_enabled() {
         (0x0227, 0x0F),
     ] {
         let [low, high] = u16::to_le_bytes(statusword);
-        let mut outputs = [0; 6];
         let inputs = [low, high, 0, 0, 0, 0];
         core.step(
             Duration::from_millis(1),

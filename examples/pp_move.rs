@@ -1,0 +1,121 @@
+//! One move in Profile Position mode on a real link.
+//!
+//! `sudo pp_move --interface eth0 --to 10000` moves the first axis of the first drive to 10 000 counts and exits with 0 when it
+//! is there. Ctrl-C stops the axis, disables it and leaves OP in order.
+//!
+//! Without a drive: make a veth pair, run `servocrab-sim --interface a --drive akd2g` on one end and this on the other.
+
+use std::{error::Error, time::Duration};
+
+use clap::Parser;
+use servocrab::{
+    axis::{Axis, AxisError},
+    bus::{DriveConfig, Network},
+    drives,
+    profile_position::{Outcome, SetPoint},
+};
+use smol::future;
+
+/// One move of one axis of an AKD2G, over a network interface.
+#[derive(Parser)]
+struct Arguments {
+    /// The network interface that the drives are on.
+    #[arg(long)]
+    interface: String,
+    /// Position of the drive in the line, from 0.
+    #[arg(long, default_value_t = 0)]
+    drive: u16,
+    /// Number of the axis in the drive, from 1.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    axis: u8,
+    /// Move to this position, in counts.
+    #[arg(
+        long,
+        allow_negative_numbers = true,
+        required_unless_present = "by",
+        conflicts_with = "by"
+    )]
+    to: Option<i32>,
+    /// Move by this distance, in counts.
+    #[arg(long, allow_negative_numbers = true)]
+    by: Option<i32>,
+    /// Profile velocity 6081h, in counts/s.
+    #[arg(long, default_value_t = 10_000)]
+    velocity: u32,
+    /// Profile acceleration and deceleration 6083h and 6084h, in counts/s².
+    #[arg(long, default_value_t = 100_000)]
+    acceleration: u32,
+    /// Time from one cycle to the next, in microseconds.
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(100..=20_000))]
+    cycle_us: u64,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    let (interrupt, interrupted) = smol::channel::bounded::<()>(1);
+    ctrlc::set_handler(move || {
+        // One is enough: the program is on its way out then.
+        let _ = interrupt.try_send(());
+    })?;
+    smol::block_on(run(&arguments, &interrupted))
+}
+
+async fn run(
+    arguments: &Arguments,
+    interrupted: &smol::channel::Receiver<()>,
+) -> Result<(), Box<dyn Error>> {
+    let net = Network::builder()
+        .interface(&arguments.interface)
+        .cycle(Duration::from_micros(arguments.cycle_us))
+        .drive(
+            arguments.drive,
+            DriveConfig::new(drives::akd2g())
+                .axis("axis 1")
+                .axis("axis 2"),
+        )
+        .start()
+        .await?;
+    let axis = net.axis(&format!("axis {}", arguments.axis))?;
+    println!("in OP; the axis is at {}", axis.status().position);
+
+    let interrupt = async {
+        // An error means that nobody can interrupt any more.
+        if interrupted.recv().await.is_err() {
+            future::pending::<()>().await;
+        }
+        None
+    };
+    let moved = future::or(interrupt, async { Some(one_move(arguments, &axis).await) }).await;
+    // Stops the axis by quick stop where it is moving, then disables it.
+    axis.disable().await?;
+    println!("disabled at {}", axis.status().position);
+    net.shutdown().await;
+    match moved {
+        Some(Ok(outcome)) => {
+            println!("{outcome:?}");
+            Ok(())
+        }
+        Some(Err(error)) => Err(error.into()),
+        None => Err("interrupted: stopped and disabled".into()),
+    }
+}
+
+async fn one_move(arguments: &Arguments, axis: &Axis) -> Result<Outcome, AxisError> {
+    axis.enable().await?;
+    println!("enabled");
+    let profile_position = axis.profile_position().await?;
+    let set_point = SetPoint::new()
+        .velocity(arguments.velocity)
+        .acceleration(arguments.acceleration)
+        .deceleration(arguments.acceleration);
+    let motion = match (arguments.to, arguments.by) {
+        (Some(target), _) => profile_position.move_abs(target, set_point).await?,
+        (None, distance) => {
+            profile_position
+                .move_rel(distance.unwrap_or(0), set_point)
+                .await?
+        }
+    };
+    println!("moving");
+    motion.done().await
+}

@@ -1,0 +1,331 @@
+//! The main job on an embedded simulated segment: a two-axis AKD2G is configured over CoE and both axes move in Profile
+//! Position mode. Prints what happens as it happens, and draws it into `target/quickstart.svg`.
+//!
+//! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
+
+mod plot;
+
+use std::{
+    error::Error,
+    path::Path,
+    sync::{Arc, Mutex, PoisonError},
+    time::{Duration, Instant},
+};
+
+use plot::{Mark, Row};
+use servocrab::{
+    axis::{self, Axis, AxisError, AxisErrorKind, Failure},
+    bus::{DriveConfig, Network},
+    drives,
+    link::Wire,
+    profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
+};
+use servocrab_sim::{CycleRecord, Segment, personality};
+
+const PICTURE: &str = "target/quickstart.svg";
+
+fn main() -> Result<(), Box<dyn Error>> {
+    smol::block_on(run())
+}
+
+async fn run() -> Result<(), Box<dyn Error>> {
+    let recorder = Recorder::default();
+    let segment = Arc::new(Mutex::new(Segment::new().with(personality::akd2g())));
+    lock(&segment).observe(recorder.observer());
+    let wired = Arc::clone(&segment);
+    let wire = Wire::new(move |frame, now| lock(&wired).process(frame, now));
+
+    println!("Bringing up the segment: CoE configuration, PDO mapping, watchdog, OP.");
+    let net = Network::builder()
+        .link(wire)
+        .cycle(Duration::from_millis(1))
+        .drive(0, DriveConfig::new(drives::akd2g()).axis("x").axis("y"))
+        .start()
+        .await?;
+    let story = Story {
+        recorder: recorder.clone(),
+        begin: Instant::now(),
+    };
+    let (x, y) = (net.axis("x")?, net.axis("y")?);
+
+    story.says(X, "enable");
+    x.enable().await?;
+    story.says(Y, "enable");
+    y.enable().await?;
+    let (on_x, on_y) = (x.profile_position().await?, y.profile_position().await?);
+
+    moves(&story, &on_x).await?;
+    start_both(&story, &on_x, &on_y).await?;
+    halt_and_resume(&story, &x, &on_x).await?;
+    quick_stop(&story, &y, &on_y).await?;
+    fault(&story, &segment, &x, &on_x).await?;
+
+    on_x.release().await?;
+    on_y.release().await?;
+    story.says(X, "disable");
+    x.disable().await?;
+    story.says(Y, "disable");
+    y.disable().await?;
+    println!(
+        "{:7.3} s  x is in {}, y is in {}",
+        story.now(),
+        x.status().state,
+        y.status().state
+    );
+    net.shutdown().await;
+
+    recorder.draw(Path::new(PICTURE))?;
+    println!("The whole story as a picture: {PICTURE}");
+    Ok(())
+}
+
+/// Absolute and relative, changed on the fly, blended.
+async fn moves(story: &Story, x: &ProfilePosition) -> Result<(), AxisError> {
+    let fast = SetPoint::new()
+        .velocity(40_000)
+        .acceleration(200_000)
+        .deceleration(200_000);
+    story.says(X, "move_abs(10 000)");
+    story.ends(X, &x.move_abs(10_000, fast).await?).await?;
+
+    story.says(X, "move_rel(-4 000)");
+    story.ends(X, &x.move_rel(-4_000, fast).await?).await?;
+
+    story.says(X, "move_abs(20 000)");
+    let first = x.move_abs(20_000, fast).await?;
+    pause(250).await;
+    story.says(X, "instead, at once: move_abs(0)");
+    let second = x.move_abs(0, fast).await?;
+    story.ends(X, &first).await?;
+    story.ends(X, &second).await?;
+
+    story.says(X, "move_abs(8 000)");
+    let first = x.move_abs(8_000, fast).await?;
+    story.says(X, "blend into move_abs(16 000), slower");
+    let second = x
+        .move_abs(16_000, fast.velocity(15_000).start(Start::Blend))
+        .await?;
+    story.ends(X, &first).await?;
+    story.ends(X, &second).await
+}
+
+/// Bit 4 of both axes rises in one frame.
+async fn start_both(
+    story: &Story,
+    x: &ProfilePosition,
+    y: &ProfilePosition,
+) -> Result<(), Box<dyn Error>> {
+    let gentle = SetPoint::new()
+        .velocity(30_000)
+        .acceleration(100_000)
+        .deceleration(100_000);
+    story.says(X, "together with y: abs(0)");
+    story.says(Y, "together with x: abs(12 000)");
+    let both = axis::together([x.abs(0, gentle), y.abs(12_000, gentle)]).await?;
+    for (axis, motion) in both.iter().enumerate() {
+        story.ends(axis, motion).await?;
+    }
+    Ok(())
+}
+
+async fn halt_and_resume(story: &Story, axis: &Axis, x: &ProfilePosition) -> Result<(), AxisError> {
+    story.says(X, "move_abs(15 000)");
+    let motion = x
+        .move_abs(
+            15_000,
+            SetPoint::new().velocity(25_000).acceleration(100_000),
+        )
+        .await?;
+    pause(250).await;
+    story.says(X, "halt");
+    axis.halt().await?;
+    story.ends(X, &motion).await?;
+    pause(150).await;
+    story.says(X, "resume");
+    axis.resume().await?;
+    let outcome = motion.done_through_halt().await?;
+    story.tells(X, &format!("{outcome:?}"));
+    Ok(())
+}
+
+async fn quick_stop(story: &Story, axis: &Axis, y: &ProfilePosition) -> Result<(), AxisError> {
+    story.says(Y, "move_abs(-20 000)");
+    let motion = y
+        .move_abs(-20_000, SetPoint::new().velocity(50_000))
+        .await?;
+    pause(250).await;
+    story.says(Y, "quick stop");
+    let state = axis.quick_stop().await?;
+    story.tells(Y, &format!("stands, the drive is in {state}"));
+    story.ends(Y, &motion).await?;
+    story.says(Y, "enable again: nothing moves");
+    axis.enable().await?;
+    pause(150).await;
+    story.says(Y, "move_abs(0)");
+    story
+        .ends(Y, &y.move_abs(0, SetPoint::new().velocity(50_000)).await?)
+        .await
+}
+
+async fn fault(
+    story: &Story,
+    segment: &Arc<Mutex<Segment>>,
+    axis: &Axis,
+    x: &ProfilePosition,
+) -> Result<(), Box<dyn Error>> {
+    story.says(X, "move_abs(0)");
+    let motion = x.move_abs(0, SetPoint::new().velocity(20_000)).await?;
+    pause(200).await;
+    story.says(X, "(its encoder fails)");
+    lock(segment)
+        .axis_mut(0, 0)
+        .ok_or("the segment has an axis x")?
+        .inject_fault(0x7305);
+    story.ends(X, &motion).await?;
+    pause(200).await;
+    story.says(X, "reset the fault");
+    axis.reset_fault().await?;
+    story.tells(X, &format!("the drive is in {}", axis.status().state));
+    pause(100).await;
+    story.says(X, "enable");
+    axis.enable().await?;
+    story.says(X, "move_abs(0)");
+    story
+        .ends(X, &x.move_abs(0, SetPoint::new().velocity(20_000)).await?)
+        .await?;
+    Ok(())
+}
+
+const X: usize = 0;
+const Y: usize = 1;
+const NAMES: [&str; 2] = ["x", "y"];
+
+/// Prints what happens, and remembers it for the picture.
+struct Story {
+    recorder: Recorder,
+    begin: Instant,
+}
+
+impl Story {
+    fn now(&self) -> f64 {
+        self.begin.elapsed().as_secs_f64()
+    }
+
+    /// A command is about to be given.
+    fn says(&self, axis: usize, what: &str) {
+        println!("{:7.3} s  {}: {what}", self.now(), NAMES[axis]);
+        self.recorder.mark(axis, what);
+    }
+
+    /// Something was reported.
+    fn tells(&self, axis: usize, what: &str) {
+        println!("{:7.3} s  {}:   → {what}", self.now(), NAMES[axis]);
+    }
+
+    /// Waits for a move's one outcome and tells it; that a move ends otherwise is part of the story.
+    async fn ends(&self, axis: usize, motion: &Move) -> Result<(), AxisError> {
+        match motion.done().await {
+            Ok(Outcome::Reached { position }) => {
+                self.tells(axis, &format!("reached, at {position}"))
+            }
+            Ok(Outcome::Passed { position }) => {
+                self.tells(axis, &format!("passed into the next move, at {position}"))
+            }
+            Err(error) => match &error.kind {
+                AxisErrorKind::Failed(
+                    Failure::Superseded
+                    | Failure::Halted
+                    | Failure::QuickStopped
+                    | Failure::Fault { .. },
+                ) => self.tells(axis, &error.to_string()),
+                _ => return Err(error),
+            },
+        }
+        Ok(())
+    }
+}
+
+/// What the simulated axes did in each of their cycles, from the first command on.
+#[derive(Clone, Default)]
+struct Recorder {
+    inner: Arc<Mutex<Recording>>,
+}
+
+#[derive(Default)]
+struct Recording {
+    rows: [Vec<Row>; 2],
+    marks: Vec<Mark>,
+    last_s: f64,
+}
+
+impl Recorder {
+    fn observer(&self) -> impl FnMut(&CycleRecord<'_>) + Send + 'static {
+        let inner = Arc::clone(&self.inner);
+        move |record| {
+            let mut recording = lock(&inner);
+            recording.last_s = record.time.as_secs_f64();
+            let row = Row {
+                time_s: recording.last_s,
+                position: record.model.position() as f64,
+                velocity: record.model.velocity(),
+                controlword: record.model.controlword(),
+                statusword: record.model.statusword(),
+            };
+            if let Some(rows) = recording.rows.get_mut(record.axis - 1) {
+                rows.push(row);
+            }
+        }
+    }
+
+    fn mark(&self, axis: usize, text: &str) {
+        let mut recording = lock(&self.inner);
+        let time_s = recording.last_s;
+        recording.marks.push(Mark {
+            time_s,
+            axis,
+            text: text.to_owned(),
+        });
+    }
+
+    /// Draws from shortly before the first command on.
+    fn draw(&self, file: &Path) -> Result<(), Box<dyn Error>> {
+        let recording = lock(&self.inner);
+        let begin = recording.marks.first().map_or(0.0, |mark| mark.time_s) - 0.05;
+        let since = |rows: &[Row]| -> Vec<Row> {
+            let shown = rows.iter().filter(|row| row.time_s >= begin);
+            shown
+                .map(|row| Row {
+                    time_s: row.time_s - begin,
+                    ..*row
+                })
+                .collect()
+        };
+        let axes = [
+            ("axis x", since(&recording.rows[X])),
+            ("axis y", since(&recording.rows[Y])),
+        ];
+        let marks: Vec<Mark> = recording
+            .marks
+            .iter()
+            .map(|mark| Mark {
+                time_s: mark.time_s - begin,
+                ..mark.clone()
+            })
+            .collect();
+        std::fs::create_dir_all(file.parent().ok_or("the picture has a folder")?)?;
+        plot::draw(
+            file,
+            "Two axes of a simulated AKD2G in Profile Position mode",
+            &axes,
+            &marks,
+        )
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+async fn pause(milliseconds: u64) {
+    smol::Timer::after(Duration::from_millis(milliseconds)).await;
+}
