@@ -260,3 +260,7 @@ pub(super) fn receive_deadline(cycle: Duration) -> Duration {
     // The rest of the cycle is for the axis cores and for acyclic frames.
     cycle * 3 / 4
 }
+
+#[cfg(test)]
+#[path = "exchange_tests.rs"]
+mod tests;

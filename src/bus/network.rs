@@ -11,8 +11,9 @@ use super::{
     supervisor::{Started, StartedDrive},
 };
 use crate::{
-    axis::{Axis, AxisSource, Liveness, StopRequest},
+    axis::{Axis, AxisSource, Liveness, StopRequest, TogetherError},
     coe::{Emergencies, SdoHandle},
+    profile_position::{Move, MoveRequest},
 };
 
 /// Drives in OP, exchanging process data on a thread of their own.
@@ -53,6 +54,17 @@ impl Network {
             .find(|source| source.name() == name)
             .map(AxisSource::axis)
             .ok_or_else(|| NetworkError::Declaration(format!("no axis is named `{name}`")))
+    }
+
+    /// Starts moves of several axes in one process-data frame: every bit 4 rises in the same cycle, or none does.
+    ///
+    /// # Errors
+    /// [`TogetherError`] as of [`together`](crate::axis::together).
+    pub async fn together(
+        &self,
+        requests: impl IntoIterator<Item = MoveRequest>,
+    ) -> Result<Vec<Move>, TogetherError> {
+        crate::axis::together(requests).await
     }
 
     /// Stops every axis, in the next frame.

@@ -174,6 +174,32 @@ fn a_drive_that_leaves_op_is_named_with_its_al_status_code() {
 }
 
 #[test]
+fn moves_that_start_together_are_latched_in_one_drive_cycle() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let (x, y) = (rig.net().axis("x").unwrap(), rig.net().axis("y").unwrap());
+    rig.until(x.enable()).unwrap();
+    rig.until(y.enable()).unwrap();
+    let xs = rig.until(x.profile_position()).unwrap();
+    let ys = rig.until(y.profile_position()).unwrap();
+    let set_point = SetPoint::new()
+        .velocity(10_000)
+        .acceleration(100_000)
+        .deceleration(100_000);
+    let requests = [xs.abs(1_000, set_point), ys.abs(-500, set_point)];
+    let net = rig.net.take().unwrap();
+    let moves = rig.until(net.together(requests)).unwrap();
+    assert_eq!(moves.len(), 2);
+    for motion in &moves {
+        rig.until(motion.done()).unwrap();
+    }
+    let latched = |axis| line.segment().axis(0, axis).unwrap().ledger()[0].latched_at;
+    assert_eq!(latched(0), latched(1));
+    rig.net = Some(net);
+    rig.shutdown();
+}
+
+#[test]
 fn a_stop_of_all_axes_halts_a_move() {
     let line = one_drive();
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();

@@ -1,0 +1,155 @@
+//! The rule of who answered, on frames that a test answers by hand.
+
+use std::{io, task::Waker, time::Duration};
+
+use super::{Answer, Exchange, PATTERN};
+use crate::{
+    bus::{frame::Tag, packing::Member, statistics::Counters},
+    link::Link,
+};
+
+/// Keeps what was sent.
+#[derive(Default)]
+struct Sent(Vec<Vec<u8>>);
+
+impl Link for Sent {
+    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
+        self.0.push(frame.to_vec());
+        Ok(())
+    }
+
+    fn receive(&mut self, _: &mut [u8]) -> io::Result<Option<usize>> {
+        Ok(None)
+    }
+
+    fn wait(&mut self, _: Duration) {}
+
+    fn now(&self) -> Duration {
+        Duration::ZERO
+    }
+
+    fn waker(&self) -> Waker {
+        Waker::noop().clone()
+    }
+}
+
+/// Two drives with one byte of outputs and two of inputs each; a drive is lost after three silent cycles.
+fn two_drives() -> Exchange {
+    let member = |logical| Member {
+        logical,
+        outputs: 1,
+        inputs: 2,
+        lrw: true,
+        patience: 3,
+    };
+    Exchange::new(&[member(0), member(3)])
+}
+
+/// First data byte of the first datagram.
+const DATA: usize = 26;
+const COUNTER: usize = DATA + 6;
+
+/// One cycle, of which `answer` makes the reply.
+fn cycle(exchange: &mut Exchange, counters: &Counters, answer: impl Fn(&mut [u8])) -> [Answer; 2] {
+    let mut link = Sent::default();
+    exchange.send(&mut link, counters);
+    for mut frame in link.0 {
+        answer(&mut frame);
+        frame[6] |= 2;
+        if let Some(tag) = Tag::of_answer(&frame) {
+            exchange.accept(tag, &frame, counters);
+        }
+    }
+    exchange.judge(counters);
+    [exchange.drives[0].answer, exchange.drives[1].answer]
+}
+
+fn both(frame: &mut [u8]) {
+    frame[DATA + 1..DATA + 3].copy_from_slice(&[0x31, 0x02]);
+    frame[DATA + 4..DATA + 6].copy_from_slice(&[0x37, 0x06]);
+    frame[COUNTER] = 6;
+}
+
+fn first_alone(frame: &mut [u8]) {
+    frame[DATA + 1..DATA + 3].copy_from_slice(&[0x31, 0x02]);
+    frame[COUNTER] = 3;
+}
+
+#[test]
+fn input_areas_are_sent_as_a_pattern_that_is_no_ds402_state() {
+    use crate::ds402::{State, Statusword};
+    let pattern = Statusword::from_bits_retain(u16::from_le_bytes([PATTERN; 2]));
+    assert_eq!(pattern.state(), State::Unknown);
+    let mut exchange = two_drives();
+    exchange.drives[0].outputs = vec![0x0F];
+    let mut link = Sent::default();
+    exchange.send(&mut link, &Counters::default());
+    assert_eq!(
+        link.0[0][DATA..COUNTER],
+        [0x0F, PATTERN, PATTERN, 0, PATTERN, PATTERN]
+    );
+}
+
+#[test]
+fn all_is_fresh_when_the_working_counter_is_right() {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    assert_eq!(cycle(&mut exchange, &counters, both), [Answer::Fresh; 2]);
+    assert_eq!(exchange.drives[1].inputs, [0x37, 0x06]);
+    assert_eq!(counters.read().wrong_working_counters, 0);
+}
+
+#[test]
+fn a_silent_drive_leaves_the_others_answered_and_its_own_inputs_stale() {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    cycle(&mut exchange, &counters, both);
+    for _ in 0..2 {
+        assert_eq!(
+            cycle(&mut exchange, &counters, first_alone),
+            [Answer::Answered, Answer::Stale]
+        );
+    }
+    assert_eq!(
+        exchange.drives[1].inputs,
+        [0x37, 0x06],
+        "the pattern is never passed on as inputs"
+    );
+    // Lost: from now on nothing is expected of it.
+    cycle(&mut exchange, &counters, first_alone);
+    assert!(exchange.drives[1].lost);
+    assert_eq!(
+        cycle(&mut exchange, &counters, first_alone),
+        [Answer::Fresh, Answer::Stale]
+    );
+    assert_eq!(counters.read().wrong_working_counters, 3);
+    // And expected again in the cycle in which it answers.
+    assert_eq!(cycle(&mut exchange, &counters, both), [Answer::Fresh; 2]);
+    assert!(!exchange.drives[1].lost);
+}
+
+#[test]
+fn outputs_that_were_not_taken_make_no_cycle_fresh() {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    let answers = cycle(&mut exchange, &counters, |frame| {
+        both(frame);
+        frame[COUNTER] = 4;
+    });
+    assert_eq!(answers, [Answer::Answered; 2]);
+}
+
+#[test]
+fn a_frame_of_an_earlier_cycle_is_counted_as_late_and_its_data_are_not_used() {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    let mut first = Sent::default();
+    exchange.send(&mut first, &counters);
+    exchange.judge(&counters);
+    let mut second = Sent::default();
+    exchange.send(&mut second, &counters);
+    let mut late = first.0.remove(0);
+    both(&mut late);
+    late[6] |= 2;
+    let tag = Tag::of_answer(&late).unwrap();
+    assert!(!exchange.accept(tag, &late, &counters));
+    exchange.judge(&counters);
+    assert_eq!(exchange.drives[0].answer, Answer::Stale);
+    assert_eq!((counters.read().late, counters.read().lost), (1, 2));
+}
