@@ -5,6 +5,7 @@
 
 use std::{
     error::Error,
+    process::ExitCode,
     time::{Duration, Instant},
 };
 
@@ -26,7 +27,17 @@ const CYCLE: Duration = Duration::from_millis(1);
 /// An LRW counts 1 for the inputs and 2 for the outputs of each drive.
 const EXPECTED_WORKING_COUNTER: u16 = 3;
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    match begin() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("own_loop: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn begin() -> Result<(), Box<dyn Error>> {
     let (tx, rx, pdu_loop) = STORAGE
         .try_split()
         .map_err(|()| "the storage is split once")?;

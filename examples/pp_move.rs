@@ -5,7 +5,7 @@
 //!
 //! Without a drive: make a veth pair, run `servocrab-sim --interface a --drive akd2g` on one end and this on the other.
 
-use std::{error::Error, time::Duration};
+use std::{error::Error, process::ExitCode, time::Duration};
 
 use clap::Parser;
 use servocrab::{
@@ -50,14 +50,23 @@ struct Arguments {
     cycle_us: u64,
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let arguments = Arguments::parse();
+fn main() -> ExitCode {
+    match begin(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("pp_move: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn begin(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let (interrupt, interrupted) = smol::channel::bounded::<()>(1);
     ctrlc::set_handler(move || {
         // One is enough: the program is on its way out then.
         let _ = interrupt.try_send(());
     })?;
-    smol::block_on(run(&arguments, &interrupted))
+    smol::block_on(run(arguments, &interrupted))
 }
 
 async fn run(

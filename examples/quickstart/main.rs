@@ -8,6 +8,7 @@ mod plot;
 use std::{
     error::Error,
     path::Path,
+    process::ExitCode,
     sync::{Arc, Mutex, PoisonError},
     time::{Duration, Instant},
 };
@@ -24,8 +25,14 @@ use servocrab_sim::{CycleRecord, Segment, personality};
 
 const PICTURE: &str = "target/quickstart.svg";
 
-fn main() -> Result<(), Box<dyn Error>> {
-    smol::block_on(run())
+fn main() -> ExitCode {
+    match smol::block_on(run()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("quickstart: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }
 
 async fn run() -> Result<(), Box<dyn Error>> {
@@ -129,13 +136,8 @@ async fn start_both(
 }
 
 async fn halt_and_resume(story: &Story, axis: &Axis, x: &ProfilePosition) -> Result<(), AxisError> {
-    story.says(X, "move_abs(15 000)");
-    let motion = x
-        .move_abs(
-            15_000,
-            SetPoint::new().velocity(25_000).acceleration(100_000),
-        )
-        .await?;
+    story.says(X, "move_abs(15 000), slower");
+    let motion = x.move_abs(15_000, BRISK.velocity(25_000)).await?;
     pause(250).await;
     story.says(X, "halt");
     axis.halt().await?;
@@ -150,9 +152,7 @@ async fn halt_and_resume(story: &Story, axis: &Axis, x: &ProfilePosition) -> Res
 
 async fn quick_stop(story: &Story, axis: &Axis, y: &ProfilePosition) -> Result<(), AxisError> {
     story.says(Y, "move_abs(-20 000)");
-    let motion = y
-        .move_abs(-20_000, SetPoint::new().velocity(50_000))
-        .await?;
+    let motion = y.move_abs(-20_000, BRISK).await?;
     pause(250).await;
     story.says(Y, "quick stop");
     let state = axis.quick_stop().await?;
@@ -162,9 +162,7 @@ async fn quick_stop(story: &Story, axis: &Axis, y: &ProfilePosition) -> Result<(
     axis.enable().await?;
     pause(150).await;
     story.says(Y, "move_abs(0)");
-    story
-        .ends(Y, &y.move_abs(0, SetPoint::new().velocity(50_000)).await?)
-        .await
+    story.ends(Y, &y.move_abs(0, BRISK).await?).await
 }
 
 async fn fault(
@@ -174,7 +172,7 @@ async fn fault(
     x: &ProfilePosition,
 ) -> Result<(), Box<dyn Error>> {
     story.says(X, "move_abs(0)");
-    let motion = x.move_abs(0, SetPoint::new().velocity(20_000)).await?;
+    let motion = x.move_abs(0, BRISK).await?;
     pause(200).await;
     story.says(X, "(its encoder fails)");
     lock(segment)
@@ -190,11 +188,15 @@ async fn fault(
     story.says(X, "enable");
     axis.enable().await?;
     story.says(X, "move_abs(0)");
-    story
-        .ends(X, &x.move_abs(0, SetPoint::new().velocity(20_000)).await?)
-        .await?;
+    story.ends(X, &x.move_abs(0, BRISK).await?).await?;
     Ok(())
 }
+
+/// Ramps that can be seen in the picture.
+const BRISK: SetPoint = SetPoint::new()
+    .velocity(40_000)
+    .acceleration(300_000)
+    .deceleration(300_000);
 
 const X: usize = 0;
 const Y: usize = 1;
@@ -226,10 +228,10 @@ impl Story {
     async fn ends(&self, axis: usize, motion: &Move) -> Result<(), AxisError> {
         match motion.done().await {
             Ok(Outcome::Reached { position }) => {
-                self.tells(axis, &format!("reached, at {position}"))
+                self.tells(axis, &format!("reached, at {position}"));
             }
             Ok(Outcome::Passed { position }) => {
-                self.tells(axis, &format!("passed into the next move, at {position}"))
+                self.tells(axis, &format!("passed into the next move, at {position}"));
             }
             Err(error) => match &error.kind {
                 AxisErrorKind::Failed(

@@ -60,7 +60,8 @@ pub(crate) fn draw(file: &Path, title: &str, axes: &[(&str, Vec<Row>)], marks: &
         .iter()
         .filter_map(|(_, rows)| rows.last())
         .map(|row| row.time_s)
-        .fold(0.1, f64::max);
+        .fold(0.1, f64::max)
+        + 0.5;
     for (n, (area, (name, rows))) in body
         .split_evenly((axes.len(), 1))
         .iter()
@@ -155,12 +156,14 @@ fn curve(
         .light_line_style(TRANSPARENT)
         .bold_line_style(GRID)
         .axis_style(GRID)
-        .y_desc(name)
         .y_labels(5)
         .y_label_formatter(&|v| format!("{v:.0}"))
         .x_labels(20)
         .label_style(("sans-serif", 13).into_font().color(&INK))
         .draw()?;
+    let style = ("sans-serif", 13).into_font().color(&color);
+    let middle = i32::try_from(area.dim_in_pixel().1)? / 2;
+    area.draw(&Text::new(name.to_owned(), (20, middle - 8), style))?;
     lines(&mut chart, marks, low - margin, high + margin)?;
     chart.draw_series(LineSeries::new(
         rows.iter().map(|row| (row.time_s, value(row))),

@@ -53,9 +53,10 @@ impl AxisConfig {
 pub struct Tolerances {
     /// Position units between target and 6064h at arrival: by default the drive's position window 6067h.
     pub position: u32,
-    /// Velocity units of 606Ch up to which the axis stands.
+    /// Velocity units of 606Ch up to which the axis stands, where that is mapped: 0 by default. A real drive's 606Ch is seldom
+    /// 0 at rest: give what its encoder makes of standstill, or stops wait for their deadline.
     pub velocity: u32,
-    /// How long 6064h must be steady to count as standing where nothing else tells.
+    /// How long 6064h must stay within the window to count as standing, where 606Ch is not mapped, and as not on its way.
     pub settle: Duration,
 }
 

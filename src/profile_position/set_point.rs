@@ -54,8 +54,17 @@ pub struct Parameters {
 impl SetPoint {
     /// Starts immediately, with the parameters that the drive holds.
     #[must_use]
-    pub fn new() -> Self {
-        Self::default()
+    pub const fn new() -> Self {
+        Self {
+            start: Start::Immediately,
+            parameters: Parameters {
+                velocity: None,
+                acceleration: None,
+                deceleration: None,
+                end_velocity: None,
+                profile_type: None,
+            },
+        }
     }
 
     /// With this profile velocity (6081h), in the drive's velocity units.

@@ -8,7 +8,8 @@ use crate::ds402::Sample;
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Standstill {
     anchor: Option<(i32, Duration)>,
-    velocity_zero: bool,
+    /// What 606Ch says, where it is mapped.
+    velocity_zero: Option<bool>,
 }
 
 /// The bounds within which an axis counts as standing.
@@ -22,18 +23,18 @@ pub(crate) struct Bounds {
 impl Standstill {
     /// Takes in one fresh cycle.
     pub(crate) fn observe(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) {
-        self.velocity_zero = sample
-            .velocity
-            .is_some_and(|v| v.unsigned_abs() <= bounds.velocity);
+        self.velocity_zero = sample.velocity.map(|v| v.unsigned_abs() <= bounds.velocity);
         match self.anchor {
             Some((position, _)) if distance(position, sample.position) <= bounds.position => {}
             _ => self.anchor = Some((sample.position, now)),
         }
     }
 
-    /// Whether the axis stands now: velocity zero, or a position that has stayed for the settle time.
+    /// Whether the axis stands now: by its velocity where 606Ch is mapped, else by a position that has stayed for the
+    /// settle time.
     pub(crate) fn is_standing(&self, now: Duration, bounds: &Bounds) -> bool {
-        self.velocity_zero || self.steady_since(now, Duration::ZERO, bounds)
+        self.velocity_zero
+            .unwrap_or_else(|| self.steady_since(now, Duration::ZERO, bounds))
     }
 
     /// Whether the position has stayed for the settle time, all of it after `since`.
