@@ -329,11 +329,13 @@ impl Handles {
 
 impl Drop for Handles {
     fn drop(&mut self) {
-        if !self.keep_moving.load(Ordering::Acquire) {
-            // The core does nothing where nothing moves and no set-point is active.
+        let status = self.shared.status.snapshot();
+        // An axis that stands without a set-point has nothing to stop; a stop that comes a cycle later would end what the
+        // next handle has begun.
+        let may_move = status.has_set_point || status.velocity != 0;
+        if may_move && !self.keep_moving.load(Ordering::Acquire) {
             self.shared.request_stop(StopRequest::STOP);
-            self.shared
-                .trace("last handle dropped: stopped if it moves");
+            self.shared.trace("last handle dropped: stopped");
         }
     }
 }
