@@ -252,6 +252,11 @@ impl AxisCore {
         self.lost
     }
 
+    /// Whether the outputs hold bit 4, with a target that belongs to it.
+    pub(super) const fn outgoing_starts(&self) -> bool {
+        self.outgoing.contains(Controlword::NEW_SET_POINT)
+    }
+
     pub(super) fn state(&self) -> State {
         self.sample.map_or(State::NotReadyToSwitchOn, |s| s.state())
     }

@@ -32,7 +32,7 @@ impl AxisCore {
         self.observe_stop(now, sample);
         if state == State::OperationEnabled && self.power.is_driving() {
             self.observe_moves(now, sample, delivered);
-        } else if !self.power.is_driving() {
+        } else if !self.power.is_driving() && !self.outgoing_starts() {
             self.sequencer.follow_position(sample.position);
         }
     }

@@ -138,7 +138,10 @@ impl AxisCore {
     }
 
     fn select_mode(&mut self, now: Duration, id: CommandId, mode: Mode) {
-        if self.halted {
+        let shown = self.sample.is_some_and(|sample| sample.mode == mode);
+        if shown && self.mode == mode && self.mode_change.is_none() {
+            self.done(id, Ok(Completion::Done));
+        } else if self.halted {
             self.done(id, Err(Failure::Halted));
         } else if !self.sequencer.is_idle() || (self.power.is_driving() && !self.is_standing(now)) {
             self.done(id, Err(Failure::Moving));

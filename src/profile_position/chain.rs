@@ -78,15 +78,22 @@ impl Chain {
         }
     }
 
-    /// One cycle that is not halted. `room_shown`: bit 12 is low again after a set-point.
-    pub(super) fn follow(&mut self, cycle: &Cycle<'_>, room_shown: bool, events: &mut Events) {
+    /// One cycle that is not halted. `room_shown`: bit 12 is low again after a set-point. `replacing`: a set-point that
+    /// replaces all of them may have been taken already, and the position shows its way.
+    pub(super) fn follow(
+        &mut self,
+        cycle: &Cycle<'_>,
+        room_shown: bool,
+        replacing: bool,
+        events: &mut Events,
+    ) {
         match &mut self.held {
             [Some(first), Some(second)] => {
                 first.note(cycle, false);
                 let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
                 let left =
                     cycle.traits.buffer_signal == BufferSignal::None && first.is_left_behind(cycle);
-                if shown || left || first.is_over_with(second, cycle) {
+                if !replacing && (shown || left || first.is_over_with(second, cycle)) {
                     events.push(
                         first.id,
                         Event::Done(first.ended_into(second, cycle, shown)),

@@ -10,7 +10,7 @@ use crate::ds402::{Controlword, Sample, Statusword};
 
 use super::{
     Bounds, CommandId, Delivery, Event, Events, Failure, MoveCommand, Parameters, Standstill,
-    Traits, WaitingFor,
+    Start, Traits, WaitingFor,
     chain::{Chain, Place, start_bits},
     track::Track,
     waiting::{Request, Waiting},
@@ -228,7 +228,8 @@ impl Sequencer {
             self.chain.note_halted(cycle);
         } else {
             let room_shown = self.is_low_acknowledged(cycle);
-            self.chain.follow(cycle, room_shown, events);
+            let replacing = self.is_replacing();
+            self.chain.follow(cycle, room_shown, replacing, events);
             self.start_next(cycle, events);
         }
         accepted
@@ -348,6 +349,18 @@ impl Sequencer {
             end: self.chain.end_of(&request.command, cycle),
             from_rest: self.chain.begins_at_rest(&request.command, cycle),
         };
+    }
+
+    /// Whether a set-point is on its way that will replace all others.
+    fn is_replacing(&self) -> bool {
+        match self.bit4 {
+            Bit4::High {
+                request,
+                sent: true,
+                ..
+            } => request.command.set_point.start == Start::Immediately,
+            _ => false,
+        }
     }
 
     /// The move whose bit 4 has risen in the outputs and has not been sent.

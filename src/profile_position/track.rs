@@ -158,16 +158,18 @@ impl Track {
         let steady = cycle
             .standstill
             .steady_since(cycle.now, self.since, cycle.bounds);
+        // A bit 10 that was never seen low since then may be that of the set-point or halt before. An axis that stands for
+        // the settle time all the same is not on its way: its position decides.
+        let told = self.left_target || steady;
         match self.end {
-            Some(end) if distance(end, position) <= cycle.bounds.position => (self.left_target
-                || cycle.standstill.is_standing(cycle.now, cycle.bounds))
-            .then_some(reached),
-            // Bit 10 alone may be the one of the set-point before; an axis that stands for the settle time is not on its way.
+            Some(end) if distance(end, position) <= cycle.bounds.position => {
+                told.then_some(reached)
+            }
             Some(target) => steady.then_some(Err(Failure::MissedTarget {
                 target,
                 actual: position,
             })),
-            None => (self.left_target || steady).then_some(reached),
+            None => told.then_some(reached),
         }
     }
 

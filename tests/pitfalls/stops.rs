@@ -63,7 +63,7 @@ fn pitfall_15_a_halt_is_bit_8_and_keeps_state_and_set_point() {
         })
     );
     rig.run(100);
-    assert_eq!(rig.distinct_words(from), [0x0F, 0x10F]);
+    assert_eq!(rig.distinct_words(from), [0x10F]);
     assert_eq!(rig.ledger()[0].outcome, Outcome::Active);
     assert_eq!(rig.outcome(id), None);
 }
