@@ -1,0 +1,250 @@
+//! What reading the axis core found, as short stories: each once broke a promise.
+
+use core::time::Duration;
+
+use servocrab::axis::{
+    AxisConfig, Command, CommandId, Completion, Delivery, Failure, StopRequest, WaitingFor,
+};
+use servocrab::ds402::QuickStopOption;
+use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint, Start};
+use servocrab_sim::ds402::{AckFault, Axis, Behaviour, Outcome, State};
+
+use super::world::{Link, World};
+
+fn world(behaviour: Behaviour) -> World {
+    let mut config = AxisConfig::new(World::fields(true));
+    config.quick_stop = QuickStopOption(behaviour.quick_stop_option);
+    config.defaults = Parameters {
+        velocity: Some(50_000),
+        acceleration: Some(500_000),
+        deceleration: Some(500_000),
+        ..Parameters::default()
+    };
+    let mut world = World::new(Axis::new(behaviour), config, Duration::from_millis(1), 0);
+    let id = world.submit(Command::Enable);
+    assert_eq!(finish(&mut world, id), Ok(Completion::Done));
+    world
+}
+
+fn run(world: &mut World, cycles: usize) {
+    for _ in 0..cycles {
+        world.cycle(StopRequest::empty(), false, Link::Good);
+    }
+}
+
+fn finish(world: &mut World, id: CommandId) -> Result<Completion, Failure> {
+    for _ in 0..30_000 {
+        if let Some((_, result)) = world.done(id) {
+            return result;
+        }
+        run(world, 1);
+    }
+    panic!("{id:?} does not end: {:?}", world.core.snapshot());
+}
+
+fn to(target: i32, start: Start) -> Command {
+    Command::Move(MoveCommand {
+        reference: Reference::Absolute,
+        target,
+        set_point: SetPoint::new().start(start),
+        gated: false,
+    })
+}
+
+fn until_accepted(world: &mut World, id: CommandId) {
+    for _ in 0..1_000 {
+        if world.accepted(id).is_some() {
+            return;
+        }
+        run(world, 1);
+    }
+    panic!("{id:?} is not accepted");
+}
+
+#[test]
+fn a_stop_that_the_drive_ignores_ends_in_time_and_so_does_the_next_one() {
+    let mut world = world(Behaviour::akd2g());
+    let id = world.submit(to(1_000_000, Start::Immediately));
+    until_accepted(&mut world, id);
+    world.drive.set_remote(false);
+    for command in [
+        Command::QuickStop,
+        Command::QuickStop,
+        Command::Stop,
+        Command::Disable,
+        Command::Halt,
+        Command::Release,
+    ] {
+        let id = world.submit(command);
+        assert!(
+            matches!(
+                finish(&mut world, id),
+                Err(Failure::Timeout {
+                    waiting_for: WaitingFor::Standstill | WaitingFor::State(_),
+                    ..
+                })
+            ),
+            "{command:?}"
+        );
+    }
+    world.drive.set_remote(true);
+    run(&mut world, 500);
+    assert_eq!(world.drive.state(), State::SwitchOnDisabled);
+}
+
+#[test]
+fn moves_that_wait_behind_an_unknown_one_are_not_sent() {
+    let mut world = world(Behaviour::akd2g());
+    world.drive.disturbances().ack = AckFault::Never;
+    let first = world.submit(to(1_000, Start::Immediately));
+    let second = world.submit(to(2_000, Start::AfterCurrent));
+    assert!(matches!(
+        finish(&mut world, first),
+        Err(Failure::Timeout {
+            delivery: Delivery::Unknown,
+            ..
+        })
+    ));
+    world.drive.disturbances().ack = AckFault::None;
+    assert_eq!(finish(&mut world, second), Err(Failure::NeedsStop));
+    run(&mut world, 1_000);
+    assert_eq!(world.ledger().len(), 1);
+}
+
+#[test]
+fn a_clamped_move_with_another_behind_it_has_missed_its_target() {
+    for start in [Start::AfterCurrent, Start::Blend] {
+        let mut world = world(Behaviour::akd2g());
+        for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
+            world.drive.set(0x607D, subindex, limit).expect("a limit");
+        }
+        let first = world.submit(to(8_000, Start::Immediately));
+        let second = world.submit(to(1_000, start));
+        let end = finish(&mut world, first);
+        assert!(
+            matches!(end, Err(Failure::MissedTarget { target: 8_000, .. })),
+            "{start:?}: {end:?}"
+        );
+        assert_eq!(
+            finish(&mut world, second),
+            Ok(Completion::Reached { position: 1_000 })
+        );
+    }
+}
+
+#[test]
+fn a_target_that_is_overshot_before_it_is_reached_is_not_done_at_the_first_crossing() {
+    let mut world = world(Behaviour::akd2g());
+    let fast = world.submit(to(1_000_000, Start::Immediately));
+    until_accepted(&mut world, fast);
+    run(&mut world, 400);
+    let near = world.drive.position() as i32 + 300;
+    let first = world.submit(to(near, Start::Immediately));
+    let second = world.submit(to(near + 20_000, Start::AfterCurrent));
+    let end = finish(&mut world, first);
+    let (report, _) = world.done(first).expect("it has just ended");
+    assert!(matches!(end, Ok(Completion::Reached { .. })), "{end:?}");
+    let line = &world.ledger()[1];
+    assert_eq!(line.outcome, Outcome::Reached);
+    assert!(
+        line.ended_at.is_some_and(|ended| ended <= report.now),
+        "reported at {:?}: {line:?}",
+        report.now
+    );
+    assert!(matches!(
+        finish(&mut world, second),
+        Ok(Completion::Reached { .. })
+    ));
+}
+
+#[test]
+fn a_gated_move_is_not_started_on_inputs_that_did_not_arrive() {
+    let mut world = world(Behaviour::akd2g());
+    let id = world.submit(Command::Move(MoveCommand {
+        reference: Reference::Absolute,
+        target: 100,
+        set_point: SetPoint::new(),
+        gated: true,
+    }));
+    run(&mut world, 10);
+    assert!(world.core.is_armed(id));
+    world.cycle(StopRequest::empty(), false, Link::ReplyLost);
+    assert!(!world.core.is_armed(id));
+    run(&mut world, 1);
+    assert!(world.core.is_armed(id));
+}
+
+#[test]
+fn a_reset_during_a_fault_reaction_that_never_ends_is_given_up() {
+    let mut world = world(Behaviour::akd2g());
+    world.drive.set(0x605E, 0, 1).expect("slow down");
+    let id = world.submit(Command::Move(MoveCommand {
+        reference: Reference::Absolute,
+        target: i32::MAX,
+        set_point: SetPoint::new()
+            .velocity(1_000_000)
+            .acceleration(100_000_000)
+            .deceleration(1),
+        gated: false,
+    }));
+    until_accepted(&mut world, id);
+    run(&mut world, 50);
+    world.drive.inject_fault(0x7305);
+    run(&mut world, 20);
+    assert_eq!(world.drive.state(), State::FaultReactionActive);
+    let reset = world.submit(Command::ResetFault);
+    assert!(finish(&mut world, reset).is_err());
+}
+
+#[test]
+fn a_drives_own_quick_stop_is_not_turned_into_coasting() {
+    for command in [Command::Enable, Command::Disable] {
+        let mut world = world(Behaviour {
+            abort_connection_option: 3,
+            ..Behaviour::akd2g()
+        });
+        world.drive.set(0x6085, 0, 50_000).expect("a slow ramp");
+        let id = world.submit(to(1_000_000, Start::Immediately));
+        until_accepted(&mut world, id);
+        run(&mut world, 300);
+        world.drive.connection_lost();
+        world.drive.connection_restored();
+        run(&mut world, 5);
+        assert_eq!(world.drive.state(), State::QuickStopActive);
+        let from = world.frames.len();
+        world.submit(command);
+        run(&mut world, 2_000);
+        let cut = world.frames[from..]
+            .iter()
+            .find(|frame| frame.velocity != 0.0 && !frame.sent.bit(1));
+        assert!(cut.is_none(), "{command:?}: {cut:?}");
+    }
+}
+
+#[test]
+fn a_slow_axis_is_not_taken_for_one_that_stands() {
+    let mut world = world(Behaviour {
+        quick_stop_option: 6,
+        ..Behaviour::akd2g()
+    });
+    world.drive.set(0x6085, 0, 20).expect("a very slow ramp");
+    let id = world.submit(Command::Move(MoveCommand {
+        reference: Reference::Absolute,
+        target: 10_000,
+        set_point: SetPoint::new().velocity(40),
+        gated: false,
+    }));
+    until_accepted(&mut world, id);
+    run(&mut world, 500);
+    let stop = world.submit(Command::QuickStop);
+    assert_eq!(
+        finish(&mut world, stop),
+        Ok(Completion::Stopped {
+            state: servocrab::ds402::State::QuickStopActive
+        })
+    );
+    assert!(
+        world.drive.velocity().abs() < 0.5,
+        "606Ch, in whole counts/s, says that it moves"
+    );
+}

@@ -1,0 +1,268 @@
+//! What the axis reported, and when (invariants 4, 7 and 9).
+
+use core::time::Duration;
+
+use servocrab::axis::{Command, Completion, Event, Failure};
+use servocrab::profile_position::{BufferSignal, Reference};
+use servocrab_sim::ds402::Outcome;
+
+use super::orders::lines_of;
+use super::scenario::Life;
+use super::words::in_fault;
+use super::world::{Got, Phase};
+
+/// Invariant 4.
+pub fn reached_is_true(life: &Life) -> Result<(), String> {
+    let world = &life.world;
+    let tolerance = world.config.tolerances.position;
+    for (issued, command, _) in world.moves() {
+        let Some((report, result)) = world.done(issued.id) else {
+            continue;
+        };
+        let line = lines_of(world.ledger(), command.set_point.parameters.velocity).next();
+        let Some(frame) = world.frames.get(report.frame) else {
+            continue;
+        };
+        let fail = |what: &str| {
+            Err(format!(
+                "{what}: {command:?} ended as {result:?} in frame {} at {:?}; {:?}; {line:?}",
+                report.frame, report.now, frame.sample
+            ))
+        };
+        match result {
+            Ok(Completion::Reached { position } | Completion::Passed { position }) => {
+                let (Got::Fresh | Got::Answered, Some(_), Phase::Step) =
+                    (frame.got, frame.sample, report.phase)
+                else {
+                    return fail("from inputs that did not arrive");
+                };
+                if frame.sent.bit(8) {
+                    return fail("on a halted axis");
+                }
+                let Some(line) = line else {
+                    return if life.lies.ack {
+                        Ok(())
+                    } else {
+                        fail("without being executed")
+                    };
+                };
+                let there =
+                    |end: i64| (end - i64::from(position)).unsigned_abs() <= u64::from(tolerance);
+                let ended = line.ended_at.is_some_and(|ended| ended <= report.now)
+                    && matches!(line.outcome, Outcome::Reached | Outcome::Passed);
+                // A way within the tolerance needs no motion to be done.
+                let short = line.target.is_some_and(there) && line.start_position.is_none_or(there);
+                // Resumed where it ends: the drive closes its books a cycle later.
+                let stands = frame.velocity.abs() <= 2_000.0 && there(frame.position);
+                if !(ended || short || stands && line.target.is_some_and(there)) {
+                    return fail("before the drive was there");
+                }
+                if let Ok(Completion::Passed { .. }) = result {
+                    continue;
+                }
+                // Where bit 12 shows the end of a set-point with another behind it, the drive's word is all there is, and
+                // where a relative move ends is not always known to the host.
+                let followed = world.reports.iter().any(|other| {
+                    other.event == Event::Accepted
+                        && other.frame <= report.frame
+                        && world
+                            .accepted(issued.id)
+                            .is_some_and(|own| own.frame < other.frame)
+                });
+                let told =
+                    followed && world.config.traits.buffer_signal == BufferSignal::Acknowledge;
+                if command.reference == Reference::Relative || told {
+                    continue;
+                }
+                if line.target != Some(i64::from(command.target)) {
+                    return fail("of another target than the one asked for");
+                }
+                if !followed && !there(i64::from(command.target)) {
+                    return fail("outside the tolerance");
+                }
+            }
+            Err(Failure::MissedTarget { target, actual }) => {
+                if target.abs_diff(actual) <= tolerance {
+                    return fail("a target that was not missed");
+                }
+                let since = report.now.saturating_sub(world.config.tolerances.settle);
+                let stood = world.frames[..=report.frame]
+                    .iter()
+                    .rev()
+                    .skip(world.latency + 1)
+                    .take_while(|frame| frame.now > since)
+                    .all(|frame| {
+                        frame.position.abs_diff(i64::from(actual)) <= u64::from(tolerance) + 1
+                    });
+                if !stood {
+                    return fail("while it moved");
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Invariant 7.
+pub fn stale_advances_nothing(life: &Life) -> Result<(), String> {
+    let world = &life.world;
+    let loss = world.config.loss;
+    let (mut stale, mut undelivered) = (0, 0);
+    let mut was_lost = false;
+    for (at, frame) in world.frames.iter().enumerate() {
+        stale = if frame.got == Got::Stale {
+            stale + 1
+        } else {
+            0
+        };
+        undelivered = if frame.got == Got::Fresh {
+            0
+        } else {
+            undelivered + 1
+        };
+        let lost = (was_lost && frame.got != Got::Fresh)
+            || stale >= loss.stale_cycles
+            || undelivered >= loss.undelivered_cycles;
+        if lost != frame.lost_after {
+            return Err(format!(
+                "frame {at}: lost {} after {stale} stale and {undelivered} undelivered cycles",
+                frame.lost_after
+            ));
+        }
+        let newly = lost && !was_lost;
+        was_lost = lost;
+        let next = world.frames.get(at + 1);
+        let changed = next.is_some_and(|next| next.before != frame.sent);
+        if frame.got == Got::Stale && !newly && changed {
+            return Err(format!(
+                "frame {at}: stale inputs changed {:?} to {:?}",
+                frame.sent,
+                next.map(|next| next.before)
+            ));
+        }
+        let of_step = || {
+            world
+                .reports
+                .iter()
+                .filter(move |report| report.frame == at && report.phase == Phase::Step)
+        };
+        if frame.got == Got::Stale
+            && let Some(report) = of_step().find(|report| {
+                !(newly && matches!(report.event, Event::Done(Err(Failure::BusLost { .. }))))
+            })
+        {
+            return Err(format!("frame {at}: stale inputs led to {report:?}"));
+        }
+        if newly {
+            let open = world.issued.iter().find(|issued| {
+                issued.frame <= at
+                    && world
+                        .done(issued.id)
+                        .is_none_or(|(report, _)| report.frame > at)
+            });
+            if let Some(open) = open {
+                return Err(format!("frame {at}: {open:?} outlives the bus"));
+            }
+            if let Some(next) = next
+                && frame.sent.word & 0x000F == 0x000F
+                && next.sent.word & 0x0006 == 0x0006
+                && frame.sample.is_none()
+                && !was_in_fault(life, at)
+            {
+                return Err(format!(
+                    "frame {at}: a lost drive is commanded on with {:04X}",
+                    next.sent.word
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether the last inputs up to this frame's showed a fault.
+fn was_in_fault(life: &Life, at: usize) -> bool {
+    let sample = life.world.frames[..=at]
+        .iter()
+        .rev()
+        .find_map(|frame| frame.sample);
+    sample.is_some_and(|sample| in_fault(&sample))
+}
+
+/// Invariant 9.
+pub fn everything_ends(life: &Life) -> Result<(), String> {
+    let world = &life.world;
+    let deadlines = world.config.deadlines;
+    for issued in &world.issued {
+        let told: Vec<_> = world
+            .reports
+            .iter()
+            .filter(|report| report.id == issued.id)
+            .collect();
+        let ends = told
+            .iter()
+            .filter(|report| matches!(report.event, Event::Done(_)))
+            .count();
+        let accepted = told
+            .iter()
+            .filter(|report| report.event == Event::Accepted)
+            .count();
+        let last_is_the_end = told
+            .last()
+            .is_some_and(|report| matches!(report.event, Event::Done(_)));
+        if ends != 1 || !last_is_the_end || accepted > 1 {
+            return Err(format!("{issued:?} was told {told:#?}"));
+        }
+        let halted_first = told.first().is_some_and(|r| r.event == Event::Halted);
+        if halted_first {
+            return Err(format!("{issued:?} was told {told:#?}"));
+        }
+        let Some((report, result)) = world.done(issued.id) else {
+            continue;
+        };
+        let slack = 60 * world.period + Duration::from_millis(10);
+        let within = match issued.command {
+            Command::Enable => deadlines.enable,
+            Command::ResetFault => {
+                3 * (deadlines.fault_reset + Duration::from_millis(100)) + deadlines.standstill
+            }
+            Command::SelectMode(_) => deadlines.mode,
+            Command::Resume => Duration::ZERO,
+            Command::Halt | Command::QuickStop => deadlines.standstill + deadlines.disable,
+            Command::Stop | Command::Release => 2 * deadlines.standstill + deadlines.disable,
+            Command::Disable => 2 * deadlines.standstill + deadlines.disable,
+            Command::Move(_) => Duration::MAX,
+        };
+        let took = report.now.saturating_sub(issued.now);
+        if took > within.saturating_add(slack) {
+            return Err(format!("{issued:?} took {took:?}: {result:?}"));
+        }
+        let halted = world
+            .frames
+            .get(life.last_stop)
+            .is_some_and(|frame| frame.before.bit(8));
+        if report.frame >= life.last_stop && issued.frame < life.last_stop && !halted {
+            return Err(format!(
+                "{issued:?} does not end although nothing disturbs it ({told:?}, quiet from frame {}, to {})",
+                life.quiet_from, life.last_stop
+            ));
+        }
+        if let (
+            Err(Failure::Timeout {
+                statusword,
+                controlword,
+                ..
+            }),
+            Phase::Step,
+        ) = (result, report.phase)
+            && let Some(frame) = world.frames.get(report.frame)
+            && (Some(statusword) != frame.sample.map(|sample| sample.statusword)
+                || controlword.bits() != frame.sent.word)
+        {
+            return Err(format!(
+                "{result:?} does not name the last words of {frame:?}"
+            ));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,483 @@
+//! A random life of an axis, made from one number: drive, timing, commands, stops, lost frames, disturbances.
+
+use core::time::Duration;
+
+use servocrab::axis::{AxisConfig, Command, CommandId, StopRequest};
+use servocrab::ds402::{Mode, QuickStopOption};
+use servocrab::profile_position::{
+    BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Start, Traits,
+};
+use servocrab_sim::ds402::{AckFault, AckPolicy, Axis, Behaviour, ReachedPolicy, State};
+
+use super::world::{Link, World};
+
+/// SplitMix64.
+pub struct Random(u64);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    pub fn below(&mut self, n: u64) -> u64 {
+        self.next() % n
+    }
+
+    pub fn one_in(&mut self, n: u64) -> bool {
+        self.below(n) == 0
+    }
+
+    pub fn pick<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.below(of.len() as u64) as usize]
+    }
+
+    fn between(&mut self, from: i32, to: i32) -> i32 {
+        from + self.below(u64::from(from.abs_diff(to))) as i32
+    }
+}
+
+/// What the drive was made to do wrong in a run; some judgements do not hold then.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Lies {
+    /// Bit 12 showed what was not so.
+    pub ack: bool,
+    /// The position jumped when a blocked shaft came free.
+    pub blocked: bool,
+}
+
+/// Cycles of a run with disturbances, before the quiet end.
+pub const RUN: usize = 2_500;
+/// Acceleration and deceleration of moves that name none, counts/s².
+pub const RAMP: u32 = 500_000;
+/// Time in which, with everything in order, each move that is not halted comes to its end.
+const QUIET: Duration = Duration::from_secs(4);
+
+/// Whether the drive's ledger tells one move from another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Names {
+    /// Each move has a velocity of its own.
+    Unique,
+    /// Many moves are equal in everything.
+    Equal,
+}
+
+pub struct Life {
+    pub world: World,
+    /// Drive cycles by which the actual position is late.
+    pub lag_cycles: usize,
+    pub lies: Lies,
+    /// The frame from which on nothing was disturbed and nothing asked for.
+    pub quiet_from: usize,
+    /// The frame of the last quick stop.
+    pub last_stop: usize,
+}
+
+/// Lives the life of this seed.
+pub fn live(seed: u64, names: Names) -> Life {
+    let mut random = Random::new(seed);
+    let lag_cycles = random.pick(&[0, 0, 2, 6]);
+    let world = build(&mut random, lag_cycles);
+    let mut player = Player {
+        world,
+        names,
+        lag_cycles: lag_cycles as usize,
+        lies: Lies::default(),
+        loss: random.pick(&[0, 0, 400, 60, 15]),
+        trouble: random.pick(&[0, 0, 600, 250]),
+        busy: random.pick(&[15, 40, 120]),
+        lane: random.pick(&[0, 900, 250]),
+        slow: random.one_in(3),
+        burst: None,
+        troubles: Vec::new(),
+        random,
+    };
+    for _ in 0..RUN {
+        player.cycle();
+    }
+    player.end()
+}
+
+fn build(random: &mut Random, lag_cycles: u32) -> World {
+    let akd2g = !random.one_in(4);
+    let base = if akd2g {
+        Behaviour::akd2g()
+    } else {
+        Behaviour::generic()
+    };
+    let option = random.pick(&[1, 2, 5, 6]);
+    let sticky = akd2g && random.one_in(12);
+    let behaviour = Behaviour {
+        quick_stop_option: option,
+        power_on_cycles: random.pick(&[0, 0, 5]),
+        mode_change_cycles: random.pick(&[0, 3, 20]),
+        auto_3_4: random.one_in(2),
+        open_bit_5: random.one_in(2),
+        reached: random.pick(&[
+            ReachedPolicy::WindowAfterEnd,
+            ReachedPolicy::WindowAfterEnd,
+            ReachedPolicy::TrajectoryEnd,
+        ]),
+        actual_lag_cycles: lag_cycles,
+        bit_4_filter_cycles: random.pick(&[0, 0, 0, 1]),
+        halt_keeps: !random.one_in(6),
+        manufacturer_bits: random.pick(&[0, 0xC100]),
+        abort_connection_option: random.pick(&[1, 2, 3]),
+        ack: if sticky {
+            AckPolicy::StickyAtEnable
+        } else {
+            base.ack
+        },
+        ..base
+    };
+    let mut config = AxisConfig::new(World::fields(!random.one_in(4)));
+    config.traits = Traits {
+        buffer_signal: if behaviour.ack == AckPolicy::BufferFree {
+            BufferSignal::Acknowledge
+        } else {
+            BufferSignal::None
+        },
+        relative_base: if akd2g {
+            random.pick(&[RelativeBase::Undocumented, RelativeBase::Demand])
+        } else {
+            RelativeBase::Undocumented
+        },
+        halt_keeps_set_point: behaviour.halt_keeps,
+        shows_voltage: random.one_in(2),
+        ..Traits::cia402()
+    };
+    config.quick_stop = QuickStopOption(option);
+    config.defaults = Parameters {
+        velocity: Some(50_000),
+        acceleration: Some(RAMP),
+        deceleration: Some(RAMP),
+        ..Parameters::default()
+    };
+    config.tolerances.settle = Duration::from_millis(20);
+    config.deadlines.enable = Duration::from_millis(400);
+    config.deadlines.disable = Duration::from_millis(400);
+    config.deadlines.acknowledge = Duration::from_millis(40);
+    config.deadlines.standstill = Duration::from_millis(800);
+    config.deadlines.mode = Duration::from_millis(100);
+    config.deadlines.fault_reset = Duration::from_millis(40);
+    let mut drive = Axis::new(behaviour);
+    drive
+        .set(0x6085, 0, random.pick(&[300_000, 2_000_000]))
+        .expect("a ramp");
+    drive
+        .set(0x6068, 0, random.pick(&[0, 0, 5]))
+        .expect("a window");
+    let period = random.pick(&[250, 500, 1000, 1000, 1000, 2000]);
+    let latency = random.pick(&[0, 0, 0, 1, 3]);
+    World::new(drive, config, Duration::from_micros(period), latency)
+}
+
+struct Player {
+    world: World,
+    names: Names,
+    lag_cycles: usize,
+    random: Random,
+    lies: Lies,
+    /// One frame in so many is lost in one way or another; 0 for none.
+    loss: u64,
+    /// One cycle in so many begins a disturbance of the drive.
+    trouble: u64,
+    /// One cycle in so many brings a command.
+    busy: u64,
+    /// One cycle in so many brings a stop by the lane.
+    lane: u64,
+    /// Slow ramps.
+    slow: bool,
+    burst: Option<(Link, u64)>,
+    /// What is to be undone, and when.
+    troubles: Vec<(usize, Trouble)>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trouble {
+    AckDelay,
+    AckNever,
+    AckStuck,
+    StaleReached,
+    Deaf,
+    Blocked,
+    Fault,
+    LastingFault,
+    Voltage,
+    Remote,
+    Inhibit,
+    OwnStop,
+    Warning,
+    Limits,
+}
+
+impl Player {
+    fn cycle(&mut self) {
+        if self.random.one_in(self.busy) {
+            self.command();
+        }
+        if self.random.one_in(60)
+            && let Some(issued) = self.world.pending().last()
+        {
+            self.world.withdraw(issued.id);
+        }
+        let lane = if self.lane > 0 && self.random.one_in(self.lane) {
+            self.random.pick(&[
+                StopRequest::HALT,
+                StopRequest::STOP,
+                StopRequest::QUICK_STOP,
+                StopRequest::HALT.union(StopRequest::QUICK_STOP),
+            ])
+        } else {
+            StopRequest::empty()
+        };
+        self.disturb();
+        let link = self.link();
+        let fire = !self.random.one_in(4);
+        self.world.cycle(lane, fire, link);
+    }
+
+    fn command(&mut self) {
+        let state = self.world.drive.state();
+        let random = &mut self.random;
+        let roll = random.below(100);
+        let command = if state == State::OperationEnabled && roll < 62 {
+            self.a_move()
+        } else if state == State::Fault && roll < 50 {
+            Command::ResetFault
+        } else if state != State::OperationEnabled && roll < 80 {
+            Command::Enable
+        } else {
+            random.pick(&[
+                Command::Halt,
+                Command::Halt,
+                Command::Resume,
+                Command::Resume,
+                Command::Resume,
+                Command::Stop,
+                Command::QuickStop,
+                Command::Disable,
+                Command::Release,
+                Command::Enable,
+                Command::ResetFault,
+                Command::SelectMode(Mode::ProfilePosition),
+                Command::SelectMode(Mode::CyclicPosition),
+                Command::SelectMode(Mode::Homing),
+            ])
+        };
+        self.world.submit(command);
+        // Another one in the same cycle, now and then.
+        if self.random.one_in(6) {
+            let second = self.a_move();
+            self.world.submit(second);
+        }
+        // A mode that was left is taken again, or no move would ever start.
+        if self.world.core.snapshot().mode != Mode::ProfilePosition && self.random.one_in(2) {
+            self.world
+                .submit(Command::SelectMode(Mode::ProfilePosition));
+        }
+    }
+
+    fn a_move(&mut self) -> Command {
+        // The velocity names the move in the drive's ledger.
+        let equal = self.names == Names::Equal;
+        let name = if equal {
+            0
+        } else {
+            self.world.issued.len() as u32 + 1
+        };
+        let slow = self.slow;
+        let random = &mut self.random;
+        let relative = random.one_in(3);
+        let position = self.world.drive.position() as i32;
+        let target = if equal {
+            random.pick(&[0, 300])
+        } else if relative {
+            random.pick(&[0, 5, -5, 1000, -700, 15])
+        } else {
+            match random.below(6) {
+                0 => position,
+                1 => position + random.between(-30, 30),
+                2 => 1000,
+                _ => random.between(-4000, 4000),
+            }
+        };
+        let velocity = if equal {
+            50_000
+        } else {
+            random.pick(&[10_000, 30_000, 80_000]) + name
+        };
+        let ramp = if slow { 60_000 } else { 1_000_000 };
+        let mut set_point = SetPoint::new().velocity(velocity).start(random.pick(&[
+            Start::Immediately,
+            Start::AfterCurrent,
+            Start::Blend,
+        ]));
+        if !random.one_in(4) {
+            set_point = set_point
+                .acceleration(ramp + name)
+                .deceleration(2 * ramp + name);
+        }
+        Command::Move(MoveCommand {
+            reference: if relative {
+                Reference::Relative
+            } else {
+                Reference::Absolute
+            },
+            target,
+            set_point,
+            gated: random.one_in(8),
+        })
+    }
+
+    fn link(&mut self) -> Link {
+        if self.loss == 0 {
+            return Link::Good;
+        }
+        if let Some((link, left)) = self.burst {
+            self.burst = (left > 0).then(|| (link, left - 1));
+            return link;
+        }
+        if !self.random.one_in(self.loss) {
+            return Link::Good;
+        }
+        let link = self.random.pick(&[
+            Link::RequestLost,
+            Link::ReplyLost,
+            Link::Miscounted,
+            Link::Undelivered,
+        ]);
+        let more = self.random.pick(&[0, 0, 0, 1, 3, 9, 12, 40]);
+        self.burst = (more > 0).then_some((link, more));
+        link
+    }
+
+    fn disturb(&mut self) {
+        let at = self.world.frames.len();
+        while let Some(due) = self.troubles.iter().position(|(until, _)| *until <= at) {
+            let (_, trouble) = self.troubles.remove(due);
+            self.undo(trouble);
+        }
+        if self.trouble == 0 || !self.random.one_in(self.trouble) {
+            return;
+        }
+        let trouble = self.random.pick(&[
+            Trouble::AckDelay,
+            Trouble::AckNever,
+            Trouble::AckStuck,
+            Trouble::StaleReached,
+            Trouble::StaleReached,
+            Trouble::Deaf,
+            Trouble::Blocked,
+            Trouble::Fault,
+            Trouble::Fault,
+            Trouble::LastingFault,
+            Trouble::Voltage,
+            Trouble::Remote,
+            Trouble::Inhibit,
+            Trouble::OwnStop,
+            Trouble::Warning,
+            Trouble::Limits,
+        ]);
+        let until = at + self.random.pick(&[1, 20, 100, 1500]);
+        self.troubles.push((until, trouble));
+        let drive = &mut self.world.drive;
+        match trouble {
+            Trouble::AckDelay => {
+                drive.disturbances().ack_delay_cycles = self.random.pick(&[3, 20, 60]);
+            }
+            Trouble::AckNever => {
+                self.lies.ack = true;
+                drive.disturbances().ack = AckFault::Never;
+            }
+            Trouble::AckStuck => {
+                self.lies.ack = true;
+                drive.disturbances().ack = AckFault::StuckHigh;
+            }
+            Trouble::StaleReached => {
+                drive.disturbances().stale_reached_cycles = self.random.pick(&[2, 8]);
+            }
+            Trouble::Deaf => drive.disturbances().deaf_to_bit_4 = true,
+            Trouble::Blocked => {
+                self.lies.blocked = true;
+                drive.disturbances().blocked = true;
+            }
+            Trouble::Fault => drive.inject_fault(0x7305),
+            Trouble::LastingFault => drive.inject_lasting_fault(0x4310),
+            Trouble::Voltage => drive.set_voltage(false),
+            Trouble::Remote => drive.set_remote(false),
+            Trouble::Inhibit => drive.set_inhibited(true),
+            Trouble::OwnStop => {
+                drive.connection_lost();
+                drive.connection_restored();
+            }
+            Trouble::Warning => drive.set_warning(true),
+            Trouble::Limits => {
+                for (subindex, limit) in [(1, -500), (2, 500)] {
+                    drive.set(0x607D, subindex, limit).expect("a limit");
+                }
+            }
+        }
+    }
+
+    fn undo(&mut self, trouble: Trouble) {
+        let drive = &mut self.world.drive;
+        match trouble {
+            Trouble::AckDelay => drive.disturbances().ack_delay_cycles = 0,
+            Trouble::AckNever | Trouble::AckStuck => drive.disturbances().ack = AckFault::None,
+            Trouble::StaleReached => drive.disturbances().stale_reached_cycles = 0,
+            Trouble::Deaf => drive.disturbances().deaf_to_bit_4 = false,
+            Trouble::Blocked => drive.disturbances().blocked = false,
+            Trouble::LastingFault => drive.clear_cause(),
+            Trouble::Voltage => drive.set_voltage(true),
+            Trouble::Remote => drive.set_remote(true),
+            Trouble::Inhibit => drive.set_inhibited(false),
+            Trouble::Warning => drive.set_warning(false),
+            Trouble::Limits => {
+                for subindex in [1, 2] {
+                    drive.set(0x607D, subindex, 0).expect("a limit");
+                }
+            }
+            Trouble::Fault | Trouble::OwnStop => {}
+        }
+    }
+
+    /// Everything in order and no command until each move is over, then a quick stop for what is left.
+    fn end(mut self) -> Life {
+        for (_, trouble) in core::mem::take(&mut self.troubles) {
+            self.undo(trouble);
+        }
+        let quiet_from = self.world.frames.len();
+        let until = self.world.now + QUIET;
+        while self.world.now < until && !self.world.pending().is_empty() {
+            self.world.cycle(StopRequest::empty(), true, Link::Good);
+        }
+        let last_stop = self.world.frames.len();
+        let left: Vec<CommandId> = self.world.gated.clone();
+        for id in left {
+            self.world.withdraw(id);
+        }
+        self.world.submit(Command::QuickStop);
+        let until = self.world.now + Duration::from_secs(2);
+        while self.world.now < until {
+            self.world.cycle(StopRequest::empty(), true, Link::Good);
+            if self.world.pending().is_empty() && self.world.drive.velocity() == 0.0 {
+                break;
+            }
+        }
+        Life {
+            world: self.world,
+            lag_cycles: self.lag_cycles,
+            lies: self.lies,
+            quiet_from,
+            last_stop,
+        }
+    }
+}
