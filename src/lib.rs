@@ -1,4 +1,64 @@
-//! Servo axes over EtherCAT.
+//! Servo axes over EtherCAT: CoE configuration of drives, PDO mapping, cyclic process data, and one typed, awaited handle
+//! per axis with the DS402 Profile Position operations.
+//!
+//! ```
+//! # #[cfg(feature = "std")]
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use std::time::Duration;
+//! use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire, profile_position::{Outcome, SetPoint}};
+//! use servocrab_sim::{Segment, personality};
+//!
+//! // A simulated segment in this process. On a real link: `.interface("eth0")` in place of `.link(wire)`.
+//! let mut segment = Segment::new().with(personality::akd2g());
+//! let wire = Wire::new(move |frame, now| segment.process(frame, now));
+//!
+//! smol::block_on(async {
+//!     let net = Network::builder()
+//!         .link(wire)
+//!         .cycle(Duration::from_millis(1))
+//!         .drive(0, DriveConfig::new(drives::akd2g()).axis("x").axis("y"))
+//!         .start()
+//!         .await?;
+//!
+//!     let x = net.axis("x")?;
+//!     x.enable().await?;
+//!     let profile_position = x.profile_position().await?;
+//!     let set_point = SetPoint::new().velocity(50_000).acceleration(500_000).deceleration(500_000);
+//!     let motion = profile_position.move_abs(2_000, set_point).await?; // the drive has acknowledged
+//!     assert!(matches!(motion.done().await?, Outcome::Reached { .. })); // and has arrived
+//!
+//!     profile_position.release().await?;
+//!     x.disable().await?;
+//!     net.shutdown().await;
+//!     Ok(())
+//! })
+//! # }
+//! # #[cfg(not(feature = "std"))]
+//! # fn main() {}
+//! ```
+//!
+//! # Layers
+//!
+//! | module | what it is | without `std` |
+//! |---|---|---|
+//! | [`axis`] | the handle of an axis, and the pure core behind it | the core |
+//! | [`profile_position`] | set-points, the handshake of bits 4 and 12, outcomes | all but the handle |
+//! | [`ds402`] | statusword, controlword, states, modes, codes | all |
+//! | [`coe`] | typed objects, SDO transfers, emergencies | codec and types |
+//! | [`pdo_map`] | the mapping: declared once, written, read back, laid out | all but writing it |
+//! | [`sii`] | what a device's EEPROM says | all |
+//! | [`drives`] | particular drives, as data | all |
+//! | `bus` | the bus thread and the `Network` | – |
+//! | `link` | raw socket and in-process wire | – |
+//!
+//! Commands go from a handle through a bounded queue to the bus thread, which steps one [`axis::AxisCore`] per axis and
+//! cycle; reports and a snapshot come back. Stops go beside the queue and are in the next frame sent. A program with an
+//! `ethercrab` loop of its own steps the cores itself (`examples/own_loop.rs`).
+//!
+//! # Safety
+//!
+//! Nothing here is a safety function in the sense of the machinery standards (STO, SS1, IEC 61800-5-2). Stops are prompt and
+//! watchdogs are armed; people are protected by safety devices that work without this library.
 #![cfg_attr(not(feature = "std"), no_std)]
 
 extern crate alloc;
