@@ -4,7 +4,7 @@ use crate::{
     coe::{AnyObject, AxisOffset, ObjectAddress, obj},
     ds402::{Controlword, Mode, Sample, Statusword},
     pdo_map::{Direction, Layout},
-    profile_position::Parameters,
+    profile_position::{Failure, Parameters},
 };
 
 /// Byte offsets of an axis' objects in the drive's outputs and inputs. The mandatory ones are not optional.
@@ -112,6 +112,54 @@ impl AxisFields {
             mode_display: input(obj::MODE_OF_OPERATION_DISPLAY.into())?,
             actual_velocity: input(obj::VELOCITY_ACTUAL.into())?,
             error_code: input(obj::ERROR_CODE.into())?,
+        })
+    }
+
+    /// The parameters as they go into the process data: given ones, else what the drive held.
+    pub(super) fn complete(
+        &self,
+        given: &Parameters,
+        held: &Parameters,
+    ) -> Result<Parameters, Failure> {
+        let speed = |mapped: bool, given: Option<u32>, held: Option<u32>, name: &'static str| match (
+            mapped, given,
+        ) {
+            (false, Some(_)) => Err(Failure::NotMapped(name)),
+            (false, None) => Ok(None),
+            (true, given) => match given.or(held) {
+                None => Err(Failure::Missing(name)),
+                Some(0) => Err(Failure::Zero(name)),
+                some => Ok(some),
+            },
+        };
+        if given.end_velocity.is_some() && self.end_velocity.is_none() {
+            return Err(Failure::NotMapped("end velocity 6082h"));
+        }
+        if given.profile_type.is_some() && self.profile_type.is_none() {
+            return Err(Failure::NotMapped("motion profile type 6086h"));
+        }
+        Ok(Parameters {
+            velocity: speed(
+                self.velocity.is_some(),
+                given.velocity,
+                held.velocity,
+                "profile velocity 6081h",
+            )?,
+            acceleration: speed(
+                self.acceleration.is_some(),
+                given.acceleration,
+                held.acceleration,
+                "profile acceleration 6083h",
+            )?,
+            deceleration: speed(
+                self.deceleration.is_some(),
+                given.deceleration,
+                held.deceleration,
+                "profile deceleration 6084h",
+            )?,
+            // Left out means what the drive held, and 0 (stop at the target, linear ramps) where nobody has said.
+            end_velocity: given.end_velocity.or(held.end_velocity),
+            profile_type: given.profile_type.or(held.profile_type),
         })
     }
 

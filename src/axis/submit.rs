@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Mode, PowerGoal, State},
-    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand, Parameters},
+    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand},
 };
 
 use super::{
@@ -198,54 +198,12 @@ impl AxisCore {
         if self.sequencer.is_unknown() {
             return Err(Failure::NeedsStop);
         }
-        command.set_point.parameters = self.complete(command.set_point.parameters)?;
+        let parameters = &mut command.set_point.parameters;
+        *parameters = self
+            .config
+            .fields
+            .complete(parameters, &self.config.defaults)?;
         Ok(command)
-    }
-
-    /// The parameters as they go into the process data: given ones, else what the drive held.
-    fn complete(&self, given: Parameters) -> Result<Parameters, Failure> {
-        let fields = &self.config.fields;
-        let held = &self.config.defaults;
-        let speed = |mapped: bool, given: Option<u32>, held: Option<u32>, name: &'static str| match (
-            mapped, given,
-        ) {
-            (false, Some(_)) => Err(Failure::NotMapped(name)),
-            (false, None) => Ok(None),
-            (true, given) => match given.or(held) {
-                None => Err(Failure::Missing(name)),
-                Some(0) => Err(Failure::Zero(name)),
-                some => Ok(some),
-            },
-        };
-        if given.end_velocity.is_some() && fields.end_velocity.is_none() {
-            return Err(Failure::NotMapped("end velocity 6082h"));
-        }
-        if given.profile_type.is_some() && fields.profile_type.is_none() {
-            return Err(Failure::NotMapped("motion profile type 6086h"));
-        }
-        Ok(Parameters {
-            velocity: speed(
-                fields.velocity.is_some(),
-                given.velocity,
-                held.velocity,
-                "profile velocity 6081h",
-            )?,
-            acceleration: speed(
-                fields.acceleration.is_some(),
-                given.acceleration,
-                held.acceleration,
-                "profile acceleration 6083h",
-            )?,
-            deceleration: speed(
-                fields.deceleration.is_some(),
-                given.deceleration,
-                held.deceleration,
-                "profile deceleration 6084h",
-            )?,
-            // Left out means what the drive held, and 0 (stop at the target, linear ramps) where nobody has said.
-            end_velocity: given.end_velocity.or(held.end_velocity),
-            profile_type: given.profile_type.or(held.profile_type),
-        })
     }
 
     fn halt(&mut self, now: Duration, id: CommandId) {
