@@ -1,0 +1,220 @@
+//! A simulated segment that counts datagrams and sends emergencies after one of them, and the network on it.
+
+use std::{
+    future::Future,
+    pin::pin,
+    sync::{Arc, Mutex, MutexGuard},
+    task::{Context, Poll, Waker},
+    time::Duration,
+};
+
+use servocrab::{
+    bus::{BusLoop, Network, NetworkBuilder},
+    coe::{Emergencies, Emergency},
+    link::Wire,
+};
+use servocrab_sim::{AlState, Segment};
+
+pub(crate) const MS: Duration = Duration::from_millis(1);
+/// How long a frame takes to come back: as on a real line, so that a cycle holds some twenty frames.
+const LATENCY: Duration = Duration::from_micros(50);
+/// Longer than anything that a test waits for.
+const LIMIT: Duration = Duration::from_secs(30);
+/// Ethernet header and EtherCAT header.
+const HEADERS: usize = 16;
+/// Command, index, address, length, interrupt.
+const DATAGRAM_HEADER: usize = 10;
+const WORKING_COUNTER: usize = 2;
+/// In a datagram's length: another one follows.
+const MORE_FOLLOW: u8 = 0x80;
+
+/// Emergencies that wait for their datagram.
+struct Due {
+    after: u64,
+    position: usize,
+    emergencies: Vec<Emergency>,
+}
+
+/// A segment, and how many datagrams it has seen since the last [`Line::arm`].
+struct Counted {
+    segment: Segment,
+    seen: u64,
+    due: Option<Due>,
+}
+
+#[derive(Clone)]
+pub(crate) struct Line(Arc<Mutex<Counted>>);
+
+impl Line {
+    pub(crate) fn new(segment: Segment) -> Self {
+        Self(Arc::new(Mutex::new(Counted {
+            segment,
+            seen: 0,
+            due: None,
+        })))
+    }
+
+    fn counted(&self) -> MutexGuard<'_, Counted> {
+        self.0.lock().unwrap()
+    }
+
+    /// Counts from 0 again, and lets the device at `position` send these emergencies after datagram number `after`
+    /// (from 1). Datagrams count while that device is in PREOP or above.
+    pub(crate) fn arm(&self, after: u64, position: usize, emergencies: &[Emergency]) {
+        let mut counted = self.counted();
+        counted.seen = 0;
+        counted.due = Some(Due {
+            after,
+            position,
+            emergencies: emergencies.to_vec(),
+        });
+    }
+
+    /// Sends emergencies now.
+    pub(crate) fn inject(&self, position: usize, emergencies: &[Emergency], now: Duration) {
+        let device = &mut self.counted().segment;
+        send(device, position, emergencies, now);
+    }
+
+    /// How many datagrams were counted.
+    pub(crate) fn seen(&self) -> u64 {
+        self.counted().seen
+    }
+
+    /// Whether the emergencies still wait for their datagram.
+    pub(crate) fn is_armed(&self) -> bool {
+        self.counted().due.is_some()
+    }
+
+    pub(crate) fn al_state(&self, position: usize) -> AlState {
+        self.counted().segment.devices()[position].al_state()
+    }
+
+    pub(crate) fn wire(&self) -> Wire {
+        let line = self.clone();
+        Wire::in_virtual_time(LATENCY, move |frame: &mut [u8], now| {
+            line.counted().process(frame, now)
+        })
+    }
+}
+
+impl Counted {
+    /// Takes the frame's datagrams through the segment one at a time, so that something can happen between them.
+    fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
+        let mut at = HEADERS;
+        let mut comes_back = false;
+        loop {
+            let length = u16::from_le_bytes([frame[at + 6], frame[at + 7] & 0x07]);
+            let end = at + DATAGRAM_HEADER + usize::from(length) + WORKING_COUNTER;
+            let more = frame[at + 7] & MORE_FOLLOW;
+            let mut alone = frame[..HEADERS].to_vec();
+            alone.extend_from_slice(&frame[at..end]);
+            alone[HEADERS + 7] &= !MORE_FOLLOW;
+            comes_back |= self.segment.process(&mut alone, now);
+            alone[HEADERS + 7] |= more;
+            frame[at..end].copy_from_slice(&alone[HEADERS..]);
+            self.count(now);
+            if more == 0 {
+                // The first SubDevice marks the source address.
+                frame[6] = alone[6];
+                return comes_back;
+            }
+            at = end;
+        }
+    }
+
+    fn count(&mut self, now: Duration) {
+        let position = self.due.as_ref().map_or(0, |due| due.position);
+        if self.segment.devices()[position].al_state() == AlState::Init {
+            return;
+        }
+        self.seen += 1;
+        if let Some(due) = self.due.take_if(|due| due.after == self.seen) {
+            send(&mut self.segment, due.position, &due.emergencies, now);
+        }
+    }
+}
+
+fn send(segment: &mut Segment, position: usize, emergencies: &[Emergency], now: Duration) {
+    let device = segment.device_mut(position).unwrap();
+    for emergency in emergencies {
+        device.inject_emergency(emergency.code, emergency.register, emergency.data, now);
+    }
+}
+
+/// An emergency that no other number gives.
+pub(crate) fn emergency(number: u64) -> Emergency {
+    const CODES: [u16; 4] = [0x7320, 0x3220, 0x8611, 0x4210];
+    let [a, b, c, ..] = number.to_le_bytes();
+    Emergency {
+        code: CODES[(number % 4) as usize],
+        register: 0x01 | a << 1,
+        data: [a, b, c, !a, 0xA5],
+    }
+}
+
+/// A network and its loop.
+pub(crate) struct Rig {
+    pub(crate) net: Network,
+    pub(crate) bus: BusLoop,
+}
+
+impl Rig {
+    /// Up to OP.
+    pub(crate) fn start(builder: NetworkBuilder) -> Self {
+        let (starting, mut bus) = builder.split().unwrap();
+        let net = turn_until(&mut bus, starting.network()).unwrap();
+        Self { net, bus }
+    }
+
+    pub(crate) fn until<T>(&mut self, future: impl Future<Output = T>) -> T {
+        turn_until(&mut self.bus, future)
+    }
+
+    pub(crate) fn run_for(&mut self, time: Duration) {
+        let end = self.bus.now() + time;
+        while self.bus.now() < end {
+            assert!(self.bus.turn(), "the loop has ended");
+        }
+    }
+
+    pub(crate) fn emergencies(&self, position: u16) -> Emergencies {
+        self.net.emergencies(position).unwrap()
+    }
+
+    /// Demands these of the drive at `position`, in this order, and then no other.
+    pub(crate) fn expect(&mut self, position: u16, expected: &[Emergency]) {
+        let emergencies = self.emergencies(position);
+        for expected in expected {
+            let got = self.until(emergencies.next()).unwrap();
+            assert_eq!(got.emergency, *expected);
+        }
+        assert_eq!(emergencies.try_next(), None, "none comes twice");
+        assert_eq!(emergencies.lost(), 0);
+    }
+}
+
+/// Turns the loop until the future is ready.
+fn turn_until<T>(bus: &mut BusLoop, future: impl Future<Output = T>) -> T {
+    let mut future = pin!(future);
+    let mut context = Context::from_waker(Waker::noop());
+    let end = bus.now() + LIMIT;
+    loop {
+        if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
+            return value;
+        }
+        assert!(bus.turn(), "the loop has ended");
+        assert!(bus.now() < end, "not ready within {LIMIT:?}");
+    }
+}
+
+/// Says at which datagram a test failed.
+pub(crate) struct At(pub(crate) u64);
+
+impl Drop for At {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("with the emergency after datagram {}", self.0);
+        }
+    }
+}

@@ -1,0 +1,8 @@
+//! An emergency after every single datagram of a bring-up and of a move: each is delivered, and nothing else changes.
+//!
+//! A mailbox client that takes the next mail for its answer would end here: ethercrab's own panics. Nothing is sampled.
+
+mod bring_up;
+mod line;
+mod moving;
+mod several;

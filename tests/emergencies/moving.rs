@@ -1,0 +1,116 @@
+//! One emergency after each datagram of a move, from enabling to disabling, with SDO transfers beside the cycle.
+
+use std::cell::Cell;
+
+use servocrab::{
+    axis::Axis,
+    bus::{DriveConfig, Network},
+    coe::SdoHandle,
+    drives,
+    ds402::State,
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::{Segment, personality::Akd2g};
+use smol::future::zip;
+
+use crate::line::{At, Line, MS, Rig, emergency};
+
+/// A mailbox so short that the simulated drive's text at 5F00h goes in segments.
+const MAILBOX: u16 = 64;
+const NOTE: u16 = 0x5F00;
+const NOTE_BYTES: u8 = 100;
+
+#[test]
+fn an_emergency_after_any_datagram_of_a_move_is_delivered_and_the_move_is_done() {
+    let drive = Akd2g::new().mailbox_bytes(MAILBOX).build();
+    let line = Line::new(Segment::new().with(drive));
+    let config = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config));
+    let axis = rig.net.axis("x").unwrap();
+    let sdo = rig.net.sdo(0).unwrap();
+    let mut target = 0;
+    let mut transfers = 0;
+    let mut after = 0;
+    loop {
+        after += 1;
+        let _at = At(after);
+        target = 20 - target;
+        line.arm(after, 0, &[emergency(after)]);
+        transfers += rig.until(a_move_beside_transfers(&axis, &sdo, target));
+        if line.is_armed() {
+            // The whole move took fewer datagrams: each had its turn.
+            break;
+        }
+        rig.expect(0, &[emergency(after)]);
+    }
+    assert_eq!(rig.net.statistics().wrong_working_counters, 0);
+    assert!(after > 100, "only {after} datagrams");
+    assert!(transfers > after, "only {transfers} transfers");
+    println!(
+        "{} datagrams, {after} moves, {transfers} SDO transfers",
+        after - 1
+    );
+}
+
+/// Moves there and disables, while values are read and a text is written and read back. Gives the number of transfers.
+async fn a_move_beside_transfers(axis: &Axis, sdo: &SdoHandle, target: i32) -> u64 {
+    let moving = Cell::new(true);
+    let whole_move = async {
+        axis.enable().await.unwrap();
+        let mode = axis.profile_position().await.unwrap();
+        let set_point = SetPoint::new()
+            .velocity(100_000)
+            .acceleration(10_000_000)
+            .deceleration(10_000_000);
+        let motion = mode.move_abs(target, set_point).await.unwrap();
+        let outcome = motion.done().await.unwrap();
+        assert!(
+            matches!(outcome, Outcome::Reached { position } if (position - target).abs() < 20),
+            "{outcome:?}"
+        );
+        axis.disable().await.unwrap();
+        moving.set(false);
+    };
+    // Two at a time, so that the next request waits already when an answer comes.
+    let notes = async {
+        let mut transfers = 0;
+        while moving.get() {
+            let text: Vec<u8> = (0..NOTE_BYTES).map(|n| n ^ transfers as u8).collect();
+            sdo.write_bytes(NOTE, 0, text.clone()).await.unwrap();
+            assert_eq!(sdo.read_bytes(NOTE, 0).await.unwrap(), text);
+            transfers += 2;
+        }
+        transfers
+    };
+    let vendors = async {
+        let mut transfers = 0;
+        while moving.get() {
+            assert_eq!(sdo.read_bytes(0x1018, 1).await.unwrap(), [0x6A, 0, 0, 0]);
+            transfers += 1;
+        }
+        transfers
+    };
+    let transfers = zip(notes, vendors);
+    let ((), (notes, vendors)) = zip(whole_move, transfers).await;
+    assert_ne!(axis.status().state, State::OperationEnabled);
+    notes + vendors
+}
+
+#[test]
+fn an_emergency_while_nothing_else_goes_through_the_mailbox_is_delivered_within_two_looks() {
+    let line = Line::new(Segment::new().with(Akd2g::new().build()));
+    let config = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config));
+    let emergencies = rig.emergencies(0);
+    for number in 0..50 {
+        // Another place between two looks each time.
+        rig.run_for(30 * MS + number as u32 * MS / 5);
+        let now = rig.bus.now();
+        line.inject(0, &[emergency(number)], now);
+        let got = rig.until(emergencies.next()).unwrap();
+        assert_eq!(got.emergency, emergency(number));
+        let took = got.at - now;
+        assert!(took < 20 * MS, "{took:?}");
+    }
+    rig.expect(0, &[]);
+}
