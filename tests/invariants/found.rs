@@ -248,3 +248,28 @@ fn a_slow_axis_is_not_taken_for_one_that_stands() {
         "606Ch, in whole counts/s, says that it moves"
     );
 }
+
+#[test]
+fn bit_10_of_a_halt_is_not_an_arrival() {
+    let mut world = world(Behaviour::akd2g());
+    let id = world.submit(Command::Move(MoveCommand {
+        reference: Reference::Absolute,
+        target: 1_000,
+        set_point: SetPoint::new().velocity(1_000),
+        gated: false,
+    }));
+    until_accepted(&mut world, id);
+    while world.drive.position() < 991 {
+        run(&mut world, 1);
+    }
+    let halt = world.submit(Command::Halt);
+    assert!(finish(&mut world, halt).is_ok());
+    let stood = world.drive.position();
+    assert!((990..1_000).contains(&stood), "{stood}");
+    world.submit(Command::Resume);
+    assert!(matches!(
+        finish(&mut world, id),
+        Ok(Completion::Reached { .. })
+    ));
+    assert_eq!(world.drive.position(), 1_000);
+}

@@ -53,7 +53,7 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                 // A way within the tolerance needs no motion to be done.
                 let short = line.target.is_some_and(there) && line.start_position.is_none_or(there);
                 // Resumed where it ends: the drive closes its books a cycle later.
-                let stands = frame.velocity.abs() <= 2_000.0 && there(frame.position);
+                let stands = frame.velocity == 0.0 && there(frame.position);
                 if !(ended || short || stands && line.target.is_some_and(there)) {
                     return fail("before the drive was there");
                 }
