@@ -164,6 +164,14 @@ fn read_to(process: &mut Process, begin: &str) -> BufReader<std::process::ChildS
     output
 }
 
+/// The first row out of OP after OP.
+fn fell_from_op(rows: &[Row]) -> Option<usize> {
+    let in_op = rows.iter().position(|row| row.al_state == 8)?;
+    let fell = rows[in_op..].iter().position(|row| row.al_state == 4)?;
+    // Some cycles more, so that the stop is in the trace too.
+    (rows.len() > in_op + fell + 200).then_some(in_op + fell)
+}
+
 #[derive(Debug, Clone)]
 struct Row {
     time_s: f64,
@@ -180,12 +188,22 @@ struct Row {
 fn trace(mut simulator: Process, file: &PathBuf) -> Vec<Row> {
     simulator.signal("TERM");
     assert!(simulator.wait(Duration::from_secs(10)).success());
-    let text = fs::read_to_string(file).expect("the trace is there");
+    let rows = rows_of_axis_1(file);
     fs::remove_file(file).expect("it is ours");
-    let mut lines = text.lines();
+    rows
+}
+
+/// What the trace holds of axis 1 so far, in whole lines.
+fn rows_of_axis_1(file: &PathBuf) -> Vec<Row> {
+    let text = fs::read_to_string(file).expect("the trace is there");
+    let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+    let mut lines = whole.lines();
+    let Some(header) = lines.next() else {
+        return Vec::new();
+    };
     assert_eq!(
-        lines.next(),
-        Some("time_s,drive,axis,al_state,controlword,statusword,target,position,velocity")
+        header,
+        "time_s,drive,axis,al_state,controlword,statusword,target,position,velocity"
     );
     let row = |line: &str| {
         let fields: Vec<&str> = line.split(',').collect();
@@ -232,32 +250,14 @@ fn killed_in_mid_move_the_drive_stops_by_its_watchdog() {
     let _output = read_to(&mut program, "moving");
     program.signal("KILL");
     program.wait(Duration::from_secs(10));
-    // The simulator's own clock decides: it runs on until its trace shows the stop.
+    // The simulator's own clock decides: it runs on until its trace shows the drive out of OP.
     let end = Instant::now() + Duration::from_secs(20);
-    loop {
-        let text = fs::read_to_string(&file).unwrap_or_default();
-        let standing = text
-            .lines()
-            .rev()
-            .skip(1)
-            .take(400)
-            .filter(|line| line.ends_with(",0"));
-        if text.contains(",0,1,4,") && standing.count() >= 200 {
-            break;
-        }
-        assert!(Instant::now() < end, "the drive has not stopped");
+    while fell_from_op(&rows_of_axis_1(&file)).is_none() {
+        assert!(Instant::now() < end, "the drive has not left OP");
         std::thread::yield_now();
     }
     let rows = trace(simulator, &file);
-    let in_op = rows
-        .iter()
-        .position(|row| row.al_state == 8)
-        .expect("it was in OP");
-    let fell = rows[in_op..]
-        .iter()
-        .position(|row| row.al_state == 4)
-        .expect("its watchdog ran out");
-    let fell = in_op + fell;
+    let fell = fell_from_op(&rows).expect("it has just been seen");
     assert!(rows[fell - 1].velocity > 0.0, "it was moving until then");
     let last = rows.last().expect("rows");
     assert_eq!(last.velocity, 0.0);
