@@ -2,6 +2,7 @@
 //!
 //! ethercrab matches a reply by datagram index and command alone, so that a late one can be taken for a later request's.
 //! Therefore each frame gets a number of its own in its source address, and its datagrams are compared.
+//! What reads a mailbox is sent once: a second reading would bring the next mail in the place of the lost one.
 
 use std::{io, time::Duration};
 
@@ -69,11 +70,17 @@ impl Acyclic {
             result?;
             if taken.is_ok() {
                 sent += 1;
+                // A mail whose reading is lost is asked for by the mailbox client, which then gets the same one again.
+                let sendings = if frame::reads_memory(&frame) {
+                    SENDINGS
+                } else {
+                    1
+                };
                 self.away.push(Away {
                     number,
                     frame,
                     sent_at: now,
-                    sendings: 1,
+                    sendings,
                 });
             }
         }

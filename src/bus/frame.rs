@@ -154,6 +154,20 @@ fn same_address(command: u8, asked: [u8; 4], got: [u8; 4]) -> bool {
     }
 }
 
+/// Where a SubDevice's registers end and its memory with the mailboxes begins (ETG.1000.4, address space).
+const MEMORY: u16 = 0x1000;
+
+/// Whether the frame reads memory of a SubDevice. That empties a mailbox: a second reading would bring the next mail, and
+/// nobody would miss the first.
+pub(super) fn reads_memory(frame: &[u8]) -> bool {
+    datagrams(frame).flatten().any(|datagram| {
+        let [_, _, low, high] = datagram.address;
+        // APRD, APRW, FPRD, FPRW, BRD, BRW.
+        matches!(datagram.command, 1 | 3 | 4 | 6 | 7 | 9)
+            && u16::from_le_bytes([low, high]) >= MEMORY
+    })
+}
+
 /// A frame that is composed once and sent many times.
 #[derive(Debug, Clone)]
 pub(super) struct Composer {
@@ -206,7 +220,7 @@ impl Composer {
 
 #[cfg(test)]
 mod tests {
-    use super::{Composer, Tag, command, datagrams, is_answer_to};
+    use super::{Composer, Tag, command, datagrams, is_answer_to, reads_memory};
 
     fn two_datagrams() -> Vec<u8> {
         let mut composer = Composer::new();
@@ -253,6 +267,20 @@ mod tests {
         let mut length = request.clone();
         length[22] = 2;
         assert!(!is_answer_to(&length, &request));
+    }
+
+    #[test]
+    fn reading_a_mailbox_is_told_from_writing_it_and_from_reading_registers() {
+        let frame = |command, address: [u8; 4]| {
+            let mut composer = Composer::new();
+            composer.push(command, address, 16);
+            composer.finish()
+        };
+        let (mailbox, register) = ([1, 0x10, 0x00, 0x1C], [1, 0x10, 0x0D, 0x08]);
+        assert!(reads_memory(&frame(4, mailbox)), "FPRD of 1C00h");
+        assert!(!reads_memory(&frame(5, mailbox)), "FPWR of 1C00h");
+        assert!(!reads_memory(&frame(4, register)), "FPRD of 080Dh");
+        assert!(!reads_memory(&frame(command::LRW, [0, 0, 1, 0x1C])), "LRW");
     }
 
     #[test]

@@ -281,7 +281,11 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             return Ok(Found::Nothing);
         }
         let mut mail = vec![0; self.settings.read_length.max(SHORTEST_MAILBOX)];
-        match self.access(self.transport.read_mail(&mut mail)).await {
+        let reading = self.transport.read_mail(&mut mail);
+        match self
+            .access_within(self.settings.mail_timeout, reading)
+            .await
+        {
             Ok(true) => {
                 self.failures = 0;
                 self.take(&mail, dialogue)
@@ -371,7 +375,16 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         &self,
         access: impl Future<Output = Result<R, LinkFault>>,
     ) -> Result<R, LinkFault> {
-        let deadline = self.clock.now() + self.settings.frame_timeout;
+        self.access_within(self.settings.frame_timeout, access)
+            .await
+    }
+
+    async fn access_within<R>(
+        &self,
+        limit: Duration,
+        access: impl Future<Output = Result<R, LinkFault>>,
+    ) -> Result<R, LinkFault> {
+        let deadline = self.clock.now() + limit;
         or(access, async {
             self.clock.sleep_until(deadline).await;
             Err(LinkFault::Lost)

@@ -40,6 +40,8 @@ struct Counted {
     segment: Segment,
     seen: u64,
     due: Option<Due>,
+    /// The frame with this datagram gets lost on its way back.
+    lost: Option<u64>,
 }
 
 #[derive(Clone)]
@@ -51,6 +53,7 @@ impl Line {
             segment,
             seen: 0,
             due: None,
+            lost: None,
         })))
     }
 
@@ -63,11 +66,17 @@ impl Line {
     pub(crate) fn arm(&self, after: u64, position: usize, emergencies: &[Emergency]) {
         let mut counted = self.counted();
         counted.seen = 0;
+        counted.lost = None;
         counted.due = Some(Due {
             after,
             position,
             emergencies: emergencies.to_vec(),
         });
+    }
+
+    /// Loses the frame with this datagram on its way back.
+    pub(crate) fn lose(&self, datagram: u64) {
+        self.counted().lost = Some(datagram);
     }
 
     /// Sends emergencies now.
@@ -103,6 +112,7 @@ impl Counted {
     fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
         let mut at = HEADERS;
         let mut comes_back = false;
+        let mut lost = false;
         loop {
             let length = u16::from_le_bytes([frame[at + 6], frame[at + 7] & 0x07]);
             let end = at + DATAGRAM_HEADER + usize::from(length) + WORKING_COUNTER;
@@ -114,10 +124,11 @@ impl Counted {
             alone[HEADERS + 7] |= more;
             frame[at..end].copy_from_slice(&alone[HEADERS..]);
             self.count(now);
+            lost |= self.lost.take_if(|lost| *lost == self.seen).is_some();
             if more == 0 {
                 // The first SubDevice marks the source address.
                 frame[6] = alone[6];
-                return comes_back;
+                return comes_back && !lost;
             }
             at = end;
         }

@@ -1,6 +1,6 @@
 //! One emergency after each datagram of a move, from enabling to disabling, with SDO transfers beside the cycle.
 
-use std::cell::Cell;
+use std::{cell::Cell, thread};
 
 use servocrab::{
     axis::Axis,
@@ -22,6 +22,24 @@ const NOTE_BYTES: u8 = 100;
 
 #[test]
 fn an_emergency_after_any_datagram_of_a_move_is_delivered_and_the_move_is_done() {
+    let (datagrams, transfers) = after_each_datagram(None);
+    assert!(datagrams > 200, "only {datagrams} datagrams");
+    assert!(transfers > 10 * datagrams, "only {transfers} transfers");
+    println!("{datagrams} datagrams, as many moves, {transfers} SDO transfers beside them");
+}
+
+#[test]
+fn an_emergency_in_a_move_is_delivered_once_though_any_of_the_next_four_frames_is_lost() {
+    thread::scope(|scope| {
+        for behind in 1..=4 {
+            scope.spawn(move || after_each_datagram(Some(behind)));
+        }
+    });
+}
+
+/// A move for each of its datagrams, with an emergency after it, and with the frame lost that carries the datagram this
+/// far behind it. Gives the number of datagrams, and of SDO transfers in all moves.
+fn after_each_datagram(lost: Option<u64>) -> (u64, u64) {
     let drive = Akd2g::new().mailbox_bytes(MAILBOX).build();
     let line = Line::new(Segment::new().with(drive));
     let config = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
@@ -30,26 +48,21 @@ fn an_emergency_after_any_datagram_of_a_move_is_delivered_and_the_move_is_done()
     let sdo = rig.net.sdo(0).unwrap();
     let mut target = 0;
     let mut transfers = 0;
-    let mut after = 0;
-    loop {
-        after += 1;
+    for after in 1.. {
         let _at = At(after);
         target = 20 - target;
         line.arm(after, 0, &[emergency(after)]);
+        lost.into_iter()
+            .for_each(|behind| line.lose(after + behind));
         transfers += rig.until(a_move_beside_transfers(&axis, &sdo, target));
         if line.is_armed() {
             // The whole move took fewer datagrams: each had its turn.
-            break;
+            assert_eq!(rig.net.statistics().wrong_working_counters, 0);
+            return (after - 1, transfers);
         }
         rig.expect(0, &[emergency(after)]);
     }
-    assert_eq!(rig.net.statistics().wrong_working_counters, 0);
-    assert!(after > 100, "only {after} datagrams");
-    assert!(transfers > after, "only {transfers} transfers");
-    println!(
-        "{} datagrams, {after} moves, {transfers} SDO transfers",
-        after - 1
-    );
+    unreachable!("the numbers go on");
 }
 
 /// Moves there and disables, while values are read and a text is written and read back. Gives the number of transfers.

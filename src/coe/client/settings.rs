@@ -13,6 +13,9 @@ pub struct MailboxSettings {
     pub read_length: usize,
     /// After this a frame counts as lost and its future is dropped.
     pub frame_timeout: Duration,
+    /// After this the reading of a mail counts as lost, and the mail is asked for again by the repeat request. Shorter
+    /// than the time for a frame, because the link must not send this one again: that would read the next mail.
+    pub mail_timeout: Duration,
     /// After this a request without reply has failed; counted anew for each segment.
     pub reply_timeout: Duration,
     /// The time between two looks at a mailbox while a reply is due.
@@ -35,6 +38,7 @@ impl MailboxSettings {
             write_length: usize::from(mailbox.receive_length),
             read_length: usize::from(mailbox.send_length),
             frame_timeout: Duration::from_millis(150),
+            mail_timeout: Duration::from_millis(40),
             reply_timeout: Duration::from_secs(1),
             poll_interval: Duration::from_micros(250),
             idle_interval: Duration::from_millis(10),
