@@ -12,7 +12,7 @@ mod scenario;
 mod words;
 mod world;
 
-use scenario::{Life, Names, live};
+use scenario::{Life, Names, OTHER_DRIVES, live};
 
 /// Bus cycles for each invariant at least.
 const CYCLES: usize = 200_000;
@@ -76,7 +76,8 @@ fn search(invariant: u64, names: Names, check: Check) {
             .next()
             .and_then(|seed| seed.trim().parse().ok())
     });
-    let fresh = (0..).map(|n: u64| invariant << 32 | n);
+    // Half of the lives with the drives of whose bits 5, 9 and 12 other documents speak.
+    let fresh = (0..).map(|n: u64| (n % 4 % 3) << OTHER_DRIVES | invariant << 32 | n);
     let seeds: Box<dyn Iterator<Item = u64>> = match number("INVARIANT_SEED") {
         Some(seed) => Box::new(core::iter::once(seed)),
         None => Box::new(kept.chain(fresh)),
@@ -116,7 +117,7 @@ impl Drop for OnPanic {
 #[ignore = "prints one life for a person to read"]
 fn print_a_life() {
     let seed = std::env::var("INVARIANT_SEED").expect("a seed");
-    let names = if seed.parse::<u64>().expect("a number") >> 32 == 6 {
+    let names = if seed.parse::<u64>().expect("a number") >> 32 & 0xFF == 6 {
         Names::Equal
     } else {
         Names::Unique

@@ -7,7 +7,7 @@ use servocrab::axis::{Command, Completion, Delivery, Failure, StopRequest};
 use servocrab::profile_position::{MoveCommand, Reference, Start};
 use servocrab_sim::ds402::Executed;
 
-use super::scenario::{Life, RAMP};
+use super::scenario::{Life, RAMP, Starts};
 use super::world::{Frame, Issued};
 
 /// Invariant 1.
@@ -20,7 +20,7 @@ pub fn once_or_not_at_all(life: &Life) -> Result<(), String> {
             return Err(format!("{issued:?} was executed twice: {lines:#?}"));
         }
         if let [line] = lines[..]
-            && !belongs(line, &command)
+            && !belongs(line, &command, life.starts)
         {
             return Err(format!("{line:?} is not what {command:?} asked for"));
         }
@@ -65,7 +65,9 @@ pub fn equal_moves_all_count(life: &Life) -> Result<(), String> {
     }
     let mut asked: BTreeMap<_, (usize, usize)> = BTreeMap::new();
     for (issued, command, done) in world.moves() {
-        let (bit_5, bit_9) = start_bits(command.set_point.start);
+        let Some((bit_5, bit_9)) = start_bits(life.starts, command.set_point.start) else {
+            continue;
+        };
         let relative = command.reference == Reference::Relative;
         let count = asked
             .entry((command.target, relative, bit_5, bit_9))
@@ -235,20 +237,22 @@ pub fn says_not_sent(result: Result<Completion, Failure>) -> bool {
     )
 }
 
-/// Bits 5 and 9 of each start, after the AKD2G's "Profile Position Mode".
-pub const fn start_bits(start: Start) -> (bool, bool) {
-    match start {
-        Start::Immediately => (true, false),
-        Start::AfterCurrent => (false, false),
-        Start::Blend => (false, true),
+/// Bits 5 and 9 of each start, after the documents of the drives; none where the drive cannot do it.
+pub const fn start_bits(starts: Starts, start: Start) -> Option<(bool, bool)> {
+    match (starts, start) {
+        (Starts::Cia402 | Starts::WithoutBlend, Start::Immediately) => Some((true, false)),
+        (_, Start::AfterCurrent) => Some((false, false)),
+        (Starts::Cia402, Start::Blend) => Some((false, true)),
+        (Starts::Ax2000, Start::Blend) => Some((true, false)),
+        (Starts::WithoutBlend, Start::Blend) | (Starts::Ax2000, Start::Immediately) => None,
     }
 }
 
-fn belongs(line: &Executed, command: &MoveCommand) -> bool {
+fn belongs(line: &Executed, command: &MoveCommand, starts: Starts) -> bool {
     let parameters = command.set_point.parameters;
     line.value == command.target
         && line.relative == (command.reference == Reference::Relative)
-        && (line.bit_5, line.bit_9) == start_bits(command.set_point.start)
+        && Some((line.bit_5, line.bit_9)) == start_bits(starts, command.set_point.start)
         && Some(line.velocity) == parameters.velocity
         && line.acceleration == parameters.acceleration.unwrap_or(RAMP)
         && line.deceleration == parameters.deceleration.unwrap_or(RAMP)

@@ -3,9 +3,10 @@
 use core::time::Duration;
 
 use servocrab::axis::{AxisConfig, Command, CommandId, StopRequest};
-use servocrab::ds402::{Mode, QuickStopOption};
+use servocrab::ds402::{Controlword, Mode, QuickStopOption};
 use servocrab::profile_position::{
-    BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Start, Traits,
+    BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Start, StartBits,
+    Traits,
 };
 use servocrab_sim::ds402::{AckFault, AckPolicy, Axis, Behaviour, ReachedPolicy, State};
 
@@ -53,6 +54,8 @@ pub struct Lies {
     pub blocked: bool,
 }
 
+/// The bits of a seed that choose another drive begin here.
+pub const OTHER_DRIVES: u32 = 40;
 /// Cycles of a run with disturbances, before the quiet end.
 pub const RUN: usize = 2_500;
 /// Acceleration and deceleration of moves that name none, counts/s².
@@ -69,8 +72,20 @@ pub enum Names {
     Equal,
 }
 
+/// Which bits start a move on the drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Starts {
+    /// Bit 5 starts at once, bit 9 blends (AKD2G and the plain CiA 402 drive).
+    Cia402,
+    /// Bit 5 starts at once, nothing blends (the drive with 2010h).
+    WithoutBlend,
+    /// Bit 5 blends, nothing starts at once (AX2000).
+    Ax2000,
+}
+
 pub struct Life {
     pub world: World,
+    pub starts: Starts,
     /// Drive cycles by which the actual position is late.
     pub lag_cycles: usize,
     pub lies: Lies,
@@ -84,9 +99,15 @@ pub struct Life {
 pub fn live(seed: u64, names: Names) -> Life {
     let mut random = Random::new(seed);
     let lag_cycles = random.pick(&[0, 0, 2, 6]);
-    let world = build(&mut random, lag_cycles);
+    let starts = match seed >> OTHER_DRIVES & 3 {
+        1 => Starts::WithoutBlend,
+        2 => Starts::Ax2000,
+        _ => Starts::Cia402,
+    };
+    let world = build(&mut random, lag_cycles, starts);
     let mut player = Player {
         world,
+        starts,
         names,
         lag_cycles: lag_cycles as usize,
         lies: Lies::default(),
@@ -105,12 +126,16 @@ pub fn live(seed: u64, names: Names) -> Life {
     player.end()
 }
 
-fn build(random: &mut Random, lag_cycles: u32) -> World {
-    let akd2g = !random.one_in(4);
-    let base = if akd2g {
-        Behaviour::akd2g()
-    } else {
-        Behaviour::generic()
+fn build(random: &mut Random, lag_cycles: u32, starts: Starts) -> World {
+    let akd2g = !random.one_in(4) && starts == Starts::Cia402;
+    let base = match starts {
+        Starts::Cia402 if akd2g => Behaviour::akd2g(),
+        Starts::Cia402 => Behaviour::generic(),
+        Starts::WithoutBlend => Behaviour {
+            supported_modes: Behaviour::generic().supported_modes,
+            ..Behaviour::with_2010h()
+        },
+        Starts::Ax2000 => Behaviour::ax2000(),
     };
     let option = random.pick(&[1, 2, 5, 6]);
     let sticky = akd2g && random.one_in(12);
@@ -151,7 +176,7 @@ fn build(random: &mut Random, lag_cycles: u32) -> World {
         },
         halt_keeps_set_point: behaviour.halt_keeps,
         shows_voltage: random.one_in(2),
-        ..Traits::cia402()
+        ..traits_of(starts)
     };
     config.quick_stop = QuickStopOption(option);
     config.defaults = Parameters {
@@ -179,8 +204,27 @@ fn build(random: &mut Random, lag_cycles: u32) -> World {
     World::new(drive, config, Duration::from_micros(period), latency)
 }
 
+/// The starts as a description of the drive would give them, after the source documents.
+fn traits_of(starts: Starts) -> Traits {
+    let cia402 = Traits::cia402();
+    match starts {
+        Starts::Cia402 => cia402,
+        Starts::WithoutBlend => Traits {
+            blend: StartBits::Unsupported("it has no bit for it"),
+            ..cia402
+        },
+        Starts::Ax2000 => Traits {
+            immediately: StartBits::Unsupported("nothing replaces a move on this drive"),
+            after_current: StartBits::Sequenced,
+            blend: StartBits::Bits(Controlword::CHANGE_IMMEDIATELY),
+            ..cia402
+        },
+    }
+}
+
 struct Player {
     world: World,
+    starts: Starts,
     names: Names,
     lag_cycles: usize,
     random: Random,
@@ -474,6 +518,7 @@ impl Player {
         }
         Life {
             world: self.world,
+            starts: self.starts,
             lag_cycles: self.lag_cycles,
             lies: self.lies,
             quiet_from,

@@ -3,10 +3,10 @@
 use core::time::Duration;
 
 use servocrab::axis::{Command, Completion, StopRequest};
-use servocrab::profile_position::Reference;
+use servocrab::profile_position::{MoveCommand, Reference};
 
 use super::orders::start_bits;
-use super::scenario::{Life, RAMP};
+use super::scenario::{Life, RAMP, Starts};
 use super::world::{DRIVE_CYCLE, Got, Outputs, Sample};
 
 const OPERATION_ENABLED: u16 = 0x0027;
@@ -51,7 +51,7 @@ pub fn bit_4_rises_by_the_rules(life: &Life) -> Result<(), String> {
                     .world
                     .done(issued.id)
                     .is_none_or(|(r, _)| r.frame >= at);
-                issued.frame <= at && alive && belongs(&sent, &command)
+                issued.frame <= at && alive && belongs(&sent, &command, life.starts)
             });
             if !asked {
                 return Err(format!("frame {at}: nobody asks for {sent:?}"));
@@ -86,11 +86,11 @@ pub fn bit_4_rises_by_the_rules(life: &Life) -> Result<(), String> {
     Ok(())
 }
 
-fn belongs(sent: &Outputs, command: &servocrab::profile_position::MoveCommand) -> bool {
+fn belongs(sent: &Outputs, command: &MoveCommand, starts: Starts) -> bool {
     let parameters = command.set_point.parameters;
     sent.target == command.target
         && sent.bit(6) == (command.reference == Reference::Relative)
-        && (sent.bit(5), sent.bit(9)) == start_bits(command.set_point.start)
+        && Some((sent.bit(5), sent.bit(9))) == start_bits(starts, command.set_point.start)
         && Some(sent.velocity) == parameters.velocity
         && sent.acceleration == parameters.acceleration.unwrap_or(RAMP)
         && sent.deceleration == parameters.deceleration.unwrap_or(RAMP)
