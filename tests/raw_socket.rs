@@ -111,13 +111,17 @@ impl Process {
 
 /// The simulated segment, listening; its trace is in the file.
 fn simulator(test: &str) -> (Process, PathBuf) {
+    simulator_of(test, "akd2g")
+}
+
+fn simulator_of(test: &str, device: &str) -> (Process, PathBuf) {
     let trace = env::temp_dir().join(format!("servocrab-{test}-{}.csv", std::process::id()));
     let mut child = Command::new(program("servocrab-sim"))
         .args([
             "--interface",
             "slave0",
             "--drive",
-            "akd2g",
+            device,
             "--for",
             "60",
             "--trace",
@@ -294,18 +298,9 @@ fn ctrl_c_in_mid_move_stops_and_disables() {
     assert!(stopping.velocity > 0.0 && stopping.time_s < last.time_s);
 }
 
-#[test]
-fn a_missing_interface_is_named_in_the_error() {
-    if !inside_namespace("a_missing_interface_is_named_in_the_error") {
-        return;
-    }
-    let mut program = Command::new(program("examples/pp_move"))
-        .args(["--interface", "nosuch0", "--to", "1"])
-        .stderr(Stdio::piped())
-        .spawn()
-        .map(Process)
-        .expect("pp_move starts");
-    assert_eq!(program.wait(Duration::from_secs(10)).code(), Some(1));
+/// Runs `program` to its end, which must be a failure, and gives what it wrote about it.
+fn failure(mut program: Process, limit: Duration) -> String {
+    let code = program.wait(limit).code();
     let mut text = String::new();
     program
         .0
@@ -314,7 +309,25 @@ fn a_missing_interface_is_named_in_the_error() {
         .expect("piped")
         .read_to_string(&mut text)
         .expect("text");
-    assert!(text.contains("nosuch0"), "{text}");
+    assert_eq!(code, Some(1), "{text}");
+    text
+}
+
+#[test]
+fn a_missing_interface_is_named_in_the_error() {
+    if !inside_namespace("a_missing_interface_is_named_in_the_error") {
+        return;
+    }
+    let program = Command::new(program("examples/pp_move"))
+        .args(["--interface", "nosuch0", "--to", "1"])
+        .stderr(Stdio::piped())
+        .spawn()
+        .map(Process)
+        .expect("pp_move starts");
+    assert_eq!(
+        failure(program, Duration::from_secs(10)),
+        "pp_move: there is no network interface `nosuch0`\n"
+    );
 }
 
 #[test]
@@ -323,19 +336,9 @@ fn an_interface_that_is_down_is_named_in_the_error() {
         return;
     }
     run("ip", &["link", "set", "master0", "down"]);
-    let mut program = pp_move(&["--to", "1"]);
-    assert_eq!(program.wait(Duration::from_secs(10)).code(), Some(1));
-    let mut text = String::new();
-    program
-        .0
-        .stderr
-        .take()
-        .expect("piped")
-        .read_to_string(&mut text)
-        .expect("text");
-    assert!(
-        text.contains("master0") && text.to_lowercase().contains("down"),
-        "{text}"
+    assert_eq!(
+        failure(pp_move(&["--to", "1"]), Duration::from_secs(10)),
+        "pp_move: the network interface `master0` is down: bring it up (`ip link set master0 up`)\n"
     );
 }
 
@@ -344,15 +347,63 @@ fn an_empty_line_is_an_error_that_says_so() {
     if !inside_namespace("an_empty_line_is_an_error_that_says_so") {
         return;
     }
-    let mut program = pp_move(&["--to", "1"]);
-    assert_eq!(program.wait(Duration::from_secs(30)).code(), Some(1));
-    let mut text = String::new();
-    program
-        .0
-        .stderr
-        .take()
-        .expect("piped")
-        .read_to_string(&mut text)
-        .expect("text");
-    assert!(text.contains("SubDevice"), "{text}");
+    assert_eq!(
+        failure(pp_move(&["--to", "1"]), Duration::from_secs(30)),
+        "pp_move: no frame came back: is the cable plugged in, and the first SubDevice powered?\n"
+    );
+}
+
+#[test]
+fn without_the_capability_the_error_says_how_to_get_it() {
+    if !inside_namespace("without_the_capability_the_error_says_how_to_get_it") {
+        return;
+    }
+    let without = |program: &str| {
+        let mut command = Command::new("setpriv");
+        command
+            .args(["--bounding-set", "-net_raw", "--inh-caps", "-net_raw"])
+            .arg(program)
+            .stderr(Stdio::piped());
+        command
+    };
+    if !without("true")
+        .status()
+        .is_ok_and(|status| status.success())
+    {
+        let message = "SKIPPED: no capability can be taken away here (setpriv)";
+        assert_ne!(
+            env::var("CI").as_deref(),
+            Ok("true"),
+            "{message}, and in CI that is a failure"
+        );
+        eprintln!("{message}");
+        return;
+    }
+    let program = program("examples/pp_move");
+    let program = without(program.to_str().expect("a path of ours"))
+        .args(["--interface", "master0", "--to", "1"])
+        .spawn()
+        .map(Process)
+        .expect("pp_move starts");
+    assert_eq!(
+        failure(program, Duration::from_secs(10)),
+        "pp_move: no permission to open a raw socket: run as root, or give the program the capability (`setcap \
+         cap_net_raw+ep <program>`)\n"
+    );
+}
+
+#[test]
+fn another_device_at_the_drives_position_is_an_error_with_both_identities() {
+    if !inside_namespace("another_device_at_the_drives_position_is_an_error_with_both_identities") {
+        return;
+    }
+    let (simulator, file) = simulator_of("identity", "coupler");
+    let text = failure(pp_move(&["--to", "1"]), Duration::from_secs(30));
+    drop(simulator);
+    fs::remove_file(file).expect("it is ours");
+    assert!(
+        text.starts_with("pp_move: drive 0 \"Coupler\" (")
+            && text.contains("expected AKD2G (vendor 0000006Ah, product 414B4432h), got vendor"),
+        "{text}"
+    );
 }

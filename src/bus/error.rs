@@ -32,7 +32,7 @@ pub enum NetworkError {
     #[error("no SubDevice answers on this link")]
     NoSubDevice,
     /// Discovery did not bring every SubDevice into PREOP.
-    #[error("the line of {count} SubDevices did not reach PREOP: {reason}{}", Stragglers(.stragglers))]
+    #[error("the line of {count} SubDevice(s) did not reach PREOP: {reason}{}", Stragglers(.stragglers))]
     Discovery {
         /// How many SubDevices answered.
         count: u16,
@@ -43,7 +43,7 @@ pub enum NetworkError {
     },
     /// A drive is expected where the line has no SubDevice.
     #[error(
-        "a drive ({expected}) is expected at position {position}, but the line has {count} SubDevices"
+        "a drive ({expected}) is expected at position {position}, but the line has {count} SubDevice(s)"
     )]
     NotThere {
         /// The position, from 0.

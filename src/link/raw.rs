@@ -31,7 +31,7 @@ pub enum RawSocketError {
     #[error("the network interface `{0}` is down: bring it up (`ip link set {0} up`)")]
     InterfaceDown(String),
     /// Any other refusal of the operating system.
-    #[error("cannot {step} on network interface `{interface}`")]
+    #[error("cannot {step} on network interface `{interface}`: {source}")]
     Os {
         /// What was attempted.
         step: &'static str,

@@ -2,5 +2,6 @@
 
 mod bring_up;
 mod faults;
+mod messages;
 mod rig;
 mod threaded;

@@ -1,0 +1,141 @@
+//! What a user reads when a network does not start, word for word.
+
+use std::time::Duration;
+
+use servocrab::{
+    bus::{DriveConfig, Network, NetworkBuilder},
+    coe::{Mappable, Object, ReadWrite},
+    link::Wire,
+};
+use servocrab_sim::{Identity, Segment, personality};
+
+use crate::rig::{Line, Rig, akd2g, is_write_to};
+
+/// How the simulated drive is named in every message about it.
+const DRIVE: &str = "drive 0 \"AKD2G\" (vendor 0000006Ah, product 414B4432h, revision 00000001h, serial 00000000h): ";
+
+fn one_drive() -> Segment {
+    Segment::new().with(personality::akd2g())
+}
+
+fn message(builder: NetworkBuilder) -> String {
+    match Rig::start(builder) {
+        Ok(_) => panic!("it was started"),
+        Err(error) => error.to_string(),
+    }
+}
+
+fn on(segment: Segment, position: u16, drive: DriveConfig) -> NetworkBuilder {
+    let line = Line::new(segment);
+    Network::builder().link(line.wire()).drive(position, drive)
+}
+
+#[test]
+fn no_answer_and_no_subdevice() {
+    let latency = Duration::from_micros(10);
+    let silent = Wire::in_virtual_time(latency, |_, _| false);
+    assert_eq!(
+        message(Network::builder().link(silent).drive(0, akd2g())),
+        "no frame came back: is the cable plugged in, and the first SubDevice powered?"
+    );
+    let empty = Wire::in_virtual_time(latency, |frame: &mut [u8], _| {
+        frame[6] |= 2;
+        true
+    });
+    assert_eq!(
+        message(Network::builder().link(empty).drive(0, akd2g())),
+        "no SubDevice answers on this link"
+    );
+    assert_eq!(
+        message(Network::builder().drive(0, akd2g())),
+        "no link was given: name an interface, or give a link"
+    );
+}
+
+#[test]
+fn a_drive_behind_the_end_of_the_line() {
+    assert_eq!(
+        message(on(one_drive(), 3, akd2g())),
+        "a drive (AKD2G) is expected at position 3, but the line has 1 SubDevice(s)"
+    );
+}
+
+#[test]
+fn a_wrong_identity() {
+    let other = Identity {
+        vendor: 0x6A,
+        product: 0x0041_4B44,
+        revision: 2,
+        serial: 3,
+    };
+    let segment = Segment::new()
+        .with(personality::coupler())
+        .with(personality::Akd2g::new().identity(other).build());
+    assert_eq!(
+        message(on(segment, 1, akd2g())),
+        "drive 1 \"AKD2G\" (vendor 0000006Ah, product 00414B44h, revision 00000002h, serial 00000003h): checking its \
+         identity: expected AKD2G (vendor 0000006Ah, product 414B4432h), got vendor 0000006Ah, product 00414B44h, \
+         revision 00000002h, serial 00000003h"
+    );
+}
+
+#[test]
+fn a_refused_mapping_with_its_entry_and_its_abort_code() {
+    let object = |index, subindex| -> Object<u32, ReadWrite> {
+        Object::new(index, subindex, "of the test").mappable(Mappable::BOTH)
+    };
+    let cases = [
+        (
+            akd2g().map_input("x", object(0x2FFE, 7)),
+            "mapping 2FFEh:07 (32 bits) (1A00h:05): writing 1A00h:05: device refused: object does not exist (06020000h)",
+        ),
+        (
+            // The second axis' own object, in the second axis' own PDO.
+            akd2g().map_input("y", object(0x6067, 0)),
+            "mapping 6867h:00 (32 bits) (1A10h:05): writing 1A10h:05: device refused: object cannot be mapped into a \
+             PDO (06040041h)",
+        ),
+        (
+            akd2g().map_output("x", object(0x6041, 0)),
+            "mapping 6041h:00 (32 bits) (1600h:07): writing 1600h:07: device refused: object cannot be mapped into a \
+             PDO (06040041h)",
+        ),
+    ];
+    for (drive, expected) in cases {
+        assert_eq!(
+            message(on(one_drive(), 0, drive)),
+            format!("{DRIVE}mapping its PDOs: {expected}")
+        );
+    }
+}
+
+#[test]
+fn an_al_state_that_is_refused_with_its_al_status_code() {
+    // One byte more in sync manager 2 than the drive has mapped.
+    let wire = Line::new(one_drive()).spoiled_wire(|frame| {
+        if is_write_to(frame, 0x0810) {
+            frame[28] += 1;
+        }
+    });
+    assert_eq!(
+        message(Network::builder().link(wire).drive(0, akd2g())),
+        format!(
+            "{DRIVE}bringing it into SAFEOP: it refused and is in PREOP with AL status code 001Dh \
+             (0x001d: Invalid Output Configuration)"
+        )
+    );
+}
+
+#[test]
+fn a_drive_whose_processor_stands_still() {
+    let mut segment = one_drive();
+    segment.device_mut(0).unwrap().freeze(true);
+    // Its AL status is read all the time: with a slow wire less often.
+    let wire = Wire::in_virtual_time(Duration::from_millis(2), move |frame: &mut [u8], now| {
+        segment.process(frame, now)
+    });
+    assert_eq!(
+        message(Network::builder().link(wire).drive(0, akd2g())),
+        "the line of 1 SubDevice(s) did not reach PREOP: not done within 8s; the one at position 0 is in INIT"
+    );
+}
