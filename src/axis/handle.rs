@@ -9,12 +9,12 @@ use std::sync::Arc;
 use crate::{
     coe::ObjectAddress,
     ds402::{Controlword, Mode, State},
-    profile_position::ProfilePosition,
+    profile_position::{MoveCommand, ProfilePosition},
 };
 
 use super::{
     AxisError, AxisErrorKind, AxisIdentity, Command, Completion, ParameterAccess, Snapshot,
-    StopRequest, pending::Pending, shared::Shared,
+    StopRequest, last_stop::LastStop, pending::Pending, shared::Shared,
 };
 
 /// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
@@ -181,6 +181,15 @@ impl Axis {
 
     pub(crate) fn submit(&self, command: Command) -> Result<Pending, AxisError> {
         Pending::submit(Arc::clone(&self.handles), command)
+    }
+
+    /// Submits a move that was asked for when this was the last stop.
+    pub(crate) fn submit_move(
+        &self,
+        command: MoveCommand,
+        asked: LastStop,
+    ) -> Result<Pending, AxisError> {
+        Pending::submit_move(Arc::clone(&self.handles), command, asked)
     }
 
     pub(crate) async fn run(&self, command: Command) -> Result<Completion, AxisError> {

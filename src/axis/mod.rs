@@ -20,6 +20,8 @@ mod field;
 #[cfg(feature = "std")]
 mod handle;
 #[cfg(feature = "std")]
+mod last_stop;
+#[cfg(feature = "std")]
 mod liveness;
 #[cfg(feature = "std")]
 mod pending;
@@ -51,6 +53,8 @@ pub use field::{Field, OutputField};
 pub(crate) use handle::Lease;
 #[cfg(feature = "std")]
 pub use handle::{Axis, StopHandle};
+#[cfg(feature = "std")]
+pub(crate) use last_stop::LastStop;
 #[cfg(feature = "std")]
 pub use liveness::{Liveness, LivenessWatch};
 #[cfg(feature = "std")]

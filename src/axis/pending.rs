@@ -3,7 +3,12 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{AxisError, AxisErrorKind, Command, CommandId, Completion, Failure, handle::Handles};
+use crate::profile_position::MoveCommand;
+
+use super::{
+    AxisError, AxisErrorKind, Command, CommandId, Completion, Failure, handle::Handles,
+    last_stop::LastStop,
+};
 
 /// One command under way. Dropped before its drive has seen anything of it, a move is withdrawn; other commands go on.
 #[derive(Debug)]
@@ -18,11 +23,28 @@ pub(crate) struct Pending {
 
 impl Pending {
     pub(super) fn submit(handles: Arc<Handles>, command: Command) -> Result<Self, AxisError> {
-        let shared = &handles.shared;
-        let id = shared.submit(command).map_err(|kind| shared.error(kind))?;
+        let id = handles.shared.submit(command);
+        Self::of(handles, id, false)
+    }
+
+    /// A move that was asked for when this was the last stop.
+    pub(super) fn submit_move(
+        handles: Arc<Handles>,
+        command: MoveCommand,
+        asked: LastStop,
+    ) -> Result<Self, AxisError> {
+        let id = handles.shared.submit_asked(Command::Move(command), asked);
+        Self::of(handles, id, true)
+    }
+
+    fn of(
+        handles: Arc<Handles>,
+        id: Result<CommandId, AxisErrorKind>,
+        withdraw_on_drop: bool,
+    ) -> Result<Self, AxisError> {
         Ok(Self {
-            id,
-            withdraw_on_drop: matches!(command, Command::Move(_)),
+            id: id.map_err(|kind| handles.shared.error(kind))?,
+            withdraw_on_drop,
             result: Mutex::new(None),
             halts_seen: AtomicU32::new(0),
             handles,

@@ -4,7 +4,11 @@
 use core::{sync::atomic::Ordering, time::Duration};
 use std::sync::Arc;
 
-use super::{AxisCore, Snapshot, shared::Shared};
+use super::{
+    AxisCore, Command, Delivery, Event, Failure, Snapshot, StopRequest,
+    last_stop::{LastStop, StopKind},
+    shared::Shared,
+};
 use crate::ds402::{Controlword, Mode};
 
 /// Carries commands from the handles to the axis core, and its reports and snapshots back. Order of a cycle:
@@ -21,6 +25,7 @@ pub struct AxisPort {
     manufacturer: Controlword,
     published: Option<Snapshot>,
     inputs: Vec<u8>,
+    ending: bool,
 }
 
 impl AxisPort {
@@ -31,6 +36,7 @@ impl AxisPort {
             manufacturer: Controlword::empty(),
             published: None,
             inputs: Vec::with_capacity(inputs),
+            ending: false,
         }
     }
 
@@ -64,6 +70,17 @@ impl AxisPort {
             core.apply_stop(now, stop, outputs);
         }
         self.pass_events(core);
+    }
+
+    /// A stop for this axis from whoever owns the cycle, as by a [`StopHandle`](super::StopHandle): it is merged by the next
+    /// [`before_send`](Self::before_send).
+    pub fn request_stop(&self, stop: StopRequest) {
+        self.shared.request_stop(stop);
+    }
+
+    /// From now on only what stops is taken from the handles: nothing is enabled or moved any more.
+    pub const fn end(&mut self) {
+        self.ending = true;
     }
 
     /// Passes the core's reports to the futures that wait for them and publishes the snapshot.
@@ -105,9 +122,28 @@ impl AxisPort {
 
     /// Submits what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.
     fn take_commands(&self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
-        while let Some((id, command)) = self.shared.take_command() {
-            core.submit(now, id, command, outputs);
+        while let Some((id, command, asked)) = self.shared.take_command() {
+            match self.refusal(command, asked, core) {
+                Some(failure) => self.shared.report(id, Event::Done(Err(failure))),
+                None => core.submit(now, id, command, outputs),
+            }
             self.pass_events(core);
+        }
+    }
+
+    /// Why the core is not to see this command.
+    fn refusal(&self, command: Command, asked: LastStop, core: &AxisCore) -> Option<Failure> {
+        if StopKind::of(command).is_some() {
+            return None;
+        }
+        if self.ending {
+            return Some(Failure::BusLost {
+                delivery: Delivery::NotSent,
+            });
+        }
+        match command {
+            Command::Move(_) => self.shared.stopped_since(asked, core.snapshot().state),
+            _ => None,
         }
     }
 

@@ -9,11 +9,14 @@ use crossbeam_queue::ArrayQueue;
 
 use super::{
     AxisError, AxisErrorKind, AxisIdentity, AxisSetup, Command, CommandId, Completion, Delivery,
-    Event, Failure, Snapshot, StopRequest, status::StatusCell, waiters::Waiters,
+    Event, Failure, Snapshot, StopRequest,
+    last_stop::{LastStop, StopCount, StopKind},
+    status::StatusCell,
+    waiters::Waiters,
 };
 use crate::{
     coe::{Number, ObjectAddress},
-    ds402::Controlword,
+    ds402::{Controlword, State},
     pdo_map::{Direction, Field, Place},
 };
 
@@ -40,11 +43,13 @@ pub(crate) struct Shared {
     pub(crate) changes: AtomicU64,
     /// Whether a mode is leased.
     pub(crate) leased: AtomicBool,
-    queue: ArrayQueue<(CommandId, Command)>,
+    /// With the stop that was the last one when each was asked for.
+    queue: ArrayQueue<(CommandId, Command, LastStop)>,
     withdrawn: ArrayQueue<CommandId>,
     slots: Box<[Slot]>,
     free: ArrayQueue<u8>,
     stop: AtomicU8,
+    stops: StopCount,
     manufacturer: AtomicU16,
     noted_mode: AtomicI16,
     closed: AtomicBool,
@@ -108,6 +113,7 @@ impl Shared {
             slots: (0..SLOTS).map(|_| Slot::new()).collect(),
             free,
             stop: AtomicU8::new(0),
+            stops: StopCount::default(),
             manufacturer: AtomicU16::new(0),
             noted_mode: AtomicI16::new(0),
             closed: AtomicBool::new(false),
@@ -140,11 +146,31 @@ impl Shared {
 
     /// Asks for a stop: it is in the next frame, whatever is queued.
     pub(crate) fn request_stop(&self, stop: StopRequest) {
+        let halt = stop == StopRequest::HALT;
+        self.stops
+            .note(if halt { StopKind::Halt } else { StopKind::Stop });
         self.stop.fetch_or(stop.bits(), Ordering::Release);
+    }
+
+    /// Names the last stop, for a move that is asked for now and submitted later.
+    pub(crate) fn last_stop(&self) -> LastStop {
+        self.stops.last()
     }
 
     /// Queues a command.
     pub(crate) fn submit(&self, command: Command) -> Result<CommandId, AxisErrorKind> {
+        self.submit_asked(command, self.last_stop())
+    }
+
+    /// Queues a command that was asked for when this was the last stop: a move does not outlive a later one.
+    pub(crate) fn submit_asked(
+        &self,
+        command: Command,
+        asked: LastStop,
+    ) -> Result<CommandId, AxisErrorKind> {
+        if let Some(kind) = StopKind::of(command) {
+            self.stops.note(kind);
+        }
         if self.is_closed() {
             return Err(AxisErrorKind::Closed);
         }
@@ -157,7 +183,7 @@ impl Shared {
         let generation = (slot.id.load(Ordering::Relaxed) >> 8).wrapping_add(1);
         let id = CommandId(generation << 8 | u32::from(index));
         slot.reset(id);
-        if self.queue.push((id, command)).is_err() {
+        if self.queue.push((id, command, asked)).is_err() {
             let _ = self.free.push(index);
             return Err(AxisErrorKind::QueueFull);
         }
@@ -243,12 +269,17 @@ impl Shared {
         StopRequest::from_bits_truncate(self.stop.swap(0, Ordering::AcqRel))
     }
 
-    pub(super) fn take_command(&self) -> Option<(CommandId, Command)> {
-        let (id, command) = self.queue.pop()?;
+    pub(super) fn take_command(&self) -> Option<(CommandId, Command, LastStop)> {
+        let (id, command, asked) = self.queue.pop()?;
         if let Some(slot) = self.slot(id) {
             slot.marks.fetch_or(mark::TAKEN, Ordering::AcqRel);
         }
-        Some((id, command))
+        Some((id, command, asked))
+    }
+
+    /// Why a move is not to be started that was asked for when this was the last stop, of an axis in this state.
+    pub(super) fn stopped_since(&self, asked: LastStop, state: State) -> Option<Failure> {
+        self.stops.since(asked, state)
     }
 
     pub(super) fn withdrawn_count(&self) -> usize {

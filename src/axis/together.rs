@@ -11,8 +11,7 @@ use crossbeam_queue::ArrayQueue;
 use crate::profile_position::{Move, MoveCommand, MoveRequest};
 
 use super::{
-    AxisCore, AxisError, AxisErrorKind, Command, CommandId, Failure, pending::Pending,
-    shared::Shared,
+    AxisCore, AxisError, AxisErrorKind, CommandId, Failure, pending::Pending, shared::Shared,
 };
 
 /// Groups that wait to start at once, of one network.
@@ -183,19 +182,21 @@ pub async fn together(
     // In the order of the axes, so that two groups never wait for each other.
     let mut in_order: Vec<&MoveRequest> = requests.iter().collect();
     in_order.sort_by_key(|request| request.axis.handles.shared.setup.index);
+    // A stop that comes while parameters are being written stops these moves as well.
+    let asked: Vec<_> = in_order.iter().map(|request| request.last_stop()).collect();
     let mut prepared = Vec::new();
-    for request in in_order {
+    for (request, asked) in in_order.into_iter().zip(asked) {
         let (command, guard) = request.prepare().await?;
-        prepared.push((request, command, guard));
+        prepared.push((request, command, asked, guard));
     }
     // Dropped on the way out, what was submitted is withdrawn.
     let mut pending: Vec<Pending> = Vec::new();
-    for (request, command, _) in &prepared {
+    for (request, command, asked, _) in &prepared {
         let command = MoveCommand {
             gated: true,
             ..*command
         };
-        pending.push(request.axis.submit(Command::Move(command))?);
+        pending.push(request.axis.submit_move(command, *asked)?);
     }
     let group = Arc::new(Group {
         members: prepared

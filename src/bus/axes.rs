@@ -121,14 +121,17 @@ impl Stepper for Rc<RefCell<Axes>> {
             let Some(drive) = drives.get_mut(axis.drive) else {
                 continue;
             };
+            if !stop.is_empty() {
+                axis.port.request_stop(stop);
+            }
+            if disable {
+                axis.port.end();
+            }
             axis.port
                 .before_send(&mut axis.core, now, &mut drive.outputs);
             if disable {
                 axis.core
                     .submit(now, OWN_COMMAND, Command::Disable, &mut drive.outputs);
-            }
-            if !stop.is_empty() {
-                axis.core.apply_stop(now, stop, &mut drive.outputs);
             }
         }
         let mut set = Set {

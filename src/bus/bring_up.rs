@@ -94,10 +94,11 @@ pub(super) async fn configure(
     for (job, logical) in jobs.iter_mut().zip(logical_addresses(&sizes)) {
         job.logical = logical;
     }
-    let tasks: Vec<_> = jobs
+    let tasks: Option<Vec<_>> = jobs
         .into_iter()
-        .map(|job| context.executor.spawn(job.run(context.clone())))
+        .map(|job| context.spawn(job.run(context.clone())))
         .collect();
+    let tasks = tasks.ok_or_else(loop_is_gone)?;
     let mut ready = Vec::new();
     for task in tasks {
         ready.push(task.await?);
@@ -180,16 +181,16 @@ pub(super) async fn operate(
     period: Duration,
 ) -> Result<(), NetworkError> {
     wait_for_exchange(context, drives, period).await?;
-    let tasks: Vec<_> = drives
+    let tasks: Option<Vec<_>> = drives
         .iter()
         .map(|drive| {
             let registers = context.registers.clone();
             let station = drive.found.station;
             context
-                .executor
                 .spawn(async move { al::request(&registers, station, AlState::Op, OP_LIMIT).await })
         })
         .collect();
+    let tasks = tasks.ok_or_else(loop_is_gone)?;
     for (place, (task, drive)) in tasks.into_iter().zip(drives).enumerate() {
         if let Err(error) = task.await {
             return Err(drive
@@ -205,6 +206,10 @@ pub(super) async fn operate(
         tracing::info!(drive = %drive.found.id, "in OP");
     }
     Ok(())
+}
+
+fn loop_is_gone() -> NetworkError {
+    NetworkError::Thread("the bus loop is gone".into())
 }
 
 async fn wait_for_exchange(

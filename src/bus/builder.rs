@@ -168,10 +168,12 @@ impl Parts {
         let reactor = Reactor::new(self.link, Arc::clone(&self.control.counters));
         let context = reactor.context().clone();
         let life = supervisor::supervise(context.clone(), self.plan, self.control, self.started);
-        context.executor.spawn(life).detach();
+        if let Some(task) = context.spawn(life) {
+            task.detach();
+        }
         BusLoop {
             reactor,
-            _alive: self.alive,
+            alive: Some(self.alive),
         }
     }
 }
@@ -179,7 +181,8 @@ impl Parts {
 /// The loop of a network: everything on the bus happens in its turns.
 pub struct BusLoop {
     reactor: Reactor,
-    _alive: Sender<()>,
+    /// Dropped at the end, which is what `Network::shutdown` waits for.
+    alive: Option<Sender<()>>,
 }
 
 impl BusLoop {
@@ -187,7 +190,11 @@ impl BusLoop {
     /// once the network has ended.
     #[must_use = "the loop is over when this is false"]
     pub fn turn(&mut self) -> bool {
-        self.reactor.turn()
+        let goes_on = self.reactor.turn();
+        if !goes_on {
+            self.alive = None;
+        }
+        goes_on
     }
 
     /// The link's time.

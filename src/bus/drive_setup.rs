@@ -85,7 +85,9 @@ impl Job {
             MailboxSettings::new(&mailbox),
             self.found.id.clone(),
         );
-        context.executor.spawn(client.run()).detach();
+        if let Some(task) = context.spawn(client.run()) {
+            task.detach();
+        }
 
         self.start_up_list(&sdo).await?;
         let layout = pdo_map::configure(&self.mapping, &sdo)

@@ -5,13 +5,14 @@
 
 use std::{
     cell::{Cell, RefCell},
-    rc::Rc,
+    future::Future,
+    rc::{Rc, Weak},
     sync::Arc,
     time::Duration,
 };
 
 use ethercrab::{MainDevice, MainDeviceConfig, PduStorage, Timeouts};
-use smol::LocalExecutor;
+use smol::{LocalExecutor, Task};
 
 use super::{
     acyclic::Acyclic, cycle::Cycle, frame::Tag, registers::Registers, statistics::Counters,
@@ -35,13 +36,22 @@ const FRAMES_PER_TURN: usize = 256;
 pub(super) struct Context {
     pub(super) registers: Registers,
     pub(super) time: Rc<Time>,
-    pub(super) executor: Rc<LocalExecutor<'static>>,
+    /// Weak, because its tasks hold contexts: with the loop they are all dropped, and nobody waits for them any more.
+    executor: Weak<LocalExecutor<'static>>,
     pub(super) cycle: Rc<RefCell<Option<Cycle>>>,
     pub(super) counters: Arc<Counters>,
     over: Rc<Cell<bool>>,
 }
 
 impl Context {
+    /// Begins a task; none if the loop is gone.
+    pub(super) fn spawn<T: 'static>(
+        &self,
+        future: impl Future<Output = T> + 'static,
+    ) -> Option<Task<T>> {
+        Some(self.executor.upgrade()?.spawn(future))
+    }
+
     /// Ends the loop after this turn.
     pub(super) fn end(&self) {
         self.over.set(true);
@@ -52,6 +62,7 @@ impl Context {
 pub(super) struct Reactor {
     link: Box<dyn Link>,
     acyclic: Acyclic,
+    executor: Rc<LocalExecutor<'static>>,
     context: Context,
     buffer: Vec<u8>,
 }
@@ -83,17 +94,19 @@ impl Reactor {
             ..MainDeviceConfig::default()
         };
         let main = Box::leak(Box::new(MainDevice::new(pdus, timeouts, config)));
+        let executor = Rc::new(LocalExecutor::new());
         Self {
             link,
             acyclic: Acyclic::new(tx, rx),
             context: Context {
                 registers: Registers::new(main, Rc::clone(&time)),
                 time,
-                executor: Rc::new(LocalExecutor::new()),
+                executor: Rc::downgrade(&executor),
                 cycle: Rc::new(RefCell::new(None)),
                 counters,
                 over: Rc::new(Cell::new(false)),
             },
+            executor,
             buffer: vec![0; LONGEST_FRAME],
         }
     }
@@ -163,7 +176,7 @@ impl Reactor {
             if polls % 8 == 7 && until.is_some_and(|until| self.link.now() >= until) {
                 break;
             }
-            more = self.context.executor.try_tick();
+            more = self.executor.try_tick();
             polls += 1;
         }
         // Futures may have been dropped above, and none will be before ethercrab's frames are sent.

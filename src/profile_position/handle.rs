@@ -5,7 +5,7 @@ use core::fmt;
 use smol::lock::MutexGuard;
 
 use crate::{
-    axis::{Axis, AxisError, AxisErrorKind, Command, Lease, Pending},
+    axis::{Axis, AxisError, AxisErrorKind, Command, LastStop, Lease, Pending},
     coe::{Number, Object, Writable, obj},
 };
 
@@ -69,9 +69,18 @@ impl ProfilePosition {
     /// standing axis without a set-point stays enabled.
     ///
     /// # Errors
-    /// When a deadline passes or the bus is lost. The mode is given back all the same.
+    /// When a deadline passes or the bus is lost. The mode is given back all the same. With [`AxisErrorKind::QueueFull`] the
+    /// stop was asked for nevertheless.
     pub async fn release(self) -> Result<(), AxisError> {
-        self.axis.run(Command::Release).await.map(drop)
+        let released = self.axis.run(Command::Release).await.map(drop);
+        if let Err(AxisError {
+            kind: AxisErrorKind::QueueFull,
+            ..
+        }) = &released
+        {
+            self.axis.stop_handle().stop();
+        }
+        released
     }
 
     fn request(&self, reference: Reference, target: i32, set_point: SetPoint) -> MoveRequest {
@@ -97,9 +106,15 @@ pub struct MoveRequest {
 
 impl MoveRequest {
     async fn send(self) -> Result<Move, AxisError> {
+        // A stop that comes while parameters are being written stops this move as well.
+        let asked = self.last_stop();
         let (command, _parameters) = self.prepare().await?;
-        let pending = self.axis.submit(Command::Move(command))?;
+        let pending = self.axis.submit_move(command, asked)?;
         self.accepted(pending).await
+    }
+
+    pub(crate) fn last_stop(&self) -> LastStop {
+        self.axis.handles.shared.last_stop()
     }
 
     /// Waits for the acknowledge.

@@ -1,7 +1,9 @@
 //! The network against a simulated segment, in virtual time and without a thread.
 
 mod bring_up;
+mod endings;
 mod faults;
 mod messages;
 mod rig;
+mod stops;
 mod threaded;

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex};
 
 use servocrab::axis::{
     Axis, AxisConfig, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSetup, AxisSource,
-    BoxFuture, GroupQueue, Inputs, ParameterAccess,
+    BoxFuture, Failure, GroupQueue, Inputs, ParameterAccess, StopRequest,
 };
 use servocrab::coe::{AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj};
 use servocrab::drives;
@@ -264,4 +264,51 @@ fn pitfall_13_a_move_resolves_when_the_drive_has_taken_it_and_not_before() {
         station.finish(moved.done()).expect("it arrives"),
         Outcome::Reached { position: 1_000 }
     );
+}
+
+#[test]
+fn pitfall_19_a_move_whose_parameters_are_still_being_written_does_not_outlive_a_stop() {
+    type Stop = fn(&mut Station, &Axis);
+    let stops: [(Stop, Failure); 5] = [
+        (|_, axis| axis.stop_handle().stop(), Failure::QuickStopped),
+        (
+            |station, axis| {
+                station.finish(axis.stop()).expect("it stands");
+            },
+            Failure::QuickStopped,
+        ),
+        (
+            |station, _| station.port.request_stop(StopRequest::STOP),
+            Failure::QuickStopped,
+        ),
+        (
+            |station, axis| {
+                station.finish(axis.halt()).expect("halted");
+                station.finish(axis.resume()).expect("resumed");
+            },
+            Failure::Halted,
+        ),
+        (
+            |station, axis| {
+                station.finish(axis.quick_stop()).expect("stopped");
+                station.finish(axis.enable()).expect("enabled");
+            },
+            Failure::QuickStopped,
+        ),
+    ];
+    for (stop, why) in stops {
+        let (mut station, axis, pp) = Station::ready(Behaviour::akd2g());
+        let mut moving = pin!(pp.move_abs(5_000, SetPoint::new().velocity(10_000)));
+        for _ in 0..3 {
+            assert!(poll(moving.as_mut()).is_none());
+            station.cycle();
+        }
+        stop(&mut station, &axis);
+        let error = station.finish(moving).expect_err("it was stopped");
+        assert_eq!(error.failure(), Some(why));
+        assert!(station.ledger().is_empty(), "nothing moved after the stop");
+        let later = station.finish(pp.move_abs(5_000, SetPoint::new().velocity(10_000)));
+        let later = later.expect("a move that is asked for after the stop is executed");
+        station.finish(later.done()).expect("it arrives");
+    }
 }

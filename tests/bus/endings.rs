@@ -1,0 +1,165 @@
+//! How a network ends: no future is left waiting, and nothing is started on the way down.
+
+use std::{
+    future::Future,
+    io,
+    panic::{AssertUnwindSafe, catch_unwind},
+    pin::{Pin, pin},
+    task::{Context, Poll, Waker},
+    time::Duration,
+};
+
+use servocrab::{
+    axis::{AxisErrorKind, Failure},
+    bus::Network,
+    link::{Link, Wire},
+    profile_position::SetPoint,
+};
+use servocrab_sim::{Segment, personality};
+
+use crate::rig::{Line, Rig, akd2g};
+
+const MS: Duration = Duration::from_millis(1);
+
+fn one_drive() -> Line {
+    Line::new(Segment::new().with(personality::akd2g()))
+}
+
+fn poll<T>(future: &mut Pin<&mut impl Future<Output = T>>) -> Poll<T> {
+    future
+        .as_mut()
+        .poll(&mut Context::from_waker(Waker::noop()))
+}
+
+/// A link whose `send` panics from some moment on.
+struct Broken {
+    wire: Wire,
+    from: Duration,
+}
+
+impl Link for Broken {
+    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
+        assert!(self.wire.now() < self.from, "the link is broken");
+        self.wire.send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+        self.wire.receive(buffer)
+    }
+
+    fn wait(&mut self, timeout: Duration) {
+        self.wire.wait(timeout);
+    }
+
+    fn now(&self) -> Duration {
+        self.wire.now()
+    }
+
+    fn waker(&self) -> Waker {
+        self.wire.waker()
+    }
+}
+
+#[test]
+fn a_bus_loop_that_panics_leaves_no_future_waiting() {
+    let line = one_drive();
+    let link = Broken {
+        wire: line.wire(),
+        from: Duration::from_secs(5),
+    };
+    let mut rig = Rig::start(Network::builder().link(link).drive(0, akd2g())).unwrap();
+    let axis = rig.net().axis("x").unwrap();
+    rig.until(axis.enable()).unwrap();
+    let pp = rig.until(axis.profile_position()).unwrap();
+    let set_point = SetPoint::new().velocity(1_000);
+    let moved = rig.until(pp.move_abs(1_000_000, set_point)).unwrap();
+    let sdo = rig.net().sdo(0).unwrap();
+    let mut done = pin!(moved.done());
+    assert!(poll(&mut done).is_pending());
+    let mut bus = rig.bus;
+    let died = catch_unwind(AssertUnwindSafe(move || while bus.turn() {}));
+    assert!(died.is_err(), "the link has broken");
+    let Poll::Ready(Err(error)) = poll(&mut done) else {
+        panic!("the move still waits");
+    };
+    assert!(
+        matches!(error.failure(), Some(Failure::BusLost { .. })),
+        "{error}"
+    );
+    assert!(axis.status().lost);
+    let mut read = pin!(sdo.read_bytes(0x1018, 1));
+    assert!(matches!(poll(&mut read), Poll::Ready(Err(_))));
+    let mut over = pin!(rig.net.take().unwrap().shutdown());
+    assert!(poll(&mut over).is_ready());
+}
+
+#[test]
+fn a_bus_loop_that_is_dropped_leaves_no_future_waiting() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let axis = rig.net().axis("x").unwrap();
+    let mut enabled = pin!(axis.enable());
+    assert!(poll(&mut enabled).is_pending());
+    rig.run_for(MS);
+    drop(rig.bus);
+    assert!(matches!(poll(&mut enabled), Poll::Ready(Err(_))));
+}
+
+#[test]
+fn a_bring_up_whose_loop_is_dropped_ends_with_an_error() {
+    let line = one_drive();
+    let builder = Network::builder().link(line.wire()).drive(0, akd2g());
+    let (starting, mut bus) = builder.split().unwrap();
+    let mut network = pin!(starting.network());
+    for _ in 0..500 {
+        assert!(poll(&mut network).is_pending());
+        assert!(bus.turn());
+    }
+    drop(bus);
+    assert!(matches!(poll(&mut network), Poll::Ready(Err(_))));
+}
+
+#[test]
+fn nothing_is_enabled_or_moved_any_more_once_the_network_ends() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let (x, y) = (rig.net().axis("x").unwrap(), rig.net().axis("y").unwrap());
+    rig.until(x.enable()).unwrap();
+    rig.until(y.enable()).unwrap();
+    // It takes a second to stop: time enough for somebody else to begin anew on the other axis.
+    let pp = rig.until(x.profile_position()).unwrap();
+    let set_point = SetPoint::new()
+        .velocity(100_000)
+        .acceleration(1_000_000)
+        .deceleration(100_000);
+    let moved = rig.until(pp.move_abs(900_000, set_point)).unwrap();
+    rig.run_for(300 * MS);
+    let mut over = pin!(rig.net.take().unwrap().shutdown());
+    assert!(poll(&mut over).is_pending());
+    rig.run_for(100 * MS);
+    let mut again = pin!(y.enable());
+    let mut refused = None;
+    while rig.bus.turn() {
+        if refused.is_none()
+            && let Poll::Ready(result) = poll(&mut again)
+        {
+            refused = Some(result);
+        }
+        let segment = line.segment();
+        let words = segment.axis(0, 1).unwrap().get(0x6040, 0).unwrap();
+        assert!(
+            refused.is_none() || words & 0x0F != 0x0F,
+            "enabled on the way down"
+        );
+    }
+    let error = refused.expect("it is answered").unwrap_err();
+    assert!(
+        matches!(
+            error.kind,
+            AxisErrorKind::Failed(Failure::BusLost { .. }) | AxisErrorKind::Closed
+        ),
+        "{error}"
+    );
+    assert!(poll(&mut over).is_ready());
+    drop(moved);
+}
