@@ -40,12 +40,25 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                     return fail("on a halted axis");
                 }
                 let Some(line) = line else {
-                    return if life.lies.ack {
-                        Ok(())
-                    } else {
-                        fail("without being executed")
-                    };
+                    if life.lies.ack {
+                        continue;
+                    }
+                    return fail("without being executed");
                 };
+                // Where bit 12 shows the end of a set-point with another behind it, the drive's word is all there is, and
+                // where a relative move ends is not always known to the host.
+                let followed = world.reports.iter().any(|other| {
+                    other.event == Event::Accepted
+                        && other.frame <= report.frame
+                        && world
+                            .accepted(issued.id)
+                            .is_some_and(|own| own.frame < other.frame)
+                });
+                let told =
+                    followed && world.config.traits.buffer_signal == BufferSignal::Acknowledge;
+                if told && life.lies.ack {
+                    continue;
+                }
                 let there =
                     |end: i64| (end - i64::from(position)).unsigned_abs() <= u64::from(tolerance);
                 let ended = line.ended_at.is_some_and(|ended| ended <= report.now)
@@ -60,17 +73,6 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                 if let Ok(Completion::Passed { .. }) = result {
                     continue;
                 }
-                // Where bit 12 shows the end of a set-point with another behind it, the drive's word is all there is, and
-                // where a relative move ends is not always known to the host.
-                let followed = world.reports.iter().any(|other| {
-                    other.event == Event::Accepted
-                        && other.frame <= report.frame
-                        && world
-                            .accepted(issued.id)
-                            .is_some_and(|own| own.frame < other.frame)
-                });
-                let told =
-                    followed && world.config.traits.buffer_signal == BufferSignal::Acknowledge;
                 if command.reference == Reference::Relative || told {
                     continue;
                 }
