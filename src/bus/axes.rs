@@ -7,6 +7,7 @@ use super::{
     cycle::Stepper,
     drive_setup::ReadyDrive,
     exchange::{Answer, DriveData},
+    journal::Journal,
 };
 use crate::{
     axis::{
@@ -27,6 +28,7 @@ pub(super) struct Axes {
     watches: Vec<LivenessWatch>,
     /// All axes are to be disabled with the next frame.
     disable_asked: bool,
+    journal: Journal,
     control: Arc<Control>,
 }
 
@@ -43,14 +45,17 @@ impl Axes {
         let queue = GroupQueue::new();
         let mut axes = Vec::new();
         let mut sources = Vec::new();
+        let mut identities = Vec::new();
         for (place, drive) in drives.iter().enumerate() {
             for axis in &drive.axes {
                 let core = AxisCore::new(axis.config.clone());
+                let identity = AxisIdentity {
+                    axis: axis.name.clone(),
+                    drive: drive.found.id.clone(),
+                };
+                identities.push(identity.clone());
                 let setup = AxisSetup {
-                    identity: AxisIdentity {
-                        axis: axis.name.clone(),
-                        drive: drive.found.id.clone(),
-                    },
+                    identity,
                     offset: axis.offset,
                     fields: axis.config.fields,
                     traits: axis.config.traits,
@@ -72,6 +77,7 @@ impl Axes {
             axes,
             groups: queue.groups(),
             watches: Vec::with_capacity(8),
+            journal: Journal::new(identities),
             control,
             disable_asked: false,
         };
@@ -98,15 +104,24 @@ impl Axes {
         })
     }
 
+    /// Writes to the log what has happened to the axes since it was written last.
+    pub(super) fn write_log(&mut self) {
+        self.journal.write();
+    }
+
     fn stop(&mut self, now: Duration) -> StopRequest {
         while let Some(watch) = self.control.take_watch() {
             self.watches.push(watch);
         }
         let mut stop = self.control.take_stop();
+        self.journal.stop_of_all(stop);
+        let mut expired = false;
         for watch in &mut self.watches {
-            if watch.expired(now) {
-                stop |= StopRequest::HALT;
-            }
+            expired |= watch.expired(now);
+        }
+        self.journal.liveness(expired);
+        if expired {
+            stop |= StopRequest::HALT;
         }
         stop
     }
@@ -142,7 +157,8 @@ impl Stepper for Rc<RefCell<Axes>> {
     }
 
     fn after_receive(&mut self, now: Duration, drives: &mut [DriveData]) {
-        for axis in &mut self.borrow_mut().axes {
+        let this = &mut *self.borrow_mut();
+        for (index, axis) in this.axes.iter_mut().enumerate() {
             let Some(drive) = drives.get_mut(axis.drive) else {
                 continue;
             };
@@ -150,6 +166,7 @@ impl Stepper for Rc<RefCell<Axes>> {
             axis.core.step(now, judged, outputs);
             let inputs = (drive.answer != Answer::Stale).then_some(&drive.inputs[..]);
             axis.port.after_step(&mut axis.core, inputs);
+            this.journal.look(index, &axis.core.snapshot());
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use tracing::Instrument;
+
 use super::{
     AlState, BringUpStep, DriveFault, NetworkError, al,
     config::{DriveConfig, Watchdog},
@@ -96,7 +98,11 @@ pub(super) async fn configure(
     }
     let tasks: Option<Vec<_>> = jobs
         .into_iter()
-        .map(|job| context.spawn(job.run(context.clone())))
+        .map(|job| {
+            let id = &job.found.id;
+            let span = tracing::info_span!("bring-up", position = id.position, name = id.name);
+            context.spawn(job.run(context.clone()).instrument(span))
+        })
         .collect();
     let tasks = tasks.ok_or_else(loop_is_gone)?;
     let mut ready = Vec::new();

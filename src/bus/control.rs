@@ -78,7 +78,13 @@ impl Control {
 
     /// Keeps the event if there is room; a program that does not look loses the later ones.
     pub(super) fn report(&self, event: NetworkEvent) {
-        tracing::warn!("{event}");
+        let drive = event.drive();
+        match &event {
+            NetworkEvent::Lost(_) | NetworkEvent::LeftOp { .. } => {
+                tracing::warn!(%drive, "{event}");
+            }
+            NetworkEvent::Back(_) | NetworkEvent::InOp(_) => tracing::info!(%drive, "{event}"),
+        }
         drop(self.events.0.try_send(event));
     }
 }
@@ -99,6 +105,17 @@ pub enum NetworkEvent {
     },
     /// It is in OP again.
     InOp(DriveId),
+}
+
+impl NetworkEvent {
+    /// The drive that it happened to.
+    #[must_use]
+    pub const fn drive(&self) -> &DriveId {
+        match self {
+            Self::Lost(drive) | Self::Back(drive) | Self::InOp(drive) => drive,
+            Self::LeftOp { drive, .. } => drive,
+        }
+    }
 }
 
 impl std::fmt::Display for NetworkEvent {

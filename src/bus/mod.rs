@@ -14,6 +14,7 @@ mod eeprom;
 mod error;
 mod exchange;
 mod frame;
+mod journal;
 mod network;
 mod packing;
 mod reactor;

@@ -58,7 +58,7 @@ pub(super) async fn supervise(
     match bring_up.await {
         Some(Ok((axes, drives, to_program))) => {
             if started.send(Ok(to_program)).await.is_ok() {
-                watch(&context, &drives, &control).await;
+                watch(&context, &axes, &drives, &control).await;
             }
             end(&context, &axes, &drives, period).await;
         }
@@ -105,11 +105,12 @@ async fn given_up(context: &Context, control: &Control) {
 }
 
 /// Watches over the drives until the network is to end.
-async fn watch(context: &Context, drives: &[ReadyDrive], control: &Control) {
+async fn watch(context: &Context, axes: &RefCell<Axes>, drives: &[ReadyDrive], control: &Control) {
     let mut usual = None;
     let mut lost = vec![false; drives.len()];
     while !control.is_shutdown() {
         context.time.sleep(LOOK_EVERY).await;
+        axes.borrow_mut().write_log();
         let Some((al_status, wrong)) = look(context, drives, &mut lost, control) else {
             return;
         };
@@ -188,6 +189,7 @@ async fn end(context: &Context, axes: &Rc<RefCell<Axes>>, drives: &[ReadyDrive],
     loop {
         // The first look is after a cycle, so that what was asked for has been sent.
         time.sleep(period * 2).await;
+        axes.borrow_mut().write_log();
         if axes.borrow().are_disabled() {
             break;
         }
@@ -204,6 +206,7 @@ async fn end(context: &Context, axes: &Rc<RefCell<Axes>>, drives: &[ReadyDrive],
             }
         }
         if state == AlState::SafeOp {
+            axes.borrow_mut().write_log();
             // Dropping the ports tells the handles.
             context.cycle.borrow_mut().take();
         }

@@ -18,11 +18,12 @@ use super::handle::{Emergencies, EmergencyQueue, Request, SdoHandle};
 use super::mailbox::{Counter, Mail, SHORTEST_MAILBOX, sdo_mail};
 use super::obj;
 use super::sdo::{SdoFault, Step, Upload, abort_request};
-use super::transport::{LinkFault, MailboxStatus, MailboxTransport};
+use super::transport::{LinkFault, MailboxTransport};
 
 #[cfg(test)]
 mod tests;
 
+mod access;
 mod dialogue;
 mod settings;
 
@@ -46,6 +47,7 @@ pub struct MailboxClient<T, C> {
     transport: T,
     clock: C,
     settings: MailboxSettings,
+    drive: Arc<DriveId>,
     requests: Receiver<Request>,
     emergencies: EmergencyQueue,
     counter: Counter,
@@ -77,7 +79,9 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     ) -> (Self, SdoHandle, Emergencies) {
         let (sender, requests) = bounded(settings.request_capacity.max(1));
         let (queue, emergencies) = EmergencyQueue::new(settings.emergency_capacity);
+        let drive = Arc::new(drive);
         let client = Self {
+            drive: Arc::clone(&drive),
             transport,
             clock,
             settings,
@@ -91,7 +95,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         };
         let handle = SdoHandle {
             requests: sender,
-            drive: Arc::new(drive),
+            drive,
             timeout: None,
         };
         (client, handle, emergencies)
@@ -308,7 +312,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             Ok(parsed) => parsed,
             Err(cut) if dialogue.is_some() => return Err(Failure::Fault(cut.into())),
             Err(cut) => {
-                tracing::warn!(%cut, "mail dropped");
+                tracing::warn!(drive = %self.drive, %cut, "mail dropped");
                 return Ok(Found::Other);
             }
         };
@@ -324,7 +328,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         self.last.extend_from_slice(whole);
         match (content, dialogue) {
             (Mail::Emergency(emergency), _) => {
-                tracing::warn!(%emergency, "emergency");
+                tracing::warn!(drive = %self.drive, %emergency, "emergency");
                 self.emergencies.push(self.clock.now(), emergency);
                 Ok(Found::Other)
             }
@@ -342,65 +346,5 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 Ok(Found::Other)
             }
         }
-    }
-
-    /// Asks the device for its last mail once more and waits until it has followed.
-    async fn repeat(&mut self, before: MailboxStatus) -> Result<(), Failure> {
-        let toggle = !before.repeat_requested;
-        let deadline = self.clock.now() + self.settings.frame_timeout;
-        self.repeated = true;
-        while let Err(fault) = self.access(self.transport.request_repeat(toggle)).await {
-            self.tolerate(fault)?;
-            self.pause().await;
-        }
-        // A device that never follows has no repeat; what it sends next is read as usual.
-        while self.clock.now() < deadline {
-            match self.access(self.transport.status()).await {
-                Ok(status) if status.repeat_done == toggle => break,
-                Ok(_) => {}
-                Err(fault) => self.tolerate(fault)?,
-            }
-            self.pause().await;
-        }
-        Ok(())
-    }
-
-    async fn pause(&self) {
-        let next = self.clock.now() + self.settings.poll_interval;
-        self.clock.sleep_until(next).await;
-    }
-
-    /// One access with its deadline.
-    async fn access<R>(
-        &self,
-        access: impl Future<Output = Result<R, LinkFault>>,
-    ) -> Result<R, LinkFault> {
-        self.access_within(self.settings.frame_timeout, access)
-            .await
-    }
-
-    async fn access_within<R>(
-        &self,
-        limit: Duration,
-        access: impl Future<Output = Result<R, LinkFault>>,
-    ) -> Result<R, LinkFault> {
-        let deadline = self.clock.now() + limit;
-        or(access, async {
-            self.clock.sleep_until(deadline).await;
-            Err(LinkFault::Lost)
-        })
-        .await
-    }
-
-    /// Counts a failed access; too many in a row end the transfer.
-    fn tolerate(&mut self, fault: LinkFault) -> Result<(), Failure> {
-        if fault == LinkFault::Busy {
-            return Ok(());
-        }
-        self.failures += 1;
-        if self.failures >= self.settings.attempts {
-            return Err(Failure::Link(fault));
-        }
-        Ok(())
     }
 }

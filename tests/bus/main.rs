@@ -3,6 +3,7 @@
 mod bring_up;
 mod endings;
 mod faults;
+mod log;
 mod messages;
 mod rig;
 mod stops;

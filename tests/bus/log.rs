@@ -1,0 +1,182 @@
+//! What is in the log of things that no handle waits for, with the axis and the drive that they happened to.
+
+use std::{
+    io,
+    sync::{Arc, Mutex},
+    time::Duration,
+};
+
+use servocrab::{
+    axis::StopRequest,
+    bus::{DriveConfig, Network},
+    drives,
+    profile_position::SetPoint,
+};
+use servocrab_sim::{Segment, personality};
+use tracing::{Level, subscriber::DefaultGuard};
+
+use crate::rig::{Line, Rig, akd2g};
+
+const MS: Duration = Duration::from_millis(1);
+
+/// What was logged on this thread.
+#[derive(Clone, Default)]
+struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl io::Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().unwrap().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Log {
+    fn begin() -> (Self, DefaultGuard) {
+        let log = Self::default();
+        let writer = log.clone();
+        let subscriber = tracing_subscriber::fmt()
+            .with_max_level(Level::DEBUG)
+            .with_ansi(false)
+            .without_time()
+            .with_writer(move || writer.clone())
+            .finish();
+        (log, tracing::subscriber::set_default(subscriber))
+    }
+
+    /// The lines since this was asked for last.
+    fn take(&self) -> Vec<String> {
+        let bytes = std::mem::take(&mut *self.0.lock().unwrap());
+        let text = String::from_utf8(bytes).unwrap();
+        text.lines().map(str::to_owned).collect()
+    }
+}
+
+/// How many of the lines have all of these parts.
+fn count(lines: &[String], parts: &[&str]) -> usize {
+    lines
+        .iter()
+        .filter(|line| parts.iter().all(|part| line.contains(part)))
+        .count()
+}
+
+fn two_drives() -> (Line, Rig) {
+    let line = Line::new(
+        Segment::new()
+            .with(personality::akd2g())
+            .with(personality::akd2g()),
+    );
+    let second = DriveConfig::new(drives::akd2g()).axis("z");
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(0, akd2g())
+        .drive(1, second);
+    let rig = Rig::start(builder).unwrap();
+    (line, rig)
+}
+
+#[test]
+fn each_drives_bring_up_is_a_span_with_its_position_and_name() {
+    let (log, _guard) = Log::begin();
+    let (_line, rig) = two_drives();
+    let lines = log.take();
+    for position in ["position=0", "position=1"] {
+        let span = format!("bring-up{{{position} name=\"AKD2G\"}}");
+        assert_eq!(count(&lines, &[&span, "configuring"]), 1, "{lines:#?}");
+        assert_eq!(count(&lines, &[&span, "in SAFEOP"]), 1, "{lines:#?}");
+    }
+    assert_eq!(count(&lines, &["INFO", "drive 1 \"AKD2G\"", "in OP"]), 1);
+    rig.shutdown();
+}
+
+#[test]
+fn a_fault_that_nobody_waits_for_is_logged_once_with_its_axis_and_its_drive() {
+    let (line, mut rig) = two_drives();
+    let z = rig.net().axis("z").unwrap();
+    rig.until(z.enable()).unwrap();
+    rig.run_for(20 * MS);
+    let (log, _guard) = Log::begin();
+    rig.run_for(100 * MS);
+    assert_eq!(log.take(), [""; 0], "nothing has happened");
+    line.segment().axis_mut(1, 0).unwrap().inject_fault(0x7320);
+    rig.run_for(100 * MS);
+    let lines = log.take();
+    let fault = [
+        "ERROR",
+        "axis=\"z\"",
+        "drive=drive 1 \"AKD2G\"",
+        "to=Fault ",
+        "statusword=",
+    ];
+    assert_eq!(count(&lines, &fault), 1, "{lines:#?}");
+    let emergency = [
+        "WARN",
+        "drive=drive 1 \"AKD2G\"",
+        "emergency 7320h (sensor)",
+    ];
+    assert_eq!(count(&lines, &emergency), 1, "{lines:#?}");
+    assert_eq!(count(&lines, &["axis=\"x\""]), 0, "{lines:#?}");
+    drop(z);
+    rig.shutdown();
+}
+
+#[test]
+fn a_stop_from_the_stop_lane_and_an_unfed_liveness_are_logged_once() {
+    let (_line, mut rig) = two_drives();
+    let x = rig.net().axis("x").unwrap();
+    rig.until(x.enable()).unwrap();
+    let _moving = rig.until(async {
+        let mode = x.profile_position().await.unwrap();
+        let set_point = SetPoint::new()
+            .velocity(10_000)
+            .acceleration(100_000)
+            .deceleration(100_000);
+        let motion = mode.move_abs(600_000, set_point).await.unwrap();
+        (mode, motion)
+    });
+    let live = rig.net().liveness(50 * MS);
+    live.feed();
+    rig.run_for(20 * MS);
+    let (log, _guard) = Log::begin();
+    rig.run_for(200 * MS);
+    let lines = log.take();
+    assert_eq!(count(&lines, &["WARN", "liveness"]), 1, "{lines:#?}");
+    let halted = ["INFO", "axis=\"x\"", "drive=drive 0", "halted"];
+    assert_eq!(count(&lines, &halted), 1, "{lines:#?}");
+    rig.net().stop_handle().stop_all(StopRequest::QUICK_STOP);
+    rig.run_for(200 * MS);
+    let lines = log.take();
+    assert_eq!(
+        count(&lines, &["WARN", "all axes are stopped", "QUICK_STOP"]),
+        1,
+        "{lines:#?}"
+    );
+    let left = ["axis=\"x\"", "from=OperationEnabled"];
+    assert_eq!(count(&lines, &left), 1, "{lines:#?}");
+    rig.shutdown();
+}
+
+#[test]
+fn a_drive_that_falls_silent_is_logged_for_itself_and_for_each_of_its_axes() {
+    let (line, mut rig) = two_drives();
+    rig.run_for(20 * MS);
+    let (log, _guard) = Log::begin();
+    line.segment().unplug(1);
+    rig.run_for(200 * MS);
+    let lines = log.take();
+    let lost = ["WARN", "drive=drive 1", "no longer answers"];
+    assert_eq!(count(&lines, &lost), 1, "{lines:#?}");
+    let axis = ["WARN", "axis=\"z\"", "counts as lost"];
+    assert_eq!(count(&lines, &axis), 1, "{lines:#?}");
+    line.segment().plug();
+    rig.run_for(500 * MS);
+    let lines = log.take();
+    assert_eq!(
+        count(&lines, &["INFO", "drive=drive 1", "answers again"]),
+        1
+    );
+    drop(rig);
+}
