@@ -12,6 +12,8 @@ mod scenario;
 mod words;
 mod world;
 
+use std::collections::BTreeMap;
+
 use scenario::{Life, Names, OTHER_DRIVES, live};
 
 /// Bus cycles for each invariant at least.
@@ -67,20 +69,94 @@ fn invariant_9_every_command_ends_once_and_in_time() {
     search(9, Names::Unique, reports::everything_ends);
 }
 
+/// What happens in the lives that are searched: a search where nothing happens finds nothing.
+#[test]
+fn the_lives_see_every_command_and_every_way_to_end() {
+    let mut seen: BTreeMap<String, usize> = BTreeMap::new();
+    for seed in seeds(1).take(80) {
+        let life = live(seed, Names::Unique);
+        let mut count = |what: String| *seen.entry(what).or_default() += 1;
+        for issued in &life.world.issued {
+            let name = |text: String| {
+                let end = text.find([' ', '(', '{']).unwrap_or(text.len());
+                text[..end].to_owned()
+            };
+            let command = name(format!("{:?}", issued.command));
+            match life.world.done(issued.id) {
+                Some((_, Ok(completion))) => {
+                    count(format!("{command}: {}", name(format!("{completion:?}"))));
+                }
+                Some((_, Err(failure))) => {
+                    count(format!("{command}: {}", name(format!("{failure:?}"))));
+                }
+                None => count(format!("{command}: nothing")),
+            }
+        }
+        for line in life.world.ledger() {
+            count(format!("ledger: {:?}", line.outcome));
+        }
+        for frame in &life.world.frames {
+            count(format!("frame: {:?}", frame.got));
+        }
+    }
+    for (what, times) in &seen {
+        println!("{times:7} {what}");
+    }
+    for what in OUTCOMES {
+        assert!(seen.contains_key(*what), "no life saw {what}: {seen:#?}");
+    }
+}
+
+const OUTCOMES: &[&str] = &[
+    "Disable: Stopped",
+    "Disable: BusLost",
+    "Enable: Done",
+    "Enable: Busy",
+    "Enable: Fault",
+    "Enable: QuickStopped",
+    "Halt: Stopped",
+    "Halt: Superseded",
+    "Move: BusLost",
+    "Move: Disabled",
+    "Move: Fault",
+    "Move: Halted",
+    "Move: MissedTarget",
+    "Move: NeedsStop",
+    "Move: Passed",
+    "Move: QuickStopped",
+    "Move: Reached",
+    "Move: Superseded",
+    "Move: Timeout",
+    "Move: Unsupported",
+    "Move: Withdrawn",
+    "Move: WrongMode",
+    "QuickStop: Stopped",
+    "Release: Stopped",
+    "ResetFault: Stopped",
+    "ResetFault: NoFault",
+    "Resume: Done",
+    "Resume: Moving",
+    "Resume: ResumeUnsupported",
+    "SelectMode: Done",
+    "SelectMode: Halted",
+    "Stop: Stopped",
+    "frame: Answered",
+    "frame: Stale",
+    "ledger: Discarded(Fault)",
+    "ledger: Discarded(Halt)",
+    "ledger: Discarded(QuickStop)",
+    "ledger: Passed",
+    "ledger: Reached",
+    "ledger: Replaced",
+];
+
 /// Lives lives until enough cycles have passed; the first that fails the check ends it.
 fn search(invariant: u64, names: Names, check: Check) {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
     let cycles = number("INVARIANT_CYCLES").map_or(CYCLES, |cycles: u64| cycles as usize);
-    let kept = KEPT.lines().filter_map(|line| {
-        line.split('#')
-            .next()
-            .and_then(|seed| seed.trim().parse().ok())
-    });
-    // Half of the lives with the drives of whose bits 5, 9 and 12 other documents speak.
-    let fresh = (0..).map(|n: u64| (n % 4 % 3) << OTHER_DRIVES | invariant << 32 | n);
     let seeds: Box<dyn Iterator<Item = u64>> = match number("INVARIANT_SEED") {
         Some(seed) => Box::new(core::iter::once(seed)),
-        None => Box::new(kept.chain(fresh)),
+        None => Box::new(seeds(invariant)),
     };
     let (mut lived, mut lives, mut executed) = (0, 0, 0);
     for seed in seeds {
@@ -99,6 +175,18 @@ fn search(invariant: u64, names: Names, check: Check) {
     println!(
         "invariant {invariant}: {lived} cycles, {lives} lives, {executed} set-points executed"
     );
+}
+
+/// The kept ones, then new ones without end.
+fn seeds(invariant: u64) -> impl Iterator<Item = u64> {
+    let kept = KEPT.lines().filter_map(|line| {
+        line.split('#')
+            .next()
+            .and_then(|seed| seed.trim().parse().ok())
+    });
+    // Half of the lives with the drives of whose bits 5, 9 and 12 other documents speak.
+    let fresh = (0..).map(move |n: u64| (n % 4 % 3) << OTHER_DRIVES | invariant << 32 | n);
+    kept.chain(fresh)
 }
 
 /// Says the seed when a life ends in a panic.
