@@ -6,9 +6,13 @@
 
 use std::{io, time::Duration};
 
-use ethercrab::{PduRx, PduTx, error::Error};
+use ethercrab::{
+    PduRx, PduTx,
+    error::{Error, PduError},
+};
 
-use super::frame::{self, Tag};
+use super::frame::{self, Tag, command};
+use super::reactor::SLOTS;
 use super::statistics::Counters;
 use crate::link::Link;
 
@@ -19,6 +23,10 @@ const RESEND_AFTER: Duration = Duration::from_millis(20);
 const SENDINGS: u8 = 5;
 /// After this nothing of a request is on its way or will be sent any more.
 pub(super) const GIVEN_UP_AFTER: Duration = RESEND_AFTER.saturating_mul(SENDINGS as u32 + 1);
+
+/// How many requests may follow one without an answer: with those that are made before the next look, which have a slot
+/// each, fewer than ethercrab has indices.
+const AHEAD: u32 = 256 - 2 * SLOTS as u32;
 
 /// The two ends of ethercrab's loop that face the link, and the frames that are on their way.
 pub(super) struct Acyclic {
@@ -92,15 +100,27 @@ impl Acyclic {
                 sent += 1;
             }
         }
-        let spare = &mut self.spare;
+        let (spare, rx) = (&mut self.spare, &mut self.rx);
         self.away.retain_mut(|away| {
             let keep = now < away.sent_at + RESEND_AFTER;
             if !keep {
-                spare.push(std::mem::take(&mut away.frame));
+                let mut frame = std::mem::take(&mut away.frame);
+                give_up(&mut frame, rx);
+                spare.push(frame);
             }
             keep
         });
         Ok(sent)
+    }
+
+    /// Whether nothing more is to be asked for before the oldest request has had its answer or is given up.
+    ///
+    /// ethercrab finds the request of an answer by the datagram's index alone, and goes round its 256 indices: of two
+    /// requests under way with the same one, either might get the other's answer.
+    pub(super) fn is_ahead(&self) -> bool {
+        self.away
+            .iter()
+            .any(|away| self.number.wrapping_sub(away.number) >= AHEAD)
     }
 
     /// When the next frame is overdue.
@@ -128,6 +148,21 @@ impl Acyclic {
             counters.late.add();
         }
     }
+}
+
+/// Ends a request that has had no answer: as its answer ethercrab gets one with another command, which the request's
+/// future takes for undecodable ([`is_lost`]).
+fn give_up(frame: &mut [u8], rx: &mut PduRx<'static>) {
+    if let Some(command) = frame.get_mut(frame::HEADERS) {
+        *command = command::NOP;
+    }
+    // An error means that its future was dropped meanwhile.
+    let _ = rx.receive_frame(frame);
+}
+
+/// Whether this is how a request ends that was given up.
+pub(super) fn is_lost(error: &Error) -> bool {
+    *error == Error::Pdu(PduError::Decode)
 }
 
 fn set_source(frame: &mut [u8], number: u32) {

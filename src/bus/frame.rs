@@ -13,6 +13,7 @@ pub(super) const PAYLOAD: usize = 1498;
 
 /// Datagram commands.
 pub(super) mod command {
+    pub(in crate::bus) const NOP: u8 = 0;
     pub(in crate::bus) const BRD: u8 = 7;
     pub(in crate::bus) const LRD: u8 = 10;
     pub(in crate::bus) const LWR: u8 = 11;

@@ -21,7 +21,7 @@ use super::{
 use crate::link::{LONGEST_FRAME, Link};
 
 /// Frames of ethercrab's that can be on their way at once (a power of two; ethercrab takes 128 at most).
-const SLOTS: usize = 64;
+pub(super) const SLOTS: usize = 64;
 /// The longest datagram that fits into an Ethernet frame.
 const LONGEST_DATAGRAM: usize = 1486;
 /// The longest wait: wakes from other threads reach the executor's tasks, but not the link.
@@ -171,7 +171,7 @@ impl Reactor {
     /// Polls futures, then sends what they queued. True if there may be more to do at once.
     fn acyclic_work(&mut self, until: Option<Duration>) -> bool {
         let mut polls = 0;
-        let mut more = true;
+        let mut more = !self.acyclic.is_ahead();
         while more && polls < POLLS_PER_TURN {
             if polls % 8 == 7 && until.is_some_and(|until| self.link.now() >= until) {
                 break;

@@ -4,7 +4,10 @@ use std::{rc::Rc, time::Duration};
 
 use ethercrab::{Command, MainDevice, error::Error};
 
-use super::{acyclic::GIVEN_UP_AFTER, time::Time};
+use super::{
+    acyclic::{GIVEN_UP_AFTER, is_lost},
+    time::Time,
+};
 
 /// How long to wait for a free frame slot of ethercrab's.
 const SLOT_RETRY: Duration = Duration::from_millis(1);
@@ -132,6 +135,7 @@ impl Registers {
             None => Err(RegisterError::NoFrame),
             Some(Ok(value)) => Ok(value),
             Some(Err(Error::WorkingCounter { received: 0, .. })) => Err(RegisterError::NotAnswered),
+            Some(Err(error)) if is_lost(&error) => Err(RegisterError::NoFrame),
             Some(Err(error)) => Err(RegisterError::Refused(error)),
         }
     }

@@ -151,7 +151,8 @@ fn taken(answer: Result<(), LinkFault>) -> Result<bool, LinkFault> {
 fn fault(error: Error) -> LinkFault {
     match error {
         Error::WorkingCounter { .. } => LinkFault::NotAnswered,
-        Error::Timeout(_) => LinkFault::Lost,
+        // The bus loop ends a request that it has given up as undecodable.
+        Error::Timeout(_) | Error::Pdu(PduError::Decode) => LinkFault::Lost,
         Error::Pdu(PduError::SwapState) => LinkFault::Busy,
         error => LinkFault::Refused(error),
     }

@@ -261,3 +261,32 @@ fn start_long_move(rig: &mut Rig) -> Option<impl Sized + use<>> {
     assert_eq!(status.velocity, 10_000);
     Some((started, axis))
 }
+
+#[test]
+fn an_answer_is_never_taken_for_that_of_a_lost_request_with_the_same_index() {
+    // ethercrab's 256 indices go round many times while one of many concurrent requests is lost and sent again.
+    for nth in [41, 61, 131, 257, 811] {
+        let mut segment = Segment::new();
+        for _ in 0..12 {
+            segment = segment.with(personality::akd2g());
+        }
+        let line = Line::new(segment);
+        let wire = line.wire_with(move |number, frame| {
+            if !is_cyclic(frame) && number % nth == 5 {
+                Fate::LoseAnswer
+            } else {
+                Fate::Deliver
+            }
+        });
+        let mut builder = Network::builder().link(wire);
+        for position in 0..12 {
+            let drive = servocrab::bus::DriveConfig::new(servocrab::drives::akd2g());
+            builder = builder.drive(position, drive.axis(&format!("axis {position}")));
+        }
+        let rig = match Rig::start(builder) {
+            Ok(rig) => rig,
+            Err(error) => panic!("one of {nth} frames was lost: {error}"),
+        };
+        rig.shutdown();
+    }
+}
