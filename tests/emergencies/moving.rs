@@ -1,6 +1,6 @@
 //! One emergency after each datagram of a move, from enabling to disabling, with SDO transfers beside the cycle.
 
-use std::{cell::Cell, thread};
+use std::{cell::Cell, thread, time::Duration};
 
 use servocrab::{
     axis::Axis,
@@ -22,7 +22,7 @@ const NOTE_BYTES: u8 = 100;
 
 #[test]
 fn an_emergency_after_any_datagram_of_a_move_is_delivered_and_the_move_is_done() {
-    let (datagrams, transfers) = after_each_datagram(None);
+    let (datagrams, transfers) = after_each_datagram(Duration::ZERO, None);
     assert!(datagrams > 200, "only {datagrams} datagrams");
     assert!(transfers > 10 * datagrams, "only {transfers} transfers");
     println!("{datagrams} datagrams, as many moves, {transfers} SDO transfers beside them");
@@ -32,15 +32,22 @@ fn an_emergency_after_any_datagram_of_a_move_is_delivered_and_the_move_is_done()
 fn an_emergency_in_a_move_is_delivered_once_though_any_of_the_next_four_frames_is_lost() {
     thread::scope(|scope| {
         for behind in 1..=4 {
-            scope.spawn(move || after_each_datagram(Some(behind)));
+            scope.spawn(move || after_each_datagram(Duration::ZERO, Some(behind)));
         }
     });
 }
 
-/// A move for each of its datagrams, with an emergency after it, and with the frame lost that carries the datagram this
+#[test]
+fn an_emergency_between_any_request_and_its_late_answer_in_a_move_is_delivered() {
+    let (datagrams, transfers) = after_each_datagram(Duration::from_micros(400), None);
+    println!("{datagrams} datagrams, as many moves, {transfers} transfers over a slow mailbox");
+}
+
+/// A move for each of its datagrams, on a drive that takes this long over each mail, with an emergency after it, and with the frame lost that carries the datagram this
 /// far behind it. Gives the number of datagrams, and of SDO transfers in all moves.
-fn after_each_datagram(lost: Option<u64>) -> (u64, u64) {
-    let drive = Akd2g::new().mailbox_bytes(MAILBOX).build();
+fn after_each_datagram(delay: Duration, lost: Option<u64>) -> (u64, u64) {
+    let mut drive = Akd2g::new().mailbox_bytes(MAILBOX).build();
+    drive.set_mailbox_delay(delay);
     let line = Line::new(Segment::new().with(drive));
     let config = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config));
