@@ -12,7 +12,7 @@ use servocrab::{
 };
 use servocrab_sim::{AlState, Segment, personality};
 
-use crate::line::{At, Line, MS, Rig, emergency};
+use crate::line::{At, Line, Loss, MS, Rig, emergency};
 
 fn builder(line: &Line) -> NetworkBuilder {
     let drive = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
@@ -24,8 +24,8 @@ fn builder(line: &Line) -> NetworkBuilder {
 struct Disturbance {
     /// How long the drive takes over each mail.
     delay: Duration,
-    /// The number of the datagram that is lost on its way back, by the number of the emergency's.
-    lost: fn(u64) -> Option<u64>,
+    /// The frame that is lost, by the number of the emergency's datagram.
+    lost: fn(u64) -> Option<Loss>,
 }
 
 const UNDISTURBED: Disturbance = Disturbance {
@@ -59,7 +59,13 @@ fn an_emergency_after_any_datagram_of_a_bring_up_is_delivered_and_op_is_reached(
 fn an_emergency_in_a_bring_up_is_delivered_once_though_a_frame_right_behind_it_is_lost() {
     // The first frames behind an emergency look at the mailbox and read it, or bring what it has overtaken.
     after_each_datagram(Disturbance {
-        lost: |after| Some(after + 1 + after % 5),
+        lost: |after| {
+            let datagram = after + 1 + after % 5;
+            Some(match after % 3 {
+                0 => Loss::Request(datagram),
+                _ => Loss::Answer(datagram),
+            })
+        },
         ..UNDISTURBED
     });
 }
@@ -103,7 +109,7 @@ fn one_bring_up(after: u64, disturbance: &Disturbance) {
     line.arm(after, 0, &[emergency(after)]);
     (disturbance.lost)(after)
         .into_iter()
-        .for_each(|datagram| line.lose(datagram));
+        .for_each(|loss| line.lose(loss));
     let mut rig = Rig::start(builder(&line));
     assert_eq!(line.al_state(0), AlState::Op);
     assert!(!line.is_armed(), "it was sent");

@@ -2,6 +2,7 @@
 
 use std::{
     future::Future,
+    ops::Range,
     pin::pin,
     sync::{Arc, Mutex, MutexGuard},
     task::{Context, Poll, Waker},
@@ -40,8 +41,16 @@ struct Counted {
     segment: Segment,
     seen: u64,
     due: Option<Due>,
-    /// The frame with this datagram gets lost on its way back.
-    lost: Option<u64>,
+    lost: Option<Loss>,
+}
+
+/// The frame with this datagram gets lost.
+#[derive(Clone, Copy)]
+pub(crate) enum Loss {
+    /// On its way out: the segment does not see it.
+    Request(u64),
+    /// On its way back: the segment has acted on it.
+    Answer(u64),
 }
 
 #[derive(Clone)]
@@ -74,9 +83,8 @@ impl Line {
         });
     }
 
-    /// Loses the frame with this datagram on its way back.
-    pub(crate) fn lose(&self, datagram: u64) {
-        self.counted().lost = Some(datagram);
+    pub(crate) fn lose(&self, loss: Loss) {
+        self.counted().lost = Some(loss);
     }
 
     /// Sends emergencies now.
@@ -110,12 +118,20 @@ impl Line {
 impl Counted {
     /// Takes the frame's datagrams through the segment one at a time, so that something can happen between them.
     fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
-        let mut at = HEADERS;
+        let datagrams = datagrams(frame);
+        let seen = self.seen;
+        let holds = |datagram| (seen + 1..=seen + datagrams.len() as u64).contains(&datagram);
+        let (request_lost, answer_lost) = match self.lost {
+            Some(Loss::Request(datagram)) => (holds(datagram), false),
+            Some(Loss::Answer(datagram)) => (false, holds(datagram)),
+            None => (false, false),
+        };
         let mut comes_back = false;
-        let mut lost = false;
-        loop {
-            let length = u16::from_le_bytes([frame[at + 6], frame[at + 7] & 0x07]);
-            let end = at + DATAGRAM_HEADER + usize::from(length) + WORKING_COUNTER;
+        for Range { start: at, end } in datagrams {
+            if request_lost {
+                self.count(now);
+                continue;
+            }
             let more = frame[at + 7] & MORE_FOLLOW;
             let mut alone = frame[..HEADERS].to_vec();
             alone.extend_from_slice(&frame[at..end]);
@@ -123,15 +139,11 @@ impl Counted {
             comes_back |= self.segment.process(&mut alone, now);
             alone[HEADERS + 7] |= more;
             frame[at..end].copy_from_slice(&alone[HEADERS..]);
+            // The first SubDevice marks the source address.
+            frame[6] = alone[6];
             self.count(now);
-            lost |= self.lost.take_if(|lost| *lost == self.seen).is_some();
-            if more == 0 {
-                // The first SubDevice marks the source address.
-                frame[6] = alone[6];
-                return comes_back && !lost;
-            }
-            at = end;
         }
+        comes_back && !answer_lost
     }
 
     fn count(&mut self, now: Duration) {
@@ -143,6 +155,21 @@ impl Counted {
         if let Some(due) = self.due.take_if(|due| due.after == self.seen) {
             send(&mut self.segment, due.position, &due.emergencies, now);
         }
+    }
+}
+
+/// Where the frame's datagrams are.
+fn datagrams(frame: &[u8]) -> Vec<Range<usize>> {
+    let mut found = Vec::new();
+    let mut at = HEADERS;
+    loop {
+        let length = u16::from_le_bytes([frame[at + 6], frame[at + 7] & 0x07]);
+        let end = at + DATAGRAM_HEADER + usize::from(length) + WORKING_COUNTER;
+        found.push(at..end);
+        if frame[at + 7] & MORE_FOLLOW == 0 {
+            return found;
+        }
+        at = end;
     }
 }
 

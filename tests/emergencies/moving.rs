@@ -13,7 +13,7 @@ use servocrab::{
 use servocrab_sim::{Segment, personality::Akd2g};
 use smol::future::zip;
 
-use crate::line::{At, Line, MS, Rig, emergency};
+use crate::line::{At, Line, Loss, MS, Rig, emergency};
 
 /// A mailbox so short that the simulated drive's text at 5F00h goes in segments.
 const MAILBOX: u16 = 64;
@@ -22,7 +22,7 @@ const NOTE_BYTES: u8 = 100;
 
 #[test]
 fn an_emergency_after_any_datagram_of_a_move_is_delivered_and_the_move_is_done() {
-    let (datagrams, transfers) = after_each_datagram(Duration::ZERO, None);
+    let (datagrams, transfers) = after_each_datagram(Duration::ZERO, |_| None);
     assert!(datagrams > 200, "only {datagrams} datagrams");
     assert!(transfers > 10 * datagrams, "only {transfers} transfers");
     println!("{datagrams} datagrams, as many moves, {transfers} SDO transfers beside them");
@@ -32,20 +32,27 @@ fn an_emergency_after_any_datagram_of_a_move_is_delivered_and_the_move_is_done()
 fn an_emergency_in_a_move_is_delivered_once_though_any_of_the_next_four_frames_is_lost() {
     thread::scope(|scope| {
         for behind in 1..=4 {
-            scope.spawn(move || after_each_datagram(Duration::ZERO, Some(behind)));
+            scope.spawn(move || {
+                after_each_datagram(Duration::ZERO, |after| Some(Loss::Answer(after + behind)))
+            });
+        }
+        for behind in 1..=2 {
+            scope.spawn(move || {
+                after_each_datagram(Duration::ZERO, |after| Some(Loss::Request(after + behind)))
+            });
         }
     });
 }
 
 #[test]
 fn an_emergency_between_any_request_and_its_late_answer_in_a_move_is_delivered() {
-    let (datagrams, transfers) = after_each_datagram(Duration::from_micros(400), None);
+    let (datagrams, transfers) = after_each_datagram(Duration::from_micros(400), |_| None);
     println!("{datagrams} datagrams, as many moves, {transfers} transfers over a slow mailbox");
 }
 
-/// A move for each of its datagrams, on a drive that takes this long over each mail, with an emergency after it, and with the frame lost that carries the datagram this
-/// far behind it. Gives the number of datagrams, and of SDO transfers in all moves.
-fn after_each_datagram(delay: Duration, lost: Option<u64>) -> (u64, u64) {
+/// A move for each of its datagrams, on a drive that takes this long over each mail, with an emergency after it and the
+/// frame lost that `lost` gives for its number. Gives the number of datagrams, and of SDO transfers in all moves.
+fn after_each_datagram(delay: Duration, lost: impl Fn(u64) -> Option<Loss>) -> (u64, u64) {
     let mut drive = Akd2g::new().mailbox_bytes(MAILBOX).build();
     drive.set_mailbox_delay(delay);
     let line = Line::new(Segment::new().with(drive));
@@ -59,8 +66,7 @@ fn after_each_datagram(delay: Duration, lost: Option<u64>) -> (u64, u64) {
         let _at = At(after);
         target = 20 - target;
         line.arm(after, 0, &[emergency(after)]);
-        lost.into_iter()
-            .for_each(|behind| line.lose(after + behind));
+        lost(after).into_iter().for_each(|loss| line.lose(loss));
         transfers += rig.until(a_move_beside_transfers(&axis, &sdo, target));
         if line.is_armed() {
             // The whole move took fewer datagrams: each had its turn.
