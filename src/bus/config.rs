@@ -169,10 +169,14 @@ impl DriveConfig {
     }
 }
 
+/// What fits into register 0420h, in ticks of 100 µs.
+const LONGEST_WATCHDOG: Duration = Duration::from_millis(6500);
+
 /// What happens when the process data stop.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Watchdog {
-    /// The drives leave OP after this time; twenty cycles, but not less than 100 ms, if not said.
+    /// The drives leave OP after this time; twenty cycles, but not less than 100 ms and not more than the register
+    /// takes, if not said.
     Armed(Option<Duration>),
     /// Nothing, for this reason.
     Off(String),
@@ -182,7 +186,9 @@ impl Watchdog {
     /// The watchdog time for this cycle.
     pub(super) fn time(&self, cycle: Duration) -> Option<Duration> {
         match self {
-            Self::Armed(time) => Some(time.unwrap_or((cycle * 20).max(Duration::from_millis(100)))),
+            Self::Armed(time) => Some(
+                time.unwrap_or((cycle * 20).clamp(Duration::from_millis(100), LONGEST_WATCHDOG)),
+            ),
             Self::Off(_) => None,
         }
     }

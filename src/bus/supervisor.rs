@@ -25,6 +25,8 @@ const AL_EVERY: Duration = Duration::from_millis(20);
 const DISABLE_LIMIT: Duration = Duration::from_secs(15);
 /// How long each AL state may take on the way down.
 const DOWN_LIMIT: Duration = Duration::from_secs(1);
+/// Error indication and SAFEOP, in the AL states of a line OR-ed together.
+const FALLEN: u8 = 0x14;
 const AL_CONTROL: u16 = 0x0120;
 
 /// What a program gets of a network that is in OP.
@@ -115,7 +117,8 @@ async fn watch(context: &Context, axes: &RefCell<Axes>, drives: &[ReadyDrive], c
             return;
         };
         let Some(seen) = al_status else { continue };
-        if usual.is_none() && !wrong {
+        // A drive that has fallen before the first look is not taken for usual: SubDevices that nobody has declared are in PREOP.
+        if usual.is_none() && !wrong && seen.0 & FALLEN == 0 {
             usual = Some(seen);
         }
         let all_operational = context

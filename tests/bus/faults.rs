@@ -174,6 +174,29 @@ fn a_drive_that_leaves_op_is_named_with_its_al_status_code() {
 }
 
 #[test]
+fn a_drive_that_leaves_op_at_once_is_not_taken_for_one_in_op() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    line.segment()
+        .device_mut(0)
+        .unwrap()
+        .fall_to_safe_op(0x001B);
+    rig.run_for(30 * MS);
+    assert!(matches!(
+        rig.net().events().try_next(),
+        Some(NetworkEvent::LeftOp { .. })
+    ));
+    rig.shutdown();
+}
+
+#[test]
+fn the_longest_cycle_starts_with_the_default_watchdog() {
+    let line = one_drive();
+    let builder = Network::builder().link(line.wire()).drive(0, akd2g());
+    Rig::start(builder.cycle(1000 * MS)).unwrap().shutdown();
+}
+
+#[test]
 fn moves_that_start_together_are_latched_in_one_drive_cycle() {
     let line = one_drive();
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
