@@ -22,6 +22,7 @@ mod registers;
 mod statistics;
 mod supervisor;
 mod sync_managers;
+mod tasks;
 mod time;
 mod watchdog;
 

@@ -11,12 +11,12 @@ use std::{
     time::Duration,
 };
 
+use async_task::Task;
 use ethercrab::{MainDevice, MainDeviceConfig, PduStorage, Timeouts};
-use smol::{LocalExecutor, Task};
 
 use super::{
     acyclic::Acyclic, cycle::Cycle, frame::Tag, registers::Registers, statistics::Counters,
-    time::Time,
+    tasks::Tasks, time::Time,
 };
 use crate::link::{LONGEST_FRAME, Link};
 
@@ -37,7 +37,7 @@ pub(super) struct Context {
     pub(super) registers: Registers,
     pub(super) time: Rc<Time>,
     /// Weak, because its tasks hold contexts: with the loop they are all dropped, and nobody waits for them any more.
-    executor: Weak<LocalExecutor<'static>>,
+    tasks: Weak<Tasks>,
     pub(super) cycle: Rc<RefCell<Option<Cycle>>>,
     pub(super) counters: Arc<Counters>,
     over: Rc<Cell<bool>>,
@@ -49,7 +49,7 @@ impl Context {
         &self,
         future: impl Future<Output = T> + 'static,
     ) -> Option<Task<T>> {
-        Some(self.executor.upgrade()?.spawn(future))
+        Some(self.tasks.upgrade()?.spawn(future))
     }
 
     /// Ends the loop after this turn.
@@ -62,7 +62,7 @@ impl Context {
 pub(super) struct Reactor {
     link: Box<dyn Link>,
     acyclic: Acyclic,
-    executor: Rc<LocalExecutor<'static>>,
+    tasks: Rc<Tasks>,
     context: Context,
     buffer: Vec<u8>,
 }
@@ -94,19 +94,19 @@ impl Reactor {
             ..MainDeviceConfig::default()
         };
         let main = Box::leak(Box::new(MainDevice::new(pdus, timeouts, config)));
-        let executor = Rc::new(LocalExecutor::new());
+        let tasks = Rc::new(Tasks::new());
         Self {
             link,
             acyclic: Acyclic::new(tx, rx),
             context: Context {
                 registers: Registers::new(main, Rc::clone(&time)),
                 time,
-                executor: Rc::downgrade(&executor),
+                tasks: Rc::downgrade(&tasks),
                 cycle: Rc::new(RefCell::new(None)),
                 counters,
                 over: Rc::new(Cell::new(false)),
             },
-            executor,
+            tasks,
             buffer: vec![0; LONGEST_FRAME],
         }
     }
@@ -176,7 +176,7 @@ impl Reactor {
             if polls % 8 == 7 && until.is_some_and(|until| self.link.now() >= until) {
                 break;
             }
-            more = self.executor.try_tick();
+            more = self.tasks.poll_one();
             polls += 1;
         }
         // Futures may have been dropped above, and none will be before ethercrab's frames are sent.

@@ -1,0 +1,123 @@
+//! The futures on the bus thread. Unlike a general executor, scheduling one allocates nothing: a task is queued at most
+//! once, and the queue has a place for each.
+
+use std::{cell::RefCell, future::Future, sync::Arc, task::Waker};
+
+use async_task::{Runnable, Task};
+use crossbeam_queue::{ArrayQueue, SegQueue};
+
+/// More tasks than a line has: one for the network, two for each drive.
+const PLACES: usize = 1024;
+
+/// Polls futures on one thread; they are woken from any.
+pub(super) struct Tasks {
+    ready: Arc<Ready>,
+    /// Of all tasks that were ever begun: those that are over take no notice.
+    wakers: RefCell<Vec<Waker>>,
+}
+
+struct Ready {
+    queue: ArrayQueue<Runnable>,
+    /// Allocates, but loses nothing.
+    overflow: SegQueue<Runnable>,
+}
+
+impl Tasks {
+    pub(super) fn new() -> Self {
+        Self {
+            ready: Arc::new(Ready {
+                queue: ArrayQueue::new(PLACES),
+                overflow: SegQueue::new(),
+            }),
+            wakers: RefCell::default(),
+        }
+    }
+
+    /// Begins a task.
+    pub(super) fn spawn<T: 'static>(&self, future: impl Future<Output = T> + 'static) -> Task<T> {
+        let ready = Arc::clone(&self.ready);
+        let schedule = move |runnable| {
+            if let Err(runnable) = ready.queue.push(runnable) {
+                ready.overflow.push(runnable);
+            }
+        };
+        let (runnable, task) = async_task::spawn_local(future, schedule);
+        self.wakers.borrow_mut().push(runnable.waker());
+        runnable.schedule();
+        task
+    }
+
+    /// Polls one task that is ready; false if there is none.
+    pub(super) fn poll_one(&self) -> bool {
+        let Some(runnable) = self.ready.next() else {
+            return false;
+        };
+        runnable.run();
+        true
+    }
+}
+
+impl Ready {
+    fn next(&self) -> Option<Runnable> {
+        self.queue.pop().or_else(|| self.overflow.pop())
+    }
+}
+
+impl Drop for Tasks {
+    /// Drops all futures, on their own thread.
+    fn drop(&mut self) {
+        for waker in self.wakers.get_mut().drain(..) {
+            waker.wake();
+        }
+        while let Some(runnable) = self.ready.next() {
+            drop(runnable);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        cell::Cell,
+        future::{pending, poll_fn},
+        rc::Rc,
+        task::Poll,
+    };
+
+    use super::Tasks;
+
+    #[test]
+    fn each_task_is_polled_when_it_was_woken_and_not_otherwise() {
+        let tasks = Tasks::new();
+        let polls = Rc::new(Cell::new(0));
+        let seen = Rc::clone(&polls);
+        let waiting = tasks.spawn(poll_fn(move |_| {
+            seen.set(seen.get() + 1);
+            Poll::<()>::Pending
+        }));
+        assert!(tasks.poll_one());
+        assert!(!tasks.poll_one());
+        let other = tasks.spawn(async { 7 });
+        while tasks.poll_one() {}
+        assert!(other.is_finished() && !waiting.is_finished());
+        assert_eq!(polls.get(), 1);
+    }
+
+    #[test]
+    fn with_the_tasks_all_their_futures_are_dropped() {
+        let held = Rc::new(());
+        let tasks = Rc::new(Tasks::new());
+        let (inner, weak) = (Rc::clone(&held), Rc::downgrade(&tasks));
+        tasks
+            .spawn(async move {
+                let _inner = inner;
+                let _weak = weak;
+                pending::<()>().await;
+            })
+            .detach();
+        while tasks.poll_one() {}
+        assert_eq!(Rc::strong_count(&held), 2);
+        drop(tasks);
+        assert_eq!(Rc::strong_count(&held), 1);
+    }
+}
