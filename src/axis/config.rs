@@ -10,6 +10,19 @@ use crate::{
 use super::AxisFields;
 
 /// An axis: where its objects lie, how its drive behaves, what counts as arrived and for how long to wait.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::{axis::{AxisConfig, AxisFields, Deadlines}, coe::AxisOffset, drives};
+///
+/// let drive = drives::akd2g();
+/// let layout = drive.default_mapping()?.layout();
+/// let mut config = AxisConfig::new(AxisFields::from_layout(&layout, AxisOffset::of_axis(1))?);
+/// config.traits = drive.traits;
+/// config.deadlines = Deadlines { standstill: Duration::from_secs(30), ..Deadlines::default() };
+/// assert_eq!(config.tolerances.position, 10);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct AxisConfig {
     /// Where the axis' objects lie in the drive's process data.
@@ -49,6 +62,13 @@ impl AxisConfig {
 }
 
 /// What counts as arrived and as standing.
+///
+/// ```
+/// use servocrab::axis::Tolerances;
+/// // An encoder of 2²⁰ counts a revolution: half a thousandth of a revolution, and its noise at rest.
+/// let tolerances = Tolerances { position: 524, velocity: 2_000, ..Tolerances::default() };
+/// assert_eq!(tolerances.settle.as_millis(), 100);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tolerances {
     /// Position units between target and 6064h at arrival: by default the drive's position window 6067h.
@@ -71,6 +91,14 @@ impl Default for Tolerances {
 }
 
 /// How long each step of a command may take.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::axis::Deadlines;
+/// // A drive whose brake takes its time.
+/// let deadlines = Deadlines { enable: Duration::from_secs(8), ..Deadlines::default() };
+/// assert_eq!(deadlines.acknowledge, Duration::from_millis(500));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Deadlines {
     /// From `Enable` to Operation enabled.
@@ -101,6 +129,12 @@ impl Default for Deadlines {
 }
 
 /// When a silent drive counts as lost.
+///
+/// ```
+/// use servocrab::axis::Loss;
+/// let patient = Loss { stale_cycles: 50, undelivered_cycles: 150 };
+/// assert!(patient.stale_cycles > Loss::default().stale_cycles);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Loss {
     /// Consecutive cycles without an answer of the drive.

@@ -185,6 +185,11 @@ impl<T: Value, A: Access> From<Object<T, A>> for AnyObject {
 }
 
 /// Index and subindex of an object; shown as `6041h:00`.
+///
+/// ```
+/// use servocrab::coe::ObjectAddress;
+/// assert_eq!(ObjectAddress::new(0x6041, 0).to_string(), "6041h:00");
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectAddress {
     /// The index.
@@ -211,6 +216,12 @@ impl fmt::Display for ObjectAddress {
 ///
 /// Objects 6000h–67FFh move by `profile`, 5000h–50FFh by `manufacturer`; all others belong to the whole
 /// device and stay. (Kollmorgen AKD2G, Profile Position Mode: 6040h/6840h, 5000h/5100h.)
+///
+/// ```
+/// use servocrab::coe::AxisOffset;
+/// assert_eq!(AxisOffset::of_axis(2).apply(0x6040), 0x6840);
+/// assert_eq!(AxisOffset::of_axis(2).apply(0x1C12), 0x1C12);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct AxisOffset {
     /// Added to indices 6000h to 67FFh.

@@ -5,6 +5,22 @@ use core::time::Duration;
 use crate::sii::Mailbox;
 
 /// Lengths, deadlines and bounds of a mailbox client.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::{coe::MailboxSettings, sii::{Mailbox, Protocols}};
+///
+/// // As a device's SII gives it.
+/// let mailbox = Mailbox {
+///     receive_offset: 0x1800,
+///     receive_length: 1024,
+///     send_offset: 0x1C00,
+///     send_length: 1024,
+///     protocols: Protocols(4), // CoE
+/// };
+/// let patient = MailboxSettings { reply_timeout: Duration::from_secs(5), ..MailboxSettings::new(&mailbox) };
+/// assert_eq!(patient.read_length, 1024);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MailboxSettings {
     /// Bytes of the mailbox that the master writes.
