@@ -6,7 +6,7 @@ use std::sync::{
 };
 use std::task::Waker;
 
-use crossbeam_queue::ArrayQueue;
+use crossbeam_queue::SegQueue;
 use smol::channel::{Receiver, Sender};
 
 use super::{AlStatus, statistics::Counters};
@@ -15,8 +15,6 @@ use crate::{
     coe::DriveId,
 };
 
-/// Liveness rules that can be handed over at once.
-const WATCHES: usize = 8;
 /// Network events that are kept for a program that does not look.
 const EVENTS: usize = 64;
 
@@ -24,7 +22,7 @@ const EVENTS: usize = 64;
 pub(super) struct Control {
     shutdown: AtomicBool,
     stop: AtomicU8,
-    watches: ArrayQueue<LivenessWatch>,
+    watches: SegQueue<LivenessWatch>,
     waker: OnceLock<Waker>,
     pub(super) counters: Arc<Counters>,
     pub(super) events: (Sender<NetworkEvent>, Receiver<NetworkEvent>),
@@ -35,7 +33,7 @@ impl Control {
         Arc::new(Self {
             shutdown: AtomicBool::new(false),
             stop: AtomicU8::new(0),
-            watches: ArrayQueue::new(WATCHES),
+            watches: SegQueue::new(),
             waker: OnceLock::new(),
             counters: Arc::default(),
             events: smol::channel::bounded(EVENTS),
@@ -67,9 +65,9 @@ impl Control {
         self.shutdown.load(Ordering::Acquire)
     }
 
-    /// Hands a liveness rule to the bus thread; the oldest that was not yet taken gives way.
+    /// Hands a liveness rule to the bus thread.
     pub(super) fn add_watch(&self, watch: LivenessWatch) {
-        self.watches.force_push(watch);
+        self.watches.push(watch);
     }
 
     pub(super) fn take_watch(&self) -> Option<LivenessWatch> {

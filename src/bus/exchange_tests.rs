@@ -153,3 +153,82 @@ fn a_frame_of_an_earlier_cycle_is_counted_as_late_and_its_data_are_not_used() {
     assert_eq!(exchange.drives[0].answer, Answer::Stale);
     assert_eq!((counters.read().late, counters.read().lost), (1, 2));
 }
+
+/// Sends a cycle, gives its answer as `both` makes it to `change`, and says what was made of it.
+fn changed(change: impl Fn(&mut Vec<u8>)) -> ([Answer; 2], Counters) {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    cycle(&mut exchange, &counters, both);
+    let mut link = Sent::default();
+    exchange.send(&mut link, &counters);
+    let mut frame = link.0.remove(0);
+    both(&mut frame);
+    frame[6] |= 2;
+    change(&mut frame);
+    if let Some(tag) = Tag::of_answer(&frame) {
+        exchange.accept(tag, &frame, &counters);
+    }
+    exchange.judge(&counters);
+    let answers = [exchange.drives[0].answer, exchange.drives[1].answer];
+    (answers, counters)
+}
+
+#[test]
+fn a_frame_that_was_changed_anywhere_but_in_its_data_is_used_for_nothing() {
+    assert_eq!(changed(|_| {}).0, [Answer::Fresh; 2]);
+    // EtherType, EtherCAT length, command, index, logical address, length of the data.
+    let headers = (12..15).chain(16..24);
+    for at in headers {
+        // Bit 6 of the last one is the mark of a frame that circulates, which is no change of ours.
+        let bit = if at == 23 { 0x04 } else { 0x40 };
+        let (answers, counters) = changed(|frame| frame[at] ^= bit);
+        assert_eq!(answers, [Answer::Stale; 2], "byte {at}");
+        assert_eq!(counters.read().lost, 1, "byte {at}");
+    }
+    // The tag: cycle's number and the frame's place.
+    for at in 7..12 {
+        assert_eq!(changed(|frame| frame[at] ^= 0x40).0, [Answer::Stale; 2]);
+    }
+    for length in 0..60 {
+        let (answers, _) = changed(|frame| frame.truncate(length.min(frame.len() - 1)));
+        assert_eq!(answers, [Answer::Stale; 2], "cut to {length}");
+    }
+}
+
+#[test]
+fn a_doubled_frame_is_taken_once_and_counted_as_late() {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    let mut link = Sent::default();
+    exchange.send(&mut link, &counters);
+    let mut first = link.0.remove(0);
+    both(&mut first);
+    first[6] |= 2;
+    let tag = Tag::of_answer(&first).unwrap();
+    assert!(exchange.accept(tag, &first, &counters));
+    let mut second = first.clone();
+    second[DATA + 1] = 0x40;
+    exchange.accept(tag, &second, &counters);
+    exchange.judge(&counters);
+    assert_eq!(exchange.drives[0].inputs, [0x31, 0x02]);
+    assert_eq!(counters.read().late, 1);
+    exchange.accept(tag, &second, &counters);
+    assert_eq!(counters.read().late, 2, "after the cycle as well");
+}
+
+#[test]
+fn inputs_of_which_one_bit_differs_from_the_pattern_are_an_answer() {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    let answers = cycle(&mut exchange, &counters, |frame| {
+        both(frame);
+        frame[DATA + 4..DATA + 6].copy_from_slice(&[PATTERN, PATTERN & 0x7F]);
+    });
+    assert_eq!(answers, [Answer::Fresh; 2]);
+    let answers = cycle(&mut exchange, &counters, |frame| {
+        both(frame);
+        frame[DATA + 4..DATA + 6].copy_from_slice(&[PATTERN; 2]);
+    });
+    assert_eq!(
+        answers,
+        [Answer::Fresh, Answer::Stale],
+        "a right working counter does not make the pattern an answer"
+    );
+}

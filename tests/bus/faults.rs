@@ -253,6 +253,21 @@ fn a_program_that_no_longer_feeds_its_liveness_halts_every_axis() {
 }
 
 #[test]
+fn no_liveness_rule_is_forgotten_however_many_there_are() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let _moving = start_long_move(&mut rig);
+    let rules: Vec<Liveness> = (0..40).map(|_| rig.net().liveness(50 * MS)).collect();
+    // All but the first are fed.
+    for _ in 0..10 {
+        rules.iter().skip(1).for_each(Liveness::feed);
+        rig.run_for(20 * MS);
+    }
+    assert!(rig.net().axis("x").unwrap().status().halted);
+    rig.shutdown();
+}
+
+#[test]
 fn the_end_of_the_network_stops_a_moving_axis_before_it_leaves_op() {
     let line = one_drive();
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
