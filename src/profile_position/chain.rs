@@ -70,15 +70,7 @@ impl Chain {
         }
     }
 
-    /// One cycle that is halted: an end may be passed on the ramp, but nothing is claimed of a halted axis.
-    pub(super) fn note_halted(&mut self, cycle: &Cycle<'_>) {
-        let alone = self.held.iter().flatten().count() < HELD;
-        if let [Some(first), _] = &mut self.held {
-            first.note(cycle, alone);
-        }
-    }
-
-    /// One cycle that is not halted. `room_shown`: bit 12 is low again after a set-point. `replacing`: a set-point that
+    /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point. `replacing`: a set-point that
     /// replaces all of them may have been taken already, and the position shows its way.
     pub(super) fn follow(
         &mut self,

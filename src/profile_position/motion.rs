@@ -145,8 +145,7 @@ const fn outcome_of(completion: Completion) -> Result<Outcome, Failure> {
     match completion {
         Completion::Reached { position } => Ok(Outcome::Reached { position }),
         Completion::Passed { position } => Ok(Outcome::Passed { position }),
-        Completion::Stopped { .. } => Err(Failure::QuickStopped),
-        Completion::Done => Err(Failure::Unconfirmed),
+        Completion::Stopped { .. } | Completion::Done => Err(Failure::QuickStopped),
     }
 }
 

@@ -65,8 +65,6 @@ pub enum WaitingFor {
     Mode(Mode),
     /// Velocity zero.
     Standstill,
-    /// A place in the drive's set-point buffer.
-    BufferPlace,
     /// The fault to go.
     FaultCleared,
 }
@@ -79,7 +77,6 @@ impl core::fmt::Display for WaitingFor {
             Self::Acknowledge => f.write_str("bit 12 (set-point acknowledge) to rise"),
             Self::Mode(mode) => write!(f, "mode {} in 6061h", mode.raw()),
             Self::Standstill => f.write_str("standstill"),
-            Self::BufferPlace => f.write_str("a place in the drive's set-point buffer"),
             Self::FaultCleared => f.write_str("the fault to be cleared"),
         }
     }
@@ -110,7 +107,7 @@ pub enum Failure {
         code: Option<u16>,
     },
     /// The drive no longer answers, or the network is gone.
-    #[error("the drive no longer answers; the set-point was {}", DeliveryText(*.delivery))]
+    #[error("the drive no longer answers; {}", DeliveryText(*.delivery))]
     BusLost {
         /// How far the set-point came.
         delivery: Delivery,
@@ -125,12 +122,9 @@ pub enum Failure {
         /// Position actual value 6064h.
         actual: i32,
     },
-    /// A set-point that was sent into a full buffer, which cannot be acknowledged.
-    #[error("sent into a full buffer, where no acknowledge can be seen")]
-    Unconfirmed,
     /// A deadline passed.
     #[error(
-        "no answer in time while waiting for {waiting_for} (statusword {:#06x}, controlword {:#06x}); the set-point was {}",
+        "no answer in time while waiting for {waiting_for} (statusword {:#06x}, controlword {:#06x}); {}",
         .statusword.bits(), .controlword.bits(), DeliveryText(*.delivery)
     )]
     Timeout {
@@ -229,9 +223,9 @@ struct DeliveryText(Delivery);
 impl core::fmt::Display for DeliveryText {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self.0 {
-            Delivery::NotSent => "not sent",
-            Delivery::Unknown => "sent, and whether the drive took it is unknown",
-            Delivery::Accepted => "accepted by the drive",
+            Delivery::NotSent => "no set-point was sent",
+            Delivery::Unknown => "the set-point was sent, and whether the drive took it is unknown",
+            Delivery::Accepted => "the drive had accepted the set-point",
         })
     }
 }

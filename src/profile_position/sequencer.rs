@@ -224,9 +224,7 @@ impl Sequencer {
     /// One cycle with fresh inputs in Operation enabled and mode 1. Returns whether a set-point was acknowledged.
     pub(crate) fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         let accepted = self.follow_bit4(cycle, events);
-        if cycle.halted {
-            self.chain.note_halted(cycle);
-        } else {
+        if !cycle.halted {
             let room_shown = self.is_low_acknowledged(cycle);
             let replacing = self.is_replacing();
             self.chain.follow(cycle, room_shown, replacing, events);

@@ -29,6 +29,8 @@ pub(super) struct Track {
     /// How far the end was in the last cycle, and whether the axis has come nearer since it became active.
     remaining: u32,
     approaching: bool,
+    /// Whether its side has to be taken anew, from where the axis goes on.
+    resumed: bool,
 }
 
 impl Track {
@@ -52,6 +54,7 @@ impl Track {
             side: 0,
             remaining: 0,
             approaching: false,
+            resumed: false,
         };
         track.becomes_active(now, position);
         track
@@ -71,6 +74,9 @@ impl Track {
         self.left_target = false;
         self.halt_told = false;
         self.from_rest = true;
+        // The halt may have carried the axis past the end, to which the drive goes back.
+        self.arrived = None;
+        self.resumed = true;
     }
 
     /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
@@ -78,11 +84,18 @@ impl Track {
         self.left_target |= !cycle.sample.statusword.contains(Statusword::TARGET_REACHED);
         let Some(end) = self.end else { return };
         let position = cycle.sample.position;
+        if core::mem::take(&mut self.resumed) {
+            self.turn(position);
+        }
         let remaining = distance(end, position);
         self.approaching |= remaining < self.remaining;
         self.remaining = remaining;
         if remaining <= cycle.bounds.position {
-            self.arrived = Some(position);
+            // The nearest that was seen: a later position may be on the way to the next end already.
+            let nearer = self
+                .arrived
+                .is_none_or(|before| distance(end, before) >= remaining);
+            self.arrived = if nearer { Some(position) } else { self.arrived };
         } else if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
             // It was replaced too fast to stop at its end: it has overshot, and comes back.
             self.arrived = None;
@@ -112,14 +125,11 @@ impl Track {
         })
     }
 
-    /// Whether both this one and `next` are over: the axis has been under way, or had no way to go, and has stood at the
-    /// end of `next` for the settle time.
+    /// Whether both this one and `next` are over, wherever the axis is: it has been under way, or had no way to go, and
+    /// has stood with bit 10 for the settle time.
     pub(super) fn is_over_with(&self, next: &Self, cycle: &Cycle<'_>) -> bool {
         (self.left_target || self.remaining <= cycle.bounds.position)
             && cycle.sample.statusword.contains(Statusword::TARGET_REACHED)
-            && next
-                .end
-                .is_some_and(|end| distance(end, cycle.sample.position) <= cycle.bounds.position)
             && cycle
                 .standstill
                 .steady_since(cycle.now, next.since, cycle.bounds)

@@ -135,7 +135,6 @@ fn live(seed: u64) -> (usize, usize) {
                     } | Failure::Fault { .. }
                         | Failure::Disabled { .. }
                         | Failure::QuickStopped
-                        | Failure::Unconfirmed
                 )
             );
             assert!(

@@ -273,3 +273,57 @@ fn bit_10_of_a_halt_is_not_an_arrival() {
     ));
     assert_eq!(world.drive.position(), 1_000);
 }
+
+#[test]
+fn two_clamped_moves_both_end() {
+    for start in [Start::AfterCurrent, Start::Blend] {
+        let mut world = world(Behaviour::akd2g());
+        for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
+            world.drive.set(0x607D, subindex, limit).expect("a limit");
+        }
+        let first = world.submit(to(8_000, Start::Immediately));
+        let second = world.submit(to(9_000, start));
+        for (id, target) in [(first, 8_000), (second, 9_000)] {
+            assert_eq!(
+                finish(&mut world, id),
+                Err(Failure::MissedTarget {
+                    target,
+                    actual: 5_000
+                }),
+                "{start:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_halt_beyond_the_end_of_a_blend_is_not_its_passing() {
+    let mut world = world(Behaviour::akd2g());
+    // Accelerates fast and slows down slowly, as the halt does then.
+    let mut soft = |target, start| {
+        let set_point = SetPoint::new()
+            .acceleration(1_000_000)
+            .deceleration(300_000)
+            .start(start);
+        world.submit(Command::Move(MoveCommand {
+            reference: Reference::Absolute,
+            target,
+            set_point,
+            gated: false,
+        }))
+    };
+    let first = soft(10_000, Start::Immediately);
+    soft(30_000, Start::Blend);
+    while world.drive.position() < 8_000 {
+        run(&mut world, 1);
+    }
+    let halt = world.submit(Command::Halt);
+    assert!(finish(&mut world, halt).is_ok());
+    assert!(world.drive.position() > 10_100);
+    assert_eq!(world.ledger()[0].outcome, Outcome::Active);
+    world.submit(Command::Resume);
+    run(&mut world, 3);
+    assert!(world.done(first).is_none(), "the drive goes back to it");
+    assert!(finish(&mut world, first).is_ok());
+    assert_eq!(world.ledger()[0].outcome, Outcome::Passed);
+}
