@@ -93,3 +93,21 @@ fn missing_inputs_show_in_the_status() {
     machine.run(3);
     assert_eq!(axis.status().age, 4);
 }
+
+#[test]
+fn a_handle_in_a_log_names_its_axis_and_fits_a_line() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(1_000, servocrab::profile_position::SetPoint::new()))
+        .unwrap();
+    let texts = [
+        format!("{axis:?}"),
+        format!("{pp:?}"),
+        format!("{moved:?}"),
+        format!("{:?}", axis.stop_handle()),
+    ];
+    for text in texts {
+        assert!(text.contains("axis0") && text.len() < 500, "{text}");
+    }
+}
