@@ -201,6 +201,8 @@ impl DriveData {
         if self.answer == Answer::Stale {
             self.stale_cycles = self.stale_cycles.saturating_add(1);
             self.lost |= self.stale_cycles >= self.patience;
+            // What state it comes back in is to be read anew.
+            self.operational &= !self.lost;
         } else {
             self.stale_cycles = 0;
         }

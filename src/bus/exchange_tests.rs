@@ -4,6 +4,7 @@ use std::{io, task::Waker, time::Duration};
 
 use super::{Answer, Exchange, PATTERN};
 use crate::{
+    axis::Inputs,
     bus::{frame::Tag, packing::Member, statistics::Counters},
     link::Link,
 };
@@ -231,4 +232,20 @@ fn inputs_of_which_one_bit_differs_from_the_pattern_are_an_answer() {
         [Answer::Fresh, Answer::Stale],
         "a right working counter does not make the pattern an answer"
     );
+}
+
+#[test]
+fn a_drive_that_comes_back_is_not_taken_to_be_in_op_before_its_state_was_read() {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    for drive in &mut exchange.drives {
+        drive.operational = true;
+    }
+    cycle(&mut exchange, &counters, both);
+    assert!(matches!(exchange.drives[1].judged().0, Inputs::Fresh(_)));
+    for _ in 0..3 {
+        cycle(&mut exchange, &counters, first_alone);
+    }
+    cycle(&mut exchange, &counters, both);
+    assert!(matches!(exchange.drives[0].judged().0, Inputs::Fresh(_)));
+    assert!(matches!(exchange.drives[1].judged().0, Inputs::Answered(_)));
 }
