@@ -249,3 +249,29 @@ fn a_drive_that_comes_back_is_not_taken_to_be_in_op_before_its_state_was_read() 
     assert!(matches!(exchange.drives[0].judged().0, Inputs::Fresh(_)));
     assert!(matches!(exchange.drives[1].judged().0, Inputs::Answered(_)));
 }
+
+#[test]
+fn a_drive_that_has_left_op_and_closes_its_outputs_does_not_hold_up_the_others() {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    for drive in &mut exchange.drives {
+        drive.operational = true;
+    }
+    let closed = |frame: &mut [u8]| {
+        both(frame);
+        frame[COUNTER] = 4;
+    };
+    assert_eq!(
+        cycle(&mut exchange, &counters, closed),
+        [Answer::Answered; 2]
+    );
+    exchange.drives[1].operational = false;
+    exchange.drives[1].fallen = true;
+    assert_eq!(cycle(&mut exchange, &counters, closed)[0], Answer::Fresh);
+    assert!(matches!(exchange.drives[1].judged().0, Inputs::Answered(_)));
+    assert_eq!(cycle(&mut exchange, &counters, both)[0], Answer::Fresh);
+    let less = |frame: &mut [u8]| {
+        both(frame);
+        frame[COUNTER] = 3;
+    };
+    assert_eq!(cycle(&mut exchange, &counters, less)[0], Answer::Answered);
+}

@@ -175,6 +175,7 @@ async fn read_state(context: &Context, place: usize, drive: &ReadyDrive, control
     };
     if data.operational != in_op {
         data.operational = in_op;
+        data.fallen = !in_op;
         let id = drive.found.id.clone();
         control.report(if in_op {
             NetworkEvent::InOp(id)
