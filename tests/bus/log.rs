@@ -1,10 +1,6 @@
 //! What is in the log of things that no handle waits for, with the axis and the drive that they happened to.
 
-use std::{
-    io,
-    sync::{Arc, Mutex},
-    time::Duration,
-};
+use std::{cell::RefCell, io, sync::Once, time::Duration};
 
 use servocrab::{
     axis::StopRequest,
@@ -13,19 +9,25 @@ use servocrab::{
     profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
-use tracing::{Level, subscriber::DefaultGuard};
+use tracing::Level;
 
 use crate::rig::{Line, Rig, akd2g};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What was logged on this thread.
-#[derive(Clone, Default)]
-struct Log(Arc<Mutex<Vec<u8>>>);
+thread_local! {
+    static LINES: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
+}
+
+/// What is logged on this thread, where the bus loop of a [`Rig`] runs.
+///
+/// One subscriber serves all tests: subscribers that come and go with their threads make `tracing` forget, now and then,
+/// that somebody listens.
+struct Log;
 
 impl io::Write for Log {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().unwrap().extend_from_slice(bytes);
+        LINES.with_borrow_mut(|lines| lines.extend_from_slice(bytes));
         Ok(bytes.len())
     }
 
@@ -35,21 +37,25 @@ impl io::Write for Log {
 }
 
 impl Log {
-    fn begin() -> (Self, DefaultGuard) {
-        let log = Self::default();
-        let writer = log.clone();
-        let subscriber = tracing_subscriber::fmt()
-            .with_max_level(Level::DEBUG)
-            .with_ansi(false)
-            .without_time()
-            .with_writer(move || writer.clone())
-            .finish();
-        (log, tracing::subscriber::set_default(subscriber))
+    /// Forgets what this thread has logged so far.
+    fn begin() -> Self {
+        static SUBSCRIBED: Once = Once::new();
+        SUBSCRIBED.call_once(|| {
+            let subscriber = tracing_subscriber::fmt()
+                .with_max_level(Level::DEBUG)
+                .with_ansi(false)
+                .without_time()
+                .with_writer(|| Log)
+                .finish();
+            tracing::subscriber::set_global_default(subscriber).unwrap();
+        });
+        LINES.take();
+        Self
     }
 
     /// The lines since this was asked for last.
     fn take(&self) -> Vec<String> {
-        let bytes = std::mem::take(&mut *self.0.lock().unwrap());
+        let bytes = LINES.take();
         let text = String::from_utf8(bytes).unwrap();
         text.lines().map(str::to_owned).collect()
     }
@@ -80,7 +86,7 @@ fn two_drives() -> (Line, Rig) {
 
 #[test]
 fn each_drives_bring_up_is_a_span_with_its_position_and_name() {
-    let (log, _guard) = Log::begin();
+    let log = Log::begin();
     let (_line, rig) = two_drives();
     let lines = log.take();
     for position in ["position=0", "position=1"] {
@@ -98,7 +104,7 @@ fn a_fault_that_nobody_waits_for_is_logged_once_with_its_axis_and_its_drive() {
     let z = rig.net().axis("z").unwrap();
     rig.until(z.enable()).unwrap();
     rig.run_for(20 * MS);
-    let (log, _guard) = Log::begin();
+    let log = Log::begin();
     rig.run_for(100 * MS);
     assert_eq!(log.take(), [""; 0], "nothing has happened");
     line.segment().axis_mut(1, 0).unwrap().inject_fault(0x7320);
@@ -140,7 +146,7 @@ fn a_stop_from_the_stop_lane_and_an_unfed_liveness_are_logged_once() {
     let live = rig.net().liveness(50 * MS);
     live.feed();
     rig.run_for(20 * MS);
-    let (log, _guard) = Log::begin();
+    let log = Log::begin();
     rig.run_for(200 * MS);
     let lines = log.take();
     assert_eq!(count(&lines, &["WARN", "liveness"]), 1, "{lines:#?}");
@@ -163,7 +169,7 @@ fn a_stop_from_the_stop_lane_and_an_unfed_liveness_are_logged_once() {
 fn a_drive_that_falls_silent_is_logged_for_itself_and_for_each_of_its_axes() {
     let (line, mut rig) = two_drives();
     rig.run_for(20 * MS);
-    let (log, _guard) = Log::begin();
+    let log = Log::begin();
     line.segment().unplug(1);
     rig.run_for(200 * MS);
     let lines = log.take();
