@@ -137,6 +137,7 @@ async fn control(main_device: &MainDevice<'_>) -> Result<(), Box<dyn Error>> {
                 axis.snapshot().position
             );
             if let Event::Done(result) = event {
+                // On an error this program ends, and with it the frames: the drive stops by its watchdog.
                 result?;
                 under_way = under_way.filter(|&pending| pending != id);
             }

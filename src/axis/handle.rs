@@ -59,7 +59,15 @@ impl Axis {
     /// # Errors
     /// When a deadline passes or the bus is lost.
     pub async fn disable(&self) -> Result<(), AxisError> {
-        self.run(Command::Disable).await?;
+        let disabled = self.run(Command::Disable).await;
+        if disabled
+            .as_ref()
+            .is_err_and(|error| matches!(error.kind, AxisErrorKind::QueueFull))
+        {
+            // It could not even be asked for; what can be is that nothing moves on.
+            self.stop_handle().stop();
+        }
+        disabled?;
         self.trace("disabled");
         Ok(())
     }

@@ -122,7 +122,11 @@ impl AxisPort {
 
     /// Submits what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.
     fn take_commands(&self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
-        while let Some((id, command, asked)) = self.shared.take_command() {
+        // At most what the queue holds: whoever fills it again at once waits for the next cycle.
+        for _ in 0..self.shared.queue_length() {
+            let Some((id, command, asked)) = self.shared.take_command() else {
+                break;
+            };
             match self.refusal(command, asked, core) {
                 Some(failure) => self.shared.report(id, Event::Done(Err(failure))),
                 None => core.submit(now, id, command, outputs),

@@ -269,6 +269,11 @@ impl Shared {
         StopRequest::from_bits_truncate(self.stop.swap(0, Ordering::AcqRel))
     }
 
+    /// How many commands are queued now.
+    pub(super) fn queue_length(&self) -> usize {
+        self.queue.len()
+    }
+
     pub(super) fn take_command(&self) -> Option<(CommandId, Command, LastStop)> {
         let (id, command, asked) = self.queue.pop()?;
         if let Some(slot) = self.slot(id) {

@@ -151,7 +151,7 @@ impl Group {
     }
 }
 
-/// Starts moves of several axes of one network in one process-data frame: every bit 4 rises in the same cycle, or none
+/// Starts moves of several axes of one network in one cycle (and one frame, where their drives share it): every bit 4 rises, or none
 /// does. Resolves when all drives have acknowledged.
 ///
 /// Dropped before the bits rose, nothing is started.

@@ -22,6 +22,9 @@ const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
 /// How long a drive may take into OP (ETG.1020, default timeout of SAFEOP to OP is 10 s).
 const OP_LIMIT: Duration = Duration::from_secs(10);
 
+/// The longest time after which a silent drive must count as lost: until then, nothing that waits for it resolves.
+const LONGEST_LOSS: Duration = Duration::from_secs(60);
+
 /// What the program wants of the line.
 #[derive(Debug, Clone)]
 pub(super) struct LinePlan {
@@ -61,6 +64,21 @@ impl LinePlan {
                     return wrong(format!("two axes are named `{}`", axis.name));
                 }
                 names.push(&axis.name);
+                if let Some(loss) = axis.loss {
+                    let longest = self
+                        .cycle
+                        .saturating_mul(loss.stale_cycles.max(loss.undelivered_cycles));
+                    if loss.stale_cycles == 0
+                        || loss.undelivered_cycles < loss.stale_cycles
+                        || longest > LONGEST_LOSS
+                    {
+                        return wrong(format!(
+                            "axis `{}`: {loss:?} at cycles of {:?} is not at least one stale cycle, at most as many as \
+                             undelivered ones, and at most {LONGEST_LOSS:?}: nobody may wait longer for a silent drive",
+                            axis.name, self.cycle
+                        ));
+                    }
+                }
             }
         }
         Ok(())

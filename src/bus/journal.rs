@@ -1,6 +1,8 @@
 //! What happens to axes, for the log: also what no handle waits for. Noted in the cycle, written in the gap behind it.
 //!
-//! A cycle in which nothing happens costs a comparison for each axis, and a slow subscriber holds no frame up.
+//! A cycle in which nothing happens costs a comparison for each axis. The lines are written on the bus thread: a
+//! subscriber that blocks (a paused terminal, a full pipe) stops the cycles, and the drives stop by their watchdog. Programs
+//! that log where that can happen use a subscriber that hands its lines to a thread of its own.
 
 use crate::{
     axis::{AxisIdentity, Snapshot, StopRequest},

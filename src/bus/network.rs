@@ -18,6 +18,9 @@ use crate::{
 
 /// Drives in OP, exchanging process data on a thread of their own.
 ///
+/// A drive that has left OP, or was switched off and on, is reported ([`NetworkEvent`]) and not taken back: shut the network
+/// down and start it again.
+///
 /// Made by [`Network::builder`](Network::builder). When it is dropped all axes are stopped and disabled, the drives
 /// leave OP in order, and the thread ends; [`shutdown`](Self::shutdown) does the same and is awaited.
 pub struct Network {
@@ -56,7 +59,7 @@ impl Network {
             .ok_or_else(|| NetworkError::Declaration(format!("no axis is named `{name}`")))
     }
 
-    /// Starts moves of several axes in one process-data frame: every bit 4 rises in the same cycle, or none does.
+    /// Starts moves of several axes in one cycle (and one frame, where their drives share it): every bit 4 rises, or none does.
     ///
     /// # Errors
     /// [`TogetherError`] as of [`together`](crate::axis::together).

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use servocrab::{
+    axis::Loss,
     bus::{BringUpStep, DriveConfig, DriveFault, Network, NetworkBuilder, NetworkError},
     coe::{Mappable, Object, ReadWrite, obj},
     drives,
@@ -243,6 +244,16 @@ fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
     let unnamed = akd2g().map_input("z", obj::DIGITAL_INPUTS);
     assert!(text(net().drive(0, unnamed)).contains("`z` is no axis"));
     assert!(text(net().cycle(Duration::ZERO).drive(0, akd2g())).contains("cycle"));
+    for (stale_cycles, undelivered_cycles) in [(0, 10), (20, 10), (u32::MAX, u32::MAX)] {
+        let loss = Loss {
+            stale_cycles,
+            undelivered_cycles,
+        };
+        assert!(
+            text(net().drive(0, akd2g().loss("x", loss))).contains("silent drive"),
+            "{loss:?}"
+        );
+    }
     assert!(text(Network::builder().drive(0, akd2g())).contains("no link"));
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
 }

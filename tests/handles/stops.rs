@@ -136,6 +136,26 @@ fn a_halt_that_finds_the_queue_full_is_in_the_next_frame_all_the_same() {
 }
 
 #[test]
+fn a_disable_that_finds_the_queue_full_stops_the_axis_all_the_same() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    machine.run(10);
+    let mut queued: Vec<_> = (0..40)
+        .map(|n| Task::new(pp.move_abs(n, SetPoint::new())))
+        .collect();
+    let _ = queued.iter_mut().filter_map(Task::poll).count();
+    let full = Task::new(axis.disable()).poll().unwrap().unwrap_err();
+    assert!(matches!(full.kind, AxisErrorKind::QueueFull));
+    machine.cycle();
+    assert_eq!(machine.stations[0].words.last().unwrap() & HALT, HALT);
+    let stopped = machine.finish(moved.done_through_halt()).unwrap_err();
+    assert_eq!(stopped.failure(), Some(Failure::QuickStopped));
+}
+
+#[test]
 fn pitfall_19_an_awaited_halt_is_in_the_next_frame() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
