@@ -17,6 +17,7 @@ use plot::{Mark, Row};
 use servocrab::{
     axis::{self, Axis, AxisError, AxisErrorKind, Failure},
     bus::{DriveConfig, Network},
+    coe::obj,
     drives,
     link::Wire,
     profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
@@ -43,10 +44,17 @@ async fn run() -> Result<(), Box<dyn Error>> {
     let wire = Wire::new(move |frame, now| lock(&wired).process(frame, now));
 
     println!("Bringing up the segment: CoE configuration, PDO mapping, watchdog, OP.");
+    // Besides the mapping, the drive gets its quick stop ramp of both axes over CoE, counts/s².
+    let ramp = 150_000_u32.to_le_bytes();
+    let drive = DriveConfig::new(drives::akd2g())
+        .axis("x")
+        .axis("y")
+        .start_up(obj::QUICK_STOP_DECELERATION.address(), &ramp)
+        .start_up(obj::QUICK_STOP_DECELERATION.axis(2).address(), &ramp);
     let net = Network::builder()
         .link(wire)
         .cycle(Duration::from_millis(1))
-        .drive(0, DriveConfig::new(drives::akd2g()).axis("x").axis("y"))
+        .drive(0, drive)
         .start()
         .await?;
     let story = Story {
