@@ -116,43 +116,36 @@ fn the_stop_lane_is_in_the_next_frame_whatever_is_queued() {
 }
 
 #[test]
-fn a_halt_that_finds_the_queue_full_is_in_the_next_frame_all_the_same() {
-    let (mut machine, axis) = Machine::enabled();
-    let pp = machine.finish(axis.profile_position()).unwrap();
-    let moved = machine
-        .finish(pp.move_abs(90_000, SetPoint::new()))
-        .unwrap();
-    machine.run(10);
-    let mut queued: Vec<_> = (0..40)
-        .map(|n| Task::new(pp.move_abs(n, SetPoint::new())))
-        .collect();
-    let _ = queued.iter_mut().filter_map(Task::poll).count();
-    let full = Task::new(axis.halt()).poll().unwrap().unwrap_err();
-    assert!(matches!(full.kind, AxisErrorKind::QueueFull));
-    machine.cycle();
-    assert_eq!(machine.stations[0].words.last().unwrap() & HALT, HALT);
-    let halted = machine.finish(moved.done()).unwrap_err();
-    assert_eq!(halted.failure(), Some(Failure::Halted));
-}
-
-#[test]
-fn a_disable_that_finds_the_queue_full_stops_the_axis_all_the_same() {
-    let (mut machine, axis) = Machine::enabled();
-    let pp = machine.finish(axis.profile_position()).unwrap();
-    let moved = machine
-        .finish(pp.move_abs(90_000, SetPoint::new()))
-        .unwrap();
-    machine.run(10);
-    let mut queued: Vec<_> = (0..40)
-        .map(|n| Task::new(pp.move_abs(n, SetPoint::new())))
-        .collect();
-    let _ = queued.iter_mut().filter_map(Task::poll).count();
-    let full = Task::new(axis.disable()).poll().unwrap().unwrap_err();
-    assert!(matches!(full.kind, AxisErrorKind::QueueFull));
-    machine.cycle();
-    assert_eq!(machine.stations[0].words.last().unwrap() & HALT, HALT);
-    let stopped = machine.finish(moved.done_through_halt()).unwrap_err();
-    assert_eq!(stopped.failure(), Some(Failure::QuickStopped));
+fn a_halt_or_disable_that_finds_the_queue_full_stops_the_axis_in_the_next_frame_all_the_same() {
+    for (disables, ending) in [(false, Failure::Halted), (true, Failure::QuickStopped)] {
+        let (mut machine, axis) = Machine::enabled();
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        let moved = machine
+            .finish(pp.move_abs(90_000, SetPoint::new()))
+            .unwrap();
+        machine.run(10);
+        let mut queued: Vec<_> = (0..40)
+            .map(|n| Task::new(pp.move_abs(n, SetPoint::new())))
+            .collect();
+        let _ = queued.iter_mut().filter_map(Task::poll).count();
+        let full = if disables {
+            Task::new(axis.disable()).poll()
+        } else {
+            Task::new(axis.halt()).poll()
+        };
+        assert!(matches!(
+            full.unwrap().unwrap_err().kind,
+            AxisErrorKind::QueueFull
+        ));
+        machine.cycle();
+        assert_eq!(machine.stations[0].words.last().unwrap() & HALT, HALT);
+        let ended = if disables {
+            moved.done_through_halt()
+        } else {
+            moved.done()
+        };
+        assert_eq!(machine.finish(ended).unwrap_err().failure(), Some(ending));
+    }
 }
 
 #[test]
