@@ -7,18 +7,18 @@ use super::registers::{RegisterError, Registers};
 use crate::sii::{FmmuUsage, Sii, SyncManager, SyncManagerUsage};
 
 const FMMU: u16 = 0x0600;
-const SYNC_MANAGER: u16 = 0x0800;
-const ACTIVATE: u16 = 6;
-const WATCHDOG_DIVIDER: u16 = 0x0400;
-const WATCHDOG_TIME: u16 = 0x0420;
+pub(super) const SYNC_MANAGER: u16 = 0x0800;
+pub(super) const ACTIVATE: u16 = 6;
+pub(super) const WATCHDOG_DIVIDER: u16 = 0x0400;
+pub(super) const WATCHDOG_TIME: u16 = 0x0420;
 /// ESC features, 0008h bit 9: no LRW.
 const FEATURES: u16 = 0x0008;
 const NO_LRW: u16 = 1 << 9;
 
 /// Control byte, bit 6: writes trigger the watchdog.
-const WATCHDOG_TRIGGER: u8 = 0x40;
+pub(super) const WATCHDOG_TRIGGER: u8 = 0x40;
 /// 0400h for ticks of 100 µs: (2498 + 2) · 40 ns.
-const DIVIDER: u16 = 2498;
+pub(super) const DIVIDER: u16 = 2498;
 const TICK: Duration = Duration::from_micros(100);
 
 /// Where a drive's process data lie, in its memory and in the logical address space.

@@ -4,12 +4,10 @@ use std::time::Duration;
 
 use ethercrab::{Command, MainDevice, error::Error};
 
-const SYNC_MANAGERS: u16 = 0x0800;
-const WATCHDOG_DIVIDER: u16 = 0x0400;
-const WATCHDOG_TIME: u16 = 0x0420;
-/// 0400h for ticks of 100 µs: (2498 + 2) · 40 ns.
-const DIVIDER: u16 = 2498;
-const TICK: Duration = Duration::from_micros(100);
+use super::sync_managers::{
+    ACTIVATE, DIVIDER, SYNC_MANAGER, WATCHDOG_DIVIDER, WATCHDOG_TIME, WATCHDOG_TRIGGER,
+    watchdog_ticks,
+};
 
 /// Why a SubDevice's process-data watchdog is not armed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -64,14 +62,11 @@ pub async fn arm_watchdog(
     station: u16,
     time: Duration,
 ) -> Result<(), WatchdogError> {
-    let expected = u16::try_from(time.as_micros().div_ceil(TICK.as_micros()))
-        .ok()
-        .filter(|&ticks| ticks != 0)
-        .ok_or(WatchdogError::Time(time))?;
+    let expected = watchdog_ticks(time).ok_or(WatchdogError::Time(time))?;
     let device = Device { main, station };
     let mut outputs = None;
     for number in 0..8 {
-        let at = SYNC_MANAGERS + 8 * number;
+        let at = SYNC_MANAGER + 8 * number;
         let [_, _, _, _, control, _, activate, _] = device.read::<8>(at).await?;
         // Three buffers, written by the MainDevice, switched on.
         if control & 0x0F == 0x04 && activate & 1 == 1 {
@@ -81,9 +76,11 @@ pub async fn arm_watchdog(
     }
     let (manager, control) = outputs.ok_or(WatchdogError::NoOutputs { station })?;
     // A sync manager may only be changed while it is switched off.
-    device.write(manager + 6, &[0]).await?;
-    device.write(manager + 4, &[control | 0x40]).await?;
-    device.write(manager + 6, &[1]).await?;
+    device.write(manager + ACTIVATE, &[0]).await?;
+    device
+        .write(manager + 4, &[control | WATCHDOG_TRIGGER])
+        .await?;
+    device.write(manager + ACTIVATE, &[1]).await?;
     device
         .write(WATCHDOG_DIVIDER, &DIVIDER.to_le_bytes())
         .await?;
@@ -91,7 +88,7 @@ pub async fn arm_watchdog(
     let [control] = device.read(manager + 4).await?;
     let divider = u16::from_le_bytes(device.read(WATCHDOG_DIVIDER).await?);
     let ticks = u16::from_le_bytes(device.read(WATCHDOG_TIME).await?);
-    if control & 0x40 == 0 || divider != DIVIDER || ticks != expected {
+    if control & WATCHDOG_TRIGGER == 0 || divider != DIVIDER || ticks != expected {
         return Err(WatchdogError::NotArmed {
             station,
             control,
