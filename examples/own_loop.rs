@@ -11,7 +11,10 @@ use std::{
 
 use ethercrab::{MainDevice, MainDeviceConfig, PduRx, PduStorage, PduTx, Timeouts};
 use servocrab::{
-    axis::{AxisConfig, AxisCore, AxisFields, Command, CommandId, Event, Inputs, StopRequest},
+    axis::{
+        AxisConfig, AxisCore, AxisFields, Command, CommandId, Event, Inputs, Referencing,
+        StopRequest,
+    },
     bus::arm_watchdog,
     coe::AxisOffset,
     drives,
@@ -91,6 +94,8 @@ async fn control(main_device: &MainDevice<'_>) -> Result<(), Box<dyn Error>> {
         deceleration: Some(500_000),
         ..Parameters::default()
     };
+    // On the bench nothing stands in the way, and nobody homes.
+    config.referencing = Referencing::UnreferencedMovesAllowed;
     let mut axis = AxisCore::new(config);
 
     let steps = [

@@ -9,12 +9,15 @@ use std::{error::Error, process::ExitCode, time::Duration};
 
 use clap::Parser;
 use servocrab::{
-    axis::{Axis, AxisError},
+    axis::{Axis, AxisError, Referencing},
     bus::{DriveConfig, Network},
     drives,
     profile_position::{Outcome, SetPoint},
 };
 use smol::future;
+
+/// The target is a count of the drive, wherever that began: this program does not home.
+const UNREFERENCED: Referencing = Referencing::UnreferencedMovesAllowed;
 
 /// One move of one axis of an AKD2G, over a network interface.
 #[derive(Parser)]
@@ -80,7 +83,9 @@ async fn run(
             arguments.drive,
             DriveConfig::new(drives::akd2g())
                 .axis("axis 1")
-                .axis("axis 2"),
+                .referencing("axis 1", UNREFERENCED)
+                .axis("axis 2")
+                .referencing("axis 2", UNREFERENCED),
         )
         .start()
         .await?;

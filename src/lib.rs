@@ -5,7 +5,8 @@
 //! # #[cfg(feature = "std")]
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use std::time::Duration;
-//! use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire, profile_position::{Outcome, SetPoint}};
+//! use servocrab::{axis::Referencing, bus::{DriveConfig, Network}, drives, link::Wire};
+//! use servocrab::profile_position::{Outcome, SetPoint};
 //! use servocrab_sim::{Segment, personality};
 //!
 //! // A simulated segment in this process. On a real link: `.interface("eth0")` in place of `.link(wire)`.
@@ -13,10 +14,16 @@
 //! let wire = Wire::new(move |frame, now| segment.process(frame, now));
 //!
 //! smol::block_on(async {
+//!     // Both motors have absolute encoders; an axis without one is homed before its first absolute move.
+//!     let drive = DriveConfig::new(drives::akd2g())
+//!         .axis("x")
+//!         .referencing("x", Referencing::AbsoluteEncoder)
+//!         .axis("y")
+//!         .referencing("y", Referencing::AbsoluteEncoder);
 //!     let net = Network::builder()
 //!         .link(wire)
 //!         .cycle(Duration::from_millis(1))
-//!         .drive(0, DriveConfig::new(drives::akd2g()).axis("x").axis("y"))
+//!         .drive(0, drive)
 //!         .start()
 //!         .await?;
 //!

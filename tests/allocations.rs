@@ -13,6 +13,7 @@ use std::{
 };
 
 use servocrab::{
+    axis::Referencing,
     bus::{BusLoop, DriveConfig, Network},
     drives,
     link::Wire,
@@ -104,7 +105,11 @@ fn a_hundred_thousand_cycles_with_moves_allocate_nothing() {
         COUNTING.set(counting);
         back
     });
-    let drive = |name| DriveConfig::new(drives::akd2g()).axis(name);
+    let drive = |name| {
+        DriveConfig::new(drives::akd2g())
+            .axis(name)
+            .referencing(name, Referencing::UnreferencedMovesAllowed)
+    };
     let (starting, mut bus) = Network::builder()
         .link(wire)
         .drive(0, drive("x"))

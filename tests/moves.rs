@@ -4,10 +4,10 @@
 mod common;
 
 use common::Rig;
-use servocrab::axis::{Command, Completion, Event, Failure};
+use servocrab::axis::{Command, Completion, Event, Failure, Referencing};
 use servocrab::ds402::State;
 use servocrab::profile_position::{SetPoint, Start};
-use servocrab_sim::ds402::Outcome;
+use servocrab_sim::ds402::{Behaviour, Outcome};
 
 #[test]
 fn an_axis_is_enabled_step_by_step_and_nothing_moves() {
@@ -173,6 +173,36 @@ fn disabling_a_moving_axis_stops_it_and_a_standing_one_is_shut_down() {
         rig.outcome(id),
         Some(Err(Failure::Disabled { .. }))
     ));
+}
+
+#[test]
+fn an_axis_that_was_not_homed_moves_by_distances_only_and_nothing_of_an_absolute_move_is_sent() {
+    let mut rig = Rig::new(Behaviour::akd2g(), |config| {
+        config.referencing = Referencing::ByHoming;
+    });
+    rig.enable();
+    assert!(!rig.core.snapshot().referenced);
+    let from = rig.words.len();
+    let refused = rig.abs(10_000, SetPoint::new());
+    assert_eq!(rig.outcome(refused), Some(Err(Failure::NotReferenced)));
+    rig.run(200);
+    assert_eq!(rig.distinct_words(from), [0x000F]);
+    assert!(rig.ledger().is_empty());
+
+    let relative = rig.rel(10_000, SetPoint::new());
+    assert!(rig.finish(relative).is_ok());
+    assert_eq!(rig.drive.position(), 10_000);
+}
+
+#[test]
+fn an_absolute_encoder_is_a_reference_from_the_first_cycle_on() {
+    let mut rig = Rig::new(Behaviour::akd2g(), |config| {
+        config.referencing = Referencing::AbsoluteEncoder;
+    });
+    rig.enable();
+    assert!(rig.core.snapshot().referenced);
+    let id = rig.abs(10_000, SetPoint::new());
+    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 10_000 }));
 }
 
 #[test]

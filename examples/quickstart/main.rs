@@ -15,7 +15,7 @@ use std::{
 
 use plot::{Mark, Row};
 use servocrab::{
-    axis::{self, Axis, AxisError, AxisErrorKind, Failure},
+    axis::{self, Axis, AxisError, AxisErrorKind, Failure, Referencing},
     bus::{DriveConfig, Network},
     coe::obj,
     drives,
@@ -49,6 +49,9 @@ async fn run() -> Result<(), Box<dyn Error>> {
     let drive = DriveConfig::new(drives::akd2g())
         .axis("x")
         .axis("y")
+        // The simulated motors have absolute encoders; others are homed first, see examples/home_and_jog.rs.
+        .referencing("x", Referencing::AbsoluteEncoder)
+        .referencing("y", Referencing::AbsoluteEncoder)
         .start_up(obj::QUICK_STOP_DECELERATION.address(), &ramp)
         .start_up(obj::QUICK_STOP_DECELERATION.axis(2).address(), &ramp);
     let net = Network::builder()

@@ -7,18 +7,19 @@ use crate::{
     profile_position::{Parameters, Traits},
 };
 
-use super::AxisFields;
+use super::{AxisFields, Referencing};
 
 /// An axis: where its objects lie, how its drive behaves, what counts as arrived and for how long to wait.
 ///
 /// ```
 /// use core::time::Duration;
-/// use servocrab::{axis::{AxisConfig, AxisFields, Deadlines}, coe::AxisOffset, drives};
+/// use servocrab::{axis::{AxisConfig, AxisFields, Deadlines, Referencing}, coe::AxisOffset, drives};
 ///
 /// let drive = drives::akd2g();
 /// let layout = drive.default_mapping()?.layout();
 /// let mut config = AxisConfig::new(AxisFields::from_layout(&layout, AxisOffset::of_axis(1))?);
 /// config.traits = drive.traits;
+/// config.referencing = Referencing::AbsoluteEncoder;
 /// config.deadlines = Deadlines { standstill: Duration::from_secs(30), ..Deadlines::default() };
 /// assert_eq!(config.tolerances.position, 10);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -41,6 +42,8 @@ pub struct AxisConfig {
     pub quick_stop: QuickStopOption,
     /// What moves use for the parameters that they leave out: what the drive held when the axis attached.
     pub defaults: Parameters,
+    /// How the axis comes to know where it is.
+    pub referencing: Referencing,
 }
 
 impl AxisConfig {
@@ -57,6 +60,7 @@ impl AxisConfig {
             loss: Loss::default(),
             quick_stop: QuickStopOption(2),
             defaults: Parameters::default(),
+            referencing: Referencing::default(),
         }
     }
 }

@@ -14,7 +14,9 @@ use crate::{
     },
 };
 
-use super::{AxisConfig, Inputs, Snapshot, StopRequest, power::Power, stopping::Stopping};
+use super::{
+    AxisConfig, Inputs, Referencing, Snapshot, StopRequest, power::Power, stopping::Stopping,
+};
 
 /// One axis, stepped once a cycle.
 ///
@@ -54,6 +56,8 @@ pub struct AxisCore {
     outgoing: Controlword,
     /// Sent with the last cycle.
     pub(super) sent: Controlword,
+    /// Whether a homing was attained since the drive was last lost.
+    homed: bool,
     answered: bool,
     lost: bool,
     stale_cycles: u32,
@@ -97,6 +101,7 @@ impl AxisCore {
             manufacturer: Controlword::empty(),
             outgoing: Controlword::empty(),
             sent: Controlword::empty(),
+            homed: false,
             answered: false,
             lost: false,
             stale_cycles: 0,
@@ -235,6 +240,7 @@ impl AxisCore {
             velocity: sample.and_then(|s| s.velocity).unwrap_or(0),
             halted: self.halted,
             has_set_point: self.sequencer.has_set_point(),
+            referenced: self.is_referenced(),
         }
     }
 
@@ -270,9 +276,15 @@ impl AxisCore {
         self.standstill.is_standing(now, &self.bounds)
     }
 
+    /// Whether the axis' positions are known to mean what the program means.
+    pub(super) fn is_referenced(&self) -> bool {
+        self.homed || self.config.referencing == Referencing::AbsoluteEncoder
+    }
+
     /// The drive does not answer: everything ends, and what still reaches it is a quick stop.
     fn lose(&mut self, now: Duration) {
         self.lost = true;
+        self.homed = false;
         let driven = self.power.is_driving();
         self.sequencer
             .fail_all(|delivery| Failure::BusLost { delivery }, &mut self.events);

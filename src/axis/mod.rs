@@ -9,6 +9,7 @@ mod core;
 mod fields;
 mod observe;
 mod power;
+mod referencing;
 mod snapshot;
 mod stopping;
 mod submit;
@@ -43,6 +44,7 @@ pub use crate::profile_position::{CommandId, Completion, Delivery, Event, Failur
 pub use command::{Command, Inputs, StopRequest};
 pub use config::{AxisConfig, Deadlines, Loss, Tolerances};
 pub use fields::{AxisFields, FieldError};
+pub use referencing::Referencing;
 pub use snapshot::Snapshot;
 
 #[cfg(feature = "std")]

@@ -29,4 +29,6 @@ pub struct Snapshot {
     pub halted: bool,
     /// Whether the axis has a set-point, or may have one.
     pub has_set_point: bool,
+    /// Whether the axis knows where it is: by [`Referencing`](super::Referencing).
+    pub referenced: bool,
 }

@@ -113,6 +113,7 @@ fn pack(snapshot: &Snapshot) -> [u64; HEAD] {
         snapshot.lost,
         snapshot.halted,
         snapshot.has_set_point,
+        snapshot.referenced,
     ]
     .into_iter()
     .rev()
@@ -138,6 +139,7 @@ fn unpack([cycle, ages, words, motion]: [u64; HEAD]) -> Snapshot {
         lost: flag(1),
         halted: flag(2),
         has_set_point: flag(3),
+        referenced: flag(4),
         statusword,
         state: statusword.state(),
         controlword: Controlword::from_bits_retain((words >> 16) as u16),
@@ -168,6 +170,7 @@ mod tests {
             velocity: cycle as i32,
             halted: cycle.is_multiple_of(5),
             has_set_point: cycle.is_multiple_of(7),
+            referenced: cycle.is_multiple_of(11),
         }
     }
 

@@ -4,11 +4,11 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Mode, PowerGoal, State},
-    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand},
+    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand, Reference},
 };
 
 use super::{
-    AxisCore, Command,
+    AxisCore, Command, Referencing,
     core::ModeChange,
     power::{Power, ResetPhase},
     stopping::{Stage, Wait},
@@ -197,6 +197,12 @@ impl AxisCore {
         }
         if self.sequencer.is_unknown() {
             return Err(Failure::NeedsStop);
+        }
+        if command.reference == Reference::Absolute
+            && !self.is_referenced()
+            && self.config.referencing != Referencing::UnreferencedMovesAllowed
+        {
+            return Err(Failure::NotReferenced);
         }
         let parameters = &mut command.set_point.parameters;
         *parameters = self

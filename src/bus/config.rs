@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::{
-    axis::{Deadlines, Loss, Tolerances},
+    axis::{Deadlines, Loss, Referencing, Tolerances},
     coe::{AnyObject, ObjectAddress},
     drives::DriveDescription,
     ds402::Mode,
@@ -35,6 +35,7 @@ pub(super) struct AxisDeclaration {
     pub(super) deadlines: Deadlines,
     pub(super) loss: Option<Loss>,
     pub(super) mode: Mode,
+    pub(super) referencing: Referencing,
     outputs: Vec<AnyObject>,
     inputs: Vec<AnyObject>,
 }
@@ -67,6 +68,7 @@ impl DriveConfig {
             deadlines: Deadlines::default(),
             loss: None,
             mode: Mode::ProfilePosition,
+            referencing: Referencing::default(),
             outputs: Vec::new(),
             inputs: Vec::new(),
         });
@@ -107,6 +109,13 @@ impl DriveConfig {
     #[must_use]
     pub fn loss(mut self, axis: &str, loss: Loss) -> Self {
         self.with_axis(axis, |axis| axis.loss = Some(loss));
+        self
+    }
+
+    /// How this axis comes to know where it is. Without it: by homing, and absolute moves are refused before.
+    #[must_use]
+    pub fn referencing(mut self, axis: &str, referencing: Referencing) -> Self {
+        self.with_axis(axis, |axis| axis.referencing = referencing);
         self
     }
 

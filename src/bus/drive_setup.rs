@@ -175,6 +175,7 @@ impl Job {
         config.traits = self.config.description.traits;
         config.mode = axis.mode;
         config.deadlines = axis.deadlines;
+        config.referencing = axis.referencing;
         config.loss = axis.loss.unwrap_or(self.loss);
         config.tolerances = axis.tolerances.unwrap_or_default();
         if axis.tolerances.is_none()

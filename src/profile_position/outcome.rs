@@ -188,6 +188,11 @@ pub enum Failure {
         /// The state seen.
         state: State,
     },
+    /// An absolute move on an axis that does not know where it is.
+    #[error(
+        "the axis is not referenced: home it before absolute moves, or say in its settings that it has an absolute encoder or that unreferenced moves are allowed"
+    )]
+    NotReferenced,
     /// An earlier set-point may or may not have been taken.
     #[error("an earlier set-point may or may not have been taken by the drive: call stop() first")]
     NeedsStop,

@@ -64,7 +64,9 @@ fn a_coupler_and_a_terminal_in_the_line_are_left_in_preop() {
 fn a_drive_without_lrw_exchanges_by_lrd_and_lwr() {
     let drive = personality::Akd2g::new().without_lrw().build();
     let line = Line::new(Segment::new().with(drive).with(personality::akd2g()));
-    let second = DriveConfig::new(drives::akd2g()).axis("z");
+    let second = DriveConfig::new(drives::akd2g())
+        .axis("z")
+        .referencing("z", servocrab::axis::Referencing::UnreferencedMovesAllowed);
     let builder = Network::builder()
         .link(line.wire())
         .drive(0, akd2g())

@@ -125,7 +125,9 @@ fn a_drive_that_falls_silent_does_not_blind_the_others() {
             .with(personality::akd2g())
             .with(personality::akd2g()),
     );
-    let second = servocrab::bus::DriveConfig::new(servocrab::drives::akd2g()).axis("z");
+    let second = servocrab::bus::DriveConfig::new(servocrab::drives::akd2g())
+        .axis("z")
+        .referencing("z", servocrab::axis::Referencing::UnreferencedMovesAllowed);
     let builder = Network::builder()
         .link(line.wire())
         .drive(0, akd2g())

@@ -75,7 +75,9 @@ fn two_drives() -> (Line, Rig) {
             .with(personality::akd2g())
             .with(personality::akd2g()),
     );
-    let second = DriveConfig::new(drives::akd2g()).axis("z");
+    let second = DriveConfig::new(drives::akd2g())
+        .axis("z")
+        .referencing("z", servocrab::axis::Referencing::UnreferencedMovesAllowed);
     let builder = Network::builder()
         .link(line.wire())
         .drive(0, akd2g())

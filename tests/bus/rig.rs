@@ -9,6 +9,7 @@ use std::{
 };
 
 use servocrab::{
+    axis::Referencing,
     bus::{BusLoop, DriveConfig, Network, NetworkBuilder, NetworkError},
     drives,
     link::{Fate, Wire},
@@ -66,9 +67,13 @@ pub(crate) fn is_write_to(frame: &[u8], register: u16) -> bool {
     frame[16] == 5 && frame[20..22] == register.to_le_bytes()
 }
 
-/// An AKD2G with axes `x` and `y`.
+/// An AKD2G with axes `x` and `y`, which are moved without being homed.
 pub(crate) fn akd2g() -> DriveConfig {
-    DriveConfig::new(drives::akd2g()).axis("x").axis("y")
+    DriveConfig::new(drives::akd2g())
+        .axis("x")
+        .referencing("x", Referencing::UnreferencedMovesAllowed)
+        .axis("y")
+        .referencing("y", Referencing::UnreferencedMovesAllowed)
 }
 
 /// A network and its loop.

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 use servocrab::axis::{
     AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs,
-    StopRequest,
+    Referencing, StopRequest,
 };
 use servocrab::coe::AxisOffset;
 use servocrab::drives;
@@ -71,6 +71,7 @@ impl Rig {
             .layout();
         let fields = AxisFields::from_layout(&layout, AxisOffset::of_axis(1)).expect("all fields");
         let mut config = AxisConfig::new(fields);
+        config.referencing = Referencing::UnreferencedMovesAllowed;
         config.traits = description.traits;
         config.defaults = Parameters {
             velocity: Some(50_000),

@@ -3,7 +3,7 @@
 use std::{cell::Cell, thread, time::Duration};
 
 use servocrab::{
-    axis::Axis,
+    axis::{Axis, Referencing},
     bus::{DriveConfig, Network},
     coe::SdoHandle,
     drives,
@@ -56,7 +56,11 @@ fn after_each_datagram(delay: Duration, lost: impl Fn(u64) -> Option<Loss>) -> (
     let mut drive = Akd2g::new().mailbox_bytes(MAILBOX).build();
     drive.set_mailbox_delay(delay);
     let line = Line::new(Segment::new().with(drive));
-    let config = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+    let config = DriveConfig::new(drives::akd2g())
+        .axis("x")
+        .referencing("x", Referencing::UnreferencedMovesAllowed)
+        .axis("y")
+        .referencing("y", Referencing::UnreferencedMovesAllowed);
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config));
     let axis = rig.net.axis("x").unwrap();
     let sdo = rig.net.sdo(0).unwrap();
@@ -125,7 +129,11 @@ async fn a_move_beside_transfers(axis: &Axis, sdo: &SdoHandle, target: i32) -> u
 #[test]
 fn an_emergency_while_nothing_else_goes_through_the_mailbox_is_delivered_within_two_looks() {
     let line = Line::new(Segment::new().with(Akd2g::new().build()));
-    let config = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+    let config = DriveConfig::new(drives::akd2g())
+        .axis("x")
+        .referencing("x", Referencing::UnreferencedMovesAllowed)
+        .axis("y")
+        .referencing("y", Referencing::UnreferencedMovesAllowed);
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config));
     let emergencies = rig.emergencies(0);
     for number in 0..50 {

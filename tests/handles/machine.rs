@@ -18,7 +18,7 @@ use std::{
 use servocrab::{
     axis::{
         Axis, AxisConfig, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSet, AxisSetup,
-        AxisSource, BoxFuture, GroupQueue, Groups, Inputs, ParameterAccess,
+        AxisSource, BoxFuture, GroupQueue, Groups, Inputs, ParameterAccess, Referencing,
     },
     coe::{AbortCode, AnyObject, AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj},
     drives,
@@ -196,6 +196,7 @@ impl Station {
         let layout = layout(variant);
         let fields = AxisFields::from_layout(&layout, AxisOffset::default()).unwrap();
         let mut config = AxisConfig::new(fields);
+        config.referencing = Referencing::UnreferencedMovesAllowed;
         config.traits = variant.traits;
         config.defaults = Parameters {
             velocity: Some(50_000),

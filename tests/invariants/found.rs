@@ -3,7 +3,8 @@
 use core::time::Duration;
 
 use servocrab::axis::{
-    AxisConfig, Command, CommandId, Completion, Delivery, Failure, StopRequest, WaitingFor,
+    AxisConfig, Command, CommandId, Completion, Delivery, Failure, Referencing, StopRequest,
+    WaitingFor,
 };
 use servocrab::ds402::QuickStopOption;
 use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint, Start};
@@ -13,6 +14,7 @@ use super::world::{Link, World};
 
 fn world(behaviour: Behaviour) -> World {
     let mut config = AxisConfig::new(World::fields(true));
+    config.referencing = Referencing::UnreferencedMovesAllowed;
     config.quick_stop = QuickStopOption(behaviour.quick_stop_option);
     config.defaults = Parameters {
         velocity: Some(50_000),

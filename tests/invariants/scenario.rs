@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use servocrab::axis::{AxisConfig, Command, CommandId, StopRequest};
+use servocrab::axis::{AxisConfig, Command, CommandId, Referencing, StopRequest};
 use servocrab::ds402::{Controlword, Mode, QuickStopOption};
 use servocrab::profile_position::{
     BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Start, StartBits,
@@ -163,6 +163,7 @@ fn build(random: &mut Random, lag_cycles: u32, starts: Starts) -> World {
         ..base
     };
     let mut config = AxisConfig::new(World::fields(!random.one_in(4)));
+    config.referencing = Referencing::UnreferencedMovesAllowed;
     config.traits = Traits {
         buffer_signal: if behaviour.ack == AckPolicy::BufferFree {
             BufferSignal::Acknowledge

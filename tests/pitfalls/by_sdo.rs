@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex};
 
 use servocrab::axis::{
     Axis, AxisConfig, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSetup, AxisSource,
-    BoxFuture, Failure, GroupQueue, Inputs, ParameterAccess, StopRequest,
+    BoxFuture, Failure, GroupQueue, Inputs, ParameterAccess, Referencing, StopRequest,
 };
 use servocrab::coe::{AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj};
 use servocrab::drives;
@@ -86,6 +86,7 @@ impl Station {
         let fields = AxisFields::from_layout(&layout, AxisOffset::default()).expect("all fields");
         let traits = drives::akd2g().traits;
         let mut config = AxisConfig::new(fields);
+        config.referencing = Referencing::UnreferencedMovesAllowed;
         config.traits = traits;
         let core = AxisCore::new(config);
         let drive = Arc::new(Mutex::new(ds402::Axis::new(behaviour)));
