@@ -114,14 +114,17 @@ pub struct Description {
     pub mailbox: Option<Mailbox>,
     /// Its sync managers.
     pub sync_managers: Vec<SyncManagerDescription>,
-    /// FMMU usage bytes of SII category 40 (1 outputs, 2 inputs, 3 mailbox state).
+    /// FMMU usage bytes of SII category 40 (1 outputs, 2 inputs, 3 mailbox state, FFh none).
     pub fmmu_usage: Vec<u8>,
     /// Its PDOs by default.
     pub pdos: Vec<PdoDescription>,
     /// Its distributed-clock modes.
     pub clock_modes: Vec<ClockMode>,
-    /// Content of vendor category 0800h, which stands before all others.
-    pub vendor_category: Option<Vec<u8>>,
+    /// SII categories that nothing here interprets, as number and content: those of vendors (0800h and above) stand before
+    /// all others, in this order; the rest between them by its number.
+    pub other_categories: Vec<(u16, Vec<u8>)>,
+    /// Number of DS402 axes as SII category 30 gives it.
+    pub ds402_channels: u8,
     /// Whether it executes LRW (feature register 0008h, bit 9).
     pub supports_lrw: bool,
     /// Whether an SII read gives eight bytes instead of four.
@@ -143,7 +146,8 @@ impl Description {
             fmmu_usage: Vec::new(),
             pdos: Vec::new(),
             clock_modes: Vec::new(),
-            vendor_category: None,
+            other_categories: Vec::new(),
+            ds402_channels: 0,
             supports_lrw: true,
             sii_reads_eight_bytes: true,
         }

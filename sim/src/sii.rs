@@ -30,28 +30,25 @@ pub(crate) fn image(description: &Description) -> Vec<u8> {
         .iter()
         .flat_map(|mode| clock_mode(mode, &mut strings))
         .collect();
-    if let Some(vendor) = &description.vendor_category {
-        category(&mut image, CATEGORY_VENDOR, vendor);
+    let (vendors, others): (Vec<_>, Vec<_>) = description
+        .other_categories
+        .iter()
+        .cloned()
+        .partition(|(kind, _)| *kind >= CATEGORY_VENDOR);
+    let mut numbered = vec![
+        (CATEGORY_STRINGS, strings.bytes()),
+        (CATEGORY_GENERAL, general),
+        (CATEGORY_FMMU, description.fmmu_usage.clone()),
+        (CATEGORY_SYNC_MANAGER, sync_managers(description)),
+        (CATEGORY_TX_PDO, pdos(description, Direction::Inputs)),
+        (CATEGORY_RX_PDO, pdos(description, Direction::Outputs)),
+        (CATEGORY_CLOCK, clock),
+    ];
+    numbered.extend(others);
+    numbered.sort_by_key(|(kind, _)| *kind);
+    for (kind, data) in vendors.into_iter().chain(numbered) {
+        category(&mut image, kind, &data);
     }
-    category(&mut image, CATEGORY_STRINGS, &strings.bytes());
-    category(&mut image, CATEGORY_GENERAL, &general);
-    category(&mut image, CATEGORY_FMMU, &description.fmmu_usage);
-    category(
-        &mut image,
-        CATEGORY_SYNC_MANAGER,
-        &sync_managers(description),
-    );
-    category(
-        &mut image,
-        CATEGORY_TX_PDO,
-        &pdos(description, Direction::Inputs),
-    );
-    category(
-        &mut image,
-        CATEGORY_RX_PDO,
-        &pdos(description, Direction::Outputs),
-    );
-    category(&mut image, CATEGORY_CLOCK, &clock);
     image.extend(CATEGORY_END.to_le_bytes());
     image.resize(SIZE.max(image.len()), 0xFF);
     image
@@ -112,9 +109,20 @@ fn general(description: &Description, strings: &mut Strings) -> Vec<u8> {
     bytes[2] = strings.index(&description.order);
     bytes[3] = strings.index(&description.name);
     bytes[5] = description.mailbox.map_or(0, |mailbox| mailbox.coe_details);
+    bytes[9] = description.ds402_channels;
+    bytes[11] = flags(description);
     // Ports 0 and 1 are MII.
     bytes[16] = 0x11;
     bytes
+}
+
+/// Flags of category 30 (ETG.2010): SAFEOP can be entered without process data, LRW is not executed, mails that were lost
+/// are sent again. A real AKD has the first and the last.
+fn flags(description: &Description) -> u8 {
+    let enable_safe_op = 0x01;
+    let not_lrw = if description.supports_lrw { 0 } else { 0x02 };
+    let mailbox_repeats = description.mailbox.map_or(0, |_| 0x04);
+    enable_safe_op | not_lrw | mailbox_repeats
 }
 
 /// Category 41.
@@ -159,6 +167,8 @@ fn pdo(pdo: &PdoDescription) -> Vec<u8> {
 fn clock_mode(mode: &crate::description::ClockMode, strings: &mut Strings) -> Vec<u8> {
     let mut bytes = vec![0; 24];
     put(&mut bytes, 14, &mode.assign_activate.to_le_bytes());
+    // SYNC0 comes once a cycle of the MainDevice.
+    put(&mut bytes, 16, &1u16.to_le_bytes());
     bytes[18] = strings.index(&mode.name);
     bytes
 }
@@ -242,9 +252,11 @@ mod tests {
     }
 
     #[test]
-    fn the_vendor_category_comes_first_and_the_end_mark_last() {
+    fn vendors_categories_come_first_the_others_by_number_and_the_end_mark_last() {
         let mut description = Description::new("name", Identity::default());
-        description.vendor_category = Some(vec![1, 2, 3]);
+        description.fmmu_usage = vec![1, 2];
+        description.other_categories =
+            vec![(43, vec![0]), (0x0801, vec![1, 2, 3]), (0x0800, vec![4])];
         let image = image(&description);
         let mut kinds = Vec::new();
         let mut at = CATEGORIES;
@@ -256,7 +268,18 @@ mod tests {
             }
             at += 4 + 2 * usize::from(u16::from_le_bytes([image[at + 2], image[at + 3]]));
         }
-        assert_eq!(kinds, [0x0800, 10, 30, 0xFFFF]);
+        assert_eq!(kinds, [0x0801, 0x0800, 10, 30, 40, 43, 0xFFFF]);
+    }
+
+    #[test]
+    fn a_device_without_lrw_says_so_in_its_general_category() {
+        let general = |supports_lrw| {
+            let mut description = Description::new("x", Identity::default());
+            description.supports_lrw = supports_lrw;
+            super::general(&description, &mut Strings::default())
+        };
+        assert_eq!(general(true)[11] & 0x02, 0);
+        assert_eq!(general(false)[11] & 0x02, 0x02);
     }
 
     #[test]

@@ -201,7 +201,7 @@ impl Akd2g {
                 purpose: SyncManagerUse::Inputs,
             },
         ];
-        description.fmmu_usage = vec![1, 2, 3];
+        description.fmmu_usage = vec![1, 2, 3, 0xFF];
         description.clock_modes = vec![
             ClockMode {
                 name: "DcSync".to_owned(),
@@ -212,8 +212,14 @@ impl Akd2g {
                 assign_activate: 0x0000,
             },
         ];
-        // The AKD's SII begins with a category of its maker that holds the order code.
-        description.vendor_category = Some(b"AKD2G simulated ".to_vec());
+        // The AKD's SII begins with two categories of its maker, the order code and a version; its sync unit stands behind
+        // the sync managers.
+        description.other_categories = vec![
+            (0x0800, b"AKD2G simulated ".to_vec()),
+            (0x0801, b"00-00-00-000".to_vec()),
+            (43, vec![0xF0, 0xFF]),
+        ];
+        description.ds402_channels = 2;
         description.supports_lrw = self.supports_lrw;
         description
     }

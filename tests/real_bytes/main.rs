@@ -1,0 +1,9 @@
+//! Bytes of real drives, recorded by other people: the library reads them, and the simulated drives speak as they do.
+//! The bytes stand in `tests/vectors/`, each file with its source.
+#![cfg(feature = "std")]
+#![allow(missing_docs)]
+
+#[path = "../common/datagrams.rs"]
+mod datagrams;
+mod sii;
+mod vectors;

@@ -1,0 +1,33 @@
+//! The files of vectors: lines of columns, `|` between them, `#` before comments.
+
+/// An EEPROM, 2 KiB.
+pub(crate) fn akd_eeprom() -> Vec<u8> {
+    let mut image = Vec::new();
+    for row in rows(include_str!("../vectors/akd_eeprom.txt")) {
+        assert_eq!(usize::from(number(row[0])), image.len());
+        image.extend(bytes(row[1]));
+    }
+    assert!(image.ends_with(&[0xFF, 0xFF]));
+    image.resize(2048, 0xFF);
+    image
+}
+
+/// The columns of each line that is no comment.
+pub(crate) fn rows(table: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
+    table
+        .lines()
+        .filter(|line| !line.trim().is_empty() && !line.starts_with('#'))
+        .map(|line| line.split('|').map(str::trim).collect())
+}
+
+/// A hexadecimal number.
+pub(crate) fn number(text: &str) -> u16 {
+    u16::from_str_radix(text.trim_end_matches('h'), 16).expect("a hexadecimal number")
+}
+
+/// Hexadecimal bytes with spaces between them.
+pub(crate) fn bytes(text: &str) -> Vec<u8> {
+    text.split_whitespace()
+        .map(|byte| u8::from_str_radix(byte, 16).expect("a hexadecimal byte"))
+        .collect()
+}
