@@ -5,68 +5,18 @@
 #![allow(missing_docs)]
 #![cfg(target_os = "linux")]
 
+#[path = "common/namespace.rs"]
+mod namespace;
+
 use std::{
     env, fs,
     io::{BufRead, BufReader, Read},
     path::PathBuf,
-    process::{Child, Command, ExitStatus, Stdio},
+    process::{Command, ExitStatus, Stdio},
     time::{Duration, Instant},
 };
 
-const INSIDE: &str = "SERVOCRAB_TEST_NAMESPACE";
-
-/// Runs the named test again inside a namespace with a veth pair; true when this process is inside already.
-fn inside_namespace(test: &str) -> bool {
-    if env::var_os(INSIDE).is_some() {
-        run(
-            "ip",
-            &[
-                "link", "add", "master0", "type", "veth", "peer", "name", "slave0",
-            ],
-        );
-        for interface in ["master0", "slave0"] {
-            run("ip", &["link", "set", interface, "up"]);
-        }
-        return true;
-    }
-    let possible = Command::new("unshare")
-        .args(["-rn", "true"])
-        .status()
-        .is_ok_and(|status| status.success())
-        && Command::new("ip")
-            .arg("-V")
-            .stdout(Stdio::null())
-            .status()
-            .is_ok_and(|status| status.success());
-    if !possible {
-        let message =
-            format!("{test}: SKIPPED: no network namespace can be made here (unshare -rn, ip)");
-        assert_ne!(
-            env::var("CI").as_deref(),
-            Ok("true"),
-            "{message}, and in CI that is a failure"
-        );
-        eprintln!("{message}");
-        return false;
-    }
-    let status = Command::new("unshare")
-        .arg("-rn")
-        .arg(env::current_exe().expect("this test has a path"))
-        .args(["--exact", test, "--nocapture", "--test-threads=1"])
-        .env(INSIDE, "1")
-        .status()
-        .expect("unshare has just worked");
-    assert!(status.success(), "{test} failed inside its namespace");
-    false
-}
-
-fn run(program: &str, arguments: &[&str]) {
-    let status = Command::new(program)
-        .args(arguments)
-        .status()
-        .expect("the program is there");
-    assert!(status.success(), "{program} {arguments:?}: {status}");
-}
+use namespace::{Process, inside_namespace, run, simulated};
 
 /// A program of this workspace, as built with the tests.
 fn program(name: &str) -> PathBuf {
@@ -81,18 +31,8 @@ fn program(name: &str) -> PathBuf {
     path
 }
 
-/// A process that ends with its owner, by its own id.
-struct Process(Child);
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        // It may have ended already.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 impl Process {
+    /// Waits for its end, which must come within the limit.
     fn wait(&mut self, limit: Duration) -> ExitStatus {
         let end = Instant::now() + limit;
         loop {
@@ -104,6 +44,7 @@ impl Process {
         }
     }
 
+    /// Sends it a signal by name.
     fn signal(&self, signal: &str) {
         run("kill", &[&format!("-{signal}"), &self.0.id().to_string()]);
     }
@@ -116,26 +57,8 @@ fn simulator(test: &str) -> (Process, PathBuf) {
 
 fn simulator_of(test: &str, device: &str) -> (Process, PathBuf) {
     let trace = env::temp_dir().join(format!("servocrab-{test}-{}.csv", std::process::id()));
-    let mut child = Command::new(program("servocrab-sim"))
-        .args([
-            "--interface",
-            "slave0",
-            "--drive",
-            device,
-            "--for",
-            "60",
-            "--trace",
-        ])
-        .arg(&trace)
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the simulator starts");
-    let mut line = String::new();
-    BufReader::new(child.stdout.take().expect("piped"))
-        .read_line(&mut line)
-        .expect("a line");
-    assert_eq!(line.trim(), "listening on slave0: 1 SubDevice(s)");
-    (Process(child), trace)
+    let simulator = simulated(&program("servocrab-sim"), device, 60, Some(&trace));
+    (simulator, trace)
 }
 
 fn pp_move(arguments: &[&str]) -> Process {

@@ -105,8 +105,9 @@ fn head(description: &Description) -> Vec<u8> {
 /// Category 30.
 fn general(description: &Description, strings: &mut Strings) -> Vec<u8> {
     let mut bytes = vec![0; 32];
-    bytes[0] = strings.index(&description.group);
+    // The order text gets the first number, as in the SII of a real AKD: SOEM shows string 1 as the device's name.
     bytes[2] = strings.index(&description.order);
+    bytes[0] = strings.index(&description.group);
     bytes[3] = strings.index(&description.name);
     bytes[5] = description.mailbox.map_or(0, |mailbox| mailbox.coe_details);
     bytes[9] = description.ds402_channels;
@@ -280,6 +281,21 @@ mod tests {
         };
         assert_eq!(general(true)[11] & 0x02, 0);
         assert_eq!(general(false)[11] & 0x02, 0x02);
+    }
+
+    #[test]
+    fn the_order_text_is_string_1() {
+        let image = image(crate::personality::akd2g().description());
+        let at = image
+            .windows(6)
+            .position(|bytes| bytes == b"\x05AKD2G")
+            .unwrap();
+        assert_eq!(
+            image[at - 5..at - 3],
+            [10, 0],
+            "category, then words and count"
+        );
+        assert_eq!(image[at + 6], 6);
     }
 
     #[test]

@@ -14,7 +14,7 @@
 //! | processor cycle | 1 ms | |
 //! | units | counts, counts/s, counts/s² | |
 //! | `5000h:4` | bit 0: a set-point is being executed | bits are not described |
-//! | note of the user | `5F00h`, text of up to 480 bytes | something that takes segmented transfers |
+//! | note of the user | `5F00h`, text of up to 2000 bytes | longer than the mailbox, so that it takes segmented transfers |
 
 use crate::description::{
     ClockMode, Description, Direction, Identity, Mailbox, PdoDescription, PdoEntryDescription,
@@ -233,7 +233,7 @@ impl Akd2g {
                 increment: 0x0100,
                 subindex: 4,
             }),
-            note: Some((0x5F00, 480)),
+            note: Some((0x5F00, 2000)),
             limits: PdoLimits {
                 bytes: 64,
                 entries: 16,

@@ -129,7 +129,7 @@ fn the_announced_size_must_be_kept() {
         [0x00, 0x30, 0x20]
     );
     assert_eq!(
-        abort(&master.coe(&request(0x21, 0x5F00, 0, &481u32.to_le_bytes()))),
+        abort(&master.coe(&request(0x21, 0x5F00, 0, &2001u32.to_le_bytes()))),
         0x0607_0012
     );
 }

@@ -1,0 +1,103 @@
+//! A network of one's own for a test: a namespace with a veth pair, and the simulated segment's process on one end.
+//!
+//! Where no namespace can be made the test says so and passes, but fails when `CI=true`.
+
+use std::{
+    env,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Child, Command, Stdio},
+};
+
+/// Set in the environment of a test that runs inside its namespace.
+pub(crate) const INSIDE: &str = "SERVOCRAB_TEST_NAMESPACE";
+
+/// Runs the named test again inside a namespace with a veth pair; true when this process is inside already.
+pub(crate) fn inside_namespace(test: &str) -> bool {
+    if env::var_os(INSIDE).is_some() {
+        run(
+            "ip",
+            &[
+                "link", "add", "master0", "type", "veth", "peer", "name", "slave0",
+            ],
+        );
+        for interface in ["master0", "slave0"] {
+            run("ip", &["link", "set", interface, "up"]);
+        }
+        return true;
+    }
+    let possible = Command::new("unshare")
+        .args(["-rn", "true"])
+        .status()
+        .is_ok_and(|status| status.success())
+        && Command::new("ip")
+            .arg("-V")
+            .stdout(Stdio::null())
+            .status()
+            .is_ok_and(|status| status.success());
+    if !possible {
+        let message =
+            format!("{test}: SKIPPED: no network namespace can be made here (unshare -rn, ip)");
+        assert_ne!(
+            env::var("CI").as_deref(),
+            Ok("true"),
+            "{message}, and in CI that is a failure"
+        );
+        eprintln!("{message}");
+        return false;
+    }
+    let status = Command::new("unshare")
+        .arg("-rn")
+        .arg(env::current_exe().expect("this test has a path"))
+        .args(["--exact", test, "--nocapture", "--test-threads=1"])
+        .env(INSIDE, "1")
+        .status()
+        .expect("unshare has just worked");
+    assert!(status.success(), "{test} failed inside its namespace");
+    false
+}
+
+/// Runs a program to its end, which must be success.
+pub(crate) fn run(program: &str, arguments: &[&str]) {
+    let status = Command::new(program)
+        .args(arguments)
+        .status()
+        .expect("the program is there");
+    assert!(status.success(), "{program} {arguments:?}: {status}");
+}
+
+/// A process that ends with its owner, by its own id.
+pub(crate) struct Process(pub(crate) Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It may have ended already.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The simulated segment with one device, listening on `slave0`, for `seconds` at most.
+pub(crate) fn simulated(
+    program: &Path,
+    device: &str,
+    seconds: u32,
+    trace: Option<&Path>,
+) -> Process {
+    let mut command = Command::new(program);
+    command.args(["--interface", "slave0", "--drive", device]);
+    command.args(["--for", &seconds.to_string()]);
+    if let Some(file) = trace {
+        command.arg("--trace").arg(file);
+    }
+    let mut child = command
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the simulator starts");
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().expect("piped"))
+        .read_line(&mut line)
+        .expect("a line");
+    assert_eq!(line.trim(), "listening on slave0: 1 SubDevice(s)");
+    Process(child)
+}

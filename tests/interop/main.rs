@@ -1,0 +1,93 @@
+//! Masters that nobody here wrote, on the simulated drives: each runs as a process of its own over a veth pair.
+//!
+//! What is checked is in `soem.py`, what each drive should answer in `drives.json`. A test fails unless every check of its
+//! list was reported, in order and with success.
+#![allow(missing_docs)]
+#![cfg(target_os = "linux")]
+
+#[path = "../common/namespace.rs"]
+mod namespace;
+mod programs;
+
+use std::{
+    io::{BufRead, BufReader},
+    process::{Command, Stdio},
+};
+
+use namespace::{Process, inside_namespace, simulated};
+
+/// Seconds after which the simulated segment ends by itself, and with it whatever waits for its answers.
+const LONGEST: u32 = 120;
+
+/// The checks of `soem.py`, in order.
+const SOEM: [&str; 22] = [
+    "scan",
+    "sii_strings",
+    "identity_by_sdo",
+    "expedited",
+    "segmented",
+    "complete_access",
+    "object_list",
+    "aborts",
+    "remapping",
+    "clock",
+    "watchdog_on",
+    "safe_op",
+    "operational",
+    "cyclic",
+    "enable",
+    "profile_move",
+    "second_set_point",
+    "watchdog",
+    "emergency",
+    "recovery",
+    "fault_reset",
+    "back_to_init",
+];
+
+/// Runs SOEM on a drive, in a namespace of its own.
+fn soem(test: &str, drive: &str) {
+    let Some(python) = programs::python() else {
+        return;
+    };
+    let simulator = programs::simulator();
+    if !inside_namespace(test) {
+        return;
+    }
+    let _simulator = simulated(&simulator, drive, LONGEST, None);
+    let mut command = Command::new(python);
+    // Its parts import each other; nothing is to be left beside the sources.
+    command
+        .arg("-B")
+        .arg(programs::sources().join("soem.py"))
+        .args(["master0", drive]);
+    judge("soem", drive, command, &SOEM);
+}
+
+/// Passes the program's report on, line by line, and holds it against the list of checks.
+fn judge(master: &str, drive: &str, mut command: Command, checks: &[&str]) {
+    let mut process = command
+        .stdout(Stdio::piped())
+        .spawn()
+        .map(Process)
+        .expect("the program starts");
+    let output = BufReader::new(process.0.stdout.take().expect("piped"));
+    let mut done = Vec::new();
+    for line in output.lines() {
+        let line = line.expect("text");
+        println!("{master} on {drive}: {line}");
+        done.push(line);
+    }
+    let status = process.0.wait().expect("it is our child");
+    let passed: Vec<&str> = done
+        .iter()
+        .filter_map(|line| line.strip_prefix("ok ")?.split(':').next())
+        .collect();
+    assert_eq!(passed, checks, "{master} on {drive}, {status}");
+    assert!(status.success(), "{master} on {drive}: {status}");
+}
+
+#[test]
+fn soem_on_akd2g() {
+    soem("soem_on_akd2g", "akd2g");
+}

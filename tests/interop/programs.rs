@@ -1,0 +1,126 @@
+//! The programs of this suite: made when they are missing or out of date, and kept in the target directory.
+//!
+//! What cannot be made is said, and its tests pass without having run; when `CI=true` they fail.
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process::Command,
+    sync::OnceLock,
+};
+
+use crate::namespace::INSIDE;
+
+/// Where this suite's files are.
+pub(crate) fn sources() -> PathBuf {
+    root().join("tests/interop")
+}
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Where this test's build goes: `target/PROFILE`.
+fn profile() -> PathBuf {
+    let test = env::current_exe().expect("this test has a path");
+    test.ancestors()
+        .nth(2)
+        .expect("target/PROFILE/deps/TEST")
+        .to_owned()
+}
+
+/// `target`.
+fn target() -> PathBuf {
+    profile().parent().expect("target/PROFILE").to_owned()
+}
+
+/// Inside the namespace there is no network, and all is made already.
+fn made_already() -> bool {
+    env::var_os(INSIDE).is_some()
+}
+
+/// The simulated segment's program, built from the sources as they are now.
+pub(crate) fn simulator() -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        if !made_already() {
+            build(&root().join("sim/Cargo.toml"), &target());
+        }
+    });
+    profile().join("servocrab-sim")
+}
+
+/// Builds a package with the profile of this test.
+fn build(manifest: &Path, target: &Path) {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo
+        .args(["build", "--quiet", "--manifest-path"])
+        .arg(manifest)
+        .arg("--target-dir")
+        .arg(target);
+    if profile().ends_with("release") {
+        cargo.arg("--release");
+    }
+    succeed(&mut cargo).unwrap_or_else(|error| panic!("{}: {error}", manifest.display()));
+}
+
+/// A Python that has what `requirements.txt` pins, in an environment of its own; `None` where that cannot be made.
+pub(crate) fn python() -> Option<PathBuf> {
+    static MADE: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    let made = MADE.get_or_init(|| {
+        environment().map_err(|error| {
+            let message = format!("SKIPPED: no Python environment with SOEM: {error}");
+            eprintln!("{message}");
+            message
+        })
+    });
+    if let Err(message) = made {
+        assert_ne!(
+            env::var("CI").as_deref(),
+            Ok("true"),
+            "{message}; in CI that is a failure"
+        );
+    }
+    made.clone().ok()
+}
+
+fn environment() -> Result<PathBuf, String> {
+    let place = target().join("interop/soem");
+    let python = place.join("bin/python");
+    if made_already() {
+        return Ok(python);
+    }
+    let requirements = sources().join("requirements.txt");
+    let wanted = fs::read_to_string(&requirements).map_err(|error| error.to_string())?;
+    // Written last, so that an environment that has it is whole.
+    let stamp = place.join("installed.txt");
+    let imports = || succeed(Command::new(&python).args(["-c", "import pysoem"]));
+    if fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) && imports().is_ok() {
+        return Ok(python);
+    }
+    if place.exists() {
+        fs::remove_dir_all(&place).map_err(|error| error.to_string())?;
+    }
+    succeed(Command::new("python3").args(["-m", "venv"]).arg(&place))?;
+    succeed(
+        Command::new(&python)
+            .args(["-m", "pip", "install", "--quiet", "--retries", "2"])
+            .args(["--only-binary", ":all:", "--require-hashes", "-r"])
+            .arg(&requirements),
+    )?;
+    imports()?;
+    fs::write(&stamp, wanted).map_err(|error| error.to_string())?;
+    Ok(python)
+}
+
+/// Runs a command to its end; what it says when it fails.
+fn succeed(command: &mut Command) -> Result<(), String> {
+    let output = command
+        .output()
+        .map_err(|error| format!("{}: {error}", command.get_program().display()))?;
+    if output.status.success() {
+        return Ok(());
+    }
+    let said = String::from_utf8_lossy(&output.stderr);
+    Err(format!("{command:?}: {}: {}", output.status, said.trim()))
+}
