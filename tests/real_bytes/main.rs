@@ -3,7 +3,9 @@
 #![cfg(feature = "std")]
 #![allow(missing_docs)]
 
+mod answers;
 #[path = "../common/datagrams.rs"]
 mod datagrams;
+mod mails;
 mod sii;
 mod vectors;

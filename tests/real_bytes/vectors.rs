@@ -31,3 +31,42 @@ pub(crate) fn bytes(text: &str) -> Vec<u8> {
         .map(|byte| u8::from_str_radix(byte, 16).expect("a hexadecimal byte"))
         .collect()
 }
+
+/// One request and what answered it, as whole mails.
+pub(crate) struct Exchange {
+    /// The object that is read or written, or what else is asked.
+    pub(crate) what: &'static str,
+    pub(crate) value: Vec<u8>,
+    pub(crate) request: Vec<u8>,
+    pub(crate) reply: Vec<u8>,
+}
+
+/// SOEM reads the mapping of an AKD: each is an upload of `what`, which gives `value`.
+pub(crate) fn akd_exchanges() -> Vec<Exchange> {
+    rows(include_str!("../vectors/akd_sdo_mails.txt"))
+        .map(|row| Exchange {
+            what: row[0],
+            value: bytes(row[1]),
+            request: bytes(row[2]),
+            reply: bytes(row[3]),
+        })
+        .collect()
+}
+
+/// SOEM and a simulated drive of other people.
+pub(crate) fn pp_drive_exchanges() -> Vec<Exchange> {
+    rows(include_str!("../vectors/pp_drive_mails.txt"))
+        .map(|row| Exchange {
+            what: row[0],
+            value: Vec::new(),
+            request: bytes(row[1]),
+            reply: bytes(row[2]),
+        })
+        .collect()
+}
+
+/// An object written as `1C12h:1`.
+pub(crate) fn object(text: &str) -> (u16, u8) {
+    let (index, subindex) = text.split_once(':').expect("index and subindex");
+    (number(index), subindex.parse().expect("a subindex"))
+}
