@@ -6,6 +6,7 @@
 mod answers;
 #[path = "../common/datagrams.rs"]
 mod datagrams;
+mod dictionary;
 mod mails;
 mod sii;
 mod vectors;
