@@ -54,6 +54,7 @@
 //! | [`coe`] | typed objects, SDO transfers, emergencies | codec and types |
 //! | [`pdo_map`] | the mapping: declared once, written, read back, laid out | all but writing it |
 //! | [`sii`] | what a device's EEPROM says | all |
+//! | [`units`] | millimetres and degrees in place of counts | all but the handles |
 //! | [`drives`] | particular drives, as data | all |
 //! | `bus` | the bus thread and the `Network` | – |
 //! | `link` | raw socket and in-process wire | – |
@@ -81,3 +82,4 @@ pub mod link;
 pub mod pdo_map;
 pub mod profile_position;
 pub mod sii;
+pub mod units;

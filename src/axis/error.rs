@@ -7,6 +7,7 @@ use crate::{
     coe::{DriveId, ObjectAddress, SdoError},
     ds402::Statusword,
     pdo_map::LayoutError,
+    units::{ScaleError, ScaledFailure},
 };
 
 use super::Failure;
@@ -26,7 +27,8 @@ impl AxisError {
     #[must_use]
     pub const fn failure(&self) -> Option<Failure> {
         match self.kind {
-            AxisErrorKind::Failed(failure) => Some(failure),
+            AxisErrorKind::Failed(failure)
+            | AxisErrorKind::Scaled(ScaledFailure { failure, .. }) => Some(failure),
             _ => None,
         }
     }
@@ -47,6 +49,12 @@ pub enum AxisErrorKind {
     /// The axis refused or failed.
     #[error("{0}")]
     Failed(Failure),
+    /// The same of a handle in the program's own units, where the failure names positions.
+    #[error("{0}")]
+    Scaled(ScaledFailure),
+    /// A number or a factor cannot be converted between the program's units and the drive's; nothing was sent.
+    #[error("{0}")]
+    Scale(ScaleError),
     /// The mode is leased already; release the other lease first.
     #[error("a mode of this axis is in use: release it first")]
     ModeInUse,

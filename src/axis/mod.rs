@@ -29,6 +29,8 @@ mod pending;
 #[cfg(feature = "std")]
 mod port;
 #[cfg(feature = "std")]
+mod reading;
+#[cfg(feature = "std")]
 mod setup;
 #[cfg(feature = "std")]
 mod shared;

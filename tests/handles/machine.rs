@@ -96,10 +96,17 @@ impl ParameterAccess for Sdo {
 
     fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>> {
         Box::pin(async move {
-            let value = lock(&self.drive)
-                .get(object.index, object.subindex)
-                .unwrap();
-            let bytes = if object.index == 0x6061 { 1 } else { 2 };
+            let Some(value) = lock(&self.drive).get(object.index, object.subindex) else {
+                return Err(SdoError::Aborted {
+                    transfer: Transfer::read(object),
+                    code: AbortCode::NO_OBJECT,
+                });
+            };
+            let bytes = match object.index {
+                0x6061 => 1,
+                0x603F => 2,
+                _ => 4,
+            };
             Ok(value.to_le_bytes()[..bytes].to_vec())
         })
     }

@@ -11,3 +11,4 @@ mod moves;
 mod stops;
 mod threads;
 mod together;
+mod units;
