@@ -216,7 +216,10 @@ fn the_librarys_objects_have_a_real_drives_types_and_access() {
         ),
     ];
     let listed = [&OF_THE_DRIVE[..], &library].concat();
-    assert_listed(differences(obj::all().into_iter().map(of_library)), &listed);
+    assert_listed(
+        &differences(obj::all().into_iter().map(of_library)),
+        &listed,
+    );
 }
 
 #[test]
