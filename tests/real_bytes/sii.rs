@@ -221,8 +221,6 @@ fn the_simulated_drives_general_fmmu_sync_manager_and_clock_categories_have_a_re
     // Category, byte, what lies there in the real one and in the simulated one, and why that may differ.
     let different = [
         (GENERAL, 0x01, 5, 0, "number of the image's name: no image"),
-        (GENERAL, 0x02, 1, 2, "number of the order's string"),
-        (GENERAL, 0x00, 2, 1, "number of the group's string"),
         (GENERAL, 0x03, 4, 3, "number of the name's string"),
         (GENERAL, 0x04, 1, 0, "reserved"),
         (GENERAL, 0x06, 1, 0, "FoE is not served"),
