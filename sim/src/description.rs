@@ -93,8 +93,33 @@ pub struct Mailbox {
     pub input: (u16, u16),
     /// Protocols (1 AoE, 2 EoE, 4 CoE, 8 FoE, 10h SoE, 20h VoE).
     pub protocols: u16,
-    /// CoE details byte of SII category 30.
+    /// CoE details byte of SII category 30. What it offers is served, and nothing else.
     pub coe_details: u8,
+}
+
+impl Mailbox {
+    /// CoE details: SDO transfers are served.
+    pub const SDO: u8 = 0x01;
+    /// CoE details: the dictionary can be read by the SDO information service.
+    pub const SDO_INFORMATION: u8 = 0x02;
+    /// CoE details: the assignment 1C12h and 1C13h can be written.
+    pub const PDO_ASSIGNMENT: u8 = 0x04;
+    /// CoE details: the mappings 16xxh and 1Axxh can be written.
+    pub const PDO_CONFIGURATION: u8 = 0x08;
+    /// CoE details: arrays and records can be read and written as a whole.
+    pub const COMPLETE_ACCESS: u8 = 0x20;
+
+    /// Whether complete access is served; it follows from the CoE details.
+    #[must_use]
+    pub fn offers_complete_access(&self) -> bool {
+        self.coe_details & Self::COMPLETE_ACCESS != 0
+    }
+
+    /// Whether the SDO information service is served; it follows from the CoE details.
+    #[must_use]
+    pub fn offers_sdo_information(&self) -> bool {
+        self.coe_details & Self::SDO_INFORMATION != 0
+    }
 }
 
 /// All that a SubDevice says about itself.

@@ -92,12 +92,12 @@ impl Mailbox {
         self.queue.len()
     }
 
-    /// Moves mails both ways. `serve` gets the payload of each CoE mail and gives the payload of the reply.
+    /// Moves mails both ways. `serve` gets the payload of each CoE mail and gives the payloads of the replies.
     pub(crate) fn poll<P: Post>(
         &mut self,
         post: &mut P,
         now: Duration,
-        mut serve: impl FnMut(&[u8]) -> Result<Option<Vec<u8>>, MailError>,
+        mut serve: impl FnMut(&[u8]) -> Result<Vec<Vec<u8>>, MailError>,
     ) {
         if self.waiting.is_some() && !post.waits() {
             self.last_read = self.waiting.take();
@@ -161,18 +161,19 @@ impl Mailbox {
         &mut self,
         kind: u8,
         payload: &[u8],
-        serve: &mut impl FnMut(&[u8]) -> Result<Option<Vec<u8>>, MailError>,
+        serve: &mut impl FnMut(&[u8]) -> Result<Vec<Vec<u8>>, MailError>,
     ) {
         if kind != TYPE_COE {
             self.reply_error(MailError::UnsupportedProtocol);
             return;
         }
         match serve(payload) {
-            Ok(Some(payload)) => self.queue.push_back(Outgoing::New {
-                kind: TYPE_COE,
-                payload,
-            }),
-            Ok(None) => {}
+            Ok(payloads) => self
+                .queue
+                .extend(payloads.into_iter().map(|payload| Outgoing::New {
+                    kind: TYPE_COE,
+                    payload,
+                })),
             Err(error) => self.reply_error(error),
         }
     }
@@ -270,7 +271,7 @@ mod tests {
             let served = &mut self.served;
             self.mailbox.poll(&mut self.slots, now, |payload| {
                 served.push(payload.to_vec());
-                Ok(Some(payload.to_vec()))
+                Ok(vec![payload.to_vec()])
             });
         }
 

@@ -3,6 +3,7 @@
 //! assignment.
 
 use crate::coe::Abort;
+use crate::coe::info::{EntryInfo, ObjectCode, ObjectInfo, access, data_type};
 use crate::description::{Direction, PdoDescription, PdoEntryDescription};
 
 /// What can be known about an object that is to be mapped.
@@ -138,6 +139,54 @@ impl PdoSet {
     /// Whether this set answers for an object.
     pub(crate) fn owns(&self, index: u16) -> bool {
         index == self.assignment_index() || self.pdos.iter().any(|(pdo, _)| *pdo == index)
+    }
+
+    /// The indices of its objects.
+    pub(crate) fn indices(&self) -> impl Iterator<Item = u16> + '_ {
+        let pdos = self.pdos.iter().map(|(index, _)| *index);
+        pdos.chain([self.assignment_index()])
+    }
+
+    /// What there is to say about one of its objects.
+    pub(crate) fn object(&self, index: u16) -> Result<ObjectInfo, Abort> {
+        let is_assignment = index == self.assignment_index();
+        let list = if is_assignment {
+            &self.assignment
+        } else {
+            self.list(index).ok_or(Abort::NoObject)?
+        };
+        let kind = match self.direction {
+            Direction::Outputs => "RxPDO",
+            Direction::Inputs => "TxPDO",
+        };
+        let last = u8::try_from(list.values.len()).unwrap_or(u8::MAX);
+        Ok(if is_assignment {
+            ObjectInfo {
+                data_type: data_type::U16,
+                last,
+                code: ObjectCode::Array,
+                name: format!("{kind} assignment").into(),
+            }
+        } else {
+            ObjectInfo {
+                data_type: data_type::PDO_MAPPING,
+                last,
+                code: ObjectCode::Record,
+                name: format!("{kind} mapping {}", (index & 0x01FF) + 1).into(),
+            }
+        })
+    }
+
+    /// What there is to say about a subindex of one of its objects.
+    pub(crate) fn entry(&self, index: u16, subindex: u8) -> Result<EntryInfo, Abort> {
+        let access = access::READ | access::WRITE_PREOP;
+        let is_assignment = index == self.assignment_index();
+        match subindex {
+            0 => Ok(EntryInfo::count(access)),
+            _ if subindex > self.object(index)?.last => Err(Abort::NoSubindex),
+            _ if is_assignment => Ok(EntryInfo::new(data_type::U16, 16, access, "PDO")),
+            _ => Ok(EntryInfo::new(data_type::U32, 32, access, "Mapped object")),
+        }
     }
 
     /// The bytes of one of its objects.

@@ -10,13 +10,19 @@ pub enum Abort {
     /// The command specifier is not known, or not expected now.
     #[error("unknown command specifier")]
     Command = 0x0504_0001,
+    /// The object cannot be accessed this way.
+    #[error("access is not supported")]
+    Access = 0x0601_0000,
+    /// The object cannot be read.
+    #[error("read of a write-only object")]
+    WriteOnly = 0x0601_0001,
     /// The object cannot be written.
     #[error("write of a read-only object")]
     ReadOnly = 0x0601_0002,
     /// Subindex 0 is not zero, so the list behind it is locked.
     #[error("subindex cannot be written while subindex 0 is not zero")]
     SubindexLocked = 0x0601_0003,
-    /// The device has no complete access.
+    /// The device, or the object, has no complete access.
     #[error("complete access is not supported")]
     CompleteAccess = 0x0601_0004,
     /// There is no such object.
@@ -49,6 +55,9 @@ pub enum Abort {
     /// The object cannot be written in this AL state.
     #[error("not possible in the present state")]
     State = 0x0800_0022,
+    /// The object has no value now.
+    #[error("no data available")]
+    NoData = 0x0800_0024,
 }
 
 impl Abort {

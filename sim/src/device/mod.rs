@@ -79,7 +79,7 @@ impl Device {
             esc,
             al: AlMachine::new(),
             mailbox: Mailbox::default(),
-            server: Server::new(description.mailbox.map_or(0, |mailbox| mailbox.input.1)),
+            server: Server::new(description.mailbox),
             drive,
             plain_inputs: vec![0; description.process_data_bytes(Direction::Inputs)],
             outputs: Vec::new(),
@@ -152,6 +152,9 @@ impl Device {
     /// Sends an emergency (code, error register, the maker's five bytes) ahead of every queued reply, at once when the
     /// mailbox is free. Without a mailbox, or in INIT, nothing is sent.
     pub fn inject_emergency(&mut self, code: u16, register: u8, data: [u8; 5], now: Duration) {
+        if let Some(drive) = &mut self.drive {
+            drive.record_error(code);
+        }
         if self.mailbox_is_running() {
             self.mailbox
                 .push_emergency(emergency_payload(code, register, data));
@@ -304,11 +307,7 @@ impl Device {
         }
         if state == AlState::Init {
             self.mailbox.reset();
-            self.server = Server::new(
-                self.description()
-                    .mailbox
-                    .map_or(0, |mailbox| mailbox.input.1),
-            );
+            self.server = Server::new(self.description().mailbox);
         }
     }
 

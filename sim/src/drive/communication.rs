@@ -1,58 +1,110 @@
-//! The objects of the communication profile that every drive has.
+//! The objects of the communication profile that every drive has, and those of its user.
 
 use super::DriveBlueprint;
-use crate::description::Identity;
-use crate::dictionary::Dictionary;
+use crate::coe::info::data_type;
+use crate::description::Description;
+use crate::dictionary::{Dictionary, Entry};
+
+/// Synchronisation types of 1C32h:1 and 1C33h:1: free run, and with SYNC0.
+pub(super) const FREE_RUN: u16 = 0;
+pub(super) const WITH_SYNC0: u16 = 2;
 
 /// The communication profile's objects (CiA 301, ETG.1000.6).
 pub(super) fn communication_objects(
     blueprint: &DriveBlueprint,
-    name: &str,
-    identity: Identity,
+    description: &Description,
 ) -> Dictionary {
     let mut objects = Dictionary::default();
     // Profile 402 with a servo drive (bit 17).
-    objects.fixed(0x1000, 0, &0x0002_0192u32.to_le_bytes());
-    objects.fixed(0x1008, 0, name.as_bytes());
-    objects.fixed(0x1009, 0, blueprint.hardware_version.as_bytes());
-    objects.fixed(0x100A, 0, blueprint.software_version.as_bytes());
-    objects.fixed(0x1018, 0, &[4]);
-    let numbers = [
-        identity.vendor,
-        identity.product,
-        identity.revision,
-        identity.serial,
-    ];
-    for (subindex, number) in (1..).zip(numbers) {
-        objects.fixed(0x1018, subindex, &number.to_le_bytes());
-    }
-    // Sync manager types: mailbox out, mailbox in, outputs, inputs.
-    objects.fixed(0x1C00, 0, &[4]);
-    for kind in 1..=4 {
-        objects.fixed(0x1C00, kind, &[kind]);
-    }
-    // Error settings: local error reaction and sync error counter limit.
-    objects.fixed(0x10F1, 0, &[2]);
-    objects.writable(0x10F1, 1, &1u32.to_le_bytes());
-    objects.writable(0x10F1, 2, &4u16.to_le_bytes());
-    for index in [0x1C32, 0x1C33] {
-        objects.fixed(index, 0, &[4]);
-        // Synchronisation type 0: free run, the only one; cycle time in nanoseconds; types supported, bit 0.
-        let cycle = blueprint
-            .axes
-            .first()
-            .map_or(0, |axis| axis.period.as_nanos());
-        objects.writable(index, 1, &0u16.to_le_bytes());
-        objects.fixed(
+    objects.variable(0x1000, "Device type", Entry::u32(0x0002_0192));
+    objects.variable(0x1008, "Device name", Entry::text(&description.name));
+    objects.variable(
+        0x1009,
+        "Hardware version",
+        Entry::text(&blueprint.hardware_version),
+    );
+    objects.variable(
+        0x100A,
+        "Software version",
+        Entry::text(&blueprint.software_version),
+    );
+    let identity = description.identity;
+    objects.record(
+        0x1018,
+        "Identity",
+        data_type::IDENTITY,
+        [
+            Entry::u32(identity.vendor).named("Vendor ID"),
+            Entry::u32(identity.product).named("Product code"),
+            Entry::u32(identity.revision).named("Revision number"),
+            Entry::u32(identity.serial).named("Serial number"),
+        ],
+    );
+    objects.record(
+        0x10F1,
+        "Error settings",
+        data_type::ERROR_SETTINGS,
+        [
+            Entry::u32(1).named("Local error reaction").writable(),
+            Entry::u16(4).named("Sync error counter limit").writable(),
+        ],
+    );
+    // What the sync managers are for: mailbox out, mailbox in, outputs, inputs.
+    objects.array(
+        0x1C00,
+        "Sync manager communication types",
+        (1..=4).map(|kind| Entry::u8(kind).named("Communication type")),
+    );
+    for (index, name) in [
+        (0x1C32, "Output sync manager parameter"),
+        (0x1C33, "Input sync manager parameter"),
+    ] {
+        objects.record(
             index,
-            2,
-            &u32::try_from(cycle).unwrap_or(u32::MAX).to_le_bytes(),
+            name,
+            data_type::SYNC_PARAMETER,
+            synchronisation(blueprint, description),
         );
-        objects.fixed(index, 3, &0u32.to_le_bytes());
-        objects.fixed(index, 4, &1u16.to_le_bytes());
     }
     if let Some((index, longest)) = blueprint.note {
-        objects.text(index, 0, "", longest);
+        objects.variable(index, "Note of the user", Entry::text("").up_to(longest));
+        objects.record(
+            index.saturating_add(1),
+            "Mark of the user",
+            data_type::NONE,
+            [
+                Entry::u16(0).named("Number").writable(),
+                Entry::u32(0).named("Key").write_only(),
+                Entry::u32(0).named("Place").writable(),
+            ],
+        );
     }
     objects
+}
+
+/// The elements of 1C32h and 1C33h. A device with a mode of distributed clocks takes type 2 besides free run.
+fn synchronisation(blueprint: &DriveBlueprint, description: &Description) -> [Entry; 4] {
+    let has_clock = description
+        .clock_modes
+        .iter()
+        .any(|mode| mode.assign_activate != 0);
+    let choices: &[u16] = if has_clock {
+        &[FREE_RUN, WITH_SYNC0]
+    } else {
+        &[FREE_RUN]
+    };
+    // Bit 0: free run; bits 4 to 2: 001, SYNC0. A real Leadshine EL7 shows 0005h too.
+    let supported = if has_clock { 0x0005 } else { 0x0001 };
+    let cycle = blueprint
+        .axes
+        .first()
+        .map_or(0, |axis| axis.period.as_nanos());
+    [
+        Entry::u16(FREE_RUN)
+            .named("Synchronisation type")
+            .one_of(choices),
+        Entry::u32(u32::try_from(cycle).unwrap_or(u32::MAX)).named("Cycle time"),
+        Entry::u32(0).named("Shift time"),
+        Entry::u16(supported).named("Synchronisation types supported"),
+    ]
 }

@@ -1,10 +1,13 @@
 //! A CoE servo drive behind its ESC: object dictionary, process data and the DS402 axes.
 
 mod communication;
+mod history;
+mod information;
+mod sdo;
 
 use core::time::Duration;
 
-use crate::coe::{Abort, Objects};
+use crate::coe::Abort;
 use crate::description::{Description, Direction};
 use crate::dictionary::Dictionary;
 use crate::ds402::{
@@ -12,6 +15,8 @@ use crate::ds402::{
 };
 use crate::pdo::{Mappable, PdoLimits, PdoSet};
 use communication::communication_objects;
+use history::ErrorHistory;
+pub(crate) use sdo::SdoObjects;
 
 /// First index of the drive profile's area of axis 1.
 const PROFILE_AREA: u16 = 0x6000;
@@ -58,9 +63,12 @@ pub(crate) struct Drive {
 #[derive(Clone, Debug)]
 struct DriveObjects {
     axes: Vec<Axis>,
+    /// The axes as they were at power-up: the defaults of their objects.
+    fresh: Vec<Axis>,
     axis_increment: u16,
     status_object: Option<AxisStatusObject>,
     stored: Dictionary,
+    errors: ErrorHistory,
 }
 
 /// Where an object of an axis is.
@@ -80,12 +88,15 @@ impl Drive {
     /// A drive after power-up.
     pub(crate) fn new(blueprint: &DriveBlueprint, description: &Description) -> Self {
         let pdos = |direction| PdoSet::new(direction, blueprint.limits, &description.pdos);
+        let axes: Vec<Axis> = blueprint.axes.iter().cloned().map(Axis::new).collect();
         Self {
             objects: DriveObjects {
-                axes: blueprint.axes.iter().cloned().map(Axis::new).collect(),
+                fresh: axes.clone(),
+                axes,
                 axis_increment: blueprint.axis_increment,
                 status_object: blueprint.status_object,
-                stored: communication_objects(blueprint, &description.name, description.identity),
+                stored: communication_objects(blueprint, description),
+                errors: ErrorHistory::default(),
             },
             outputs: pdos(Direction::Outputs),
             inputs: pdos(Direction::Inputs),
@@ -145,9 +156,20 @@ impl Drive {
             .for_each(|axis| axis.cycle(now));
     }
 
-    /// The next emergency of any axis.
+    /// The next emergency of any axis; its error goes into the history.
     pub(crate) fn take_emergency(&mut self) -> Option<Emergency> {
-        self.objects.axes.iter_mut().find_map(Axis::take_emergency)
+        let emergency = self
+            .objects
+            .axes
+            .iter_mut()
+            .find_map(Axis::take_emergency)?;
+        self.record_error(emergency.code);
+        Some(emergency)
+    }
+
+    /// Enters an error into the history (1003h).
+    pub(crate) fn record_error(&mut self, code: u16) {
+        self.objects.errors.record(code);
     }
 
     /// OP was entered or left.
@@ -170,51 +192,6 @@ impl Drive {
     }
 }
 
-/// The dictionary together with the AL state that some of it depends on.
-pub(crate) struct SdoObjects<'a> {
-    drive: &'a mut Drive,
-    is_preop: bool,
-}
-
-impl Objects for SdoObjects<'_> {
-    fn upload(&self, index: u16, subindex: u8) -> Result<Vec<u8>, Abort> {
-        let pdos = [&self.drive.outputs, &self.drive.inputs]
-            .into_iter()
-            .find(|pdos| pdos.owns(index));
-        pdos.map_or_else(
-            || self.drive.objects.upload(index, subindex),
-            |pdos| pdos.upload(index, subindex),
-        )
-    }
-
-    fn room(&self, index: u16, subindex: u8) -> Result<usize, Abort> {
-        let pdos = [&self.drive.outputs, &self.drive.inputs]
-            .into_iter()
-            .find(|pdos| pdos.owns(index));
-        pdos.map_or_else(
-            || self.drive.objects.room(index, subindex),
-            |pdos| pdos.room(index, subindex),
-        )
-    }
-
-    fn download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<(), Abort> {
-        let Drive {
-            objects,
-            outputs,
-            inputs,
-        } = &mut *self.drive;
-        if outputs.owns(index) {
-            let lookup = |index, subindex| objects.mappable(index, subindex, Direction::Outputs);
-            outputs.download(index, subindex, data, self.is_preop, lookup)
-        } else if inputs.owns(index) {
-            let lookup = |index, subindex| objects.mappable(index, subindex, Direction::Inputs);
-            inputs.download(index, subindex, data, self.is_preop, lookup)
-        } else {
-            objects.download(index, subindex, data)
-        }
-    }
-}
-
 impl DriveObjects {
     fn upload(&self, index: u16, subindex: u8) -> Result<Vec<u8>, Abort> {
         match self.axis_object(index, subindex)? {
@@ -229,6 +206,7 @@ impl DriveObjects {
                     Err(Abort::NoSubindex)
                 }
             }
+            None if index == ErrorHistory::INDEX => self.errors.upload(subindex),
             None => self.stored.upload(index, subindex),
             Some(AxisObject::Count(count)) => Ok(vec![count]),
             Some(AxisObject::Status { axis }) => Ok(self.status_bits(axis).to_le_bytes().to_vec()),
@@ -246,6 +224,7 @@ impl DriveObjects {
     fn room(&self, index: u16, subindex: u8) -> Result<usize, Abort> {
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => Err(Abort::ReadOnly),
+            None if index == ErrorHistory::INDEX => ErrorHistory::room(subindex),
             None => self.stored.room(index, subindex),
             Some(AxisObject::Profile { entry, .. }) if entry.access == Access::ReadWrite => {
                 Ok(entry.kind.size())
@@ -257,6 +236,7 @@ impl DriveObjects {
     fn download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<(), Abort> {
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => Err(Abort::ReadOnly),
+            None if index == ErrorHistory::INDEX => self.errors.download(subindex, data),
             None => self.stored.download(index, subindex, data),
             Some(AxisObject::Count(_) | AxisObject::Status { .. }) => Err(Abort::ReadOnly),
             Some(AxisObject::Profile { axis, entry }) => {
@@ -298,9 +278,9 @@ impl DriveObjects {
                 allowed: false,
             }),
             None => {
-                let length = self.upload(index, subindex)?.len();
+                let bits = self.entry(index, subindex)?.bits;
                 Ok(Mappable {
-                    bits: u8::try_from(8 * length).unwrap_or(0),
+                    bits: u8::try_from(bits).unwrap_or(0),
                     allowed: false,
                 })
             }
@@ -317,29 +297,35 @@ impl DriveObjects {
                 _ => Err(Abort::NoSubindex),
             };
         }
-        let Some(offset) = index.checked_sub(PROFILE_AREA) else {
+        let Some((axis, entries)) = self.profile_entries(index) else {
             return Ok(None);
         };
-        let axis = usize::from(offset / self.axis_increment.max(1));
-        let base = PROFILE_AREA + offset % self.axis_increment.max(1);
-        let Some(model) = self.axes.get(axis) else {
-            return Ok(None);
-        };
-        let mut last = None;
-        for entry in model.entries().iter().filter(|entry| entry.index == base) {
-            if entry.subindex == subindex {
-                return Ok(Some(AxisObject::Profile {
-                    axis,
-                    entry: *entry,
-                }));
-            }
-            last = last.max(Some(entry.subindex));
+        if let Some(entry) = entries.iter().find(|entry| entry.subindex == subindex) {
+            return Ok(Some(AxisObject::Profile {
+                axis,
+                entry: *entry,
+            }));
         }
-        match last {
+        match entries.iter().map(|entry| entry.subindex).max() {
             None => Err(Abort::NoObject),
             Some(last) if subindex == 0 => Ok(Some(AxisObject::Count(last))),
             Some(_) => Err(Abort::NoSubindex),
         }
+    }
+
+    /// The axis in whose profile area an index is, and the entries there; `None` when the index is of no axis.
+    fn profile_entries(&self, index: u16) -> Option<(usize, Vec<AxisEntry>)> {
+        let offset = index.checked_sub(PROFILE_AREA)?;
+        let axis = usize::from(offset / self.axis_increment.max(1));
+        let base = PROFILE_AREA + offset % self.axis_increment.max(1);
+        let entries = self.axes.get(axis)?.entries().iter();
+        Some((
+            axis,
+            entries
+                .filter(|entry| entry.index == base)
+                .copied()
+                .collect(),
+        ))
     }
 
     fn status_axis(&self, index: u16) -> Option<usize> {

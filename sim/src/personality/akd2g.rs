@@ -14,7 +14,8 @@
 //! | processor cycle | 1 ms | |
 //! | units | counts, counts/s, counts/s² | |
 //! | `5000h:4` | bit 0: a set-point is being executed | bits are not described |
-//! | note of the user | `5F00h`, text of up to 2000 bytes | longer than the mailbox, so that it takes segmented transfers |
+//! | note of the user | `5F00h`, text of up to 4096 bytes | longer than the mailbox, so that it takes segmented transfers |
+//! | mark of the user | `5F01h`: a number, a key that cannot be read, a place | a record of which a part cannot be read |
 
 use crate::description::{
     ClockMode, Description, Direction, Identity, Mailbox, PdoDescription, PdoEntryDescription,
@@ -65,6 +66,7 @@ pub struct Akd2g {
     inputs_at: u16,
     supports_lrw: bool,
     mailbox_bytes: u16,
+    coe_details: u8,
 }
 
 impl Default for Akd2g {
@@ -88,6 +90,7 @@ impl Akd2g {
             inputs_at: 0x1200,
             supports_lrw: true,
             mailbox_bytes: 1024,
+            coe_details: 0x0D,
         }
     }
 
@@ -135,6 +138,20 @@ impl Akd2g {
         self
     }
 
+    /// Adds the SDO information service, which the AKD does not have.
+    #[must_use]
+    pub fn with_sdo_information(mut self) -> Self {
+        self.coe_details |= Mailbox::SDO_INFORMATION;
+        self
+    }
+
+    /// Adds complete access, which the AKD does not have.
+    #[must_use]
+    pub fn with_complete_access(mut self) -> Self {
+        self.coe_details |= Mailbox::COMPLETE_ACCESS;
+        self
+    }
+
     /// Takes the LRW command away, so that the MainDevice needs LRD and LWR.
     #[must_use]
     pub fn without_lrw(mut self) -> Self {
@@ -166,7 +183,7 @@ impl Akd2g {
             out: (0x1800, self.mailbox_bytes),
             input: (0x1C00, self.mailbox_bytes),
             protocols: 0x000E,
-            coe_details: 0x0D,
+            coe_details: self.coe_details,
         });
         description.pdos = [(0x1600, Direction::Outputs), (0x1A00, Direction::Inputs)]
             .into_iter()
@@ -233,7 +250,7 @@ impl Akd2g {
                 increment: 0x0100,
                 subindex: 4,
             }),
-            note: Some((0x5F00, 2000)),
+            note: Some((0x5F00, 4096)),
             limits: PdoLimits {
                 bytes: 64,
                 entries: 16,

@@ -4,28 +4,12 @@ use core::time::Duration;
 
 use servocrab_sim::{Segment, personality};
 
-use crate::master::Master;
+use crate::master::{Master, abort, request};
 
 fn preop() -> Master {
     let mut master = Master::new(Segment::new().with(personality::akd2g()));
     master.bring_to_preop();
     master
-}
-
-/// CoE header, SDO command, index, subindex and data.
-fn request(command: u8, index: u16, subindex: u8, data: &[u8]) -> Vec<u8> {
-    let mut payload = vec![0x00, 0x20, command];
-    payload.extend(index.to_le_bytes());
-    payload.push(subindex);
-    payload.extend(data);
-    payload.resize(payload.len().max(10), 0);
-    payload
-}
-
-/// The abort code of a reply.
-fn abort(reply: &[u8]) -> u32 {
-    assert_eq!(reply[..3], [0x00, 0x20, 0x80]);
-    u32::from_le_bytes(reply[6..10].try_into().unwrap())
 }
 
 #[test]
@@ -129,7 +113,7 @@ fn the_announced_size_must_be_kept() {
         [0x00, 0x30, 0x20]
     );
     assert_eq!(
-        abort(&master.coe(&request(0x21, 0x5F00, 0, &2001u32.to_le_bytes()))),
+        abort(&master.coe(&request(0x21, 0x5F00, 0, &4097u32.to_le_bytes()))),
         0x0607_0012
     );
 }

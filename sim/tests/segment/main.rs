@@ -2,8 +2,10 @@
 
 mod bring_up;
 mod coe;
+mod complete_access;
 mod datagrams;
 mod drive_events;
 mod hostile;
+mod information;
 mod master;
 mod pdo_rules;

@@ -39,6 +39,22 @@ pub(crate) fn frame(datagrams: &[(u8, u16, u16, &[u8])]) -> Vec<u8> {
     frame
 }
 
+/// CoE header, SDO command, index, subindex and data.
+pub(crate) fn request(command: u8, index: u16, subindex: u8, data: &[u8]) -> Vec<u8> {
+    let mut payload = vec![0x00, 0x20, command];
+    payload.extend(index.to_le_bytes());
+    payload.push(subindex);
+    payload.extend(data);
+    payload.resize(payload.len().max(10), 0);
+    payload
+}
+
+/// The abort code of a reply.
+pub(crate) fn abort(reply: &[u8]) -> u32 {
+    assert_eq!(reply[..3], [0x00, 0x20, 0x80]);
+    u32::from_le_bytes(reply[6..10].try_into().unwrap())
+}
+
 pub(crate) struct Master {
     pub(crate) segment: Segment,
     pub(crate) now: Duration,
