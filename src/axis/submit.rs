@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Mode, PowerGoal, State},
-    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand, Reference},
+    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand, Reference, Start},
 };
 
 use super::{
@@ -209,7 +209,23 @@ impl AxisCore {
             .config
             .fields
             .complete(parameters, &self.config.defaults)?;
+        self.check_profile_type(&command)?;
         Ok(command)
+    }
+
+    fn check_profile_type(&self, command: &MoveCommand) -> Result<(), Failure> {
+        let traits = &self.config.traits;
+        let set_point = &command.set_point;
+        let blends = set_point.start == Start::Blend && traits.blend_needs_linear_ramps;
+        if blends && self.config.fields.profile_type.is_none() {
+            // Written by SDO it would not be known here, nor changed between two set-points.
+            return Err(Failure::NotMapped("motion profile type 6086h"));
+        }
+        traits.check_profile_type(
+            set_point.start,
+            set_point.parameters.profile_type,
+            self.sequencer.last_profile_type(),
+        )
     }
 
     fn halt(&mut self, now: Duration, id: CommandId) {

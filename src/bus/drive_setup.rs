@@ -195,7 +195,14 @@ impl Job {
             velocity: read_if_there(sdo, obj::PROFILE_VELOCITY.offset(offset)).await?,
             acceleration: read_if_there(sdo, obj::PROFILE_ACCELERATION.offset(offset)).await?,
             deceleration: read_if_there(sdo, obj::PROFILE_DECELERATION.offset(offset)).await?,
-            ..Parameters::default()
+            end_velocity: match fields.end_velocity {
+                Some(_) => read_if_there(sdo, obj::END_VELOCITY.offset(offset)).await?,
+                None => None,
+            },
+            profile_type: match fields.profile_type {
+                Some(_) => read_if_there(sdo, obj::MOTION_PROFILE_TYPE.offset(offset)).await?,
+                None => None,
+            },
         };
         Ok(config)
     }

@@ -10,10 +10,16 @@ use crate::pdo_map::{Direction, Limits, Mapping, MappingError};
 use crate::profile_position::Traits;
 
 mod akd2g;
+mod ax2000;
 mod generic;
+mod pp2010;
+mod sigma7;
 
 pub use akd2g::akd2g;
+pub use ax2000::ax2000;
 pub use generic::generic;
+pub use pp2010::pp2010;
+pub use sigma7::sigma7;
 
 /// What the library must know of a drive to configure it.
 ///

@@ -5,8 +5,8 @@ use core::time::Duration;
 use crate::ds402::Controlword;
 
 use super::{
-    BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference, RelativeBase, Start,
-    StartBits, Traits, standstill::distance, track::Track,
+    BufferSignal, Cycle, Delivery, Event, Events, Failure, MoveCommand, Reference, RelativeBase,
+    Start, StartBits, Traits, standstill::distance, track::Track,
 };
 
 /// Set-points that the drive may hold.
@@ -15,6 +15,8 @@ const HELD: usize = 2;
 /// Whether the drive can take a move.
 pub(super) enum Place {
     Free,
+    /// Its buffer is full, and a set-point that replaces everything is taken without an edge of bit 12.
+    Full,
     Later,
     Never(&'static str),
 }
@@ -35,7 +37,7 @@ impl Chain {
     /// Takes in a set-point that the drive has acknowledged; with `Immediately` it is the only one from now on.
     pub(super) fn push(&mut self, track: Track, events: &mut Events) {
         if track.start == Start::Immediately {
-            self.fail_all(Failure::Superseded, events);
+            self.fail_all(|_| Failure::Superseded, events);
         }
         if let Some(place) = self.held.iter_mut().find(|place| place.is_none()) {
             *place = Some(track);
@@ -43,9 +45,9 @@ impl Chain {
     }
 
     /// Ends all of them, with the axis anywhere.
-    pub(super) fn fail_all(&mut self, failure: Failure, events: &mut Events) {
+    pub(super) fn fail_all(&mut self, of: impl Fn(Delivery) -> Failure, events: &mut Events) {
         for track in self.held.iter_mut().filter_map(Option::take) {
-            events.push(track.id, Event::Done(Err(failure)));
+            events.push(track.id, Event::Done(Err(of(track.delivery()))));
         }
         self.last_end = None;
     }
@@ -121,9 +123,13 @@ impl Chain {
         let full = next.is_some();
         let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
         match start {
-            Start::Immediately if full && shown_by_bit_12 => Place::Never(
-                "its buffer is full and would not acknowledge: stop, or wait for the active move's end",
-            ),
+            Start::Immediately if full && shown_by_bit_12 => match command.reference {
+                Reference::Absolute => Place::Full,
+                Reference::Relative => Place::Never(
+                    "its buffer is full and acknowledges nothing, and where a distance taken once too little or too often \
+                     would end cannot be seen: use an absolute move, or stop",
+                ),
+            },
             Start::Immediately => Place::Free,
             _ if bits == StartBits::Sequenced || full => Place::Later,
             _ if shown_by_bit_12 => Place::Free,

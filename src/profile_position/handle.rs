@@ -139,9 +139,14 @@ impl MoveRequest {
         let mut command = self.command;
         let handles = &self.axis.handles;
         let fields = &handles.shared.setup.fields;
+        let traits = &handles.shared.setup.traits;
         let start = command.set_point.start;
-        if let StartBits::Unsupported(reason) = handles.shared.setup.traits.bits(start) {
-            let failure = Failure::Unsupported { start, reason };
+        let given = command.set_point.parameters.profile_type;
+        let refused = match traits.bits(start) {
+            StartBits::Unsupported(reason) => Err(Failure::Unsupported { start, reason }),
+            _ => traits.check_profile_type(start, given, None),
+        };
+        if let Err(failure) = refused {
             return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
         }
         let parameters = &mut command.set_point.parameters;

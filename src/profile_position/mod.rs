@@ -2,7 +2,9 @@
 //!
 //! The types and the sequencing are pure. How a drive differs is data: [`Traits`].
 
+mod bit4;
 mod chain;
+mod cycle;
 mod events;
 mod outcome;
 mod sequencer;
@@ -17,9 +19,10 @@ mod handle;
 #[cfg(feature = "std")]
 mod motion;
 
+pub(crate) use cycle::Cycle;
 pub(crate) use events::Events;
 pub use outcome::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
-pub(crate) use sequencer::{Cycle, Sequencer};
+pub(crate) use sequencer::Sequencer;
 pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};
 pub(crate) use standstill::{Bounds, Standstill};
 pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};

@@ -122,6 +122,17 @@ pub enum Failure {
         /// Position actual value 6064h.
         actual: i32,
     },
+    /// The move was sent to replace those of a full buffer, where the drive acknowledges nothing, and its motion has not
+    /// shown that the drive took it.
+    #[error(
+        "the drive has not acknowledged the move, its buffer was full, and stands at {actual} instead of {target}: it may not have taken it"
+    )]
+    Unconfirmed {
+        /// The position asked for.
+        target: i32,
+        /// Position actual value 6064h.
+        actual: i32,
+    },
     /// A deadline passed.
     #[error(
         "no answer in time while waiting for {waiting_for} (statusword {:#06x}, controlword {:#06x}); {}",
@@ -156,6 +167,14 @@ pub enum Failure {
     Unsupported {
         /// What was asked.
         start: Start,
+        /// Why not.
+        reason: &'static str,
+    },
+    /// The drive cannot do this with this motion profile type.
+    #[error("motion profile type {profile_type} (6086h): {reason}")]
+    ProfileType {
+        /// The profile type 6086h that is in the way.
+        profile_type: i16,
         /// Why not.
         reason: &'static str,
     },

@@ -6,59 +6,14 @@
 
 use core::time::Duration;
 
-use crate::ds402::{Controlword, Sample, Statusword};
+use crate::ds402::Controlword;
 
 use super::{
-    Bounds, CommandId, Delivery, Event, Events, Failure, MoveCommand, Parameters, Standstill,
-    Start, Traits, WaitingFor,
+    CommandId, Cycle, Delivery, Event, Events, Failure, MoveCommand, Parameters, WaitingFor,
+    bit4::{Bit4, Raised},
     chain::{Chain, Place, start_bits},
     track::Track,
     waiting::{Request, Waiting},
-};
-
-/// What the sequencer needs to know of a cycle.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Cycle<'a> {
-    pub(crate) now: Duration,
-    pub(crate) sample: &'a Sample,
-    pub(crate) standstill: &'a Standstill,
-    pub(crate) bounds: &'a Bounds,
-    pub(crate) traits: &'a Traits,
-    /// Whether the outputs of this cycle are known to have been delivered.
-    pub(crate) delivered: bool,
-    pub(crate) halted: bool,
-    /// Deadline of each wait for bit 12.
-    pub(crate) acknowledge: Duration,
-    /// The word sent with this cycle, for errors.
-    pub(crate) controlword: Controlword,
-}
-
-/// Where bit 4 is.
-#[derive(Debug, Clone, Copy)]
-enum Bit4 {
-    Low {
-        /// Since when it is known to have been delivered low.
-        delivered: Option<Duration>,
-        /// Whether bit 12 was still high then: its fall proves that the drive has seen the low.
-        will_be_seen: bool,
-    },
-    High {
-        request: Request,
-        sent: bool,
-        since: Duration,
-        /// Where the axis was when it rose, and where the set-point ends, judged then.
-        position: i32,
-        end: Option<i32>,
-        /// Whether it begins at rest.
-        from_rest: bool,
-    },
-    /// High, and its set-point has been reported as failed already: a stop is under way.
-    Abandoned,
-}
-
-const LOW: Bit4 = Bit4::Low {
-    delivered: None,
-    will_be_seen: false,
 };
 
 /// The sequencing of set-points towards one drive axis.
@@ -70,6 +25,8 @@ pub(crate) struct Sequencer {
     parameters: Parameters,
     waiting: Waiting,
     chain: Chain,
+    /// Sent onto a full buffer and not acknowledged; bit 4 is low again. The fall of bit 12 will be its acknowledge.
+    unconfirmed: Option<Raised>,
     unknown: bool,
     armed: Option<CommandId>,
 }
@@ -77,12 +34,13 @@ pub(crate) struct Sequencer {
 impl Sequencer {
     pub(crate) fn new(parameters: Parameters) -> Self {
         Self {
-            bit4: LOW,
+            bit4: Bit4::LOW,
             bits: Controlword::empty(),
             target: 0,
             parameters,
             waiting: Waiting::default(),
             chain: Chain::default(),
+            unconfirmed: None,
             unknown: false,
             armed: None,
         }
@@ -111,6 +69,7 @@ impl Sequencer {
     /// Whether the drive has a set-point or may have one.
     pub(crate) fn has_set_point(&self) -> bool {
         self.unknown
+            || self.unconfirmed.is_some()
             || !self.chain.is_empty()
             || matches!(self.bit4, Bit4::High { sent: true, .. } | Bit4::Abandoned)
     }
@@ -122,7 +81,16 @@ impl Sequencer {
 
     /// Whether no move waits or is under way.
     pub(crate) fn is_idle(&self) -> bool {
-        !self.has_set_point() && self.waiting.is_empty() && matches!(self.bit4, Bit4::Low { .. })
+        !self.has_set_point() && self.waiting.is_empty() && self.bit4.is_low()
+    }
+
+    /// The motion profile type 6086h of the move that a new one would follow; none where it would follow none.
+    pub(crate) fn last_profile_type(&self) -> Option<i16> {
+        match self.waiting.last() {
+            Some(request) => request.command.set_point.parameters.profile_type,
+            None if self.is_idle() => None,
+            None => self.parameters.profile_type,
+        }
     }
 
     /// Takes a checked move in; refuses it when too many wait.
@@ -139,7 +107,7 @@ impl Sequencer {
         failure: Failure,
         events: &mut Events,
     ) -> bool {
-        if self.unsent() == Some(id) {
+        if self.bit4.unsent() == Some(id) {
             self.drop_unsent(failure, events);
             true
         } else if self.waiting.remove(id) {
@@ -157,36 +125,35 @@ impl Sequencer {
         while let Some(request) = self.waiting.pop() {
             events.push(request.id, Event::Done(Err(failure)));
         }
-        if self.unsent().is_some() {
+        if self.bit4.unsent().is_some() {
             self.drop_unsent(failure, events);
         }
     }
 
     /// The outputs composed last have been sent.
     pub(crate) fn mark_sent(&mut self, now: Duration) {
-        if let Bit4::High { sent, since, .. } = &mut self.bit4
-            && !*sent
-        {
-            *sent = true;
-            *since = now;
-        }
+        self.bit4.mark_sent(now);
     }
 
     /// Ends everything with the failure that `of` gives for how far each set-point came. Bit 4 stays as it was sent.
     pub(crate) fn fail_all(&mut self, of: impl Fn(Delivery) -> Failure, events: &mut Events) {
         self.withdraw_unsent(of(Delivery::NotSent), events);
-        if let Bit4::High { request, .. } = self.bit4 {
-            events.push(request.id, Event::Done(Err(of(Delivery::Unknown))));
+        if let Bit4::High { raised, .. } = self.bit4 {
+            events.push(raised.request.id, Event::Done(Err(of(Delivery::Unknown))));
             self.bit4 = Bit4::Abandoned;
         }
-        self.chain.fail_all(of(Delivery::Accepted), events);
+        if let Some(raised) = self.unconfirmed.take() {
+            events.push(raised.request.id, Event::Done(Err(of(Delivery::Unknown))));
+        }
+        self.chain.fail_all(of, events);
     }
 
     /// Bit 4 goes low and nothing is held any more: the axis is out of Operation enabled and the drive has dropped
     /// its set-points.
     pub(crate) fn lower(&mut self) {
-        if !matches!(self.bit4, Bit4::Low { .. }) {
-            self.bit4 = LOW;
+        self.unconfirmed = None;
+        if !self.bit4.is_low() {
+            self.bit4 = Bit4::LOW;
         }
         self.bits = Controlword::empty();
         self.unknown = false;
@@ -225,8 +192,8 @@ impl Sequencer {
     pub(crate) fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         let accepted = self.follow_bit4(cycle, events);
         if !cycle.halted {
-            let room_shown = self.is_low_acknowledged(cycle);
-            let replacing = self.is_replacing();
+            let room_shown = self.bit4.is_low_acknowledged(cycle);
+            let replacing = self.bit4.is_replacing() || self.unconfirmed.is_some();
             self.chain.follow(cycle, room_shown, replacing, events);
             self.start_next(cycle, events);
         }
@@ -234,10 +201,7 @@ impl Sequencer {
     }
 
     fn follow_bit4(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
-        let acknowledge = cycle
-            .sample
-            .statusword
-            .contains(Statusword::SET_POINT_ACKNOWLEDGE);
+        let acknowledge = cycle.is_acknowledging();
         match &mut self.bit4 {
             Bit4::Low {
                 delivered,
@@ -249,33 +213,81 @@ impl Sequencer {
                 }
             }
             Bit4::High {
-                request,
+                raised,
                 sent: true,
-                since,
-                position,
-                end,
-                from_rest,
+                delivered,
+                full,
             } => {
-                if acknowledge {
-                    let start = request.command.set_point.start;
-                    let track =
-                        Track::new(request.id, start, *end, *from_rest, *position, cycle.now);
+                if cycle.delivered && delivered.is_none() {
+                    *delivered = Some(cycle.now);
+                }
+                let raised = *raised;
+                if acknowledge && !*full {
                     self.low();
-                    events.push(track.id, Event::Accepted);
-                    self.chain.push(track, events);
+                    self.accept(raised, true, cycle, events);
                     return true;
-                } else if cycle.now.saturating_sub(*since) >= cycle.acknowledge {
-                    let failure = timeout(cycle, WaitingFor::Acknowledge, Delivery::Unknown);
-                    events.push(request.id, Event::Done(Err(failure)));
-                    self.unknown = true;
+                }
+                // A place became free after all before the drive took it: its edge will come.
+                *full &= acknowledge;
+                let seen = delivered.is_some_and(|at| cycle.is_seen(at));
+                if *full && seen {
                     self.low();
-                    // What the drive holds is not known: nothing more is sent before a stop has made it known.
-                    self.withdraw_unsent(Failure::NeedsStop, events);
+                    self.unconfirmed = Some(raised);
+                } else if cycle.is_late(raised.since) {
+                    self.low();
+                    self.give_up(raised, WaitingFor::Acknowledge, cycle, events);
                 }
             }
             Bit4::High { .. } | Bit4::Abandoned => {}
         }
+        self.follow_unconfirmed(cycle, events)
+    }
+
+    /// A set-point that was sent onto a full buffer: bit 12 falls when it has replaced all others, and there is room.
+    fn follow_unconfirmed(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
+        let Some(raised) = self.unconfirmed else {
+            return false;
+        };
+        if self.bit4.is_low_acknowledged(cycle) {
+            self.unconfirmed = None;
+            self.accept(raised, false, cycle, events);
+            return true;
+        }
+        if cycle.is_late(raised.since) {
+            self.unconfirmed = None;
+            self.give_up(raised, WaitingFor::AcknowledgeLow, cycle, events);
+        }
         false
+    }
+
+    /// The drive has taken a set-point. `confirmed`: by an edge of bit 12.
+    fn accept(&mut self, raised: Raised, confirmed: bool, cycle: &Cycle<'_>, events: &mut Events) {
+        let track = Track::new(
+            raised.request.id,
+            raised.request.command.set_point.start,
+            raised.end,
+            raised.from_rest,
+            confirmed,
+            raised.position,
+            cycle.now,
+        );
+        events.push(track.id, Event::Accepted);
+        self.chain.push(track, events);
+    }
+
+    /// A set-point of which it is not known whether the drive has taken it. Nothing more is sent before a stop has made
+    /// that known.
+    fn give_up(
+        &mut self,
+        raised: Raised,
+        waiting_for: WaitingFor,
+        cycle: &Cycle<'_>,
+        events: &mut Events,
+    ) {
+        let failure = cycle.timeout(waiting_for, Delivery::Unknown);
+        events.push(raised.request.id, Event::Done(Err(failure)));
+        self.unknown = true;
+        self.withdraw_unsent(Failure::NeedsStop, events);
     }
 
     fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
@@ -283,11 +295,12 @@ impl Sequencer {
         let Some(request) = self.waiting.first() else {
             return;
         };
-        if !matches!(self.bit4, Bit4::Low { .. }) {
+        if !self.bit4.is_low() || self.unconfirmed.is_some() {
             return;
         }
-        match self.chain.place_for(&request.command, cycle.traits) {
-            Place::Free => {}
+        let ready = match self.chain.place_for(&request.command, cycle.traits) {
+            Place::Free => self.bit4.is_low_acknowledged(cycle),
+            Place::Full => self.bit4.is_low_acknowledged(cycle) || self.bit4.is_low_seen(cycle),
             Place::Later => return,
             Place::Never(reason) => {
                 let start = request.command.set_point.start;
@@ -298,40 +311,19 @@ impl Sequencer {
                 );
                 return;
             }
-        }
-        if self.is_low_acknowledged(cycle) && cycle.delivered {
+        };
+        if ready && cycle.delivered {
             if request.command.gated {
                 self.armed = Some(request.id);
             } else {
                 self.waiting.pop();
                 self.raise(request, cycle);
             }
-        } else if cycle
-            .now
-            .saturating_sub(self.waiting.first_blocked_since(cycle.now))
-            >= cycle.acknowledge
-        {
+        } else if cycle.is_late(self.waiting.first_blocked_since(cycle.now)) {
             self.waiting.pop();
-            let failure = timeout(cycle, WaitingFor::AcknowledgeLow, Delivery::NotSent);
+            let failure = cycle.timeout(WaitingFor::AcknowledgeLow, Delivery::NotSent);
             events.push(request.id, Event::Done(Err(failure)));
         }
-    }
-
-    /// Whether bit 12 is low and the drive has surely seen bit 4 low: by the fall of bit 12, or by its own cycle.
-    fn is_low_acknowledged(&self, cycle: &Cycle<'_>) -> bool {
-        let Bit4::Low {
-            delivered: Some(since),
-            will_be_seen,
-        } = self.bit4
-        else {
-            return false;
-        };
-        let long_enough = cycle.now.saturating_sub(since) >= 2 * cycle.traits.drive_cycle;
-        !cycle
-            .sample
-            .statusword
-            .contains(Statusword::SET_POINT_ACKNOWLEDGE)
-            && (will_be_seen || long_enough)
     }
 
     fn raise(&mut self, request: Request, cycle: &Cycle<'_>) {
@@ -340,57 +332,28 @@ impl Sequencer {
         self.parameters = request.command.set_point.parameters;
         self.armed = None;
         self.bit4 = Bit4::High {
-            request,
+            raised: Raised {
+                request,
+                since: cycle.now,
+                position: cycle.sample.position,
+                end: self.chain.end_of(&request.command, cycle),
+                from_rest: self.chain.begins_at_rest(&request.command, cycle),
+            },
             sent: false,
-            since: cycle.now,
-            position: cycle.sample.position,
-            end: self.chain.end_of(&request.command, cycle),
-            from_rest: self.chain.begins_at_rest(&request.command, cycle),
+            delivered: None,
+            full: cycle.is_acknowledging(),
         };
     }
 
-    /// Whether a set-point is on its way that will replace all others.
-    fn is_replacing(&self) -> bool {
-        match self.bit4 {
-            Bit4::High {
-                request,
-                sent: true,
-                ..
-            } => request.command.set_point.start == Start::Immediately,
-            _ => false,
-        }
-    }
-
-    /// The move whose bit 4 has risen in the outputs and has not been sent.
-    const fn unsent(&self) -> Option<CommandId> {
-        match self.bit4 {
-            Bit4::High {
-                request,
-                sent: false,
-                ..
-            } => Some(request.id),
-            _ => None,
-        }
-    }
-
     fn drop_unsent(&mut self, failure: Failure, events: &mut Events) {
-        if let Some(id) = self.unsent() {
+        if let Some(id) = self.bit4.unsent() {
             events.push(id, Event::Done(Err(failure)));
             self.low();
         }
     }
 
     fn low(&mut self) {
-        self.bit4 = LOW;
+        self.bit4 = Bit4::LOW;
         self.bits = Controlword::empty();
-    }
-}
-
-fn timeout(cycle: &Cycle<'_>, waiting_for: WaitingFor, delivery: Delivery) -> Failure {
-    Failure::Timeout {
-        waiting_for,
-        statusword: cycle.sample.statusword,
-        controlword: cycle.controlword,
-        delivery,
     }
 }

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::ds402::Statusword;
 
-use super::{CommandId, Completion, Cycle, Failure, Start, standstill::distance};
+use super::{CommandId, Completion, Cycle, Delivery, Failure, Start, standstill::distance};
 
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +16,8 @@ pub(super) struct Track {
     pub(super) end: Option<i32>,
     /// Whether it begins at rest: then the axis goes to its end without passing it before.
     pub(super) from_rest: bool,
+    /// Whether an edge of bit 12 has acknowledged it; else its own motion has to show that the drive has taken it.
+    confirmed: bool,
     /// Whether whoever waits has been told that the axis stands halted.
     pub(super) halt_told: bool,
     /// When it became the active one, or was resumed.
@@ -39,6 +41,7 @@ impl Track {
         start: Start,
         end: Option<i32>,
         from_rest: bool,
+        confirmed: bool,
         position: i32,
         now: Duration,
     ) -> Self {
@@ -47,6 +50,7 @@ impl Track {
             start,
             end,
             from_rest,
+            confirmed,
             halt_told: false,
             since: now,
             left_target: false,
@@ -58,6 +62,15 @@ impl Track {
         };
         track.becomes_active(now, position);
         track
+    }
+
+    /// How far it came, should it not end well.
+    pub(super) const fn delivery(&self) -> Delivery {
+        if self.confirmed {
+            Delivery::Accepted
+        } else {
+            Delivery::Unknown
+        }
     }
 
     /// It is the active one from now on.
@@ -145,10 +158,7 @@ impl Track {
         let position = cycle.sample.position;
         match self.end {
             Some(target) if !shown && self.arrived.is_none() && !self.passed(position) => {
-                Err(Failure::MissedTarget {
-                    target,
-                    actual: position,
-                })
+                Err(self.missed(target, position))
             }
             _ if next.start == Start::Blend => Ok(Completion::Passed { position }),
             // Between two cycles it was at its end; the nearest that was seen is the better word.
@@ -175,11 +185,17 @@ impl Track {
             Some(end) if distance(end, position) <= cycle.bounds.position => {
                 told.then_some(reached)
             }
-            Some(target) => steady.then_some(Err(Failure::MissedTarget {
-                target,
-                actual: position,
-            })),
+            Some(target) => steady.then_some(Err(self.missed(target, position))),
             None => told.then_some(reached),
+        }
+    }
+
+    /// It is over, and the axis is elsewhere.
+    const fn missed(&self, target: i32, actual: i32) -> Failure {
+        if self.confirmed {
+            Failure::MissedTarget { target, actual }
+        } else {
+            Failure::Unconfirmed { target, actual }
         }
     }
 

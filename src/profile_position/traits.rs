@@ -4,7 +4,10 @@ use core::time::Duration;
 
 use crate::ds402::Controlword;
 
-use super::Start;
+use super::{Failure, Start};
+
+/// Motion profile type 6086h of linear ramps.
+const LINEAR: i16 = 0;
 
 /// The bits that one kind of start takes, or why the drive has no such start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,6 +68,10 @@ pub struct Traits {
     pub drive_cycle: Duration,
     /// Whether bit 4 of the statusword tells that the power stage has its supply.
     pub shows_voltage: bool,
+    /// The motion profile types 6086h that the drive has; empty where its documents do not say: then all are sent.
+    pub profile_types: &'static [i16],
+    /// Whether a target is passed without stopping only with linear ramps (6086h = 0), on both sides of it.
+    pub blend_needs_linear_ramps: bool,
 }
 
 impl Traits {
@@ -80,6 +87,8 @@ impl Traits {
             halt_keeps_set_point: true,
             drive_cycle: Duration::from_millis(1),
             shows_voltage: false,
+            profile_types: &[],
+            blend_needs_linear_ramps: false,
         }
     }
 
@@ -91,5 +100,41 @@ impl Traits {
             Start::AfterCurrent => self.after_current,
             Start::Blend => self.blend,
         }
+    }
+
+    /// Whether the drive can start a move with this profile type, this way, after a set-point with that type.
+    ///
+    /// # Errors
+    /// [`Failure::ProfileType`].
+    pub(crate) fn check_profile_type(
+        &self,
+        start: Start,
+        profile_type: Option<i16>,
+        before: Option<i16>,
+    ) -> Result<(), Failure> {
+        let refuse = |profile_type, reason| {
+            Err(Failure::ProfileType {
+                profile_type,
+                reason,
+            })
+        };
+        if let Some(asked) = profile_type
+            && !self.profile_types.is_empty()
+            && !self.profile_types.contains(&asked)
+        {
+            return refuse(asked, "the drive has no such profile type");
+        }
+        if start == Start::Blend && self.blend_needs_linear_ramps {
+            if let Some(asked) = profile_type.filter(|&asked| asked != LINEAR) {
+                return refuse(asked, "this drive passes a target only with linear ramps");
+            }
+            if let Some(before) = before.filter(|&before| before != LINEAR) {
+                return refuse(
+                    before,
+                    "this drive passes a target only with linear ramps, and the move before has others",
+                );
+            }
+        }
+        Ok(())
     }
 }

@@ -46,6 +46,10 @@ impl Waiting {
         self.places[0]
     }
 
+    pub(super) fn last(&self) -> Option<&Request> {
+        self.places.iter().flatten().last()
+    }
+
     /// Since when the first one has nothing but bit 12 in its way: since `now`, if it is asked for the first time.
     pub(super) fn first_blocked_since(&mut self, now: Duration) -> Duration {
         match &mut self.places[0] {

@@ -1,0 +1,45 @@
+//! The drive with object 2010h Min_Profile_Velocity, after its page "Profile Position Mode (pp)".
+
+use super::{AxisDescription, DriveDescription};
+use crate::coe::obj;
+use crate::pdo_map::Limits;
+use crate::profile_position::{BufferSignal, StartBits, Traits};
+
+/// The drive with object 2010h (`Min_Profile_Velocity`, the speed at which ramps start and end).
+///
+/// From its page: bit 5 tells single set-points (processed at once) from sets of set-points; up to two set-points; bit 12
+/// falls when another one can be taken; bit 10 stays low until all are processed; linear ramps only. The page names no bit
+/// 9, so a target is never passed without stopping. 606Ch is not among its objects: standstill is taken from 6064h.
+/// Assumed: the PDOs 1600h and 1A00h. The page names neither maker nor product: any identity is accepted.
+#[must_use]
+pub fn pp2010() -> DriveDescription {
+    let mut axis = AxisDescription::profile_position(1, 0x1600, 0x1A00);
+    axis.inputs
+        .retain(|object| *object != obj::VELOCITY_ACTUAL.into());
+    DriveDescription {
+        name: "drive with 2010h",
+        vendor: None,
+        product: None,
+        axes: alloc::vec![axis],
+        limits: Limits::default(),
+        traits: Traits {
+            blend: StartBits::Unsupported(
+                "this drive stops at every target: its documents name no bit 9",
+            ),
+            buffer_signal: BufferSignal::Acknowledge,
+            profile_types: &[0],
+            ..Traits::cia402()
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_velocity_is_not_mapped() {
+        let layout = pp2010().default_mapping().unwrap().layout();
+        assert_eq!((layout.output_bytes(), layout.input_bytes()), (19, 7));
+    }
+}

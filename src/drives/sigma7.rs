@@ -1,0 +1,38 @@
+//! Yaskawa Σ-7 with EtherCAT, after the section "Profile Position Mode" of its manual's object dictionary.
+
+use super::{AxisDescription, DriveDescription};
+use crate::pdo_map::Limits;
+use crate::profile_position::Traits;
+
+/// A Yaskawa Σ-7 (SGD7S).
+///
+/// From its manual: the software position limits 607Dh are corrected by the home offset 607Ch, are off where the minimum
+/// is not below the maximum, and hold only after homing or with an absolute encoder. From the maker's answers to users:
+/// 1600h–1603h and 1A00h–1A03h with at most eight objects each. How bits 5, 9 and 12 behave is not in the pages at hand:
+/// taken to be as in CiA 402, with a bit 12 that shows nothing of the buffer. Its product code is not there either; any of the vendor's is
+/// accepted.
+#[must_use]
+pub fn sigma7() -> DriveDescription {
+    DriveDescription {
+        name: "Sigma-7",
+        vendor: Some(0x0000_0539),
+        product: None,
+        axes: alloc::vec![AxisDescription::profile_position(1, 0x1600, 0x1A00)],
+        limits: Limits {
+            entries_per_pdo: 8,
+            ..Limits::default()
+        },
+        traits: Traits::cia402(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_pdo_holds_the_axis() {
+        let layout = sigma7().default_mapping().unwrap().layout();
+        assert_eq!((layout.output_bytes(), layout.input_bytes()), (19, 11));
+    }
+}

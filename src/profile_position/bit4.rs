@@ -1,0 +1,98 @@
+//! Bit 4 (new set-point) of the controlword: where it is, and what the drive has seen of it.
+
+use core::time::Duration;
+
+use super::{CommandId, Cycle, Start, waiting::Request};
+
+/// Where bit 4 is.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Bit4 {
+    Low {
+        /// Since when it is known to have been delivered low.
+        delivered: Option<Duration>,
+        /// Whether bit 12 was still high then: its fall proves that the drive has seen the low.
+        will_be_seen: bool,
+    },
+    High {
+        raised: Raised,
+        sent: bool,
+        /// Since when it is known to have been delivered high.
+        delivered: Option<Duration>,
+        /// Whether bit 12 has been high all the time, for a buffer that is full: no edge of it will come.
+        full: bool,
+    },
+    /// High, and its set-point has been reported as failed already: a stop is under way.
+    Abandoned,
+}
+
+/// A set-point for which bit 4 has risen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Raised {
+    pub(super) request: Request,
+    /// When it rose, and when it was sent.
+    pub(super) since: Duration,
+    /// Where the axis was when it rose, and where the set-point ends, judged then.
+    pub(super) position: i32,
+    pub(super) end: Option<i32>,
+    /// Whether it begins at rest.
+    pub(super) from_rest: bool,
+}
+
+impl Bit4 {
+    /// Low from the next frame on.
+    pub(super) const LOW: Self = Self::Low {
+        delivered: None,
+        will_be_seen: false,
+    };
+
+    pub(super) const fn is_low(&self) -> bool {
+        matches!(self, Self::Low { .. })
+    }
+
+    /// Whether bit 12 is low and the drive has surely seen bit 4 low: by the fall of bit 12, or by its own cycle.
+    pub(super) fn is_low_acknowledged(&self, cycle: &Cycle<'_>) -> bool {
+        let &Self::Low {
+            delivered: Some(_),
+            will_be_seen,
+        } = self
+        else {
+            return false;
+        };
+        !cycle.is_acknowledging() && (will_be_seen || self.is_low_seen(cycle))
+    }
+
+    /// Whether the drive has surely seen it low, by its own cycle.
+    pub(super) fn is_low_seen(&self, cycle: &Cycle<'_>) -> bool {
+        matches!(self, &Self::Low { delivered: Some(at), .. } if cycle.is_seen(at))
+    }
+
+    /// Whether a set-point is on its way that will replace all others.
+    pub(super) fn is_replacing(&self) -> bool {
+        matches!(
+            self,
+            Self::High { raised, sent: true, .. } if raised.request.command.set_point.start == Start::Immediately
+        )
+    }
+
+    /// The move whose bit 4 has risen in the outputs and has not been sent.
+    pub(super) const fn unsent(&self) -> Option<CommandId> {
+        match self {
+            Self::High {
+                raised,
+                sent: false,
+                ..
+            } => Some(raised.request.id),
+            _ => None,
+        }
+    }
+
+    /// The outputs composed last have been sent.
+    pub(super) const fn mark_sent(&mut self, now: Duration) {
+        if let Self::High { sent, raised, .. } = self
+            && !*sent
+        {
+            *sent = true;
+            raised.since = now;
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! One cycle as the sequencer sees it.
+
+use core::time::Duration;
+
+use crate::ds402::{Controlword, Sample, Statusword};
+
+use super::{Bounds, Delivery, Failure, Standstill, Traits, WaitingFor};
+
+/// What the sequencer needs to know of a cycle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cycle<'a> {
+    pub(crate) now: Duration,
+    pub(crate) sample: &'a Sample,
+    pub(crate) standstill: &'a Standstill,
+    pub(crate) bounds: &'a Bounds,
+    pub(crate) traits: &'a Traits,
+    /// Whether the outputs of this cycle are known to have been delivered.
+    pub(crate) delivered: bool,
+    pub(crate) halted: bool,
+    /// Deadline of each wait for bit 12.
+    pub(crate) acknowledge: Duration,
+    /// The word sent with this cycle, for errors.
+    pub(crate) controlword: Controlword,
+}
+
+impl Cycle<'_> {
+    /// Bit 12.
+    pub(super) fn is_acknowledging(&self) -> bool {
+        let statusword = self.sample.statusword;
+        statusword.contains(Statusword::SET_POINT_ACKNOWLEDGE)
+    }
+
+    /// Whether the drive has surely seen what was delivered at that time: two of its own cycles have passed.
+    pub(super) fn is_seen(&self, delivered: Duration) -> bool {
+        self.now.saturating_sub(delivered) >= 2 * self.traits.drive_cycle
+    }
+
+    /// Whether the time for each wait for bit 12 is over.
+    pub(super) fn is_late(&self, since: Duration) -> bool {
+        self.now.saturating_sub(since) >= self.acknowledge
+    }
+
+    pub(super) const fn timeout(&self, waiting_for: WaitingFor, delivery: Delivery) -> Failure {
+        Failure::Timeout {
+            waiting_for,
+            statusword: self.sample.statusword,
+            controlword: self.controlword,
+            delivery,
+        }
+    }
+}

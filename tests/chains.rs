@@ -1,0 +1,265 @@
+//! Set-points behind and over each other: full buffers, blends both ways, moves of no length, the same target twice;
+//! judged by the drive's ledger.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Link, Rig};
+use servocrab::axis::{Command, CommandId, Completion, Failure};
+use servocrab::drives;
+use servocrab::profile_position::{Delivery, SetPoint, Start};
+use servocrab_sim::ds402::{Behaviour, Bit5, Executed, Outcome};
+
+/// The drive with 2010h: two set-points, a bit 12 that stays high while both are there.
+fn pp2010() -> Rig {
+    with_behaviour(Behaviour::with_2010h())
+}
+
+fn with_behaviour(behaviour: Behaviour) -> Rig {
+    let mut rig = Rig::new(behaviour, |config| config.traits = drives::pp2010().traits);
+    rig.enable();
+    rig
+}
+
+fn after() -> SetPoint {
+    SetPoint::new().start(Start::AfterCurrent)
+}
+
+/// A move under way to 50 000 and one behind it to 60 000: the buffer is full.
+fn full(rig: &mut Rig) -> (CommandId, CommandId) {
+    let first = rig.abs(50_000, SetPoint::new());
+    let second = rig.abs(60_000, after());
+    rig.wait_accepted(second);
+    rig.run(100);
+    assert!(rig.statusword().bits() & 1 << 12 != 0, "the buffer is full");
+    (first, second)
+}
+
+fn executed(rig: &Rig) -> Vec<(i64, Outcome)> {
+    let judge = |e: &Executed| (e.target.expect("it was started"), e.outcome);
+    rig.ledger().iter().map(judge).collect()
+}
+
+#[test]
+fn a_full_buffer_is_replaced_by_one_edge_and_the_motion_tells() {
+    let mut rig = pp2010();
+    let (first, second) = full(&mut rig);
+    let sent = rig.words.len();
+    let third = rig.abs(-10_000, SetPoint::new());
+    assert_eq!(
+        rig.finish(third),
+        Ok(Completion::Reached { position: -10_000 })
+    );
+    assert_eq!(rig.outcome(first), Some(Err(Failure::Superseded)));
+    assert_eq!(rig.outcome(second), Some(Err(Failure::Superseded)));
+    assert_eq!(rig.distinct_words(sent), [0x0F, 0x3F, 0x0F]);
+    assert_eq!(
+        rig.ledger().last().map(|e| e.outcome),
+        Some(Outcome::Reached)
+    );
+    assert_eq!(rig.drive.position(), -10_000);
+}
+
+#[test]
+fn a_distance_onto_a_full_buffer_is_refused_and_nothing_is_sent() {
+    let mut rig = pp2010();
+    let (first, second) = full(&mut rig);
+    let sent = rig.words.len();
+    let third = rig.rel(-10_000, SetPoint::new());
+    assert!(matches!(
+        rig.finish(third),
+        Err(Failure::Unsupported { .. })
+    ));
+    assert!(matches!(
+        rig.finish(second),
+        Ok(Completion::Reached { position: 60_000 })
+    ));
+    assert!(matches!(
+        rig.outcome(first),
+        Some(Ok(Completion::Reached { .. }))
+    ));
+    assert_eq!(rig.distinct_words(sent), [0x0F]);
+}
+
+/// At each moment around the edge one frame is lost, either way: the move is executed once.
+#[test]
+fn a_lost_frame_around_the_replacement_changes_timing_only() {
+    for (link, lost) in [Link::RequestLost, Link::ReplyLost, Link::Miscounted]
+        .into_iter()
+        .flat_map(|link| (0..12).map(move |lost| (link, lost)))
+    {
+        let mut rig = pp2010();
+        full(&mut rig);
+        let third = rig.abs(-10_000, SetPoint::new());
+        rig.run(lost);
+        rig.cycle_over(link);
+        assert_eq!(
+            rig.finish(third),
+            Ok(Completion::Reached { position: -10_000 }),
+            "{link:?} {lost}"
+        );
+        let runs = executed(&rig)
+            .iter()
+            .filter(|(target, _)| *target == -10_000)
+            .count();
+        assert_eq!(runs, 1, "{link:?} {lost}");
+    }
+}
+
+/// At each moment of the run down to the first target, which empties a place by itself.
+#[test]
+fn a_replacement_while_a_place_becomes_free_is_executed_once() {
+    for moment in (0..1_200).step_by(3) {
+        let mut rig = pp2010();
+        let first = rig.abs(20_000, SetPoint::new());
+        let second = rig.abs(25_000, after());
+        rig.wait_accepted(second);
+        rig.run(moment);
+        if rig.outcome(second).is_some() {
+            return;
+        }
+        let third = rig.abs(-3_000, SetPoint::new());
+        let end = rig.finish(third);
+        assert_eq!(
+            end,
+            Ok(Completion::Reached { position: -3_000 }),
+            "at {moment} ms"
+        );
+        assert!(rig.outcome(first).is_some() && rig.outcome(second).is_some());
+        let runs = executed(&rig)
+            .iter()
+            .filter(|(target, _)| *target == -3_000)
+            .count();
+        assert_eq!(runs, 1, "at {moment} ms");
+    }
+    panic!("the second move has not ended");
+}
+
+/// Against its documents, this drive goes on through its queue whatever bit 5 says.
+#[test]
+fn a_full_buffer_that_does_not_take_the_replacement_is_never_reported_as_reached() {
+    let behaviour = Behaviour {
+        bit_5: Bit5::Blends,
+        ..Behaviour::with_2010h()
+    };
+    let mut rig = with_behaviour(behaviour);
+    full(&mut rig);
+    let third = rig.abs(-10_000, SetPoint::new());
+    let failure = rig.finish(third).expect_err("it was not taken");
+    assert!(
+        matches!(
+            failure,
+            Failure::Unconfirmed {
+                target: -10_000,
+                ..
+            } | Failure::Timeout {
+                delivery: Delivery::Unknown,
+                ..
+            }
+        ),
+        "{failure:?}"
+    );
+    let next = rig.abs(0, SetPoint::new());
+    if matches!(failure, Failure::Timeout { .. }) {
+        assert_eq!(rig.outcome(next), Some(Err(Failure::NeedsStop)));
+    }
+}
+
+#[test]
+fn a_stop_between_the_edge_and_its_proof_says_that_it_is_unknown() {
+    let mut rig = pp2010();
+    full(&mut rig);
+    let third = rig.abs(-10_000, SetPoint::new());
+    rig.run_until(10, |rig| rig.words.last() == Some(&0x3F));
+    let stop = rig.send(Command::QuickStop);
+    assert!(rig.finish(stop).is_ok());
+    assert_eq!(rig.outcome(third), Some(Err(Failure::QuickStopped)));
+}
+
+#[test]
+fn blends_pass_their_targets_both_ways_and_in_order() {
+    for direction in [1, -1] {
+        let mut rig = Rig::enabled();
+        let blend = SetPoint::new().start(Start::Blend);
+        let moves: Vec<_> = (1..=4)
+            .map(|n| {
+                let start = if n == 1 { SetPoint::new() } else { blend };
+                rig.abs(direction * n * 15_000, start)
+            })
+            .collect();
+        let last = *moves.last().expect("four moves");
+        assert_eq!(
+            rig.finish(last),
+            Ok(Completion::Reached {
+                position: direction * 60_000
+            })
+        );
+        for id in &moves[..3] {
+            assert!(matches!(
+                rig.outcome(*id),
+                Some(Ok(Completion::Passed { .. }))
+            ));
+        }
+        let ends: Vec<_> = rig
+            .events
+            .iter()
+            .filter_map(|(id, event)| {
+                matches!(event, servocrab::axis::Event::Done(_)).then_some(*id)
+            })
+            .filter(|id| moves.contains(id))
+            .collect();
+        assert_eq!(ends, moves, "in the order of the moves");
+        let outcomes: Vec<_> = rig.ledger().iter().map(|e| e.outcome).collect();
+        assert_eq!(
+            outcomes,
+            [
+                Outcome::Passed,
+                Outcome::Passed,
+                Outcome::Passed,
+                Outcome::Reached
+            ]
+        );
+    }
+}
+
+#[test]
+fn a_blend_that_has_to_turn_back_is_executed_and_ends_at_its_own_target() {
+    let mut rig = Rig::enabled();
+    let first = rig.abs(20_000, SetPoint::new());
+    let second = rig.abs(5_000, SetPoint::new().start(Start::Blend));
+    assert_eq!(
+        rig.finish(second),
+        Ok(Completion::Reached { position: 5_000 })
+    );
+    assert!(matches!(rig.outcome(first), Some(Ok(_))));
+    assert_eq!(rig.ledger().len(), 2);
+}
+
+#[test]
+fn moves_of_no_length_are_moves() {
+    for set_point in [SetPoint::new(), after()] {
+        let mut rig = Rig::enabled();
+        let moves = [
+            rig.abs(0, set_point),
+            rig.rel(0, after()),
+            rig.abs(0, after()),
+        ];
+        for id in moves {
+            assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 0 }));
+        }
+        assert_eq!(rig.ledger().len(), 3);
+    }
+}
+
+#[test]
+fn the_same_target_twice_is_two_moves_queued_or_not() {
+    for mut rig in [Rig::enabled(), pp2010()] {
+        let first = rig.abs(8_000, SetPoint::new());
+        let second = rig.abs(8_000, after());
+        let third = rig.abs(8_000, after());
+        for id in [first, second, third] {
+            assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 8_000 }));
+        }
+        assert_eq!(rig.ledger().len(), 3);
+    }
+}
