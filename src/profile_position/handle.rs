@@ -97,7 +97,7 @@ impl ProfilePosition {
 }
 
 /// A move that is not sent yet.
-#[must_use = "it is sent by `together`"]
+#[must_use = "it is sent by `together` or `follow`"]
 #[derive(Debug, Clone)]
 pub struct MoveRequest {
     pub(crate) axis: Axis,
@@ -105,7 +105,7 @@ pub struct MoveRequest {
 }
 
 impl MoveRequest {
-    async fn send(self) -> Result<Move, AxisError> {
+    pub(super) async fn send(self) -> Result<Move, AxisError> {
         // A stop that comes while parameters are being written stops this move as well.
         let asked = self.last_stop();
         let (command, _parameters) = self.prepare().await?;

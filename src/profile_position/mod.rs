@@ -15,6 +15,8 @@ mod traits;
 mod waiting;
 
 #[cfg(feature = "std")]
+mod follow;
+#[cfg(feature = "std")]
 mod handle;
 #[cfg(feature = "std")]
 mod motion;
@@ -27,6 +29,8 @@ pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};
 pub(crate) use standstill::{Bounds, Standstill};
 pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};
 
+#[cfg(feature = "std")]
+pub use follow::{Follow, Followed};
 #[cfg(feature = "std")]
 pub use handle::{MoveRequest, ProfilePosition};
 #[cfg(feature = "std")]

@@ -5,6 +5,7 @@
 mod bus;
 mod chaos;
 mod fields;
+mod follow;
 mod lease;
 mod machine;
 mod moves;
