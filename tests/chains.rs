@@ -12,7 +12,15 @@ use servocrab_sim::ds402::{Behaviour, Bit5, Executed, Outcome};
 
 /// The drive with 2010h: two set-points, a bit 12 that stays high while both are there.
 fn pp2010() -> Rig {
-    with_behaviour(Behaviour::with_2010h())
+    with_behaviour(behaviour())
+}
+
+/// That drive, but with 606Ch, which the rig maps.
+fn behaviour() -> Behaviour {
+    Behaviour {
+        without: &[],
+        ..Behaviour::pp2010()
+    }
 }
 
 fn with_behaviour(behaviour: Behaviour) -> Rig {
@@ -140,7 +148,7 @@ fn a_replacement_while_a_place_becomes_free_is_executed_once() {
 fn a_full_buffer_that_does_not_take_the_replacement_is_never_reported_as_reached() {
     let behaviour = Behaviour {
         bit_5: Bit5::Blends,
-        ..Behaviour::with_2010h()
+        ..behaviour()
     };
     let mut rig = with_behaviour(behaviour);
     full(&mut rig);

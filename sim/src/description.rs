@@ -71,6 +71,8 @@ pub struct PdoDescription {
     pub direction: Direction,
     /// Sync manager that carries it by default; `None` when it is not assigned.
     pub sync_manager: Option<u8>,
+    /// Its content cannot be changed.
+    pub fixed: bool,
     /// What is in it.
     pub entries: Vec<PdoEntryDescription>,
 }

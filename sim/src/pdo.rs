@@ -55,6 +55,8 @@ pub struct PdoLimits {
     pub bytes: usize,
     /// Entries in one PDO.
     pub entries: u8,
+    /// PDOs that are assigned at the same time.
+    pub assigned: u8,
 }
 
 /// A counted list: subindex 0 says how many of the elements count.
@@ -102,29 +104,49 @@ impl List {
 pub(crate) struct PdoSet {
     direction: Direction,
     limits: PdoLimits,
-    pdos: Vec<(u16, List)>,
+    pdos: Vec<Pdo>,
     assignment: List,
 }
 
+/// One PDO.
+#[derive(Clone, Debug)]
+struct Pdo {
+    index: u16,
+    fixed: bool,
+    content: List,
+}
+
 impl PdoSet {
-    /// The PDOs of a direction as they are at power-up; those that the description gives a sync manager are assigned.
-    pub(crate) fn new(direction: Direction, limits: PdoLimits, all: &[PdoDescription]) -> Self {
+    /// The PDOs of a direction as they are at power-up. Assigned are those of `assigned`, and without such a list those
+    /// that the description gives a sync manager.
+    pub(crate) fn new(
+        direction: Direction,
+        limits: PdoLimits,
+        all: &[PdoDescription],
+        assigned: Option<&[u16]>,
+    ) -> Self {
         let own = all.iter().filter(|pdo| pdo.direction == direction);
-        let lists = own.clone().map(|pdo| {
-            let values: Vec<u32> = pdo.entries.iter().map(Entry::of_description).collect();
-            (pdo.index, List::new(&values, limits.entries))
-        });
-        let assigned: Vec<u32> = own
+        let is_assigned = |pdo: &PdoDescription| {
+            assigned.map_or(pdo.sync_manager.is_some(), |list| list.contains(&pdo.index))
+        };
+        let at_power_up: Vec<u32> = own
             .clone()
-            .filter(|pdo| pdo.sync_manager.is_some())
+            .filter(|pdo| is_assigned(pdo))
             .map(|pdo| u32::from(pdo.index))
             .collect();
-        let capacity = u8::try_from(own.clone().count()).unwrap_or(u8::MAX);
+        let pdos = own.map(|pdo| {
+            let values: Vec<u32> = pdo.entries.iter().map(Entry::of_description).collect();
+            Pdo {
+                index: pdo.index,
+                fixed: pdo.fixed,
+                content: List::new(&values, limits.entries),
+            }
+        });
         Self {
             direction,
             limits,
-            pdos: lists.collect(),
-            assignment: List::new(&assigned, capacity),
+            pdos: pdos.collect(),
+            assignment: List::new(&at_power_up, limits.assigned),
         }
     }
 
@@ -138,12 +160,12 @@ impl PdoSet {
 
     /// Whether this set answers for an object.
     pub(crate) fn owns(&self, index: u16) -> bool {
-        index == self.assignment_index() || self.pdos.iter().any(|(pdo, _)| *pdo == index)
+        index == self.assignment_index() || self.pdos.iter().any(|pdo| pdo.index == index)
     }
 
     /// The indices of its objects.
     pub(crate) fn indices(&self) -> impl Iterator<Item = u16> + '_ {
-        let pdos = self.pdos.iter().map(|(index, _)| *index);
+        let pdos = self.pdos.iter().map(|pdo| pdo.index);
         pdos.chain([self.assignment_index()])
     }
 
@@ -179,8 +201,12 @@ impl PdoSet {
 
     /// What there is to say about a subindex of one of its objects.
     pub(crate) fn entry(&self, index: u16, subindex: u8) -> Result<EntryInfo, Abort> {
-        let access = access::READ | access::WRITE_PREOP;
         let is_assignment = index == self.assignment_index();
+        let access = if self.pdos.iter().any(|pdo| pdo.index == index && pdo.fixed) {
+            access::READ
+        } else {
+            access::READ | access::WRITE_PREOP
+        };
         match subindex {
             0 => Ok(EntryInfo::count(access)),
             _ if subindex > self.object(index)?.last => Err(Abort::NoSubindex),
@@ -258,8 +284,8 @@ impl PdoSet {
     fn list(&self, index: u16) -> Option<&List> {
         self.pdos
             .iter()
-            .find(|(pdo, _)| *pdo == index)
-            .map(|(_, list)| list)
+            .find(|pdo| pdo.index == index)
+            .map(|pdo| &pdo.content)
     }
 
     fn write_assignment(&mut self, subindex: u8, value: u32) -> Result<(), Abort> {
@@ -283,7 +309,7 @@ impl PdoSet {
         if self.assignment.count != 0 {
             return Err(Abort::SubindexLocked);
         }
-        if value != 0 && !self.pdos.iter().any(|(pdo, _)| u32::from(*pdo) == value) {
+        if value != 0 && !self.pdos.iter().any(|pdo| u32::from(pdo.index) == value) {
             return Err(Abort::Range);
         }
         *self.assignment.slot(subindex)? = value;
@@ -297,16 +323,17 @@ impl PdoSet {
         value: u32,
         lookup: impl Fn(u16, u8) -> Result<Mappable, Abort>,
     ) -> Result<(), Abort> {
-        if self.assignment.active().contains(&u32::from(index)) {
+        let limit = self.limits.bytes * 8;
+        let is_assigned = self.assignment.active().contains(&u32::from(index));
+        let pdo = self.pdos.iter_mut().find(|pdo| pdo.index == index);
+        let pdo = pdo.ok_or(Abort::NoObject)?;
+        if pdo.fixed {
+            return Err(Abort::ReadOnly);
+        }
+        if is_assigned {
             return Err(Abort::State);
         }
-        let limit = self.limits.bytes * 8;
-        let list = self
-            .pdos
-            .iter_mut()
-            .find(|(pdo, _)| *pdo == index)
-            .map(|(_, list)| list);
-        let list = list.ok_or(Abort::NoObject)?;
+        let list = &mut pdo.content;
         if subindex == 0 {
             let count = u8::try_from(value).map_err(|_| Abort::Range)?;
             let chosen = list

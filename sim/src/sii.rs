@@ -156,7 +156,9 @@ fn pdos(description: &Description, direction: Direction) -> Vec<u8> {
 fn pdo(pdo: &PdoDescription) -> Vec<u8> {
     let mut bytes = pdo.index.to_le_bytes().to_vec();
     let count = u8::try_from(pdo.entries.len()).unwrap_or(u8::MAX);
-    bytes.extend([count, pdo.sync_manager.unwrap_or(0xFF), 0, 0, 0, 0]);
+    // Flag 10h: fixed content.
+    let flags = if pdo.fixed { 0x10 } else { 0 };
+    bytes.extend([count, pdo.sync_manager.unwrap_or(0xFF), 0, 0, flags, 0]);
     for entry in pdo.entries.iter().take(usize::from(count)) {
         bytes.extend(entry.index.to_le_bytes());
         bytes.extend([entry.subindex, 0, entry.data_type, entry.bits, 0, 0]);

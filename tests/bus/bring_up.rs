@@ -62,7 +62,7 @@ fn a_coupler_and_a_terminal_in_the_line_are_left_in_preop() {
 
 #[test]
 fn a_drive_without_lrw_exchanges_by_lrd_and_lwr() {
-    let drive = personality::Akd2g::new().without_lrw().build();
+    let drive = personality::Servo::akd2g().without_lrw().build();
     let line = Line::new(Segment::new().with(drive).with(personality::akd2g()));
     let second = DriveConfig::new(drives::akd2g())
         .axis("z")
@@ -109,7 +109,7 @@ fn another_drive_is_refused_with_both_identities() {
     let line = Line::new(
         Segment::new()
             .with(personality::coupler())
-            .with(personality::Akd2g::new().identity(other).build()),
+            .with(personality::Servo::akd2g().identity(other).build()),
     );
     let error = refused(Network::builder().link(line.wire()).drive(1, akd2g()));
     let text = error.to_string();

@@ -70,7 +70,7 @@ fn a_wrong_identity() {
     };
     let segment = Segment::new()
         .with(personality::coupler())
-        .with(personality::Akd2g::new().identity(other).build());
+        .with(personality::Servo::akd2g().identity(other).build());
     assert_eq!(
         message(on(segment, 1, akd2g())),
         "drive 1 \"AKD2G\" (vendor 0000006Ah, product 00414B44h, revision 00000002h, serial 00000003h): checking its \

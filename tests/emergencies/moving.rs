@@ -10,7 +10,7 @@ use servocrab::{
     ds402::State,
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{Segment, personality::Akd2g};
+use servocrab_sim::{Segment, personality::Servo};
 use smol::future::zip;
 
 use crate::line::{At, Line, Loss, MS, Rig, emergency};
@@ -53,7 +53,7 @@ fn an_emergency_between_any_request_and_its_late_answer_in_a_move_is_delivered()
 /// A move for each of its datagrams, on a drive that takes this long over each mail, with an emergency after it and the
 /// frame lost that `lost` gives for its number. Gives the number of datagrams, and of SDO transfers in all moves.
 fn after_each_datagram(delay: Duration, lost: impl Fn(u64) -> Option<Loss>) -> (u64, u64) {
-    let mut drive = Akd2g::new().mailbox_bytes(MAILBOX).build();
+    let mut drive = Servo::akd2g().mailbox_bytes(MAILBOX).build();
     drive.set_mailbox_delay(delay);
     let line = Line::new(Segment::new().with(drive));
     let config = DriveConfig::new(drives::akd2g())
@@ -128,7 +128,7 @@ async fn a_move_beside_transfers(axis: &Axis, sdo: &SdoHandle, target: i32) -> u
 
 #[test]
 fn an_emergency_while_nothing_else_goes_through_the_mailbox_is_delivered_within_two_looks() {
-    let line = Line::new(Segment::new().with(Akd2g::new().build()));
+    let line = Line::new(Segment::new().with(Servo::akd2g().build()));
     let config = DriveConfig::new(drives::akd2g())
         .axis("x")
         .referencing("x", Referencing::UnreferencedMovesAllowed)

@@ -133,7 +133,9 @@ fn build(random: &mut Random, lag_cycles: u32, starts: Starts) -> World {
         Starts::Cia402 => Behaviour::generic(),
         Starts::WithoutBlend => Behaviour {
             supported_modes: Behaviour::generic().supported_modes,
-            ..Behaviour::with_2010h()
+            // 606Ch is mapped.
+            without: &[],
+            ..Behaviour::pp2010()
         },
         Starts::Ax2000 => Behaviour::ax2000(),
     };

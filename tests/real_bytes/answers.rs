@@ -26,6 +26,7 @@ fn drive_with_the_akds_mapping() -> Device {
         } else {
             3
         }),
+        fixed: false,
         entries: objects
             .iter()
             .map(|&(index, data_type, bits)| PdoEntryDescription {
@@ -60,7 +61,11 @@ fn drive_with_the_akds_mapping() -> Device {
             limits: PdoLimits {
                 bytes: 64,
                 entries: 16,
+                assigned: 4,
             },
+            device_type: 0x0002_0192,
+            assigned: None,
+            saves: false,
             software_version: String::new(),
             hardware_version: String::new(),
         }),

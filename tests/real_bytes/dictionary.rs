@@ -224,11 +224,25 @@ fn the_librarys_objects_have_a_real_drives_types_and_access() {
 
 #[test]
 fn the_simulated_generic_drives_objects_have_a_real_drives_types_and_access() {
-    let simulation: [Listed; 1] = [(
-        &[(0x6092, 1)],
-        Mapping,
-        "the factors are constants of the simulated drive's mechanics",
-    )];
+    let simulation: [Listed; 2] = [
+        (
+            &[(0x6092, 1)],
+            Mapping,
+            "the factors are constants of the simulated drive's mechanics",
+        ),
+        (
+            &[
+                (0x6096, 0),
+                (0x6096, 1),
+                (0x6096, 2),
+                (0x6097, 0),
+                (0x6097, 1),
+                (0x6097, 2),
+            ],
+            Absent,
+            "optional: that drive's velocities and ramps are in its position unit",
+        ),
+    ];
     let listed = [&OF_THE_DRIVE[..], &simulation].concat();
     let axis = Axis::new(Behaviour::generic());
     assert_listed(

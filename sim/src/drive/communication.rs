@@ -15,8 +15,7 @@ pub(super) fn communication_objects(
     description: &Description,
 ) -> Dictionary {
     let mut objects = Dictionary::default();
-    // Profile 402 with a servo drive (bit 17).
-    objects.variable(0x1000, "Device type", Entry::u32(0x0002_0192));
+    objects.variable(0x1000, "Device type", Entry::u32(blueprint.device_type));
     objects.variable(0x1008, "Device name", Entry::text(&description.name));
     objects.variable(
         0x1009,

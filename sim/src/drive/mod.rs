@@ -45,6 +45,12 @@ pub struct DriveBlueprint {
     pub note: Option<(u16, usize)>,
     /// How much can be mapped in each direction.
     pub limits: PdoLimits,
+    /// Device type (1000h).
+    pub device_type: u32,
+    /// PDOs that 1C12h and 1C13h name at power-up; `None` for those that the SII gives a sync manager.
+    pub assigned: Option<Vec<u16>>,
+    /// 1010h saves the objects that are kept in the EEPROM.
+    pub saves: bool,
     /// Software version (100Ah).
     pub software_version: String,
     /// Hardware version (1009h).
@@ -87,7 +93,9 @@ enum AxisObject {
 impl Drive {
     /// A drive after power-up.
     pub(crate) fn new(blueprint: &DriveBlueprint, description: &Description) -> Self {
-        let pdos = |direction| PdoSet::new(direction, blueprint.limits, &description.pdos);
+        let assigned = blueprint.assigned.as_deref();
+        let pdos =
+            |direction| PdoSet::new(direction, blueprint.limits, &description.pdos, assigned);
         let axes: Vec<Axis> = blueprint.axes.iter().cloned().map(Axis::new).collect();
         Self {
             objects: DriveObjects {
@@ -315,17 +323,17 @@ impl DriveObjects {
 
     /// The axis in whose profile area an index is, and the entries there; `None` when the index is of no axis.
     fn profile_entries(&self, index: u16) -> Option<(usize, Vec<AxisEntry>)> {
-        let offset = index.checked_sub(PROFILE_AREA)?;
-        let axis = usize::from(offset / self.axis_increment.max(1));
-        let base = PROFILE_AREA + offset % self.axis_increment.max(1);
-        let entries = self.axes.get(axis)?.entries().iter();
-        Some((
-            axis,
-            entries
-                .filter(|entry| entry.index == base)
-                .copied()
-                .collect(),
-        ))
+        let (axis, base) = match index.checked_sub(PROFILE_AREA) {
+            Some(offset) => (
+                usize::from(offset / self.axis_increment.max(1)),
+                PROFILE_AREA + offset % self.axis_increment.max(1),
+            ),
+            // A maker's own object of the only axis.
+            None => (0, index),
+        };
+        let all = self.axes.get(axis)?.entries().iter();
+        let entries: Vec<AxisEntry> = all.filter(|entry| entry.index == base).copied().collect();
+        (index >= PROFILE_AREA || !entries.is_empty()).then_some((axis, entries))
     }
 
     fn status_axis(&self, index: u16) -> Option<usize> {

@@ -8,7 +8,7 @@ use super::behaviour::Behaviour;
 use super::emergency::{self, Emergency};
 use super::ledger::Executed;
 use super::motion::Buffer;
-use super::objects::{self, ENTRIES, Entry, Objects, SetError};
+use super::objects::{self, Entry, Objects, SetError};
 use super::power::Fault;
 use super::state::State;
 use super::status::Reached;
@@ -122,8 +122,8 @@ impl Axis {
     }
 
     /// The entries of the object dictionary of this axis, sorted by index and subindex, as for axis 1.
-    pub fn entries(&self) -> &'static [Entry] {
-        &ENTRIES
+    pub fn entries(&self) -> &[Entry] {
+        self.objects.entries()
     }
 
     /// The value of an object; none where there is no such entry.

@@ -1,8 +1,8 @@
 //! What one drive does differently from another, as data.
-//!
-//! Presets are written from the drives' documents; where a document is silent the comment says what is assumed.
 
 use core::time::Duration;
+
+use super::objects::Entry;
 
 /// When bit 12 (set-point acknowledge) of the statusword rises and falls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -162,107 +162,14 @@ pub struct Behaviour {
     pub limit_deceleration: u32,
     /// 6502h.
     pub supported_modes: u32,
-    /// Values that 6086h takes. The trajectory is linear with each of them.
+    /// Values that 6086h takes: 0 linear, 1 sin²; the trajectory is linear with any other.
     pub profile_types: &'static [i16],
+    /// Indices of the general list that this drive does not have.
+    pub without: &'static [u16],
+    /// Entries that this drive adds to the general list, or has in another form.
+    pub own_objects: &'static [Entry],
     /// 605Ah at power-up.
     pub quick_stop_option: i16,
     /// 6007h at power-up.
     pub abort_connection_option: i16,
-}
-
-impl Behaviour {
-    /// Kollmorgen AKD2G, from its pages on profile position mode and on the controlword.
-    pub fn akd2g() -> Behaviour {
-        Behaviour {
-            // Its example goes from 06h to 0Fh; its command table leaves bit 3 open in "Switch on".
-            auto_3_4: true,
-            // Not in its command table; after a quick stop one has to step through the state machine.
-            transition_16: false,
-            // Its command table prints X for bit 7 except at fault reset.
-            bit_7_irrelevant: true,
-            // Bit 12 stays high as long as bit 4, also after arrival, and turns off with it.
-            ack: AckPolicy::FollowsBit4,
-            // Undocumented; assumed: the demand position, which at standstill is the previous target.
-            relative_base: RelativeBase::Demand,
-            // Within AXIS#.SETTLE.P; whether also while still moving is not documented, assumed not.
-            reached: ReachedPolicy::WindowAfterEnd,
-            halt_keeps: true,
-            // Of the first AKD generation: limits 0/0 are off.
-            limits_off: LimitsOff::BothZero,
-            // Bit 13 comes with fault F6001.
-            following_error: FollowingError::Fault,
-            // Its mode table: pp, pv, tq, hm, csp; the manufacturer's own modes have no bit here.
-            supported_modes: 0x0000_00AD,
-            // Undocumented; assumed.
-            mode_zero: ModeZero::Keeps,
-            ..Behaviour::generic()
-        }
-    }
-
-    /// A plain CiA 402 v3 drive with one active and one waiting set-point.
-    pub fn generic() -> Behaviour {
-        Behaviour {
-            period: Duration::from_millis(1),
-            start_up_cycles: 1,
-            power_on_cycles: 0,
-            mode_change_cycles: 0,
-            auto_3_4: true,
-            transition_16: true,
-            bit_7_irrelevant: false,
-            ready_needs_voltage: false,
-            open_bit_5: false,
-            manufacturer_bits: 0,
-            ack: AckPolicy::BufferFree,
-            bit_5: Bit5::Replaces,
-            bit_9: true,
-            full_buffer: FullBuffer::Ignore,
-            relative_base: RelativeBase::PositioningOption,
-            reached: ReachedPolicy::WindowAfterEnd,
-            halt_keeps: true,
-            edge_at_mode_change: false,
-            halt_blocks_mode_change: false,
-            mode_zero: ModeZero::Clears,
-            bit_4_filter_cycles: 0,
-            limits_off: LimitsOff::MinNotBelowMax,
-            limits_need_reference: false,
-            limit_violation: LimitViolation::Clamp,
-            following_error: FollowingError::Fault,
-            actual_lag_cycles: 0,
-            coast_deceleration: 1_000_000,
-            limit_deceleration: 100_000_000,
-            supported_modes: 0x0000_01AD,
-            profile_types: &[0],
-            quick_stop_option: 2,
-            abort_connection_option: 1,
-        }
-    }
-    /// The drive with 2010h (minimum profile velocity), from its page on profile position mode. 2010h itself, the speed
-    /// at which its ramps start and end, is not modelled.
-    pub fn with_2010h() -> Behaviour {
-        Behaviour {
-            // Bit 12 falls when the drive can take a set-point; both busy keeps it high.
-            ack: AckPolicy::BufferFree,
-            // Not described.
-            bit_9: false,
-            full_buffer: FullBuffer::Ignore,
-            supported_modes: 0x0000_0001,
-            ..Behaviour::generic()
-        }
-    }
-
-    /// Beckhoff AX2000, from its CANopen manual's page on 6086h.
-    pub fn ax2000() -> Behaviour {
-        Behaviour {
-            // Bit 5 = 1 goes on through the target; only with linear ramps.
-            bit_5: Bit5::Blends,
-            // Its set-points know bits 4 and 5 only.
-            bit_9: false,
-            ack: AckPolicy::BufferFree,
-            // 0 linear, 1 sin²; here both run as linear ramps.
-            profile_types: &[0, 1],
-            // Its base is chosen by a manufacturer's object; assumed: the demand position.
-            relative_base: RelativeBase::Demand,
-            ..Behaviour::generic()
-        }
-    }
 }

@@ -27,10 +27,12 @@
 mod axis;
 mod behaviour;
 mod emergency;
+mod entries;
 mod ledger;
 mod motion;
 mod objects;
 mod power;
+mod presets;
 mod set_point;
 mod state;
 mod status;

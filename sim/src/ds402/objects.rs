@@ -1,6 +1,9 @@
-//! The drive profile objects of one axis: what exists, how it may be accessed, and the stored values.
+//! The drive profile objects of one axis: what one is, and the values that the axis stores.
+
+use std::sync::Arc;
 
 use super::behaviour::Behaviour;
+use super::entries::ENTRIES;
 
 /// A basic data type of CiA 301.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,15 +32,15 @@ impl DataType {
         }
     }
 
-    /// Whether the value fits.
-    fn holds(self, value: i64) -> bool {
+    /// Lowest and highest value.
+    const fn range(self) -> (i64, i64) {
         match self {
-            DataType::I8 => i8::try_from(value).is_ok(),
-            DataType::U8 => u8::try_from(value).is_ok(),
-            DataType::I16 => i16::try_from(value).is_ok(),
-            DataType::U16 => u16::try_from(value).is_ok(),
-            DataType::I32 => i32::try_from(value).is_ok(),
-            DataType::U32 => u32::try_from(value).is_ok(),
+            DataType::I8 => (i8::MIN as i64, i8::MAX as i64),
+            DataType::U8 => (0, u8::MAX as i64),
+            DataType::I16 => (i16::MIN as i64, i16::MAX as i64),
+            DataType::U16 => (0, u16::MAX as i64),
+            DataType::I32 => (i32::MIN as i64, i32::MAX as i64),
+            DataType::U32 => (0, u32::MAX as i64),
         }
     }
 }
@@ -79,6 +82,77 @@ pub struct Entry {
     pub mapping: Mapping,
     /// The object's name.
     pub name: &'static str,
+    /// Value at power-up, where none was saved.
+    pub default: i64,
+    /// Lowest value that it takes.
+    pub min: i64,
+    /// Highest value that it takes.
+    pub max: i64,
+    /// Its value outlives a power failure once 1010h has saved it.
+    pub saved: bool,
+}
+
+impl Entry {
+    /// An entry that is 0 at power-up, takes every value of its type and is not saved.
+    pub const fn new(
+        address: (u16, u8),
+        kind: DataType,
+        access: Access,
+        mapping: Mapping,
+        name: &'static str,
+    ) -> Entry {
+        let (min, max) = kind.range();
+        Entry {
+            index: address.0,
+            subindex: address.1,
+            kind,
+            access,
+            mapping,
+            name,
+            default: 0,
+            min,
+            max,
+            saved: false,
+        }
+    }
+
+    /// Subindex 0 of a record or array: how many entries follow.
+    pub const fn count(index: u16, entries: i64, name: &'static str) -> Entry {
+        Entry::new(
+            (index, 0),
+            DataType::U8,
+            Access::ReadOnly,
+            Mapping::None,
+            name,
+        )
+        .default(entries)
+    }
+
+    /// The same entry with a value at power-up.
+    #[must_use]
+    pub const fn default(mut self, value: i64) -> Entry {
+        self.default = value;
+        self
+    }
+
+    /// The same entry with a range that is narrower than its type.
+    #[must_use]
+    pub const fn range(mut self, min: i64, max: i64) -> Entry {
+        self.min = min;
+        self.max = max;
+        self
+    }
+
+    /// The same entry, saved by 1010h.
+    #[must_use]
+    pub const fn saved(mut self) -> Entry {
+        self.saved = true;
+        self
+    }
+
+    fn address(&self) -> Address {
+        (self.index, self.subindex)
+    }
 }
 
 /// Why a value was not stored.
@@ -98,6 +172,7 @@ pub enum SetError {
 /// The address of an entry: index and subindex.
 pub(super) type Address = (u16, u8);
 
+pub(super) const START_STOP_SPEED: Address = (0x2010, 0);
 pub(super) const ABORT_CONNECTION_OPTION: Address = (0x6007, 0);
 pub(super) const ERROR_CODE: Address = (0x603F, 0);
 pub(super) const CONTROLWORD: Address = (0x6040, 0);
@@ -119,10 +194,14 @@ pub(super) const POSITION_WINDOW_TIME: Address = (0x6068, 0);
 pub(super) const VELOCITY_DEMAND: Address = (0x606B, 0);
 pub(super) const VELOCITY_ACTUAL: Address = (0x606C, 0);
 pub(super) const TARGET_POSITION: Address = (0x607A, 0);
+pub(super) const RANGE_MIN: Address = (0x607B, 1);
+pub(super) const RANGE_MAX: Address = (0x607B, 2);
 pub(super) const HOME_OFFSET: Address = (0x607C, 0);
 pub(super) const LIMIT_MIN: Address = (0x607D, 1);
 pub(super) const LIMIT_MAX: Address = (0x607D, 2);
+pub(super) const POLARITY: Address = (0x607E, 0);
 pub(super) const MAX_PROFILE_VELOCITY: Address = (0x607F, 0);
+pub(super) const MAX_MOTOR_SPEED: Address = (0x6080, 0);
 pub(super) const PROFILE_VELOCITY: Address = (0x6081, 0);
 pub(super) const END_VELOCITY: Address = (0x6082, 0);
 pub(super) const PROFILE_ACCELERATION: Address = (0x6083, 0);
@@ -135,6 +214,12 @@ pub(super) const GEAR_MOTOR: Address = (0x6091, 1);
 pub(super) const GEAR_SHAFT: Address = (0x6091, 2);
 pub(super) const FEED: Address = (0x6092, 1);
 pub(super) const FEED_SHAFT: Address = (0x6092, 2);
+pub(super) const POSITION_NUMERATOR: Address = (0x6093, 1);
+pub(super) const POSITION_DIVISOR: Address = (0x6093, 2);
+pub(super) const VELOCITY_NUMERATOR: Address = (0x6096, 1);
+pub(super) const VELOCITY_DIVISOR: Address = (0x6096, 2);
+pub(super) const ACCELERATION_NUMERATOR: Address = (0x6097, 1);
+pub(super) const ACCELERATION_DIVISOR: Address = (0x6097, 2);
 pub(super) const MAX_ACCELERATION: Address = (0x60C5, 0);
 pub(super) const MAX_DECELERATION: Address = (0x60C6, 0);
 pub(super) const POSITIONING_OPTION: Address = (0x60F2, 0);
@@ -144,21 +229,29 @@ pub(super) const DIGITAL_OUTPUTS: Address = (0x60FE, 1);
 pub(super) const DIGITAL_OUTPUT_MASK: Address = (0x60FE, 2);
 pub(super) const SUPPORTED_MODES: Address = (0x6502, 0);
 
-/// The stored values, one for each entry of [`ENTRIES`].
+/// The entries of one drive and their values.
 #[derive(Debug, Clone)]
 pub(super) struct Objects {
-    values: [i64; ENTRIES.len()],
+    entries: Arc<[Entry]>,
+    values: Vec<i64>,
     profile_types: &'static [i16],
 }
 
 impl Objects {
+    /// The general list without those that this drive lacks, its own added or put in place of the general ones.
     pub(super) fn new(behaviour: &Behaviour) -> Objects {
-        let mut values = [0; ENTRIES.len()];
-        for (value, entry) in values.iter_mut().zip(&ENTRIES) {
-            *value = default_of((entry.index, entry.subindex));
-        }
+        let own = behaviour.own_objects;
+        let is_own = |entry: &Entry| own.iter().any(|own| own.address() == entry.address());
+        let mut entries: Vec<Entry> = ENTRIES
+            .iter()
+            .filter(|entry| !behaviour.without.contains(&entry.index) && !is_own(entry))
+            .chain(own)
+            .copied()
+            .collect();
+        entries.sort_by_key(Entry::address);
         let mut objects = Objects {
-            values,
+            values: entries.iter().map(|entry| entry.default).collect(),
+            entries: entries.into(),
             profile_types: behaviour.profile_types,
         };
         objects.put(SUPPORTED_MODES, behaviour.supported_modes.into());
@@ -170,8 +263,12 @@ impl Objects {
         objects
     }
 
+    pub(super) fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
     pub(super) fn get(&self, address: Address) -> Option<i64> {
-        self.values.get(slot_of(address)?).copied()
+        self.values.get(self.slot(address)?).copied()
     }
 
     /// The value of an object that exists; 0 for one that does not.
@@ -179,184 +276,52 @@ impl Objects {
         self.get(address).unwrap_or(0)
     }
 
+    /// The value of an object that limits others; without it there is no such limit.
+    pub(super) fn limit(&self, address: Address) -> i64 {
+        self.get(address).unwrap_or(i64::MAX)
+    }
+
     /// Stores a value of the drive's own, without checks.
     pub(super) fn put(&mut self, address: Address, value: i64) {
-        if let Some(stored) = slot_of(address).and_then(|slot| self.values.get_mut(slot)) {
+        if let Some(stored) = self
+            .slot(address)
+            .and_then(|slot| self.values.get_mut(slot))
+        {
             *stored = value;
         }
     }
 
     /// Stores a value from outside.
     pub(super) fn set(&mut self, address: Address, value: i64) -> Result<(), SetError> {
-        let slot = slot_of(address).ok_or(SetError::Unknown)?;
-        let entry = ENTRIES.get(slot).ok_or(SetError::Unknown)?;
+        let entry = self
+            .slot(address)
+            .and_then(|slot| self.entries.get(slot))
+            .ok_or(SetError::Unknown)?;
         if entry.access == Access::ReadOnly {
             return Err(SetError::ReadOnly);
         }
-        if !entry.kind.holds(value) || !self.accepts(address, value) {
+        if !(entry.min..=entry.max).contains(&value) || !self.accepts(address, value) {
             return Err(SetError::OutOfRange);
         }
         self.put(address, value);
         Ok(())
     }
 
-    /// The ranges that are narrower than the type (DSP 402 v2, option codes; 60F2h: what this drive implements).
+    /// Values of which not all in a range are known to the drive.
     fn accepts(&self, address: Address, value: i64) -> bool {
         match address {
-            ABORT_CONNECTION_OPTION => (0..=3).contains(&value),
-            QUICK_STOP_OPTION => (0..=8).contains(&value),
-            SHUTDOWN_OPTION | DISABLE_OPERATION_OPTION => (0..=1).contains(&value),
-            HALT_OPTION | FAULT_REACTION_OPTION => (0..=4).contains(&value),
             PROFILE_TYPE => self
                 .profile_types
                 .iter()
                 .any(|&kind| i64::from(kind) == value),
             POSITIONING_OPTION => (0..=2).contains(&value),
-            ENCODER_INCREMENTS | ENCODER_REVOLUTIONS | GEAR_MOTOR | GEAR_SHAFT | FEED
-            | FEED_SHAFT => value > 0,
             _ => true,
         }
     }
-}
 
-/// One turn of the assumed encoder, in counts.
-const TURN: i64 = 1 << 20;
-
-/// Values at power-up. Where DSP 402 v2 names a default it is taken; ramps and velocities are one turn per second and
-/// more, so that a drive that nobody configured still moves.
-fn default_of(address: Address) -> i64 {
-    match address {
-        (0x607D | 0x608F | 0x6091 | 0x6092 | 0x60FE, 0)
-        | QUICK_STOP_OPTION
-        | FAULT_REACTION_OPTION => 2,
-        DISABLE_OPERATION_OPTION
-        | HALT_OPTION
-        | ENCODER_REVOLUTIONS
-        | GEAR_MOTOR
-        | GEAR_SHAFT
-        | FEED_SHAFT => 1,
-        FOLLOWING_TIMEOUT | POSITION_WINDOW => 10,
-        MAX_PROFILE_VELOCITY | MAX_ACCELERATION | MAX_DECELERATION => 0xFFFF_FFFF,
-        FOLLOWING_WINDOW | PROFILE_VELOCITY | ENCODER_INCREMENTS | FEED => TURN,
-        PROFILE_ACCELERATION | PROFILE_DECELERATION => 10 * TURN,
-        QUICK_STOP_DECELERATION => 20 * TURN,
-        _ => 0,
+    fn slot(&self, address: Address) -> Option<usize> {
+        self.entries
+            .binary_search_by_key(&address, Entry::address)
+            .ok()
     }
 }
-
-fn slot_of(address: Address) -> Option<usize> {
-    ENTRIES
-        .binary_search_by_key(&address, |entry| (entry.index, entry.subindex))
-        .ok()
-}
-
-const fn entry(
-    address: Address,
-    kind: DataType,
-    access: Access,
-    mapping: Mapping,
-    name: &'static str,
-) -> Entry {
-    Entry {
-        index: address.0,
-        subindex: address.1,
-        kind,
-        access,
-        mapping,
-        name,
-    }
-}
-
-use Access::{ReadOnly as Ro, ReadWrite as Rw};
-use DataType::{I8, I16, I32, U8, U16, U32};
-use Mapping::{Both, None as No, Rx, Tx};
-
-/// All entries, by index and subindex. 605Ah is mappable because the AKD2G lists it among its PDO data.
-pub(super) static ENTRIES: [Entry; 50] = [
-    entry(
-        ABORT_CONNECTION_OPTION,
-        I16,
-        Rw,
-        Rx,
-        "Abort connection option code",
-    ),
-    entry(ERROR_CODE, U16, Ro, Tx, "Error code"),
-    entry(CONTROLWORD, U16, Rw, Rx, "Controlword"),
-    entry(STATUSWORD, U16, Ro, Tx, "Statusword"),
-    entry(QUICK_STOP_OPTION, I16, Rw, Both, "Quick stop option code"),
-    entry(SHUTDOWN_OPTION, I16, Rw, No, "Shutdown option code"),
-    entry(
-        DISABLE_OPERATION_OPTION,
-        I16,
-        Rw,
-        No,
-        "Disable operation option code",
-    ),
-    entry(HALT_OPTION, I16, Rw, No, "Halt option code"),
-    entry(
-        FAULT_REACTION_OPTION,
-        I16,
-        Rw,
-        No,
-        "Fault reaction option code",
-    ),
-    entry(MODE, I8, Rw, Rx, "Modes of operation"),
-    entry(MODE_DISPLAY, I8, Ro, Tx, "Modes of operation display"),
-    entry(POSITION_DEMAND, I32, Ro, Tx, "Position demand value"),
-    entry(
-        POSITION_INTERNAL,
-        I32,
-        Ro,
-        Tx,
-        "Position actual internal value",
-    ),
-    entry(POSITION_ACTUAL, I32, Ro, Tx, "Position actual value"),
-    entry(FOLLOWING_WINDOW, U32, Rw, Rx, "Following error window"),
-    entry(FOLLOWING_TIMEOUT, U16, Rw, Rx, "Following error time out"),
-    entry(POSITION_WINDOW, U32, Rw, Rx, "Position window"),
-    entry(POSITION_WINDOW_TIME, U16, Rw, Rx, "Position window time"),
-    entry(VELOCITY_DEMAND, I32, Ro, Tx, "Velocity demand value"),
-    entry(VELOCITY_ACTUAL, I32, Ro, Tx, "Velocity actual value"),
-    entry(TARGET_POSITION, I32, Rw, Rx, "Target position"),
-    entry(HOME_OFFSET, I32, Rw, Rx, "Home offset"),
-    entry((0x607D, 0), U8, Ro, No, "Software position limit"),
-    entry(LIMIT_MIN, I32, Rw, Rx, "Min position limit"),
-    entry(LIMIT_MAX, I32, Rw, Rx, "Max position limit"),
-    entry(MAX_PROFILE_VELOCITY, U32, Rw, Rx, "Max profile velocity"),
-    entry(PROFILE_VELOCITY, U32, Rw, Rx, "Profile velocity"),
-    entry(END_VELOCITY, U32, Rw, Rx, "End velocity"),
-    entry(PROFILE_ACCELERATION, U32, Rw, Rx, "Profile acceleration"),
-    entry(PROFILE_DECELERATION, U32, Rw, Rx, "Profile deceleration"),
-    entry(
-        QUICK_STOP_DECELERATION,
-        U32,
-        Rw,
-        Rx,
-        "Quick stop deceleration",
-    ),
-    entry(PROFILE_TYPE, I16, Rw, Rx, "Motion profile type"),
-    entry((0x608F, 0), U8, Ro, No, "Position encoder resolution"),
-    entry(ENCODER_INCREMENTS, U32, Rw, No, "Encoder increments"),
-    entry(ENCODER_REVOLUTIONS, U32, Rw, No, "Motor revolutions"),
-    entry((0x6091, 0), U8, Ro, No, "Gear ratio"),
-    entry(GEAR_MOTOR, U32, Rw, No, "Motor revolutions"),
-    entry(GEAR_SHAFT, U32, Rw, No, "Shaft revolutions"),
-    entry((0x6092, 0), U8, Ro, No, "Feed constant"),
-    entry(FEED, U32, Rw, No, "Feed"),
-    entry(FEED_SHAFT, U32, Rw, No, "Shaft revolutions"),
-    entry(MAX_ACCELERATION, U32, Rw, Rx, "Max acceleration"),
-    entry(MAX_DECELERATION, U32, Rw, Rx, "Max deceleration"),
-    entry(POSITIONING_OPTION, U16, Rw, Rx, "Positioning option code"),
-    entry(
-        FOLLOWING_ERROR_ACTUAL,
-        I32,
-        Ro,
-        Tx,
-        "Following error actual value",
-    ),
-    entry(DIGITAL_INPUTS, U32, Ro, Tx, "Digital inputs"),
-    entry((0x60FE, 0), U8, Ro, No, "Digital outputs"),
-    entry(DIGITAL_OUTPUTS, U32, Rw, Rx, "Physical outputs"),
-    entry(DIGITAL_OUTPUT_MASK, U32, Rw, Rx, "Bit mask"),
-    entry(SUPPORTED_MODES, U32, Ro, Tx, "Supported drive modes"),
-];

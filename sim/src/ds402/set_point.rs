@@ -65,9 +65,10 @@ impl Axis {
         {
             return None;
         }
-        let velocity = object(objects::PROFILE_VELOCITY).min(object(objects::MAX_PROFILE_VELOCITY));
-        let acceleration =
-            object(objects::PROFILE_ACCELERATION).min(object(objects::MAX_ACCELERATION));
+        let velocity = object(objects::PROFILE_VELOCITY)
+            .min(self.objects.limit(objects::MAX_PROFILE_VELOCITY));
+        let acceleration = object(objects::PROFILE_ACCELERATION)
+            .min(self.objects.limit(objects::MAX_ACCELERATION));
         let bounds = Bounds {
             velocity: velocity as f64,
             end_velocity: object(objects::END_VELOCITY) as f64,
@@ -206,6 +207,6 @@ impl Axis {
         } else {
             own
         };
-        own.min(self.objects.value(objects::MAX_DECELERATION)) as f64
+        own.min(self.objects.limit(objects::MAX_DECELERATION)) as f64
     }
 }

@@ -44,12 +44,14 @@ pub fn io_terminal() -> Device {
             index: 0x1600,
             direction: Direction::Outputs,
             sync_manager: Some(0),
+            fixed: true,
             entries: vec![sixteen_bits(0x7000)],
         },
         PdoDescription {
             index: 0x1A00,
             direction: Direction::Inputs,
             sync_manager: Some(1),
+            fixed: true,
             entries: vec![sixteen_bits(0x6000)],
         },
     ];

@@ -120,9 +120,9 @@ fn the_announced_size_must_be_kept() {
 
 #[test]
 fn a_long_text_comes_up_in_segments_of_a_short_mailbox() {
-    use servocrab_sim::personality::Akd2g;
+    use servocrab_sim::personality::Servo;
     // A mailbox of 32 bytes holds 16 bytes in the initiate reply and 23 in a segment.
-    let mut master = Master::new(Segment::new().with(Akd2g::new().mailbox_bytes(32).build()));
+    let mut master = Master::new(Segment::new().with(Servo::akd2g().mailbox_bytes(32).build()));
     master.mailbox = 32;
     master.bring_to_preop();
     let text: Vec<u8> = (0..60).collect();

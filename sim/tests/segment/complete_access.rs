@@ -2,12 +2,12 @@
 //! takes two bytes. The layouts are the standard's (ETG.1000.6, tables of the SDO services with their complete access bit);
 //! the exchanges marked so are what SOEM exchanged with a slave that nobody here wrote.
 
-use servocrab_sim::{Segment, personality::Akd2g};
+use servocrab_sim::{Segment, personality::Servo};
 
 use crate::master::{Master, abort, request};
 
 fn preop() -> Master {
-    let drive = Akd2g::new().with_complete_access().build();
+    let drive = Servo::akd2g().with_complete_access().build();
     let mut master = Master::new(Segment::new().with(drive));
     master.bring_to_preop();
     master
@@ -202,7 +202,7 @@ fn what_has_no_complete_access_is_refused() {
 
 #[test]
 fn a_device_whose_coe_details_do_not_offer_it_refuses_all_of_it() {
-    let mut master = Master::new(Segment::new().with(Akd2g::new().build()));
+    let mut master = Master::new(Segment::new().with(Servo::akd2g().build()));
     master.bring_to_preop();
     for command in [0x50, 0x31, 0x33] {
         let reply = master.coe(&request(command, 0x1C12, 0, &[2, 0, 0, 0, 0, 0]));
@@ -213,7 +213,7 @@ fn a_device_whose_coe_details_do_not_offer_it_refuses_all_of_it() {
 #[test]
 fn a_whole_object_travels_in_segments_when_the_mailbox_is_short() {
     // A mailbox of 24 bytes: 8 bytes in the initiate mail, 15 in a segment.
-    let drive = Akd2g::new()
+    let drive = Servo::akd2g()
         .with_complete_access()
         .mailbox_bytes(24)
         .build();

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use servocrab_sim::personality::{self, Akd2g};
+use servocrab_sim::personality::{self, Servo};
 use servocrab_sim::{Direction, Segment};
 
 use crate::master::{BRD, BWR, FPRD, FPWR, LRW, Master};
@@ -134,7 +134,7 @@ fn logical_reads_and_writes_map_single_bits_of_several_devices() {
 
 #[test]
 fn a_device_without_lrw_leaves_that_command_alone_and_says_so() {
-    let mut master = Master::new(Segment::new().with(Akd2g::new().without_lrw().build()));
+    let mut master = Master::new(Segment::new().with(Servo::akd2g().without_lrw().build()));
     master.bring_to_preop();
     assert_eq!(master.read::<2>(0x1001, 0x0008)[1] & 0x02, 0x02);
     master.fmmu(0x1001, 0, 0, 4, 0x1100, 3);

@@ -2,12 +2,12 @@
 //! zero, fragments left u16, then the data, of which only the first fragment has the beginning (ETG.1000.6, tables of the
 //! SDO information services). Operations: 1 and 2 list, 3 and 4 object, 5 and 6 entry, 7 error.
 
-use servocrab_sim::{Segment, personality::Akd2g};
+use servocrab_sim::{Segment, personality::Servo};
 
 use crate::master::Master;
 
 fn preop(mailbox: u16) -> Master {
-    let drive = Akd2g::new()
+    let drive = Servo::akd2g()
         .with_sdo_information()
         .mailbox_bytes(mailbox)
         .build();

@@ -46,6 +46,14 @@ struct Arguments {
 enum Kind {
     /// Kollmorgen AKD2G, two axes
     Akd2g,
+    /// Stepper drive with object 2010h
+    Pp2010,
+    /// Beckhoff AX2000
+    Ax2000,
+    /// Yaskawa Sigma-7, incremental encoder
+    Sigma7,
+    /// Plain CiA 402 drive
+    Generic,
     /// A coupler without process data
     Coupler,
     /// An I/O terminal without CoE, two bytes each way
@@ -76,11 +84,8 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let stopped = Arc::clone(&stop);
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))?;
 
-    println!(
-        "listening on {}: {} SubDevice(s)",
-        arguments.interface,
-        segment.len()
-    );
+    // In one piece: whoever waits for the first line may read no further.
+    print!("{}", greeting(&arguments.interface, &segment));
     std::io::stdout().flush()?;
 
     let start = Instant::now();
@@ -134,9 +139,32 @@ fn lock(trace: &SharedTrace) -> std::sync::MutexGuard<'_, Trace<BufWriter<File>>
 fn build(kind: Kind) -> Device {
     match kind {
         Kind::Akd2g => personality::akd2g(),
+        Kind::Pp2010 => personality::pp2010(),
+        Kind::Ax2000 => personality::ax2000(),
+        Kind::Sigma7 => personality::sigma7(),
+        Kind::Generic => personality::generic(),
         Kind::Coupler => personality::coupler(),
         Kind::Io => personality::io_terminal(),
     }
+}
+
+/// The line that says that the program listens, and one for each SubDevice: who it is, as a MainDevice will find it.
+fn greeting(interface: &str, segment: &Segment) -> String {
+    let mut text = format!("listening on {interface}: {} SubDevice(s)\n", segment.len());
+    for (place, device) in (0..segment.len()).filter_map(|at| Some((at, segment.device(at)?))) {
+        let description = device.description();
+        let identity = description.identity;
+        text += &format!(
+            "{place}: {}, vendor {:08X}h, product {:08X}h, revision {}, serial {}, {} axes\n",
+            description.name,
+            identity.vendor,
+            identity.product,
+            identity.revision,
+            identity.serial,
+            device.axes().len(),
+        );
+    }
+    text
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {

@@ -417,8 +417,8 @@ fn an_edge_while_a_disabling_ramp_runs_is_lost() {
 }
 
 #[test]
-fn the_preset_with_2010h_holds_two_set_points_and_knows_no_blend() {
-    let mut bench = Bench::enabled(Behaviour::with_2010h());
+fn the_preset_pp2010_holds_two_set_points_and_knows_no_blend() {
+    let mut bench = Bench::enabled(Behaviour::pp2010());
     bench.start(0x000F, 1000);
     bench.start(0x020F, 2000);
     bench.word(0x000F);

@@ -1,0 +1,155 @@
+//! The list of drive profile objects from which every drive's own list is made.
+
+use super::objects::{
+    ABORT_CONNECTION_OPTION, ACCELERATION_DIVISOR, ACCELERATION_NUMERATOR, Access, CONTROLWORD,
+    DIGITAL_INPUTS, DIGITAL_OUTPUT_MASK, DIGITAL_OUTPUTS, DISABLE_OPERATION_OPTION, DataType,
+    ENCODER_INCREMENTS, ENCODER_REVOLUTIONS, END_VELOCITY, ERROR_CODE, Entry,
+    FAULT_REACTION_OPTION, FEED, FEED_SHAFT, FOLLOWING_ERROR_ACTUAL, FOLLOWING_TIMEOUT,
+    FOLLOWING_WINDOW, GEAR_MOTOR, GEAR_SHAFT, HALT_OPTION, HOME_OFFSET, LIMIT_MAX, LIMIT_MIN,
+    MAX_ACCELERATION, MAX_DECELERATION, MAX_MOTOR_SPEED, MAX_PROFILE_VELOCITY, MODE, MODE_DISPLAY,
+    Mapping, POLARITY, POSITION_ACTUAL, POSITION_DEMAND, POSITION_INTERNAL, POSITION_WINDOW,
+    POSITION_WINDOW_TIME, POSITIONING_OPTION, PROFILE_ACCELERATION, PROFILE_DECELERATION,
+    PROFILE_TYPE, PROFILE_VELOCITY, QUICK_STOP_DECELERATION, QUICK_STOP_OPTION, RANGE_MAX,
+    RANGE_MIN, SHUTDOWN_OPTION, STATUSWORD, SUPPORTED_MODES, TARGET_POSITION, VELOCITY_ACTUAL,
+    VELOCITY_DEMAND, VELOCITY_DIVISOR, VELOCITY_NUMERATOR,
+};
+
+use Access::{ReadOnly as Ro, ReadWrite as Rw};
+use DataType::{I8, I16, I32, U8, U16, U32};
+use Mapping::{Both, None as No, Rx, Tx};
+
+/// One turn of the assumed encoder, in counts.
+pub(super) const TURN: i64 = 1 << 20;
+
+/// All entries, by index and subindex. Where DSP 402 v2 names a default or a range it is taken; ramps and velocities are
+/// one turn per second and more, so that a drive that nobody configured still moves. 605Ah is mappable because the
+/// AKD2G lists it among its PDO data.
+pub(super) static ENTRIES: &[Entry] = &[
+    Entry::new(
+        ABORT_CONNECTION_OPTION,
+        I16,
+        Rw,
+        Rx,
+        "Abort connection option code",
+    )
+    .range(0, 3),
+    Entry::new(ERROR_CODE, U16, Ro, Tx, "Error code"),
+    Entry::new(CONTROLWORD, U16, Rw, Rx, "Controlword"),
+    Entry::new(STATUSWORD, U16, Ro, Tx, "Statusword"),
+    Entry::new(QUICK_STOP_OPTION, I16, Rw, Both, "Quick stop option code")
+        .default(2)
+        .range(0, 8),
+    Entry::new(SHUTDOWN_OPTION, I16, Rw, No, "Shutdown option code").range(0, 1),
+    Entry::new(
+        DISABLE_OPERATION_OPTION,
+        I16,
+        Rw,
+        No,
+        "Disable operation option code",
+    )
+    .default(1)
+    .range(0, 1),
+    Entry::new(HALT_OPTION, I16, Rw, No, "Halt option code")
+        .default(1)
+        .range(0, 4),
+    Entry::new(
+        FAULT_REACTION_OPTION,
+        I16,
+        Rw,
+        No,
+        "Fault reaction option code",
+    )
+    .default(2)
+    .range(0, 4),
+    Entry::new(MODE, I8, Rw, Rx, "Modes of operation"),
+    Entry::new(MODE_DISPLAY, I8, Ro, Tx, "Modes of operation display"),
+    Entry::new(POSITION_DEMAND, I32, Ro, Tx, "Position demand value"),
+    Entry::new(
+        POSITION_INTERNAL,
+        I32,
+        Ro,
+        Tx,
+        "Position actual internal value",
+    ),
+    Entry::new(POSITION_ACTUAL, I32, Ro, Tx, "Position actual value"),
+    Entry::new(FOLLOWING_WINDOW, U32, Rw, Rx, "Following error window").default(TURN),
+    Entry::new(FOLLOWING_TIMEOUT, U16, Rw, Rx, "Following error time out").default(10),
+    Entry::new(POSITION_WINDOW, U32, Rw, Rx, "Position window").default(10),
+    Entry::new(POSITION_WINDOW_TIME, U16, Rw, Rx, "Position window time"),
+    Entry::new(VELOCITY_DEMAND, I32, Ro, Tx, "Velocity demand value"),
+    Entry::new(VELOCITY_ACTUAL, I32, Ro, Tx, "Velocity actual value"),
+    Entry::new(TARGET_POSITION, I32, Rw, Rx, "Target position"),
+    Entry::count(0x607B, 2, "Position range limit"),
+    Entry::new(RANGE_MIN, I32, Rw, Rx, "Min position range limit").default(-0x8000_0000),
+    Entry::new(RANGE_MAX, I32, Rw, Rx, "Max position range limit").default(0x7FFF_FFFF),
+    Entry::new(HOME_OFFSET, I32, Rw, Rx, "Home offset"),
+    Entry::count(0x607D, 2, "Software position limit"),
+    Entry::new(LIMIT_MIN, I32, Rw, Rx, "Min position limit"),
+    Entry::new(LIMIT_MAX, I32, Rw, Rx, "Max position limit"),
+    Entry::new(POLARITY, U8, Rw, Rx, "Polarity"),
+    Entry::new(MAX_PROFILE_VELOCITY, U32, Rw, Rx, "Max profile velocity").default(0xFFFF_FFFF),
+    Entry::new(MAX_MOTOR_SPEED, U32, Rw, Rx, "Max motor speed").default(0xFFFF_FFFF),
+    Entry::new(PROFILE_VELOCITY, U32, Rw, Rx, "Profile velocity").default(TURN),
+    Entry::new(END_VELOCITY, U32, Rw, Rx, "End velocity"),
+    Entry::new(PROFILE_ACCELERATION, U32, Rw, Rx, "Profile acceleration").default(10 * TURN),
+    Entry::new(PROFILE_DECELERATION, U32, Rw, Rx, "Profile deceleration").default(10 * TURN),
+    Entry::new(
+        QUICK_STOP_DECELERATION,
+        U32,
+        Rw,
+        Rx,
+        "Quick stop deceleration",
+    )
+    .default(20 * TURN),
+    Entry::new(PROFILE_TYPE, I16, Rw, Rx, "Motion profile type"),
+    Entry::count(0x608F, 2, "Position encoder resolution"),
+    Entry::new(ENCODER_INCREMENTS, U32, Rw, No, "Encoder increments")
+        .default(TURN)
+        .range(1, 0xFFFF_FFFF),
+    Entry::new(ENCODER_REVOLUTIONS, U32, Rw, No, "Motor revolutions")
+        .default(1)
+        .range(1, 0xFFFF_FFFF),
+    Entry::count(0x6091, 2, "Gear ratio"),
+    Entry::new(GEAR_MOTOR, U32, Rw, No, "Motor revolutions")
+        .default(1)
+        .range(1, 0xFFFF_FFFF),
+    Entry::new(GEAR_SHAFT, U32, Rw, No, "Shaft revolutions")
+        .default(1)
+        .range(1, 0xFFFF_FFFF),
+    Entry::count(0x6092, 2, "Feed constant"),
+    Entry::new(FEED, U32, Rw, No, "Feed")
+        .default(TURN)
+        .range(1, 0xFFFF_FFFF),
+    Entry::new(FEED_SHAFT, U32, Rw, No, "Shaft revolutions")
+        .default(1)
+        .range(1, 0xFFFF_FFFF),
+    Entry::count(0x6096, 2, "Velocity factor"),
+    Entry::new(VELOCITY_NUMERATOR, U32, Rw, No, "Numerator")
+        .default(1)
+        .range(1, 0xFFFF_FFFF),
+    Entry::new(VELOCITY_DIVISOR, U32, Rw, No, "Divisor")
+        .default(1)
+        .range(1, 0xFFFF_FFFF),
+    Entry::count(0x6097, 2, "Acceleration factor"),
+    Entry::new(ACCELERATION_NUMERATOR, U32, Rw, No, "Numerator")
+        .default(1)
+        .range(1, 0xFFFF_FFFF),
+    Entry::new(ACCELERATION_DIVISOR, U32, Rw, No, "Divisor")
+        .default(1)
+        .range(1, 0xFFFF_FFFF),
+    Entry::new(MAX_ACCELERATION, U32, Rw, Rx, "Max acceleration").default(0xFFFF_FFFF),
+    Entry::new(MAX_DECELERATION, U32, Rw, Rx, "Max deceleration").default(0xFFFF_FFFF),
+    Entry::new(POSITIONING_OPTION, U16, Rw, Rx, "Positioning option code"),
+    Entry::new(
+        FOLLOWING_ERROR_ACTUAL,
+        I32,
+        Ro,
+        Tx,
+        "Following error actual value",
+    ),
+    Entry::new(DIGITAL_INPUTS, U32, Ro, Tx, "Digital inputs"),
+    Entry::count(0x60FE, 2, "Digital outputs"),
+    Entry::new(DIGITAL_OUTPUTS, U32, Rw, Rx, "Physical outputs"),
+    Entry::new(DIGITAL_OUTPUT_MASK, U32, Rw, Rx, "Bit mask"),
+    Entry::new(SUPPORTED_MODES, U32, Ro, Tx, "Supported drive modes"),
+];

@@ -1,0 +1,362 @@
+//! The builder of every drive here. What one drive is made of is a [`Model`]; what a test changes of it, the builder's
+//! methods.
+
+use crate::description::{
+    ClockMode, Description, Direction, Identity, Mailbox, PdoDescription, PdoEntryDescription,
+    SyncManagerDescription, SyncManagerUse,
+};
+use crate::device::{Blueprint, Device};
+use crate::drive::{AxisStatusObject, DriveBlueprint};
+use crate::ds402::{Axis, Behaviour, DataType};
+use crate::pdo::PdoLimits;
+
+/// What is added to a profile object's index for each further axis (DSP 402 v2: 800h).
+const AXIS_INCREMENT: u16 = 0x0800;
+
+/// A PDO of the first axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pdo {
+    /// 16xxh or 1Axxh.
+    pub(super) index: u16,
+    /// The objects in it, by index; all have subindex 0.
+    pub(super) objects: &'static [u16],
+    /// It is assigned at power-up.
+    pub(super) assigned: bool,
+}
+
+impl Pdo {
+    pub(super) const fn assigned(index: u16, objects: &'static [u16]) -> Self {
+        Self {
+            index,
+            objects,
+            assigned: true,
+        }
+    }
+
+    pub(super) const fn offered(index: u16, objects: &'static [u16]) -> Self {
+        Self {
+            index,
+            objects,
+            assigned: false,
+        }
+    }
+}
+
+/// Process data memory: address and control byte of its sync manager.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Memory {
+    pub(super) start: u16,
+    pub(super) control: u8,
+}
+
+/// One kind of drive, as data.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Model {
+    pub(super) name: &'static str,
+    pub(super) order: &'static str,
+    pub(super) identity: Identity,
+    /// 1000h.
+    pub(super) device_type: u32,
+    pub(super) axes: usize,
+    pub(super) behaviour: fn() -> Behaviour,
+    /// Both mailboxes: address, the other's address, length of each.
+    pub(super) mailbox: (u16, u16, u16),
+    /// Protocols (word 1Ch of the SII) and the CoE details of category 30.
+    pub(super) protocols: u16,
+    pub(super) coe_details: u8,
+    pub(super) outputs: Memory,
+    pub(super) inputs: Memory,
+    pub(super) rx_pdos: &'static [Pdo],
+    pub(super) tx_pdos: &'static [Pdo],
+    /// What is added to a PDO's index for each further axis.
+    pub(super) pdo_increment: u16,
+    pub(super) limits: PdoLimits,
+    pub(super) fmmu_usage: &'static [u8],
+    /// SII categories that nothing here interprets: number and content.
+    pub(super) other_categories: &'static [(u16, &'static [u8])],
+    pub(super) status_object: Option<AxisStatusObject>,
+    pub(super) note: Option<(u16, usize)>,
+    /// 1010h is there.
+    pub(super) saves: bool,
+}
+
+/// A servo drive of which details can be changed before it is built. Start from the drive that is meant.
+///
+/// ```
+/// use servocrab_sim::personality::Servo;
+/// let drive = Servo::akd2g().serial(4711).inputs_at(0x1140).build();
+/// assert_eq!(drive.axes().len(), 2);
+/// let drive = Servo::sigma7().change(|behaviour| behaviour.power_on_cycles = 5).build();
+/// assert_eq!(drive.axes().len(), 1);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Servo {
+    model: Model,
+    behaviours: Vec<Behaviour>,
+    supports_lrw: bool,
+    fixed_mapping: bool,
+    assigned: Option<Vec<u16>>,
+}
+
+impl Servo {
+    pub(super) fn new(model: Model) -> Self {
+        Self {
+            behaviours: vec![(model.behaviour)(); model.axes],
+            model,
+            supports_lrw: true,
+            fixed_mapping: false,
+            assigned: None,
+        }
+    }
+
+    /// Gives the drive a serial number.
+    #[must_use]
+    pub fn serial(mut self, serial: u32) -> Self {
+        self.model.identity.serial = serial;
+        self
+    }
+
+    /// Gives the drive another identity.
+    #[must_use]
+    pub fn identity(mut self, identity: Identity) -> Self {
+        self.model.identity = identity;
+        self
+    }
+
+    /// Changes how all axes behave.
+    #[must_use]
+    pub fn behaviour(mut self, behaviour: Behaviour) -> Self {
+        self.behaviours = vec![behaviour; self.behaviours.len()];
+        self
+    }
+
+    /// Changes how one axis, counted from 0, behaves.
+    #[must_use]
+    pub fn axis_behaviour(mut self, axis: usize, behaviour: Behaviour) -> Self {
+        if let Some(known) = self.behaviours.get_mut(axis) {
+            *known = behaviour;
+        }
+        self
+    }
+
+    /// Changes something in how all axes behave.
+    #[must_use]
+    pub fn change(mut self, change: impl Fn(&mut Behaviour)) -> Self {
+        self.behaviours.iter_mut().for_each(change);
+        self
+    }
+
+    /// Sets the address that the SII gives for the inputs.
+    #[must_use]
+    pub fn inputs_at(mut self, address: u16) -> Self {
+        self.model.inputs.start = address;
+        self
+    }
+
+    /// Sets the size of both mailboxes, up to the drive's own.
+    #[must_use]
+    pub fn mailbox_bytes(mut self, bytes: u16) -> Self {
+        self.model.mailbox.2 = bytes.min(self.model.mailbox.2);
+        self
+    }
+
+    /// Adds the SDO information service.
+    #[must_use]
+    pub fn with_sdo_information(mut self) -> Self {
+        self.model.coe_details |= Mailbox::SDO_INFORMATION;
+        self
+    }
+
+    /// Takes the SDO information service away.
+    #[must_use]
+    pub fn without_sdo_information(mut self) -> Self {
+        self.model.coe_details &= !Mailbox::SDO_INFORMATION;
+        self
+    }
+
+    /// Adds complete access.
+    #[must_use]
+    pub fn with_complete_access(mut self) -> Self {
+        self.model.coe_details |= Mailbox::COMPLETE_ACCESS;
+        self
+    }
+
+    /// Takes complete access away.
+    #[must_use]
+    pub fn without_complete_access(mut self) -> Self {
+        self.model.coe_details &= !Mailbox::COMPLETE_ACCESS;
+        self
+    }
+
+    /// Takes the LRW command away, so that the MainDevice needs LRD and LWR.
+    #[must_use]
+    pub fn without_lrw(mut self) -> Self {
+        self.supports_lrw = false;
+        self
+    }
+
+    /// Sets what is added to a PDO's index for each further axis.
+    #[must_use]
+    pub fn pdo_increment(mut self, increment: u16) -> Self {
+        self.model.pdo_increment = increment;
+        self
+    }
+
+    /// Sets how many entries one PDO takes.
+    #[must_use]
+    pub fn entries_per_pdo(mut self, entries: u8) -> Self {
+        self.model.limits.entries = entries;
+        self
+    }
+
+    /// Fixes the content of all PDOs: it can be read, and only the assignment be changed.
+    #[must_use]
+    pub fn fixed_mapping(mut self) -> Self {
+        self.fixed_mapping = true;
+        self
+    }
+
+    /// Assigns other PDOs at power-up (1C12h and 1C13h) than those that the SII says.
+    #[must_use]
+    pub fn assigned_at_power_up(mut self, pdos: &[u16]) -> Self {
+        self.assigned = Some(pdos.to_vec());
+        self
+    }
+
+    /// The drive, just switched on.
+    #[must_use]
+    pub fn build(self) -> Device {
+        let cycle = self
+            .behaviours
+            .first()
+            .map_or(core::time::Duration::from_millis(1), |behaviour| {
+                behaviour.period
+            });
+        Device::new(Blueprint {
+            description: self.description(),
+            drive: Some(self.drive()),
+            cycle,
+        })
+    }
+
+    fn description(&self) -> Description {
+        let model = &self.model;
+        let mut description = Description::new(model.name, model.identity);
+        description.order = model.order.to_owned();
+        description.group = "Drives".to_owned();
+        let (out, input, length) = model.mailbox;
+        description.mailbox = Some(Mailbox {
+            out: (out, length),
+            input: (input, length),
+            protocols: model.protocols,
+            coe_details: model.coe_details,
+        });
+        description.pdos = self.pdos(model.rx_pdos, Direction::Outputs);
+        description
+            .pdos
+            .extend(self.pdos(model.tx_pdos, Direction::Inputs));
+        let bytes =
+            |direction| u16::try_from(description.process_data_bytes(direction)).unwrap_or(0);
+        let sync_manager = |start, length, control, purpose| SyncManagerDescription {
+            start,
+            length,
+            control,
+            purpose,
+        };
+        let (outputs, inputs) = (bytes(Direction::Outputs), bytes(Direction::Inputs));
+        description.sync_managers = vec![
+            sync_manager(out, length, 0x26, SyncManagerUse::MailboxOut),
+            sync_manager(input, length, 0x22, SyncManagerUse::MailboxIn),
+            sync_manager(
+                model.outputs.start,
+                outputs,
+                model.outputs.control,
+                SyncManagerUse::Outputs,
+            ),
+            sync_manager(
+                model.inputs.start,
+                inputs,
+                model.inputs.control,
+                SyncManagerUse::Inputs,
+            ),
+        ];
+        description.fmmu_usage = model.fmmu_usage.to_vec();
+        let clock_mode = |name: &str, assign_activate| ClockMode {
+            name: name.to_owned(),
+            assign_activate,
+        };
+        description.clock_modes = vec![clock_mode("DcSync", 0x0300), clock_mode("DcOff", 0)];
+        description.other_categories = model
+            .other_categories
+            .iter()
+            .map(|(kind, content)| (*kind, content.to_vec()))
+            .collect();
+        description.ds402_channels = u8::try_from(self.behaviours.len()).unwrap_or(u8::MAX);
+        description.supports_lrw = self.supports_lrw;
+        description
+    }
+
+    /// The PDOs of all axes in one direction.
+    fn pdos(&self, of_one_axis: &[Pdo], direction: Direction) -> Vec<PdoDescription> {
+        let sync_manager = match direction {
+            Direction::Outputs => 2,
+            Direction::Inputs => 3,
+        };
+        let mut pdos = Vec::new();
+        for (number, behaviour) in (0..).zip(&self.behaviours) {
+            let axis = Axis::new(behaviour.clone());
+            pdos.extend(of_one_axis.iter().map(|pdo| {
+                PdoDescription {
+                    index: pdo.index + number * self.model.pdo_increment,
+                    direction,
+                    sync_manager: pdo.assigned.then_some(sync_manager),
+                    fixed: self.fixed_mapping,
+                    entries: pdo
+                        .objects
+                        .iter()
+                        .filter_map(|index| entry(&axis, *index, number * AXIS_INCREMENT))
+                        .collect(),
+                }
+            }));
+        }
+        pdos
+    }
+
+    fn drive(self) -> DriveBlueprint {
+        DriveBlueprint {
+            axes: self.behaviours,
+            axis_increment: AXIS_INCREMENT,
+            device_type: self.model.device_type,
+            status_object: self.model.status_object,
+            note: self.model.note,
+            limits: self.model.limits,
+            assigned: self.assigned,
+            saves: self.model.saves,
+            software_version: "simulated".to_owned(),
+            hardware_version: "simulated".to_owned(),
+        }
+    }
+}
+
+/// An object of an axis as a PDO of the SII names it.
+fn entry(axis: &Axis, index: u16, offset: u16) -> Option<PdoEntryDescription> {
+    let entry = axis
+        .entries()
+        .iter()
+        .find(|entry| (entry.index, entry.subindex) == (index, 0))?;
+    // Data types as the SII codes them (ETG.1000.6, basic data types).
+    let data_type = match entry.kind {
+        DataType::I8 => 2,
+        DataType::I16 => 3,
+        DataType::I32 => 4,
+        DataType::U8 => 5,
+        DataType::U16 => 6,
+        DataType::U32 => 7,
+    };
+    Some(PdoEntryDescription {
+        index: index + offset,
+        subindex: 0,
+        data_type,
+        bits: 8 * entry.kind.size() as u8,
+    })
+}
