@@ -44,47 +44,65 @@ pub(crate) fn simulator() -> PathBuf {
     static BUILT: OnceLock<()> = OnceLock::new();
     BUILT.get_or_init(|| {
         if !made_already() {
-            build(&root().join("sim/Cargo.toml"), &target());
+            build(&root().join("sim/Cargo.toml"), &target())
+                .unwrap_or_else(|error| panic!("{error}"));
         }
     });
     profile().join("servocrab-sim")
 }
 
+/// The program that runs etherage, with the versions of its own lock file.
+pub(crate) fn etherage() -> Option<PathBuf> {
+    static MADE: OnceLock<Made> = OnceLock::new();
+    let make = || {
+        let target = target().join("interop/etherage");
+        if !made_already() {
+            build(&sources().join("etherage/Cargo.toml"), &target)?;
+        }
+        let profile = profile();
+        let directory = profile.file_name().ok_or("the profile has a name")?;
+        Ok(target.join(directory).join("servocrab-interop-etherage"))
+    };
+    given("etherage", MADE.get_or_init(make))
+}
+
+/// A Python that has what `requirements.txt` pins, in an environment of its own.
+pub(crate) fn python() -> Option<PathBuf> {
+    static MADE: OnceLock<Made> = OnceLock::new();
+    given("SOEM", MADE.get_or_init(environment))
+}
+
+/// A program, or why it could not be made.
+type Made = Result<PathBuf, String>;
+
+fn given(master: &str, made: &Made) -> Option<PathBuf> {
+    if let Err(error) = made {
+        let message = format!("SKIPPED: {master} cannot be had here: {error}");
+        assert_ne!(
+            env::var("CI").as_deref(),
+            Ok("true"),
+            "{message}; in CI that is a failure"
+        );
+        eprintln!("{message}");
+    }
+    made.clone().ok()
+}
+
 /// Builds a package with the profile of this test.
-fn build(manifest: &Path, target: &Path) {
+fn build(manifest: &Path, target: &Path) -> Result<(), String> {
     let mut cargo = Command::new(env!("CARGO"));
     cargo
-        .args(["build", "--quiet", "--manifest-path"])
+        .args(["build", "--quiet", "--locked", "--manifest-path"])
         .arg(manifest)
         .arg("--target-dir")
         .arg(target);
     if profile().ends_with("release") {
         cargo.arg("--release");
     }
-    succeed(&mut cargo).unwrap_or_else(|error| panic!("{}: {error}", manifest.display()));
+    succeed(&mut cargo)
 }
 
-/// A Python that has what `requirements.txt` pins, in an environment of its own; `None` where that cannot be made.
-pub(crate) fn python() -> Option<PathBuf> {
-    static MADE: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    let made = MADE.get_or_init(|| {
-        environment().map_err(|error| {
-            let message = format!("SKIPPED: no Python environment with SOEM: {error}");
-            eprintln!("{message}");
-            message
-        })
-    });
-    if let Err(message) = made {
-        assert_ne!(
-            env::var("CI").as_deref(),
-            Ok("true"),
-            "{message}; in CI that is a failure"
-        );
-    }
-    made.clone().ok()
-}
-
-fn environment() -> Result<PathBuf, String> {
+fn environment() -> Made {
     let place = target().join("interop/soem");
     let python = place.join("bin/python");
     if made_already() {

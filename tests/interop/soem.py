@@ -167,10 +167,10 @@ def segmented(bench):
     """A text longer than the mailbox, so that neither way does one mail hold it."""
     index, longest = bench.drive.text_object
     mailbox = struct.unpack("<H", bench.slave.eeprom_read(0x19)[:2])[0]
-    expect("the text is longer than the mailbox", longest > mailbox, True)
-    # Every length of the last segment that is padded or not, and one that fills the object.
+    expect("the text takes several segments", longest > 2 * mailbox, True)
+    # Every length of a last segment that is padded or not, and one that fills the object.
     room = mailbox - 16
-    lengths = sorted({room, *range(room + 1, room + 10), min(2 * room + 11, longest), longest})
+    lengths = sorted({room, *range(room + 1, room + 10), 2 * room + 20, longest})
     for length in lengths:
         text = bytes((7 * at + length) % 251 for at in range(length))
         bench.slave.sdo_write(index, 0, text)

@@ -1,0 +1,103 @@
+//! Runs the etherage master against one simulated drive: `servocrab-interop-etherage INTERFACE TABLE DRIVE`.
+//!
+//! Each check prints a line `ok NAME: what was seen`; the first that fails ends the program. What a drive should answer is
+//! in the table (`drives.json`); the program has no case for any of them. It shares no code or constants with the library
+//! under test or with the simulated drive.
+
+mod acyclic;
+mod cyclic;
+mod drive;
+
+use std::{env, error::Error, fmt::Debug, fs, process::ExitCode, time::Duration};
+
+use cyclic::Bench;
+use drive::Drive;
+use etherage::{
+    CommunicationState, EthernetSocket, Master,
+    data::Field as Place,
+    mapping::{Config, Mapping},
+};
+use tokio::time;
+
+type Outcome<T = ()> = Result<T, Box<dyn Error>>;
+
+/// For anything at all; nothing in etherage gives up by itself.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// The fixed address that the drive gets.
+const ADDRESS: u16 = 1;
+/// Watchdog time of process data, in ticks of 100 µs unless somebody has changed the divider.
+const WATCHDOG: (Place<u16>, u16) = (Place::simple(0x0420), 5_000);
+
+#[tokio::main]
+async fn main() -> ExitCode {
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    let [interface, table, name] = arguments.as_slice() else {
+        eprintln!("usage: servocrab-interop-etherage INTERFACE TABLE DRIVE");
+        return ExitCode::FAILURE;
+    };
+    let table = fs::read_to_string(table).expect("the table");
+    match run(interface, &Drive::named(&table, name)).await {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            println!("FAILED, the check after those above: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+async fn run(interface: &str, drive: &Drive) -> Outcome {
+    let master = Master::new(EthernetSocket::new(interface)?);
+    let mut slave = in_time("scan", acyclic::scan(&master)).await?;
+    let memory = in_time("SII", acyclic::sii(&mut slave, drive)).await?;
+
+    in_time("INIT", slave.switch(CommunicationState::Init)).await?;
+    in_time("address", slave.set_address(ADDRESS)).await?;
+    in_time("mailbox", slave.init_coe()).await?;
+    in_time("PREOP", slave.switch(CommunicationState::PreOperational)).await?;
+    in_time("SDO", acyclic::expedited(&slave)).await?;
+    in_time("SDO", acyclic::normal(&slave, drive, memory.mailbox)).await?;
+    in_time("SDO", acyclic::aborts(&slave)).await?;
+
+    let config = Config::default();
+    let mapping = Mapping::new(&config);
+    let places = cyclic::place(&mapping, drive, &memory);
+    let group = master.group(&mapping).await;
+    in_time("mapping", acyclic::mapping(&slave, &group, drive)).await?;
+    // Protocol-unsafe only where two write the same register.
+    let raw = unsafe { slave.raw_master() };
+    raw.fpwr(ADDRESS, WATCHDOG.0, WATCHDOG.1).await.one()?;
+    in_time("SAFEOP", slave.switch(CommunicationState::SafeOperational)).await?;
+    ok("safe_op", "SAFEOP");
+
+    let bench = Bench::new(&group, drive, places);
+    tokio::select! {
+        done = bench.checks(&mut slave) => done?,
+        () = bench.exchange() => {}
+    }
+    in_time("INIT", slave.switch(CommunicationState::Init)).await?;
+    ok("back_to_init", "INIT");
+    Ok(())
+}
+
+/// Reports a check that was passed.
+fn ok(check: &str, seen: impl std::fmt::Display) {
+    println!("ok {check}: {seen}");
+}
+
+fn expect<T: PartialEq + Debug>(what: &str, seen: T, wanted: T) -> Outcome {
+    if seen == wanted {
+        return Ok(());
+    }
+    Err(format!("{what}: expected {wanted:?}, got {seen:?}").into())
+}
+
+/// Ends what would wait for ever.
+async fn in_time<T, E: Into<Box<dyn Error>>>(
+    what: &str,
+    work: impl Future<Output = Result<T, E>>,
+) -> Outcome<T> {
+    match time::timeout(PATIENCE, work).await {
+        Ok(done) => done.map_err(|error| format!("{what}: {}", error.into()).into()),
+        Err(_) => Err(format!("{what}: not in {PATIENCE:?}").into()),
+    }
+}
