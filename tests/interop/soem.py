@@ -27,6 +27,10 @@ class Bench:
 
     def __init__(self, interface, drive):
         self.drive = drive
+        # A busy machine is no lost frame: the timeouts for one are far longer than SOEM's 2 ms.
+        timeouts = pysoem.settings.timeouts
+        timeouts.ret, timeouts.safe = 100_000, 200_000
+        timeouts.rx_mailbox, timeouts.tx_mailbox = 2_000_000, 500_000
         self.master = pysoem.Master()
         # The state changes are checks of their own.
         self.master.manual_state_change = True
