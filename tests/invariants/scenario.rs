@@ -133,11 +133,14 @@ fn build(random: &mut Random, lag_cycles: u32, starts: Starts) -> World {
         Starts::Cia402 => Behaviour::generic(),
         Starts::WithoutBlend => Behaviour {
             supported_modes: Behaviour::generic().supported_modes,
-            // 606Ch is mapped.
+            // 606Ch is mapped, 607Dh makes trouble.
             without: &[],
             ..Behaviour::pp2010()
         },
-        Starts::Ax2000 => Behaviour::ax2000(),
+        Starts::Ax2000 => Behaviour {
+            without: &[],
+            ..Behaviour::ax2000()
+        },
     };
     let option = random.pick(&[1, 2, 5, 6]);
     let sticky = akd2g && random.one_in(12);
