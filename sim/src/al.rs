@@ -26,9 +26,14 @@ pub(crate) mod code {
     pub(crate) const BOOT_NOT_SUPPORTED: u16 = 0x0013;
     pub(crate) const INVALID_MAILBOX: u16 = 0x0016;
     pub(crate) const NO_VALID_OUTPUTS: u16 = 0x0019;
+    pub(crate) const SYNC_LOST: u16 = 0x001A;
     pub(crate) const WATCHDOG: u16 = 0x001B;
     pub(crate) const INVALID_OUTPUTS: u16 = 0x001D;
     pub(crate) const INVALID_INPUTS: u16 = 0x001E;
+    pub(crate) const NO_SYNC: u16 = 0x002D;
+    pub(crate) const INVALID_SYNC: u16 = 0x0030;
+    pub(crate) const INVALID_SYNC_CYCLE: u16 = 0x0035;
+    pub(crate) const UNSUPPORTED_SYNC0_CYCLE: u16 = 0x0036;
 }
 
 /// Control bit 4 acknowledges an error, status bit 4 shows it.
@@ -40,8 +45,8 @@ pub(crate) trait Checks {
     fn mailbox(&self) -> Result<(), u16>;
     /// PREOP to SAFEOP.
     fn process_data(&self) -> Result<(), u16>;
-    /// SAFEOP to OP: whether valid outputs have come.
-    fn outputs_are_valid(&self) -> bool;
+    /// SAFEOP to OP: what is still missing, valid outputs or SYNC0.
+    fn ready_for_op(&self) -> Result<(), u16>;
 }
 
 /// The state machine.
@@ -49,7 +54,7 @@ pub(crate) trait Checks {
 pub(crate) struct AlMachine {
     state: AlState,
     code: u16,
-    /// A request for OP that waits for outputs, and until when.
+    /// A request for OP that waits for outputs or SYNC0, and until when.
     waiting: Option<Duration>,
 }
 
@@ -83,7 +88,7 @@ impl AlMachine {
             }
     }
 
-    /// The MainDevice wrote AL control. `patience` is how long a request for OP waits for outputs.
+    /// The MainDevice wrote AL control. `patience` is how long a request for OP waits for outputs and SYNC0.
     pub(crate) fn request(
         &mut self,
         control: u16,
@@ -111,7 +116,7 @@ impl AlMachine {
             }
             (AlState::Init, AlState::PreOp) => self.step(AlState::PreOp, checks.mailbox()),
             (AlState::PreOp, AlState::SafeOp) => self.step(AlState::SafeOp, checks.process_data()),
-            (AlState::SafeOp, AlState::Op) if checks.outputs_are_valid() => {
+            (AlState::SafeOp, AlState::Op) if checks.ready_for_op().is_ok() => {
                 self.step(AlState::Op, Ok(()));
             }
             (AlState::SafeOp, AlState::Op) => self.waiting = Some(now.saturating_add(patience)),
@@ -119,17 +124,15 @@ impl AlMachine {
         }
     }
 
-    /// Looks whether a request for OP can be granted or has waited too long.
+    /// Looks whether a request for OP can be granted or has waited too long; then what is missing is the reason.
     pub(crate) fn poll(&mut self, checks: &dyn Checks, now: Duration) {
         let Some(deadline) = self.waiting else {
             return;
         };
-        if checks.outputs_are_valid() {
+        let check = checks.ready_for_op();
+        if check.is_ok() || now >= deadline {
             self.waiting = None;
-            self.step(AlState::Op, Ok(()));
-        } else if now >= deadline {
-            self.waiting = None;
-            self.refuse(code::NO_VALID_OUTPUTS);
+            self.step(AlState::Op, check);
         }
     }
 
@@ -183,8 +186,8 @@ mod tests {
         fn process_data(&self) -> Result<(), u16> {
             Ok(())
         }
-        fn outputs_are_valid(&self) -> bool {
-            self.outputs
+        fn ready_for_op(&self) -> Result<(), u16> {
+            if self.outputs { Ok(()) } else { Err(0x0019) }
         }
     }
 

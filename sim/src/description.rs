@@ -147,6 +147,8 @@ pub struct Description {
     pub pdos: Vec<PdoDescription>,
     /// Its distributed-clock modes.
     pub clock_modes: Vec<ClockMode>,
+    /// Nanoseconds of which a SYNC0 cycle must be a multiple.
+    pub sync0_step_ns: u32,
     /// SII categories that nothing here interprets, as number and content: those of vendors (0800h and above) stand before
     /// all others, in this order; the rest between them by its number.
     pub other_categories: Vec<(u16, Vec<u8>)>,
@@ -173,6 +175,8 @@ impl Description {
             fmmu_usage: Vec::new(),
             pdos: Vec::new(),
             clock_modes: Vec::new(),
+            // Assumed: half the shortest cycle that drives usually have.
+            sync0_step_ns: 62_500,
             other_categories: Vec::new(),
             ds402_channels: 0,
             supports_lrw: true,

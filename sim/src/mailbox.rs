@@ -10,6 +10,9 @@ use crate::frame::read_u16;
 pub(crate) const HEADER: usize = 6;
 /// Type of a mail that reports an error of the mailbox itself.
 const TYPE_ERROR: u8 = 0;
+/// Mails that may wait before the mailbox takes no further request: the next one stays in the sync manager, which is full
+/// then. Assumed; real devices have room for few.
+const MOST_WAITING: usize = 32;
 /// Type of a CoE mail.
 pub(crate) const TYPE_COE: u8 = 3;
 
@@ -76,6 +79,10 @@ impl Mailbox {
 
     /// Queues a CoE mail ahead of all replies, behind the emergencies that are queued already.
     pub(crate) fn push_emergency(&mut self, payload: Vec<u8>) {
+        if self.queue.len() >= 2 * MOST_WAITING {
+            // Nobody reads them; the error is in the history, where the drive has one.
+            return;
+        }
         let at = self.emergencies.min(self.queue.len());
         self.queue.insert(
             at,
@@ -106,6 +113,7 @@ impl Mailbox {
             self.repeat(post);
         }
         if self.request.is_none()
+            && self.queue.len() < MOST_WAITING
             && let Some(mail) = post.take()
         {
             self.receive(&mail, now);
@@ -145,6 +153,10 @@ impl Mailbox {
             return;
         }
         self.last_request = counter;
+        if kind & 0x0F == TYPE_ERROR {
+            // A complaint of the MainDevice is not answered with one.
+            return;
+        }
         match mail.get(HEADER..HEADER + usize::from(length)) {
             Some(payload) => {
                 self.request = Some((

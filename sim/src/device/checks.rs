@@ -1,11 +1,14 @@
 //! What a device checks before it goes one AL state up.
 
+use core::time::Duration;
+
 use super::Device;
 use crate::al::{Checks, code};
 use crate::description::{Direction, SyncManagerUse};
+use crate::drive::Drive;
 
-/// The checks of the AL state machine against a device's description and mapping.
-pub(super) struct CheckedBy<'a>(pub(super) &'a Device);
+/// The checks of the AL state machine against a device's description and mapping, at a time.
+pub(super) struct CheckedBy<'a>(pub(super) &'a Device, pub(super) Duration);
 
 impl CheckedBy<'_> {
     /// Process-data sync manager: as long as what is mapped, and its three buffers clear of all other sync managers.
@@ -33,6 +36,48 @@ impl CheckedBy<'_> {
             && settings.master_writes() == (direction == Direction::Outputs)
             && self.0.esc.is_clear_of_others(index);
         if fits { Ok(()) } else { Err(code) }
+    }
+}
+
+impl CheckedBy<'_> {
+    /// The SYNC unit: off, or in one of the modes that the device describes, with a cycle that it can follow.
+    fn synchronisation(&self) -> Result<(), u16> {
+        let unit = self.0.esc.sync_unit();
+        let wants_sync0 = self.0.drive.as_ref().is_some_and(Drive::wants_sync0);
+        if !unit.is_on && !unit.sync0 && !unit.sync1 {
+            return if wants_sync0 {
+                Err(code::INVALID_SYNC)
+            } else {
+                Ok(())
+            };
+        }
+        // AssignActivate has the bits of 0981h in its upper byte.
+        let activation =
+            u16::from(unit.is_on) | u16::from(unit.sync0) << 1 | u16::from(unit.sync1) << 2;
+        let modes = &self.0.description().clock_modes;
+        if !modes
+            .iter()
+            .any(|mode| mode.assign_activate >> 8 == activation)
+        {
+            return Err(code::INVALID_SYNC);
+        }
+        let step = self.0.description().sync0_step_ns.max(1);
+        match unit.cycle_ns {
+            0 => Err(code::INVALID_SYNC_CYCLE),
+            cycle if cycle % step != 0 => Err(code::UNSUPPORTED_SYNC0_CYCLE),
+            _ => Ok(()),
+        }
+    }
+
+    fn outputs_are_valid(&self) -> bool {
+        let Some(index) = self.0.sync_manager(SyncManagerUse::Outputs) else {
+            return true;
+        };
+        if self.0.process_data_bytes(Direction::Outputs) == 0 {
+            return true;
+        }
+        let in_time = !self.0.esc.watchdog_is_armed(index) || self.0.esc.watchdog_is_running();
+        self.0.completed_outputs() != self.0.outputs_before && in_time
     }
 }
 
@@ -71,17 +116,17 @@ impl Checks for CheckedBy<'_> {
             SyncManagerUse::Inputs,
             Direction::Inputs,
             code::INVALID_INPUTS,
-        )
+        )?;
+        self.synchronisation()
     }
 
-    fn outputs_are_valid(&self) -> bool {
-        let Some(index) = self.0.sync_manager(SyncManagerUse::Outputs) else {
-            return true;
-        };
-        if self.0.process_data_bytes(Direction::Outputs) == 0 {
-            return true;
+    fn ready_for_op(&self) -> Result<(), u16> {
+        if !self.outputs_are_valid() {
+            return Err(code::NO_VALID_OUTPUTS);
         }
-        let in_time = !self.0.esc.watchdog_is_armed(index) || self.0.esc.watchdog_is_running();
-        self.0.completed_outputs() != self.0.outputs_before && in_time
+        if self.0.esc.sync_unit().is_on && !self.0.esc.sync0_runs(self.1) {
+            return Err(code::NO_SYNC);
+        }
+        Ok(())
     }
 }

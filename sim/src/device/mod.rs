@@ -53,6 +53,8 @@ pub struct Device {
     outputs: Vec<u8>,
     /// Output buffers completed when SAFEOP was entered.
     outputs_before: u32,
+    /// OP was entered with SYNC0.
+    synchronised: bool,
     next_cycle: Duration,
 }
 
@@ -84,6 +86,7 @@ impl Device {
             plain_inputs: vec![0; description.process_data_bytes(Direction::Inputs)],
             outputs: Vec::new(),
             outputs_before: 0,
+            synchronised: false,
             next_cycle: Duration::ZERO,
             blueprint,
         };
@@ -249,13 +252,13 @@ impl Device {
         if let Some(control) = self.esc.take_al_control() {
             let before = self.al.state();
             let mut al = self.al.clone();
-            al.request(control, &CheckedBy(self), now, OUTPUTS_PATIENCE);
+            al.request(control, &CheckedBy(self, now), now, OUTPUTS_PATIENCE);
             self.al = al;
             self.after_al(before);
         }
         if self.esc.take_sync_manager_change() && self.al.state() >= AlState::SafeOp {
             let before = self.al.state();
-            if let Err(code) = CheckedBy(self).process_data() {
+            if let Err(code) = CheckedBy(self, now).process_data() {
                 self.al.fall(AlState::PreOp, code);
                 self.after_al(before);
             }
@@ -266,7 +269,10 @@ impl Device {
     fn cycle(&mut self, now: Duration) {
         let before = self.al.state();
         let mut al = self.al.clone();
-        al.poll(&CheckedBy(self), now);
+        al.poll(&CheckedBy(self, now), now);
+        if al.state() == AlState::Op && self.synchronised && !self.esc.sync0_runs(now) {
+            al.fall(AlState::SafeOp, code::SYNC_LOST);
+        }
         self.al = al;
         self.after_al(before);
         if self.al.state() == AlState::Op {
@@ -300,6 +306,7 @@ impl Device {
         {
             drive.set_connected(state == AlState::Op);
         }
+        self.synchronised = state == AlState::Op && self.esc.sync_unit().is_on;
         if state == AlState::SafeOp {
             // Outputs from before do not count for the next way to OP.
             self.outputs_before = self.completed_outputs();

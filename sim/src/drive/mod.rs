@@ -180,6 +180,12 @@ impl Drive {
         self.objects.errors.record(code);
     }
 
+    /// Whether 1C32h:1 asks for the synchronisation with SYNC0.
+    pub(crate) fn wants_sync0(&self) -> bool {
+        let kind = self.objects.stored.upload(0x1C32, 1);
+        kind.is_ok_and(|kind| kind == communication::WITH_SYNC0.to_le_bytes())
+    }
+
     /// OP was entered or left.
     pub(crate) fn set_connected(&mut self, connected: bool) {
         for axis in &mut self.objects.axes {

@@ -7,6 +7,7 @@ mod processor;
 mod register_access;
 pub(crate) mod registers;
 mod sii_access;
+mod sync;
 pub(crate) mod sync_manager;
 mod watchdog;
 
@@ -34,6 +35,8 @@ pub(crate) struct Esc {
     clock: Clock,
     watchdog: Watchdog,
     place: Place,
+    /// System time of SYNC0's first pulse, while the SYNC unit is on and has not missed it.
+    first_pulse: Option<u64>,
     al_control_written: bool,
     sync_managers_written: bool,
 }
@@ -63,6 +66,7 @@ impl Esc {
             clock: Clock::new(clock_start),
             watchdog: Watchdog::default(),
             place: Place::default(),
+            first_pulse: None,
             al_control_written: false,
             sync_managers_written: false,
         };
@@ -87,6 +91,9 @@ impl Esc {
         esc.set_word(reg::WATCHDOG_PDI, 0x03E8);
         esc.set_word(reg::WATCHDOG_PROCESS_DATA, 0x03E8);
         esc.set_word(reg::SII_CONTROL, esc.sii_idle_status());
+        // Speed counter and filter depths of the clock's control loop, as an ET1100 has them after a reset.
+        esc.set_word(reg::DC_SPEED_COUNTER, 0x1000);
+        esc.set_word(reg::DC_FILTER, 0x0C04);
         esc.load_configuration();
         esc
     }
@@ -329,6 +336,12 @@ impl Esc {
 
     fn double_word(&self, address: u16) -> u32 {
         crate::frame::read_u32(&self.memory, usize::from(address)).unwrap_or(0)
+    }
+
+    fn quad_word(&self, address: u16) -> u64 {
+        let low = u64::from(self.double_word(address));
+        let high = u64::from(self.double_word(address + 4));
+        high << 32 | low
     }
 
     fn set_byte(&mut self, address: u16, value: u8) {

@@ -15,6 +15,7 @@ impl Esc {
         let range = at..at + bytes.len();
         let enabled: [bool; CHANNELS] =
             core::array::from_fn(|index| self.sync_manager(index).enabled);
+        let was_on = self.sync_unit().is_on;
         for (address, byte) in range.clone().zip(bytes) {
             // The register area ends at 1000h.
             self.write_register(address as u16, *byte, &enabled);
@@ -47,14 +48,22 @@ impl Esc {
                 &self.clock.local(self.place, now).to_le_bytes(),
             );
         }
+        if touches(reg::SYNC_ACTIVATION, 1) {
+            self.activate_sync(was_on, now);
+        }
         if touches(reg::DC_SYSTEM_TIME, 4)
             && let Some(offset) = usize::from(reg::DC_SYSTEM_TIME).checked_sub(at)
             && let Some(received) = crate::frame::read_u32(bytes, offset)
         {
             // The register compares the low halves, the received one plus the delay to the reference.
             let received = received.wrapping_add(self.double_word(reg::DC_DELAY));
-            let value = difference(self.system_time(now) as u32, received);
-            self.set_bytes(reg::DC_DIFFERENCE, &value.to_le_bytes());
+            let local = self.system_time(now) as u32;
+            self.set_bytes(
+                reg::DC_DIFFERENCE,
+                &difference(local, received).to_le_bytes(),
+            );
+            self.clock
+                .follow(local.wrapping_sub(received).cast_signed());
         }
     }
 
@@ -73,6 +82,10 @@ impl Esc {
                 6 => self.set_byte(address, byte),
                 _ => {}
             }
+            return;
+        }
+        let start_and_cycles = reg::SYNC0_START..reg::SYNC0_CYCLE + 8;
+        if start_and_cycles.contains(&address) && self.sync_unit().is_on {
             return;
         }
         match reg::write_rule(address) {
@@ -107,6 +120,9 @@ impl Esc {
         if shows(0x0910..0x0918) {
             self.set_bytes(reg::DC_SYSTEM_TIME, &self.system_time(now).to_le_bytes());
         }
+        if shows(0x0990..0x0998) {
+            self.refresh_next_pulse(now);
+        }
     }
 
     /// AL event request and ECAT event request: mailboxes with a mail in bits 8 and up, AL control in bit 0.
@@ -119,11 +135,9 @@ impl Esc {
         self.set_word(reg::AL_EVENT, mails | u16::from(self.al_control_written));
     }
 
-    fn system_time(&self, now: Duration) -> u64 {
-        let low = u64::from(self.double_word(reg::DC_OFFSET));
-        let high = u64::from(self.double_word(reg::DC_OFFSET + 4));
+    pub(super) fn system_time(&self, now: Duration) -> u64 {
         self.clock
             .local(self.place, now)
-            .wrapping_add(high << 32 | low)
+            .wrapping_add(self.quad_word(reg::DC_OFFSET))
     }
 }

@@ -33,6 +33,11 @@ pub(crate) const DC_RECEIVE_TIME_UNIT: u16 = 0x0918;
 pub(crate) const DC_OFFSET: u16 = 0x0920;
 pub(crate) const DC_DELAY: u16 = 0x0928;
 pub(crate) const DC_DIFFERENCE: u16 = 0x092C;
+pub(crate) const DC_SPEED_COUNTER: u16 = 0x0930;
+pub(crate) const DC_FILTER: u16 = 0x0934;
+pub(crate) const SYNC_ACTIVATION: u16 = 0x0981;
+pub(crate) const SYNC0_START: u16 = 0x0990;
+pub(crate) const SYNC0_CYCLE: u16 = 0x09A0;
 
 /// FMMUs and sync managers of the simulated ESC, as many as an ET1100 has.
 pub(crate) const CHANNELS: usize = 8;
@@ -43,7 +48,7 @@ pub(crate) const RAM_END: usize = 0x3000;
 
 /// Registers that a write from the MainDevice changes as bytes. What has a rule of its own (sync managers, SII, error
 /// counters, system time) is not in this list.
-const PLAIN_WRITABLE: [Range<u16>; 14] = [
+const PLAIN_WRITABLE: [Range<u16>; 18] = [
     STATION_ADDRESS..STATION_ADDRESS + 2,
     DL_CONTROL..DL_CONTROL + 4,
     AL_CONTROL..AL_CONTROL + 2,
@@ -56,8 +61,14 @@ const PLAIN_WRITABLE: [Range<u16>; 14] = [
     FMMU..FMMU + 16 * CHANNELS as u16,
     DC_OFFSET..DC_OFFSET + 8,
     DC_DELAY..DC_DELAY + 4,
-    0x0930..0x0936,
-    0x0980..0x09AA,
+    DC_SPEED_COUNTER..DC_SPEED_COUNTER + 2,
+    DC_FILTER..DC_FILTER + 2,
+    0x0980..0x0982,
+    // Latch control.
+    0x09A8..0x09AA,
+    // Start time and cycles; locked while the SYNC unit is on.
+    SYNC0_START..SYNC0_START + 8,
+    SYNC0_CYCLE..SYNC0_CYCLE + 8,
 ];
 
 /// Registers that any write sets to zero: receive error counters and the watchdog's expiry counters.

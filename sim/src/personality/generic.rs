@@ -2,7 +2,8 @@
 //!
 //! Identity: vendor 0, product 44530402h, revision 1. PDOs 1600h to 1603h and 1A00h to 1A03h, flexible in PREOP, 8 entries
 //! each; 1600h with 6040h, 6060h, 607Ah, 6081h, 6083h, 6084h and 1A00h with 6041h, 6061h, 6064h, 606Ch are assigned at
-//! power-up. Mailboxes of 256 bytes at 1000h and 1100h.
+//! power-up. Mailboxes of 256 bytes at 1000h and 1100h; complete access and SDO information. 5F00h takes a text of up to
+//! 4096 bytes, and of 5F01h a part cannot be read.
 
 use super::servo::{Memory, Model, Pdo, Servo};
 use crate::description::Identity;
@@ -55,7 +56,7 @@ pub(super) const GENERIC: Model = Model {
     fmmu_usage: &[1, 2, 3],
     other_categories: &[],
     status_object: None,
-    note: None,
+    note: Some((0x5F00, 4096)),
     saves: false,
 };
 

@@ -2,9 +2,9 @@
 
 use core::time::Duration;
 
-use servocrab_sim::{Segment, personality};
+use servocrab_sim::{Segment, personality, personality::Servo};
 
-use crate::master::{Master, abort, request};
+use crate::master::{FPWR, Master, abort, request};
 
 fn preop() -> Master {
     let mut master = Master::new(Segment::new().with(personality::akd2g()));
@@ -148,6 +148,84 @@ fn a_long_text_comes_up_in_segments_of_a_short_mailbox() {
 }
 
 #[test]
+fn a_main_device_that_gives_up_ends_the_transfer_without_an_answer() {
+    let mut master = preop();
+    master.coe(&request(0x21, 0x5F00, 0, &20u32.to_le_bytes()));
+    master.coe(b"\x00\x20\x00abcdefg");
+    // 0800 0000h, a general error.
+    master.post(3, &request(0x80, 0x5F00, 0, &[0, 0, 0, 8]));
+    assert_eq!(master.fetch(), None);
+    assert_eq!(abort(&master.coe(b"\x00\x20\x10hijklmn")), 0x0504_0001);
+    assert_eq!(master.upload(0x5F00, 0), Ok(Vec::new()));
+}
+
+#[test]
+fn an_upload_segment_asked_for_twice_is_aborted_with_the_objects_address() {
+    let mut master = Master::new(Segment::new().with(Servo::akd2g().mailbox_bytes(32).build()));
+    master.mailbox = 32;
+    master.bring_to_preop();
+    // The name has 26 bytes: 16 in the first mail, the rest in a segment of which toggle 1 is wrong.
+    let first = master.coe(&request(0x40, 0x1008, 0, &[]));
+    assert_eq!(first[..10], [0x00, 0x30, 0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
+    let reply = master.coe(&request(0x70, 0, 0, &[]));
+    assert_eq!(
+        reply,
+        [0x00, 0x20, 0x80, 0x08, 0x10, 0x00, 0x00, 0x00, 0x03, 0x05]
+    );
+    // The transfer is over, and a new one begins with toggle 0.
+    assert_eq!(abort(&master.coe(&request(0x60, 0, 0, &[]))), 0x0504_0001);
+    master.coe(&request(0x40, 0x1008, 0, &[]));
+    let last = master.coe(&request(0x60, 0, 0, &[]));
+    assert_eq!(last, b"\x00\x30\x01rive (CoE)");
+}
+
+#[test]
+fn a_last_segment_of_less_than_seven_bytes_says_how_many_are_unused() {
+    let mut master = Master::new(Segment::new().with(Servo::akd2g().mailbox_bytes(32).build()));
+    master.mailbox = 32;
+    master.bring_to_preop();
+    let mut text = 18u32.to_le_bytes().to_vec();
+    text.extend(b"sixteen bytes of");
+    master.coe(&request(0x21, 0x5F00, 0, &text));
+    master.coe(b"\x00\x20\x0Bit\x00\x00\x00\x00\x00");
+    let first = master.coe(&request(0x40, 0x5F00, 0, &[]));
+    assert_eq!(first[6..], text);
+    // Two of seven bytes used: n = 5, last: 0Bh; the mail is not shorter than ten bytes.
+    let last = master.coe(&request(0x60, 0, 0, &[]));
+    assert_eq!(last, b"\x00\x30\x0Bit\x00\x00\x00\x00\x00");
+}
+
+#[test]
+fn a_long_text_fills_many_mails_both_ways() {
+    let mut master = preop();
+    let text: Vec<u8> = (0..4096u32).map(|at| (at % 251) as u8).collect();
+    // A mailbox of 1024 bytes: 1008 in the first mail, 1015 in each segment.
+    let mut data = 4096u32.to_le_bytes().to_vec();
+    data.extend(&text[..1008]);
+    assert_eq!(master.coe(&request(0x21, 0x5F00, 0, &data))[2], 0x60);
+    let pieces: Vec<&[u8]> = text[1008..].chunks(1015).collect();
+    for (at, piece) in pieces.iter().enumerate() {
+        let toggle = (at as u8 % 2) << 4;
+        let mut segment = vec![0x00, 0x20, toggle | u8::from(at + 1 == pieces.len())];
+        segment.extend(*piece);
+        segment.resize(segment.len().max(10), 0);
+        assert_eq!(master.coe(&segment)[..3], [0x00, 0x30, 0x20 | toggle]);
+    }
+    let first = master.coe(&request(0x40, 0x5F00, 0, &[]));
+    assert_eq!(first[2], 0x41);
+    let mut read = first[10..].to_vec();
+    for toggle in [0, 0x10].into_iter().cycle() {
+        let reply = master.coe(&request(0x60 | toggle, 0, 0, &[]));
+        assert_eq!(reply[2] & 0xFE, toggle);
+        read.extend(&reply[3..]);
+        if reply[2] & 1 != 0 {
+            break;
+        }
+    }
+    assert!(read == text);
+}
+
+#[test]
 fn each_refusal_has_its_abort_code() {
     let mut master = preop();
     assert_eq!(master.upload(0x2345, 0), Err(0x0602_0000));
@@ -159,6 +237,9 @@ fn each_refusal_has_its_abort_code() {
     assert_eq!(master.download(0x5000, 4, &[0; 4]), Err(0x0601_0002));
     assert_eq!(master.download(0x6081, 0, &[0; 2]), Err(0x0607_0013));
     assert_eq!(master.download(0x6040, 0, &[0; 4]), Err(0x0607_0012));
+    assert_eq!(master.upload(0x5F01, 2), Err(0x0601_0001));
+    assert_eq!(master.upload(0x1003, 1), Err(0x0800_0024));
+    assert_eq!(master.download(0x605A, 0, &[99, 0]), Err(0x0609_0030));
     assert_eq!(
         abort(&master.coe(&request(0x50, 0x1018, 0, &[]))),
         0x0601_0004
@@ -215,6 +296,30 @@ fn a_full_mailbox_refuses_the_write_and_an_empty_one_the_read() {
 }
 
 #[test]
+fn requests_that_nobody_reads_the_answers_of_stay_in_the_mailbox() {
+    let mut master = preop();
+    let mut mail = vec![10, 0, 0, 0, 0, 0];
+    mail.extend(request(0x40, 0x1000, 0, &[]));
+    mail.resize(1024, 0);
+    let mut taken = 0;
+    for counter in (1..=7).cycle().take(100) {
+        mail[5] = counter << 4 | 3;
+        taken += master.exchange(FPWR, 0x1001, 0x1800, &mail).1;
+    }
+    assert!((32..=40).contains(&taken), "{taken}");
+    let answers = core::iter::from_fn(|| master.fetch()).count();
+    assert_eq!(answers, usize::from(taken), "none is lost");
+}
+
+#[test]
+fn an_error_mail_of_the_main_device_is_not_answered() {
+    let mut master = preop();
+    master.post(0, &[1, 0, 1, 0]);
+    assert_eq!(master.fetch(), None);
+    assert!(master.upload(0x1000, 0).is_ok());
+}
+
+#[test]
 fn a_lost_reply_is_repeated_on_request() {
     let mut master = preop();
     let reply = master.coe(&request(0x40, 0x1018, 1, &[]));
@@ -235,6 +340,22 @@ fn an_injected_emergency_is_the_next_mail() {
         [0x00, 0x10, 0x20, 0x73, 0x21, 1, 2, 3, 4, 5]
     );
     assert_eq!(master.fetch().unwrap().1[..3], [0x00, 0x30, 0x43]);
+}
+
+#[test]
+fn errors_are_remembered_until_they_are_cleared() {
+    let mut master = preop();
+    assert_eq!(master.upload(0x1003, 0), Ok(vec![0]));
+    for code in [0x7320, 0x0000, 0x8611] {
+        let device = master.segment.device_mut(0).unwrap();
+        device.inject_emergency(code, 0x21, [0; 5], Duration::ZERO);
+        assert!(master.fetch().is_some());
+    }
+    assert_eq!(master.upload(0x1003, 0), Ok(vec![2]));
+    assert_eq!(master.upload(0x1003, 1), Ok(vec![0x11, 0x86, 0, 0]));
+    assert_eq!(master.upload(0x1003, 2), Ok(vec![0x20, 0x73, 0, 0]));
+    assert_eq!(master.download(0x1003, 0, &[0]), Ok(()));
+    assert_eq!(master.upload(0x1003, 0), Ok(vec![0]));
 }
 
 #[test]

@@ -2,6 +2,9 @@
 
 use core::time::Duration;
 
+use proptest::collection::vec;
+use proptest::prelude::*;
+use servocrab_sim::personality::Servo;
 use servocrab_sim::{Segment, personality};
 
 use crate::master::{BRD, BWR, FPRD, FPWR, LRW, Master, frame};
@@ -141,5 +144,76 @@ fn noise_in_the_registers_of_sync_managers_and_fmmus_is_survived() {
         master.exchange(LRW, logical as u16, (logical >> 16) as u16, &[0; 64]);
         master.now += Duration::from_millis(3);
         assert_eq!(master.exchange(BRD, 0, 0x0130, &[0; 2]).1, 3);
+    }
+}
+
+/// CoE payloads: any bytes, or bytes that get past the first checks of a service.
+fn payload() -> impl Strategy<Value = Vec<u8>> {
+    let index = prop_oneof![
+        prop::sample::select(vec![
+            0x1003, 0x1008, 0x1018, 0x1600, 0x1A10, 0x1C12, 0x1C32, 0x5000, 0x5F00, 0x5F01, 0x607D,
+            0x6840,
+        ]),
+        any::<u16>(),
+    ];
+    let initiate = (any::<u8>(), index, any::<u8>(), vec(any::<u8>(), 4..40)).prop_map(
+        |(command, index, subindex, data)| {
+            let mut payload = vec![0x00, 0x20, command];
+            payload.extend(index.to_le_bytes());
+            payload.push(subindex % 4);
+            payload.extend(data);
+            payload
+        },
+    );
+    let information = (0..8u8, vec(any::<u8>(), 0..12)).prop_map(|(operation, data)| {
+        let mut payload = vec![0x00, 0x80, operation, 0, 0, 0];
+        payload.extend(data);
+        payload
+    });
+    prop_oneof![
+        3 => initiate,
+        2 => information,
+        1 => vec(any::<u8>(), 0..48),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_mail_upsets_the_drive(
+        mailbox in prop_oneof![Just(1024u16), Just(64), Just(24), Just(16)],
+        mails in vec((any::<u8>(), payload(), proptest::option::weighted(0.1, any::<u16>())), 1..40),
+    ) {
+        let drive = Servo::akd2g()
+            .with_complete_access()
+            .with_sdo_information()
+            .mailbox_bytes(mailbox)
+            .build();
+        let mut master = Master::new(Segment::new().with(drive));
+        master.mailbox = usize::from(mailbox);
+        master.bring_to_preop();
+        for (kind, payload, false_length) in mails {
+            // Mostly CoE.
+            let kind = if kind & 0x0F < 12 { kind & 0xF0 | 3 } else { kind };
+            let length = false_length.unwrap_or(payload.len() as u16);
+            let mut mail = length.to_le_bytes().to_vec();
+            mail.extend([0, 0, 0, kind]);
+            mail.extend(payload);
+            mail.resize(usize::from(mailbox), 0);
+            master.write(0x1001, 0x1800, &mail);
+            for _ in 0..400 {
+                let (mail, counter) = master.exchange(FPRD, 0x1001, 0x1C00, &vec![0; master.mailbox]);
+                if counter == 0 {
+                    break;
+                }
+                let length = usize::from(u16::from_le_bytes([mail[0], mail[1]]));
+                prop_assert!(length >= 4 && length + 6 <= usize::from(mailbox), "{mail:02X?}");
+                prop_assert_ne!(mail[5] >> 4, 0, "the drive's counter");
+            }
+        }
+        // It still serves, with a counter that differs from the last one.
+        master.post(0, &[]);
+        prop_assert!(master.upload(0x1000, 0).is_ok());
     }
 }

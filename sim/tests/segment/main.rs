@@ -1,6 +1,7 @@
 //! The simulated segment as a MainDevice sees it: frames that are composed by hand, and what comes back.
 
 mod bring_up;
+mod clock;
 mod coe;
 mod complete_access;
 mod datagrams;
