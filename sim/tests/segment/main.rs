@@ -10,3 +10,5 @@ mod hostile;
 mod information;
 mod master;
 mod pdo_rules;
+mod personalities;
+mod switches;

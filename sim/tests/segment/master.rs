@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use servocrab_sim::Segment;
+use servocrab_sim::{Device, Direction, Segment, SyncManagerUse};
 
 pub(crate) const BRD: u8 = 7;
 pub(crate) const BWR: u8 = 8;
@@ -60,6 +60,12 @@ pub(crate) struct Master {
     pub(crate) now: Duration,
     /// Length of both mailboxes.
     pub(crate) mailbox: usize,
+    /// Where the mailboxes are.
+    mailbox_at: (u16, u16),
+    /// Where the process data is, outputs and inputs.
+    memory: (u16, u16),
+    /// Bytes of process data, outputs and inputs.
+    pub(crate) lengths: (u16, u16),
     counter: u8,
 }
 
@@ -69,7 +75,33 @@ impl Master {
             segment,
             now: Duration::ZERO,
             mailbox: 1024,
+            mailbox_at: (MAILBOX_OUT, MAILBOX_IN),
+            memory: (0x1100, 0x1200),
+            lengths: (38, 22),
             counter: 0,
+        }
+    }
+
+    /// For a segment of this drive alone, with the addresses and lengths of its description.
+    pub(crate) fn of(drive: Device) -> Self {
+        let description = drive.description();
+        let mailbox = description.mailbox.expect("a drive has a mailbox");
+        let start = |purpose| {
+            let index = description.sync_manager_for(purpose).expect("it has one");
+            description.sync_managers[index].start
+        };
+        let memory = (
+            start(SyncManagerUse::Outputs),
+            start(SyncManagerUse::Inputs),
+        );
+        let length = |direction| description.process_data_bytes(direction) as u16;
+        let lengths = (length(Direction::Outputs), length(Direction::Inputs));
+        Self {
+            mailbox: mailbox.out.1.into(),
+            mailbox_at: (mailbox.out.0, mailbox.input.0),
+            memory,
+            lengths,
+            ..Self::new(Segment::new().with(drive))
         }
     }
 
@@ -154,19 +186,21 @@ impl Master {
     /// Gives the first device the station address 1001h and brings it to PREOP.
     pub(crate) fn bring_to_preop(&mut self) {
         assert_eq!(self.exchange(APWR, 0, 0x0010, &[0x01, 0x10]).1, 1);
-        self.sync_manager(0x1001, 0, MAILBOX_OUT, self.mailbox as u16, 0x26);
-        self.sync_manager(0x1001, 1, MAILBOX_IN, self.mailbox as u16, 0x22);
+        let (out, input) = self.mailbox_at;
+        self.sync_manager(0x1001, 0, out, self.mailbox as u16, 0x26);
+        self.sync_manager(0x1001, 1, input, self.mailbox as u16, 0x22);
         assert_eq!(self.request(0x1001, 2), (2, 0));
     }
 
-    /// Brings the first device, an AKD2G with its mapping at power-up, from PREOP to OP; `control` is that of SM2.
+    /// Brings the first device from PREOP to OP with its process data as long as `lengths` says; `control` is that of SM2.
     pub(crate) fn bring_to_op(&mut self, control: u8) {
-        self.sync_manager(0x1001, 2, 0x1100, 38, control);
-        self.sync_manager(0x1001, 3, 0x1200, 22, 0x20);
-        self.fmmu(0x1001, 0, 0, 38, 0x1100, 2);
-        self.fmmu(0x1001, 1, 38, 22, 0x1200, 1);
+        let ((out, input), (sent, received)) = (self.memory, self.lengths);
+        self.sync_manager(0x1001, 2, out, sent, control);
+        self.sync_manager(0x1001, 3, input, received, 0x20);
+        self.fmmu(0x1001, 0, 0, sent, out, 2);
+        self.fmmu(0x1001, 1, sent.into(), received, input, 1);
         assert_eq!(self.request(0x1001, 4), (4, 0));
-        self.cycle(&[0; 38]);
+        self.cycle(&vec![0; sent.into()]);
         assert_eq!(self.request(0x1001, 8), (8, 0));
     }
 
@@ -174,7 +208,7 @@ impl Master {
     pub(crate) fn cycle(&mut self, outputs: &[u8]) -> Vec<u8> {
         self.now += Duration::from_millis(1);
         let mut data = outputs.to_vec();
-        data.extend([0; 22]);
+        data.resize(outputs.len() + usize::from(self.lengths.1), 0);
         let (data, counter) = self.exchange(LRW, 0, 0, &data);
         assert_eq!(counter, 3);
         data[outputs.len()..].to_vec()
@@ -187,12 +221,13 @@ impl Master {
         mail.extend([0, 0, 0, kind | self.counter << 4]);
         mail.extend(payload);
         mail.resize(self.mailbox, 0);
-        self.write(0x1001, MAILBOX_OUT, &mail);
+        self.write(0x1001, self.mailbox_at.0, &mail);
     }
 
     /// The next mail's header and payload, when there is one.
     pub(crate) fn fetch(&mut self) -> Option<(u8, Vec<u8>)> {
-        let (mail, counter) = self.exchange(FPRD, 0x1001, MAILBOX_IN, &vec![0; self.mailbox]);
+        let (mail, counter) =
+            self.exchange(FPRD, 0x1001, self.mailbox_at.1, &vec![0; self.mailbox]);
         let length = usize::from(u16::from_le_bytes([mail[0], mail[1]]));
         (counter == 1).then(|| (mail[5], mail[6..6 + length].to_vec()))
     }
