@@ -224,7 +224,7 @@ fn the_librarys_objects_have_a_real_drives_types_and_access() {
 
 #[test]
 fn the_simulated_generic_drives_objects_have_a_real_drives_types_and_access() {
-    let simulation: [Listed; 2] = [
+    let simulation: [Listed; 3] = [
         (
             &[(0x6092, 1)],
             Mapping,
@@ -241,6 +241,11 @@ fn the_simulated_generic_drives_objects_have_a_real_drives_types_and_access() {
             ],
             Absent,
             "optional: that drive's velocities and ramps are in its position unit",
+        ),
+        (
+            &[(0x6099, 0)],
+            ReadOnlyHere,
+            "CiA 301: subindex 0 of a record only says how many entries follow",
         ),
     ];
     let listed = [&OF_THE_DRIVE[..], &simulation].concat();

@@ -200,11 +200,18 @@ impl Device {
         self.powered = false;
     }
 
-    /// Switches the power on: the device starts in INIT, its axes at position zero.
+    /// Switches the power on: the device starts in INIT, its axes stand where they stopped and count from there, or from
+    /// where their absolute encoders say.
     pub fn power_on(&mut self, now: Duration) {
         if !self.powered {
             let delay = self.mailbox.delay;
+            let axes: Vec<Axis> = self.axes().iter().map(Axis::restarted).collect();
             *self = Self::new(self.blueprint.clone());
+            if let Some(drive) = &mut self.drive {
+                for (axis, restarted) in drive.axes_mut().iter_mut().zip(axes) {
+                    *axis = restarted;
+                }
+            }
             self.mailbox.delay = delay;
             self.next_cycle = now;
         }

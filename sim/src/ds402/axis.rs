@@ -6,13 +6,15 @@ use std::collections::VecDeque;
 
 use super::behaviour::Behaviour;
 use super::emergency::{self, Emergency};
-use super::ledger::Executed;
+use super::homing::HomingState;
+use super::ledger::{Executed, Homing, VelocityPhase};
 use super::motion::Buffer;
 use super::objects::{self, Entry, Objects, SetError};
 use super::power::Fault;
 use super::state::State;
 use super::status::Reached;
 use super::trajectory::Trajectory;
+use super::velocity::VelocityState;
 
 /// What an acknowledge can do wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -79,18 +81,29 @@ pub struct Axis {
     pub(super) trajectory: Trajectory,
     pub(super) buffer: Buffer,
     pub(super) reached: Reached,
+    pub(super) homing: HomingState,
+    pub(super) velocity: VelocityState,
+    /// What is added to a reported position to get the machine's.
+    pub(super) machine_offset: i64,
+    /// Digital inputs that a test sets, apart from the machine's switches.
+    inputs: u32,
     pub(super) actual: i64,
     pub(super) actual_velocity: f64,
     pub(super) lagging: VecDeque<(i64, f64)>,
     pub(super) moved_at: Option<Duration>,
 
     pub(super) ledger: Vec<Executed>,
+    pub(super) homings: Vec<Homing>,
+    pub(super) velocity_phases: Vec<VelocityPhase>,
     pub(super) emergencies: VecDeque<Emergency>,
 }
 
 impl Axis {
-    /// An axis at position 0, just powered up.
+    /// An axis just powered up: at position 0, or where its absolute encoder says.
     pub fn new(behaviour: Behaviour) -> Axis {
+        let machine = &behaviour.machine;
+        let (referenced, mechanical) = (machine.absolute_encoder, machine.start);
+        let position = if referenced { mechanical } else { 0 };
         Axis {
             objects: Objects::new(&behaviour),
             behaviour,
@@ -107,18 +120,38 @@ impl Axis {
             remote: true,
             inhibited: false,
             warning: false,
-            referenced: false,
+            referenced,
             connected: true,
-            trajectory: Trajectory::at(0),
-            buffer: Buffer::default(),
+            trajectory: Trajectory::at(position),
+            buffer: Buffer::at(position),
             reached: Reached::default(),
-            actual: 0,
+            homing: HomingState::default(),
+            velocity: VelocityState::default(),
+            machine_offset: mechanical.saturating_sub(position),
+            inputs: 0,
+            actual: position,
             actual_velocity: 0.0,
             lagging: VecDeque::new(),
             moved_at: None,
             ledger: Vec::new(),
+            homings: Vec::new(),
+            velocity_phases: Vec::new(),
             emergencies: VecDeque::new(),
         }
+    }
+
+    /// This axis after its power was off and is on again: it stands where it stopped, knows that only from an absolute
+    /// encoder, and remembers nothing else.
+    #[must_use]
+    pub fn restarted(&self) -> Axis {
+        let mut behaviour = self.behaviour.clone();
+        behaviour.machine.start = self.mechanical_position();
+        let mut axis = Axis::new(behaviour);
+        if axis.behaviour.machine.absolute_encoder {
+            axis.shift_coordinates(self.machine_offset);
+            axis.referenced = self.referenced;
+        }
+        axis
     }
 
     /// The entries of the object dictionary of this axis, sorted by index and subindex, as for axis 1.
@@ -153,11 +186,19 @@ impl Axis {
         self.cycles += 1;
         self.follow_demand();
         self.check_following_error();
+        self.check_limit_switches();
         let controlword = self.controlword();
         let was_enabled = self.state == State::OperationEnabled;
         self.run_state_machine(controlword);
         let mode_became_active = self.update_mode(controlword);
-        self.run_set_points(controlword, was_enabled, mode_became_active);
+        let rise = self.bit_4_rises(controlword, mode_became_active);
+        let can_take = self.state == State::OperationEnabled
+            && was_enabled
+            && self.leaving_to.is_none()
+            && self.remote;
+        self.run_set_points(controlword, can_take, rise);
+        self.run_homing(controlword, can_take, rise);
+        self.run_velocity(controlword, can_take);
         self.publish(controlword);
         self.last_controlword = controlword;
     }
@@ -170,6 +211,26 @@ impl Axis {
     /// Every set-point that was latched, in order.
     pub fn ledger(&self) -> &[Executed] {
         &self.ledger
+    }
+
+    /// Every homing that was started, in order.
+    pub fn homings(&self) -> &[Homing] {
+        &self.homings
+    }
+
+    /// Every velocity to which profile velocity mode has driven the axis, in order.
+    pub fn velocity_phases(&self) -> &[VelocityPhase] {
+        &self.velocity_phases
+    }
+
+    /// Where the axis stands, in counts from the machine's own zero. Homing shifts [`Axis::position`], never this.
+    pub fn mechanical_position(&self) -> i64 {
+        self.actual.saturating_add(self.machine_offset)
+    }
+
+    /// Whether the drive knows where the machine's zero is: by homing, or by an absolute encoder.
+    pub fn is_referenced(&self) -> bool {
+        self.referenced
     }
 
     /// Actual position in counts. It counts on where 6064h, a 32-bit value, wraps.
@@ -248,8 +309,26 @@ impl Axis {
         self.referenced = referenced;
     }
 
-    /// Digital inputs (60FDh).
+    /// Digital inputs (60FDh) that are active besides the machine's switches.
     pub fn set_digital_inputs(&mut self, inputs: u32) {
-        self.objects.put(objects::DIGITAL_INPUTS, inputs.into());
+        self.inputs = inputs;
+    }
+
+    /// 60FDh as it is now.
+    pub(super) fn switches(&self) -> u32 {
+        let machine = &self.behaviour.machine;
+        self.inputs | machine.switches(self.mechanical_position())
+    }
+
+    /// From now on a reported position is the machine's less `machine_offset`. Nothing moves.
+    pub(super) fn shift_coordinates(&mut self, machine_offset: i64) {
+        let by = self.machine_offset.saturating_sub(machine_offset);
+        self.machine_offset = machine_offset;
+        self.actual = self.actual.saturating_add(by);
+        self.trajectory.shift(by);
+        for (position, _) in &mut self.lagging {
+            *position = position.saturating_add(by);
+        }
+        self.buffer.previous_target = self.trajectory.counts();
     }
 }

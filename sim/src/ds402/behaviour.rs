@@ -2,6 +2,7 @@
 
 use core::time::Duration;
 
+use super::machine::Machine;
 use super::objects::Entry;
 
 /// When bit 12 (set-point acknowledge) of the statusword rises and falls.
@@ -94,6 +95,32 @@ pub enum ModeZero {
     Clears,
 }
 
+/// What the home position reads after homing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HomeOffset {
+    /// The home offset (607Ch): the home position gets the coordinate that 607Ch says.
+    HomeReadsOffset,
+    /// The home offset (607Ch) with the other sign: position 0 lies by 607Ch beyond the home position.
+    ZeroBeyondHome,
+}
+
+/// What a limit switch does outside of homing when the axis runs into it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LimitSwitches {
+    /// It is shown in 60FDh, nothing else.
+    Shown,
+    /// The axis stops by the quick stop ramp (6085h) and stays in Operation enabled; what moved it is discarded; further
+    /// motion in this direction is not begun; bit 11 of the statusword is set while the switch is active.
+    Stop,
+}
+
+/// The homing methods (6098h) that [`Behaviour::generic`] knows: 1 to 14 by switch and index pulse, 17 to 30 by switch
+/// alone, 33 and 34 by index pulse alone, 35 and 37 where the axis stands.
+pub const HOMING_METHODS: [i8; 32] = [
+    1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28,
+    29, 30, 33, 34, 35, 37,
+];
+
 /// Everything in which drives differ. Start from a preset and change fields.
 ///
 /// ```
@@ -142,6 +169,8 @@ pub struct Behaviour {
     pub edge_at_mode_change: bool,
     /// A mode change is refused while bit 8 is set.
     pub halt_blocks_mode_change: bool,
+    /// A mode change waits until the axis stands; else a moving axis is stopped by 6084h when the mode changes.
+    pub motion_blocks_mode_change: bool,
     /// 0 in 6060h.
     pub mode_zero: ModeZero,
     /// Cycles that bit 4 must stay high before a set-point is taken; 0 takes it in the cycle of the edge.
@@ -160,8 +189,18 @@ pub struct Behaviour {
     pub coast_deceleration: u32,
     /// Counts/s² of a stop at the current or voltage limit.
     pub limit_deceleration: u32,
-    /// 6502h.
+    /// 6502h. Modes 1, 3 and 6 are modelled; in another one the axis stands.
     pub supported_modes: u32,
+    /// Values of 6098h by which this drive can home. At most those of [`HOMING_METHODS`] work.
+    pub homing_methods: &'static [i8],
+    /// 6098h takes none but [`Behaviour::homing_methods`]; else a start with another one ends in a homing error.
+    pub homing_method_refused_at_write: bool,
+    /// What the home position reads after homing.
+    pub home_offset: HomeOffset,
+    /// Limit switches outside of homing.
+    pub limit_switches: LimitSwitches,
+    /// What is fixed to the machine: switches, index pulse, ends of travel.
+    pub machine: Machine,
     /// Values that 6086h takes: 0 linear, 1 sin²; the trajectory is linear with any other.
     pub profile_types: &'static [i16],
     /// Indices of the general list that this drive does not have.

@@ -5,13 +5,15 @@ use super::objects::{
     DIGITAL_INPUTS, DIGITAL_OUTPUT_MASK, DIGITAL_OUTPUTS, DISABLE_OPERATION_OPTION, DataType,
     ENCODER_INCREMENTS, ENCODER_REVOLUTIONS, END_VELOCITY, ERROR_CODE, Entry,
     FAULT_REACTION_OPTION, FEED, FEED_SHAFT, FOLLOWING_ERROR_ACTUAL, FOLLOWING_TIMEOUT,
-    FOLLOWING_WINDOW, GEAR_MOTOR, GEAR_SHAFT, HALT_OPTION, HOME_OFFSET, LIMIT_MAX, LIMIT_MIN,
-    MAX_ACCELERATION, MAX_DECELERATION, MAX_MOTOR_SPEED, MAX_PROFILE_VELOCITY, MODE, MODE_DISPLAY,
-    Mapping, POLARITY, POSITION_ACTUAL, POSITION_DEMAND, POSITION_INTERNAL, POSITION_WINDOW,
-    POSITION_WINDOW_TIME, POSITIONING_OPTION, PROFILE_ACCELERATION, PROFILE_DECELERATION,
-    PROFILE_TYPE, PROFILE_VELOCITY, QUICK_STOP_DECELERATION, QUICK_STOP_OPTION, RANGE_MAX,
-    RANGE_MIN, SHUTDOWN_OPTION, STATUSWORD, SUPPORTED_MODES, TARGET_POSITION, VELOCITY_ACTUAL,
-    VELOCITY_DEMAND, VELOCITY_DIVISOR, VELOCITY_NUMERATOR,
+    FOLLOWING_WINDOW, GEAR_MOTOR, GEAR_SHAFT, HALT_OPTION, HOME_OFFSET, HOMING_ACCELERATION,
+    HOMING_METHOD, HOMING_SPEED_SWITCH, HOMING_SPEED_ZERO, LIMIT_MAX, LIMIT_MIN, MAX_ACCELERATION,
+    MAX_DECELERATION, MAX_MOTOR_SPEED, MAX_PROFILE_VELOCITY, MODE, MODE_DISPLAY, Mapping, POLARITY,
+    POSITION_ACTUAL, POSITION_DEMAND, POSITION_INTERNAL, POSITION_WINDOW, POSITION_WINDOW_TIME,
+    POSITIONING_OPTION, PROFILE_ACCELERATION, PROFILE_DECELERATION, PROFILE_TYPE, PROFILE_VELOCITY,
+    QUICK_STOP_DECELERATION, QUICK_STOP_OPTION, RANGE_MAX, RANGE_MIN, SHUTDOWN_OPTION, STATUSWORD,
+    SUPPORTED_MODES, TARGET_POSITION, TARGET_VELOCITY, VELOCITY_ACTUAL, VELOCITY_DEMAND,
+    VELOCITY_DIVISOR, VELOCITY_NUMERATOR, VELOCITY_THRESHOLD, VELOCITY_THRESHOLD_TIME,
+    VELOCITY_WINDOW, VELOCITY_WINDOW_TIME,
 };
 
 use Access::{ReadOnly as Ro, ReadWrite as Rw};
@@ -78,6 +80,16 @@ pub(super) static ENTRIES: &[Entry] = &[
     Entry::new(POSITION_WINDOW_TIME, U16, Rw, Rx, "Position window time"),
     Entry::new(VELOCITY_DEMAND, I32, Ro, Tx, "Velocity demand value"),
     Entry::new(VELOCITY_ACTUAL, I32, Ro, Tx, "Velocity actual value"),
+    Entry::new(VELOCITY_WINDOW, U16, Rw, Rx, "Velocity window").default(1_000),
+    Entry::new(VELOCITY_WINDOW_TIME, U16, Rw, Rx, "Velocity window time").default(10),
+    Entry::new(VELOCITY_THRESHOLD, U16, Rw, Rx, "Velocity threshold").default(1_000),
+    Entry::new(
+        VELOCITY_THRESHOLD_TIME,
+        U16,
+        Rw,
+        Rx,
+        "Velocity threshold time",
+    ),
     Entry::new(TARGET_POSITION, I32, Rw, Rx, "Target position"),
     Entry::count(0x607B, 2, "Position range limit"),
     Entry::new(RANGE_MIN, I32, Rw, Rx, "Min position range limit").default(-0x8000_0000),
@@ -137,6 +149,25 @@ pub(super) static ENTRIES: &[Entry] = &[
     Entry::new(ACCELERATION_DIVISOR, U32, Rw, No, "Divisor")
         .default(1)
         .range(1, 0xFFFF_FFFF),
+    Entry::new(HOMING_METHOD, I8, Rw, Rx, "Homing method"),
+    Entry::count(0x6099, 2, "Homing speeds"),
+    Entry::new(
+        HOMING_SPEED_SWITCH,
+        U32,
+        Rw,
+        Rx,
+        "Speed during search for switch",
+    )
+    .default(TURN),
+    Entry::new(
+        HOMING_SPEED_ZERO,
+        U32,
+        Rw,
+        Rx,
+        "Speed during search for zero",
+    )
+    .default(TURN / 10),
+    Entry::new(HOMING_ACCELERATION, U32, Rw, Rx, "Homing acceleration").default(10 * TURN),
     Entry::new(MAX_ACCELERATION, U32, Rw, Rx, "Max acceleration").default(0xFFFF_FFFF),
     Entry::new(MAX_DECELERATION, U32, Rw, Rx, "Max deceleration").default(0xFFFF_FFFF),
     Entry::new(POSITIONING_OPTION, U16, Rw, Rx, "Positioning option code"),
@@ -151,5 +182,6 @@ pub(super) static ENTRIES: &[Entry] = &[
     Entry::count(0x60FE, 2, "Digital outputs"),
     Entry::new(DIGITAL_OUTPUTS, U32, Rw, Rx, "Physical outputs"),
     Entry::new(DIGITAL_OUTPUT_MASK, U32, Rw, Rx, "Bit mask"),
+    Entry::new(TARGET_VELOCITY, I32, Rw, Rx, "Target velocity"),
     Entry::new(SUPPORTED_MODES, U32, Ro, Tx, "Supported drive modes"),
 ];

@@ -1,5 +1,5 @@
-//! The DS402 axis of a simulated drive: device state machine, profile position mode, trajectory, and a ledger of the
-//! set-points it executed.
+//! The DS402 axis of a simulated drive: device state machine, profile position, profile velocity and homing mode,
+//! trajectory, and ledgers of what it executed.
 //!
 //! The model is pure: the segment around it writes objects ([`Axis::set`]), calls [`Axis::cycle`] once per drive cycle,
 //! and reads objects ([`Axis::get`]). How one drive differs from another is data ([`Behaviour`]).
@@ -28,7 +28,10 @@ mod axis;
 mod behaviour;
 mod emergency;
 mod entries;
+mod homing;
+mod homing_method;
 mod ledger;
+mod machine;
 mod motion;
 mod objects;
 mod power;
@@ -37,14 +40,18 @@ mod set_point;
 mod state;
 mod status;
 mod trajectory;
+mod velocity;
 
 pub use axis::{AckFault, Axis, Disturbances};
 pub use behaviour::{
-    AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, LimitViolation, LimitsOff, ModeZero,
-    ReachedPolicy, RelativeBase,
+    AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, HOMING_METHODS, HomeOffset,
+    LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase,
 };
 pub use emergency::Emergency;
-pub use ledger::{Cause, Executed, Outcome};
+pub use ledger::{
+    Cause, Executed, Homing, HomingError, HomingOutcome, Outcome, VelocityEnd, VelocityPhase,
+};
+pub use machine::Machine;
 pub use objects::{Access, DataType, Entry, Mapping, SetError};
 pub use state::State;
 

@@ -6,6 +6,7 @@ use super::axis::{AckFault, Axis};
 use super::behaviour::{AckPolicy, Bit5, FullBuffer, ModeZero};
 use super::ledger::{Cause, Outcome};
 use super::objects;
+use super::power::Ramp;
 use super::set_point::SetPoint;
 use super::state::State;
 
@@ -29,6 +30,14 @@ pub(super) struct Buffer {
 }
 
 impl Buffer {
+    /// An empty one on an axis that stands at a position.
+    pub(super) fn at(position: i64) -> Buffer {
+        Buffer {
+            previous_target: position,
+            ..Buffer::default()
+        }
+    }
+
     pub(super) fn is_empty(&self) -> bool {
         self.active.is_none() && self.pending.is_none()
     }
@@ -54,7 +63,7 @@ impl Axis {
         }
     }
 
-    /// Mode of operation: 6061h follows 6060h. True in the cycle in which profile position mode becomes active.
+    /// Mode of operation: 6061h follows 6060h. True in the cycle in which another mode becomes active.
     pub(super) fn update_mode(&mut self, controlword: u16) -> bool {
         let asked = self.objects.value(objects::MODE);
         let active = self.objects.value(objects::MODE_DISPLAY);
@@ -63,7 +72,9 @@ impl Axis {
             1..=32 => self.behaviour.supported_modes >> (asked - 1) & 1 != 0,
             _ => false,
         };
-        let blocked = self.behaviour.halt_blocks_mode_change && controlword & 0x0100 != 0;
+        let moves = self.state == State::OperationEnabled && !self.trajectory.stands();
+        let blocked = (self.behaviour.halt_blocks_mode_change && controlword & 0x0100 != 0)
+            || (self.behaviour.motion_blocks_mode_change && moves);
         if asked == active || !known || blocked {
             self.mode_wait = 0;
             return false;
@@ -74,35 +85,50 @@ impl Axis {
         }
         self.mode_wait = 0;
         self.objects.put(objects::MODE_DISPLAY, asked);
-        if active == PROFILE_POSITION && self.state == State::OperationEnabled {
-            self.discard_set_points(Cause::ModeChange);
+        if self.state == State::OperationEnabled {
+            self.discard_motion(Cause::ModeChange);
             self.slow_down();
         }
-        asked == PROFILE_POSITION
+        true
+    }
+
+    /// Whether bit 4 has risen in this cycle, as this drive sees it.
+    pub(super) fn bit_4_rises(&mut self, controlword: u16, mode_became_active: bool) -> bool {
+        let bit_4 = controlword & 0x0010 != 0;
+        let edge = bit_4 && self.last_controlword & 0x0010 == 0;
+        let edge = edge || (mode_became_active && bit_4 && self.behaviour.edge_at_mode_change);
+        self.passes_filter(edge, bit_4) && !self.disturbances.deaf_to_bit_4
+    }
+
+    /// Drops everything that moves the axis, whatever the mode.
+    pub(super) fn discard_motion(&mut self, cause: Cause) {
+        self.discard_set_points(cause);
+        self.discard_homing(cause);
+        self.discard_velocity(cause);
+    }
+
+    /// Outside of homing, on a drive that does so: stops before a limit switch.
+    pub(super) fn check_limit_switches(&mut self) {
+        let homes = self.is_homing();
+        if self.state == State::OperationEnabled
+            && !homes
+            && self.is_stopped_by_switch(self.trajectory.velocity())
+        {
+            self.discard_motion(Cause::LimitSwitch);
+            self.stop_on(Ramp::QuickStop);
+        }
     }
 
     /// The handshake and the halt of this cycle.
-    pub(super) fn run_set_points(
-        &mut self,
-        controlword: u16,
-        was_enabled: bool,
-        mode_became_active: bool,
-    ) {
-        let bit_4 = controlword & 0x0010 != 0;
-        let edge = bit_4 && self.last_controlword & 0x0010 == 0;
-        let can_take = self.state == State::OperationEnabled
-            && was_enabled
-            && self.leaving_to.is_none()
-            && self.remote
-            && self.objects.value(objects::MODE_DISPLAY) == PROFILE_POSITION;
+    pub(super) fn run_set_points(&mut self, controlword: u16, can_take: bool, rise: bool) {
+        let can_take = can_take && self.objects.value(objects::MODE_DISPLAY) == PROFILE_POSITION;
         if can_take {
             self.run_halt(controlword & 0x0100 != 0);
         }
-        let edge = edge || (mode_became_active && bit_4 && self.behaviour.edge_at_mode_change);
-        if self.passes_filter(edge, bit_4) && can_take && !self.disturbances.deaf_to_bit_4 {
+        if rise && can_take {
             self.take_set_point(controlword);
         }
-        self.run_acknowledge(bit_4);
+        self.run_acknowledge(controlword & 0x0010 != 0);
         if can_take && !self.buffer.halted {
             self.start_active();
             // A set-point that leads nowhere is done in the cycle that took it.
@@ -113,7 +139,7 @@ impl Axis {
     }
 
     /// Drops what is active and what waits.
-    pub(super) fn discard_set_points(&mut self, cause: Cause) {
+    fn discard_set_points(&mut self, cause: Cause) {
         for set_point in [self.buffer.active.take(), self.buffer.pending.take()]
             .into_iter()
             .flatten()

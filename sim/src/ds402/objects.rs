@@ -193,6 +193,10 @@ pub(super) const POSITION_WINDOW: Address = (0x6067, 0);
 pub(super) const POSITION_WINDOW_TIME: Address = (0x6068, 0);
 pub(super) const VELOCITY_DEMAND: Address = (0x606B, 0);
 pub(super) const VELOCITY_ACTUAL: Address = (0x606C, 0);
+pub(super) const VELOCITY_WINDOW: Address = (0x606D, 0);
+pub(super) const VELOCITY_WINDOW_TIME: Address = (0x606E, 0);
+pub(super) const VELOCITY_THRESHOLD: Address = (0x606F, 0);
+pub(super) const VELOCITY_THRESHOLD_TIME: Address = (0x6070, 0);
 pub(super) const TARGET_POSITION: Address = (0x607A, 0);
 pub(super) const RANGE_MIN: Address = (0x607B, 1);
 pub(super) const RANGE_MAX: Address = (0x607B, 2);
@@ -220,6 +224,10 @@ pub(super) const VELOCITY_NUMERATOR: Address = (0x6096, 1);
 pub(super) const VELOCITY_DIVISOR: Address = (0x6096, 2);
 pub(super) const ACCELERATION_NUMERATOR: Address = (0x6097, 1);
 pub(super) const ACCELERATION_DIVISOR: Address = (0x6097, 2);
+pub(super) const HOMING_METHOD: Address = (0x6098, 0);
+pub(super) const HOMING_SPEED_SWITCH: Address = (0x6099, 1);
+pub(super) const HOMING_SPEED_ZERO: Address = (0x6099, 2);
+pub(super) const HOMING_ACCELERATION: Address = (0x609A, 0);
 pub(super) const MAX_ACCELERATION: Address = (0x60C5, 0);
 pub(super) const MAX_DECELERATION: Address = (0x60C6, 0);
 pub(super) const POSITIONING_OPTION: Address = (0x60F2, 0);
@@ -227,6 +235,7 @@ pub(super) const FOLLOWING_ERROR_ACTUAL: Address = (0x60F4, 0);
 pub(super) const DIGITAL_INPUTS: Address = (0x60FD, 0);
 pub(super) const DIGITAL_OUTPUTS: Address = (0x60FE, 1);
 pub(super) const DIGITAL_OUTPUT_MASK: Address = (0x60FE, 2);
+pub(super) const TARGET_VELOCITY: Address = (0x60FF, 0);
 pub(super) const SUPPORTED_MODES: Address = (0x6502, 0);
 
 /// The entries of one drive and their values.
@@ -235,6 +244,8 @@ pub(super) struct Objects {
     entries: Arc<[Entry]>,
     values: Vec<i64>,
     profile_types: &'static [i16],
+    /// What 6098h takes; none takes all of its type.
+    homing_methods: Option<&'static [i8]>,
 }
 
 impl Objects {
@@ -253,6 +264,9 @@ impl Objects {
             values: entries.iter().map(|entry| entry.default).collect(),
             entries: entries.into(),
             profile_types: behaviour.profile_types,
+            homing_methods: behaviour
+                .homing_method_refused_at_write
+                .then_some(behaviour.homing_methods),
         };
         objects.put(SUPPORTED_MODES, behaviour.supported_modes.into());
         objects.put(QUICK_STOP_OPTION, behaviour.quick_stop_option.into());
@@ -314,6 +328,9 @@ impl Objects {
                 .profile_types
                 .iter()
                 .any(|&kind| i64::from(kind) == value),
+            HOMING_METHOD => self
+                .homing_methods
+                .is_none_or(|methods| methods.iter().any(|&method| i64::from(method) == value)),
             POSITIONING_OPTION => (0..=2).contains(&value),
             _ => true,
         }

@@ -20,7 +20,7 @@ pub(super) struct Fault {
 
 /// The ramps to which option codes refer.
 #[derive(Debug, Clone, Copy)]
-enum Ramp {
+pub(super) enum Ramp {
     /// No torque: the axis coasts.
     Coast,
     /// 6084h.
@@ -163,7 +163,7 @@ impl Axis {
 
     /// Transitions 5 and 8: with option code 1 after the ramp, with 0 at once.
     fn leave_operation(&mut self, to: State, option: Address) {
-        self.discard_set_points(Cause::Disabled);
+        self.discard_motion(Cause::Disabled);
         if self.option(option) == 0 {
             self.cut_power(to);
         } else {
@@ -181,7 +181,7 @@ impl Axis {
 
     /// Transition 11.
     fn begin_quick_stop(&mut self) {
-        self.discard_set_points(Cause::QuickStop);
+        self.discard_motion(Cause::QuickStop);
         self.stop_on(match self.option(objects::QUICK_STOP_OPTION) {
             0 => Ramp::Coast,
             1 | 5 => Ramp::SlowDown,
@@ -208,7 +208,7 @@ impl Axis {
         if matches!(self.state, State::FaultReactionActive | State::Fault) {
             return;
         }
-        self.discard_set_points(Cause::Fault);
+        self.discard_motion(Cause::Fault);
         if self.state.is_powered() {
             self.stop_on(match self.option(objects::FAULT_REACTION_OPTION) {
                 0 => Ramp::Coast,
@@ -249,8 +249,9 @@ impl Axis {
 
     /// Ends the control of the axis: it coasts from whatever it does, and its set-points are gone.
     fn cut_power(&mut self, to: State) {
-        self.discard_set_points(Cause::Disabled);
-        if self.disturbances.blocked {
+        self.discard_motion(Cause::Disabled);
+        let demand = self.trajectory.counts();
+        if self.disturbances.blocked || self.within_ends(demand) != demand {
             self.trajectory.place(self.actual);
             self.lagging.clear();
         }
@@ -279,7 +280,7 @@ impl Axis {
         self.stop_on(Ramp::SlowDown);
     }
 
-    fn stop_on(&mut self, ramp: Ramp) {
+    pub(super) fn stop_on(&mut self, ramp: Ramp) {
         let limit = f64::from(self.behaviour.limit_deceleration);
         let or_limit = |rate: f64| if rate > 0.0 { rate } else { limit };
         let rate = match ramp {

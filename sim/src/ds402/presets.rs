@@ -4,9 +4,10 @@
 use core::time::Duration;
 
 use super::behaviour::{
-    AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, LimitViolation, LimitsOff, ModeZero,
-    ReachedPolicy, RelativeBase,
+    AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, HOMING_METHODS, HomeOffset,
+    LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase,
 };
+use super::machine::Machine;
 use super::objects::{
     Access, DataType, Entry, LIMIT_MAX, LIMIT_MIN, MAX_PROFILE_VELOCITY, Mapping, POSITION_DIVISOR,
     POSITION_NUMERATOR, PROFILE_TYPE, START_STOP_SPEED, TARGET_POSITION,
@@ -18,8 +19,8 @@ use Mapping::{None as No, Rx};
 
 /// The drive with 2010h: its page has no word of these objects of profile position mode.
 const WITHOUT_2010H: &[u16] = &[
-    0x606B, 0x606C, 0x607B, 0x607D, 0x607E, 0x607F, 0x6080, 0x6082, 0x608F, 0x6091, 0x6092, 0x6096,
-    0x6097, 0x60C5, 0x60C6, 0x60F2,
+    0x606B, 0x606C, 0x606D, 0x606E, 0x606F, 0x6070, 0x607B, 0x607D, 0x607E, 0x607F, 0x6080, 0x6082,
+    0x608F, 0x6091, 0x6092, 0x6096, 0x6097, 0x60C5, 0x60C6, 0x60F2, 0x60FF,
 ];
 const OWN_2010H: &[Entry] = &[
     // UNSIGNED16, rw, mandatory; unit and default are in no document, assumed: counts/s and 0, which is no step.
@@ -89,6 +90,7 @@ impl Behaviour {
             halt_keeps: true,
             edge_at_mode_change: false,
             halt_blocks_mode_change: false,
+            motion_blocks_mode_change: false,
             mode_zero: ModeZero::Clears,
             bit_4_filter_cycles: 0,
             limits_off: LimitsOff::MinNotBelowMax,
@@ -99,6 +101,11 @@ impl Behaviour {
             coast_deceleration: 1_000_000,
             limit_deceleration: 100_000_000,
             supported_modes: 0x0000_01AD,
+            homing_methods: &HOMING_METHODS,
+            homing_method_refused_at_write: false,
+            home_offset: HomeOffset::HomeReadsOffset,
+            limit_switches: LimitSwitches::Shown,
+            machine: Machine::default(),
             profile_types: &[0],
             without: &[],
             own_objects: &[],

@@ -3,11 +3,14 @@
 use core::time::Duration;
 
 use super::axis::Axis;
-use super::behaviour::{FollowingError, ReachedPolicy};
+use super::behaviour::{FollowingError, LimitSwitches, ReachedPolicy};
 use super::emergency;
+use super::homing::HOMING;
+use super::machine::{NEGATIVE_LIMIT, POSITIVE_LIMIT};
 use super::motion::PROFILE_POSITION;
 use super::objects;
 use super::state::State;
+use super::velocity::PROFILE_VELOCITY;
 
 /// A window object with this value switches its check off (DSP 402).
 const WINDOW_OFF: i64 = 0xFFFF_FFFF;
@@ -50,12 +53,23 @@ impl Axis {
         if self.disturbances.blocked {
             self.actual_velocity = 0.0;
         } else if let Some(&(position, velocity)) = self.lagging.front() {
-            self.actual = position;
-            self.actual_velocity = velocity;
+            self.actual = self.within_ends(position);
+            self.actual_velocity = if self.actual == position {
+                velocity
+            } else {
+                0.0
+            };
         }
         if self.actual != before {
             self.moved_at = Some(self.now);
         }
+    }
+
+    /// Where the shaft gets to for a demand, in reported counts.
+    pub(super) fn within_ends(&self, position: i64) -> i64 {
+        let mechanical = position.saturating_add(self.machine_offset);
+        let reached = self.behaviour.machine.within_ends(mechanical);
+        position.saturating_add(reached.saturating_sub(mechanical))
     }
 
     pub(super) fn check_following_error(&mut self) {
@@ -85,12 +99,13 @@ impl Axis {
 
     /// Updates the objects that the master reads.
     pub(super) fn publish(&mut self, controlword: u16) {
-        let reached = self.update_reached(controlword);
-        let statusword = self.compose_statusword(reached);
+        let (reached, stale) = self.update_reached(controlword);
+        let statusword = self.compose_statusword(reached, stale);
         let demand = self.trajectory.counts();
         let velocity = self.trajectory.velocity().round() as i64;
         let values = [
             (objects::STATUSWORD, i64::from(statusword)),
+            (objects::DIGITAL_INPUTS, i64::from(self.switches())),
             (objects::POSITION_DEMAND, wrapped(demand)),
             (objects::POSITION_ACTUAL, wrapped(self.actual)),
             (
@@ -112,20 +127,24 @@ impl Axis {
         }
     }
 
-    /// Bit 10. With halt, and in Quick stop active: the axis stands. Else: all set-points are done, by the drive's
-    /// policy.
-    fn update_reached(&mut self, controlword: u16) -> bool {
+    /// Bit 10, and whether it is an old one. With halt, and in Quick stop active: the axis stands. Else by the mode; in
+    /// profile position mode: all set-points are done, by the drive's policy.
+    fn update_reached(&mut self, controlword: u16) -> (bool, bool) {
         let stands = self.trajectory.stands() && self.actual_velocity == 0.0;
         let reached = match self.state {
             State::QuickStopActive => stands,
             State::OperationEnabled if self.buffer.halted && controlword & 0x0100 != 0 => stands,
-            State::OperationEnabled => self.target_reached(),
+            State::OperationEnabled => match self.objects.value(objects::MODE_DISPLAY) {
+                PROFILE_VELOCITY => self.velocity_reached(),
+                HOMING => stands && !self.is_homing(),
+                _ => self.target_reached(),
+            },
             _ => false,
         };
         let stale = self.reached.stale > 0;
         self.reached.stale = self.reached.stale.saturating_sub(1);
         self.reached.shown = reached;
-        reached || stale
+        (reached || stale, stale)
     }
 
     fn target_reached(&mut self) -> bool {
@@ -155,8 +174,23 @@ impl Axis {
             >= milliseconds(self.objects.value(objects::POSITION_WINDOW_TIME))
     }
 
-    fn compose_statusword(&self, reached: bool) -> u16 {
-        let profile_position = self.objects.value(objects::MODE_DISPLAY) == PROFILE_POSITION;
+    fn compose_statusword(&mut self, reached: bool, stale: bool) -> u16 {
+        let at_switch = self.behaviour.limit_switches == LimitSwitches::Stop
+            && self.switches() & (NEGATIVE_LIMIT | POSITIVE_LIMIT) != 0;
+        let (limited, bit_12, bit_13) = match self.objects.value(objects::MODE_DISPLAY) {
+            PROFILE_POSITION => (
+                self.buffer.limited,
+                self.acknowledge(),
+                self.reached.following_error,
+            ),
+            // Slippage (bit 13) is of drives without an encoder.
+            PROFILE_VELOCITY => (self.velocity_is_limited(), self.speed_is_zero(), false),
+            HOMING => {
+                let (attained, failed) = self.homing_bits(stale);
+                (false, attained, failed)
+            }
+            _ => (self.buffer.limited, false, false),
+        };
         let bits = [
             (4, self.voltage),
             (
@@ -166,9 +200,9 @@ impl Axis {
             (7, self.warning),
             (9, self.remote),
             (10, reached),
-            (11, self.buffer.limited),
-            (12, profile_position && self.acknowledge()),
-            (13, profile_position && self.reached.following_error),
+            (11, limited || at_switch),
+            (12, bit_12),
+            (13, bit_13),
         ];
         let manufacturer = self.behaviour.manufacturer_bits & 0xC100;
         bits.into_iter()
@@ -201,6 +235,6 @@ fn saturated(value: i64) -> i64 {
     value.clamp(i32::MIN.into(), i32::MAX.into())
 }
 
-fn milliseconds(value: i64) -> Duration {
+pub(super) fn milliseconds(value: i64) -> Duration {
     Duration::from_millis(value.unsigned_abs())
 }

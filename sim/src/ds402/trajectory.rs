@@ -40,6 +40,8 @@ enum Course {
     Stop,
     /// Runs to a position, in counts.
     To(f64),
+    /// Gets to a velocity and keeps it.
+    At,
 }
 
 /// The demand of the position loop: position in counts, velocity in counts/s, and what is planned.
@@ -94,7 +96,7 @@ impl Trajectory {
         self.current >= self.count
             && match self.course {
                 Course::To(target) => self.position == target,
-                Course::Hold | Course::Stop => true,
+                Course::Hold | Course::Stop | Course::At => true,
             }
     }
 
@@ -124,6 +126,39 @@ impl Trajectory {
         }
         if self.count == 0 {
             self.arrive();
+        }
+    }
+
+    /// Plans to get to a velocity in counts/s and to keep it. Without acceleration an axis stays or stops.
+    pub(super) fn run_at(&mut self, velocity: f64, acceleration: f64, deceleration: f64) {
+        if acceleration <= 0.0 || velocity == 0.0 {
+            self.stop(deceleration);
+            return;
+        }
+        self.begin(Course::At);
+        let from = self.velocity;
+        if from * velocity < 0.0 {
+            self.push(from, 0.0, deceleration);
+            self.push(0.0, velocity, acceleration);
+        } else if from.abs() > velocity.abs() {
+            self.push(from, velocity, deceleration);
+        } else {
+            self.push(from, velocity, acceleration);
+        }
+        self.add(Segment {
+            from: velocity,
+            to: velocity,
+            time: f64::INFINITY,
+        });
+    }
+
+    /// Counts all positions from elsewhere, `by` counts further down. Nothing moves.
+    pub(super) fn shift(&mut self, by: i64) {
+        let by = by as f64;
+        self.position += by;
+        self.segment_start += by;
+        if let Course::To(target) = &mut self.course {
+            *target += by;
         }
     }
 

@@ -2,11 +2,13 @@
 
 mod faults;
 mod handshake;
+mod homing;
 mod motion;
 mod random;
 mod sequence;
 mod states;
 mod trajectory;
+mod velocity;
 
 use core::time::Duration;
 

@@ -1,0 +1,102 @@
+//! What is fixed to the machine that the axis moves: switches, index pulse, ends of travel, and where it stands at
+//! power-up. All in encoder counts from a zero of the machine's own, which no homing shifts.
+
+/// The negative limit switch, as bit of the digital inputs (60FDh).
+pub(super) const NEGATIVE_LIMIT: u32 = 1 << 0;
+/// The positive limit switch.
+pub(super) const POSITIVE_LIMIT: u32 = 1 << 1;
+/// The home switch.
+pub(super) const HOME_SWITCH: u32 = 1 << 2;
+
+/// The machine around an axis. The default is one without switches, index pulse and ends.
+///
+/// ```
+/// use servocrab_sim::ds402::{Axis, Behaviour, Machine};
+///
+/// // Axis at 700, home switch between 0 and 50.
+/// let machine = Machine { start: 700, home_switch: Some((0, 50)), ..Machine::default() };
+/// let axis = Axis::new(Behaviour { machine, ..Behaviour::generic() });
+/// assert_eq!((axis.position(), axis.mechanical_position()), (0, 700));
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Machine {
+    /// Where the axis stands at power-up.
+    pub start: i64,
+    /// The negative limit switch is active here and at every position below (bit 0 of 60FDh).
+    pub negative_limit: Option<i64>,
+    /// The positive limit switch is active here and at every position above (bit 1 of 60FDh).
+    pub positive_limit: Option<i64>,
+    /// The home switch is active from the first to the second position, both included (bit 2 of 60FDh); `i64::MIN` and
+    /// `i64::MAX` let it reach to the end.
+    pub home_switch: Option<(i64, i64)>,
+    /// Counts from one index pulse to the next; 0 for an encoder without.
+    pub index_period: u32,
+    /// Where one of the index pulses is.
+    pub index_at: i64,
+    /// Hard ends of travel: the shaft gets no further.
+    pub ends: Option<(i64, i64)>,
+    /// The encoder knows its position at power-up. Such an axis is referenced from the start, at first in the machine's
+    /// own coordinates, and stays so when power is lost.
+    pub absolute_encoder: bool,
+}
+
+impl Machine {
+    /// The switches that are active at a position, as bits 0 to 2 of 60FDh.
+    pub(super) fn switches(&self, position: i64) -> u32 {
+        let bits = [
+            (
+                NEGATIVE_LIMIT,
+                self.negative_limit.is_some_and(|at| position <= at),
+            ),
+            (
+                POSITIVE_LIMIT,
+                self.positive_limit.is_some_and(|at| position >= at),
+            ),
+            (
+                HOME_SWITCH,
+                self.home_switch
+                    .is_some_and(|(from, to)| (from..=to).contains(&position)),
+            ),
+        ];
+        bits.into_iter()
+            .filter(|&(_, active)| active)
+            .fold(0, |all, (bit, _)| all | bit)
+    }
+
+    /// The first position in the direction of travel (`up`: toward larger positions) at which a switch has changed.
+    pub(super) fn edge(&self, switch: u32, up: bool, to_active: bool) -> Option<i64> {
+        let (from, to) = match switch {
+            NEGATIVE_LIMIT => (i64::MIN, self.negative_limit?),
+            POSITIVE_LIMIT => (self.positive_limit?, i64::MAX),
+            _ => self.home_switch?,
+        };
+        Some(match (up, to_active) {
+            (true, true) => from,
+            (true, false) => to.saturating_add(1),
+            (false, true) => to,
+            (false, false) => from.saturating_sub(1),
+        })
+    }
+
+    /// The first index pulse at `from` or beyond it in the direction of travel.
+    pub(super) fn index_from(&self, from: i64, up: bool) -> Option<i64> {
+        let period = i64::from(self.index_period);
+        if period == 0 {
+            return None;
+        }
+        let past = from.saturating_sub(self.index_at).rem_euclid(period);
+        Some(match (past, up) {
+            (0, _) => from,
+            (_, true) => from.saturating_add(period - past),
+            (_, false) => from.saturating_sub(past),
+        })
+    }
+
+    /// The position that the shaft gets to when it is driven to `position`.
+    pub(super) fn within_ends(&self, position: i64) -> i64 {
+        match self.ends {
+            Some((low, high)) if low <= high => position.clamp(low, high),
+            _ => position,
+        }
+    }
+}
