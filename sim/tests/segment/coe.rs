@@ -229,7 +229,7 @@ fn a_long_text_fills_many_mails_both_ways() {
 fn each_refusal_has_its_abort_code() {
     let mut master = preop();
     assert_eq!(master.upload(0x2345, 0), Err(0x0602_0000));
-    assert_eq!(master.upload(0x60FF, 0), Err(0x0602_0000));
+    assert_eq!(master.upload(0x6FFF, 0), Err(0x0602_0000));
     assert_eq!(master.upload(0x1018, 5), Err(0x0609_0011));
     assert_eq!(master.upload(0x6041, 1), Err(0x0609_0011));
     assert_eq!(master.download(0x6041, 0, &[0, 0]), Err(0x0601_0002));

@@ -5,7 +5,8 @@ use core::time::Duration;
 use proptest::prelude::*;
 
 use super::super::{
-    AckPolicy, Axis, Behaviour, Bit5, Executed, FullBuffer, LimitViolation, Outcome, State,
+    AckPolicy, Axis, Behaviour, Bit5, Executed, FullBuffer, Homing, HomingOutcome, LimitSwitches,
+    LimitViolation, Machine, Outcome, State, VelocityEnd, VelocityPhase,
 };
 
 #[derive(Debug, Clone)]
@@ -18,8 +19,8 @@ enum Action {
     Inhibit(bool),
     Connection(bool),
     Run(u32),
-    /// Everything that a master does to get to Operation enabled, with bit 4 low.
-    Enable,
+    /// Everything that a master does to get to Operation enabled in a mode, with bit 4 low.
+    Enable(i64),
 }
 
 /// Mostly words of an axis in operation, so that it gets somewhere; now and then any other.
@@ -43,26 +44,42 @@ fn values() -> impl Strategy<Value = i64> {
 fn actions() -> impl Strategy<Value = Action> {
     let objects = vec![
         0x607A, 0x607A, 0x607A, 0x6081, 0x6082, 0x6083, 0x6084, 0x6085, 0x607F, 0x60C5, 0x60C6,
-        0x60F2, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6007, 0x6067, 0x6068, 0x607C,
+        0x60F2, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6007, 0x6067, 0x6068, 0x607C, 0x60FF,
+        0x60FF, 0x609A, 0x606D, 0x6070,
     ];
     prop_oneof![
         60 => words().prop_map(Action::Word),
         30 => (prop::sample::select(objects), values())
             .prop_map(|(index, value)| Action::Object(index, value)),
         4 => (-4..12_i64).prop_map(|code| Action::Object(0x605A, code)),
-        2 => prop::sample::select(vec![0, 1, 1, 1, 8]).prop_map(|mode| Action::Object(0x6060, mode)),
+        2 => prop::sample::select(vec![0, 1, 1, 1, 3, 3, 6, 6, 8])
+            .prop_map(|mode| Action::Object(0x6060, mode)),
+        3 => (0..38_i64).prop_map(|method| Action::Object(0x6098, method)),
         1 => any::<u16>().prop_map(Action::Fault),
         1 => any::<bool>().prop_map(Action::Voltage),
         1 => any::<bool>().prop_map(Action::Remote),
         1 => any::<bool>().prop_map(Action::Inhibit),
         1 => any::<bool>().prop_map(Action::Connection),
-        6 => Just(Action::Enable),
+        6 => prop::sample::select(vec![1, 1, 3, 6]).prop_map(Action::Enable),
         50 => (1..300_u32).prop_map(Action::Run),
     ]
 }
 
 fn behaviours() -> impl Strategy<Value = Behaviour> {
-    (any::<[bool; 6]>(), 0..3_u32).prop_map(|(flag, cycles)| Behaviour {
+    (any::<[bool; 8]>(), 0..3_u32).prop_map(|(flag, cycles)| Behaviour {
+        limit_switches: if flag[6] {
+            LimitSwitches::Shown
+        } else {
+            LimitSwitches::Stop
+        },
+        motion_blocks_mode_change: flag[7],
+        machine: Machine {
+            negative_limit: Some(-4000),
+            positive_limit: Some(6000),
+            home_switch: Some((100, 300)),
+            index_period: 1000,
+            ..Machine::default()
+        },
         ack: if flag[0] {
             AckPolicy::FollowsBit4
         } else {
@@ -112,6 +129,49 @@ fn shown(statusword: u16) -> State {
     }
 }
 
+fn is_homing(line: &Homing) -> bool {
+    line.outcome == HomingOutcome::Active
+}
+
+fn is_driven(line: &VelocityPhase) -> bool {
+    line.end == VelocityEnd::Active
+}
+
+/// Homing and profile velocity: they run in their mode alone, and only a homing shifts what is reported.
+fn check_modes(before: &Axis, after: &Axis) {
+    let mode = after.get(0x6061, 0).expect("exists");
+    let enabled = after.state() == State::OperationEnabled;
+    let homes = after
+        .homings()
+        .iter()
+        .filter(|line| is_homing(line))
+        .count();
+    assert!(homes <= usize::from(enabled && mode == 6));
+    let phases = after.velocity_phases();
+    let driven = phases.iter().filter(|line| is_driven(line)).count();
+    assert!(driven <= usize::from(enabled && mode == 3));
+    assert!(phases.iter().all(|line| line.target != 0));
+    let started = after.homings().len() - before.homings().len();
+    assert!(started == 0 || after.controlword() & 0x0010 != 0);
+
+    let shift = |axis: &Axis| axis.mechanical_position() - axis.position();
+    let attained = |axis: &Axis| {
+        let outcomes = axis.homings().iter().map(|line| line.outcome);
+        outcomes
+            .filter(|outcome| *outcome == HomingOutcome::Attained)
+            .count()
+    };
+    assert!(
+        shift(before) == shift(after) || attained(after) > attained(before),
+        "shifted without homing"
+    );
+    if let (true, Some(line)) = (attained(after) > attained(before), after.homings().last()) {
+        let home = line.home.expect("attained") - shift(after);
+        assert_eq!(Some(home as i32), line.offset, "home reads the offset");
+        assert!(after.is_referenced());
+    }
+}
+
 fn check(before: &Axis, after: &Axis) {
     assert_eq!(shown(after.statusword()), after.state());
     let (old, new) = (before.ledger(), after.ledger());
@@ -131,7 +191,10 @@ fn check(before: &Axis, after: &Axis) {
             assert_eq!(line.end_position, line.target);
         }
     }
-    let rose = after.statusword() & !before.statusword() & 0x1000 != 0;
+    check_modes(before, after);
+    let is_pp = |axis: &Axis| axis.get(0x6061, 0) == Some(1);
+    let rose =
+        is_pp(before) && is_pp(after) && after.statusword() & !before.statusword() & 0x1000 != 0;
     assert!(
         !rose || new.len() > old.len(),
         "bit 12 rose without a set-point"
@@ -140,7 +203,11 @@ fn check(before: &Axis, after: &Axis) {
     assert!(new.len() == old.len() || edge, "a set-point without bit 4");
     if before.velocity() == 0.0 && after.velocity() != 0.0 {
         let active = |line: &Executed| line.outcome == Outcome::Active;
-        assert!(old.iter().any(active), "the axis moves without a set-point");
+        let asked = old.iter().any(active)
+            || before.homings().iter().any(is_homing)
+            || after.velocity_phases().iter().any(is_driven)
+            || before.velocity_phases().iter().any(is_driven);
+        assert!(asked, "the axis moves and nobody asked for it");
         assert_eq!(before.state(), State::OperationEnabled);
     }
     if before.state() != State::OperationEnabled {
@@ -160,13 +227,13 @@ proptest! {
     ) {
         let mut axis = Axis::new(behaviour);
         let mut now = Duration::ZERO;
-        for action in [Action::Run(3), Action::Enable].into_iter().chain(actions) {
+        for action in [Action::Run(3), Action::Enable(1)].into_iter().chain(actions) {
             let mut steps = vec![(axis.controlword(), 1)];
             match action {
                 Action::Word(word) => steps = vec![(word, 1)],
                 Action::Run(count) => steps = vec![(axis.controlword(), count)],
-                Action::Enable => {
-                    axis.set(0x6060, 0, 1).expect("profile position mode");
+                Action::Enable(mode) => {
+                    axis.set(0x6060, 0, mode).expect("takes any mode");
                     axis.set_voltage(true);
                     axis.set_remote(true);
                     axis.set_inhibited(false);

@@ -1,7 +1,8 @@
 //! Profile velocity mode: ramps, bits 10 to 13, halts, exits, and limit switches in every mode.
 
 use super::super::{
-    Behaviour, Cause, LimitSwitches, Machine, Outcome, State, VelocityEnd, VelocityPhase,
+    Axis, Behaviour, Cause, LimitSwitches, Machine, Mapping, Outcome, State, VelocityEnd,
+    VelocityPhase,
 };
 use super::Bench;
 
@@ -345,4 +346,40 @@ fn a_limit_switch_that_is_only_shown_stops_nothing() {
     assert_eq!(bench.outcomes(), [Outcome::Reached]);
     assert_eq!(bench.axis.get(0x60FD, 0), Some(0b010));
     assert!(!bench.bit(11));
+}
+
+#[test]
+fn what_a_program_may_want_to_change_while_it_runs_can_be_mapped() {
+    for behaviour in [
+        Behaviour::generic(),
+        Behaviour::akd2g(),
+        Behaviour::ax2000(),
+    ] {
+        let axis = Axis::new(behaviour);
+        for address in [
+            (0x60FF, 0),
+            (0x6098, 0),
+            (0x6099, 1),
+            (0x6099, 2),
+            (0x609A, 0),
+        ] {
+            let entry = axis
+                .entries()
+                .iter()
+                .find(|entry| (entry.index, entry.subindex) == address)
+                .expect("exists");
+            assert_eq!(entry.mapping, Mapping::Rx);
+        }
+        let modes = axis.get(0x6502, 0).expect("exists");
+        assert_eq!(modes & 0b10_0101, 0b10_0101);
+    }
+}
+
+#[test]
+fn a_drive_without_this_mode_does_not_show_it() {
+    let mut bench = Bench::enabled(Behaviour::pp2010());
+    bench.set(0x6060, 3);
+    bench.run(5);
+    assert_eq!(bench.axis.get(0x6061, 0), Some(1));
+    assert_eq!(bench.axis.get(0x60FF, 0), None);
 }
