@@ -201,7 +201,7 @@ pub struct Behaviour {
     pub limit_switches: LimitSwitches,
     /// What is fixed to the machine: switches, index pulse, ends of travel.
     pub machine: Machine,
-    /// Values that 6086h takes: 0 linear, 1 sin²; the trajectory is linear with any other.
+    /// Values that 6086h takes: 0 linear, 1 sin²; the ramps are linear with any other.
     pub profile_types: &'static [i16],
     /// Indices of the general list that this drive does not have.
     pub without: &'static [u16],

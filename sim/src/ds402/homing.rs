@@ -20,6 +20,7 @@ use super::ledger::{Cause, Homing, HomingError, HomingOutcome};
 use super::machine::{NEGATIVE_LIMIT, POSITIVE_LIMIT};
 use super::objects;
 use super::state::State;
+use super::trajectory::{Bounds, Shape};
 
 /// 6061h of homing mode.
 pub(super) const HOMING: i64 = 6;
@@ -197,8 +198,14 @@ impl Axis {
             Step::Cross { up } | Step::Index { up, .. } => (up, run.slow),
         };
         let velocity = if up { speed } else { -speed };
-        self.trajectory
-            .run_at(velocity, run.acceleration, run.acceleration);
+        let bounds = Bounds {
+            velocity: speed,
+            end_velocity: speed,
+            acceleration: run.acceleration,
+            deceleration: run.acceleration,
+            shape: Shape::Linear,
+        };
+        self.trajectory.run_at(velocity, bounds);
     }
 
     /// Looks at what the last cycle's motion has met.
@@ -292,7 +299,7 @@ impl Axis {
 
     fn stop_homing(&mut self) {
         if let Some(run) = self.homing.run.filter(|_| !self.buffer.halted) {
-            self.trajectory.stop(run.acceleration);
+            self.trajectory.stop(run.acceleration, Shape::Linear);
         }
     }
 

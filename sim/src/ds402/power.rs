@@ -5,6 +5,7 @@ use super::emergency::{self, Emergency};
 use super::ledger::Cause;
 use super::objects::{self, Address};
 use super::state::{Command, State};
+use super::trajectory::Shape;
 
 /// Emergencies that wait at most; a drive's queue is short, and nobody may read it.
 const EMERGENCIES_KEPT: usize = 16;
@@ -291,7 +292,11 @@ impl Axis {
             }
             Ramp::Limit => limit,
         };
-        self.trajectory.stop(rate);
+        let shape = match ramp {
+            Ramp::SlowDown => self.shape(),
+            Ramp::Coast | Ramp::QuickStop | Ramp::Limit => Shape::Linear,
+        };
+        self.trajectory.stop(rate, shape);
     }
 
     fn option(&self, address: Address) -> i64 {

@@ -4,7 +4,7 @@ use super::axis::Axis;
 use super::behaviour::{LimitViolation, LimitsOff, RelativeBase};
 use super::ledger::{Executed, Outcome};
 use super::objects;
-use super::trajectory::Bounds;
+use super::trajectory::{Bounds, Shape};
 
 /// A set-point in the buffer.
 #[derive(Debug, Clone, Copy)]
@@ -74,6 +74,7 @@ impl Axis {
             end_velocity: object(objects::END_VELOCITY) as f64,
             acceleration: acceleration as f64,
             deceleration: self.deceleration(),
+            shape: self.shape(),
         };
         let target = asked.map(|asked| self.limited(asked));
         self.buffer.limited = target.is_some() && target != asked;
@@ -182,7 +183,8 @@ impl Axis {
         let way = second.saturating_sub(first) as f64 * direction;
         let junction = next.blend.then(|| {
             if way > 0.0 && next.bounds.can_move() {
-                let from_stop = 2.0 * next.bounds.deceleration * way;
+                let rate = next.bounds.shape.mean(next.bounds.deceleration);
+                let from_stop = 2.0 * rate * way;
                 let fastest = (from_stop + next.bounds.end_velocity.powi(2)).sqrt();
                 fastest.min(active.bounds.velocity)
             } else {
@@ -196,6 +198,15 @@ impl Axis {
         self.buffer.active = Some(active);
         if !self.buffer.halted {
             self.run(active);
+        }
+    }
+
+    /// The ramps of 6086h: 1 is sin², any other is linear.
+    pub(super) fn shape(&self) -> Shape {
+        if self.objects.value(objects::PROFILE_TYPE) == 1 {
+            Shape::SinSquared
+        } else {
+            Shape::Linear
         }
     }
 

@@ -1,5 +1,9 @@
-//! A trapezoidal trajectory with separate acceleration and deceleration, as a short list of segments of constant
-//! acceleration. It ends exactly on its target.
+//! A trajectory with separate acceleration and deceleration, as a short list of ramps and a cruise between them. It ends
+//! exactly on its target.
+//!
+//! A ramp is linear, or the velocity follows sin² of the time (6086h = 1). A sin² ramp whose steepest point has the rate
+//! that was given takes π/2 as long as the linear one, and as much way as a linear one with 2/π of that rate: plans are
+//! made with this mean rate.
 
 /// Seconds that a sum of cycle times may fall short of a segment's end; no cycle is added for them.
 const ROUNDING: f64 = 1e-9;
@@ -15,6 +19,28 @@ pub(super) struct Bounds {
     pub(super) acceleration: f64,
     /// Counts/s².
     pub(super) deceleration: f64,
+    /// How the velocity rises and falls within these.
+    pub(super) shape: Shape,
+}
+
+/// How the velocity changes in a ramp.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Shape {
+    /// With constant acceleration.
+    #[default]
+    Linear,
+    /// As sin²: the acceleration begins and ends at 0.
+    SinSquared,
+}
+
+impl Shape {
+    /// The mean rate of a ramp that is nowhere steeper than `rate`.
+    pub(super) fn mean(self, rate: f64) -> f64 {
+        match self {
+            Shape::Linear => rate,
+            Shape::SinSquared => rate * core::f64::consts::FRAC_2_PI,
+        }
+    }
 }
 
 impl Bounds {
@@ -29,6 +55,27 @@ struct Segment {
     from: f64,
     to: f64,
     time: f64,
+    shape: Shape,
+}
+
+impl Segment {
+    /// Way and velocity after a time that is not longer than the segment.
+    fn after(&self, t: f64) -> (f64, f64) {
+        let change = self.to - self.from;
+        let share = t / self.time;
+        match self.shape {
+            Shape::Linear => {
+                let velocity = self.from + change * share;
+                ((self.from + velocity) * 0.5 * t, velocity)
+            }
+            Shape::SinSquared => {
+                let angle = core::f64::consts::PI * share;
+                let velocity = self.from + change * 0.5 * (1.0 - angle.cos());
+                let swing = angle.sin() * self.time / core::f64::consts::TAU;
+                (self.from * t + change * (0.5 * t - swing), velocity)
+            }
+        }
+    }
 }
 
 /// What the generator is doing.
@@ -50,6 +97,8 @@ pub(super) struct Trajectory {
     position: f64,
     velocity: f64,
     course: Course,
+    /// Of the ramps that are planned next.
+    shape: Shape,
     /// At most four are ever needed: brake, accelerate, cruise, decelerate.
     segments: [Segment; 4],
     count: usize,
@@ -64,6 +113,7 @@ impl Trajectory {
             position: position as f64,
             velocity: 0.0,
             course: Course::Hold,
+            shape: Shape::Linear,
             segments: [Segment::default(); 4],
             count: 0,
             current: 0,
@@ -104,7 +154,13 @@ impl Trajectory {
     ///
     /// With a velocity or acceleration of zero there is no motion: an axis that stands stays, one that moves stops.
     pub(super) fn run_to(&mut self, target: i64, bounds: Bounds) {
-        self.begin(Course::To(target as f64));
+        self.begin(Course::To(target as f64), bounds.shape);
+        let steepest = bounds.deceleration;
+        let bounds = Bounds {
+            acceleration: bounds.shape.mean(bounds.acceleration),
+            deceleration: bounds.shape.mean(bounds.deceleration),
+            ..bounds
+        };
         if !bounds.can_move() {
             self.push(self.velocity, 0.0, bounds.deceleration);
             return;
@@ -113,9 +169,17 @@ impl Trajectory {
         let mut distance = target as f64 - self.position;
         let mut start = self.velocity;
         let toward = start * distance > 0.0;
-        let room = 2.0 * bounds.deceleration * distance.abs();
         // A relative 1e-12 lets a stop that was planned to end on this very target pass in spite of rounding.
-        let brakes_in_time = start * start - end_velocity * end_velocity <= room * (1.0 + 1e-12);
+        let room = 2.0 * distance.abs() * (1.0 + 1e-12);
+        let to_lose = start * start - end_velocity * end_velocity;
+        let brakes_in_time = to_lose <= bounds.deceleration * room;
+        if toward && !brakes_in_time && to_lose <= steepest * room {
+            // Planned anew in the steep middle of a sin² ramp: another one from here would end behind the target.
+            self.shape = Shape::Linear;
+            let end = distance.signum() * end_velocity;
+            self.push(start, end, to_lose / (2.0 * distance.abs()));
+            return;
+        }
         if start != 0.0 && !(toward && brakes_in_time) {
             self.push(start, 0.0, bounds.deceleration);
             distance -= start * start.abs() / (2.0 * bounds.deceleration);
@@ -130,12 +194,15 @@ impl Trajectory {
     }
 
     /// Plans to get to a velocity in counts/s and to keep it. Without acceleration an axis stays or stops.
-    pub(super) fn run_at(&mut self, velocity: f64, acceleration: f64, deceleration: f64) {
-        if acceleration <= 0.0 || velocity == 0.0 {
-            self.stop(deceleration);
+    pub(super) fn run_at(&mut self, velocity: f64, bounds: Bounds) {
+        let shape = bounds.shape;
+        if bounds.acceleration <= 0.0 || velocity == 0.0 {
+            self.stop(bounds.deceleration, shape);
             return;
         }
-        self.begin(Course::At);
+        self.begin(Course::At, shape);
+        let acceleration = shape.mean(bounds.acceleration);
+        let deceleration = shape.mean(bounds.deceleration);
         let from = self.velocity;
         if from * velocity < 0.0 {
             self.push(from, 0.0, deceleration);
@@ -149,6 +216,7 @@ impl Trajectory {
             from: velocity,
             to: velocity,
             time: f64::INFINITY,
+            shape: Shape::Linear,
         });
     }
 
@@ -163,9 +231,9 @@ impl Trajectory {
     }
 
     /// Plans a stop with the given deceleration in counts/s²; a deceleration of zero stops at once.
-    pub(super) fn stop(&mut self, deceleration: f64) {
-        self.begin(Course::Stop);
-        self.push(self.velocity, 0.0, deceleration);
+    pub(super) fn stop(&mut self, deceleration: f64, shape: Shape) {
+        self.begin(Course::Stop, shape);
+        self.push(self.velocity, 0.0, shape.mean(deceleration));
     }
 
     /// Puts the axis elsewhere, standing, with nothing planned.
@@ -184,10 +252,9 @@ impl Trajectory {
             let left = segment.time - self.elapsed;
             if dt + ROUNDING < left {
                 self.elapsed += dt;
-                let t = self.elapsed;
-                let acceleration = (segment.to - segment.from) / segment.time;
-                self.velocity = segment.from + acceleration * t;
-                self.position = self.segment_start + (segment.from + self.velocity) * 0.5 * t;
+                let (way, velocity) = segment.after(self.elapsed);
+                self.velocity = velocity;
+                self.position = self.segment_start + way;
                 return 0.0;
             }
             dt = (dt - left).max(0.0);
@@ -237,8 +304,9 @@ impl Trajectory {
         self.push(direction * peak, direction * end, down);
     }
 
-    fn begin(&mut self, course: Course) {
+    fn begin(&mut self, course: Course, shape: Shape) {
         self.course = course;
+        self.shape = shape;
         self.count = 0;
         self.current = 0;
         self.elapsed = 0.0;
@@ -254,6 +322,7 @@ impl Trajectory {
                 from,
                 to,
                 time: (to - from).abs() / rate,
+                shape: self.shape,
             });
         } else {
             self.velocity = to;
@@ -266,6 +335,7 @@ impl Trajectory {
                 from: velocity,
                 to: velocity,
                 time: way / velocity.abs(),
+                shape: Shape::Linear,
             });
         }
     }

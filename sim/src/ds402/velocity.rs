@@ -8,17 +8,16 @@ use super::ledger::{Cause, VelocityEnd, VelocityPhase};
 use super::machine::{NEGATIVE_LIMIT, POSITIVE_LIMIT};
 use super::objects;
 use super::status::milliseconds;
+use super::trajectory::Bounds;
 
 /// 6061h of profile velocity mode.
 pub(super) const PROFILE_VELOCITY: i64 = 3;
 
-/// What the ramp generator was told: counts/s, and twice counts/s².
-type Command = (f64, f64, f64);
-
 /// The mode's memory.
 #[derive(Debug, Clone, Default)]
 pub(super) struct VelocityState {
-    commanded: Option<Command>,
+    /// What the ramp generator was told last: counts/s, and the ramps.
+    commanded: Option<(f64, Bounds)>,
     /// The open line of the ledger.
     line: Option<usize>,
     in_window_since: Option<Duration>,
@@ -51,9 +50,17 @@ impl Axis {
             .objects
             .value(objects::PROFILE_ACCELERATION)
             .min(self.objects.limit(objects::MAX_ACCELERATION));
-        let command = (target as f64, acceleration as f64, self.deceleration());
+        let target = target as f64;
+        let bounds = Bounds {
+            velocity: target.abs(),
+            end_velocity: target.abs(),
+            acceleration: acceleration as f64,
+            deceleration: self.deceleration(),
+            shape: self.shape(),
+        };
+        let command = (target, bounds);
         if self.velocity.commanded.replace(command) != Some(command) {
-            self.trajectory.run_at(command.0, command.1, command.2);
+            self.trajectory.run_at(target, bounds);
         }
     }
 

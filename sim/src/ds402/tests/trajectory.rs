@@ -2,13 +2,19 @@
 
 use proptest::prelude::*;
 
-use super::super::trajectory::{Bounds, Trajectory};
+use super::super::trajectory::{Bounds, Shape, Trajectory};
 
 const DT: f64 = 0.001;
 
 /// Ramps take from a millisecond to ten seconds up to the velocity, so that every plan ends in reasonable time.
 fn bounds() -> impl Strategy<Value = Bounds> {
-    (10.0..1e6_f64, -1.0..3.0_f64, -1.0..3.0_f64).prop_map(|(velocity, up, down)| Bounds {
+    let ramps = (-1.0..3.0_f64, -1.0..3.0_f64, any::<bool>());
+    (10.0..1e6_f64, ramps).prop_map(|(velocity, (up, down, smooth))| Bounds {
+        shape: if smooth {
+            Shape::SinSquared
+        } else {
+            Shape::Linear
+        },
         velocity,
         end_velocity: 0.0,
         acceleration: velocity * 10_f64.powf(up),
@@ -90,10 +96,10 @@ proptest! {
         }
         let (position, velocity) = (trajectory.position(), trajectory.velocity());
         prop_assume!(velocity / bounds.deceleration < 1000.0);
-        trajectory.stop(bounds.deceleration);
+        trajectory.stop(bounds.deceleration, bounds.shape);
         run(&mut trajectory, |_, _, _| {});
         prop_assert_eq!(trajectory.velocity(), 0.0);
-        let way = velocity * velocity / (2.0 * bounds.deceleration);
+        let way = velocity * velocity / (2.0 * bounds.shape.mean(bounds.deceleration));
         prop_assert!((trajectory.position() - position - way).abs() <= 1e-6 * (1.0 + way));
     }
 }
@@ -102,6 +108,7 @@ proptest! {
 fn a_trapezoid_takes_the_time_of_its_three_parts() {
     let mut trajectory = Trajectory::at(0);
     let bounds = Bounds {
+        shape: Shape::Linear,
         velocity: 1000.0,
         end_velocity: 0.0,
         acceleration: 1000.0,
@@ -116,6 +123,7 @@ fn a_trapezoid_takes_the_time_of_its_three_parts() {
 fn a_lower_velocity_brakes_down_to_it_first() {
     let mut trajectory = Trajectory::at(0);
     let fast = Bounds {
+        shape: Shape::Linear,
         velocity: 1000.0,
         end_velocity: 0.0,
         acceleration: 1000.0,
@@ -142,6 +150,7 @@ fn a_lower_velocity_brakes_down_to_it_first() {
 fn a_target_that_cannot_be_met_in_time_is_overshot_and_met_from_beyond() {
     let mut trajectory = Trajectory::at(0);
     let bounds = Bounds {
+        shape: Shape::Linear,
         velocity: 1000.0,
         end_velocity: 0.0,
         acceleration: 1000.0,
@@ -165,6 +174,7 @@ fn a_target_that_cannot_be_met_in_time_is_overshot_and_met_from_beyond() {
 fn a_plan_without_acceleration_is_never_done_and_never_moves() {
     let mut trajectory = Trajectory::at(5);
     let bounds = Bounds {
+        shape: Shape::Linear,
         velocity: 10.0,
         end_velocity: 0.0,
         acceleration: 0.0,
