@@ -124,6 +124,7 @@ impl Checks for CheckedBy<'_> {
         if !self.outputs_are_valid() {
             return Err(code::NO_VALID_OUTPUTS);
         }
+        self.synchronisation()?;
         if self.0.esc.sync_unit().is_on && !self.0.esc.sync0_runs(self.1) {
             return Err(code::NO_SYNC);
         }

@@ -51,12 +51,20 @@ pub(super) fn axis_entry_info(entry: &Entry, is_record: bool, default: Option<i6
     if is_record {
         return EntryInfo::count(by_sdo);
     }
+    let kept = if entry.saved { access::BACKUP } else { 0 };
     let bytes = entry.kind.size();
+    let encode = |value: i64| value.to_le_bytes().into_iter().take(bytes).collect();
     let bits = u16::try_from(8 * bytes).unwrap_or(u16::MAX);
-    let mut info = EntryInfo::new(type_of(entry.kind), bits, by_sdo | by_pdo, entry.name);
+    let mut info = EntryInfo::new(
+        type_of(entry.kind),
+        bits,
+        by_sdo | by_pdo | kept,
+        entry.name,
+    );
     info.unit = unit_of(entry.index);
     if entry.access == Access::ReadWrite {
-        info.default = default.map(|value| value.to_le_bytes().into_iter().take(bytes).collect());
+        info.default = default.map(encode);
+        info.range = Some((encode(entry.min), encode(entry.max)));
     }
     info
 }

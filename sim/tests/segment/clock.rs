@@ -201,6 +201,19 @@ fn each_wrong_setting_of_sync0_has_its_code() {
 }
 
 #[test]
+fn a_sync0_that_is_set_wrong_in_safeop_keeps_the_drive_from_op() {
+    let mut master = two();
+    assert_eq!(to_safe_op(&mut master), (4, 0));
+    start_sync0(&mut master, 1_000_000, 1_000_001, 3);
+    master.cycle(&[0; 38]);
+    master.request(FIRST, 8);
+    for _ in 0..250 {
+        master.cycle(&[0; 38]);
+    }
+    assert_eq!(master.al(FIRST), (0x14, 0x0036));
+}
+
+#[test]
 fn the_synchronisation_type_must_fit_the_unit() {
     let mut master = two();
     assert_eq!(master.upload(0x1C32, 4), Ok(vec![5, 0]));

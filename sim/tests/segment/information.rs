@@ -113,18 +113,27 @@ fn an_entry_tells_its_type_its_length_its_access_and_its_name() {
 }
 
 #[test]
-fn unit_and_default_come_when_they_are_asked_for_and_known() {
+fn unit_default_and_range_come_when_they_are_asked_for_and_known() {
     let mut master = preop(1024);
-    // Everything about 6081h: told are unit (increments per second) and default (one turn of 2^20 counts), before the name.
-    let reply = ask(&mut master, 5, &[0x81, 0x60, 0, 0x1F]);
-    assert_eq!(reply[9], 0x1F);
+    // Everything about 6081h: unit (increments per second), default (one turn of 2^20 counts), minimum, maximum, name.
+    let reply = ask(&mut master, 5, &[0x81, 0x60, 0, 0x7F]);
+    assert_eq!(reply[9], 0x7F);
     assert_eq!(
-        reply[16..24],
-        [0x00, 0x03, 0xB5, 0x00, 0x00, 0x00, 0x10, 0x00]
+        reply[16..32],
+        [
+            0x00, 0x03, 0xB5, 0x00, 0x00, 0x00, 0x10, 0x00, 0, 0, 0, 0, 0xFF, 0xFF, 0xFF, 0xFF
+        ]
     );
-    assert_eq!(reply[24..], *b"Profile velocity");
-    // A value that can only be read has no default.
-    let reply = ask(&mut master, 5, &[0x41, 0x60, 0, 0x1F]);
+    assert_eq!(reply[32..], *b"Profile velocity");
+    // Only the range of 605Ah: 0 to 8, two bytes each.
+    let reply = ask(&mut master, 5, &[0x5A, 0x60, 0, 0x60]);
+    assert_eq!(reply[9], 0x60);
+    assert_eq!(reply[16..20], [0, 0, 8, 0]);
+    assert_eq!(reply[20..], *b"Quick stop option code");
+    assert_eq!(master.download(0x605A, 0, &[8, 0]), Ok(()));
+    assert_eq!(master.download(0x605A, 0, &[9, 0]), Err(0x0609_0030));
+    // A value that can only be read has neither default nor range.
+    let reply = ask(&mut master, 5, &[0x41, 0x60, 0, 0x7F]);
     assert_eq!(reply[9], 0x07);
     assert_eq!(reply[16..], *b"Statusword");
     // The default stays what it was at power-up.
