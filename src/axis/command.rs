@@ -2,7 +2,10 @@
 
 use bitflags::bitflags;
 
-use crate::{ds402::Mode, profile_position::MoveCommand};
+use crate::{
+    ds402::Mode,
+    profile_position::{Limits, MoveCommand},
+};
 
 /// A command to an axis. Each gives exactly one last event ([`Event::Done`](super::Event::Done)).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +20,11 @@ pub enum Command {
     SelectMode(Mode),
     /// A move in Profile Position mode.
     Move(MoveCommand),
+    /// Says whether such a move would be refused now, and why; nothing is sent. Parameters that are not in the process data
+    /// count as written already.
+    CheckMove(MoveCommand),
+    /// What moves are checked against from now on.
+    SetLimits(Limits),
     /// Bit 8: pause, keeping the set-point.
     Halt,
     /// Bit 8 low: go on.

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Mode, QuickStopOption},
-    profile_position::{Parameters, Traits},
+    profile_position::{Limits, Parameters, Traits},
 };
 
 use super::{AxisFields, Referencing};
@@ -42,13 +42,15 @@ pub struct AxisConfig {
     pub quick_stop: QuickStopOption,
     /// What moves use for the parameters that they leave out: what the drive held when the axis attached.
     pub defaults: Parameters,
+    /// What moves are checked against before they are sent: what the drive held when the axis attached.
+    pub limits: Limits,
     /// How the axis comes to know where it is.
     pub referencing: Referencing,
 }
 
 impl AxisConfig {
     /// An axis after CiA 402 with its objects there, mode 1, and the default tolerances and deadlines. What its moves leave
-    /// out is not known.
+    /// out is not known, nor are the drive's limits.
     #[must_use]
     pub fn new(fields: AxisFields) -> Self {
         Self {
@@ -60,6 +62,7 @@ impl AxisConfig {
             loss: Loss::default(),
             quick_stop: QuickStopOption(2),
             defaults: Parameters::default(),
+            limits: Limits::trust_drive(),
             referencing: Referencing::default(),
         }
     }

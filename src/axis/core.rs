@@ -212,6 +212,8 @@ impl AxisCore {
                 standstill: &self.standstill,
                 bounds: &self.bounds,
                 traits: &self.config.traits,
+                limits: &self.config.limits,
+                referenced: self.is_referenced(),
                 delivered: true,
                 halted: self.halted,
                 acknowledge: self.config.deadlines.acknowledge,

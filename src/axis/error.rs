@@ -49,7 +49,7 @@ pub enum AxisErrorKind {
     /// The axis refused or failed.
     #[error("{0}")]
     Failed(Failure),
-    /// The same of a handle in the program's own units, where the failure names positions.
+    /// The same of a handle in the program's own units, where the failure names positions or velocities.
     #[error("{0}")]
     Scaled(ScaledFailure),
     /// A number or a factor cannot be converted between the program's units and the drive's; nothing was sent.

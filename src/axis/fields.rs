@@ -163,6 +163,25 @@ impl AxisFields {
         })
     }
 
+    /// Those of the parameters that go into the process data.
+    pub(super) fn mapped(&self, parameters: &Parameters) -> Parameters {
+        Parameters {
+            velocity: parameters.velocity.filter(|_| self.velocity.is_some()),
+            acceleration: parameters
+                .acceleration
+                .filter(|_| self.acceleration.is_some()),
+            deceleration: parameters
+                .deceleration
+                .filter(|_| self.deceleration.is_some()),
+            end_velocity: parameters
+                .end_velocity
+                .filter(|_| self.end_velocity.is_some()),
+            profile_type: parameters
+                .profile_type
+                .filter(|_| self.profile_type.is_some()),
+        }
+    }
+
     /// Reads the axis' objects out of the drive's inputs; nothing where they are too short.
     pub(super) fn sample(&self, inputs: &[u8], noted_mode: Mode) -> Option<Sample> {
         let mode = match self.mode_display {

@@ -34,6 +34,8 @@ impl StopKind {
             | Command::ResetFault
             | Command::SelectMode(_)
             | Command::Move(_)
+            | Command::CheckMove(_)
+            | Command::SetLimits(_)
             | Command::Resume => None,
         }
     }

@@ -362,6 +362,8 @@ impl AxisCore {
             standstill: &self.standstill,
             bounds: &self.bounds,
             traits: &self.config.traits,
+            limits: &self.config.limits,
+            referenced: self.is_referenced(),
             delivered,
             halted: self.halted,
             acknowledge: self.config.deadlines.acknowledge,

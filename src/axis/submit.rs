@@ -38,6 +38,14 @@ impl AxisCore {
             Command::ResetFault => self.reset_fault(now, id),
             Command::SelectMode(mode) => self.select_mode(now, id, mode),
             Command::Move(command) => self.start_move(id, command),
+            Command::CheckMove(command) => {
+                let result = self.check_unmapped_move(command).map(|()| Completion::Done);
+                self.done(id, result);
+            }
+            Command::SetLimits(limits) => {
+                self.config.limits = limits;
+                self.done(id, Ok(Completion::Done));
+            }
             Command::Halt => self.halt(now, id),
             Command::Resume => self.resume(now, id),
             Command::Stop => self.stop(now, id),
@@ -169,6 +177,29 @@ impl AxisCore {
         }
     }
 
+    /// As `check_move`, for a move whose parameters may have to be written by SDO first.
+    fn check_unmapped_move(&self, mut command: MoveCommand) -> Result<(), Failure> {
+        self.check_limits(&command)?;
+        let parameters = &mut command.set_point.parameters;
+        *parameters = self.config.fields.mapped(parameters);
+        self.check_move(command).map(drop)
+    }
+
+    /// What the drive's limits say of a move. Where a relative one ends shows when its turn comes.
+    fn check_limits(&self, command: &MoveCommand) -> Result<(), Failure> {
+        let limits = &self.config.limits;
+        let parameters = &command.set_point.parameters;
+        limits.check_velocity(parameters.velocity)?;
+        limits.check_velocity(parameters.end_velocity)?;
+        match command.reference {
+            Reference::Absolute => {
+                let rule = &self.config.traits.limits;
+                limits.check_target(command.target.into(), rule, self.is_referenced())
+            }
+            Reference::Relative => Ok(()),
+        }
+    }
+
     /// Everything that can be refused before anything is written.
     fn check_move(&self, mut command: MoveCommand) -> Result<MoveCommand, Failure> {
         let shown = self.sample.map_or(Mode::None, |s| s.mode);
@@ -204,6 +235,7 @@ impl AxisCore {
         {
             return Err(Failure::NotReferenced);
         }
+        self.check_limits(&command)?;
         let parameters = &mut command.set_point.parameters;
         *parameters = self
             .config

@@ -185,7 +185,7 @@ impl AxisSet for Set<'_> {
 }
 
 /// SDO access for the handles of an axis.
-struct Parameters(SdoHandle);
+pub(super) struct Parameters(pub(super) SdoHandle);
 
 impl ParameterAccess for Parameters {
     fn write(&self, object: ObjectAddress, value: Vec<u8>) -> BoxFuture<'_, Result<(), SdoError>> {

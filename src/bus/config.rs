@@ -8,6 +8,7 @@ use crate::{
     drives::DriveDescription,
     ds402::Mode,
     pdo_map::{Direction, Mapping, MappingError},
+    profile_position::Limits,
 };
 
 /// A drive of the line: what it is, the names of its axes, and what is to be configured.
@@ -36,6 +37,7 @@ pub(super) struct AxisDeclaration {
     pub(super) loss: Option<Loss>,
     pub(super) mode: Mode,
     pub(super) referencing: Referencing,
+    pub(super) limits: Option<Limits>,
     outputs: Vec<AnyObject>,
     inputs: Vec<AnyObject>,
 }
@@ -69,6 +71,7 @@ impl DriveConfig {
             loss: None,
             mode: Mode::ProfilePosition,
             referencing: Referencing::default(),
+            limits: None,
             outputs: Vec::new(),
             inputs: Vec::new(),
         });
@@ -116,6 +119,14 @@ impl DriveConfig {
     #[must_use]
     pub fn referencing(mut self, axis: &str, referencing: Referencing) -> Self {
         self.with_axis(axis, |axis| axis.referencing = referencing);
+        self
+    }
+
+    /// What moves of this axis are checked against, in place of what the drive holds. Without it its limit objects are read
+    /// when it attaches; with [`Limits::trust_drive`] nothing is checked.
+    #[must_use]
+    pub fn limits(mut self, axis: &str, limits: Limits) -> Self {
+        self.with_axis(axis, |axis| axis.limits = Some(limits));
         self
     }
 

@@ -6,6 +6,7 @@ use std::{rc::Rc, time::Duration};
 
 use super::{
     AlState, BringUpStep, DriveFault, NetworkError, al,
+    axes::Parameters,
     config::{AxisDeclaration, DriveConfig},
     discovery::Found,
     eeprom,
@@ -21,7 +22,7 @@ use crate::{
     },
     ds402::{AbortConnection, QuickStopOption},
     pdo_map::{self, ConfigureError, Layout, Mapping},
-    profile_position::Parameters,
+    profile_position::{self, Limits},
     sii::SyncManagerUsage,
 };
 
@@ -191,7 +192,7 @@ impl Job {
         if let Some(code) = read_if_there(sdo, obj::QUICK_STOP_OPTION.offset(offset)).await? {
             config.quick_stop = QuickStopOption(code);
         }
-        config.defaults = Parameters {
+        config.defaults = profile_position::Parameters {
             velocity: read_if_there(sdo, obj::PROFILE_VELOCITY.offset(offset)).await?,
             acceleration: read_if_there(sdo, obj::PROFILE_ACCELERATION.offset(offset)).await?,
             deceleration: read_if_there(sdo, obj::PROFILE_DECELERATION.offset(offset)).await?,
@@ -203,6 +204,12 @@ impl Job {
                 Some(_) => read_if_there(sdo, obj::MOTION_PROFILE_TYPE.offset(offset)).await?,
                 None => None,
             },
+        };
+        config.limits = match axis.limits {
+            Some(limits) => limits,
+            None => Limits::read(&Parameters(sdo.clone()), offset)
+                .await
+                .map_err(|error| (BringUpStep::Parameters, error.into()))?,
         };
         Ok(config)
     }

@@ -2,7 +2,7 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::pdo_map::Limits;
-use crate::profile_position::{BufferSignal, RelativeBase, Traits};
+use crate::profile_position::{BufferSignal, LimitsOff, LimitsRule, RelativeBase, Traits};
 
 /// A two-axis AKD2G.
 ///
@@ -30,6 +30,11 @@ pub fn akd2g() -> DriveDescription {
             buffer_signal: BufferSignal::None,
             relative_base: RelativeBase::Undocumented,
             halt_keeps_set_point: true,
+            // Of the first AKD generation's manual: limits of 0 and 0 are off.
+            limits: LimitsRule {
+                off: LimitsOff::BothZero,
+                ..LimitsRule::cia402()
+            },
             ..Traits::cia402()
         },
     }

@@ -2,7 +2,7 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::pdo_map::Limits;
-use crate::profile_position::Traits;
+use crate::profile_position::{LimitsActive, LimitsOff, LimitsRule, Traits};
 
 /// A Yaskawa Σ-7 (SGD7S).
 ///
@@ -22,7 +22,14 @@ pub fn sigma7() -> DriveDescription {
             entries_per_pdo: 8,
             ..Limits::default()
         },
-        traits: Traits::cia402(),
+        traits: Traits {
+            limits: LimitsRule {
+                off: LimitsOff::MinNotBelowMax,
+                less_home_offset: true,
+                active: LimitsActive::WhenReferenced,
+            },
+            ..Traits::cia402()
+        },
     }
 }
 

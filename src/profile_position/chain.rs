@@ -156,11 +156,35 @@ impl Chain {
 
     /// Where a move will end, where the documents and the position tell.
     pub(super) fn end_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
-        if command.reference == Reference::Absolute {
-            return Some(command.target);
+        match command.reference {
+            Reference::Absolute => Some(command.target),
+            Reference::Relative => {
+                let base = self.base_of(command, cycle);
+                base.map(|base| base.wrapping_add(command.target))
+            }
         }
+    }
+
+    /// Refuses a relative move whose turn has come and that would end beyond a limit, where its end is known.
+    pub(super) fn check_limits(
+        &self,
+        command: &MoveCommand,
+        cycle: &Cycle<'_>,
+    ) -> Result<(), Failure> {
+        if command.reference == Reference::Relative
+            && let Some(base) = self.base_of(command, cycle)
+        {
+            let target = i64::from(base) + i64::from(command.target);
+            let rule = &cycle.traits.limits;
+            return cycle.limits.check_target(target, rule, cycle.referenced);
+        }
+        Ok(())
+    }
+
+    /// What a relative move would count from, where the documents and the position tell.
+    fn base_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         let (position, traits) = (cycle.sample.position, cycle.traits);
-        let base = match (self.held.iter().flatten().last(), command.set_point.start) {
+        match (self.held.iter().flatten().last(), command.set_point.start) {
             // Whatever the base is, at the end of the move before it they are all the same.
             (Some(before), Start::AfterCurrent | Start::Blend) => before.end,
             (Some(before), Start::Immediately) => match traits.relative_base {
@@ -174,8 +198,7 @@ impl Chain {
                     .last_end
                     .filter(|&end| distance(end, position) <= cycle.bounds.position),
             },
-        };
-        base.map(|base| base.wrapping_add(command.target))
+        }
     }
 }
 

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::ds402::{Controlword, Sample, Statusword};
 
-use super::{Bounds, Delivery, Failure, Standstill, Traits, WaitingFor};
+use super::{Bounds, Delivery, Failure, Limits, Standstill, Traits, WaitingFor};
 
 /// What the sequencer needs to know of a cycle.
 #[derive(Debug, Clone, Copy)]
@@ -14,6 +14,8 @@ pub(crate) struct Cycle<'a> {
     pub(crate) standstill: &'a Standstill,
     pub(crate) bounds: &'a Bounds,
     pub(crate) traits: &'a Traits,
+    pub(crate) limits: &'a Limits,
+    pub(crate) referenced: bool,
     /// Whether the outputs of this cycle are known to have been delivered.
     pub(crate) delivered: bool,
     pub(crate) halted: bool,

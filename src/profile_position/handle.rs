@@ -186,6 +186,8 @@ impl MoveRequest {
         if by_sdo.writes.is_empty() {
             return Ok((command, None));
         }
+        // What is refused must not have changed the drive's parameters.
+        self.axis.run(Command::CheckMove(self.command)).await?;
         let guard = handles.parameters_in_use.lock().await;
         for (object, value) in by_sdo.writes {
             handles.write_parameter(object, value).await?;

@@ -6,6 +6,7 @@ mod bit4;
 mod chain;
 mod cycle;
 mod events;
+mod limits;
 mod outcome;
 mod sequencer;
 mod set_point;
@@ -23,6 +24,7 @@ mod motion;
 
 pub(crate) use cycle::Cycle;
 pub(crate) use events::Events;
+pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
 pub use outcome::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
 pub(crate) use sequencer::Sequencer;
 pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};

@@ -1,5 +1,6 @@
 //! What is reported about a command: events, completions, failures.
 
+use crate::coe::ObjectAddress;
 use crate::ds402::{Controlword, Mode, State, Statusword, describe_error_code};
 
 use super::Start;
@@ -132,6 +133,28 @@ pub enum Failure {
         target: i32,
         /// Position actual value 6064h.
         actual: i32,
+    },
+    /// The target lies beyond a limit that the drive holds: nothing was sent.
+    #[error(
+        "the target {target} lies beyond the limit {limit} of {object}: move within it, or change it and read the limits again"
+    )]
+    BeyondLimit {
+        /// The limit's object, as of the drive's first axis: 607Bh or 607Dh.
+        object: ObjectAddress,
+        /// The limit as a target position, the home offset taken off where the drive does so.
+        limit: i64,
+        /// The position asked for; of a relative move where it would end.
+        target: i64,
+    },
+    /// A velocity above max profile velocity 607Fh: nothing was sent.
+    #[error(
+        "the velocity {velocity} is above max profile velocity 607Fh, {limit}: the drive would not go as fast"
+    )]
+    TooFast {
+        /// What 607Fh holds, velocity units.
+        limit: u32,
+        /// The velocity asked for, velocity units.
+        velocity: u32,
     },
     /// A deadline passed.
     #[error(

@@ -313,6 +313,11 @@ impl Sequencer {
             }
         };
         if ready && cycle.delivered {
+            if let Err(failure) = self.chain.check_limits(&request.command, cycle) {
+                self.waiting.pop();
+                events.push(request.id, Event::Done(Err(failure)));
+                return;
+            }
             if request.command.gated {
                 self.armed = Some(request.id);
             } else {

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::ds402::Controlword;
 
-use super::{Failure, Start};
+use super::{Failure, LimitsRule, Start};
 
 /// Motion profile type 6086h of linear ramps.
 const LINEAR: i16 = 0;
@@ -72,6 +72,8 @@ pub struct Traits {
     pub profile_types: &'static [i16],
     /// Whether a target is passed without stopping only with linear ramps (6086h = 0), on both sides of it.
     pub blend_needs_linear_ramps: bool,
+    /// How it counts its software position limits 607Dh.
+    pub limits: LimitsRule,
 }
 
 impl Traits {
@@ -89,6 +91,7 @@ impl Traits {
             shows_voltage: false,
             profile_types: &[],
             blend_needs_linear_ramps: false,
+            limits: LimitsRule::cia402(),
         }
     }
 

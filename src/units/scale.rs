@@ -65,14 +65,13 @@ impl Scale {
     /// # Errors
     /// [`ScaleError::NotFinite`], or [`ScaleError::OutOfRange`] where `i32` does not hold it.
     pub fn position(&self, position: f64) -> Result<i32, ScaleError> {
-        let of = |count| self.position_of(count);
         to_count(Quantity::Position, self.position, position)?
             .and_then(|count| i32::try_from(count).ok())
             .ok_or_else(|| ScaleError::OutOfRange {
                 quantity: Quantity::Position,
                 asked: position,
-                min: of(i32::MIN),
-                max: of(i32::MAX),
+                min: self.position_of(i32::MIN),
+                max: self.position_of(i32::MAX),
             })
     }
 
@@ -95,7 +94,7 @@ impl Scale {
 
     /// A position or distance in the program's units.
     #[must_use]
-    pub fn position_of(&self, counts: i32) -> f64 {
+    pub fn position_of(&self, counts: impl Into<i64>) -> f64 {
         self.position.divide(counts.into())
     }
 

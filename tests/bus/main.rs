@@ -3,6 +3,7 @@
 mod bring_up;
 mod endings;
 mod faults;
+mod limits;
 mod log;
 mod messages;
 mod rig;

@@ -23,7 +23,7 @@ use servocrab::{
     coe::{AbortCode, AnyObject, AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj},
     drives,
     pdo_map::{Direction, Layout, Mapping},
-    profile_position::{Parameters, Traits},
+    profile_position::{Limits, Parameters, Traits},
 };
 use servocrab_sim::ds402;
 
@@ -56,6 +56,8 @@ pub(crate) struct Machine {
 pub(crate) struct Variant {
     pub(crate) not_mapped: Vec<u16>,
     pub(crate) traits: Traits,
+    pub(crate) limits: Limits,
+    pub(crate) referencing: Referencing,
 }
 
 impl Default for Variant {
@@ -63,6 +65,8 @@ impl Default for Variant {
         Self {
             not_mapped: Vec::new(),
             traits: drives::akd2g().traits,
+            limits: Limits::trust_drive(),
+            referencing: Referencing::AbsoluteEncoder,
         }
     }
 }
@@ -203,8 +207,9 @@ impl Station {
         let layout = layout(variant);
         let fields = AxisFields::from_layout(&layout, AxisOffset::default()).unwrap();
         let mut config = AxisConfig::new(fields);
-        config.referencing = Referencing::UnreferencedMovesAllowed;
+        config.referencing = variant.referencing;
         config.traits = variant.traits;
+        config.limits = variant.limits;
         config.defaults = Parameters {
             velocity: Some(50_000),
             acceleration: Some(500_000),

@@ -234,6 +234,7 @@ pub fn everything_ends(life: &Life) -> Result<(), String> {
             Command::Stop | Command::Release => 2 * deadlines.standstill + deadlines.disable,
             Command::Disable => 2 * deadlines.standstill + deadlines.disable,
             Command::Move(_) => Duration::MAX,
+            Command::CheckMove(_) | Command::SetLimits(_) => Duration::ZERO,
         };
         let took = report.now.saturating_sub(issued.now);
         if took > within.saturating_add(slack) {

@@ -1,0 +1,280 @@
+//! Limits that a drive holds, checked before a move is sent. How the drive counts them is its data: [`LimitsRule`].
+
+use crate::coe::{ObjectAddress, obj};
+
+use super::Failure;
+
+/// Positions from `min` to `max`, both included, in the drive's position units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct PositionRange {
+    /// The least.
+    pub min: i32,
+    /// The greatest.
+    pub max: i32,
+}
+
+/// When the software position limits 607Dh are switched off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum LimitsOff {
+    /// When the minimum is not below the maximum.
+    MinNotBelowMax,
+    /// When both are 0. Of a minimum above the maximum nothing is known: it is not checked.
+    BothZero,
+}
+
+/// When the software position limits 607Dh are in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum LimitsActive {
+    /// Always.
+    Always,
+    /// While the axis is referenced: after homing, or with an absolute encoder.
+    WhenReferenced,
+}
+
+/// How a drive counts its software position limits 607Dh, as data.
+///
+/// ```
+/// use servocrab::profile_position::{LimitsActive, LimitsOff, LimitsRule, Traits};
+/// let rule = LimitsRule { active: LimitsActive::WhenReferenced, ..LimitsRule::cia402() };
+/// let traits = Traits { limits: rule, ..Traits::cia402() };
+/// assert_eq!(traits.limits.off, LimitsOff::MinNotBelowMax);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct LimitsRule {
+    /// When they are off.
+    pub off: LimitsOff,
+    /// Whether targets are compared with the limits less the home offset 607Ch; else with the limits as they are.
+    pub less_home_offset: bool,
+    /// When they are in force.
+    pub active: LimitsActive,
+}
+
+impl LimitsRule {
+    /// As CiA DSP 402 has it in 607Dh: less the home offset, and always in force. Limits that are no range are off.
+    #[must_use]
+    pub const fn cia402() -> Self {
+        Self {
+            off: LimitsOff::MinNotBelowMax,
+            less_home_offset: true,
+            active: LimitsActive::Always,
+        }
+    }
+}
+
+/// What an axis' drive holds in its limit objects, or what the program says in their place. Moves beyond it are refused
+/// before anything is written; what is `None` is not checked.
+///
+/// A [`Network`](crate::bus::Network) reads them when an axis attaches. Whoever changes 607Bh, 607Ch, 607Dh or 607Fh later has
+/// them read again: `Axis::read_limits`.
+///
+/// ```
+/// use servocrab::{bus::DriveConfig, drives, profile_position::{Limits, PositionRange}};
+/// let limits = Limits { software: Some(PositionRange { min: -200_000, max: 1_000_000 }), ..Limits::trust_drive() };
+/// let drive = DriveConfig::new(drives::akd2g())
+///     .axis("x") // what the drive holds
+///     .axis("y")
+///     .limits("y", limits); // what the program says
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Limits {
+    /// Software position limits 607Dh, as the drive holds them.
+    pub software: Option<PositionRange>,
+    /// Home offset 607Ch; 0 where the drive has none.
+    pub home_offset: i32,
+    /// Position range limits 607Bh, beyond which positions wrap. Off where the minimum is not below the maximum.
+    pub position_range: Option<PositionRange>,
+    /// Max profile velocity 607Fh, velocity units. 0 is no limit.
+    pub max_velocity: Option<u32>,
+}
+
+impl Limits {
+    /// Nothing is checked here: the drive alone does what it does about its limits. A drive that ends a move early without
+    /// a word is told of as [`Failure::MissedTarget`] all the same.
+    #[must_use]
+    pub const fn trust_drive() -> Self {
+        Self {
+            software: None,
+            home_offset: 0,
+            position_range: None,
+            max_velocity: None,
+        }
+    }
+
+    /// The positions that 607Dh allows, by the drive's rule; none where it is not in force.
+    #[must_use]
+    pub fn allowed(&self, rule: &LimitsRule, referenced: bool) -> Option<(i64, i64)> {
+        let PositionRange { min, max } = self.software?;
+        let off = match rule.off {
+            LimitsOff::MinNotBelowMax => min >= max,
+            LimitsOff::BothZero => (min == 0 && max == 0) || min > max,
+        };
+        let waits = rule.active == LimitsActive::WhenReferenced && !referenced;
+        let correction = if rule.less_home_offset {
+            i64::from(self.home_offset)
+        } else {
+            0
+        };
+        (!off && !waits).then_some((i64::from(min) - correction, i64::from(max) - correction))
+    }
+
+    /// Refuses a target position beyond a limit.
+    pub(crate) fn check_target(
+        &self,
+        target: i64,
+        rule: &LimitsRule,
+        referenced: bool,
+    ) -> Result<(), Failure> {
+        let beyond = |index, min: i64, max: i64| {
+            let (subindex, limit) = if target < min {
+                (1, min)
+            } else if target > max {
+                (2, max)
+            } else {
+                return Ok(());
+            };
+            Err(Failure::BeyondLimit {
+                object: ObjectAddress::new(index, subindex),
+                limit,
+                target,
+            })
+        };
+        if let Some(PositionRange { min, max }) = self.position_range
+            && min < max
+        {
+            beyond(obj::POSITION_RANGE_MIN.index(), min.into(), max.into())?;
+        }
+        match self.allowed(rule, referenced) {
+            Some((min, max)) => beyond(obj::SOFTWARE_LIMIT_MIN.index(), min, max),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses a profile velocity or end velocity above the limit.
+    pub(crate) fn check_velocity(&self, velocity: Option<u32>) -> Result<(), Failure> {
+        match (velocity, self.max_velocity) {
+            (Some(velocity), Some(limit)) if limit != 0 && velocity > limit => {
+                Err(Failure::TooFast { limit, velocity })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALWAYS: LimitsRule = LimitsRule::cia402();
+
+    fn limits(min: i32, max: i32) -> Limits {
+        Limits {
+            software: Some(PositionRange { min, max }),
+            ..Limits::trust_drive()
+        }
+    }
+
+    #[test]
+    fn the_home_offset_is_taken_off_both_limits_where_the_drive_does_so() {
+        // Yaskawa's manual, 607Dh: the corrected limit is the limit minus 607Ch.
+        let limits = Limits {
+            home_offset: 300,
+            ..limits(-1_000, 1_000)
+        };
+        assert_eq!(limits.allowed(&ALWAYS, true), Some((-1_300, 700)));
+        assert_eq!(limits.check_target(700, &ALWAYS, true), Ok(()));
+        assert_eq!(
+            limits.check_target(701, &ALWAYS, true),
+            Err(Failure::BeyondLimit {
+                object: ObjectAddress::new(0x607D, 2),
+                limit: 700,
+                target: 701
+            })
+        );
+        assert_eq!(limits.check_target(-1_300, &ALWAYS, true), Ok(()));
+        assert!(limits.check_target(-1_301, &ALWAYS, true).is_err());
+        let as_they_are = LimitsRule {
+            less_home_offset: false,
+            ..ALWAYS
+        };
+        assert_eq!(limits.allowed(&as_they_are, true), Some((-1_000, 1_000)));
+    }
+
+    #[test]
+    fn limits_at_the_ends_of_the_type_are_corrected_without_overflow() {
+        for home_offset in [i32::MIN, i32::MAX] {
+            let limits = Limits {
+                home_offset,
+                ..limits(i32::MIN, i32::MAX)
+            };
+            let (min, max) = limits.allowed(&ALWAYS, true).unwrap();
+            assert_eq!(min, i64::from(i32::MIN) - i64::from(home_offset));
+            assert_eq!(max, i64::from(i32::MAX) - i64::from(home_offset));
+        }
+    }
+
+    #[test]
+    fn each_rule_switches_them_off_its_own_way() {
+        let both_zero = LimitsRule {
+            off: LimitsOff::BothZero,
+            ..ALWAYS
+        };
+        for (min, max, by_order, by_zero) in [
+            (0, 0, false, false),
+            (5, 5, false, true),
+            (6, 5, false, false),
+            (0, 5, true, true),
+            (-5, 0, true, true),
+        ] {
+            let limits = limits(min, max);
+            assert_eq!(
+                limits.allowed(&ALWAYS, true).is_some(),
+                by_order,
+                "{min} {max}"
+            );
+            assert_eq!(
+                limits.allowed(&both_zero, true).is_some(),
+                by_zero,
+                "{min} {max}"
+            );
+        }
+    }
+
+    #[test]
+    fn limits_that_need_a_reference_are_not_in_force_before() {
+        let rule = LimitsRule {
+            active: LimitsActive::WhenReferenced,
+            ..ALWAYS
+        };
+        assert_eq!(limits(-5, 5).check_target(6, &rule, false), Ok(()));
+        assert!(limits(-5, 5).check_target(6, &rule, true).is_err());
+        assert!(limits(-5, 5).check_target(6, &ALWAYS, false).is_err());
+    }
+
+    #[test]
+    fn a_position_range_and_a_velocity_are_limits_of_their_own() {
+        let limits = Limits {
+            position_range: Some(PositionRange { min: 0, max: 3_599 }),
+            max_velocity: Some(100),
+            ..Limits::trust_drive()
+        };
+        assert_eq!(limits.check_target(3_599, &ALWAYS, true), Ok(()));
+        assert!(matches!(
+            limits.check_target(3_600, &ALWAYS, true),
+            Err(Failure::BeyondLimit { object, limit: 3_599, target: 3_600 }) if object.index == 0x607B
+        ));
+        let off = Limits {
+            position_range: Some(PositionRange { min: 0, max: 0 }),
+            max_velocity: Some(0),
+            ..limits
+        };
+        assert_eq!(off.check_target(3_600, &ALWAYS, true), Ok(()));
+        assert_eq!(off.check_velocity(Some(u32::MAX)), Ok(()));
+        assert_eq!(limits.check_velocity(None), Ok(()));
+        assert_eq!(limits.check_velocity(Some(100)), Ok(()));
+        let too_fast = Failure::TooFast {
+            limit: 100,
+            velocity: 101,
+        };
+        assert_eq!(limits.check_velocity(Some(101)), Err(too_fast));
+    }
+}

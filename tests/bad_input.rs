@@ -1,0 +1,557 @@
+//! What a program asks for by mistake: each mistake has its typed error, and the wire shows nothing of it.
+//!
+//! Each row runs on two equal machines in step. One is asked, the other is not; every output byte of every cycle is
+//! compared, and so are the SDO writes and the drive's ledger.
+#![cfg(feature = "std")]
+#![allow(missing_docs)]
+
+#[path = "handles/machine.rs"]
+#[allow(dead_code, reason = "each test crate uses its own part of it")]
+mod machine;
+
+use servocrab::{
+    axis::{Axis, AxisError, AxisErrorKind, Command, CommandId, Failure, Referencing},
+    coe::ObjectAddress,
+    drives,
+    ds402::Mode,
+    profile_position::{
+        Limits, LimitsRule, PositionRange, ProfilePosition, RelativeBase, SetPoint, Start,
+        StartBits,
+    },
+    units::{Quantity, Ratio, Scale, ScaleError, ScaledProfilePosition, ScaledSetPoint},
+};
+
+use machine::{Machine, Task, Variant};
+
+/// What is asked for.
+#[derive(Clone, Copy)]
+enum Ask {
+    Abs(i32, SetPoint),
+    Rel(i32, SetPoint),
+    ScaledAbs(f64, ScaledSetPoint),
+    ScaledRel(f64, ScaledSetPoint),
+}
+
+/// What the axis is like when it is asked.
+#[derive(Clone, Copy)]
+enum Before {
+    Enabled,
+    Disabled,
+    Halted,
+    Faulted,
+    WrongMode,
+    /// At position 1000, by an absolute move.
+    At1000,
+}
+
+struct Row {
+    mistake: &'static str,
+    variant: Variant,
+    before: Before,
+    ask: Ask,
+    expected: fn(&AxisErrorKind) -> bool,
+}
+
+/// The lease, in counts and in a thousandth of units.
+struct Leases {
+    plain: Option<ProfilePosition>,
+    scaled: Option<ScaledProfilePosition>,
+}
+
+/// With 607Dh from −2000 to 2000 and 607Fh of 60000, less a home offset of 500.
+fn limited() -> Variant {
+    let mut variant = Variant {
+        limits: Limits {
+            software: Some(PositionRange {
+                min: -2_000,
+                max: 2_000,
+            }),
+            home_offset: 500,
+            position_range: Some(PositionRange {
+                min: -1_000_000,
+                max: 1_000_000,
+            }),
+            max_velocity: Some(60_000),
+        },
+        ..Variant::default()
+    };
+    variant.traits.relative_base = RelativeBase::Demand;
+    variant.traits.limits = LimitsRule::cia402();
+    variant
+}
+
+fn row(
+    mistake: &'static str,
+    variant: Variant,
+    before: Before,
+    ask: Ask,
+    expected: fn(&AxisErrorKind) -> bool,
+) -> Row {
+    Row {
+        mistake,
+        variant,
+        before,
+        ask,
+        expected,
+    }
+}
+
+macro_rules! failed {
+    ($failure:pat $(if $guard:expr)?) => {
+        |kind| matches!(kind, AxisErrorKind::Failed($failure) $(if $guard)?)
+    };
+}
+
+macro_rules! scale {
+    ($error:pat) => {
+        |kind| matches!(kind, AxisErrorKind::Scale($error))
+    };
+}
+
+fn rows() -> Vec<Row> {
+    use Before::{At1000, Disabled, Enabled, Faulted, Halted, WrongMode};
+    let plain = Variant::default;
+    // Written by SDO where 6081h is not mapped: that must not happen either.
+    let fast = SetPoint::new().velocity(7_000);
+    let unmapped = fast.profile_type(3);
+    let ax2000 = || {
+        let mut variant = plain();
+        variant.traits = drives::ax2000().traits;
+        variant
+    };
+    let no_blend = || {
+        let mut variant = plain();
+        variant.traits.blend = StartBits::Unsupported("it has no blending");
+        variant
+    };
+    let unreferenced = || Variant {
+        referencing: Referencing::ByHoming,
+        ..plain()
+    };
+    let mm = ScaledSetPoint::new();
+    vec![
+        row(
+            "a start that AX2000 lacks",
+            ax2000(),
+            Enabled,
+            Ask::Abs(100, fast),
+            failed!(Failure::Unsupported {
+                start: Start::Immediately,
+                ..
+            }),
+        ),
+        row(
+            "a blend on a drive without",
+            no_blend(),
+            Enabled,
+            Ask::Rel(100, fast.start(Start::Blend)),
+            failed!(Failure::Unsupported {
+                start: Start::Blend,
+                ..
+            }),
+        ),
+        row(
+            "a ramp that AX2000 lacks",
+            ax2000(),
+            Enabled,
+            Ask::Abs(100, unmapped.start(Start::AfterCurrent)),
+            failed!(Failure::ProfileType {
+                profile_type: 3,
+                ..
+            }),
+        ),
+        row(
+            "a sin² ramp in a blend on AX2000",
+            ax2000(),
+            Enabled,
+            Ask::Abs(100, fast.profile_type(1).start(Start::Blend)),
+            failed!(Failure::ProfileType {
+                profile_type: 1,
+                ..
+            }),
+        ),
+        row(
+            "a target above the corrected 607Dh",
+            limited(),
+            Enabled,
+            Ask::Abs(1_501, fast),
+            failed!(Failure::BeyondLimit {
+                object: ObjectAddress {
+                    index: 0x607D,
+                    subindex: 2
+                },
+                limit: 1_500,
+                target: 1_501
+            }),
+        ),
+        row(
+            "a target below the corrected 607Dh",
+            limited(),
+            Enabled,
+            Ask::Abs(-2_501, fast),
+            failed!(Failure::BeyondLimit {
+                object: ObjectAddress {
+                    index: 0x607D,
+                    subindex: 1
+                },
+                limit: -2_500,
+                target: -2_501
+            }),
+        ),
+        row(
+            "a target outside 607Bh",
+            limited(),
+            Enabled,
+            Ask::Abs(1_000_001, fast),
+            failed!(Failure::BeyondLimit {
+                object: ObjectAddress {
+                    index: 0x607B,
+                    subindex: 2
+                },
+                limit: 1_000_000,
+                target: 1_000_001
+            }),
+        ),
+        row(
+            "a distance to beyond 607Dh",
+            limited(),
+            At1000,
+            Ask::Rel(501, SetPoint::new()),
+            failed!(Failure::BeyondLimit {
+                object: ObjectAddress {
+                    index: 0x607D,
+                    subindex: 2
+                },
+                limit: 1_500,
+                target: 1_501
+            }),
+        ),
+        row(
+            "a distance beyond the number circle",
+            limited(),
+            At1000,
+            Ask::Rel(i32::MAX, SetPoint::new()),
+            failed!(Failure::BeyondLimit {
+                limit: 1_000_000,
+                target: 2_147_484_647,
+                ..
+            }),
+        ),
+        row(
+            "a velocity above 607Fh",
+            limited(),
+            Enabled,
+            Ask::Abs(100, fast.velocity(60_001)),
+            failed!(Failure::TooFast {
+                limit: 60_000,
+                velocity: 60_001
+            }),
+        ),
+        row(
+            "an end velocity above 607Fh",
+            limited(),
+            Enabled,
+            Ask::Rel(100, fast.end_velocity(60_001)),
+            failed!(Failure::TooFast {
+                limit: 60_000,
+                velocity: 60_001
+            }),
+        ),
+        row(
+            "a velocity of zero",
+            plain(),
+            Enabled,
+            Ask::Abs(100, SetPoint::new().velocity(0)),
+            failed!(Failure::Zero("profile velocity 6081h")),
+        ),
+        row(
+            "an acceleration of zero",
+            plain(),
+            Enabled,
+            Ask::Abs(100, fast.acceleration(0)),
+            failed!(Failure::Zero("profile acceleration 6083h")),
+        ),
+        row(
+            "a deceleration of zero",
+            plain(),
+            Enabled,
+            Ask::Rel(100, fast.deceleration(0)),
+            failed!(Failure::Zero("profile deceleration 6084h")),
+        ),
+        row(
+            "while disabled",
+            plain(),
+            Disabled,
+            Ask::Abs(100, fast),
+            failed!(Failure::NotEnabled { .. }),
+        ),
+        row(
+            "while halted",
+            plain(),
+            Halted,
+            Ask::Abs(100, fast),
+            failed!(Failure::Halted),
+        ),
+        row(
+            "in a fault",
+            plain(),
+            Faulted,
+            Ask::Rel(100, fast),
+            failed!(Failure::Fault { .. }),
+        ),
+        row(
+            "in the wrong mode",
+            plain(),
+            WrongMode,
+            Ask::Rel(100, fast),
+            failed!(Failure::WrongMode {
+                expected: Mode::ProfilePosition,
+                shown: Mode::ProfileVelocity
+            }),
+        ),
+        row(
+            "unreferenced",
+            unreferenced(),
+            Enabled,
+            Ask::Abs(100, fast),
+            failed!(Failure::NotReferenced),
+        ),
+        row(
+            "a target that overflows its scale",
+            plain(),
+            Enabled,
+            Ask::ScaledAbs(2_147_484.0, mm),
+            scale!(ScaleError::OutOfRange {
+                quantity: Quantity::Position,
+                ..
+            }),
+        ),
+        row(
+            "a distance that overflows its scale",
+            plain(),
+            Enabled,
+            Ask::ScaledRel(-1e300, mm),
+            scale!(ScaleError::OutOfRange {
+                quantity: Quantity::Position,
+                ..
+            }),
+        ),
+        row(
+            "a target that is no number",
+            plain(),
+            Enabled,
+            Ask::ScaledAbs(f64::NAN, mm.velocity(7.0)),
+            scale!(ScaleError::NotFinite {
+                quantity: Quantity::Position,
+                ..
+            }),
+        ),
+        row(
+            "a distance without end",
+            plain(),
+            Enabled,
+            Ask::ScaledRel(f64::INFINITY, mm),
+            scale!(ScaleError::NotFinite {
+                quantity: Quantity::Position,
+                ..
+            }),
+        ),
+        row(
+            "a velocity that is no number",
+            plain(),
+            Enabled,
+            Ask::ScaledAbs(1.0, mm.velocity(f64::NAN)),
+            scale!(ScaleError::NotFinite {
+                quantity: Quantity::Velocity,
+                ..
+            }),
+        ),
+        row(
+            "a negative velocity",
+            plain(),
+            Enabled,
+            Ask::ScaledAbs(1.0, mm.velocity(-7.0)),
+            scale!(ScaleError::OutOfRange {
+                quantity: Quantity::Velocity,
+                ..
+            }),
+        ),
+        row(
+            "a velocity that the drive cannot tell from zero",
+            plain(),
+            Enabled,
+            Ask::ScaledAbs(1.0, mm.velocity(0.0001)),
+            scale!(ScaleError::RoundsToZero {
+                quantity: Quantity::Velocity,
+                ..
+            }),
+        ),
+        row(
+            "a velocity of zero in units",
+            plain(),
+            Enabled,
+            Ask::ScaledAbs(1.0, mm.velocity(0.0)),
+            failed!(Failure::Zero(_)),
+        ),
+        row(
+            "an acceleration that overflows its scale",
+            plain(),
+            Enabled,
+            Ask::ScaledRel(1.0, mm.acceleration(5e6)),
+            scale!(ScaleError::OutOfRange {
+                quantity: Quantity::Acceleration,
+                ..
+            }),
+        ),
+        row(
+            "a deceleration without end",
+            plain(),
+            Enabled,
+            Ask::ScaledRel(1.0, mm.deceleration(f64::NEG_INFINITY)),
+            scale!(ScaleError::NotFinite {
+                quantity: Quantity::Deceleration,
+                ..
+            }),
+        ),
+        row(
+            "an end velocity below zero",
+            plain(),
+            Enabled,
+            Ask::ScaledRel(1.0, mm.end_velocity(-1.0)),
+            scale!(ScaleError::OutOfRange {
+                quantity: Quantity::EndVelocity,
+                ..
+            }),
+        ),
+        row(
+            "a target in units above 607Dh",
+            limited(),
+            Enabled,
+            Ask::ScaledAbs(1.501, mm.velocity(7.0)),
+            |kind| kind.to_string().contains("1.501") && kind.to_string().contains("1.5 "),
+        ),
+    ]
+}
+
+/// The machine of a row, before it is asked.
+fn prepare(row: &Row, variant: &Variant) -> (Machine, Axis, Leases) {
+    let mut machine = Machine::of(1, variant);
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    let mut leases = Leases {
+        plain: None,
+        scaled: None,
+    };
+    match row.ask {
+        Ask::Abs(..) | Ask::Rel(..) => {
+            leases.plain = Some(machine.finish(axis.profile_position()).unwrap());
+        }
+        Ask::ScaledAbs(..) | Ask::ScaledRel(..) => {
+            let scaled = axis.scaled(Scale::counts_per_unit(Ratio::new(1_000, 1).unwrap()));
+            leases.scaled = Some(machine.finish(scaled.profile_position()).unwrap());
+        }
+    }
+    match row.before {
+        Before::Enabled => {}
+        Before::Disabled => machine.finish(axis.disable()).unwrap(),
+        Before::Halted => machine.finish(axis.halt()).unwrap(),
+        Before::Faulted => machine.drive().inject_fault(0x2310),
+        Before::WrongMode => {
+            let (now, station) = (machine.now, &mut machine.stations[0]);
+            let mode = Command::SelectMode(Mode::ProfileVelocity);
+            station
+                .core
+                .submit(now, CommandId(u32::MAX), mode, &mut station.outputs);
+        }
+        Before::At1000 => {
+            let lease = leases.plain.as_ref().unwrap();
+            let moved = machine
+                .finish(lease.move_abs(1_000, SetPoint::new()))
+                .unwrap();
+            machine.finish(moved.done()).unwrap();
+        }
+    }
+    machine.run(20);
+    (machine, axis, leases)
+}
+
+async fn ask(leases: &Leases, ask: Ask) -> Result<(), AxisError> {
+    match ask {
+        Ask::Abs(target, set_point) => {
+            let lease = leases.plain.as_ref().unwrap();
+            lease.move_abs(target, set_point).await.map(drop)
+        }
+        Ask::Rel(distance, set_point) => {
+            let lease = leases.plain.as_ref().unwrap();
+            lease.move_rel(distance, set_point).await.map(drop)
+        }
+        Ask::ScaledAbs(target, set_point) => {
+            let lease = leases.scaled.as_ref().unwrap();
+            lease.move_abs(target, set_point).await.map(drop)
+        }
+        Ask::ScaledRel(distance, set_point) => {
+            let lease = leases.scaled.as_ref().unwrap();
+            lease.move_rel(distance, set_point).await.map(drop)
+        }
+    }
+}
+
+fn step_both(asked: &mut Machine, untouched: &mut Machine, mistake: &str) {
+    asked.cycle();
+    untouched.cycle();
+    assert_eq!(
+        asked.stations[0].outputs, untouched.stations[0].outputs,
+        "{mistake}: the outputs at {:?}",
+        asked.now
+    );
+}
+
+#[test]
+fn each_mistake_has_its_error_and_leaves_the_wire_as_it_was() {
+    for row in rows() {
+        for not_mapped in [vec![], vec![0x6081, 0x6083, 0x6084]] {
+            let mistake = format!("{} (not mapped: {not_mapped:X?})", row.mistake);
+            let variant = Variant {
+                not_mapped,
+                ..row.variant.clone()
+            };
+            let (mut asked, _axis, leases) = prepare(&row, &variant);
+            let (mut untouched, _other_axis, _other_leases) = prepare(&row, &variant);
+            assert_eq!(asked.stations[0].outputs, untouched.stations[0].outputs);
+            let written = asked.stations[0].sdo.written.lock().unwrap().len();
+            let mut task = Task::new(ask(&leases, row.ask));
+            let mut answer = task.poll();
+            for _ in 0..20 {
+                if answer.is_none() {
+                    step_both(&mut asked, &mut untouched, &mistake);
+                    answer = task.poll();
+                }
+            }
+            let error = answer.expect(&mistake).expect_err(&mistake);
+            assert!((row.expected)(&error.kind), "{mistake}: {error:?}");
+            for _ in 0..200 {
+                step_both(&mut asked, &mut untouched, &mistake);
+            }
+            let ledger = asked.drive().ledger().len();
+            assert_eq!(ledger, untouched.drive().ledger().len(), "{mistake}");
+            let after = asked.stations[0].sdo.written.lock().unwrap().len();
+            assert_eq!(after, written, "{mistake}: SDO writes");
+        }
+    }
+}
+
+#[test]
+fn what_is_just_within_the_limits_is_moved() {
+    let mut machine = Machine::of(1, &limited());
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    for target in [1_500, -2_500] {
+        let moved = machine.finish(pp.move_abs(target, SetPoint::new().velocity(60_000)));
+        machine.finish(moved.unwrap().done()).unwrap();
+        assert_eq!(machine.drive().position(), target.into());
+    }
+    let moved = machine.finish(pp.move_rel(4_000, SetPoint::new())).unwrap();
+    machine.finish(moved.done()).unwrap();
+    assert_eq!(machine.drive().position(), 1_500);
+}
