@@ -90,16 +90,19 @@ fn a_target_that_the_drive_missed_is_told_in_the_programs_units() {
 #[test]
 fn the_factor_objects_of_the_drive_make_the_scale() {
     let (mut machine, axis) = Machine::enabled();
-    let factors = machine.finish(axis.factors()).unwrap();
-    // The simulated AKD2G has no 6093h, 6096h and 6097h.
-    assert_eq!(factors.edition, Edition::Version3);
-    assert_eq!(
-        (factors.position, factors.velocity, factors.acceleration),
-        (None, None, None)
-    );
     let turn = machine.drive().get(0x6092, 1).unwrap();
+    // Velocities in revolutions per minute.
+    machine.drive().set(0x6096, 1, 60).unwrap();
+    machine.drive().set(0x6096, 2, turn).unwrap();
+    let factors = machine.finish(axis.factors()).unwrap();
+    // The simulated AKD2G has no 6093h.
+    assert_eq!(
+        (factors.edition, factors.position),
+        (Edition::Version3, None)
+    );
     let scale = factors.scale(Ratio::new(5, 1).unwrap()).unwrap();
     assert_eq!(scale.position(5.0), Ok(i32::try_from(turn).unwrap()));
+    assert_eq!(scale.velocity(50.0), Ok(600));
 }
 
 #[test]
