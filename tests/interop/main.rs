@@ -143,12 +143,27 @@ fn judge(master: &str, drive: &str, mut command: Command, checks: &[&str]) {
     assert!(status.success(), "{master} on {drive}: {status}");
 }
 
-#[test]
-fn soem_on_akd2g() {
-    soem("soem_on_akd2g", "akd2g");
+/// A test for each master on a drive of the table.
+macro_rules! on {
+    ($($drive:literal: $soem:ident $etherage:ident;)+) => {
+        $(
+            #[test]
+            fn $soem() {
+                soem(stringify!($soem), $drive);
+            }
+
+            #[test]
+            fn $etherage() {
+                etherage(stringify!($etherage), $drive);
+            }
+        )+
+    };
 }
 
-#[test]
-fn etherage_on_akd2g() {
-    etherage("etherage_on_akd2g", "akd2g");
+on! {
+    "akd2g": soem_on_akd2g etherage_on_akd2g;
+    "pp2010": soem_on_pp2010 etherage_on_pp2010;
+    "ax2000": soem_on_ax2000 etherage_on_ax2000;
+    "sigma7": soem_on_sigma7 etherage_on_sigma7;
+    "generic": soem_on_generic etherage_on_generic;
 }

@@ -225,7 +225,7 @@ impl<'b, 'a> Bench<'b, 'a> {
         let here = self.get(0x6064).await;
         let targets: Vec<i64> = (0..)
             .zip(&here)
-            .map(|(axis, at)| at + 20_000 + 1_000 * axis)
+            .map(|(axis, at)| at + 40_000 + 1_000 * axis)
             .collect();
         self.set(slave, 0x607A, &targets).await?;
         for (index, value) in [(0x6081, 100_000), (0x6083, 2_000_000), (0x6084, 2_000_000)] {
