@@ -232,8 +232,21 @@ impl Trajectory {
 
     /// Plans a stop with the given deceleration in counts/s²; a deceleration of zero stops at once.
     pub(super) fn stop(&mut self, deceleration: f64, shape: Shape) {
+        let rate = shape.mean(deceleration);
+        let present = self.segments.get(self.current);
+        let stops_so = |segment: &&Segment| {
+            segment.to == 0.0
+                && segment.shape == shape
+                && (segment.from.abs() - rate * segment.time).abs() <= 1e-9 * segment.from.abs()
+        };
+        if self.current < self.count && present.filter(stops_so).is_some() {
+            // A sin² ramp begun anew would end further away.
+            self.course = Course::Stop;
+            self.count = self.current + 1;
+            return;
+        }
         self.begin(Course::Stop, shape);
-        self.push(self.velocity, 0.0, shape.mean(deceleration));
+        self.push(self.velocity, 0.0, rate);
     }
 
     /// Puts the axis elsewhere, standing, with nothing planned.

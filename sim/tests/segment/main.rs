@@ -9,6 +9,7 @@ mod drive_events;
 mod hostile;
 mod information;
 mod master;
+mod modes;
 mod pdo_rules;
 mod personalities;
 mod switches;

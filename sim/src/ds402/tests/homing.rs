@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::super::{
-    AckFault, Axis, Behaviour, Cause, Disturbances, HOMING_METHODS, HomeOffset, HomingError,
+    AckFault, Behaviour, Cause, Disturbances, HOMING_METHODS, HomeOffset, HomingError,
     HomingOutcome, Machine, SetError, State,
 };
 use super::Bench;
@@ -657,10 +657,26 @@ fn an_axis_whose_actual_position_lags_finds_the_same_edge() {
 }
 
 #[test]
+fn every_drive_that_shows_mode_6_homes_by_bit_4() {
+    for behaviour in [
+        Behaviour::akd2g(),
+        Behaviour::pp2010(),
+        Behaviour::ax2000(),
+        Behaviour::sigma7(),
+    ] {
+        let mut bench = bench(Behaviour {
+            machine: machine(),
+            ..behaviour
+        });
+        assert_eq!(home(&mut bench, 19), HomingOutcome::Attained);
+        assert_eq!(bits(&bench), COMPLETED);
+    }
+}
+
+#[test]
 fn the_drive_knows_the_methods_that_it_lists() {
     for method in i8::MIN..=i8::MAX {
         let known = super::super::homing_method::Method::of(method).is_some();
         assert_eq!(known, HOMING_METHODS.contains(&method), "{method}");
     }
-    assert!(Axis::new(Behaviour::akd2g()).get(0x6502, 0).expect("there") & 1 << 5 != 0);
 }

@@ -4,6 +4,7 @@ mod faults;
 mod handshake;
 mod homing;
 mod motion;
+mod ramps;
 mod random;
 mod sequence;
 mod states;
