@@ -5,6 +5,7 @@ mod clock;
 mod coe;
 mod complete_access;
 mod datagrams;
+mod dictionary;
 mod drive_events;
 mod hostile;
 mod information;
