@@ -22,7 +22,7 @@ use crate::{
     },
     ds402::{AbortConnection, QuickStopOption},
     pdo_map::{self, ConfigureError, Layout, Mapping},
-    profile_position::{self, Limits},
+    profile_position::{self, Limits, RelativeBase},
     sii::SyncManagerUsage,
 };
 
@@ -191,6 +191,12 @@ impl Job {
         }
         if let Some(code) = read_if_there(sdo, obj::QUICK_STOP_OPTION.offset(offset)).await? {
             config.quick_stop = QuickStopOption(code);
+        }
+        if config.traits.relative_base == RelativeBase::PositioningOption
+            && let Some(code) =
+                read_if_there(sdo, obj::POSITIONING_OPTION.offset(offset)).await?
+        {
+            config.traits.relative_base = RelativeBase::of_positioning_option(code);
         }
         config.defaults = profile_position::Parameters {
             velocity: read_if_there(sdo, obj::PROFILE_VELOCITY.offset(offset)).await?,

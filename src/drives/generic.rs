@@ -2,9 +2,10 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::pdo_map::Limits;
-use crate::profile_position::Traits;
+use crate::profile_position::{RelativeBase, Traits};
 
-/// One axis with the standard's objects in 1600h and 1A00h; any vendor and product.
+/// One axis with the standard's objects in 1600h and 1A00h; any vendor and product. What relative moves count from is read from 60F2h, where
+/// the drive has it.
 #[must_use]
 pub fn generic() -> DriveDescription {
     DriveDescription {
@@ -17,7 +18,10 @@ pub fn generic() -> DriveDescription {
             entries_per_pdo: 8,
             ..Limits::default()
         },
-        traits: Traits::cia402(),
+        traits: Traits {
+            relative_base: RelativeBase::PositioningOption,
+            ..Traits::cia402()
+        },
     }
 }
 

@@ -189,12 +189,15 @@ impl Chain {
             (Some(before), Start::AfterCurrent | Start::Blend) => before.end,
             (Some(before), Start::Immediately) => match traits.relative_base {
                 RelativeBase::PreviousTarget => before.end,
-                RelativeBase::Demand | RelativeBase::Actual | RelativeBase::Undocumented => None,
+                RelativeBase::Demand
+                | RelativeBase::Actual
+                | RelativeBase::PositioningOption
+                | RelativeBase::Undocumented => None,
             },
             (None, _) => match traits.relative_base {
                 RelativeBase::Actual | RelativeBase::Demand => Some(position),
                 RelativeBase::PreviousTarget => self.last_end,
-                RelativeBase::Undocumented => self
+                RelativeBase::Undocumented | RelativeBase::PositioningOption => self
                     .last_end
                     .filter(|&end| distance(end, position) <= cycle.bounds.position),
             },

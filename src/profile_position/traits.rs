@@ -38,8 +38,29 @@ pub enum RelativeBase {
     Demand,
     /// The position actual value.
     Actual,
+    /// What the drive's positioning option code 60F2h says, which a `Network` reads when the axis attaches; until it is
+    /// known as `Undocumented`.
+    PositioningOption,
     /// The drive's documents do not say; relative moves are not checked against the position.
     Undocumented,
+}
+
+impl RelativeBase {
+    /// What positioning option code 60F2h says in its bits 0 and 1.
+    ///
+    /// ```
+    /// use servocrab::profile_position::RelativeBase;
+    /// assert_eq!(RelativeBase::of_positioning_option(0x0001), RelativeBase::Demand);
+    /// ```
+    #[must_use]
+    pub const fn of_positioning_option(code: u16) -> Self {
+        match code & 0b11 {
+            0b00 => Self::PreviousTarget,
+            0b01 => Self::Demand,
+            0b10 => Self::Actual,
+            _ => Self::Undocumented,
+        }
+    }
 }
 
 /// How a drive's Profile Position mode behaves.
