@@ -1,0 +1,211 @@
+//! One drive on a network in virtual time, and what was asked of it.
+
+use std::{future::Future, pin::Pin, sync::Arc, task::Context, task::Poll, task::Waker, time::Duration};
+
+use servocrab::{
+    axis::{Axis, AxisError, AxisErrorKind, Failure},
+    bus::{DriveConfig, Network},
+    drives::DriveDescription,
+    ds402::State,
+    profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
+};
+use servocrab_sim::{Device, Segment, ds402::Executed};
+
+use crate::rig::{Line, Rig};
+
+pub(crate) const MS: Duration = Duration::from_millis(1);
+
+/// A drive: the simulated device, and the library's description of it.
+pub(crate) struct Subject {
+    pub(crate) name: &'static str,
+    pub(crate) device: fn() -> Device,
+    pub(crate) description: fn() -> DriveDescription,
+}
+
+type Asked = Pin<Box<dyn Future<Output = String>>>;
+
+pub(crate) struct Bench {
+    rig: Rig,
+    line: Line,
+    pub(crate) axis: Axis,
+    mode: Option<Arc<ProfilePosition>>,
+    asked: Vec<(Option<String>, Asked)>,
+    /// Set-points in the ledger before the step.
+    executed: usize,
+}
+
+impl Bench {
+    pub(crate) fn start(subject: &Subject) -> Self {
+        let line = Line::new(Segment::new().with((subject.device)()));
+        let drive = DriveConfig::new((subject.description)()).axis("x");
+        let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
+        let axis = rig.net().axis("x").unwrap();
+        rig.run_for(20 * MS);
+        Self {
+            rig,
+            line,
+            axis,
+            mode: None,
+            asked: Vec::new(),
+            executed: 0,
+        }
+    }
+
+    /// Enabled and standing, whatever was before.
+    pub(crate) fn make_ready(&mut self) {
+        self.mode = None;
+        let axis = self.axis.clone();
+        self.rig.until(async {
+            axis.disable().await.unwrap();
+            if axis.status().state == State::Fault {
+                axis.reset_fault().await.unwrap();
+            }
+            axis.enable().await.unwrap();
+        });
+        self.executed = self.ledger().len();
+    }
+
+    pub(crate) fn ledger(&self) -> Vec<Executed> {
+        let segment = self.line.segment();
+        segment.axis(0, 0).unwrap().ledger().to_vec()
+    }
+
+    /// What was executed in this step: targets, in order.
+    pub(crate) fn executed(&self) -> String {
+        let ledger = self.ledger();
+        let targets: Vec<_> = ledger[self.executed..]
+            .iter()
+            .map(|e| e.target.map_or("?".to_owned(), |target| target.to_string()))
+            .collect();
+        targets.join(" ")
+    }
+
+    pub(crate) fn position(&self) -> i64 {
+        self.line.segment().axis(0, 0).unwrap().position()
+    }
+
+    pub(crate) fn fault(&mut self, code: u16) {
+        self.line.segment().axis_mut(0, 0).unwrap().inject_fault(code);
+    }
+
+    pub(crate) fn mode(&mut self) -> Arc<ProfilePosition> {
+        if self.mode.is_none() {
+            let axis = self.axis.clone();
+            self.mode = Some(Arc::new(self.rig.until(axis.profile_position()).unwrap()));
+        }
+        Arc::clone(self.mode.as_ref().unwrap())
+    }
+
+    /// Asks for a move to a position and goes on.
+    pub(crate) fn abs(&mut self, target: i32, set_point: SetPoint) {
+        let mode = self.mode();
+        self.ask(async move { end_of(mode.move_abs(target, set_point).await).await });
+    }
+
+    /// Asks for a move by a distance and goes on.
+    pub(crate) fn rel(&mut self, distance: i32, set_point: SetPoint) {
+        let mode = self.mode();
+        self.ask(async move { end_of(mode.move_rel(distance, set_point).await).await });
+    }
+
+    /// Asks for something of the axis and goes on.
+    pub(crate) fn axis<F, T>(&mut self, ask: impl FnOnce(Axis) -> F)
+    where
+        F: Future<Output = Result<T, AxisError>> + 'static,
+        T: std::fmt::Debug,
+    {
+        let answer = ask(self.axis.clone());
+        self.ask(async move {
+            match answer.await {
+                Ok(value) => format!("{value:?}").replace("()", "ok"),
+                Err(error) => in_words(&error),
+            }
+        });
+    }
+
+    pub(crate) fn ask(&mut self, asked: impl Future<Output = String> + 'static) {
+        self.asked.push((None, Box::pin(asked)));
+        self.run(0);
+    }
+
+    /// Runs for some milliseconds.
+    pub(crate) fn run(&mut self, milliseconds: u32) {
+        let end = self.rig.bus.now() + milliseconds * MS;
+        self.poll();
+        while self.rig.bus.now() < end {
+            assert!(self.rig.bus.turn(), "the loop has ended");
+            self.poll();
+        }
+    }
+
+    /// Runs until everything that was asked for is answered, and tells the answers in the order of the questions, what
+    /// was executed, and where the axis is then.
+    pub(crate) fn finish(&mut self) -> String {
+        let end = self.rig.bus.now() + 60_000 * MS;
+        self.poll();
+        while self.asked.iter().any(|(answer, _)| answer.is_none()) {
+            assert!(self.rig.bus.turn(), "the loop has ended");
+            self.poll();
+            let open: Vec<_> = self.asked.iter().map(|(answer, _)| answer).collect();
+            assert!(self.rig.bus.now() < end, "without an answer: {open:?}");
+        }
+        let answers: Vec<_> = self.asked.drain(..).filter_map(|(answer, _)| answer).collect();
+        // Nothing moves any more, and nothing moves afterwards.
+        let stood = self.position();
+        self.run(300);
+        assert_eq!(self.position(), stood, "it moves after the end: {answers:?}");
+        let state = self.axis.status().state;
+        format!("{}; executed [{}], at {stood} in {state:?}", answers.join("; "), self.executed())
+    }
+
+    pub(crate) fn shutdown(self) {
+        self.rig.shutdown();
+    }
+
+    fn poll(&mut self) {
+        let mut context = Context::from_waker(Waker::noop());
+        for (answer, asked) in &mut self.asked {
+            if answer.is_none()
+                && let Poll::Ready(text) = asked.as_mut().poll(&mut context)
+            {
+                *answer = Some(text);
+            }
+        }
+    }
+}
+
+/// How every move is made: short ramps.
+pub(crate) fn start(start: Start) -> SetPoint {
+    SetPoint::new()
+        .velocity(50_000)
+        .acceleration(500_000)
+        .deceleration(500_000)
+        .start(start)
+}
+
+async fn end_of(accepted: Result<Move, AxisError>) -> String {
+    let moved = match accepted {
+        Ok(moved) => moved,
+        Err(error) => return format!("not accepted: {}", in_words(&error)),
+    };
+    match moved.done_through_halt().await {
+        Ok(Outcome::Reached { position }) => format!("reached {}", rounded(position)),
+        Ok(Outcome::Passed { position }) => format!("passed {}", rounded(position)),
+        Err(error) => in_words(&error),
+    }
+}
+
+/// To the nearest hundred: the window is not the subject here.
+fn rounded(position: i32) -> i32 {
+    (position + 50).div_euclid(100) * 100
+}
+
+fn in_words(error: &AxisError) -> String {
+    match &error.kind {
+        AxisErrorKind::Failed(Failure::Timeout { waiting_for, .. }) => format!("Timeout {waiting_for:?}"),
+        AxisErrorKind::Failed(Failure::Unsupported { start, .. }) => format!("Unsupported {start:?}"),
+        AxisErrorKind::Failed(Failure::Fault { code }) => format!("Fault {:04X}h", code.unwrap_or(0)),
+        AxisErrorKind::Failed(failure) => format!("{failure:?}"),
+        other => format!("{other:?}"),
+    }
+}

@@ -1,0 +1,75 @@
+//! One program for every drive: each `Start`, halt, resume, stop, quick stop, fault, homing, over frames and in virtual
+//! time. What each drive is expected to do is data, in `tests/vectors/scenario.txt`; nothing in the program knows which
+//! drive it moves.
+#![allow(missing_docs)]
+
+mod bench;
+#[path = "../bus/rig.rs"]
+#[allow(dead_code, reason = "the bus tests use more of it")]
+mod rig;
+mod steps;
+
+use std::fmt::Write as _;
+
+use bench::{Bench, Subject};
+use servocrab::drives;
+use servocrab_sim::personality;
+
+const EXPECTED: &str = include_str!("../vectors/scenario.txt");
+
+fn subjects() -> Vec<Subject> {
+    let subject = |name, device, description| Subject {
+        name,
+        device,
+        description,
+    };
+    vec![
+        subject("akd2g", personality::akd2g as fn() -> _, drives::akd2g as fn() -> _),
+        subject("pp2010", personality::pp2010, drives::pp2010),
+        subject("ax2000", personality::ax2000, drives::ax2000),
+        subject("sigma7", personality::sigma7, drives::sigma7),
+        subject("generic", personality::generic, drives::generic),
+    ]
+}
+
+#[test]
+fn every_drive_goes_through_the_same_program_and_does_what_its_documents_say() {
+    let columns: Vec<_> = subjects()
+        .iter()
+        .map(|subject| (subject.name, run(subject)))
+        .collect();
+    let mut table = String::new();
+    for (at, (step, _)) in steps::STEPS.iter().enumerate() {
+        writeln!(table, "[{step}]").expect("a string");
+        for (drive, cells) in &columns {
+            writeln!(table, "{drive} | {}", cells[at]).expect("a string");
+        }
+    }
+    println!("{table}");
+    let lines = |text: &str| -> Vec<String> {
+        text.lines()
+            .filter(|line| !line.trim().is_empty() && !line.starts_with('#'))
+            .map(str::to_owned)
+            .collect()
+    };
+    let (found, expected) = (lines(&table), lines(EXPECTED));
+    for (found, expected) in found.iter().zip(&expected) {
+        assert_eq!(found, expected);
+    }
+    assert_eq!(found.len(), expected.len());
+    assert_eq!(found.len(), steps::STEPS.len() * (1 + columns.len()));
+}
+
+/// The whole program on one drive: a line for each step.
+fn run(subject: &Subject) -> Vec<String> {
+    let mut bench = Bench::start(subject);
+    let cells = steps::STEPS
+        .iter()
+        .map(|(_, step)| {
+            bench.make_ready();
+            step(&mut bench)
+        })
+        .collect();
+    bench.shutdown();
+    cells
+}
