@@ -143,6 +143,30 @@ fn a_replacement_while_a_place_becomes_free_is_executed_once() {
     panic!("the second move has not ended");
 }
 
+#[test]
+fn a_replacement_overtakes_the_moves_that_wait_for_their_turn() {
+    for mut rig in [Rig::enabled(), pp2010()] {
+        let moves: Vec<_> = (1..=4).map(|n| rig.abs(n * 50_000, after())).collect();
+        rig.run(100);
+        let now = rig.abs(-2_000, SetPoint::new());
+        let behind = rig.abs(-4_000, after());
+        assert_eq!(
+            rig.finish(behind),
+            Ok(Completion::Reached { position: -4_000 })
+        );
+        assert_eq!(
+            rig.outcome(now),
+            Some(Ok(Completion::Reached { position: -2_000 }))
+        );
+        for id in moves {
+            assert_eq!(rig.outcome(id), Some(Err(Failure::Superseded)));
+        }
+        let targets: Vec<_> = executed(&rig).iter().map(|(target, _)| *target).collect();
+        let waited = targets.iter().any(|&target| target > 100_000);
+        assert!(!waited, "{targets:?}");
+    }
+}
+
 /// Against its documents, this drive goes on through its queue whatever bit 5 says.
 #[test]
 fn a_full_buffer_that_does_not_take_the_replacement_is_never_reported_as_reached() {

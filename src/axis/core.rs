@@ -219,7 +219,7 @@ impl AxisCore {
                 acknowledge: self.config.deadlines.acknowledge,
                 controlword: self.sent,
             };
-            self.sequencer.fire(id, &cycle);
+            self.sequencer.fire(id, &cycle, &mut self.events);
             self.write_outputs(outputs);
         }
     }

@@ -193,8 +193,7 @@ impl Job {
             config.quick_stop = QuickStopOption(code);
         }
         if config.traits.relative_base == RelativeBase::PositioningOption
-            && let Some(code) =
-                read_if_there(sdo, obj::POSITIONING_OPTION.offset(offset)).await?
+            && let Some(code) = read_if_there(sdo, obj::POSITIONING_OPTION.offset(offset)).await?
         {
             config.traits.relative_base = RelativeBase::of_positioning_option(code);
         }

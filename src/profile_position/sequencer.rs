@@ -180,11 +180,11 @@ impl Sequencer {
     }
 
     /// Releases a gated, armed move: bit 4 rises.
-    pub(crate) fn fire(&mut self, id: CommandId, cycle: &Cycle<'_>) {
+    pub(crate) fn fire(&mut self, id: CommandId, cycle: &Cycle<'_>, events: &mut Events) {
         if self.armed == Some(id)
-            && let Some(request) = self.waiting.pop()
+            && let Some(request) = self.waiting.first()
         {
-            self.raise(request, cycle);
+            self.raise(request, cycle, events);
         }
     }
 
@@ -304,7 +304,7 @@ impl Sequencer {
             Place::Later => return,
             Place::Never(reason) => {
                 let start = request.command.set_point.start;
-                self.waiting.pop();
+                self.waiting.remove(request.id);
                 events.push(
                     request.id,
                     Event::Done(Err(Failure::Unsupported { start, reason })),
@@ -321,17 +321,20 @@ impl Sequencer {
             if request.command.gated {
                 self.armed = Some(request.id);
             } else {
-                self.waiting.pop();
-                self.raise(request, cycle);
+                self.raise(request, cycle, events);
             }
         } else if cycle.is_late(self.waiting.first_blocked_since(cycle.now)) {
-            self.waiting.pop();
+            self.waiting.remove(request.id);
             let failure = cycle.timeout(WaitingFor::AcknowledgeLow, Delivery::NotSent);
             events.push(request.id, Event::Done(Err(failure)));
         }
     }
 
-    fn raise(&mut self, request: Request, cycle: &Cycle<'_>) {
+    fn raise(&mut self, request: Request, cycle: &Cycle<'_>, events: &mut Events) {
+        while let Some(overtaken) = self.waiting.pop_overtaken() {
+            events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
+        }
+        self.waiting.pop();
         self.bits = start_bits(&request.command, cycle.traits);
         self.target = request.command.target;
         self.parameters = request.command.set_point.parameters;

@@ -1,8 +1,8 @@
-//! Moves that wait for their turn, in the order in which they were asked for.
+//! Moves that wait for their turn, in the order in which they were asked for; one that replaces all others overtakes.
 
 use core::time::Duration;
 
-use super::{CommandId, MoveCommand};
+use super::{CommandId, MoveCommand, Start};
 
 /// Moves that may wait; one more is refused as busy.
 const PLACES: usize = 4;
@@ -42,26 +42,42 @@ impl Waiting {
         }
     }
 
-    pub(super) const fn first(&self) -> Option<Request> {
-        self.places[0]
+    /// The move whose turn it is: the last that replaces all others, else the oldest.
+    pub(super) fn first(&self) -> Option<Request> {
+        self.places.get(self.turn()).copied().flatten()
     }
 
     pub(super) fn last(&self) -> Option<&Request> {
         self.places.iter().flatten().last()
     }
 
-    /// Since when the first one has nothing but bit 12 in its way: since `now`, if it is asked for the first time.
+    /// Since when the move whose turn it is has nothing but bit 12 in its way: since `now`, if it is asked for the first
+    /// time.
     pub(super) fn first_blocked_since(&mut self, now: Duration) -> Duration {
-        match &mut self.places[0] {
-            Some(first) => *first.blocked_since.get_or_insert(now),
-            None => now,
+        let turn = self.turn();
+        match self.places.get_mut(turn) {
+            Some(Some(first)) => *first.blocked_since.get_or_insert(now),
+            _ => now,
         }
     }
 
+    /// Takes the oldest out.
     pub(super) fn pop(&mut self) -> Option<Request> {
         let first = self.places[0].take();
         self.places.rotate_left(1);
         first
+    }
+
+    /// Takes out the oldest, if it comes before the move whose turn it is.
+    pub(super) fn pop_overtaken(&mut self) -> Option<Request> {
+        if self.turn() == 0 { None } else { self.pop() }
+    }
+
+    fn turn(&self) -> usize {
+        let replaces = |place: &Option<Request>| {
+            place.is_some_and(|r| r.command.set_point.start == Start::Immediately)
+        };
+        self.places.iter().rposition(replaces).unwrap_or(0)
     }
 
     /// Removes the move with this id; whether there was one.

@@ -1,10 +1,13 @@
 //! One drive on a network in virtual time, and what was asked of it.
 
-use std::{future::Future, pin::Pin, sync::Arc, task::Context, task::Poll, task::Waker, time::Duration};
+use std::{
+    future::Future, pin::Pin, sync::Arc, task::Context, task::Poll, task::Waker, time::Duration,
+};
 
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Failure},
+    axis::{Axis, AxisError, AxisErrorKind, Failure, Referencing},
     bus::{DriveConfig, Network},
+    coe::SdoError,
     drives::DriveDescription,
     ds402::State,
     profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
@@ -20,6 +23,7 @@ pub(crate) struct Subject {
     pub(crate) name: &'static str,
     pub(crate) device: fn() -> Device,
     pub(crate) description: fn() -> DriveDescription,
+    pub(crate) referencing: Referencing,
 }
 
 type Asked = Pin<Box<dyn Future<Output = String>>>;
@@ -37,7 +41,9 @@ pub(crate) struct Bench {
 impl Bench {
     pub(crate) fn start(subject: &Subject) -> Self {
         let line = Line::new(Segment::new().with((subject.device)()));
-        let drive = DriveConfig::new((subject.description)()).axis("x");
+        let drive = DriveConfig::new((subject.description)())
+            .axis("x")
+            .referencing("x", subject.referencing);
         let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
         let axis = rig.net().axis("x").unwrap();
         rig.run_for(20 * MS);
@@ -85,7 +91,11 @@ impl Bench {
     }
 
     pub(crate) fn fault(&mut self, code: u16) {
-        self.line.segment().axis_mut(0, 0).unwrap().inject_fault(code);
+        self.line
+            .segment()
+            .axis_mut(0, 0)
+            .unwrap()
+            .inject_fault(code);
     }
 
     pub(crate) fn mode(&mut self) -> Arc<ProfilePosition> {
@@ -149,13 +159,26 @@ impl Bench {
             let open: Vec<_> = self.asked.iter().map(|(answer, _)| answer).collect();
             assert!(self.rig.bus.now() < end, "without an answer: {open:?}");
         }
-        let answers: Vec<_> = self.asked.drain(..).filter_map(|(answer, _)| answer).collect();
+        let answers: Vec<_> = self
+            .asked
+            .drain(..)
+            .filter_map(|(answer, _)| answer)
+            .collect();
         // Nothing moves any more, and nothing moves afterwards.
         let stood = self.position();
         self.run(300);
-        assert_eq!(self.position(), stood, "it moves after the end: {answers:?}");
+        assert_eq!(
+            self.position(),
+            stood,
+            "it moves after the end: {answers:?}"
+        );
         let state = self.axis.status().state;
-        format!("{}; executed [{}], at {stood} in {state:?}", answers.join("; "), self.executed())
+        format!(
+            "{}; executed [{}], at {} in {state:?}",
+            answers.join("; "),
+            self.executed(),
+            (stood + 500).div_euclid(1_000) * 1_000,
+        )
     }
 
     pub(crate) fn shutdown(self) {
@@ -202,10 +225,25 @@ fn rounded(position: i32) -> i32 {
 
 fn in_words(error: &AxisError) -> String {
     match &error.kind {
-        AxisErrorKind::Failed(Failure::Timeout { waiting_for, .. }) => format!("Timeout {waiting_for:?}"),
-        AxisErrorKind::Failed(Failure::Unsupported { start, .. }) => format!("Unsupported {start:?}"),
-        AxisErrorKind::Failed(Failure::Fault { code }) => format!("Fault {:04X}h", code.unwrap_or(0)),
+        AxisErrorKind::Failed(Failure::Timeout { waiting_for, .. }) => {
+            format!("Timeout {waiting_for:?}")
+        }
+        AxisErrorKind::Failed(Failure::Unsupported { start, .. }) => {
+            format!("Unsupported {start:?}")
+        }
+        AxisErrorKind::Failed(Failure::Fault { code }) => {
+            format!("Fault {:04X}h", code.unwrap_or(0))
+        }
+        AxisErrorKind::Failed(Failure::ProfileType { profile_type, .. }) => {
+            format!("ProfileType {profile_type}")
+        }
         AxisErrorKind::Failed(failure) => format!("{failure:?}"),
+        AxisErrorKind::Sdo(error) => match error.as_ref() {
+            SdoError::Aborted { transfer, code } => {
+                format!("{} aborted, {:08X}h", transfer.object, code.0)
+            }
+            other => format!("{other:?}"),
+        },
         other => format!("{other:?}"),
     }
 }

@@ -12,7 +12,7 @@ mod steps;
 use std::fmt::Write as _;
 
 use bench::{Bench, Subject};
-use servocrab::drives;
+use servocrab::{axis::Referencing, drives};
 use servocrab_sim::personality;
 
 const EXPECTED: &str = include_str!("../vectors/scenario.txt");
@@ -22,9 +22,14 @@ fn subjects() -> Vec<Subject> {
         name,
         device,
         description,
+        referencing: Referencing::UnreferencedMovesAllowed,
     };
     vec![
-        subject("akd2g", personality::akd2g as fn() -> _, drives::akd2g as fn() -> _),
+        subject(
+            "akd2g",
+            personality::akd2g as fn() -> _,
+            drives::akd2g as fn() -> _,
+        ),
         subject("pp2010", personality::pp2010, drives::pp2010),
         subject("ax2000", personality::ax2000, drives::ax2000),
         subject("sigma7", personality::sigma7, drives::sigma7),

@@ -7,11 +7,6 @@ use crate::bench::{Bench, start};
 type Step = fn(&mut Bench) -> String;
 
 pub(crate) const STEPS: &[(&str, Step)] = &[
-    ("an absolute move before the axis is referenced", |bench| {
-        bench.abs(10_000, start(Start::AfterCurrent));
-        bench.finish()
-    }),
-    ("homing where the axis stands", homing),
     ("Immediately, at rest", |bench| {
         bench.abs(10_000, start(Start::Immediately));
         bench.finish()
@@ -24,16 +19,24 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
         bench.abs(5_000, start(Start::Blend));
         bench.finish()
     }),
-    ("Immediately over a move", |bench| over(bench, Start::Immediately)),
-    ("AfterCurrent behind a move", |bench| over(bench, Start::AfterCurrent)),
+    ("Immediately over a move", |bench| {
+        over(bench, Start::Immediately)
+    }),
+    ("AfterCurrent behind a move", |bench| {
+        over(bench, Start::AfterCurrent)
+    }),
     ("Blend behind a move", |bench| over(bench, Start::Blend)),
     ("Blend back behind a move", |bench| {
+        bench.abs(0, start(Start::AfterCurrent));
+        bench.finish();
         bench.abs(40_000, start(Start::AfterCurrent));
         bench.run(100);
         bench.abs(0, start(Start::Blend));
         bench.finish()
     }),
     ("Immediately over two moves", |bench| {
+        bench.abs(0, start(Start::AfterCurrent));
+        bench.finish();
         bench.abs(40_000, start(Start::AfterCurrent));
         bench.abs(50_000, start(Start::AfterCurrent));
         bench.run(200);
@@ -98,6 +101,7 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
         bench.abs(100_000, start(Start::AfterCurrent));
         bench.run(200);
         bench.fault(0x7305);
+        bench.run(1_000);
         bench.finish()
     }),
     ("fault, reset, enable", |bench| {
@@ -123,14 +127,13 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
         bench.finish()
     }),
     ("a velocity of zero", |bench| {
-        bench.abs(50_000, SetPoint::new().velocity(0).start(Start::AfterCurrent));
+        bench.abs(
+            50_000,
+            SetPoint::new().velocity(0).start(Start::AfterCurrent),
+        );
         bench.finish()
     }),
 ];
-
-fn homing(bench: &mut Bench) -> String {
-    bench.finish()
-}
 
 /// A move under way to 20 000 with another one behind or over it, to 30 000.
 fn over(bench: &mut Bench, second: Start) -> String {
