@@ -1,4 +1,5 @@
-//! Moves that wait for their turn, in the order in which they were asked for; one that replaces all others overtakes.
+//! Moves that wait for their turn, in the order in which they were asked for; one that replaces all others overtakes those
+//! that would be queued.
 
 use core::time::Duration;
 
@@ -42,7 +43,7 @@ impl Waiting {
         }
     }
 
-    /// The move whose turn it is: the last that replaces all others, else the oldest.
+    /// The move whose turn it is: the oldest that replaces all others, else the oldest.
     pub(super) fn first(&self) -> Option<Request> {
         self.places.get(self.turn()).copied().flatten()
     }
@@ -77,7 +78,7 @@ impl Waiting {
         let replaces = |place: &Option<Request>| {
             place.is_some_and(|r| r.command.set_point.start == Start::Immediately)
         };
-        self.places.iter().rposition(replaces).unwrap_or(0)
+        self.places.iter().position(replaces).unwrap_or(0)
     }
 
     /// Removes the move with this id; whether there was one.

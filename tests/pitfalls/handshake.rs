@@ -155,7 +155,8 @@ fn pitfall_06_a_full_buffer_that_holds_bit_12_high_gives_an_error_in_time() {
     let first = rig.abs(100_000, SetPoint::new());
     let queued = rig.abs(110_000, SetPoint::new().start(Start::AfterCurrent));
     rig.wait_accepted(queued);
-    let third = rig.abs(0, SetPoint::new());
+    // An absolute one would be sent without an acknowledge; a distance must have one.
+    let third = rig.rel(-1_000, SetPoint::new());
     rig.run(520);
     assert!(
         never_sent_for_bit_12(rig.outcome(third)),
