@@ -4,11 +4,11 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Mode, PowerGoal, State},
-    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand, Reference, Start},
+    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand},
 };
 
 use super::{
-    AxisCore, Command, Referencing,
+    AxisCore, Command,
     core::ModeChange,
     power::{Power, ResetPhase},
     stopping::{Stage, Wait},
@@ -175,89 +175,6 @@ impl AxisCore {
             Ok(command) => self.sequencer.submit(id, command, &mut self.events),
             Err(failure) => self.done(id, Err(failure)),
         }
-    }
-
-    /// As `check_move`, for a move whose parameters may have to be written by SDO first.
-    fn check_unmapped_move(&self, mut command: MoveCommand) -> Result<(), Failure> {
-        self.check_limits(&command)?;
-        let parameters = &mut command.set_point.parameters;
-        *parameters = self.config.fields.mapped(parameters);
-        self.check_move(command).map(drop)
-    }
-
-    /// What the drive's limits say of a move. Where a relative one ends shows when its turn comes.
-    fn check_limits(&self, command: &MoveCommand) -> Result<(), Failure> {
-        let limits = &self.config.limits;
-        let parameters = &command.set_point.parameters;
-        limits.check_velocity(parameters.velocity)?;
-        limits.check_velocity(parameters.end_velocity)?;
-        match command.reference {
-            Reference::Absolute => {
-                let rule = &self.config.traits.limits;
-                limits.check_target(command.target.into(), rule, self.is_referenced())
-            }
-            Reference::Relative => Ok(()),
-        }
-    }
-
-    /// Everything that can be refused before anything is written.
-    fn check_move(&self, mut command: MoveCommand) -> Result<MoveCommand, Failure> {
-        let shown = self.sample.map_or(Mode::None, |s| s.mode);
-        if let Some(fault) = self.fault() {
-            return Err(fault);
-        }
-        if self.stopping.is_active() {
-            return Err(Failure::QuickStopped);
-        }
-        if !matches!(self.power, Power::Enabled) {
-            return Err(Failure::NotEnabled {
-                state: self.state(),
-            });
-        }
-        if self.halted {
-            return Err(Failure::Halted);
-        }
-        if self.mode_change.is_some()
-            || shown != Mode::ProfilePosition
-            || self.mode != Mode::ProfilePosition
-        {
-            return Err(Failure::WrongMode {
-                expected: Mode::ProfilePosition,
-                shown,
-            });
-        }
-        if self.sequencer.is_unknown() {
-            return Err(Failure::NeedsStop);
-        }
-        if command.reference == Reference::Absolute
-            && !self.is_referenced()
-            && self.config.referencing != Referencing::UnreferencedMovesAllowed
-        {
-            return Err(Failure::NotReferenced);
-        }
-        self.check_limits(&command)?;
-        let parameters = &mut command.set_point.parameters;
-        *parameters = self
-            .config
-            .fields
-            .complete(parameters, &self.config.defaults)?;
-        self.check_profile_type(&command)?;
-        Ok(command)
-    }
-
-    fn check_profile_type(&self, command: &MoveCommand) -> Result<(), Failure> {
-        let traits = &self.config.traits;
-        let set_point = &command.set_point;
-        let blends = set_point.start == Start::Blend && traits.blend_needs_linear_ramps;
-        if blends && self.config.fields.profile_type.is_none() {
-            // Written by SDO it would not be known here, nor changed between two set-points.
-            return Err(Failure::NotMapped("motion profile type 6086h"));
-        }
-        traits.check_profile_type(
-            set_point.start,
-            set_point.parameters.profile_type,
-            self.sequencer.last_profile_type(),
-        )
     }
 
     fn halt(&mut self, now: Duration, id: CommandId) {
