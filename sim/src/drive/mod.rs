@@ -328,7 +328,7 @@ impl DriveObjects {
     }
 
     /// The axis in whose profile area an index is, and the entries there; `None` when the index is of no axis.
-    fn profile_entries(&self, index: u16) -> Option<(usize, Vec<AxisEntry>)> {
+    fn profile_entries(&self, index: u16) -> Option<(usize, &[AxisEntry])> {
         let (axis, base) = match index.checked_sub(PROFILE_AREA) {
             Some(offset) => (
                 usize::from(offset / self.axis_increment.max(1)),
@@ -337,8 +337,11 @@ impl DriveObjects {
             // A maker's own object of the only axis.
             None => (0, index),
         };
-        let all = self.axes.get(axis)?.entries().iter();
-        let entries: Vec<AxisEntry> = all.filter(|entry| entry.index == base).copied().collect();
+        // They are sorted; this is looked up for each mapped object in each cycle.
+        let all = self.axes.get(axis)?.entries();
+        let first = all.partition_point(|entry| entry.index < base);
+        let behind = all.partition_point(|entry| entry.index <= base);
+        let entries = all.get(first..behind)?;
         (index >= PROFILE_AREA || !entries.is_empty()).then_some((axis, entries))
     }
 

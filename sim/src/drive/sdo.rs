@@ -2,7 +2,7 @@
 
 use super::history::ErrorHistory;
 use super::information::{axis_entry_info, axis_object_info};
-use super::{AxisObject, Drive, DriveObjects};
+use super::{AxisObject, Drive, DriveObjects, PROFILE_AREA};
 use crate::coe::info::{EntryInfo, ObjectCode, ObjectInfo, access, data_type};
 use crate::coe::{Abort, Objects};
 use crate::description::Direction;
@@ -98,13 +98,14 @@ impl DriveObjects {
     fn indices(&self) -> Vec<u16> {
         let mut all = vec![ERROR_REGISTER, ErrorHistory::INDEX];
         all.extend(self.stored.indices());
-        for (offset, model) in (0..).map(|axis| axis * self.axis_increment).zip(&self.axes) {
-            all.extend(
-                model
-                    .entries()
-                    .iter()
-                    .map(|entry| entry.index.saturating_add(offset)),
-            );
+        for (number, axis) in (0u16..).zip(&self.axes) {
+            let profile = axis.entries().iter().filter_map(|entry| {
+                let is_profile = entry.index >= PROFILE_AREA;
+                // A maker's own object is one of the first axis.
+                (is_profile || number == 0)
+                    .then(|| entry.index.saturating_add(number * self.axis_increment))
+            });
+            all.extend(profile);
         }
         if let Some(object) = self.status_object {
             let axes = (0..).zip(&self.axes);
@@ -130,7 +131,7 @@ impl DriveObjects {
             }),
             _ => match self.profile_entries(index) {
                 None => self.stored.object(index),
-                Some((_, entries)) => axis_object_info(&entries).ok_or(Abort::NoObject),
+                Some((_, entries)) => axis_object_info(entries).ok_or(Abort::NoObject),
             },
         }
     }

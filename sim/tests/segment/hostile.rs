@@ -128,11 +128,11 @@ fn noise_in_the_place_of_datagrams_is_survived() {
 }
 
 #[test]
-fn noise_in_the_registers_of_sync_managers_and_fmmus_is_survived() {
+fn noise_in_the_registers_of_sync_managers_fmmus_and_clocks_is_survived() {
     let mut noise = Noise(0xFEED_0001);
     for _ in 0..200 {
         let mut master = preop();
-        for area in [0x0600u16, 0x0800] {
+        for area in [0x0600u16, 0x0800, 0x0900, 0x0980] {
             let bytes: Vec<u8> = (0..128).map(|_| noise.next() as u8).collect();
             master.exchange(BWR, 0, area, &bytes);
         }
@@ -143,6 +143,7 @@ fn noise_in_the_registers_of_sync_managers_and_fmmus_is_survived() {
         let logical = noise.next();
         master.exchange(LRW, logical as u16, (logical >> 16) as u16, &[0; 64]);
         master.now += Duration::from_millis(3);
+        master.exchange(BRD, 0, 0x0900, &[0; 256]);
         assert_eq!(master.exchange(BRD, 0, 0x0130, &[0; 2]).1, 3);
     }
 }
