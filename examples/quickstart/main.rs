@@ -3,17 +3,18 @@
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
 
-mod plot;
+#[path = "../picture/mod.rs"]
+mod picture;
 
 use std::{
     error::Error,
     path::Path,
     process::ExitCode,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex},
     time::{Duration, Instant},
 };
 
-use plot::{Mark, Row};
+use picture::{Bit, Picture, Recorder, Word, lock};
 use servocrab::{
     axis::{self, Axis, AxisError, AxisErrorKind, Failure, Referencing},
     bus::{DriveConfig, Network},
@@ -22,9 +23,17 @@ use servocrab::{
     link::Wire,
     profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
 };
-use servocrab_sim::{CycleRecord, Segment, personality};
+use servocrab_sim::{Segment, personality};
 
 const PICTURE: &str = "target/quickstart.svg";
+const BITS: [Bit; 6] = [
+    ("new set-point (6040h bit 4)", Word::Control(4)),
+    ("acknowledge (6041h bit 12)", Word::Status(12)),
+    ("target reached (6041h bit 10)", Word::Status(10)),
+    ("halt (6040h bit 8)", Word::Control(8)),
+    ("quick stop, active low (6040h bit 2)", Word::Control(2)),
+    ("fault (6041h bit 3)", Word::Status(3)),
+];
 
 fn main() -> ExitCode {
     match smol::block_on(run()) {
@@ -37,7 +46,7 @@ fn main() -> ExitCode {
 }
 
 async fn run() -> Result<(), Box<dyn Error>> {
-    let recorder = Recorder::default();
+    let recorder = Recorder::new(&["axis x", "axis y"]);
     let segment = Arc::new(Mutex::new(Segment::new().with(personality::akd2g())));
     lock(&segment).observe(recorder.observer());
     let wired = Arc::clone(&segment);
@@ -92,7 +101,17 @@ async fn run() -> Result<(), Box<dyn Error>> {
     );
     net.shutdown().await;
 
-    recorder.draw(Path::new(PICTURE))?;
+    let picture = Picture {
+        title: "Two axes of a simulated AKD2G in Profile Position mode",
+        width: 1500,
+        bits: &BITS,
+        curves: true,
+        states: true,
+        command_lines: 5,
+        milliseconds: false,
+        tail_s: 0.5,
+    };
+    picture.draw(Path::new(PICTURE), &recorder.panels(0.05))?;
     println!("The whole story as a picture: {PICTURE}");
     Ok(())
 }
@@ -256,87 +275,6 @@ impl Story {
         }
         Ok(())
     }
-}
-
-/// What the simulated axes did in each of their cycles, from the first command on.
-#[derive(Clone, Default)]
-struct Recorder {
-    inner: Arc<Mutex<Recording>>,
-}
-
-#[derive(Default)]
-struct Recording {
-    rows: [Vec<Row>; 2],
-    marks: Vec<Mark>,
-    last_s: f64,
-}
-
-impl Recorder {
-    fn observer(&self) -> impl FnMut(&CycleRecord<'_>) + Send + 'static {
-        let inner = Arc::clone(&self.inner);
-        move |record| {
-            let mut recording = lock(&inner);
-            recording.last_s = record.time.as_secs_f64();
-            let row = Row {
-                time_s: recording.last_s,
-                position: record.model.position() as f64,
-                velocity: record.model.velocity(),
-                controlword: record.model.controlword(),
-                statusword: record.model.statusword(),
-            };
-            if let Some(rows) = recording.rows.get_mut(record.axis - 1) {
-                rows.push(row);
-            }
-        }
-    }
-
-    fn mark(&self, axis: usize, text: &str) {
-        let mut recording = lock(&self.inner);
-        let time_s = recording.last_s;
-        recording.marks.push(Mark {
-            time_s,
-            axis,
-            text: text.to_owned(),
-        });
-    }
-
-    /// Draws from shortly before the first command on.
-    fn draw(&self, file: &Path) -> Result<(), Box<dyn Error>> {
-        let recording = lock(&self.inner);
-        let begin = recording.marks.first().map_or(0.0, |mark| mark.time_s) - 0.05;
-        let since = |rows: &[Row]| -> Vec<Row> {
-            let shown = rows.iter().filter(|row| row.time_s >= begin);
-            shown
-                .map(|row| Row {
-                    time_s: row.time_s - begin,
-                    ..*row
-                })
-                .collect()
-        };
-        let axes = [
-            ("axis x", since(&recording.rows[X])),
-            ("axis y", since(&recording.rows[Y])),
-        ];
-        let marks: Vec<Mark> = recording
-            .marks
-            .iter()
-            .map(|mark| Mark {
-                time_s: mark.time_s - begin,
-                ..mark.clone()
-            })
-            .collect();
-        std::fs::create_dir_all(file.parent().ok_or("the picture has a folder")?)?;
-        plot::draw(
-            file,
-            "Two axes of a simulated AKD2G in Profile Position mode",
-            &axes,
-            &marks,
-        )
-    }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 async fn pause(milliseconds: u64) {
