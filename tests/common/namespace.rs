@@ -46,14 +46,20 @@ pub(crate) fn inside_namespace(test: &str) -> bool {
         eprintln!("{message}");
         return false;
     }
-    let status = Command::new("unshare")
+    let output = Command::new("unshare")
         .arg("-rn")
         .arg(env::current_exe().expect("this test has a path"))
         .args(["--exact", test, "--nocapture", "--test-threads=1"])
         .env(INSIDE, "1")
-        .status()
+        .output()
         .expect("unshare has just worked");
-    assert!(status.success(), "{test} failed inside its namespace");
+    // By these the test's own capture decides what is shown, and where.
+    print!("{}", String::from_utf8_lossy(&output.stdout));
+    eprint!("{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{test} failed inside its namespace"
+    );
     false
 }
 

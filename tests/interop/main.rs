@@ -1,6 +1,6 @@
 //! Masters that nobody here wrote, on the simulated drives: each runs as a process of its own over a veth pair.
 //!
-//! What is checked is in `soem.py` and `etherage/`, what each drive should answer in `drives.json`. A test fails unless every check of its
+//! What is checked is in `soem/` and `etherage/`, what each drive should answer in `drives.json`. A test fails unless every check of its
 //! list was reported, in order and with success.
 #![allow(missing_docs)]
 #![cfg(target_os = "linux")]
@@ -19,8 +19,9 @@ use namespace::{Process, inside_namespace, simulated};
 /// Seconds after which the simulated segment ends by itself, and with it whatever waits for its answers.
 const LONGEST: u32 = 120;
 
-/// The checks of `soem.py`, in order.
-const SOEM: [&str; 22] = [
+/// The checks of `soem/`, in order.
+const SOEM: [&str; 27] = [
+    "default_mapping",
     "scan",
     "sii_strings",
     "identity_by_sdo",
@@ -31,6 +32,7 @@ const SOEM: [&str; 22] = [
     "aborts",
     "remapping",
     "clock",
+    "al_refusals",
     "watchdog_on",
     "safe_op",
     "operational",
@@ -38,6 +40,9 @@ const SOEM: [&str; 22] = [
     "enable",
     "profile_move",
     "second_set_point",
+    "quick_stop",
+    "profile_velocity",
+    "homing",
     "watchdog",
     "emergency",
     "recovery",
@@ -94,8 +99,10 @@ fn soem(test: &str, drive: &str) {
     // Its parts import each other; nothing is to be left beside the sources.
     command
         .arg("-B")
-        .arg(programs::sources().join("soem.py"))
-        .args(["master0", drive]);
+        .arg(programs::sources().join("soem/main.py"))
+        .arg("master0")
+        .arg(programs::table())
+        .arg(drive);
     judge("soem", drive, command, &SOEM);
 }
 
@@ -110,10 +117,7 @@ fn etherage(test: &str, drive: &str) {
     }
     let _simulator = simulated(&simulator, drive, LONGEST, None);
     let mut command = Command::new(program);
-    command
-        .arg("master0")
-        .arg(programs::sources().join("drives.json"))
-        .arg(drive);
+    command.arg("master0").arg(programs::table()).arg(drive);
     judge("etherage", drive, command, &ETHERAGE);
     for (step, reason) in NOT_BY_ETHERAGE {
         println!("etherage on {drive}: NOT DONE {step}: {reason}");
@@ -135,6 +139,7 @@ fn judge(master: &str, drive: &str, mut command: Command, checks: &[&str]) {
         done.push(line);
     }
     let status = process.0.wait().expect("it is our child");
+    programs::report(&format!("{master}-{drive}"), &done);
     let passed: Vec<&str> = done
         .iter()
         .filter_map(|line| line.strip_prefix("ok ")?.split(':').next())

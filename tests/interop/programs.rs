@@ -16,6 +16,11 @@ pub(crate) fn sources() -> PathBuf {
     root().join("tests/interop")
 }
 
+/// What each drive should answer.
+pub(crate) fn table() -> PathBuf {
+    sources().join("drives.json")
+}
+
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
@@ -88,6 +93,17 @@ fn given(master: &str, made: &Made) -> Option<PathBuf> {
     made.clone().ok()
 }
 
+/// Keeps what a program said, for whoever wants to see the checks by name.
+pub(crate) fn report(name: &str, lines: &[String]) {
+    let place = target().join("interop/reports");
+    fs::create_dir_all(&place).expect("the target directory can be written");
+    fs::write(
+        place.join(name).with_extension("txt"),
+        lines.join("\n") + "\n",
+    )
+    .expect("the target directory can be written");
+}
+
 /// Builds a package with the profile of this test.
 fn build(manifest: &Path, target: &Path) -> Result<(), String> {
     let mut cargo = Command::new(env!("CARGO"));
@@ -108,7 +124,7 @@ fn environment() -> Made {
     if made_already() {
         return Ok(python);
     }
-    let requirements = sources().join("requirements.txt");
+    let requirements = sources().join("soem/requirements.txt");
     let wanted = fs::read_to_string(&requirements).map_err(|error| error.to_string())?;
     // Written last, so that an environment that has it is whole.
     let stamp = place.join("installed.txt");

@@ -1,0 +1,68 @@
+"""Runs the SOEM master against one simulated drive: `main.py INTERFACE TABLE DRIVE`.
+
+What a drive should answer is in the table (drives.json); the program has no case for any of them. Each check prints a line
+`ok NAME: what was seen` or `FAILED NAME: why`; a failure ends the program, because the checks go up the EtherCAT states
+one after the other. Nothing here shares code or constants with the simulated drive or with the library under test.
+"""
+
+import json
+import sys
+import traceback
+
+import coe
+import motion
+import states
+from bench import Bench
+from drive import Drive
+
+CHECKS = (
+    states.default_mapping,
+    coe.scan,
+    coe.sii_strings,
+    coe.identity_by_sdo,
+    coe.expedited,
+    coe.segmented,
+    coe.complete_access,
+    coe.object_list,
+    coe.aborts,
+    states.remapping,
+    states.clock,
+    states.al_refusals,
+    states.watchdog_on,
+    states.safe_op,
+    states.operational,
+    states.cyclic,
+    motion.enable,
+    motion.profile_move,
+    motion.second_set_point,
+    motion.quick_stop,
+    motion.profile_velocity,
+    motion.homing,
+    motion.watchdog,
+    motion.emergency,
+    motion.recovery,
+    motion.fault_reset,
+    motion.back_to_init,
+)
+
+
+def main():
+    interface, table, name = sys.argv[1:]
+    with open(table) as file:
+        bench = Bench(interface, Drive(json.load(file)[name]))
+    try:
+        for check in CHECKS:
+            try:
+                seen = check(bench)
+            except Exception as error:
+                traceback.print_exc()
+                print(f"FAILED {check.__name__}: {error!r}", flush=True)
+                return 1
+            print(f"ok {check.__name__}: {seen}", flush=True)
+    finally:
+        bench.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,154 @@
+"""Checks on the way from PREOP to OP: mapping, clock, watchdog, AL states."""
+
+import struct
+import time
+
+import pysoem
+
+from drive import expect, until
+
+DC_CYCLE_NS = 2_000_000
+WATCHDOG_MS = 500
+
+
+def default_mapping(bench):
+    """A master that configures nothing: sizes and SAFEOP by what the drive says of itself."""
+    expect("the number of SubDevices", bench.open(manual=False), 1)
+    bench.master.config_map()
+    sizes = len(bench.slave.output), len(bench.slave.input)
+    expect("the image", sizes, tuple(bench.drive.table["default_bytes"]))
+    expect("the state", bench.master.state_check(pysoem.SAFEOP_STATE, 5_000_000), pysoem.SAFEOP_STATE)
+    return "{} bytes of outputs, {} of inputs, SAFEOP".format(*sizes)
+
+
+def mapped(bench, pdo):
+    """The entries of a PDO."""
+    return [f"{bench.read(pdo, at + 1, 'I'):08X}" for at in range(bench.read(pdo, 0, "B"))]
+
+
+def remapping(bench):
+    """Writes another mapping than the one at power-up, reads it back, and lets SOEM make its image of it."""
+    drive, slave = bench.drive, bench.slave
+    before = {pdo: mapped(bench, pdo) for axis in drive.axes for pdo in (axis.rx, axis.tx)}
+
+    def configure(_position):
+        for index, subindex, kind, value in drive.startup:
+            bench.write(index, subindex, kind, value)
+        for sync_manager, side in ((0x1C12, "rx"), (0x1C13, "tx")):
+            bench.write(sync_manager, 0, "B", 0)
+            for at, axis in enumerate(drive.axes):
+                pdo, fields = getattr(axis, side), axis.outputs if side == "rx" else axis.inputs
+                fields = [field for field in fields if field.mapped]
+                bench.write(pdo, 0, "B", 0)
+                for slot, field in enumerate(fields):
+                    bench.write(pdo, slot + 1, "I", field.entry)
+                bench.write(pdo, 0, "B", len(fields))
+                bench.write(sync_manager, at + 1, "H", pdo)
+            bench.write(sync_manager, 0, "B", len(drive.axes))
+
+    slave.config_func = configure
+    bench.master.config_map()
+    for axis in drive.axes:
+        for pdo, fields in ((axis.rx, axis.outputs), (axis.tx, axis.inputs)):
+            wanted = [f"{field.entry:08X}" for field in fields if field.mapped]
+            expect(f"{pdo:04X}h is another than at power-up", wanted != before[pdo], True)
+            expect(f"{pdo:04X}h", mapped(bench, pdo), wanted)
+    sizes = len(slave.output), len(slave.input)
+    expect("the image", sizes, (drive.output_bytes, drive.input_bytes))
+    expect("the state", bench.state(), pysoem.PREOP_STATE)
+    return "{} bytes of outputs, {} of inputs".format(*sizes)
+
+
+def clock(bench):
+    """Delay measurement, offset, and the registers that make SYNC0."""
+    slave = bench.slave
+    expect("a clock was found", bool(bench.master.config_dc()), True)
+    slave.dc_sync(True, DC_CYCLE_NS, 100_000)
+    active = slave._fprd(0x0980, 2)
+    expect("cyclic operation and SYNC0 (0981h)", active[1] & 0x03, 0x03)
+    cycle = struct.unpack("<I", slave._fprd(0x09A0, 4))[0]
+    expect("SYNC0 cycle (09A0h)", cycle, DC_CYCLE_NS)
+    start = struct.unpack("<Q", slave._fprd(0x0990, 8))[0]
+    system = struct.unpack("<Q", slave._fprd(0x0910, 8))[0]
+    expect("SYNC0 starts later than now (0990h, 0910h)", start > system, True)
+    later = struct.unpack("<Q", slave._fprd(0x0910, 8))[0]
+    expect("the system time runs", later > system, True)
+    return f"SYNC0 each {cycle} ns"
+
+
+def al_refusals(bench):
+    """What the drive must not go along with, each with its AL status code; afterwards it is as it was."""
+    preop = pysoem.PREOP_STATE
+    # Two states up at once.
+    bench.refused(pysoem.OP_STATE, preop, "0011")
+    # Sync managers whose length is not that of the mapping.
+    for register, code in ((0x0810, "001D"), (0x0818, "001E")):
+        length = bench.slave._fprd(register + 2, 2)
+        set_sync_manager(bench, register, 2, struct.pack("<H", struct.unpack("<H", length)[0] + 1))
+        bench.refused(pysoem.SAFEOP_STATE, preop, code)
+        set_sync_manager(bench, register, 2, length)
+    # SYNC0 without a cycle; SYNC1, which is in no clock mode of the SII.
+    bench.slave.dc_sync(True, 0)
+    bench.refused(pysoem.SAFEOP_STATE, preop, "0035")
+    bench.slave.dc_sync(True, DC_CYCLE_NS, 0, DC_CYCLE_NS)
+    bench.refused(pysoem.SAFEOP_STATE, preop, "0030")
+    bench.slave.dc_sync(True, DC_CYCLE_NS, 100_000)
+    return "0011h 001Dh 001Eh 0035h 0030h"
+
+
+def set_sync_manager(bench, register, offset, data):
+    """Its settings are locked while it is on."""
+    bench.slave._fpwr(register + 6, b"\0")
+    bench.slave._fpwr(register + offset, data)
+    bench.slave._fpwr(register + 6, b"\1")
+
+
+def watchdog_on(bench):
+    """The watchdog's trigger, which not every SII has on."""
+    slave = bench.slave
+    slave.set_watchdog("processdata", WATCHDOG_MS)
+    expect("the time", slave.get_watchdog("processdata"), WATCHDOG_MS)
+    control = slave._fprd(0x0814, 1)[0] | 0x40
+    set_sync_manager(bench, 0x0810, 4, bytes([control]))
+    expect("0814h", slave._fprd(0x0814, 1)[0], control)
+    return f"{WATCHDOG_MS} ms, 0814h = {control:02X}h"
+
+
+def safe_op(bench):
+    bench.request(pysoem.SAFEOP_STATE)
+    until("SAFEOP", lambda: bench.state() == pysoem.SAFEOP_STATE)
+    # No outputs have come.
+    bench.refused(pysoem.OP_STATE, pysoem.SAFEOP_STATE, "0019")
+    bench.cycle()
+    statuswords = [bench.get(axis, 0x6041) for axis in bench.drive.numbers]
+    by_sdo = [bench.read(axis.index(0x6041), 0, "H") for axis in bench.drive.axes]
+    expect("the statuswords in the inputs", statuswords, by_sdo)
+    refused = bench.abort_of(lambda: bench.write(0x1C12, 0, "B", 0))
+    expect("1C12h in SAFEOP", f"{refused:08X}", "08000022")
+    return "statuswords " + " ".join(f"{word:04X}h" for word in statuswords)
+
+
+def operational(bench):
+    for axis in bench.drive.numbers:
+        bench.set(axis, 0x6060, 1)
+        bench.set(axis, 0x6040, 0)
+        bench.set(axis, 0x607A, bench.get(axis, 0x6064))
+    bench.cycle_until("outputs are taken", lambda: True)
+    bench.request(pysoem.OP_STATE)
+    bench.cycle_until("OP", lambda: bench.state() == pysoem.OP_STATE)
+    return f"working counter {bench.master.expected_wkc}"
+
+
+def cyclic(bench):
+    """Each of many exchanges is answered in full, while SDOs go on beside them; the reference clock comes with each."""
+    exchanges = 500
+    begun, clock = time.monotonic_ns(), bench.master.dc_time
+    for number in range(exchanges):
+        expect("the working counter", bench.cycle(), bench.master.expected_wkc)
+        if number % 50 == 0:
+            expect("6061h", bench.read(0x6061, 0, "b"), bench.get(0, 0x6061))
+    expect("the state", bench.state(), pysoem.OP_STATE)
+    # The two clocks are read at different times of an exchange.
+    passed, told = time.monotonic_ns() - begun, bench.master.dc_time - clock
+    expect(f"the time of the clock ({told} ns) is ours ({passed} ns)", abs(told - passed) < 0.2 * passed, True)
+    return f"{exchanges} exchanges"
