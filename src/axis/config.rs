@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Mode, QuickStopOption},
-    profile_position::{Limits, Parameters, Traits},
+    profile_position::{Limits, Parameters, PositionRange, Traits},
 };
 
 use super::{AxisFields, Referencing};
@@ -44,6 +44,9 @@ pub struct AxisConfig {
     pub defaults: Parameters,
     /// What moves are checked against before they are sent: what the drive held when the axis attached.
     pub limits: Limits,
+    /// One turn of a modulo axis, whose positions begin again at its end: a rotary table, a belt. Positions are compared
+    /// around it, absolute targets lie within it, and distances may be longer. None for other axes.
+    pub modulo: Option<PositionRange>,
     /// How the axis comes to know where it is.
     pub referencing: Referencing,
 }
@@ -63,7 +66,21 @@ impl AxisConfig {
             quick_stop: QuickStopOption(2),
             defaults: Parameters::default(),
             limits: Limits::trust_drive(),
+            modulo: None,
             referencing: Referencing::default(),
+        }
+    }
+}
+
+impl AxisConfig {
+    /// These limits as this axis has them: absolute targets of a modulo axis lie within its turn.
+    pub(super) const fn limits_with(&self, limits: Limits) -> Limits {
+        match self.modulo {
+            Some(turn) => Limits {
+                position_range: Some(turn),
+                ..limits
+            },
+            None => limits,
         }
     }
 }

@@ -77,13 +77,15 @@ impl AxisCore {
     /// An axis that commands nothing until it is told to: its first words are Disable voltage, its first target is
     /// where the drive stands.
     #[must_use]
-    pub fn new(config: AxisConfig) -> Self {
+    pub fn new(mut config: AxisConfig) -> Self {
+        config.limits = config.limits_with(config.limits);
         let tolerances = config.tolerances;
         Self {
             bounds: Bounds {
                 position: tolerances.position,
                 velocity: tolerances.velocity,
                 settle: tolerances.settle,
+                turn: config.modulo,
             },
             sequencer: Sequencer::new(config.defaults),
             mode: config.mode,

@@ -43,7 +43,7 @@ impl AxisCore {
                 self.done(id, result);
             }
             Command::SetLimits(limits) => {
-                self.config.limits = limits;
+                self.config.limits = self.config.limits_with(limits);
                 self.done(id, Ok(Completion::Done));
             }
             Command::Halt => self.halt(now, id),

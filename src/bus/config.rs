@@ -8,7 +8,7 @@ use crate::{
     drives::DriveDescription,
     ds402::Mode,
     pdo_map::{Direction, Mapping, MappingError},
-    profile_position::Limits,
+    profile_position::{Limits, PositionRange},
 };
 
 /// A drive of the line: what it is, the names of its axes, and what is to be configured.
@@ -38,8 +38,17 @@ pub(super) struct AxisDeclaration {
     pub(super) mode: Mode,
     pub(super) referencing: Referencing,
     pub(super) limits: Option<Limits>,
+    pub(super) modulo: Option<Turn>,
     outputs: Vec<AnyObject>,
     inputs: Vec<AnyObject>,
+}
+
+/// Which positions are one turn of a modulo axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Turn {
+    /// What the drive holds in 607Bh.
+    OfDrive,
+    These(PositionRange),
 }
 
 /// One SDO write of a start-up list.
@@ -72,6 +81,7 @@ impl DriveConfig {
             mode: Mode::ProfilePosition,
             referencing: Referencing::default(),
             limits: None,
+            modulo: None,
             outputs: Vec::new(),
             inputs: Vec::new(),
         });
@@ -127,6 +137,21 @@ impl DriveConfig {
     #[must_use]
     pub fn limits(mut self, axis: &str, limits: Limits) -> Self {
         self.with_axis(axis, |axis| axis.limits = Some(limits));
+        self
+    }
+
+    /// Makes this axis a modulo axis: its positions begin again at the end of the drive's position range 607Bh, which is read when
+    /// the axis attaches.
+    #[must_use]
+    pub fn modulo(mut self, axis: &str) -> Self {
+        self.with_axis(axis, |axis| axis.modulo = Some(Turn::OfDrive));
+        self
+    }
+
+    /// Makes this axis a modulo axis with this turn: for drives that have no 607Bh.
+    #[must_use]
+    pub fn modulo_over(mut self, axis: &str, turn: PositionRange) -> Self {
+        self.with_axis(axis, |axis| axis.modulo = Some(Turn::These(turn)));
         self
     }
 

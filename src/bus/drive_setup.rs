@@ -7,7 +7,7 @@ use std::{rc::Rc, time::Duration};
 use super::{
     AlState, BringUpStep, DriveFault, NetworkError, al,
     axes::Parameters,
-    config::{AxisDeclaration, DriveConfig},
+    config::{AxisDeclaration, DriveConfig, Turn},
     discovery::Found,
     eeprom,
     reactor::Context,
@@ -210,12 +210,23 @@ impl Job {
                 None => None,
             },
         };
-        config.limits = match axis.limits {
-            Some(limits) => limits,
-            None => Limits::read(&Parameters(sdo.clone()), offset)
+        let held = match (axis.limits, axis.modulo) {
+            (Some(limits), None | Some(Turn::These(_))) => limits,
+            _ => Limits::read(&Parameters(sdo.clone()), offset)
                 .await
                 .map_err(|error| (BringUpStep::Parameters, error.into()))?,
         };
+        config.limits = axis.limits.unwrap_or(held);
+        let turn = match axis.modulo {
+            None => return Ok(config),
+            Some(Turn::OfDrive) => held.position_range,
+            Some(Turn::These(turn)) => Some(turn),
+        };
+        config.modulo = turn.filter(|turn| turn.length().is_some());
+        if config.modulo.is_none() {
+            let axis = axis.name.clone();
+            return Err((BringUpStep::Parameters, DriveFault::NoTurn { axis }));
+        }
         Ok(config)
     }
 

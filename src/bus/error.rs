@@ -187,6 +187,14 @@ pub enum DriveFault {
         /// The value read back.
         value: i16,
     },
+    /// A modulo axis without a turn: its 607Bh is missing, empty, or the whole range of its type.
+    #[error(
+        "axis {axis} is to be a modulo axis, but 607Bh holds no turn: set it in the start-up list, or give the turn with the axis"
+    )]
+    NoTurn {
+        /// The axis' name.
+        axis: String,
+    },
     /// It did not change its AL state.
     #[error(transparent)]
     Al(#[from] AlError),

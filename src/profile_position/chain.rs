@@ -6,7 +6,7 @@ use crate::ds402::Controlword;
 
 use super::{
     BufferSignal, Cycle, Delivery, Event, Events, Failure, MoveCommand, Reference, RelativeBase,
-    Start, StartBits, Traits, standstill::distance, track::Track,
+    Start, StartBits, Traits, track::Track,
 };
 
 /// Set-points that the drive may hold.
@@ -92,7 +92,7 @@ impl Chain {
                         first.id,
                         Event::Done(first.ended_into(second, cycle, shown)),
                     );
-                    second.becomes_active(cycle.now, cycle.sample.position);
+                    second.becomes_active(cycle.now, cycle.sample.position, cycle.bounds);
                     self.last_end = first.end;
                     self.held.rotate_left(1);
                     self.held[HELD - 1] = None;
@@ -136,7 +136,7 @@ impl Chain {
             _ if shown_by_bit_12 => Place::Free,
             Start::AfterCurrent if active.shows_its_stop() => Place::Free,
             Start::Blend if active.shows_its_passing() => Place::Free,
-            Start::Blend if active.end.is_none() => Place::Never(
+            Start::Blend if active.end.is_none() || active.turns => Place::Never(
                 "the end of the active move shows neither in bit 12 nor in the position: \
                  use AfterCurrent, or an absolute move before it",
             ),
@@ -161,7 +161,7 @@ impl Chain {
             Reference::Absolute => Some(command.target),
             Reference::Relative => {
                 let base = self.base_of(command, cycle);
-                base.map(|base| base.wrapping_add(command.target))
+                base.map(|base| cycle.bounds.after(base, command.target))
             }
         }
     }
@@ -175,7 +175,10 @@ impl Chain {
         if command.reference == Reference::Relative
             && let Some(base) = self.base_of(command, cycle)
         {
-            let target = i64::from(base) + i64::from(command.target);
+            let target = match cycle.bounds.turn {
+                Some(_) => cycle.bounds.after(base, command.target).into(),
+                None => i64::from(base) + i64::from(command.target),
+            };
             let rule = &cycle.traits.limits;
             return cycle.limits.check_target(target, rule, cycle.referenced);
         }
@@ -200,7 +203,7 @@ impl Chain {
                 RelativeBase::PreviousTarget => self.last_end,
                 RelativeBase::Undocumented | RelativeBase::PositioningOption => self
                     .last_end
-                    .filter(|&end| distance(end, position) <= cycle.bounds.position),
+                    .filter(|&end| cycle.bounds.distance(end, position) <= cycle.bounds.position),
             },
         }
     }

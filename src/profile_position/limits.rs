@@ -13,6 +13,36 @@ pub struct PositionRange {
     pub max: i32,
 }
 
+impl PositionRange {
+    /// How many positions it has; none where it is empty or only one.
+    #[must_use]
+    pub const fn length(&self) -> Option<u32> {
+        // The whole range of `i32` is one more than `u32` holds; as a turn it is the number circle itself.
+        if self.min < self.max {
+            (self.max.wrapping_sub(self.min) as u32).checked_add(1)
+        } else {
+            None
+        }
+    }
+
+    /// The position of this range at which an axis stands that has gone to `position` turn after turn.
+    ///
+    /// ```
+    /// use servocrab::profile_position::PositionRange;
+    /// let turn = PositionRange { min: 0, max: 3_599 };
+    /// assert_eq!(turn.wrap(3_600), 0);
+    /// assert_eq!(turn.wrap(-10), 3_590);
+    /// ```
+    #[must_use]
+    pub fn wrap(&self, position: i64) -> i32 {
+        let min = i64::from(self.min);
+        match self.length() {
+            Some(turn) => (min + (position - min).rem_euclid(turn.into())) as i32,
+            None => position as i32,
+        }
+    }
+}
+
 /// When the software position limits 607Dh are switched off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum LimitsOff {

@@ -269,7 +269,7 @@ impl Sequencer {
             raised.from_rest,
             confirmed,
             raised.position,
-            cycle.now,
+            cycle,
         );
         events.push(track.id, Event::Accepted);
         self.chain.push(track, events);

@@ -4,6 +4,8 @@ use core::time::Duration;
 
 use crate::ds402::Sample;
 
+use super::PositionRange;
+
 /// Follows velocity and position through the cycles.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Standstill {
@@ -18,6 +20,43 @@ pub(crate) struct Bounds {
     pub(crate) position: u32,
     pub(crate) velocity: u32,
     pub(crate) settle: Duration,
+    /// One turn of a modulo axis.
+    pub(crate) turn: Option<PositionRange>,
+}
+
+impl Bounds {
+    /// The shorter way from one position to another: of a modulo axis around its turn, of others on the number circle of 32
+    /// bits.
+    pub(crate) fn way(&self, from: i32, to: i32) -> i64 {
+        let Some(turn) = self.turn_length() else {
+            return to.wrapping_sub(from).into();
+        };
+        let forward = (i64::from(to) - i64::from(from)).rem_euclid(turn);
+        if forward > turn / 2 {
+            forward - turn
+        } else {
+            forward
+        }
+    }
+
+    /// How far two positions lie apart, the shorter way.
+    pub(crate) fn distance(&self, a: i32, b: i32) -> u32 {
+        // At most 2³¹.
+        self.way(a, b).unsigned_abs() as u32
+    }
+
+    /// Where an axis stands that has gone this far from a position.
+    pub(crate) fn after(&self, from: i32, distance: i32) -> i32 {
+        match self.turn {
+            Some(turn) => turn.wrap(i64::from(from) + i64::from(distance)),
+            None => from.wrapping_add(distance),
+        }
+    }
+
+    /// The length of a modulo axis' turn; none on the number circle of 32 bits.
+    pub(crate) fn turn_length(&self) -> Option<i64> {
+        self.turn?.length().map(i64::from)
+    }
 }
 
 impl Standstill {
@@ -25,7 +64,8 @@ impl Standstill {
     pub(crate) fn observe(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) {
         self.velocity_zero = sample.velocity.map(|v| v.unsigned_abs() <= bounds.velocity);
         match self.anchor {
-            Some((position, _)) if distance(position, sample.position) <= bounds.position => {}
+            Some((position, _))
+                if bounds.distance(position, sample.position) <= bounds.position => {}
             _ => self.anchor = Some((sample.position, now)),
         }
     }
@@ -44,7 +84,57 @@ impl Standstill {
     }
 }
 
-/// How far two positions lie apart on the number circle of 32 bits.
-pub(crate) const fn distance(a: i32, b: i32) -> u32 {
-    a.wrapping_sub(b).unsigned_abs()
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bounds(turn: Option<PositionRange>) -> Bounds {
+        Bounds {
+            position: 10,
+            velocity: 0,
+            settle: Duration::from_millis(100),
+            turn,
+        }
+    }
+
+    #[test]
+    fn the_shorter_way_goes_around_the_turn() {
+        let degrees = bounds(Some(PositionRange { min: 0, max: 3_599 }));
+        for (from, to, way) in [
+            (3_590, 5, 15),
+            (5, 3_590, -15),
+            (0, 1_800, 1_800),
+            (0, 1_801, -1_799),
+            (7, 7, 0),
+        ] {
+            assert_eq!(degrees.way(from, to), way, "{from} to {to}");
+            assert_eq!(degrees.distance(from, to), way.unsigned_abs() as u32);
+        }
+        assert_eq!(degrees.after(3_590, 3_600 + 20), 10);
+        assert_eq!(degrees.after(10, -20), 3_590);
+        let about_zero = bounds(Some(PositionRange {
+            min: -1_800,
+            max: 1_799,
+        }));
+        assert_eq!(about_zero.way(1_790, -1_790), 20);
+        assert_eq!(about_zero.after(1_790, 20), -1_790);
+    }
+
+    #[test]
+    fn positions_without_a_turn_lie_on_the_circle_of_32_bits() {
+        for turn in [
+            None,
+            Some(PositionRange {
+                min: i32::MIN,
+                max: i32::MAX,
+            }),
+            Some(PositionRange { min: 5, max: 5 }),
+        ] {
+            let bounds = bounds(turn);
+            assert_eq!(bounds.way(i32::MAX, i32::MIN), 1);
+            assert_eq!(bounds.distance(i32::MIN, i32::MAX), 1);
+            assert_eq!(bounds.distance(0, i32::MIN), 1 << 31);
+            assert_eq!(bounds.after(i32::MAX, 1), i32::MIN);
+        }
+    }
 }

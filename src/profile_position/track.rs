@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::ds402::Statusword;
 
-use super::{CommandId, Completion, Cycle, Delivery, Failure, Start, standstill::distance};
+use super::{CommandId, Completion, Cycle, Delivery, Failure, Start, standstill::Bounds};
 
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +16,8 @@ pub(super) struct Track {
     pub(super) end: Option<i32>,
     /// Whether it begins at rest: then the axis goes to its end without passing it before.
     pub(super) from_rest: bool,
+    /// Whether it is one of a modulo axis: the position alone does not say which way round it goes to its end, and how often.
+    pub(super) turns: bool,
     /// Whether an edge of bit 12 has acknowledged it; else its own motion has to show that the drive has taken it.
     confirmed: bool,
     /// Whether whoever waits has been told that the axis stands halted.
@@ -27,7 +29,10 @@ pub(super) struct Track {
     /// The last position within the window around its end.
     arrived: Option<i32>,
     /// On which side of its end the axis was when it became active: the sign of end − position.
-    side: i32,
+    side: i64,
+    /// Of a modulo axis, the way to its end in the last cycle, and whether that has changed its sign there.
+    way: i64,
+    crossed: bool,
     /// How far the end was in the last cycle, and whether the axis has come nearer since it became active.
     remaining: u32,
     approaching: bool,
@@ -43,7 +48,7 @@ impl Track {
         from_rest: bool,
         confirmed: bool,
         position: i32,
-        now: Duration,
+        cycle: &Cycle<'_>,
     ) -> Self {
         let mut track = Self {
             id,
@@ -52,15 +57,18 @@ impl Track {
             from_rest,
             confirmed,
             halt_told: false,
-            since: now,
+            turns: cycle.bounds.turn_length().is_some(),
+            since: cycle.now,
             left_target: false,
             arrived: None,
             side: 0,
+            way: 0,
+            crossed: false,
             remaining: 0,
             approaching: false,
             resumed: false,
         };
-        track.becomes_active(now, position);
+        track.becomes_active(cycle.now, position, cycle.bounds);
         track
     }
 
@@ -74,11 +82,11 @@ impl Track {
     }
 
     /// It is the active one from now on.
-    pub(super) fn becomes_active(&mut self, now: Duration, position: i32) {
+    pub(super) fn becomes_active(&mut self, now: Duration, position: i32, bounds: &Bounds) {
         self.since = now;
         self.left_target = false;
         self.arrived = None;
-        self.turn(position);
+        self.turn(position, bounds);
     }
 
     /// It goes on after a halt, from rest: what bit 10 showed before is of no meaning for it.
@@ -98,33 +106,40 @@ impl Track {
         let Some(end) = self.end else { return };
         let position = cycle.sample.position;
         if core::mem::take(&mut self.resumed) {
-            self.turn(position);
+            self.turn(position, cycle.bounds);
         }
-        let remaining = distance(end, position);
+        let remaining = cycle.bounds.distance(end, position);
+        if let Some(turn) = cycle.bounds.turn_length() {
+            // The way changes its sign on the far side as well; only near the end that is a crossing of it.
+            let way = cycle.bounds.way(position, end);
+            let near = way.abs() < turn / 4 && self.way.abs() < turn / 4;
+            self.crossed |= near && way.signum() == -self.way.signum() && way != 0;
+            self.way = way;
+        }
         self.approaching |= remaining < self.remaining;
         self.remaining = remaining;
         if remaining <= cycle.bounds.position {
             // The nearest that was seen: a later position may be on the way to the next end already.
             let nearer = self
                 .arrived
-                .is_none_or(|before| distance(end, before) >= remaining);
+                .is_none_or(|before| cycle.bounds.distance(end, before) >= remaining);
             self.arrived = if nearer { Some(position) } else { self.arrived };
         } else if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
             // It was replaced too fast to stop at its end: it has overshot, and comes back.
             self.arrived = None;
-            self.turn(position);
+            self.turn(position, cycle.bounds);
         }
     }
 
     /// Whether a set-point that stops at this one's end may be queued behind it: the position will show without doubt
     /// when that has taken over.
     pub(super) const fn shows_its_stop(&self) -> bool {
-        self.end.is_some() && self.from_rest
+        self.end.is_some() && self.from_rest && !self.turns
     }
 
     /// Whether a set-point may be blended onto this one: the position will show when the end is passed.
     pub(super) const fn shows_its_passing(&self) -> bool {
-        self.end.is_some() && (self.from_rest || self.approaching)
+        self.end.is_some() && (self.from_rest || self.approaching) && !self.turns
     }
 
     /// Whether the position shows that it has ended and the next one is under way: the axis was at the end, or has
@@ -133,7 +148,7 @@ impl Track {
     pub(super) fn is_left_behind(&self, cycle: &Cycle<'_>) -> bool {
         let position = cycle.sample.position;
         self.end.is_some_and(|end| {
-            distance(end, position) > cycle.bounds.position
+            cycle.bounds.distance(end, position) > cycle.bounds.position
                 && (self.passed(position) || self.arrived.is_some())
         })
     }
@@ -182,7 +197,7 @@ impl Track {
         // the settle time all the same is not on its way: its position decides.
         let told = self.left_target || steady;
         match self.end {
-            Some(end) if distance(end, position) <= cycle.bounds.position => {
+            Some(end) if cycle.bounds.distance(end, position) <= cycle.bounds.position => {
                 told.then_some(reached)
             }
             Some(target) => steady.then_some(Err(self.missed(target, position))),
@@ -199,18 +214,19 @@ impl Track {
         }
     }
 
-    fn turn(&mut self, position: i32) {
-        self.side = self
-            .end
-            .map_or(0, |end| end.wrapping_sub(position).signum());
-        self.remaining = self.end.map_or(0, |end| distance(end, position));
+    fn turn(&mut self, position: i32, bounds: &Bounds) {
+        self.way = self.end.map_or(0, |end| bounds.way(position, end));
+        self.side = self.way.signum();
+        self.crossed = false;
+        self.remaining = self.end.map_or(0, |end| bounds.distance(end, position));
         self.approaching = false;
     }
 
     fn passed(&self, position: i32) -> bool {
-        self.side != 0
-            && self
-                .end
-                .is_some_and(|end| end.wrapping_sub(position).signum() == -self.side)
+        if self.turns {
+            return self.crossed;
+        }
+        let way = |end: i32| i64::from(end.wrapping_sub(position));
+        self.side != 0 && self.end.is_some_and(|end| way(end).signum() == -self.side)
     }
 }

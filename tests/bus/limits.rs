@@ -2,7 +2,7 @@
 
 use servocrab::{
     axis::{AxisError, AxisErrorKind, Failure, Referencing},
-    bus::{DriveConfig, Network},
+    bus::{DriveConfig, DriveFault, Network, NetworkError},
     coe::{AxisOffset, ObjectAddress, obj},
     drives,
     profile_position::{Limits, Outcome, PositionRange, ProfilePosition, SetPoint},
@@ -128,4 +128,43 @@ fn limits_that_the_program_gives_take_the_place_of_the_drives() {
     ));
     move_to(&mut rig, &pp, 300).unwrap();
     rig.shutdown();
+}
+
+#[test]
+fn a_modulo_axis_takes_its_turn_from_the_drive() {
+    let range = |subindex| ObjectAddress::new(0x687B, subindex);
+    let drive = || {
+        second_axis_limited()
+            .limits("y", Limits::trust_drive())
+            .modulo("y")
+    };
+    let set = drive()
+        .start_up(range(1), &0_i32.to_le_bytes())
+        .start_up(range(2), &3_999_i32.to_le_bytes());
+    let mut rig = start(set);
+    let y = rig.net().axis("y").unwrap();
+    rig.until(y.enable()).unwrap();
+    let pp = rig.until(y.profile_position()).unwrap();
+    let moved = rig.until(async { pp.move_rel(9_000, SetPoint::new()).await?.done().await });
+    let Ok(Outcome::Reached { position }) = moved else {
+        panic!("{moved:?}");
+    };
+    assert!((position - 1_000).abs() < 20, "{position}");
+    let error = move_to(&mut rig, &pp, 4_000).unwrap_err();
+    assert!(matches!(
+        error.failure(),
+        Some(Failure::BeyondLimit { limit: 3_999, .. })
+    ));
+    rig.shutdown();
+
+    // As the drive comes, its 607Bh is the whole range of its type: that is no turn.
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let error = Rig::start(Network::builder().link(line.wire()).drive(0, drive())).err();
+    assert!(
+        matches!(
+            &error,
+            Some(NetworkError::Drive { error, .. }) if matches!(&**error, DriveFault::NoTurn { axis } if axis == "y")
+        ),
+        "{error:?}"
+    );
 }

@@ -36,6 +36,7 @@ mod motion;
 mod objects;
 mod power;
 mod presets;
+mod rotary;
 mod set_point;
 mod state;
 mod status;

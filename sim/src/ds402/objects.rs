@@ -331,7 +331,8 @@ impl Objects {
             HOMING_METHOD => self
                 .homing_methods
                 .is_none_or(|methods| methods.iter().any(|&method| i64::from(method) == value)),
-            POSITIONING_OPTION => (0..=2).contains(&value),
+            // Bits 1 and 0: the relative base; 7 and 6: the direction of a rotary axis.
+            POSITIONING_OPTION => value & !0xC3 == 0 && value & 3 != 3,
             _ => true,
         }
     }

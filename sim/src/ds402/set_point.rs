@@ -47,19 +47,17 @@ impl Axis {
             .buffer
             .last_target()
             .unwrap_or(self.buffer.previous_target);
+        let from = if replaces {
+            self.trajectory.counts()
+        } else {
+            end_of_queue
+        };
         let asked = match (relative, base) {
-            (false, _) => Some(value),
+            (false, _) => Some(self.unrolled(value, from)),
             (true, RelativeBase::PreviousTarget) => Some(end_of_queue.saturating_add(value)),
             (true, _) => None,
         };
-        let expected = asked.unwrap_or_else(|| {
-            let from = if replaces {
-                self.trajectory.counts()
-            } else {
-                end_of_queue
-            };
-            from.saturating_add(value)
-        });
+        let expected = asked.unwrap_or_else(|| from.saturating_add(value));
         if self.behaviour.limit_violation == LimitViolation::Refuse
             && self.limited(expected) != expected
         {
@@ -121,7 +119,9 @@ impl Axis {
             return target;
         }
         let offset = self.objects.value(objects::HOME_OFFSET);
-        target.clamp(min - offset, max - offset)
+        // Of a target on a rotary axis the place in its turn counts.
+        let place = self.in_range(target);
+        target.saturating_add(place.clamp(min - offset, max - offset) - place)
     }
 
     /// Begins the active set-point's trajectory, unless it runs already.

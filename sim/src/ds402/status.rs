@@ -106,8 +106,11 @@ impl Axis {
         let values = [
             (objects::STATUSWORD, i64::from(statusword)),
             (objects::DIGITAL_INPUTS, i64::from(self.switches())),
-            (objects::POSITION_DEMAND, wrapped(demand)),
-            (objects::POSITION_ACTUAL, wrapped(self.actual)),
+            (objects::POSITION_DEMAND, wrapped(self.in_range(demand))),
+            (
+                objects::POSITION_ACTUAL,
+                wrapped(self.in_range(self.actual)),
+            ),
             (
                 objects::POSITION_INTERNAL,
                 wrapped(self.internal_position()),

@@ -1,0 +1,172 @@
+//! Modulo axes: positions that begin again are compared around the turn, on a simulated drive whose 607Bh makes it wrap.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::Rig;
+use servocrab::axis::{AxisConfig, Completion, Failure};
+use servocrab::profile_position::{
+    BufferSignal, Limits, PositionRange, RelativeBase, SetPoint, Start,
+};
+use servocrab_sim::ds402::{AckPolicy, Behaviour, Outcome};
+
+const TURN: PositionRange = PositionRange {
+    min: 0,
+    max: 35_999,
+};
+
+/// 60F2h, bits 7 and 6: only in positive direction, or the shortest way.
+const POSITIVE: i64 = 2 << 6;
+const SHORTEST: i64 = 3 << 6;
+
+fn table(direction: i64, change: impl FnOnce(&mut AxisConfig)) -> Rig {
+    table_of(Behaviour::generic(), direction, change)
+}
+
+/// A rotary table of 36000 counts a turn, enabled, at 0.
+fn table_of(behaviour: Behaviour, direction: i64, change: impl FnOnce(&mut AxisConfig)) -> Rig {
+    let follows = behaviour.ack == AckPolicy::FollowsBit4;
+    let mut rig = Rig::new(behaviour, |config| {
+        config.modulo = Some(TURN);
+        config.traits.relative_base = RelativeBase::Demand;
+        config.traits.buffer_signal = if follows {
+            BufferSignal::None
+        } else {
+            BufferSignal::Acknowledge
+        };
+        change(config);
+    });
+    rig.drive.set(0x607B, 1, TURN.min.into()).unwrap();
+    rig.drive.set(0x607B, 2, TURN.max.into()).unwrap();
+    // The base of relative moves is the demand position.
+    rig.drive.set(0x60F2, 0, direction | 1).unwrap();
+    rig.enable();
+    rig
+}
+
+fn reached(rig: &mut Rig, id: servocrab::axis::CommandId) -> i32 {
+    match rig.finish(id) {
+        Ok(Completion::Reached { position }) => position,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_target_on_the_other_side_of_zero_is_reached_around_it() {
+    for (direction, way) in [(POSITIVE, 1_000), (SHORTEST, 1_000), (0, -35_000)] {
+        let mut rig = table(direction, |_| {});
+        let first = rig.abs(35_500, SetPoint::new());
+        assert_eq!(reached(&mut rig, first), 35_500);
+        let before = rig.drive.position();
+        let second = rig.abs(500, SetPoint::new());
+        assert_eq!(reached(&mut rig, second), 500);
+        assert_eq!(
+            rig.drive.position() - before,
+            way,
+            "direction {direction:#x}"
+        );
+    }
+}
+
+#[test]
+fn an_arrival_on_the_other_side_of_the_seam_is_within_the_window() {
+    let mut rig = table(POSITIVE, |config| config.tolerances.position = 10);
+    rig.drive.set(0x6067, 0, 100).unwrap();
+    let near = rig.abs(35_900, SetPoint::new());
+    reached(&mut rig, near);
+    let id = rig.abs(0, SetPoint::new().velocity(1_000));
+    rig.run_until(1_000, |rig| rig.drive.position() >= 35_994);
+    // The last counts are friction.
+    rig.drive.disturbances().blocked = true;
+    let position = reached(&mut rig, id);
+    assert!((35_994..36_000).contains(&position), "{position}");
+}
+
+#[test]
+fn distances_of_several_turns_end_where_they_lead() {
+    let mut rig = table(SHORTEST, |_| {});
+    let start = rig.drive.position();
+    let id = rig.rel(3 * 36_000 + 100, SetPoint::new().velocity(200_000));
+    assert_eq!(reached(&mut rig, id), 100);
+    assert_eq!(rig.drive.position() - start, 108_100);
+    let back = rig.rel(-200, SetPoint::new());
+    assert_eq!(reached(&mut rig, back), 35_900);
+    assert_eq!(rig.drive.position() - start, 107_900);
+}
+
+#[test]
+fn an_absolute_target_beyond_the_turn_is_refused() {
+    let mut rig = table(POSITIVE, |config| config.limits = Limits::trust_drive());
+    for target in [-1, 36_000] {
+        let id = rig.abs(target, SetPoint::new());
+        assert!(
+            matches!(rig.outcome(id), Some(Err(Failure::BeyondLimit { object, .. })) if object.index == 0x607B),
+            "{target}"
+        );
+    }
+    assert!(rig.ledger().is_empty());
+}
+
+#[test]
+fn a_turn_of_the_table_that_passes_its_end_is_not_over() {
+    // Three turns over the place where it ends, with the next one queued by the drive: neither is reported early.
+    let mut rig = table(POSITIVE, |_| {});
+    let first = rig.rel(3 * 36_000, SetPoint::new().velocity(100_000));
+    rig.wait_accepted(first);
+    let second = rig.rel(500, SetPoint::new().start(Start::AfterCurrent));
+    rig.run_until(2_000, |rig| rig.drive.position() > 40_000);
+    assert_eq!(rig.outcome(first), None);
+    assert_eq!(reached(&mut rig, first), 0);
+    assert_eq!(reached(&mut rig, second), 500);
+    let ends: Vec<_> = rig.ledger().iter().map(|line| line.outcome).collect();
+    assert_eq!(ends, [Outcome::Reached, Outcome::Reached]);
+}
+
+#[test]
+fn where_bit_12_shows_nothing_the_next_move_waits_for_the_arrival_and_a_blend_is_refused() {
+    let mut rig = table_of(Behaviour::akd2g(), POSITIVE, |_| {});
+    let first = rig.rel(2 * 36_000, SetPoint::new().velocity(100_000));
+    rig.wait_accepted(first);
+    let blend = rig.abs(90, SetPoint::new().start(Start::Blend));
+    assert!(matches!(
+        rig.finish(blend),
+        Err(Failure::Unsupported {
+            start: Start::Blend,
+            ..
+        })
+    ));
+    let second = rig.abs(1_000, SetPoint::new().start(Start::AfterCurrent));
+    rig.run_until(3_000, |rig| rig.drive.position() > 60_000);
+    assert_eq!(rig.ledger().len(), 1, "sequenced here, after the arrival");
+    assert_eq!(reached(&mut rig, first), 0);
+    assert_eq!(reached(&mut rig, second), 1_000);
+}
+
+#[test]
+fn a_blend_over_the_seam_passes_its_target() {
+    let mut rig = table(POSITIVE, |_| {});
+    let first = rig.abs(35_000, SetPoint::new().velocity(100_000));
+    rig.wait_accepted(first);
+    let second = rig.abs(3_000, SetPoint::new().start(Start::Blend));
+    assert!(matches!(rig.finish(first), Ok(Completion::Passed { .. })));
+    assert_eq!(reached(&mut rig, second), 3_000);
+    assert_eq!(rig.drive.position(), 39_000);
+}
+
+#[test]
+fn an_axis_at_the_seam_stands_though_its_position_jumps() {
+    let mut rig = table(SHORTEST, |config| {
+        // Without 606Ch the position tells.
+        config.fields.actual_velocity = None;
+        config.tolerances.position = 10;
+    });
+    for n in 0..300 {
+        rig.drive.place(if n % 2 == 0 { 0 } else { 35_999 });
+        rig.cycle();
+    }
+    let halt = rig.send(servocrab::axis::Command::Stop);
+    assert!(
+        matches!(rig.outcome(halt), Some(Ok(Completion::Stopped { .. }))),
+        "it has nothing to stop"
+    );
+}
