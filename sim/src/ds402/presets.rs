@@ -134,8 +134,8 @@ impl Behaviour {
             limits_off: LimitsOff::BothZero,
             // Bit 13 comes with fault F6001.
             following_error: FollowingError::Fault,
-            // Its mode table: pp, pv, tq, hm, csp; the manufacturer's own modes have no bit here.
-            supported_modes: 0x0000_00AD,
+            // Its mode table: pp, pv, tq, hm, csp, csv; the manufacturer's own modes have no bit here.
+            supported_modes: 0x0000_01AD,
             // Undocumented; assumed.
             mode_zero: ModeZero::Keeps,
             ..Behaviour::generic()

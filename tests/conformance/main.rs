@@ -1,0 +1,18 @@
+//! Every behaviour that the source documents of the drives describe, one row each: a test of the simulated drive, a test
+//! of the library, and for each of them a mutation that turns it red. `docs/conformance.md` is the table; `.ci/defects`
+//! proves the mutations.
+#![allow(missing_docs)]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+#[macro_use]
+mod table;
+mod akd2g_cw;
+mod akd2g_pp;
+mod bench;
+mod page;
+mod wire;
+
+/// The documents, in the order of the page.
+const DOCUMENTS: &[&table::Document] = &[&akd2g_pp::DOCUMENT, &akd2g_cw::DOCUMENT];
