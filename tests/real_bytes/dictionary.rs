@@ -222,9 +222,20 @@ fn the_librarys_objects_have_a_real_drives_types_and_access() {
     );
 }
 
+/// 60E3h with its 32 elements.
+const HOMING_METHODS: [Address; 33] = {
+    let mut all = [(0x60E3, 0); 33];
+    let mut subindex = 0;
+    while subindex < 33 {
+        all[subindex].1 = subindex as u8;
+        subindex += 1;
+    }
+    all
+};
+
 #[test]
 fn the_simulated_generic_drives_objects_have_a_real_drives_types_and_access() {
-    let simulation: [Listed; 3] = [
+    let simulation: [Listed; 4] = [
         (
             &[(0x6092, 1)],
             Mapping,
@@ -247,6 +258,7 @@ fn the_simulated_generic_drives_objects_have_a_real_drives_types_and_access() {
             ReadOnlyHere,
             "CiA 301: subindex 0 of a record only says how many entries follow",
         ),
+        (&HOMING_METHODS, Absent, "optional, of later editions"),
     ];
     let listed = [&OF_THE_DRIVE[..], &simulation].concat();
     let axis = Axis::new(Behaviour::generic());

@@ -259,6 +259,10 @@ impl Objects {
             .chain(own)
             .copied()
             .collect();
+        // 6502h, bit 5: homing.
+        if behaviour.supported_modes & 1 << 5 != 0 {
+            entries.extend(supported_homing_methods(behaviour.homing_methods));
+        }
         entries.sort_by_key(Entry::address);
         let mut objects = Objects {
             values: entries.iter().map(|entry| entry.default).collect(),
@@ -342,4 +346,21 @@ impl Objects {
             .binary_search_by_key(&address, Entry::address)
             .ok()
     }
+}
+
+/// 60E3h, the list of homing methods.
+fn supported_homing_methods(methods: &[i8]) -> impl Iterator<Item = Entry> {
+    let name = "Supported homing methods";
+    let element = |(subindex, method): (u8, &i8)| {
+        let entry = Entry::new(
+            (0x60E3, subindex),
+            DataType::I8,
+            Access::ReadOnly,
+            Mapping::None,
+            name,
+        );
+        entry.default(i64::from(*method))
+    };
+    let count = i64::try_from(methods.len()).unwrap_or(0);
+    core::iter::once(Entry::count(0x60E3, count, name)).chain((1..).zip(methods).map(element))
 }

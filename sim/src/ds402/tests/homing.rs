@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::super::{
-    AckFault, Behaviour, Cause, Disturbances, HOMING_METHODS, HomeOffset, HomingError,
+    AckFault, Axis, Behaviour, Cause, Disturbances, HOMING_METHODS, HomeOffset, HomingError,
     HomingOutcome, Machine, SetError, State,
 };
 use super::Bench;
@@ -678,5 +678,45 @@ fn the_drive_knows_the_methods_that_it_lists() {
     for method in i8::MIN..=i8::MAX {
         let known = super::super::homing_method::Method::of(method).is_some();
         assert_eq!(known, HOMING_METHODS.contains(&method), "{method}");
+    }
+    let bench = bench(Behaviour {
+        homing_methods: &[35, 17],
+        ..Behaviour::generic()
+    });
+    let listed = [0, 1, 2, 3].map(|subindex| bench.axis.get(0x60E3, subindex));
+    assert_eq!(listed, [Some(2), Some(35), Some(17), None]);
+    let without = Behaviour {
+        supported_modes: 1,
+        ..Behaviour::generic()
+    };
+    assert_eq!(Axis::new(without).get(0x60E3, 0), None);
+}
+
+/// The fast search stops far beyond a short switch; what counts is the edge that is crossed slowly and on purpose.
+#[test]
+fn a_switch_that_the_search_runs_over_is_found_again() {
+    for (method, start, expected) in [
+        (23, 0, 9_999),
+        (24, 0, 10_000),
+        (25, 0, 10_100),
+        (26, 30_000, 10_101),
+        (27, 30_000, 10_101),
+        (28, 30_000, 10_100),
+        (29, 30_000, 10_000),
+        (30, 0, 9_999),
+    ] {
+        let mut bench = bench(on(Machine {
+            start,
+            home_switch: Some((10_000, 10_100)),
+            ..machine()
+        }));
+        // 1000 counts of way to stop from 20 000 counts/s.
+        bench.set(0x609A, 200_000);
+        assert_eq!(home(&mut bench, method), HomingOutcome::Attained);
+        assert_eq!(
+            bench.axis.homings()[0].home,
+            Some(expected),
+            "method {method}"
+        );
     }
 }
