@@ -10,8 +10,9 @@ use servocrab::axis::{
     Referencing, StopRequest,
 };
 use servocrab::coe::AxisOffset;
-use servocrab::drives;
+use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::{Mode, Statusword};
+use servocrab::pdo_map::{Direction, Layout};
 use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint};
 use servocrab_sim::ds402::{Axis, Behaviour, Executed};
 
@@ -28,17 +29,6 @@ pub enum Link {
     Miscounted,
 }
 
-/// Outputs 6040h, 6060h, 607Ah, 6081h, 6083h, 6084h and inputs 6041h, 6061h, 6064h, 606Ch: index and bytes.
-const OUTPUTS: [(u16, usize); 6] = [
-    (0x6040, 2),
-    (0x6060, 1),
-    (0x607A, 4),
-    (0x6081, 4),
-    (0x6083, 4),
-    (0x6084, 4),
-];
-const INPUTS: [(u16, usize); 4] = [(0x6041, 2), (0x6061, 1), (0x6064, 4), (0x606C, 4)];
-
 pub const CYCLE: Duration = Duration::from_millis(1);
 
 pub struct Rig {
@@ -53,6 +43,7 @@ pub struct Rig {
     pub latency: usize,
     /// What the stop lane holds for the next frame.
     pub stop: StopRequest,
+    layout: Layout,
     on_their_way: VecDeque<Vec<u8>>,
     next_id: u32,
 }
@@ -64,11 +55,17 @@ impl Rig {
 
     /// A drive of this behaviour, and an axis of the library's AKD2G description changed by `change`.
     pub fn new(behaviour: Behaviour, change: impl FnOnce(&mut AxisConfig)) -> Self {
-        let description = drives::akd2g();
-        let layout = description
-            .default_mapping()
-            .expect("the AKD2G's mapping")
-            .layout();
+        Self::of(drives::akd2g(), behaviour, change)
+    }
+
+    /// A drive of this behaviour, and an axis of this description with its default mapping, changed by `change`.
+    pub fn of(
+        mut description: DriveDescription,
+        behaviour: Behaviour,
+        change: impl FnOnce(&mut AxisConfig),
+    ) -> Self {
+        description.axes.truncate(1);
+        let layout = description.default_mapping().expect("a mapping").layout();
         let fields = AxisFields::from_layout(&layout, AxisOffset::of_axis(1)).expect("all fields");
         let mut config = AxisConfig::new(fields);
         config.referencing = Referencing::UnreferencedMovesAllowed;
@@ -84,11 +81,12 @@ impl Rig {
             core: AxisCore::new(config),
             drive: Axis::new(behaviour),
             now: Duration::ZERO,
-            outputs: vec![0; OUTPUTS.iter().map(|(_, bytes)| bytes).sum()],
+            outputs: vec![0; layout.output_bytes()],
             words: Vec::new(),
             events: Vec::new(),
             latency: 0,
             stop: StopRequest::empty(),
+            layout,
             on_their_way: VecDeque::new(),
             next_id: 0,
         }
@@ -248,26 +246,28 @@ impl Rig {
     }
 
     fn deliver(&mut self) {
-        let mut at = 0;
-        for (index, bytes) in OUTPUTS {
+        for (object, place) in self.layout.objects(Direction::Outputs) {
+            let bytes = usize::from(place.bits / 8);
             let mut raw = [0; 8];
-            raw[..bytes].copy_from_slice(&self.outputs[at..at + bytes]);
-            at += bytes;
-            let value = match index {
-                0x607A => i64::from(i64::from_le_bytes(raw) as i32),
+            raw[..bytes].copy_from_slice(&self.outputs[place.byte..place.byte + bytes]);
+            let value = match object.index {
                 0x6060 => i64::from(raw[0] as i8),
+                0x6086 => i64::from(i64::from_le_bytes(raw) as i16),
+                0x607A => i64::from(i64::from_le_bytes(raw) as i32),
                 _ => i64::from_le_bytes(raw),
             };
             // A value that the drive refuses stays what it was, as with a PDO.
-            let _ = self.drive.set(index, 0, value);
+            let _ = self.drive.set(object.index, object.subindex, value);
         }
     }
 
     fn inputs(&self) -> Vec<u8> {
-        let mut image = Vec::new();
-        for (index, bytes) in INPUTS {
-            let value = self.drive.get(index, 0).expect("the drive has the object");
-            image.extend_from_slice(&value.to_le_bytes()[..bytes]);
+        let mut image = vec![0; self.layout.input_bytes()];
+        for (object, place) in self.layout.objects(Direction::Inputs) {
+            let value = self.drive.get(object.index, object.subindex);
+            let value = value.expect("the drive has the object").to_le_bytes();
+            let bytes = usize::from(place.bits / 8);
+            image[place.byte..place.byte + bytes].copy_from_slice(&value[..bytes]);
         }
         image
     }

@@ -201,7 +201,8 @@ fn pitfall_27_the_reserved_bit_4_of_6502h_is_counted() {
         | SupportedModes::PROFILE_VELOCITY
         | SupportedModes::PROFILE_TORQUE
         | SupportedModes::HOMING
-        | SupportedModes::CYCLIC_POSITION;
+        | SupportedModes::CYCLIC_POSITION
+        | SupportedModes::CYCLIC_VELOCITY;
     assert_eq!(modes, expected, "{word:#x}");
 }
 
