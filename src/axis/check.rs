@@ -2,7 +2,7 @@
 
 use crate::{
     ds402::Mode,
-    profile_position::{Failure, MoveCommand, Reference, Start},
+    profile_position::{Failure, MoveCommand, Reference, Start, StartBits},
 };
 
 use super::{AxisCore, Referencing, power::Power};
@@ -11,8 +11,10 @@ impl AxisCore {
     /// As `check_move`, for a move whose parameters may have to be written by SDO first.
     pub(super) fn check_unmapped_move(&self, mut command: MoveCommand) -> Result<(), Failure> {
         self.check_limits(&command)?;
-        let parameters = &mut command.set_point.parameters;
-        *parameters = self.config.fields.mapped(parameters);
+        let traits = &self.config.traits;
+        let set_point = &mut command.set_point;
+        traits.check_profile_type(set_point.start, set_point.parameters.profile_type, None)?;
+        set_point.parameters = self.config.fields.mapped(&set_point.parameters);
         self.check_move(command).map(drop)
     }
 
@@ -33,6 +35,10 @@ impl AxisCore {
 
     /// Everything that can be refused before anything is written.
     pub(super) fn check_move(&self, mut command: MoveCommand) -> Result<MoveCommand, Failure> {
+        let start = command.set_point.start;
+        if let StartBits::Unsupported(reason) = self.config.traits.bits(start) {
+            return Err(Failure::Unsupported { start, reason });
+        }
         let shown = self.sample.map_or(Mode::None, |s| s.mode);
         if let Some(fault) = self.fault() {
             return Err(fault);

@@ -114,9 +114,6 @@ impl Chain {
     pub(super) fn place_for(&self, command: &MoveCommand, traits: &Traits) -> Place {
         let start = command.set_point.start;
         let bits = traits.bits(start);
-        if let StartBits::Unsupported(reason) = bits {
-            return Place::Never(reason);
-        }
         let [Some(active), next] = &self.held else {
             return Place::Free;
         };

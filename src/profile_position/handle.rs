@@ -9,7 +9,7 @@ use crate::{
     coe::{Number, Object, Writable, obj},
 };
 
-use super::{Failure, Move, MoveCommand, Reference, SetPoint, StartBits};
+use super::{Failure, Move, MoveCommand, Reference, SetPoint};
 
 /// The lease of an axis in Profile Position mode, from [`Axis::profile_position`].
 ///
@@ -139,16 +139,6 @@ impl MoveRequest {
         let mut command = self.command;
         let handles = &self.axis.handles;
         let fields = &handles.shared.setup.fields;
-        let traits = &handles.shared.setup.traits;
-        let start = command.set_point.start;
-        let given = command.set_point.parameters.profile_type;
-        let refused = match traits.bits(start) {
-            StartBits::Unsupported(reason) => Err(Failure::Unsupported { start, reason }),
-            _ => traits.check_profile_type(start, given, None),
-        };
-        if let Err(failure) = refused {
-            return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
-        }
         let parameters = &mut command.set_point.parameters;
         let mut by_sdo = BySdo::default();
         by_sdo.speed(

@@ -98,6 +98,10 @@ impl Sequencer {
         if !self.waiting.push(id, command) {
             events.push(id, Event::Done(Err(Failure::Busy)));
         }
+        if self.waiting.first().map(|first| first.id) != self.armed {
+            // Overtaken: it is not its turn any more.
+            self.armed = None;
+        }
     }
 
     /// Withdraws a move that has not been sent; whether there was one.

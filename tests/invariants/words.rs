@@ -12,6 +12,16 @@ use super::world::{DRIVE_CYCLE, Got, Outputs, Sample};
 const OPERATION_ENABLED: u16 = 0x0027;
 const OF_STATE: u16 = 0x006F;
 
+/// Moves that are acknowledged and have no outcome yet when frame `at` is sent.
+fn accepted_and_open(life: &Life, at: usize) -> usize {
+    let world = &life.world;
+    world
+        .moves()
+        .filter(|(issued, ..)| world.accepted(issued.id).is_some_and(|r| r.frame < at))
+        .filter(|(issued, ..)| world.done(issued.id).is_none_or(|(r, _)| r.frame >= at))
+        .count()
+}
+
 /// Invariant 3.
 pub fn bit_4_rises_by_the_rules(life: &Life) -> Result<(), String> {
     let frames = &life.world.frames;
@@ -32,11 +42,16 @@ pub fn bit_4_rises_by_the_rules(life: &Life) -> Result<(), String> {
                     before.got
                 ));
             };
-            if !enabled(&shown) || shown.mode != 1 || shown.bit(12) {
+            // Onto a full buffer bit 12 stays high; only what replaces all it holds may go there, and no distance.
+            let full = sent.bit(5)
+                && !sent.bit(6)
+                && life.starts != Starts::Ax2000
+                && accepted_and_open(life, at) == 2;
+            if !enabled(&shown) || shown.mode != 1 || (shown.bit(12) && !full) {
                 return Err(format!("frame {at}: bit 4 rises on {shown:?}"));
             }
             let seen = low.is_some_and(|(since, acknowledge)| {
-                acknowledge || before.now - since >= 2 * DRIVE_CYCLE
+                (acknowledge && !shown.bit(12)) || before.now - since >= 2 * DRIVE_CYCLE
             });
             if !seen {
                 return Err(format!(
