@@ -105,9 +105,9 @@ impl Axis {
         self.end_homing(HomingOutcome::Discarded(cause));
     }
 
-    /// A homing is under way and not halted.
+    /// A homing is under way, or paused by a halt.
     pub(super) fn is_homing(&self) -> bool {
-        self.homing.run.is_some() && !self.buffer.halted
+        self.homing.run.is_some()
     }
 
     /// Bits 12 and 13; `stale`: what was shown before the start is still shown.

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::super::{
     AckFault, Axis, Behaviour, Cause, Disturbances, HOMING_METHODS, HomeOffset, HomingError,
-    HomingOutcome, Machine, SetError, State,
+    HomingOutcome, LimitSwitches, Machine, SetError, State,
 };
 use super::Bench;
 
@@ -318,7 +318,12 @@ fn a_halt_that_stops_beyond_the_edge_still_finds_it() {
         begin(&mut bench, 24);
         bench.run(halted_at);
         bench.word(0x011F);
-        bench.run(5_000);
+        for _ in 0..5_000 {
+            let before = bench.axis.velocity();
+            bench.run(1);
+            let change = bench.axis.velocity() - before;
+            assert!(change.abs() <= 5.0 + 1e-6, "the halt keeps its ramp");
+        }
         assert_eq!(bench.axis.velocity(), 0.0);
         bench.word(0x001F);
         assert_eq!(finish(&mut bench), HomingOutcome::Attained);
@@ -328,6 +333,40 @@ fn a_halt_that_stops_beyond_the_edge_still_finds_it() {
             "halted after {halted_at}"
         );
     }
+}
+
+#[test]
+fn a_homing_that_is_started_under_a_halt_waits_for_its_end() {
+    let mut bench = bench(on(machine()));
+    bench.set(0x6098, 19);
+    bench.word(0x010F);
+    bench.word(0x011F);
+    bench.run(500);
+    assert!(!bench.axis.moved_since(Duration::ZERO));
+    assert_eq!(bits(&bench), NOT_STARTED);
+    bench.word(0x001F);
+    assert_eq!(finish(&mut bench), HomingOutcome::Attained);
+}
+
+/// On a drive that stops at limit switches otherwise: homing runs onto them, halted or not.
+#[test]
+fn homing_onto_a_limit_switch_is_no_stop_even_when_halted_there() {
+    let mut bench = bench(Behaviour {
+        limit_switches: LimitSwitches::Stop,
+        ..on(Machine {
+            start: -49_000,
+            ..machine()
+        })
+    });
+    begin(&mut bench, 17);
+    while bench.axis.mechanical_position() > -50_000 {
+        bench.run(1);
+    }
+    bench.word(0x011F);
+    bench.run(500);
+    bench.word(0x001F);
+    assert_eq!(finish(&mut bench), HomingOutcome::Attained);
+    assert_eq!(bench.axis.homings()[0].home, Some(-49_999));
 }
 
 #[test]

@@ -226,6 +226,10 @@ proptest! {
         behaviour in behaviours(), actions in prop::collection::vec(actions(), 1..150),
     ) {
         let mut axis = Axis::new(behaviour);
+        axis.set(0x6098, 0, 23).expect("any method");
+        for (subindex, speed) in [(1, 40_000), (2, 5_000)] {
+            axis.set(0x6099, subindex, speed).expect("any speed");
+        }
         let mut now = Duration::ZERO;
         for action in [Action::Run(3), Action::Enable(1)].into_iter().chain(actions) {
             let mut steps = vec![(axis.controlword(), 1)];
