@@ -8,8 +8,8 @@ use servocrab_sim::{
     ds402::Behaviour, personality,
 };
 
-use crate::datagrams::{APRD, APWR, Wire};
-use crate::vectors::{akd_exchanges, object};
+use crate::datagrams::{APWR, Wire};
+use crate::vectors::{akd_exchanges, object, pp_drive_exchanges, simulated_exchanges};
 
 /// The mailboxes of the AKD and of the simulated AKD2G: both have 1024 bytes.
 const MAILBOX_OUT: u16 = 0x1800;
@@ -83,21 +83,26 @@ fn in_pre_op(device: Device) -> Wire {
 
 /// Writes a mail as SOEM does, all bytes of the mailbox, waits for the answer, and gives the mailbox that was read.
 fn ask(wire: &Wire, request: &[u8]) -> Vec<u8> {
+    ask_through(wire, request, MAILBOX_BYTES)
+}
+
+fn ask_through(wire: &Wire, request: &[u8], mailbox_bytes: usize) -> Vec<u8> {
     let mut mailbox = request.to_vec();
-    mailbox.resize(MAILBOX_BYTES, 0);
-    assert!(
-        wire.datagram(APWR, MAILBOX_OUT, &mailbox).1,
-        "mailbox is full"
-    );
+    mailbox.resize(mailbox_bytes, 0);
+    let (_, acted) = wire.datagram(APWR, MAILBOX_OUT, &mailbox);
+    assert!(acted, "the mailbox is full");
+    answer(wire, mailbox_bytes).unwrap_or_else(|| panic!("no answer to {request:02X?}"))
+}
+
+/// The next mail, if there is one soon.
+fn answer(wire: &Wire, mailbox_bytes: usize) -> Option<Vec<u8>> {
     for _ in 0..1_000 {
         // Sync manager 1's status, bit 3: full.
         if wire.read(0x080D, 1)[0] & 0x08 != 0 {
-            let (mail, acted) = wire.datagram(APRD, MAILBOX_IN, &[0; MAILBOX_BYTES]);
-            assert!(acted);
-            return mail;
+            return Some(wire.read(MAILBOX_IN, mailbox_bytes));
         }
     }
-    panic!("no answer to {request:02X?}");
+    None
 }
 
 #[test]
@@ -158,4 +163,96 @@ fn the_simulated_akd2g_differs_from_the_real_akd_only_in_what_it_maps() {
         );
     }
     assert_eq!(differing, 28);
+}
+
+/// The simulated AKD2G with all of CoE, and short mailboxes.
+fn talkative() -> Device {
+    personality::Servo::akd2g()
+        .with_sdo_information()
+        .with_complete_access()
+        .mailbox_bytes(128)
+        .build()
+}
+
+#[test]
+fn the_simulated_akd2g_answers_soems_requests_of_every_kind_with_the_stated_bytes() {
+    let wire = in_pre_op(talkative());
+    let exchanges = simulated_exchanges();
+    for exchange in &exchanges {
+        let answer = ask_through(&wire, &exchange.request, 128);
+        let (mail, behind) = answer.split_at(exchange.reply.len());
+        assert_eq!(mail, exchange.reply, "{}", exchange.what);
+        assert!(behind.iter().all(|byte| *byte == 0), "{}", exchange.what);
+    }
+    assert_eq!(exchanges.len(), 30);
+}
+
+#[test]
+fn those_answers_have_the_structure_of_another_slaves() {
+    // CoE service, and the SDO's command specifier or the operation of SDO information.
+    let structure = |mail: &[u8]| match mail[7] >> 4 {
+        8 => (8, mail[8]),
+        service => (service, mail[8] >> 5),
+    };
+    let theirs = pp_drive_exchanges();
+    let mut compared = 0;
+    for exchange in simulated_exchanges() {
+        let what = exchange.what.replace("5F00h", "2001h");
+        let mut same = theirs.iter().filter(|row| {
+            row.what == what
+                && row.request[8] == exchange.request[8]
+                && row.request.len() == exchange.request.len()
+        });
+        let theirs = same.next().expect("SOEM has asked that");
+        assert_eq!(
+            structure(&exchange.reply),
+            structure(&theirs.reply),
+            "{what}"
+        );
+        // Station address 0, channel 0, protocol CoE.
+        assert_eq!(exchange.reply[2..5], [0; 3]);
+        assert_eq!(exchange.reply[5] & 0x0F, 3);
+        compared += 1;
+    }
+    assert_eq!(compared, 30);
+}
+
+#[test]
+fn the_list_of_objects_comes_in_as_many_mails_as_it_needs() {
+    let wire = in_pre_op(talkative());
+    let exchanges = pp_drive_exchanges();
+    let asked = exchanges
+        .iter()
+        .find(|exchange| exchange.what.starts_with("list"));
+    let mut mail = ask_through(&wire, &asked.unwrap().request, 128);
+    let mut objects = Vec::new();
+    let mut left = u16::from_le_bytes([mail[10], mail[11]]);
+    loop {
+        let length = usize::from(u16::from_le_bytes([mail[0], mail[1]]));
+        // SDO information; operation 2, bit 7 while more follow; how many follow.
+        let more = if left > 0 { 0x80 } else { 0 };
+        assert_eq!(mail[6..10], [0x00, 0x80, 0x02 | more, 0x00]);
+        assert_eq!(mail[10..12], left.to_le_bytes());
+        objects.extend(
+            mail[12..6 + length]
+                .chunks(2)
+                .map(|pair| u16::from_le_bytes([pair[0], pair[1]])),
+        );
+        if left == 0 {
+            break;
+        }
+        left -= 1;
+        mail = answer(&wire, 128).expect("the next part");
+    }
+    assert_eq!(
+        objects.remove(0),
+        1,
+        "the kind of list stands once, in front"
+    );
+    assert!(objects.is_sorted());
+    for object in [
+        0x1000, 0x1018, 0x1600, 0x1A10, 0x1C12, 0x6040, 0x607A, 0x6840, 0x687A,
+    ] {
+        assert!(objects.contains(&object), "{object:04X}h");
+    }
 }

@@ -5,7 +5,7 @@ use servocrab::coe::sdo::{Download, SdoFault, Step, Upload};
 use servocrab::coe::{AbortCode, ObjectAddress};
 use servocrab::pdo_map::{Entry, Mapping, Pdo};
 
-use crate::vectors::{Exchange, akd_exchanges, object, pp_drive_exchanges};
+use crate::vectors::{Exchange, akd_exchanges, object, pp_drive_exchanges, simulated_exchanges};
 
 /// Bytes of the mailbox header and the CoE header.
 const HEADERS: usize = 8;
@@ -232,4 +232,41 @@ fn sdo_information_is_told_apart_from_sdo_replies() {
         seen += 1;
     }
     assert_eq!(seen, 11);
+}
+
+#[test]
+fn the_simulated_drives_answers_are_understood() {
+    let exchanges = simulated_exchanges();
+    let read = |what: &str| {
+        let mut upload = Upload::new(address(what.strip_prefix("upload ").unwrap()));
+        let steps = transfer(&exchanges, what);
+        let fed: Vec<_> = steps
+            .iter()
+            .map(|row| upload.feed(sdo_reply(&row.reply).1))
+            .collect();
+        (fed, upload.into_data())
+    };
+    let done = |value: &[u8]| (vec![Ok(Step::Done)], value.to_vec());
+    assert_eq!(read("upload 1000h:0"), done(&0x0002_0192u32.to_le_bytes()));
+    assert_eq!(read("upload 1008h:0"), done(b"AKD2G EtherCAT Drive (CoE)"));
+    assert_eq!(
+        read("upload 5F00h:0"),
+        (
+            vec![Ok(Step::More), Ok(Step::More), Ok(Step::Done)],
+            vec![b'z'; 300]
+        )
+    );
+    for (what, code) in [
+        ("upload 5555h:0", 0x0602_0000),
+        ("upload 1018h:9", 0x0609_0011),
+    ] {
+        let refused = vec![Err(SdoFault::Aborted(AbortCode(code)))];
+        assert_eq!(read(what).0, refused, "{what}");
+    }
+    let mut download = Download::new(address("5F00h:0"), vec![b'z'; 300], PP_DRIVE_MAILBOX);
+    for row in transfer(&exchanges, "download 5F00h:0") {
+        assert_eq!(download.request(), row.request[HEADERS..]);
+        assert!(download.feed(sdo_reply(&row.reply).1).is_ok());
+    }
+    assert!(!download.is_segmented(), "it is over");
 }

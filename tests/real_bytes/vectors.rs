@@ -25,10 +25,14 @@ pub(crate) fn number(text: &str) -> u16 {
     u16::from_str_radix(text.trim_end_matches('h'), 16).expect("a hexadecimal number")
 }
 
-/// Hexadecimal bytes with spaces between them.
+/// Hexadecimal bytes with spaces between them; `7A*5` is five times 7Ah.
 pub(crate) fn bytes(text: &str) -> Vec<u8> {
     text.split_whitespace()
-        .map(|byte| u8::from_str_radix(byte, 16).expect("a hexadecimal byte"))
+        .flat_map(|part| {
+            let (byte, times) = part.split_once('*').unwrap_or((part, "1"));
+            let byte = u8::from_str_radix(byte, 16).expect("a hexadecimal byte");
+            vec![byte; times.parse().expect("a number of times")]
+        })
         .collect()
 }
 
@@ -56,6 +60,18 @@ pub(crate) fn akd_exchanges() -> Vec<Exchange> {
 /// SOEM and a simulated drive of other people.
 pub(crate) fn pp_drive_exchanges() -> Vec<Exchange> {
     rows(include_str!("../vectors/pp_drive_mails.txt"))
+        .map(|row| Exchange {
+            what: row[0],
+            value: Vec::new(),
+            request: bytes(row[1]),
+            reply: bytes(row[2]),
+        })
+        .collect()
+}
+
+/// The simulated AKD2G's answers to the same.
+pub(crate) fn simulated_exchanges() -> Vec<Exchange> {
+    rows(include_str!("../vectors/simulated_answers.txt"))
         .map(|row| Exchange {
             what: row[0],
             value: Vec::new(),
