@@ -2,18 +2,15 @@
 
 use std::time::Duration;
 
-use servocrab::sii::Sii;
 use servocrab_sim::{
     Blueprint, Device, Direction, DriveBlueprint, PdoDescription, PdoEntryDescription, PdoLimits,
     ds402::Behaviour, personality,
 };
 
-use crate::datagrams::{APWR, Wire};
+use crate::drive::Drive;
 use crate::vectors::{akd_exchanges, object, pp_drive_exchanges, simulated_exchanges};
 
-/// The mailboxes of the AKD and of the simulated AKD2G: both have 1024 bytes.
-const MAILBOX_OUT: u16 = 0x1800;
-const MAILBOX_IN: u16 = 0x1C00;
+/// Of the AKD and of the simulated AKD2G.
 const MAILBOX_BYTES: usize = 1024;
 
 /// A simulated drive with one axis and the PDOs that the AKD shows by CoE.
@@ -73,45 +70,13 @@ fn drive_with_the_akds_mapping() -> Device {
     })
 }
 
-/// A device in PREOP.
-fn in_pre_op(device: Device) -> Wire {
-    let wire = Wire::new(device);
-    let sii = Sii::parse(&wire.sii_image()).unwrap();
-    wire.pre_op(&sii.mailbox.unwrap());
-    wire
-}
-
-/// Writes a mail as SOEM does, all bytes of the mailbox, waits for the answer, and gives the mailbox that was read.
-fn ask(wire: &Wire, request: &[u8]) -> Vec<u8> {
-    ask_through(wire, request, MAILBOX_BYTES)
-}
-
-fn ask_through(wire: &Wire, request: &[u8], mailbox_bytes: usize) -> Vec<u8> {
-    let mut mailbox = request.to_vec();
-    mailbox.resize(mailbox_bytes, 0);
-    let (_, acted) = wire.datagram(APWR, MAILBOX_OUT, &mailbox);
-    assert!(acted, "the mailbox is full");
-    answer(wire, mailbox_bytes).unwrap_or_else(|| panic!("no answer to {request:02X?}"))
-}
-
-/// The next mail, if there is one soon.
-fn answer(wire: &Wire, mailbox_bytes: usize) -> Option<Vec<u8>> {
-    for _ in 0..1_000 {
-        // Sync manager 1's status, bit 3: full.
-        if wire.read(0x080D, 1)[0] & 0x08 != 0 {
-            return Some(wire.read(MAILBOX_IN, mailbox_bytes));
-        }
-    }
-    None
-}
-
 #[test]
 fn a_simulated_drive_with_the_akds_mapping_answers_with_the_real_ones_bytes() {
-    let wire = in_pre_op(drive_with_the_akds_mapping());
+    let drive = Drive::new(drive_with_the_akds_mapping());
     for exchange in akd_exchanges() {
         let mut expected = exchange.reply.clone();
         expected.resize(MAILBOX_BYTES, 0);
-        let answer = ask(&wire, &exchange.request);
+        let answer = drive.ask(&exchange.request);
         assert!(
             answer == expected,
             "{}: {:02X?} in place of {:02X?}",
@@ -134,7 +99,7 @@ fn the_simulated_akd2g_differs_from_the_real_akd_only_in_what_it_maps() {
         ((0x1C13, 2), [0x10, 0x1A, 0, 0]),
         ((0x1A00, 0), [4, 0, 0, 0]),
     ];
-    let wire = in_pre_op(personality::akd2g());
+    let drive = Drive::new(personality::akd2g());
     let mut differing = 0;
     for exchange in akd_exchanges() {
         let (index, subindex) = object(exchange.what);
@@ -156,7 +121,7 @@ fn the_simulated_akd2g_differs_from_the_real_akd_only_in_what_it_maps() {
         }
         differing += usize::from(expected != exchange.reply);
         assert_eq!(
-            ask(&wire, &exchange.request)[..16],
+            drive.ask(&exchange.request)[..16],
             expected,
             "{}",
             exchange.what
@@ -176,10 +141,10 @@ fn talkative() -> Device {
 
 #[test]
 fn the_simulated_akd2g_answers_soems_requests_of_every_kind_with_the_stated_bytes() {
-    let wire = in_pre_op(talkative());
+    let drive = Drive::new(talkative());
     let exchanges = simulated_exchanges();
     for exchange in &exchanges {
-        let answer = ask_through(&wire, &exchange.request, 128);
+        let answer = drive.ask(&exchange.request);
         let (mail, behind) = answer.split_at(exchange.reply.len());
         assert_eq!(mail, exchange.reply, "{}", exchange.what);
         assert!(behind.iter().all(|byte| *byte == 0), "{}", exchange.what);
@@ -219,36 +184,7 @@ fn those_answers_have_the_structure_of_another_slaves() {
 
 #[test]
 fn the_list_of_objects_comes_in_as_many_mails_as_it_needs() {
-    let wire = in_pre_op(talkative());
-    let exchanges = pp_drive_exchanges();
-    let asked = exchanges
-        .iter()
-        .find(|exchange| exchange.what.starts_with("list"));
-    let mut mail = ask_through(&wire, &asked.unwrap().request, 128);
-    let mut objects = Vec::new();
-    let mut left = u16::from_le_bytes([mail[10], mail[11]]);
-    loop {
-        let length = usize::from(u16::from_le_bytes([mail[0], mail[1]]));
-        // SDO information; operation 2, bit 7 while more follow; how many follow.
-        let more = if left > 0 { 0x80 } else { 0 };
-        assert_eq!(mail[6..10], [0x00, 0x80, 0x02 | more, 0x00]);
-        assert_eq!(mail[10..12], left.to_le_bytes());
-        objects.extend(
-            mail[12..6 + length]
-                .chunks(2)
-                .map(|pair| u16::from_le_bytes([pair[0], pair[1]])),
-        );
-        if left == 0 {
-            break;
-        }
-        left -= 1;
-        mail = answer(&wire, 128).expect("the next part");
-    }
-    assert_eq!(
-        objects.remove(0),
-        1,
-        "the kind of list stands once, in front"
-    );
+    let objects = Drive::new(talkative()).objects();
     assert!(objects.is_sorted());
     for object in [
         0x1000, 0x1018, 0x1600, 0x1A10, 0x1C12, 0x6040, 0x607A, 0x6840, 0x687A,

@@ -5,8 +5,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use servocrab::coe::{AnyObject, DataType, obj};
-use servocrab_sim::ds402::{self, Axis, Behaviour};
+use servocrab_sim::personality;
 
+use crate::drive::Drive;
 use crate::vectors::{number, object, rows};
 
 /// What can differ.
@@ -93,26 +94,41 @@ fn of_library(object: AnyObject) -> (Address, Form) {
     ((object.index, object.subindex), form)
 }
 
-fn of_simulation(entry: &ds402::Entry) -> (Address, Form) {
-    let kind = match entry.kind {
-        ds402::DataType::I8 => 2,
-        ds402::DataType::I16 => 3,
-        ds402::DataType::I32 => 4,
-        ds402::DataType::U8 => 5,
-        ds402::DataType::U16 => 6,
-        ds402::DataType::U32 => 7,
-    };
-    let form = Form {
-        kind,
-        writable: entry.access == ds402::Access::ReadWrite,
-        mappable: match entry.mapping {
-            ds402::Mapping::None => (false, false),
-            ds402::Mapping::Rx => (true, false),
-            ds402::Mapping::Tx => (false, true),
-            ds402::Mapping::Both => (true, true),
-        },
-    };
-    ((entry.index, entry.subindex), form)
+/// Objects that each maker has for itself.
+const MAKERS: core::ops::Range<u16> = 0x2000..0x6000;
+
+/// All entries of a simulated drive by SDO information, but the maker's and those of PDO mappings and assignments above the first.
+fn of_simulation(drive: &Drive) -> BTreeMap<Address, Form> {
+    let mut entries = BTreeMap::new();
+    let objects = drive.objects();
+    for index in objects.into_iter().filter(|index| !MAKERS.contains(index)) {
+        let list = matches!(index, 0x1600..=0x1BFF | 0x1C12 | 0x1C13);
+        let last = if list { 1 } else { drive.last_subindex(index) };
+        for subindex in 0..=last {
+            let Some((kind, bits, access)) = drive.entry(index, subindex) else {
+                continue;
+            };
+            let width = match kind {
+                2 | 5 => 8,
+                3 | 6 => 16,
+                4 | 7 => 32,
+                _ => bits,
+            };
+            assert_eq!(bits, width, "{index:04X}h:{subindex} of type {kind}");
+            assert_eq!(
+                access & 0x07,
+                0x07,
+                "{index:04X}h:{subindex} cannot be read"
+            );
+            let form = Form {
+                kind: kind as u8,
+                writable: access & 0x38 != 0,
+                mappable: (access & 0x40 != 0, access & 0x80 != 0),
+            };
+            entries.insert((index, subindex), form);
+        }
+    }
+    entries
 }
 
 /// Objects, how they differ, and why that may be.
@@ -222,20 +238,34 @@ fn the_librarys_objects_have_a_real_drives_types_and_access() {
     );
 }
 
-/// 60E3h with its 32 elements.
-const HOMING_METHODS: [Address; 33] = {
-    let mut all = [(0x60E3, 0); 33];
+/// An object with its subindices from 0 on.
+const fn elements<const N: usize>(index: u16) -> [Address; N] {
+    let mut all = [(index, 0); N];
     let mut subindex = 0;
-    while subindex < 33 {
+    while subindex < N {
         all[subindex].1 = subindex as u8;
         subindex += 1;
     }
     all
-};
+}
+const ERROR_HISTORY: [Address; 9] = elements(0x1003);
+const HOMING_METHODS: [Address; 33] = elements(0x60E3);
 
 #[test]
 fn the_simulated_generic_drives_objects_have_a_real_drives_types_and_access() {
-    let simulation: [Listed; 4] = [
+    let simulation: [Listed; 8] = [
+        (&[(0x1001, 0)], Mapping, "optional in CiA 301"),
+        (&ERROR_HISTORY, Absent, "error history, CiA 301: optional"),
+        (
+            &[(0x1A02, 0), (0x1A02, 1), (0x1A03, 0), (0x1A03, 1)],
+            Absent,
+            "that drive has two TxPDOs",
+        ),
+        (
+            &[(0x1C32, 1), (0x1C33, 1)],
+            ReadOnlyThere,
+            "ETG.1020: writable where the device lets the master choose",
+        ),
         (
             &[(0x6092, 1)],
             Mapping,
@@ -261,11 +291,10 @@ fn the_simulated_generic_drives_objects_have_a_real_drives_types_and_access() {
         (&HOMING_METHODS, Absent, "optional, of later editions"),
     ];
     let listed = [&OF_THE_DRIVE[..], &simulation].concat();
-    let axis = Axis::new(Behaviour::generic());
-    assert_listed(
-        &differences(axis.entries().iter().map(of_simulation)),
-        &listed,
-    );
+    let drive = Drive::new(personality::Servo::generic().with_sdo_information().build());
+    let entries = of_simulation(&drive);
+    assert!(entries.len() > 100, "{} entries", entries.len());
+    assert_listed(&differences(entries.into_iter()), &listed);
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod answers;
 #[path = "../common/datagrams.rs"]
 mod datagrams;
 mod dictionary;
+mod drive;
 mod mails;
 mod sii;
 mod vectors;
