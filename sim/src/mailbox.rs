@@ -13,6 +13,8 @@ const TYPE_ERROR: u8 = 0;
 /// Mails that may wait before the mailbox takes no further request: the next one stays in the sync manager, which is full
 /// then. Assumed; real devices have room for few.
 const MOST_WAITING: usize = 32;
+/// Mails beyond which an emergency is dropped, so that a drive that nobody listens to does not fill the memory.
+const MOST_EMERGENCIES: usize = 1024;
 /// Type of a CoE mail.
 pub(crate) const TYPE_COE: u8 = 3;
 
@@ -79,8 +81,8 @@ impl Mailbox {
 
     /// Queues a CoE mail ahead of all replies, behind the emergencies that are queued already.
     pub(crate) fn push_emergency(&mut self, payload: Vec<u8>) {
-        if self.queue.len() >= 2 * MOST_WAITING {
-            // Nobody reads them; the error is in the history, where the drive has one.
+        if self.queue.len() >= MOST_EMERGENCIES {
+            // Nobody reads them. The errors are in the history.
             return;
         }
         let at = self.emergencies.min(self.queue.len());
