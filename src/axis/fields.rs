@@ -158,8 +158,14 @@ impl AxisFields {
                 "profile deceleration 6084h",
             )?,
             // Left out means what the drive held, and 0 (stop at the target, linear ramps) where nobody has said.
-            end_velocity: given.end_velocity.or(held.end_velocity),
-            profile_type: given.profile_type.or(held.profile_type),
+            end_velocity: given
+                .end_velocity
+                .or(held.end_velocity)
+                .or(self.end_velocity.map(|_| 0)),
+            profile_type: given
+                .profile_type
+                .or(held.profile_type)
+                .or(self.profile_type.map(|_| 0)),
         })
     }
 

@@ -1,6 +1,7 @@
 //! The handle of an axis that programs hold: every operation is awaited, from any executor and any thread.
 
 use core::{
+    fmt,
     sync::atomic::{AtomicBool, Ordering},
     time::Duration,
 };
@@ -9,7 +10,7 @@ use std::sync::Arc;
 use crate::{
     coe::ObjectAddress,
     ds402::{Controlword, Mode, State},
-    profile_position::{MoveCommand, ProfilePosition},
+    profile_position::{MoveCommand, ProfilePosition, WrittenParameters},
 };
 
 use super::{
@@ -286,19 +287,28 @@ impl StopHandle {
 }
 
 /// All handles of an axis together; the axis is stopped when the last one goes.
-#[derive(Debug)]
 pub(crate) struct Handles {
     pub(crate) shared: Arc<Shared>,
     /// Held from an SDO write of a move's parameters until the drive has taken the set-point.
-    pub(crate) parameters_in_use: smol::lock::Mutex<()>,
+    pub(crate) parameters_in_use: smol::lock::Mutex<WrittenParameters>,
+    /// Whether the drive may hold parameters that a move has written by SDO.
+    pub(crate) parameters_changed: AtomicBool,
     keep_moving: AtomicBool,
+}
+
+/// By the axis alone, as all that is shared.
+impl fmt::Debug for Handles {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.shared.fmt(f)
+    }
 }
 
 impl Handles {
     pub(super) fn new(shared: Arc<Shared>) -> Self {
         Self {
             shared,
-            parameters_in_use: smol::lock::Mutex::new(()),
+            parameters_in_use: smol::lock::Mutex::default(),
+            parameters_changed: AtomicBool::new(false),
             keep_moving: AtomicBool::new(false),
         }
     }
@@ -326,7 +336,7 @@ impl Handles {
         written.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
     }
 
-    async fn read_parameter(&self, object: ObjectAddress) -> Result<Vec<u8>, AxisError> {
+    pub(crate) async fn read_parameter(&self, object: ObjectAddress) -> Result<Vec<u8>, AxisError> {
         let object = self.of_axis(object);
         let read = self.parameters().read(object).await;
         read.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))

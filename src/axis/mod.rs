@@ -55,9 +55,9 @@ pub use error::{AxisError, AxisErrorKind, AxisIdentity};
 #[cfg(feature = "std")]
 pub use field::{Field, OutputField};
 #[cfg(feature = "std")]
-pub(crate) use handle::Lease;
-#[cfg(feature = "std")]
 pub use handle::{Axis, StopHandle};
+#[cfg(feature = "std")]
+pub(crate) use handle::{Handles, Lease};
 #[cfg(feature = "std")]
 pub(crate) use last_stop::LastStop;
 #[cfg(feature = "std")]

@@ -1,15 +1,15 @@
 //! Profile Position as a lease of an axis: moves are asked for here.
 
-use core::fmt;
+use core::{fmt, sync::atomic::Ordering};
 
 use smol::lock::MutexGuard;
 
-use crate::{
-    axis::{Axis, AxisError, AxisErrorKind, Command, LastStop, Lease, Pending},
-    coe::{Number, Object, Writable, obj},
-};
+use crate::axis::{Axis, AxisError, AxisErrorKind, Command, LastStop, Lease, Pending};
 
-use super::{Failure, Move, MoveCommand, Reference, SetPoint};
+use super::{
+    Failure, Move, MoveCommand, Reference, SetPoint,
+    by_sdo::{BySdo, WrittenParameters},
+};
 
 /// The lease of an axis in Profile Position mode, from [`Axis::profile_position`].
 ///
@@ -135,54 +135,29 @@ impl MoveRequest {
     /// has taken the set-point, so that no other move's parameters come in between.
     pub(crate) async fn prepare(
         &self,
-    ) -> Result<(MoveCommand, Option<MutexGuard<'_, ()>>), AxisError> {
+    ) -> Result<(MoveCommand, Option<MutexGuard<'_, WrittenParameters>>), AxisError> {
         let mut command = self.command;
         let handles = &self.axis.handles;
         let fields = &handles.shared.setup.fields;
-        let parameters = &mut command.set_point.parameters;
-        let mut by_sdo = BySdo::default();
-        by_sdo.speed(
-            fields.velocity.is_some(),
-            &mut parameters.velocity,
-            obj::PROFILE_VELOCITY,
-            "profile velocity 6081h",
-        );
-        by_sdo.speed(
-            fields.acceleration.is_some(),
-            &mut parameters.acceleration,
-            obj::PROFILE_ACCELERATION,
-            "profile acceleration 6083h",
-        );
-        by_sdo.speed(
-            fields.deceleration.is_some(),
-            &mut parameters.deceleration,
-            obj::PROFILE_DECELERATION,
-            "profile deceleration 6084h",
-        );
-        by_sdo.other(
-            fields.end_velocity.is_some(),
-            &mut parameters.end_velocity,
-            obj::END_VELOCITY,
-        );
-        by_sdo.other(
-            fields.profile_type.is_some(),
-            &mut parameters.profile_type,
-            obj::MOTION_PROFILE_TYPE,
-        );
+        let by_sdo = BySdo::take(fields, &mut command.set_point.parameters);
         if let Some(name) = by_sdo.zero {
             let failure = Failure::Zero(name);
             return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
         }
-        if by_sdo.writes.is_empty() {
+        let parameters = &handles.parameters_in_use;
+        if by_sdo.writes.is_empty() && !handles.parameters_changed.load(Ordering::Acquire) {
             return Ok((command, None));
         }
         // What is refused must not have changed the drive's parameters.
         self.axis.run(Command::CheckMove(self.command)).await?;
-        let guard = handles.parameters_in_use.lock().await;
-        for (object, value) in by_sdo.writes {
-            handles.write_parameter(object, value).await?;
-        }
-        Ok((command, Some(guard)))
+        let mut written = parameters.lock().await;
+        // Said before, and taken back when it is known: a caller may give up in between.
+        handles.parameters_changed.store(true, Ordering::Release);
+        written.write(by_sdo, handles).await?;
+        handles
+            .parameters_changed
+            .store(written.any_changed(), Ordering::Release);
+        Ok((command, Some(written)))
     }
 
     fn trace(&self, what: &str, why: &dyn fmt::Display) {
@@ -194,38 +169,5 @@ impl MoveRequest {
             target = self.command.target,
             "{what}: {why}"
         );
-    }
-}
-
-/// What a move needs written by SDO.
-#[derive(Debug, Default)]
-struct BySdo {
-    writes: Vec<(crate::coe::ObjectAddress, Vec<u8>)>,
-    zero: Option<&'static str>,
-}
-
-impl BySdo {
-    fn speed<A: Writable>(
-        &mut self,
-        mapped: bool,
-        value: &mut Option<u32>,
-        object: Object<u32, A>,
-        name: &'static str,
-    ) {
-        if !mapped && *value == Some(0) {
-            self.zero = Some(name);
-        }
-        self.other(mapped, value, object);
-    }
-
-    fn other<T: Number, A: Writable>(
-        &mut self,
-        mapped: bool,
-        value: &mut Option<T>,
-        object: Object<T, A>,
-    ) {
-        if !mapped && let Some(value) = value.take() {
-            self.writes.push((object.address(), value.encode()));
-        }
     }
 }

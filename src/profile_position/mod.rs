@@ -16,6 +16,8 @@ mod traits;
 mod waiting;
 
 #[cfg(feature = "std")]
+mod by_sdo;
+#[cfg(feature = "std")]
 mod follow;
 #[cfg(feature = "std")]
 mod handle;
@@ -31,6 +33,8 @@ pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};
 pub(crate) use standstill::{Bounds, Standstill};
 pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};
 
+#[cfg(feature = "std")]
+pub(crate) use by_sdo::WrittenParameters;
 #[cfg(feature = "std")]
 pub use follow::{Follow, Followed};
 #[cfg(feature = "std")]

@@ -55,6 +55,8 @@ pub(crate) struct Machine {
 #[derive(Clone)]
 pub(crate) struct Variant {
     pub(crate) not_mapped: Vec<u16>,
+    pub(crate) mapped_too: Vec<AnyObject>,
+    pub(crate) behaviour: ds402::Behaviour,
     pub(crate) traits: Traits,
     pub(crate) limits: Limits,
     pub(crate) referencing: Referencing,
@@ -64,6 +66,8 @@ impl Default for Variant {
     fn default() -> Self {
         Self {
             not_mapped: Vec::new(),
+            mapped_too: Vec::new(),
+            behaviour: ds402::Behaviour::akd2g(),
             traits: drives::akd2g().traits,
             limits: Limits::trust_drive(),
             referencing: Referencing::AbsoluteEncoder,
@@ -108,7 +112,7 @@ impl ParameterAccess for Sdo {
             };
             let bytes = match object.index {
                 0x6061 => 1,
-                0x603F => 2,
+                0x603F | 0x6086 => 2,
                 _ => 4,
             };
             Ok(value.to_le_bytes()[..bytes].to_vec())
@@ -217,7 +221,7 @@ impl Station {
             ..Parameters::default()
         };
         let core = AxisCore::new(config);
-        let drive: Drive = Arc::new(Mutex::new(ds402::Axis::new(ds402::Behaviour::akd2g())));
+        let drive: Drive = Arc::new(Mutex::new(ds402::Axis::new(variant.behaviour.clone())));
         let sdo = Arc::new(Sdo {
             drive: Arc::clone(&drive),
             written: Mutex::default(),
@@ -307,7 +311,7 @@ fn layout(variant: &Variant) -> Layout {
         obj::DIGITAL_INPUTS.into(),
     ]);
     let mut builder = Mapping::builder().rx_pdo(0x1600);
-    for object in outputs {
+    for object in outputs.into_iter().chain(variant.mapped_too.clone()) {
         builder = builder.object(Direction::Outputs, object);
     }
     builder = builder.tx_pdo(0x1A00);

@@ -9,6 +9,7 @@ mod follow;
 mod lease;
 mod machine;
 mod moves;
+mod parameters;
 mod stops;
 mod threads;
 mod together;

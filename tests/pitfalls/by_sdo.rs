@@ -52,8 +52,16 @@ impl ParameterAccess for SlowSdo {
     }
 
     fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>> {
-        let transfer = Transfer::read(object);
-        Box::pin(async move { Err(SdoError::Closed { transfer }) })
+        Box::pin(async move {
+            let drive = self.drive.lock().expect("no panic elsewhere");
+            let value = drive
+                .get(object.index, object.subindex)
+                .ok_or(SdoError::Closed {
+                    transfer: Transfer::read(object),
+                })?;
+            let bytes = if object.index == 0x6086 { 2 } else { 4 };
+            Ok(value.to_le_bytes()[..bytes].to_vec())
+        })
     }
 }
 
@@ -202,6 +210,46 @@ fn pitfall_12_a_parameter_written_by_sdo_is_confirmed_before_bit_4_rises() {
         assert_eq!(ledger.last().map(|line| line.velocity), Some(velocity));
     }
     assert_eq!(station.ledger().len(), 2);
+}
+
+#[test]
+fn pitfall_12_all_five_parameters_are_confirmed_before_bit_4_rises() {
+    let behaviour = Behaviour {
+        profile_types: &[0, 1],
+        ..Behaviour::akd2g()
+    };
+    let (mut station, axis, pp) = Station::ready(behaviour);
+    for (target, profile_type) in [(100_000_i32, 1), (-100_000, 0)] {
+        let values = [
+            target.unsigned_abs() / 5,
+            700 + target.unsigned_abs() / 50_000,
+            300_000,
+            400_000,
+        ];
+        let set_point = SetPoint::new()
+            .velocity(values[0])
+            .end_velocity(values[1])
+            .acceleration(values[2])
+            .deceleration(values[3])
+            .profile_type(profile_type);
+        drop(
+            station
+                .finish(pp.move_abs(target, set_point))
+                .expect("it is taken"),
+        );
+        let ledger = station.ledger();
+        let line = ledger.last().expect("it was latched");
+        let latched = [
+            line.velocity,
+            line.end_velocity,
+            line.acceleration,
+            line.deceleration,
+        ];
+        assert_eq!((line.value, latched), (target, values));
+        assert_eq!(line.profile_type, profile_type);
+        station.finish(axis.stop()).expect("it stands");
+        station.finish(axis.enable()).expect("enabled");
+    }
 }
 
 #[test]
