@@ -57,7 +57,7 @@ fn simulator(test: &str) -> (Process, PathBuf) {
 
 fn simulator_of(test: &str, device: &str) -> (Process, PathBuf) {
     let trace = env::temp_dir().join(format!("servocrab-{test}-{}.csv", std::process::id()));
-    let simulator = simulated(&program("servocrab-sim"), device, 60, Some(&trace));
+    let simulator = simulated(&program("servocrab-sim"), &[device], 60, Some(&trace));
     (simulator, trace)
 }
 

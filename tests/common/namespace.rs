@@ -83,16 +83,18 @@ impl Drop for Process {
     }
 }
 
-/// The simulated segment with one device, listening on `slave0`, for `seconds` at most.
+/// The simulated segment with these devices in a line, listening on `slave0`, for `seconds` at most.
 pub(crate) fn simulated(
     program: &Path,
-    device: &str,
+    devices: &[&str],
     seconds: u32,
     trace: Option<&Path>,
 ) -> Process {
     let mut command = Command::new(program);
-    command.args(["--interface", "slave0", "--drive", device]);
-    command.args(["--for", &seconds.to_string()]);
+    command.args(["--interface", "slave0", "--for", &seconds.to_string()]);
+    for device in devices {
+        command.args(["--drive", device]);
+    }
     if let Some(file) = trace {
         command.arg("--trace").arg(file);
     }
@@ -104,6 +106,7 @@ pub(crate) fn simulated(
     BufReader::new(child.stdout.take().expect("piped"))
         .read_line(&mut line)
         .expect("a line");
-    assert_eq!(line.trim(), "listening on slave0: 1 SubDevice(s)");
+    let listening = format!("listening on slave0: {} SubDevice(s)", devices.len());
+    assert_eq!(line.trim(), listening);
     Process(child)
 }

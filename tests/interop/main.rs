@@ -50,6 +50,9 @@ const SOEM: [&str; 27] = [
     "back_to_init",
 ];
 
+/// The checks of `soem/line.py`, in order.
+const LINE: [&str; 4] = ["line_scan", "line_map", "line_clock", "line_operational"];
+
 /// The checks of `etherage/`, in order.
 const ETHERAGE: [&str; 13] = [
     "scan",
@@ -87,6 +90,11 @@ const NOT_BY_ETHERAGE: [(&str, &str); 4] = [
 
 /// Runs SOEM on a drive, in a namespace of its own.
 fn soem(test: &str, drive: &str) {
+    run_soem(test, drive, "main.py", &[drive], &SOEM);
+}
+
+/// Runs one of the Python programs on a line of devices.
+fn run_soem(test: &str, name: &str, program: &str, devices: &[&str], checks: &[&str]) {
     let Some(python) = programs::python() else {
         return;
     };
@@ -94,16 +102,16 @@ fn soem(test: &str, drive: &str) {
     if !inside_namespace(test) {
         return;
     }
-    let _simulator = simulated(&simulator, drive, LONGEST, None);
+    let _simulator = simulated(&simulator, devices, LONGEST, None);
     let mut command = Command::new(python);
     // Its parts import each other; nothing is to be left beside the sources.
     command
         .arg("-B")
-        .arg(programs::sources().join("soem/main.py"))
+        .arg(programs::sources().join("soem").join(program))
         .arg("master0")
         .arg(programs::table())
-        .arg(drive);
-    judge("soem", drive, command, &SOEM);
+        .args(devices);
+    judge("soem", name, command, checks);
 }
 
 /// Runs etherage on a drive, in a namespace of its own.
@@ -115,7 +123,7 @@ fn etherage(test: &str, drive: &str) {
     if !inside_namespace(test) {
         return;
     }
-    let _simulator = simulated(&simulator, drive, LONGEST, None);
+    let _simulator = simulated(&simulator, &[drive], LONGEST, None);
     let mut command = Command::new(program);
     command.arg("master0").arg(programs::table()).arg(drive);
     judge("etherage", drive, command, &ETHERAGE);
@@ -146,6 +154,18 @@ fn judge(master: &str, drive: &str, mut command: Command, checks: &[&str]) {
         .collect();
     assert_eq!(passed, checks, "{master} on {drive}, {status}");
     assert!(status.success(), "{master} on {drive}: {status}");
+}
+
+#[test]
+fn soem_on_a_line_of_devices() {
+    let devices = ["coupler", "akd2g", "io", "generic", "sigma7"];
+    run_soem(
+        "soem_on_a_line_of_devices",
+        "line",
+        "line.py",
+        &devices,
+        &LINE,
+    );
 }
 
 /// A test for each master on a drive of the table.

@@ -10,6 +10,13 @@ from drive import expect, until
 CYCLE_NS = 1_000_000
 
 
+def patient():
+    """A busy machine is no lost frame: the timeouts for one are far longer than SOEM's 2 ms."""
+    timeouts = pysoem.settings.timeouts
+    timeouts.ret, timeouts.safe = 100_000, 200_000
+    timeouts.rx_mailbox, timeouts.tx_mailbox = 2_000_000, 500_000
+
+
 class Bench:
     """The master, its only SubDevice, and the process data."""
 
@@ -21,10 +28,7 @@ class Bench:
         self.emergencies = []
         self.outputs = {}
         self.next_cycle = 0
-        # A busy machine is no lost frame: the timeouts for one are far longer than SOEM's 2 ms.
-        timeouts = pysoem.settings.timeouts
-        timeouts.ret, timeouts.safe = 100_000, 200_000
-        timeouts.rx_mailbox, timeouts.tx_mailbox = 2_000_000, 500_000
+        patient()
 
     def open(self, manual):
         """A new master; how many SubDevices it finds. With `manual` it leaves the state changes to the checks."""

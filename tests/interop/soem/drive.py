@@ -1,7 +1,8 @@
-"""A row of drives.json, taken apart: axes, process-data fields and where their bytes are."""
+"""What the suites share: how checks are made and reported, and a row of drives.json taken apart."""
 
 import struct
 import time
+import traceback
 from dataclasses import dataclass, field
 
 # struct code and the number of the data type in CoE (ETG.1000.6).
@@ -19,6 +20,22 @@ def until(what, condition, seconds=5):
     while not condition():
         if time.monotonic() > end:
             raise AssertionError(f"not in {seconds} s: {what}")
+
+
+def report(bench, checks):
+    """Runs the checks one after the other until one fails; what the program should exit with."""
+    try:
+        for check in checks:
+            try:
+                seen = check(bench)
+            except Exception as error:
+                traceback.print_exc()
+                print(f"FAILED {check.__name__}: {error!r}", flush=True)
+                return 1
+            print(f"ok {check.__name__}: {seen}", flush=True)
+    finally:
+        bench.close()
+    return 0
 
 
 @dataclass

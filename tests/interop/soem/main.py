@@ -7,13 +7,12 @@ one after the other. Nothing here shares code or constants with the simulated dr
 
 import json
 import sys
-import traceback
 
 import coe
 import motion
 import states
 from bench import Bench
-from drive import Drive
+from drive import Drive, report
 
 CHECKS = (
     states.default_mapping,
@@ -50,18 +49,7 @@ def main():
     interface, table, name = sys.argv[1:]
     with open(table) as file:
         bench = Bench(interface, Drive(json.load(file)[name]))
-    try:
-        for check in CHECKS:
-            try:
-                seen = check(bench)
-            except Exception as error:
-                traceback.print_exc()
-                print(f"FAILED {check.__name__}: {error!r}", flush=True)
-                return 1
-            print(f"ok {check.__name__}: {seen}", flush=True)
-    finally:
-        bench.close()
-    return 0
+    return report(bench, CHECKS)
 
 
 if __name__ == "__main__":
