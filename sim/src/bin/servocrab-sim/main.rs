@@ -1,5 +1,6 @@
 //! A simulated EtherCAT segment on a network interface.
 
+mod machine;
 mod trace;
 
 use std::error::Error;
@@ -12,7 +13,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use clap::{Parser, ValueEnum};
+use machine::MachineArguments;
 use servocrab_sim::link::{FRAME_CAPACITY, RawSocket};
+use servocrab_sim::personality::Servo;
 use servocrab_sim::{Device, Segment, personality};
 use trace::Trace;
 
@@ -33,6 +36,8 @@ struct Arguments {
     /// SubDevice to append to the line; give it once for each, in order
     #[arg(long, required = true)]
     drive: Vec<Kind>,
+    #[command(flatten)]
+    machine: MachineArguments,
     /// Seconds to run; without it, until SIGINT or SIGTERM
     #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
     duration: Option<Duration>,
@@ -73,7 +78,7 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let mut segment = Segment::new();
     for kind in &arguments.drive {
-        segment.push(build(*kind));
+        segment.push(build(*kind, &arguments.machine));
     }
     let socket = RawSocket::open(&arguments.interface)?;
     let trace = match &arguments.trace {
@@ -136,16 +141,19 @@ fn lock(trace: &SharedTrace) -> std::sync::MutexGuard<'_, Trace<BufWriter<File>>
     trace.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn build(kind: Kind) -> Device {
-    match kind {
-        Kind::Akd2g => personality::akd2g(),
-        Kind::Pp2010 => personality::pp2010(),
-        Kind::Ax2000 => personality::ax2000(),
-        Kind::Sigma7 => personality::sigma7(),
-        Kind::Generic => personality::generic(),
-        Kind::Coupler => personality::coupler(),
-        Kind::Io => personality::io_terminal(),
-    }
+fn build(kind: Kind, machine: &MachineArguments) -> Device {
+    let servo = match kind {
+        Kind::Akd2g => Servo::akd2g(),
+        Kind::Pp2010 => Servo::pp2010(),
+        Kind::Ax2000 => Servo::ax2000(),
+        Kind::Sigma7 => Servo::sigma7(),
+        Kind::Generic => Servo::generic(),
+        Kind::Coupler => return personality::coupler(),
+        Kind::Io => return personality::io_terminal(),
+    };
+    servo
+        .change(|behaviour| behaviour.machine = machine.machine())
+        .build()
 }
 
 /// The line that says that the program listens, and one for each SubDevice: who it is, as a MainDevice will find it.

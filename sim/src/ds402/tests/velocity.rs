@@ -137,6 +137,21 @@ fn speed_zero_is_the_threshold_and_its_time() {
 }
 
 #[test]
+fn a_moment_above_the_threshold_is_still_zero_and_the_next_one_counts_anew() {
+    let mut bench = bench(Behaviour::generic());
+    bench.set(0x6070, 8);
+    for _ in 0..5 {
+        for (velocity, cycles) in [(200, 5), (0, 10)] {
+            target(&mut bench, velocity);
+            for _ in 0..cycles {
+                bench.run(1);
+                assert!(bench.bit(12));
+            }
+        }
+    }
+}
+
+#[test]
 fn beyond_607fh_the_axis_runs_at_607fh_and_bit_11_says_so() {
     for sign in [1, -1] {
         let mut bench = bench(Behaviour::generic());
