@@ -52,6 +52,9 @@ pub enum Abort {
     /// The value is not one that the object takes.
     #[error("value out of range")]
     Range = 0x0609_0030,
+    /// The values are not saved: the signature is wrong.
+    #[error("cannot be stored")]
+    NotSaved = 0x0800_0020,
     /// The object cannot be written in this AL state.
     #[error("not possible in the present state")]
     State = 0x0800_0022,

@@ -9,6 +9,9 @@ use crate::dictionary::{Dictionary, Entry};
 pub(super) const FREE_RUN: u16 = 0;
 pub(super) const WITH_SYNC0: u16 = 2;
 
+/// Saves what is kept in the EEPROM when its subindex 1 is written with "save" (CiA 301).
+pub(super) const SAVE: u16 = 0x1010;
+
 /// The communication profile's objects (CiA 301, ETG.1000.6).
 pub(super) fn communication_objects(
     blueprint: &DriveBlueprint,
@@ -63,6 +66,14 @@ pub(super) fn communication_objects(
             name,
             data_type::SYNC_PARAMETER,
             synchronisation(blueprint, description),
+        );
+    }
+    if blueprint.saves {
+        // Reads 1: it saves on command, not by itself (CiA 301).
+        objects.array(
+            SAVE,
+            "Store parameters",
+            [Entry::u32(1).named("Save all parameters").writable()],
         );
     }
     if let Some((index, longest)) = blueprint.note {

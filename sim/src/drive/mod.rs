@@ -14,7 +14,7 @@ use crate::ds402::{
     Access, Axis, Behaviour, DataType, Emergency, Entry as AxisEntry, Mapping, SetError,
 };
 use crate::pdo::{Mappable, PdoLimits, PdoSet};
-use communication::communication_objects;
+use communication::{SAVE, communication_objects};
 use history::ErrorHistory;
 pub(crate) use sdo::SdoObjects;
 
@@ -251,6 +251,7 @@ impl DriveObjects {
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => Err(Abort::ReadOnly),
             None if index == ErrorHistory::INDEX => self.errors.download(subindex, data),
+            None if (index, subindex) == (SAVE, 1) => self.save(data),
             None => self.stored.download(index, subindex, data),
             Some(AxisObject::Count(_) | AxisObject::Status { .. }) => Err(Abort::ReadOnly),
             Some(AxisObject::Profile { axis, entry }) => {
@@ -270,6 +271,15 @@ impl DriveObjects {
                     })
             }
         }
+    }
+
+    fn save(&mut self, signature: &[u8]) -> Result<(), Abort> {
+        self.stored.room(SAVE, 1)?;
+        if signature != b"save" {
+            return Err(Abort::NotSaved);
+        }
+        self.axes.iter_mut().for_each(Axis::save);
+        Ok(())
     }
 
     fn mappable(&self, index: u16, subindex: u8, direction: Direction) -> Result<Mappable, Abort> {

@@ -5,11 +5,11 @@ use core::time::Duration;
 use std::collections::VecDeque;
 
 use super::behaviour::Behaviour;
+use super::buffer::Buffer;
 use super::emergency::{self, Emergency};
 use super::homing::HomingState;
 use super::ledger::{Executed, Homing, VelocityPhase};
-use super::motion::Buffer;
-use super::objects::{self, Entry, Objects, SetError};
+use super::objects::{self, Address, Entry, Objects, SetError};
 use super::power::Fault;
 use super::state::State;
 use super::status::Reached;
@@ -96,6 +96,8 @@ pub struct Axis {
     pub(super) homings: Vec<Homing>,
     pub(super) velocity_phases: Vec<VelocityPhase>,
     pub(super) emergencies: VecDeque<Emergency>,
+    /// What is in the EEPROM.
+    saved: Vec<(Address, i64)>,
 }
 
 impl Axis {
@@ -137,11 +139,12 @@ impl Axis {
             homings: Vec::new(),
             velocity_phases: Vec::new(),
             emergencies: VecDeque::new(),
+            saved: Vec::new(),
         }
     }
 
     /// This axis after its power was off and is on again: it stands where it stopped, knows that only from an absolute
-    /// encoder, and remembers nothing else.
+    /// encoder, and remembers nothing else but what was saved.
     #[must_use]
     pub fn restarted(&self) -> Axis {
         let mut behaviour = self.behaviour.clone();
@@ -151,7 +154,16 @@ impl Axis {
             axis.shift_coordinates(self.machine_offset);
             axis.referenced = self.referenced;
         }
+        axis.saved.clone_from(&self.saved);
+        for (address, value) in &self.saved {
+            axis.objects.put(*address, *value);
+        }
         axis
+    }
+
+    /// Saves the objects that outlive a power failure ([`Entry::saved`]) with their present values.
+    pub fn save(&mut self) {
+        self.saved = self.objects.to_save();
     }
 
     /// The entries of the object dictionary of this axis, sorted by index and subindex, as for axis 1.
@@ -180,6 +192,8 @@ impl Axis {
     /// `now` is the time of this cycle since an arbitrary epoch; it stamps the ledger and runs the windows' times.
     pub fn cycle(&mut self, now: Duration) {
         self.now = now;
+        let start_stop_speed = self.objects.value(objects::START_STOP_SPEED);
+        self.trajectory.set_floor(start_stop_speed as f64);
         if self.cycles > 0 {
             self.advance();
         }
@@ -201,6 +215,7 @@ impl Axis {
         self.run_velocity(controlword, can_take);
         self.publish(controlword);
         self.last_controlword = controlword;
+        self.reset_request();
     }
 
     /// The next emergency message that waits to be sent.

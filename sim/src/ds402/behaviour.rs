@@ -26,12 +26,21 @@ pub enum Bit5 {
     Blends,
 }
 
+/// What happens to a set-point with bit 5 = 0 that comes while another one runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WhileMoving {
+    /// It waits in the buffer (CiA 402 v3, AKD2G).
+    Queues,
+    /// It is taken and acknowledged when the axis has arrived, if bit 4 is still high then; else it is lost (AX2000).
+    TakenAfterArrival,
+}
+
 /// What happens to a set-point with bit 5 = 0 that finds the buffer full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FullBuffer {
     /// It is not taken.
     Ignore,
-    /// It takes the place of the one that waits.
+    /// It takes the place of the last one that waits.
     OverwritePending,
 }
 
@@ -75,6 +84,8 @@ pub enum LimitViolation {
     Clamp,
     /// The set-point is not taken and not acknowledged; bit 11 of the statusword is set.
     Refuse,
+    /// As `Refuse`, with fault 8612h.
+    Fault,
 }
 
 /// What a following error beyond 6065h for 6066h does.
@@ -157,6 +168,10 @@ pub struct Behaviour {
     pub bit_5: Bit5,
     /// Bit 9 of the controlword (blend) is understood; else it is ignored.
     pub bit_9: bool,
+    /// A set-point with bit 5 = 0 while another one runs.
+    pub while_moving: WhileMoving,
+    /// Set-points that can wait behind the active one.
+    pub waiting_set_points: usize,
     /// A set-point on a full buffer.
     pub full_buffer: FullBuffer,
     /// The base of relative set-points.
@@ -207,6 +222,8 @@ pub struct Behaviour {
     pub without: &'static [u16],
     /// Entries that this drive adds to the general list, or has in another form.
     pub own_objects: &'static [Entry],
+    /// 607Bh at power-up. Within a range that is not all of its type, positions wrap: a modulo axis.
+    pub position_range: (i32, i32),
     /// 605Ah at power-up.
     pub quick_stop_option: i16,
     /// 6007h at power-up.

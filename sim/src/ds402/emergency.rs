@@ -13,6 +13,8 @@ pub struct Emergency {
 
 /// Following error: the difference is too large (DSP 402 v2 table 2).
 pub(super) const FOLLOWING_ERROR: u16 = 0x8611;
+/// Reference limit: a target beyond the position limits (DSP 402 v2 table 2).
+pub(super) const REFERENCE_LIMIT: u16 = 0x8612;
 /// DC link under-voltage.
 pub(super) const UNDER_VOLTAGE: u16 = 0x3220;
 /// Lost communication, the node-guarding code of the communication group.

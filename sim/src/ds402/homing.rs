@@ -279,7 +279,7 @@ impl Axis {
             HomeOffset::HomeReadsOffset => offset,
             HomeOffset::ZeroBeyondHome => -offset,
         };
-        self.shift_coordinates(home.saturating_sub(reads));
+        self.shift_coordinates(home.saturating_sub(self.turned(reads)));
         self.stop_homing();
         let line = self.homing.run.map(|run| run.line);
         self.end_homing(HomingOutcome::Attained);

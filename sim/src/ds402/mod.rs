@@ -26,6 +26,7 @@
 
 mod axis;
 mod behaviour;
+mod buffer;
 mod emergency;
 mod entries;
 mod homing;
@@ -34,6 +35,7 @@ mod ledger;
 mod machine;
 mod motion;
 mod objects;
+mod positioning;
 mod power;
 mod presets;
 mod rotary;
@@ -41,12 +43,13 @@ mod set_point;
 mod state;
 mod status;
 mod trajectory;
+mod units;
 mod velocity;
 
 pub use axis::{AckFault, Axis, Disturbances};
 pub use behaviour::{
     AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, HOMING_METHODS, HomeOffset,
-    LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase,
+    LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase, WhileMoving,
 };
 pub use emergency::Emergency;
 pub use ledger::{

@@ -1,57 +1,17 @@
-//! Profile position mode: the set-point buffer, the handshake of bits 4 and 12, and halt.
-//!
-//! One set-point is active, one may wait.
+//! Profile position mode: the handshake of bits 4 and 12, the set-points one after the other, and halt.
 
 use super::axis::{AckFault, Axis};
-use super::behaviour::{AckPolicy, Bit5, FullBuffer, ModeZero};
+use super::behaviour::{AckPolicy, Bit5, FullBuffer, LimitViolation, ModeZero, WhileMoving};
+use super::emergency;
 use super::ledger::{Cause, Outcome};
 use super::objects;
+use super::positioning::Change;
 use super::power::Ramp;
 use super::set_point::SetPoint;
 use super::state::State;
 
 /// 6061h of profile position mode.
 pub(super) const PROFILE_POSITION: i64 = 1;
-
-/// The set-point buffer and the handshake's memory.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Buffer {
-    pub(super) active: Option<SetPoint>,
-    pub(super) pending: Option<SetPoint>,
-    pub(super) halted: bool,
-    pub(super) ack: bool,
-    /// Cycles until a delayed acknowledge rises.
-    ack_due: Option<u32>,
-    /// Cycles until a rising edge of bit 4 passes the filter.
-    edge_due: Option<u32>,
-    /// The last target was outside the limits.
-    pub(super) limited: bool,
-    pub(super) previous_target: i64,
-}
-
-impl Buffer {
-    /// An empty one on an axis that stands at a position.
-    pub(super) fn at(position: i64) -> Buffer {
-        Buffer {
-            previous_target: position,
-            ..Buffer::default()
-        }
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.active.is_none() && self.pending.is_none()
-    }
-
-    /// The target of the last set-point in the buffer, where it is known.
-    pub(super) fn last_target(&self) -> Option<i64> {
-        self.pending.or(self.active)?.target
-    }
-
-    /// Operation was enabled.
-    pub(super) fn enabled(&mut self, policy: AckPolicy) {
-        self.ack = policy == AckPolicy::StickyAtEnable;
-    }
-}
 
 impl Axis {
     /// Moves the demand on by one period, and from a target that is passed or reached to the next set-point.
@@ -125,7 +85,7 @@ impl Axis {
         if can_take {
             self.run_halt(controlword & 0x0100 != 0);
         }
-        if rise && can_take {
+        if can_take && self.may_take(controlword, rise) {
             self.take_set_point(controlword);
         }
         self.run_acknowledge(controlword & 0x0010 != 0);
@@ -138,18 +98,31 @@ impl Axis {
         }
     }
 
+    /// Whether a set-point is taken in this cycle: with the rising bit 4, or, where single set-points are taken after
+    /// arrival, as soon as the axis has arrived and bit 4 is still high.
+    fn may_take(&mut self, controlword: u16, rise: bool) -> bool {
+        let bit_4 = controlword & 0x0010 != 0;
+        let single = controlword & 0x0020 == 0
+            && self.behaviour.while_moving == WhileMoving::TakenAfterArrival;
+        self.buffer.asked = bit_4 && (rise || self.buffer.asked);
+        let free = !single || (self.buffer.is_empty() && self.trajectory.stands());
+        let take = self.buffer.asked && (rise || single) && free;
+        if take || !single {
+            self.buffer.asked = false;
+        }
+        take
+    }
+
     /// Drops what is active and what waits.
     fn discard_set_points(&mut self, cause: Cause) {
-        for set_point in [self.buffer.active.take(), self.buffer.pending.take()]
-            .into_iter()
-            .flatten()
-        {
+        for set_point in self.buffer.drain() {
             self.close(set_point, Outcome::Discarded(cause));
         }
         self.buffer.halted = false;
         self.buffer.ack = false;
         self.buffer.ack_due = None;
         self.buffer.edge_due = None;
+        self.buffer.asked = false;
         self.buffer.previous_target = self.trajectory.counts();
     }
 
@@ -193,32 +166,38 @@ impl Axis {
     fn take_set_point(&mut self, controlword: u16) {
         let bit = |n: u16| controlword & (1 << n) != 0;
         let linear = self.objects.value(objects::PROFILE_TYPE) == 0;
-        let (replaces, blend) = match self.behaviour.bit_5 {
-            Bit5::Replaces => (bit(5), bit(9) && self.behaviour.bit_9),
-            Bit5::Blends => (false, bit(5) && linear),
+        let (replaces, blend) = match (self.behaviour.bit_5, self.positioning().change) {
+            (Bit5::Blends, _) => (false, bit(5) && linear),
+            (Bit5::Replaces, Change::AtOnce) if bit(5) => (true, false),
+            (Bit5::Replaces, Change::ThroughTarget) if bit(5) => (false, true),
+            (Bit5::Replaces, Change::AfterTarget) if bit(5) => (false, false),
+            (Bit5::Replaces, _) => (false, bit(9) && self.behaviour.bit_9),
         };
-        let full = self.buffer.active.is_some() && self.buffer.pending.is_some();
-        if full && !replaces && self.behaviour.full_buffer == FullBuffer::Ignore {
+        let full = self.buffer.is_full(self.behaviour.waiting_set_points);
+        let overwrites = self.behaviour.full_buffer == FullBuffer::OverwritePending
+            && !self.buffer.waiting.is_empty();
+        if full && !replaces && !overwrites {
             return;
         }
         let Some(set_point) = self.latch(controlword, replaces, blend) else {
             self.buffer.limited = true;
+            if self.behaviour.limit_violation == LimitViolation::Fault {
+                self.raise_fault(emergency::REFERENCE_LIMIT);
+            }
             return;
         };
         if replaces {
-            for old in [self.buffer.active.take(), self.buffer.pending.take()]
-                .into_iter()
-                .flatten()
-            {
+            for old in self.buffer.drain() {
                 self.close(old, Outcome::Replaced);
             }
         }
         if self.buffer.active.is_none() {
             self.buffer.active = Some(set_point);
         } else {
-            if let Some(old) = self.buffer.pending.replace(set_point) {
+            if full && let Some(old) = self.buffer.waiting.pop_back() {
                 self.close(old, Outcome::Replaced);
             }
+            self.buffer.waiting.push_back(set_point);
             self.plan_junction();
         }
         self.reached
@@ -247,7 +226,7 @@ impl Axis {
             self.buffer.previous_target = target;
         }
         self.close(active, outcome);
-        self.buffer.active = self.buffer.pending.take();
+        self.buffer.active = self.buffer.waiting.pop_front();
         if self.buffer.active.is_none() && !self.trajectory.stands() {
             // An end velocity (6082h) that no further set-point takes up: assumed to end in a stop beyond the target.
             self.slow_down();
@@ -290,7 +269,8 @@ impl Axis {
                 }
             }
             AckPolicy::BufferFree => {
-                if self.buffer.pending.is_none() && self.buffer.ack_due.is_none() {
+                let full = self.buffer.is_full(self.behaviour.waiting_set_points);
+                if !full && self.buffer.ack_due.is_none() {
                     self.buffer.ack = false;
                 }
             }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::behaviour::Behaviour;
 use super::entries::ENTRIES;
+use super::positioning::Positioning;
 
 /// A basic data type of CiA 301.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -220,6 +221,8 @@ pub(super) const FEED: Address = (0x6092, 1);
 pub(super) const FEED_SHAFT: Address = (0x6092, 2);
 pub(super) const POSITION_NUMERATOR: Address = (0x6093, 1);
 pub(super) const POSITION_DIVISOR: Address = (0x6093, 2);
+pub(super) const VELOCITY_ENCODER_NUMERATOR: Address = (0x6094, 1);
+pub(super) const VELOCITY_ENCODER_DIVISOR: Address = (0x6094, 2);
 pub(super) const VELOCITY_NUMERATOR: Address = (0x6096, 1);
 pub(super) const VELOCITY_DIVISOR: Address = (0x6096, 2);
 pub(super) const ACCELERATION_NUMERATOR: Address = (0x6097, 1);
@@ -274,6 +277,9 @@ impl Objects {
         };
         objects.put(SUPPORTED_MODES, behaviour.supported_modes.into());
         objects.put(QUICK_STOP_OPTION, behaviour.quick_stop_option.into());
+        let (first, last) = behaviour.position_range;
+        objects.put(RANGE_MIN, first.into());
+        objects.put(RANGE_MAX, last.into());
         objects.put(
             ABORT_CONNECTION_OPTION,
             behaviour.abort_connection_option.into(),
@@ -325,6 +331,15 @@ impl Objects {
         Ok(())
     }
 
+    /// The values that outlive a power failure once they are saved.
+    pub(super) fn to_save(&self) -> Vec<(Address, i64)> {
+        let values = self.entries.iter().zip(&self.values);
+        values
+            .filter(|(entry, _)| entry.saved)
+            .map(|(entry, value)| (entry.address(), *value))
+            .collect()
+    }
+
     /// Values of which not all in a range are known to the drive.
     fn accepts(&self, address: Address, value: i64) -> bool {
         match address {
@@ -335,8 +350,7 @@ impl Objects {
             HOMING_METHOD => self
                 .homing_methods
                 .is_none_or(|methods| methods.iter().any(|&method| i64::from(method) == value)),
-            // Bits 1 and 0: the relative base; 7 and 6: the direction of a rotary axis.
-            POSITIONING_OPTION => value & !0xC3 == 0 && value & 3 != 3,
+            POSITIONING_OPTION => Positioning::decode(value).is_some(),
             _ => true,
         }
     }

@@ -288,7 +288,7 @@ impl Axis {
             Ramp::Coast => f64::from(self.behaviour.coast_deceleration),
             Ramp::SlowDown => or_limit(self.deceleration()),
             Ramp::QuickStop => {
-                or_limit(self.objects.value(objects::QUICK_STOP_DECELERATION) as f64)
+                or_limit(self.objects.acceleration(objects::QUICK_STOP_DECELERATION))
             }
             Ramp::Limit => limit,
         };

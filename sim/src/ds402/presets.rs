@@ -5,12 +5,13 @@ use core::time::Duration;
 
 use super::behaviour::{
     AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, HOMING_METHODS, HomeOffset,
-    LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase,
+    LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase, WhileMoving,
 };
 use super::machine::Machine;
 use super::objects::{
     Access, DataType, Entry, LIMIT_MAX, LIMIT_MIN, MAX_PROFILE_VELOCITY, Mapping, POSITION_DIVISOR,
-    POSITION_NUMERATOR, PROFILE_TYPE, START_STOP_SPEED, TARGET_POSITION,
+    POSITION_NUMERATOR, PROFILE_TYPE, START_STOP_SPEED, TARGET_POSITION, VELOCITY_ENCODER_DIVISOR,
+    VELOCITY_ENCODER_NUMERATOR,
 };
 
 use Access::ReadWrite as Rw;
@@ -41,8 +42,8 @@ const OWN_AX2000: &[Entry] = &[
     factor(POSITION_NUMERATOR, "numerator"),
     factor(POSITION_DIVISOR, "feed_constant"),
     Entry::count(0x6094, 2, "velocity_encoder_factor"),
-    factor((0x6094, 1), "numerator"),
-    factor((0x6094, 2), "divisor"),
+    factor(VELOCITY_ENCODER_NUMERATOR, "numerator"),
+    factor(VELOCITY_ENCODER_DIVISOR, "divisor"),
 ];
 
 /// Sigma-7: the three objects of its page, with their ranges, defaults and what is saved.
@@ -84,6 +85,8 @@ impl Behaviour {
             ack: AckPolicy::BufferFree,
             bit_5: Bit5::Replaces,
             bit_9: true,
+            while_moving: WhileMoving::Queues,
+            waiting_set_points: 1,
             full_buffer: FullBuffer::Ignore,
             relative_base: RelativeBase::PositioningOption,
             reached: ReachedPolicy::WindowAfterEnd,
@@ -109,6 +112,7 @@ impl Behaviour {
             profile_types: &[0],
             without: &[],
             own_objects: &[],
+            position_range: (i32::MIN, i32::MAX),
             quick_stop_option: 2,
             abort_connection_option: 1,
         }
@@ -151,6 +155,8 @@ impl Behaviour {
             bit_5: Bit5::Replaces,
             // Not described.
             bit_9: false,
+            // Up to two set-points; that the one that runs is one of them is inferred.
+            waiting_set_points: 1,
             // What a third set-point with bit 5 = 0 does is not described; assumed: it is lost.
             full_buffer: FullBuffer::Ignore,
             // Bit 6 is not described; assumed.
@@ -170,6 +176,8 @@ impl Behaviour {
         Behaviour {
             // Page 102: bit 5 = 1 goes on through the target; page 101: only with linear ramps.
             bit_5: Bit5::Blends,
+            // Page 101: after arrival the drive says so and then receives a new one. That it waits for bit 4 is assumed.
+            while_moving: WhileMoving::TakenAfterArrival,
             // The request and its answer are bits 4, 5 and 12; there is no bit 9.
             bit_9: false,
             ack: AckPolicy::BufferFree,

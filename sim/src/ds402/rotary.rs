@@ -5,6 +5,7 @@
 
 use super::axis::Axis;
 use super::objects;
+use super::positioning::Direction;
 
 impl Axis {
     /// The least position and the length of one turn, where 607Bh is set to one.
@@ -14,33 +15,28 @@ impl Axis {
         (1 < turn && turn < 1 << 32).then_some((min, turn))
     }
 
-    /// A position as the objects show it.
+    /// A position, as the master counts it, as the objects show it.
     pub(super) fn in_range(&self, position: i64) -> i64 {
         match self.turn() {
-            Some((min, turn)) => min + (position - min).rem_euclid(turn),
+            Some((min, turn)) => min + position.saturating_sub(min).rem_euclid(turn),
             None => position,
         }
     }
 
     /// Where an absolute target lies for an axis that comes from `from`.
-    pub(super) fn unrolled(&self, target: i64, from: i64) -> i64 {
+    pub(super) fn unrolled(&self, target: i64, from: i64, direction: Direction) -> i64 {
         let Some((_, turn)) = self.turn() else {
             return target;
         };
-        let (here, there) = (self.in_range(from), self.in_range(target));
-        let ahead = (there - here).rem_euclid(turn);
-        from + match self.objects.value(objects::POSITIONING_OPTION) >> 6 & 3 {
-            // Like a linear axis, not across the ends of the range.
-            0 => there - here,
-            // In negative direction only.
-            1 if ahead == 0 => 0,
-            1 => ahead - turn,
-            // In positive direction only.
-            2 => ahead,
-            // The shortest way.
-            _ if ahead > turn / 2 => ahead - turn,
-            _ => ahead,
-        }
+        let way = self.in_range(target) - self.in_range(from);
+        let ahead = way.rem_euclid(turn);
+        from.saturating_add(match direction {
+            Direction::Linear => way,
+            Direction::Positive => ahead,
+            Direction::Negative if ahead == 0 => 0,
+            Direction::Shortest if ahead <= turn / 2 => ahead,
+            Direction::Negative | Direction::Shortest => ahead - turn,
+        })
     }
 }
 
@@ -58,12 +54,15 @@ mod tests {
         let from = 4 * 3_600 + 3_500;
         for (option, way) in [(0, -3_400), (1, -3_400), (2, 200), (3, 200)] {
             axis.set(0x60F2, 0, option << 6).unwrap();
-            assert_eq!(axis.unrolled(100, from), from + way, "option {option}");
-            assert_eq!(axis.unrolled(3_500, from), from, "option {option}");
+            let direction = axis.positioning().direction;
+            let unrolled = |target| axis.unrolled(target, from, direction);
+            assert_eq!(unrolled(100), from + way, "option {option}");
+            assert_eq!(unrolled(3_500), from, "option {option}");
         }
         assert_eq!(axis.in_range(-1), 3_599);
         axis.set(0x607B, 2, 0).unwrap();
-        assert_eq!(axis.unrolled(100, from), 100, "an empty range is none");
+        let unrolled = axis.unrolled(100, from, Direction::Linear);
+        assert_eq!(unrolled, 100, "an empty range is none");
         assert_eq!(axis.in_range(-1), -1);
     }
 }

@@ -32,50 +32,46 @@ impl Axis {
         blend: bool,
     ) -> Option<SetPoint> {
         let bit = |n: u16| controlword & (1 << n) != 0;
-        let object = |address| self.objects.value(address);
         let relative = bit(6);
-        let value = object(objects::TARGET_POSITION);
-        let base = match self.behaviour.relative_base {
-            RelativeBase::PositioningOption => match object(objects::POSITIONING_OPTION) & 3 {
-                1 => RelativeBase::Demand,
-                2 => RelativeBase::Actual,
-                _ => RelativeBase::PreviousTarget,
-            },
-            fixed => fixed,
-        };
+        let value = self.objects.value(objects::TARGET_POSITION);
+        let option = self.positioning();
+        // Positions as the master counts them.
         let end_of_queue = self
             .buffer
             .last_target()
             .unwrap_or(self.buffer.previous_target);
+        let end_of_queue = self.turned(end_of_queue);
         let from = if replaces {
-            self.trajectory.counts()
+            self.turned(self.trajectory.counts())
         } else {
             end_of_queue
         };
-        let asked = match (relative, base) {
-            (false, _) => Some(self.unrolled(value, from)),
+        let asked = match (relative, option.base) {
+            (false, _) => Some(self.unrolled(value, from, option.direction)),
             (true, RelativeBase::PreviousTarget) => Some(end_of_queue.saturating_add(value)),
             (true, _) => None,
         };
-        let expected = asked.unwrap_or_else(|| from.saturating_add(value));
-        if self.behaviour.limit_violation == LimitViolation::Refuse
+        let expected = asked.unwrap_or(from.saturating_add(value));
+        if self.behaviour.limit_violation != LimitViolation::Clamp
             && self.limited(expected) != expected
         {
             return None;
         }
-        let velocity = object(objects::PROFILE_VELOCITY)
-            .min(self.objects.limit(objects::MAX_PROFILE_VELOCITY));
-        let acceleration = object(objects::PROFILE_ACCELERATION)
-            .min(self.objects.limit(objects::MAX_ACCELERATION));
         let bounds = Bounds {
-            velocity: velocity as f64,
-            end_velocity: object(objects::END_VELOCITY) as f64,
-            acceleration: acceleration as f64,
+            velocity: self
+                .objects
+                .velocity(objects::PROFILE_VELOCITY)
+                .min(self.objects.highest_velocity()),
+            end_velocity: self.objects.velocity(objects::END_VELOCITY),
+            acceleration: self
+                .objects
+                .acceleration_within(objects::PROFILE_ACCELERATION, objects::MAX_ACCELERATION),
             deceleration: self.deceleration(),
             shape: self.shape(),
         };
-        let target = asked.map(|asked| self.limited(asked));
-        self.buffer.limited = target.is_some() && target != asked;
+        let allowed = asked.map(|asked| self.limited(asked));
+        self.buffer.limited = allowed.is_some() && allowed != asked;
+        let target = allowed.map(|allowed| self.turned(allowed));
         self.ledger.push(Executed {
             latched_at: self.now,
             started_at: None,
@@ -97,7 +93,7 @@ impl Axis {
         let line = self.ledger.len() - 1;
         Some(SetPoint {
             line,
-            base,
+            base: option.base,
             value,
             target,
             bounds,
@@ -107,7 +103,8 @@ impl Axis {
         })
     }
 
-    /// A target within the software position limits (607Dh, each less the home offset 607Ch).
+    /// A target, as the master counts, within the software position limits (607Dh, each less the home offset 607Ch). On
+    /// a modulo axis they limit the position within its range.
     fn limited(&self, target: i64) -> i64 {
         let min = self.objects.value(objects::LIMIT_MIN);
         let max = self.objects.value(objects::LIMIT_MAX);
@@ -136,10 +133,10 @@ impl Axis {
             } else {
                 position
             };
-            let asked = base.saturating_add(active.value);
-            let target = self.limited(asked);
-            self.buffer.limited = target != asked;
-            target
+            let asked = self.turned(base).saturating_add(active.value);
+            let allowed = self.limited(asked);
+            self.buffer.limited = allowed != asked;
+            self.turned(allowed)
         });
         active.target = Some(target);
         active.started = true;
@@ -172,13 +169,16 @@ impl Axis {
     /// Lets the active set-point keep its velocity to its target where the waiting one blends: as fast as its own
     /// profile velocity, but not faster than allows to stop at the second target. A reversal stops at the first.
     pub(super) fn plan_junction(&mut self) {
-        let (Some(mut active), Some(next)) = (self.buffer.active, self.buffer.pending) else {
+        let (Some(mut active), Some(&next)) = (self.buffer.active, self.buffer.waiting.front())
+        else {
             return;
         };
         let Some(first) = active.target.filter(|_| active.started) else {
             return;
         };
-        let second = next.target.unwrap_or(first.saturating_add(next.value));
+        let second = next
+            .target
+            .unwrap_or(first.saturating_add(self.turned(next.value)));
         let direction = (first as f64 - self.trajectory.position()).signum();
         let way = second.saturating_sub(first) as f64 * direction;
         let junction = next.blend.then(|| {
@@ -212,12 +212,12 @@ impl Axis {
 
     /// 6084h, or 6083h where that is 0, within 60C6h, in counts/s².
     pub(super) fn deceleration(&self) -> f64 {
-        let own = self.objects.value(objects::PROFILE_DECELERATION);
-        let own = if own == 0 {
-            self.objects.value(objects::PROFILE_ACCELERATION)
+        let own = if self.objects.value(objects::PROFILE_DECELERATION) == 0 {
+            objects::PROFILE_ACCELERATION
         } else {
-            own
+            objects::PROFILE_DECELERATION
         };
-        own.min(self.objects.limit(objects::MAX_DECELERATION)) as f64
+        self.objects
+            .acceleration_within(own, objects::MAX_DECELERATION)
     }
 }

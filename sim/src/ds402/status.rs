@@ -101,28 +101,31 @@ impl Axis {
     pub(super) fn publish(&mut self, controlword: u16) {
         let (reached, stale) = self.update_reached(controlword);
         let statusword = self.compose_statusword(reached, stale);
-        let demand = self.trajectory.counts();
-        let velocity = self.trajectory.velocity().round() as i64;
+        let (demand, actual) = (
+            self.turned(self.trajectory.counts()),
+            self.turned(self.actual),
+        );
+        let velocity = |velocity: f64| {
+            let turned = self.turned_velocity(velocity);
+            saturated(self.objects.shown_velocity(turned))
+        };
         let values = [
             (objects::STATUSWORD, i64::from(statusword)),
             (objects::DIGITAL_INPUTS, i64::from(self.switches())),
             (objects::POSITION_DEMAND, wrapped(self.in_range(demand))),
-            (
-                objects::POSITION_ACTUAL,
-                wrapped(self.in_range(self.actual)),
-            ),
+            (objects::POSITION_ACTUAL, wrapped(self.in_range(actual))),
             (
                 objects::POSITION_INTERNAL,
                 wrapped(self.internal_position()),
             ),
-            (objects::VELOCITY_DEMAND, saturated(velocity)),
             (
-                objects::VELOCITY_ACTUAL,
-                saturated(self.actual_velocity.round() as i64),
+                objects::VELOCITY_DEMAND,
+                velocity(self.trajectory.velocity()),
             ),
+            (objects::VELOCITY_ACTUAL, velocity(self.actual_velocity)),
             (
                 objects::FOLLOWING_ERROR_ACTUAL,
-                saturated(demand.saturating_sub(self.actual)),
+                saturated(demand.saturating_sub(actual)),
             ),
         ];
         for (address, value) in values {
@@ -215,14 +218,17 @@ impl Axis {
             })
     }
 
-    /// 6063h: the actual position times encoder resolution and gear ratio, over the feed constant.
+    /// 6063h: the actual position times encoder resolution and gear ratio over the feed constant, or times 6093h.
     fn internal_position(&self) -> i64 {
         let value = |address| i128::from(self.objects.value(address).max(1));
         let times = value(objects::ENCODER_INCREMENTS)
             * value(objects::GEAR_MOTOR)
-            * value(objects::FEED_SHAFT);
-        let over =
-            value(objects::ENCODER_REVOLUTIONS) * value(objects::GEAR_SHAFT) * value(objects::FEED);
+            * value(objects::FEED_SHAFT)
+            * value(objects::POSITION_NUMERATOR);
+        let over = value(objects::ENCODER_REVOLUTIONS)
+            * value(objects::GEAR_SHAFT)
+            * value(objects::FEED)
+            * value(objects::POSITION_DIVISOR);
         // Three 32-bit factors and a position of 63 bits can exceed even 128 bits.
         (i128::from(self.actual).saturating_mul(times) / over) as i64
     }

@@ -99,6 +99,10 @@ pub(super) struct Trajectory {
     course: Course,
     /// Of the ramps that are planned next.
     shape: Shape,
+    /// Counts/s at which ramps from and to standstill start and end.
+    floor: f64,
+    /// The axis stands when all that was planned is done, also where the last ramp ended at the floor.
+    ends_standing: bool,
     /// At most four are ever needed: brake, accelerate, cruise, decelerate.
     segments: [Segment; 4],
     count: usize,
@@ -114,12 +118,19 @@ impl Trajectory {
             velocity: 0.0,
             course: Course::Hold,
             shape: Shape::Linear,
+            floor: 0.0,
+            ends_standing: true,
             segments: [Segment::default(); 4],
             count: 0,
             current: 0,
             elapsed: 0.0,
             segment_start: position as f64,
         }
+    }
+
+    /// From the next plan on, ramps from and to standstill start and end at this speed, in counts/s.
+    pub(super) fn set_floor(&mut self, floor: f64) {
+        self.floor = floor;
     }
 
     /// Counts, with the fraction.
@@ -162,7 +173,7 @@ impl Trajectory {
             ..bounds
         };
         if !bounds.can_move() {
-            self.push(self.velocity, 0.0, bounds.deceleration);
+            self.brake(bounds.deceleration);
             return;
         }
         let end_velocity = bounds.end_velocity.clamp(0.0, bounds.velocity);
@@ -177,20 +188,40 @@ impl Trajectory {
             // Planned anew in the steep middle of a sin² ramp: another one from here would end behind the target.
             self.shape = Shape::Linear;
             let end = distance.signum() * end_velocity;
+            self.ends_standing = end == 0.0;
             self.push(start, end, to_lose / (2.0 * distance.abs()));
             return;
         }
         if start != 0.0 && !(toward && brakes_in_time) {
-            self.push(start, 0.0, bounds.deceleration);
-            distance -= start * start.abs() / (2.0 * bounds.deceleration);
+            distance -= self.brake(bounds.deceleration);
             start = 0.0;
         }
+        self.ends_standing = end_velocity == 0.0;
         if distance != 0.0 {
-            self.plan_toward(distance, start, end_velocity, bounds);
+            let floor = self.floor.min(bounds.velocity);
+            self.plan_toward(
+                distance,
+                start.abs().max(floor),
+                end_velocity.max(floor),
+                bounds,
+            );
         }
         if self.count == 0 {
             self.arrive();
         }
+    }
+
+    /// Plans the ramp down to standstill and tells its way.
+    fn brake(&mut self, rate: f64) -> f64 {
+        let start = self.velocity;
+        let end = start.signum() * self.floor.min(start.abs());
+        self.ends_standing = true;
+        self.push(start, end, rate);
+        if self.count == 0 {
+            self.velocity = 0.0;
+            return 0.0;
+        }
+        (start * start - end * end) * start.signum() / (2.0 * rate)
     }
 
     /// Plans to get to a velocity in counts/s and to keep it. Without acceleration an axis stays or stops.
@@ -204,11 +235,14 @@ impl Trajectory {
         let acceleration = shape.mean(bounds.acceleration);
         let deceleration = shape.mean(bounds.deceleration);
         let from = self.velocity;
+        let floor = velocity.signum() * self.floor.min(velocity.abs());
         if from * velocity < 0.0 {
-            self.push(from, 0.0, deceleration);
-            self.push(0.0, velocity, acceleration);
+            self.brake(deceleration);
+            self.push(floor, velocity, acceleration);
         } else if from.abs() > velocity.abs() {
             self.push(from, velocity, deceleration);
+        } else if from.abs() < floor.abs() {
+            self.push(floor, velocity, acceleration);
         } else {
             self.push(from, velocity, acceleration);
         }
@@ -242,11 +276,12 @@ impl Trajectory {
         if self.current < self.count && present.filter(stops_so).is_some() {
             // A sin² ramp begun anew would end further away.
             self.course = Course::Stop;
+            self.ends_standing = true;
             self.count = self.current + 1;
             return;
         }
         self.begin(Course::Stop, shape);
-        self.push(self.velocity, 0.0, rate);
+        self.brake(rate);
     }
 
     /// Puts the axis elsewhere, standing, with nothing planned.
@@ -283,10 +318,10 @@ impl Trajectory {
         dt
     }
 
-    /// The segments of a motion that starts toward the target and can end there.
+    /// The segments of a motion that starts toward the target and can end there; both velocities are speeds.
     fn plan_toward(&mut self, distance: f64, start: f64, end: f64, bounds: Bounds) {
         let direction = distance.signum();
-        let (way, start) = (distance.abs(), start.abs());
+        let way = distance.abs();
         let Bounds {
             velocity: top,
             acceleration: up,
@@ -362,6 +397,9 @@ impl Trajectory {
 
     /// The plan is at its end: what rounding left between the last segment and the target is taken away.
     fn arrive(&mut self) {
+        if self.ends_standing {
+            self.velocity = 0.0;
+        }
         if let Course::To(target) = self.course {
             // A plan that its bounds forbid stops where it stops.
             if (self.position - target).abs() < 0.5 {

@@ -37,24 +37,21 @@ impl Axis {
             self.begin_halt();
         }
         self.buffer.halted = halt;
-        let asked = self.objects.value(objects::TARGET_VELOCITY);
-        let most = self.objects.limit(objects::MAX_PROFILE_VELOCITY);
+        let asked = self.target_velocity();
+        let most = self.objects.highest_velocity();
         let target = asked.clamp(-most, most);
         self.velocity.limited = target != asked;
         // At a limit switch the stop's ramp goes on.
-        if halt || self.is_stopped_by_switch(target as f64) {
+        if halt || self.is_stopped_by_switch(target) {
             return;
         }
-        self.note_phase(asked as i32);
-        let acceleration = self
-            .objects
-            .value(objects::PROFILE_ACCELERATION)
-            .min(self.objects.limit(objects::MAX_ACCELERATION));
-        let target = target as f64;
+        self.note_phase(self.objects.value(objects::TARGET_VELOCITY) as i32);
         let bounds = Bounds {
             velocity: target.abs(),
             end_velocity: target.abs(),
-            acceleration: acceleration as f64,
+            acceleration: self
+                .objects
+                .acceleration_within(objects::PROFILE_ACCELERATION, objects::MAX_ACCELERATION),
             deceleration: self.deceleration(),
             shape: self.shape(),
         };
@@ -62,6 +59,11 @@ impl Axis {
         if self.velocity.commanded.replace(command) != Some(command) {
             self.trajectory.run_at(target, bounds);
         }
+    }
+
+    /// 60FFh in counts/s of the axis.
+    fn target_velocity(&self) -> f64 {
+        self.turned_velocity(self.objects.velocity(objects::TARGET_VELOCITY))
     }
 
     /// Nothing drives the axis to a velocity any more.
@@ -83,8 +85,8 @@ impl Axis {
 
     /// Bit 10: for the time 606Eh the velocity was within the window 606Dh around 60FFh.
     pub(super) fn velocity_reached(&mut self) -> bool {
-        let target = self.objects.value(objects::TARGET_VELOCITY) as f64;
-        let window = self.objects.value(objects::VELOCITY_WINDOW) as f64;
+        let target = self.target_velocity();
+        let window = self.objects.velocity(objects::VELOCITY_WINDOW);
         if (self.actual_velocity - target).abs() > window {
             self.velocity.in_window_since = None;
             return false;
@@ -96,7 +98,7 @@ impl Axis {
 
     /// Bit 12, speed zero: not when the velocity was above the threshold 606Fh for longer than 6070h.
     pub(super) fn speed_is_zero(&mut self) -> bool {
-        let threshold = self.objects.value(objects::VELOCITY_THRESHOLD) as f64;
+        let threshold = self.objects.velocity(objects::VELOCITY_THRESHOLD);
         if self.actual_velocity.abs() <= threshold {
             self.velocity.fast_since = None;
             return true;

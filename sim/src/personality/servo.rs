@@ -146,6 +146,18 @@ impl Servo {
         self
     }
 
+    /// Gives every axis an absolute encoder: it is referenced from the start, without homing.
+    #[must_use]
+    pub fn absolute_encoder(self) -> Self {
+        self.change(|behaviour| behaviour.machine.absolute_encoder = true)
+    }
+
+    /// Makes every axis a modulo axis with these first and last positions (607Bh at power-up).
+    #[must_use]
+    pub fn modulo(self, first: i32, last: i32) -> Self {
+        self.change(|behaviour| behaviour.position_range = (first, last))
+    }
+
     /// Sets the address that the SII gives for the inputs.
     #[must_use]
     pub fn inputs_at(mut self, address: u16) -> Self {

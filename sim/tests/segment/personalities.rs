@@ -6,6 +6,7 @@ use servocrab_sim::{Device, Direction};
 
 use crate::master::Master;
 
+const NOT_SAVED: u32 = 0x0800_0020;
 const READ_ONLY: u32 = 0x0601_0002;
 const NO_OBJECT: u32 = 0x0602_0000;
 const NOT_MAPPABLE: u32 = 0x0604_0041;
@@ -352,6 +353,57 @@ fn the_sigma7_takes_eight_objects_in_a_pdo_and_two_pdos_on_a_sync_manager() {
         assert_eq!(master.download(assignment, 0, &[2]), Ok(()));
         assert_eq!(master.download(assignment, 0, &[3]), Err(RANGE));
     }
+}
+
+#[test]
+fn what_was_saved_outlives_a_power_failure_and_nothing_else_does() {
+    let save = |master: &mut Master, signature: &[u8; 4]| master.download(0x1010, 1, signature);
+    let limit = 4321_i32.to_le_bytes();
+    for saved in [false, true] {
+        let mut master = preop(personality::sigma7());
+        assert_eq!(master.upload(0x1010, 1), Ok(vec![1, 0, 0, 0]));
+        assert_eq!(master.download(0x607D, 2, &limit), Ok(()));
+        assert_eq!(master.download(0x607F, 0, &limit), Ok(()));
+        assert_eq!(master.download(0x607A, 0, &limit), Ok(()));
+        let signature = if saved { b"save" } else { b"evas" };
+        let answer = if saved { Ok(()) } else { Err(NOT_SAVED) };
+        assert_eq!(save(&mut master, signature), answer);
+        let now = master.now;
+        let device = master.segment.device_mut(0).expect("a drive");
+        device.power_off();
+        device.power_on(now);
+        master.bring_to_preop();
+        let kept = if saved { 4321 } else { 0 };
+        assert_eq!(number(&mut master, 0x607D, 2), kept);
+        assert_eq!(
+            number(&mut master, 0x607F, 0),
+            if saved { 4321 } else { 0x7FFF_FFFF }
+        );
+        assert_eq!(number(&mut master, 0x607A, 0), 0);
+    }
+    for drive in [
+        personality::generic(),
+        personality::akd2g(),
+        personality::pp2010(),
+    ] {
+        assert_eq!(save(&mut preop(drive), b"save"), Err(NO_OBJECT));
+    }
+    let mut ax2000 = preop(personality::ax2000());
+    assert_eq!(ax2000.download(0x6086, 0, &[1, 0]), Ok(()));
+    assert_eq!(save(&mut ax2000, b"save"), Ok(()));
+}
+
+#[test]
+fn a_builder_gives_absolute_encoders_and_modulo_axes() {
+    let drive = Servo::sigma7().absolute_encoder().modulo(0, 3599).build();
+    let axis = drive.axis(0).expect("an axis");
+    assert!(axis.is_referenced());
+    assert_eq!(
+        (axis.get(0x607B, 1), axis.get(0x607B, 2)),
+        (Some(0), Some(3599))
+    );
+    let plain = Servo::sigma7().build();
+    assert!(!plain.axis(0).expect("an axis").is_referenced());
 }
 
 #[test]

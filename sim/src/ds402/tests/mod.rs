@@ -4,6 +4,8 @@ mod faults;
 mod handshake;
 mod homing;
 mod motion;
+mod options;
+mod personalities;
 mod ramps;
 mod random;
 mod sequence;

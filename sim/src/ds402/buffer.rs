@@ -1,0 +1,62 @@
+//! The set-points that a drive holds, and what the handshake of bits 4 and 12 remembers.
+
+use std::collections::VecDeque;
+
+use super::behaviour::AckPolicy;
+use super::set_point::SetPoint;
+
+/// One set-point is active, as many may wait as the behaviour says.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Buffer {
+    pub(super) active: Option<SetPoint>,
+    pub(super) waiting: VecDeque<SetPoint>,
+    pub(super) halted: bool,
+    pub(super) ack: bool,
+    /// Cycles until a delayed acknowledge rises.
+    pub(super) ack_due: Option<u32>,
+    /// Cycles until a rising edge of bit 4 passes the filter.
+    pub(super) edge_due: Option<u32>,
+    /// A single set-point is asked for, and is taken after arrival.
+    pub(super) asked: bool,
+    /// The last target was outside the limits.
+    pub(super) limited: bool,
+    pub(super) previous_target: i64,
+}
+
+impl Buffer {
+    /// Empty, with this position as the target before the first.
+    pub(super) fn at(position: i64) -> Buffer {
+        Buffer {
+            previous_target: position,
+            ..Buffer::default()
+        }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.active.is_none() && self.waiting.is_empty()
+    }
+
+    /// Whether nothing more can wait behind the active one.
+    pub(super) fn is_full(&self, waiting: usize) -> bool {
+        self.active.is_some() && self.waiting.len() >= waiting
+    }
+
+    /// Takes out everything, in order.
+    pub(super) fn drain(&mut self) -> Vec<SetPoint> {
+        self.active
+            .take()
+            .into_iter()
+            .chain(self.waiting.drain(..))
+            .collect()
+    }
+
+    /// The target of the last set-point in the buffer, where it is known.
+    pub(super) fn last_target(&self) -> Option<i64> {
+        self.waiting.back().or(self.active.as_ref())?.target
+    }
+
+    /// Operation was enabled.
+    pub(super) fn enabled(&mut self, policy: AckPolicy) {
+        self.ack = policy == AckPolicy::StickyAtEnable;
+    }
+}
