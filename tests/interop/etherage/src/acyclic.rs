@@ -189,6 +189,33 @@ pub async fn aborts(slave: &Slave<'_>) -> Outcome {
     Ok(())
 }
 
+/// The whole of 1018h in one transfer, or the refusal of it.
+pub async fn complete_access(slave: &Slave<'_>, drive: &Drive) -> Outcome {
+    let mut whole = [0; 18];
+    let identity = Sdo::complete_with_size(0x1018, 8 * whole.len());
+    let answer = {
+        let mut coe = slave.coe().await;
+        let read = coe.sdo_read_slice(&identity, PRIORITY, &mut whole).await;
+        read.map(|read| read.to_vec())
+    };
+    if !drive.complete_access {
+        return match answer {
+            Err(EthercatError::Slave(_, CanError::Sdo(SdoAbortCode::VariableLength))) => {
+                ok("complete_access", "not offered, refused with 06010004h");
+                Ok(())
+            }
+            other => Err(format!("expected 06010004h, got {other:?}").into()),
+        };
+    }
+    let mut wanted = vec![4, 0];
+    for subindex in 1..=4 {
+        wanted.extend(read(slave, object(0x1018, subindex, 4)).await?);
+    }
+    expect("1018h", answer?, wanted)?;
+    ok("complete_access", "1018h in one transfer");
+    Ok(())
+}
+
 /// Start-up writes, then etherage's own way of writing a mapping, then the mapping read back.
 pub async fn mapping(slave: &Slave<'_>, group: &Group<'_>, drive: &Drive) -> Outcome {
     for (index, subindex, value) in &drive.startup {

@@ -6,6 +6,7 @@ use std::time::Duration;
 use etherage::{
     CommunicationState, Sdo, Slave,
     mapping::{Group, Mapping},
+    registers::{self, AlError},
     sdo,
 };
 use tokio::{sync::Notify, time};
@@ -57,6 +58,8 @@ pub struct Bench<'b, 'a> {
     places: Places,
     cycle: Notify,
     exchanges: Cell<usize>,
+    /// No process data goes out.
+    paused: Cell<bool>,
 }
 
 impl<'b, 'a> Bench<'b, 'a> {
@@ -67,6 +70,7 @@ impl<'b, 'a> Bench<'b, 'a> {
             places,
             cycle: Notify::new(),
             exchanges: Cell::new(0),
+            paused: Cell::new(false),
         }
     }
 
@@ -74,9 +78,11 @@ impl<'b, 'a> Bench<'b, 'a> {
     pub async fn exchange(&self) {
         let mut period = time::interval(PERIOD);
         loop {
-            self.group.data().await.exchange().await;
-            self.exchanges.set(self.exchanges.get() + 1);
-            self.cycle.notify_waiters();
+            if !self.paused.get() {
+                self.group.data().await.exchange().await;
+                self.exchanges.set(self.exchanges.get() + 1);
+                self.cycle.notify_waiters();
+            }
             period.tick().await;
         }
     }
@@ -86,7 +92,9 @@ impl<'b, 'a> Bench<'b, 'a> {
         self.cyclic(slave).await?;
         self.enable(slave).await?;
         self.profile_move(slave).await?;
-        self.disable(slave).await
+        self.watchdog(slave).await?;
+        self.recovery(slave).await?;
+        self.fault_reset(slave).await
     }
 
     fn place(&self, field: Field) -> usize {
@@ -257,11 +265,52 @@ impl<'b, 'a> Bench<'b, 'a> {
         Ok(())
     }
 
-    async fn disable(&self, slave: &Slave<'_>) -> Outcome {
+    /// Outputs stop in mid move: SAFEOP with 001Bh.
+    async fn watchdog(&self, slave: &Slave<'_>) -> Outcome {
+        let here = self.get(0x6064).await;
+        let far: Vec<i64> = here.iter().map(|at| at + 1_000_000).collect();
+        self.set(slave, 0x607A, &far).await?;
+        self.set_all(slave, 0x6040, 0x1F).await?;
+        self.until_status("bit 12 high", 0x1000, 0x1000).await?;
+        self.set_all(slave, 0x6040, 0x0F).await?;
+        self.until("moving", 0x6064, |axis, at| at > here[axis] + 1_000)
+            .await?;
+        self.paused.set(true);
+        in_time("the error", async {
+            while !slave.physical_read(registers::al::response).await?.error() {}
+            Outcome::Ok(())
+        })
+        .await?;
+        let state = slave.state().await?;
+        expect("the state", state, CommunicationState::SafeOperational)?;
+        let code = slave.physical_read(registers::al::error).await?;
+        expect("the AL status code", code, AlError::SyncWatchdog)?;
+        ok("watchdog", "AL status code 001Bh");
+        Ok(())
+    }
+
+    /// Acknowledged, then OP again; the axes have faulted and stay where they are. No SDO any more: the emergencies of
+    /// the fault wait in the mailbox.
+    async fn recovery(&self, slave: &mut Slave<'_>) -> Outcome {
+        in_time("SAFEOP", slave.switch(CommunicationState::SafeOperational)).await?;
         self.set_all(slave, 0x6040, 0).await?;
+        self.paused.set(false);
+        in_time("OP", slave.switch(CommunicationState::Operational)).await?;
+        self.until_status("Fault", 0x004F, 0x0008).await?;
+        let before = self.get(0x6064).await;
+        for _ in 0..50 {
+            self.cycle.notified().await;
+        }
+        expect("the positions", self.get(0x6064).await, before)?;
+        ok("recovery", "OP again, axes in Fault, at rest");
+        Ok(())
+    }
+
+    async fn fault_reset(&self, slave: &Slave<'_>) -> Outcome {
+        self.set_all(slave, 0x6040, 0x80).await?;
         self.until_status("Switch on disabled", 0x004F, 0x0040)
             .await?;
-        ok("disable", "Switch on disabled");
+        ok("fault_reset", "Switch on disabled");
         Ok(())
     }
 }
