@@ -30,6 +30,7 @@ pub(crate) mod code {
     pub(crate) const WATCHDOG: u16 = 0x001B;
     pub(crate) const INVALID_OUTPUTS: u16 = 0x001D;
     pub(crate) const INVALID_INPUTS: u16 = 0x001E;
+    pub(crate) const INVALID_WATCHDOG: u16 = 0x001F;
     pub(crate) const NO_SYNC: u16 = 0x002D;
     pub(crate) const INVALID_SYNC: u16 = 0x0030;
     pub(crate) const INVALID_SYNC_CYCLE: u16 = 0x0035;

@@ -154,6 +154,9 @@ pub struct Description {
     pub other_categories: Vec<(u16, Vec<u8>)>,
     /// Number of DS402 axes as SII category 30 gives it.
     pub ds402_channels: u8,
+    /// Whether it refuses SAFEOP unless the outputs' sync manager triggers the process-data watchdog exactly when that has a
+    /// time (AL status code 001Fh), as devices with a widely used SubDevice stack do.
+    pub checks_watchdog: bool,
     /// Whether it executes LRW (feature register 0008h, bit 9).
     pub supports_lrw: bool,
     /// Whether an SII read gives eight bytes instead of four.
@@ -179,6 +182,7 @@ impl Description {
             sync0_step_ns: 62_500,
             other_categories: Vec::new(),
             ds402_channels: 0,
+            checks_watchdog: false,
             supports_lrw: true,
             sii_reads_eight_bytes: true,
         }

@@ -63,9 +63,25 @@ impl CheckedBy<'_> {
         }
         let step = self.0.description().sync0_step_ns.max(1);
         match unit.cycle_ns {
+            // Assumed: no drive follows a single pulse.
             0 => Err(code::INVALID_SYNC_CYCLE),
             cycle if cycle % step != 0 => Err(code::UNSUPPORTED_SYNC0_CYCLE),
             _ => Ok(()),
+        }
+    }
+
+    /// The watchdog: triggered and with a time, or neither, where the device looks at that.
+    fn watchdog(&self) -> Result<(), u16> {
+        let Some(outputs) = self.0.sync_manager(SyncManagerUse::Outputs) else {
+            return Ok(());
+        };
+        let esc = &self.0.esc;
+        let agrees = esc.sync_manager(outputs).triggers_watchdog() == esc.watchdog_has_time();
+        let has_outputs = self.0.process_data_bytes(Direction::Outputs) > 0;
+        if agrees || !has_outputs || !self.0.description().checks_watchdog {
+            Ok(())
+        } else {
+            Err(code::INVALID_WATCHDOG)
         }
     }
 
@@ -117,7 +133,8 @@ impl Checks for CheckedBy<'_> {
             Direction::Inputs,
             code::INVALID_INPUTS,
         )?;
-        self.synchronisation()
+        self.synchronisation()?;
+        self.watchdog()
     }
 
     fn ready_for_op(&self) -> Result<(), u16> {

@@ -131,7 +131,12 @@ impl Esc {
 
     /// Whether the process-data watchdog watches at all: time not zero and the sync manager triggers it.
     pub(crate) fn watchdog_is_armed(&self, outputs: usize) -> bool {
-        self.watchdog_timeout().is_some() && self.sync_manager(outputs).triggers_watchdog()
+        self.watchdog_has_time() && self.sync_manager(outputs).triggers_watchdog()
+    }
+
+    /// Whether the process-data watchdog's time is not zero.
+    pub(crate) fn watchdog_has_time(&self) -> bool {
+        self.watchdog_timeout().is_some()
     }
 
     /// When the watchdog expires if nothing comes.

@@ -71,6 +71,8 @@ const MODEL: Model = Model {
         subindex: 4,
     }),
     note: Some((0x5F00, 4096)),
+    // Its own SII has a sync manager that triggers no watchdog.
+    checks_watchdog: false,
     ..GENERIC
 };
 

@@ -58,6 +58,7 @@ pub(super) const GENERIC: Model = Model {
     status_object: None,
     note: Some((0x5F00, 4096)),
     saves: false,
+    checks_watchdog: true,
 };
 
 impl Servo {

@@ -78,6 +78,8 @@ pub(super) struct Model {
     pub(super) note: Option<(u16, usize)>,
     /// 1010h is there.
     pub(super) saves: bool,
+    /// SAFEOP is refused when sync manager and process-data watchdog do not agree.
+    pub(super) checks_watchdog: bool,
 }
 
 /// A servo drive of which details can be changed before it is built. Start from the drive that is meant.
@@ -304,6 +306,7 @@ impl Servo {
             .map(|(kind, content)| (*kind, content.to_vec()))
             .collect();
         description.ds402_channels = u8::try_from(self.behaviours.len()).unwrap_or(u8::MAX);
+        description.checks_watchdog = model.checks_watchdog;
         description.supports_lrw = self.supports_lrw;
         description
     }

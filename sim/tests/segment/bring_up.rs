@@ -267,3 +267,34 @@ fn the_sii_is_read_through_its_registers_and_starts_with_the_vendor_category() {
     master.exchange(FPWR, 0x1001, 0x0502, &[0x00, 0x01, 0x08, 0, 0, 0]);
     assert_eq!(master.read::<2>(0x1001, 0x0502)[1] & 0x20, 0x20);
 }
+
+#[test]
+fn a_trigger_without_a_watchdog_time_and_a_time_without_a_trigger_are_refused_where_that_is_looked_at()
+ {
+    use servocrab_sim::personality::Servo;
+    // Control byte of the outputs, watchdog time, and what comes of it on the plain drive.
+    for (control, time, expected) in [
+        (0x64, 1000u16, (4, 0)),
+        (0x24, 0, (4, 0)),
+        (0x64, 0, (0x12, 0x001F)),
+        (0x24, 1000, (0x12, 0x001F)),
+    ] {
+        let mut master = Master::of(Servo::generic().build());
+        master.bring_to_preop();
+        let (outputs, inputs) = master.lengths;
+        master.sync_manager(0x1001, 2, 0x1400, outputs, control);
+        master.sync_manager(0x1001, 3, 0x1800, inputs, 0x20);
+        master.write(0x1001, 0x0420, &time.to_le_bytes());
+        assert_eq!(
+            master.request(0x1001, 4),
+            expected,
+            "{control:02X}h, {time}"
+        );
+    }
+    // The AKD's own SII has a time and no trigger.
+    let mut master = Master::of(Servo::akd2g().build());
+    master.bring_to_preop();
+    master.sync_manager(0x1001, 2, 0x1100, 38, 0x24);
+    master.sync_manager(0x1001, 3, 0x1200, 22, 0x20);
+    assert_eq!(master.request(0x1001, 4), (4, 0));
+}

@@ -195,6 +195,10 @@ impl Master {
     /// Brings the first device from PREOP to OP with its process data as long as `lengths` says; `control` is that of SM2.
     pub(crate) fn bring_to_op(&mut self, control: u8) {
         let ((out, input), (sent, received)) = (self.memory, self.lengths);
+        if control & 0x40 == 0 {
+            // Without the trigger, the watchdog gets no time.
+            self.write(0x1001, 0x0420, &[0, 0]);
+        }
         self.sync_manager(0x1001, 2, out, sent, control);
         self.sync_manager(0x1001, 3, input, received, 0x20);
         self.fmmu(0x1001, 0, 0, sent, out, 2);
