@@ -200,6 +200,19 @@ fn a_watchdog_that_cannot_be_armed_is_refused_unless_opted_out_in_words() {
 }
 
 #[test]
+fn a_drive_that_compares_trigger_and_time_of_the_watchdog_takes_it_on_and_off() {
+    let with = |builder: NetworkBuilder| {
+        let drive = DriveConfig::new(drives::generic()).axis("x");
+        let line = Line::new(Segment::new().with(personality::generic()));
+        Rig::start(builder.link(line.wire()).drive(0, drive))
+            .unwrap()
+            .shutdown();
+    };
+    with(Network::builder());
+    with(Network::builder().without_watchdog("nothing is mounted on the motor"));
+}
+
+#[test]
 fn a_drive_that_refuses_safe_op_is_quoted_with_its_al_status_code() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     // One byte more in sync manager 2 than the drive has mapped.
