@@ -649,6 +649,12 @@ fn an_absolute_encoder_knows_its_zero_over_a_loss_of_power() {
     bench.run(1);
     assert_eq!(bench.axis.get(0x6064, 0), Some(reported));
     assert!(bench.axis.is_referenced());
+    bench.run(10);
+    bench.set(0x6060, 1);
+    bench.enable();
+    bench.start(0x004F, 500);
+    bench.settle();
+    assert_eq!(bench.axis.position(), reported + 500);
 }
 
 #[test]
@@ -685,7 +691,13 @@ fn an_axis_whose_actual_position_lags_finds_the_same_edge() {
         actual_lag_cycles: 5,
         ..on(machine())
     });
-    home(&mut bench, 26);
+    begin(&mut bench, 26);
+    while bench.axis.homings()[0].outcome == HomingOutcome::Active || bench.axis.velocity() != 0.0 {
+        let before = bench.axis.mechanical_position();
+        bench.run(1);
+        // 20 000 counts/s at most.
+        assert!((bench.axis.mechanical_position() - before).abs() <= 21);
+    }
     assert_eq!(bench.axis.homings()[0].home, Some(12_001));
     bench.run(10);
     assert_eq!(

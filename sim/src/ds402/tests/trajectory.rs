@@ -171,6 +171,27 @@ fn a_target_that_cannot_be_met_in_time_is_overshot_and_met_from_beyond() {
 }
 
 #[test]
+fn coordinates_that_shift_under_way_take_the_target_with_them() {
+    let mut trajectory = Trajectory::at(0);
+    let bounds = Bounds {
+        shape: Shape::Linear,
+        velocity: 1000.0,
+        end_velocity: 0.0,
+        acceleration: 1000.0,
+        deceleration: 1000.0,
+    };
+    trajectory.run_to(3000, bounds);
+    for _ in 0..1500 {
+        trajectory.advance(DT);
+    }
+    trajectory.shift(-700);
+    let left = run(&mut trajectory, |_, velocity, after| {
+        assert!((after.velocity() - velocity).abs() <= 1.0 + 1e-6);
+    });
+    assert_eq!((left, trajectory.position()), (2500, 2300.0));
+}
+
+#[test]
 fn a_plan_without_acceleration_is_never_done_and_never_moves() {
     let mut trajectory = Trajectory::at(5);
     let bounds = Bounds {

@@ -187,6 +187,37 @@ fn a_halt_stops_and_its_end_takes_the_velocity_up_again() {
 }
 
 #[test]
+fn the_same_target_runs_again_after_a_halt_a_quick_stop_and_another_mode() {
+    let mut bench = bench(Behaviour::generic());
+    target(&mut bench, 5_000);
+    bench.run(100);
+    for word in [0x010F, 0x0002] {
+        bench.word(word);
+        bench.run(200);
+        assert_eq!(bench.axis.velocity(), 0.0);
+        for word in [0x0006, 0x0007, 0x000F] {
+            bench.word(word);
+        }
+        bench.run(200);
+        assert_eq!(bench.axis.velocity(), 5_000.0);
+    }
+    for mode in [1, 3] {
+        bench.set(0x6060, mode);
+        bench.run(200);
+    }
+    assert_eq!(bench.axis.velocity(), 5_000.0);
+    let discarded = |cause| (5_000, Discarded(cause));
+    assert_eq!(
+        phases(&bench)[1..],
+        [
+            discarded(Cause::QuickStop),
+            discarded(Cause::ModeChange),
+            (5_000, Active)
+        ]
+    );
+}
+
+#[test]
 fn the_halt_ramp_is_605dhs() {
     for (option, way) in [(1, 250), (2, 62), (3, 0)] {
         let mut bench = bench(Behaviour::generic());
