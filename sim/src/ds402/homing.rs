@@ -131,14 +131,14 @@ impl Axis {
     }
 
     fn start_homing(&mut self) {
-        let object = |address| self.objects.value(address);
-        let number = object(objects::HOMING_METHOD) as i8;
+        let number = self.objects.value(objects::HOMING_METHOD) as i8;
         let (fast, slow) = (
-            object(objects::HOMING_SPEED_SWITCH) as f64,
-            object(objects::HOMING_SPEED_ZERO) as f64,
+            self.objects.velocity(objects::HOMING_SPEED_SWITCH),
+            self.objects.velocity(objects::HOMING_SPEED_ZERO),
         );
-        let acceleration = object(objects::HOMING_ACCELERATION)
-            .min(self.objects.limit(objects::MAX_ACCELERATION)) as f64;
+        let acceleration = self
+            .objects
+            .acceleration_within(objects::HOMING_ACCELERATION, objects::MAX_ACCELERATION);
         self.homings.push(Homing {
             method: number,
             started_at: self.now,

@@ -227,16 +227,26 @@ fn the_bits_follow_the_table() {
 
 #[test]
 fn search_is_fast_and_the_home_edge_is_crossed_slowly() {
-    let mut bench = bench(on(machine()));
-    begin(&mut bench, 20);
-    let mut fastest = 0.0_f64;
-    let mut last = 0.0;
-    while bench.axis.homings()[0].outcome == HomingOutcome::Active {
-        last = bench.axis.velocity();
-        fastest = fastest.max(last.abs());
-        bench.run(1);
+    // With 6096h, half a count/s is one unit of velocity, and half a count/s² one of acceleration.
+    for units_per_count in [1, 2] {
+        let mut bench = bench(on(machine()));
+        bench
+            .axis
+            .set(0x6096, 1, units_per_count)
+            .expect("takes a factor");
+        begin(&mut bench, 20);
+        let (mut fastest, mut last, mut steepest) = (0.0_f64, 0.0_f64, 0.0_f64);
+        while bench.axis.homings()[0].outcome == HomingOutcome::Active {
+            let velocity = bench.axis.velocity();
+            fastest = fastest.max(velocity.abs());
+            steepest = steepest.max((velocity - last).abs());
+            last = velocity;
+            bench.run(1);
+        }
+        let share = units_per_count as f64;
+        assert_eq!((fastest, last), (20_000.0 / share, 2_000.0 / share));
+        assert!((steepest - 200.0 / share).abs() < 1e-6, "{steepest}");
     }
-    assert_eq!((fastest, last), (20_000.0, 2_000.0));
 }
 
 #[test]
