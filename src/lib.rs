@@ -50,6 +50,8 @@
 //! |---|---|---|
 //! | [`axis`] | the handle of an axis, and the pure core behind it | the core |
 //! | [`profile_position`] | set-points, the handshake of bits 4 and 12, outcomes | all but the handle |
+//! | [`homing`] | homing: bit 4 held until attained or failed | all but the handle |
+//! | [`profile_velocity`] | jogging: a velocity while it is held | all but the handle |
 //! | [`ds402`] | statusword, controlword, states, modes, codes | all |
 //! | [`coe`] | typed objects, SDO transfers, emergencies | codec and types |
 //! | [`pdo_map`] | the mapping: declared once, written, read back, laid out | all but writing it |
@@ -77,9 +79,11 @@ pub mod bus;
 pub mod coe;
 pub mod drives;
 pub mod ds402;
+pub mod homing;
 #[cfg(feature = "std")]
 pub mod link;
 pub mod pdo_map;
 pub mod profile_position;
+pub mod profile_velocity;
 pub mod sii;
 pub mod units;

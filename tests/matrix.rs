@@ -247,6 +247,7 @@ fn in_words(rig: &Rig, id: CommandId) -> String {
                 format!("reached {}", (position + 50).div_euclid(100) * 100)
             }
             Event::Done(Ok(Completion::Passed { .. })) => "passed".to_owned(),
+            Event::Done(Ok(Completion::Homed { position })) => format!("homed {position}"),
             Event::Done(Ok(Completion::Stopped { state })) => format!("stopped in {state:?}"),
             Event::Done(Err(failure)) => match failure {
                 Failure::Timeout { waiting_for, .. } => format!("Timeout {waiting_for:?}"),

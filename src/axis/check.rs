@@ -1,4 +1,4 @@
-//! Everything for which a move is refused before anything of it is written.
+//! Everything for which a motion is refused before anything of it is written.
 
 use crate::{
     ds402::Mode,
@@ -8,6 +8,35 @@ use crate::{
 use super::{AxisCore, Referencing, power::Power};
 
 impl AxisCore {
+    /// What the drive's limits say of a velocity.
+    pub(super) fn check_jog(&self, velocity: i32) -> Result<(), Failure> {
+        let limits = &self.config.limits;
+        limits.check_velocity(Some(velocity.unsigned_abs()))
+    }
+
+    /// What every start of a motion needs.
+    pub(super) fn check_mode(&self, expected: Mode) -> Result<(), Failure> {
+        let shown = self.sample.map_or(Mode::None, |s| s.mode);
+        if let Some(fault) = self.fault() {
+            return Err(fault);
+        }
+        if self.stopping.is_active() {
+            return Err(Failure::QuickStopped);
+        }
+        if !matches!(self.power, Power::Enabled) {
+            return Err(Failure::NotEnabled {
+                state: self.state(),
+            });
+        }
+        if self.halted {
+            return Err(Failure::Halted);
+        }
+        if self.mode_change.is_some() || shown != expected || self.mode != expected {
+            return Err(Failure::WrongMode { expected, shown });
+        }
+        Ok(())
+    }
+
     /// As `check_move`, for a move whose parameters may have to be written by SDO first.
     pub(super) fn check_unmapped_move(&self, mut command: MoveCommand) -> Result<(), Failure> {
         self.check_limits(&command)?;
@@ -39,30 +68,7 @@ impl AxisCore {
         if let StartBits::Unsupported(reason) = self.config.traits.bits(start) {
             return Err(Failure::Unsupported { start, reason });
         }
-        let shown = self.sample.map_or(Mode::None, |s| s.mode);
-        if let Some(fault) = self.fault() {
-            return Err(fault);
-        }
-        if self.stopping.is_active() {
-            return Err(Failure::QuickStopped);
-        }
-        if !matches!(self.power, Power::Enabled) {
-            return Err(Failure::NotEnabled {
-                state: self.state(),
-            });
-        }
-        if self.halted {
-            return Err(Failure::Halted);
-        }
-        if self.mode_change.is_some()
-            || shown != Mode::ProfilePosition
-            || self.mode != Mode::ProfilePosition
-        {
-            return Err(Failure::WrongMode {
-                expected: Mode::ProfilePosition,
-                shown,
-            });
-        }
+        self.check_mode(Mode::ProfilePosition)?;
         if self.sequencer.is_unknown() {
             return Err(Failure::NeedsStop);
         }

@@ -4,7 +4,9 @@ use bitflags::bitflags;
 
 use crate::{
     ds402::Mode,
+    homing::HomingCommand,
     profile_position::{Limits, MoveCommand},
+    profile_velocity::JogSetPoint,
 };
 
 /// A command to an axis. Each gives exactly one last event ([`Event::Done`](super::Event::Done)).
@@ -18,6 +20,12 @@ pub enum Command {
     ResetFault,
     /// Modes of operation 6060h, confirmed in 6061h; only while no set-point is active.
     SelectMode(Mode),
+    /// As [`SelectMode`](Self::SelectMode), up to where 6060h may be written: for drives that get it by SDO.
+    PrepareMode(Mode),
+    /// A homing in homing mode, with the parameters that the drive holds.
+    Home(HomingCommand),
+    /// A velocity in Profile Velocity mode, until [`AxisCore::release_jog`](super::AxisCore::release_jog) or a stop.
+    Jog(JogSetPoint),
     /// A move in Profile Position mode.
     Move(MoveCommand),
     /// Says whether such a move would be refused now, and why; nothing is sent. Parameters that are not in the process data

@@ -8,14 +8,17 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Controlword, Mode, PowerCommand, Sample, State, Statusword},
+    homing::Procedure,
     profile_position::{
         Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Sequencer,
         Standstill,
     },
+    profile_velocity::Jogging,
 };
 
 use super::{
-    AxisConfig, Inputs, Referencing, Snapshot, StopRequest, power::Power, stopping::Stopping,
+    AxisConfig, Inputs, Referencing, Snapshot, StopRequest, modes::ModeChange, power::Power,
+    stopping::Stopping,
 };
 
 /// One axis, stepped once a cycle.
@@ -40,6 +43,8 @@ pub struct AxisCore {
     /// Whether the axis was standing in the last cycle with inputs.
     standing: bool,
     pub(super) sequencer: Sequencer,
+    pub(super) homing: Procedure,
+    pub(super) jogging: Jogging,
     pub(super) power: Power,
     pub(super) stopping: Stopping,
     pub(super) events: Events,
@@ -56,21 +61,18 @@ pub struct AxisCore {
     outgoing: Controlword,
     /// Sent with the last cycle.
     pub(super) sent: Controlword,
+    /// Target velocity in the outputs now, and sent with the last cycle.
+    outgoing_velocity: i32,
+    pub(super) sent_velocity: i32,
+    /// Since when no bit of a mode and no velocity is known to have been delivered.
+    pub(super) quiet_since: Option<Duration>,
     /// Whether a homing was attained since the drive was last lost.
-    homed: bool,
+    pub(super) homed: bool,
     answered: bool,
     lost: bool,
     stale_cycles: u32,
     undelivered_cycles: u32,
     cycle: u64,
-}
-
-/// A change of 6060h that waits for 6061h.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct ModeChange {
-    pub(super) id: CommandId,
-    pub(super) before: Mode,
-    pub(super) deadline: Duration,
 }
 
 impl AxisCore {
@@ -88,6 +90,8 @@ impl AxisCore {
                 turn: config.modulo,
             },
             sequencer: Sequencer::new(config.defaults),
+            homing: Procedure::new(config.deadlines.standstill),
+            jogging: Jogging::new(),
             mode: config.mode,
             config,
             sample: None,
@@ -103,6 +107,9 @@ impl AxisCore {
             manufacturer: Controlword::empty(),
             outgoing: Controlword::empty(),
             sent: Controlword::empty(),
+            outgoing_velocity: 0,
+            sent_velocity: 0,
+            quiet_since: None,
             homed: false,
             answered: false,
             lost: false,
@@ -139,7 +146,8 @@ impl AxisCore {
     pub fn step(&mut self, now: Duration, inputs: Inputs<'_>, outputs: &mut [u8]) {
         self.cycle = self.cycle.wrapping_add(1);
         self.sent = self.outgoing;
-        self.sequencer.mark_sent(now);
+        self.sent_velocity = self.outgoing_velocity;
+        self.mark_sent(now);
         self.sequencer.disarm();
         let (bytes, delivered) = match inputs {
             Inputs::Fresh(bytes) => (Some(bytes), true),
@@ -164,6 +172,7 @@ impl AxisCore {
         if delivered {
             self.lost = false;
         }
+        self.observe_quiet(now, delivered);
         if let Some(sample) = sample {
             self.sample = Some(sample);
             self.standstill.observe(now, &sample, &self.bounds);
@@ -189,9 +198,10 @@ impl AxisCore {
     /// outputs and not sent is taken back. Returns whether there was such a move: afterwards it is too late, and the
     /// handshake completes.
     pub fn withdraw(&mut self, id: CommandId, outputs: &mut [u8]) -> bool {
-        let withdrawn = self
-            .sequencer
-            .withdraw(id, Failure::Withdrawn, &mut self.events);
+        let (failure, events) = (Failure::Withdrawn, &mut self.events);
+        let withdrawn = self.sequencer.withdraw(id, failure, events)
+            || self.homing.withdraw(id, failure, events)
+            || self.jogging.withdraw(id, failure, events);
         if withdrawn {
             self.write_outputs(outputs);
         }
@@ -243,7 +253,7 @@ impl AxisCore {
             position: sample.map_or(0, |s| s.position),
             velocity: sample.and_then(|s| s.velocity).unwrap_or(0),
             halted: self.halted,
-            has_set_point: self.sequencer.has_set_point(),
+            has_set_point: self.has_motion(),
             referenced: self.is_referenced(),
         }
     }
@@ -290,8 +300,7 @@ impl AxisCore {
         self.lost = true;
         self.homed = false;
         let driven = self.power.is_driving();
-        self.sequencer
-            .fail_all(|delivery| Failure::BusLost { delivery }, &mut self.events);
+        self.fail_motions(|delivery| Failure::BusLost { delivery });
         self.fail_commands(Failure::BusLost {
             delivery: Delivery::NotSent,
         });
@@ -305,10 +314,7 @@ impl AxisCore {
         if let Some(id) = self.power.take_waiter() {
             self.done(id, Err(failure));
         }
-        if let Some(change) = self.mode_change.take() {
-            self.mode = change.before;
-            self.done(change.id, Err(failure));
-        }
+        self.fail_mode_change(failure);
         while let Some(id) = self.stopping.pop_waiter() {
             self.done(id, Err(failure));
         }
@@ -326,11 +332,6 @@ impl AxisCore {
         } else {
             Controlword::empty()
         };
-        let mode_bits = if self.power.allows_mode_bits() {
-            self.sequencer.bits()
-        } else {
-            Controlword::empty()
-        };
         let power = if self.stopping.is_quick() {
             PowerCommand::QuickStop
         } else {
@@ -341,18 +342,21 @@ impl AxisCore {
                 &self.config.traits,
             )
         };
-        power.controlword() | mode_bits | halt | self.manufacturer
+        power.controlword() | self.mode_bits() | halt | self.manufacturer
     }
 
     pub(super) fn write_outputs(&mut self, outputs: &mut [u8]) {
         self.outgoing = self.compose();
-        let mode = self.mode;
-        self.config.fields.write(
+        self.outgoing_velocity = self.target_velocity();
+        let (mode, parameters) = (self.mode, self.parameters());
+        let fields = &self.config.fields;
+        fields.write(
             outputs,
             self.outgoing,
             mode,
             self.sequencer.target(),
-            self.sequencer.parameters(),
+            &parameters,
         );
+        fields.write_velocity(outputs, self.outgoing_velocity);
     }
 }

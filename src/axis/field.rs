@@ -46,8 +46,8 @@ impl Axis {
     ///
     /// # Errors
     /// [`AxisErrorKind::Field`] if it is not in the drive's outputs, or with another length;
-    /// [`AxisErrorKind::OwnedByAxis`] for what the axis itself writes (6040h, 6060h, 607Ah, 6081h to 6084h, 6086h, of
-    /// any axis).
+    /// [`AxisErrorKind::OwnedByAxis`] for what the axis itself writes (6040h, 6060h, 607Ah, 6081h to 6084h, 6086h, 6098h
+    /// to 609Ah, 60FFh, of any axis).
     pub fn output<T: Number, A: Writable>(
         &self,
         object: Object<T, A>,
@@ -140,6 +140,6 @@ fn is_owned(object: ObjectAddress) -> bool {
     in_profile
         && matches!(
             first_axis,
-            0x40 | 0x60 | 0x7A | 0x81 | 0x82 | 0x83 | 0x84 | 0x86
+            0x40 | 0x60 | 0x7A | 0x81 | 0x82 | 0x83 | 0x84 | 0x86 | 0x98 | 0x99 | 0x9A | 0xFF
         )
 }

@@ -5,7 +5,11 @@ use crate::{
     ds402::{Controlword, Mode, Sample, Statusword},
     pdo_map::{Direction, Layout},
     profile_position::{Failure, Parameters},
+    profile_velocity::JogSetPoint,
 };
+
+/// How 60FFh is named to people.
+pub(crate) const TARGET_VELOCITY: &str = "target velocity 60FFh";
 
 /// Byte offsets of an axis' objects in the drive's outputs and inputs. The mandatory ones are not optional.
 ///
@@ -33,6 +37,8 @@ pub struct AxisFields {
     pub deceleration: Option<usize>,
     /// Motion profile type 6086h, 16 bits, in the outputs.
     pub profile_type: Option<usize>,
+    /// Target velocity 60FFh, 32 bits, in the outputs.
+    pub target_velocity: Option<usize>,
     /// Statusword 6041h, 16 bits, in the inputs.
     pub statusword: usize,
     /// Position actual value 6064h, 32 bits, in the inputs.
@@ -58,6 +64,7 @@ impl AxisFields {
             acceleration: None,
             deceleration: None,
             profile_type: None,
+            target_velocity: None,
             statusword: inputs,
             position: inputs + 2,
             mode_display: None,
@@ -107,6 +114,7 @@ impl AxisFields {
             acceleration: output(obj::PROFILE_ACCELERATION.into())?,
             deceleration: output(obj::PROFILE_DECELERATION.into())?,
             profile_type: output(obj::MOTION_PROFILE_TYPE.into())?,
+            target_velocity: output(obj::TARGET_VELOCITY.into())?,
             statusword: must(Direction::Inputs, obj::STATUSWORD.into())?,
             position: must(Direction::Inputs, obj::POSITION_ACTUAL.into())?,
             mode_display: input(obj::MODE_OF_OPERATION_DISPLAY.into())?,
@@ -121,17 +129,6 @@ impl AxisFields {
         given: &Parameters,
         held: &Parameters,
     ) -> Result<Parameters, Failure> {
-        let speed = |mapped: bool, given: Option<u32>, held: Option<u32>, name: &'static str| match (
-            mapped, given,
-        ) {
-            (false, Some(_)) => Err(Failure::NotMapped(name)),
-            (false, None) => Ok(None),
-            (true, given) => match given.or(held) {
-                None => Err(Failure::Missing(name)),
-                Some(0) => Err(Failure::Zero(name)),
-                some => Ok(some),
-            },
-        };
         if given.end_velocity.is_some() && self.end_velocity.is_none() {
             return Err(Failure::NotMapped("end velocity 6082h"));
         }
@@ -188,6 +185,30 @@ impl AxisFields {
         }
     }
 
+    /// The ramps of a jog as they go into the process data: given ones, else what the drive held.
+    pub(super) fn complete_jog(
+        &self,
+        jog: &mut JogSetPoint,
+        held: &Parameters,
+    ) -> Result<(), Failure> {
+        if self.target_velocity.is_none() {
+            return Err(Failure::NotMapped(TARGET_VELOCITY));
+        }
+        jog.acceleration = speed(
+            self.acceleration.is_some(),
+            jog.acceleration,
+            held.acceleration,
+            "profile acceleration 6083h",
+        )?;
+        jog.deceleration = speed(
+            self.deceleration.is_some(),
+            jog.deceleration,
+            held.deceleration,
+            "profile deceleration 6084h",
+        )?;
+        Ok(())
+    }
+
     /// Reads the axis' objects out of the drive's inputs; nothing where they are too short.
     pub(super) fn sample(&self, inputs: &[u8], noted_mode: Mode) -> Option<Sample> {
         let mode = match self.mode_display {
@@ -212,6 +233,11 @@ impl AxisFields {
             velocity,
             error_code,
         })
+    }
+
+    /// Writes the target velocity, where it is mapped.
+    pub(super) fn write_velocity(&self, outputs: &mut [u8], velocity: i32) {
+        put(outputs, self.target_velocity, Some(velocity.to_le_bytes()));
     }
 
     /// Writes the axis' objects into the drive's outputs. What is not known (parameters that nobody gave) stays.
@@ -255,6 +281,26 @@ impl AxisFields {
             self.profile_type,
             parameters.profile_type.map(i16::to_le_bytes),
         );
+    }
+}
+
+/// A parameter that must not be 0 as it goes into the process data, where it is mapped.
+const fn speed(
+    mapped: bool,
+    given: Option<u32>,
+    held: Option<u32>,
+    name: &'static str,
+) -> Result<Option<u32>, Failure> {
+    let value = match given {
+        None => held,
+        given => given,
+    };
+    match (mapped, given, value) {
+        (false, Some(_), _) => Err(Failure::NotMapped(name)),
+        (false, None, _) => Ok(None),
+        (true, _, None) => Err(Failure::Missing(name)),
+        (true, _, Some(0)) => Err(Failure::Zero(name)),
+        (true, _, some) => Ok(some),
     }
 }
 

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use crate::{
     coe::ObjectAddress,
     ds402::{Controlword, Mode, State},
-    profile_position::{MoveCommand, ProfilePosition, WrittenParameters},
+    profile_position::{ProfilePosition, WrittenParameters},
 };
 
 use super::{
@@ -21,7 +21,7 @@ use super::{
 /// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
 ///
 /// When the last of them, and of everything that came from them ([`ProfilePosition`],
-/// [`Move`](crate::profile_position::Move)), is dropped, a moving axis is stopped; see
+/// [`Move`](crate::profile_position::Move), [`Jog`](crate::profile_velocity::Jog) …), is dropped, a moving axis is stopped; see
 /// [`keep_moving_on_drop`](Self::keep_moving_on_drop).
 ///
 /// None of its stops is a safety function in the sense of the safety standards (STO, SS1).
@@ -192,17 +192,30 @@ impl Axis {
         Pending::submit(Arc::clone(&self.handles), command)
     }
 
-    /// Submits a move that was asked for when this was the last stop.
-    pub(crate) fn submit_move(
+    /// Submits what starts a motion and was asked for when this was the last stop.
+    pub(crate) fn submit_motion(
         &self,
-        command: MoveCommand,
+        command: Command,
         asked: LastStop,
     ) -> Result<Pending, AxisError> {
-        Pending::submit_move(Arc::clone(&self.handles), command, asked)
+        Pending::submit_motion(Arc::clone(&self.handles), command, asked)
     }
 
     pub(crate) async fn run(&self, command: Command) -> Result<Completion, AxisError> {
         self.submit(command)?.done().await
+    }
+
+    /// Ends the motion of a mode that is given back.
+    pub(crate) async fn release(&self) -> Result<(), AxisError> {
+        let released = self.run(Command::Release).await.map(drop);
+        if let Err(AxisError {
+            kind: AxisErrorKind::QueueFull,
+            ..
+        }) = &released
+        {
+            self.stop_handle().stop();
+        }
+        released
     }
 
     pub(crate) fn trace(&self, what: &str) {
@@ -222,42 +235,12 @@ impl Axis {
             _ => self.status().state,
         })
     }
-
-    /// Selects a mode; 6060h and 6061h go by SDO where they are not in the process data.
-    async fn select(&self, mode: Mode) -> Result<(), AxisError> {
-        let handles = &self.handles;
-        let fields = &handles.shared.setup.fields;
-        if fields.mode.is_none() {
-            handles
-                .write_parameter(MODE_OF_OPERATION, vec![mode.raw().cast_unsigned()])
-                .await?;
-        }
-        let pending = self.submit(Command::SelectMode(mode))?;
-        if fields.mode_display.is_some() {
-            return pending.done().await.map(drop);
-        }
-        let shown = async {
-            loop {
-                let value = handles.read_parameter(MODE_OF_OPERATION_DISPLAY).await?;
-                if let Some(raw) = value.first() {
-                    handles.shared.note_mode(raw.cast_signed());
-                }
-                smol::Timer::after(MODE_POLL).await;
-            }
-        };
-        smol::future::or(async { pending.done().await.map(drop) }, shown).await
-    }
 }
-
-/// How often 6061h is read by SDO while a mode is awaited there.
-const MODE_POLL: Duration = Duration::from_millis(5);
 
 /// An error is not held back longer than this for its code.
 const ERROR_CODE_DEADLINE: Duration = Duration::from_secs(1);
 
 const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
-const MODE_OF_OPERATION: ObjectAddress = ObjectAddress::new(0x6060, 0);
-const MODE_OF_OPERATION_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 /// Stops one axis: at once, from any thread, without waiting and without failing. What it asks for is in the next
 /// process-data frame, whatever else is queued, and it wins over everything that is asked for in the same cycle. It does
@@ -374,7 +357,7 @@ pub(crate) struct Lease {
 }
 
 impl Lease {
-    fn take(handles: &Handles) -> Result<Self, AxisError> {
+    pub(crate) fn take(handles: &Handles) -> Result<Self, AxisError> {
         let shared = &handles.shared;
         if shared.leased.swap(true, Ordering::AcqRel) {
             return Err(shared.error(AxisErrorKind::ModeInUse));

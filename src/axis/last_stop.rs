@@ -33,6 +33,9 @@ impl StopKind {
             Command::Enable
             | Command::ResetFault
             | Command::SelectMode(_)
+            | Command::PrepareMode(_)
+            | Command::Home(_)
+            | Command::Jog(_)
             | Command::Move(_)
             | Command::CheckMove(_)
             | Command::SetLimits(_)

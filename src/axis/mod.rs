@@ -8,6 +8,7 @@ mod command;
 mod config;
 mod core;
 mod fields;
+mod modes;
 mod observe;
 mod power;
 mod referencing;
@@ -32,6 +33,8 @@ mod port;
 #[cfg(feature = "std")]
 mod reading;
 #[cfg(feature = "std")]
+mod select;
+#[cfg(feature = "std")]
 mod setup;
 #[cfg(feature = "std")]
 mod shared;
@@ -46,6 +49,8 @@ pub use self::core::AxisCore;
 pub use crate::profile_position::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
 pub use command::{Command, Inputs, StopRequest};
 pub use config::{AxisConfig, Deadlines, Loss, Tolerances};
+#[cfg(feature = "std")]
+pub(crate) use fields::TARGET_VELOCITY;
 pub use fields::{AxisFields, FieldError};
 pub use referencing::Referencing;
 pub use snapshot::Snapshot;

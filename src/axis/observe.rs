@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::{Controlword, Mode, Sample, State, Statusword},
+    ds402::{Controlword, Sample, State, Statusword},
     profile_position::{CommandId, Completion, Cycle, Delivery, Failure, WaitingFor},
 };
 
@@ -24,14 +24,14 @@ impl AxisCore {
         if state == State::Fault {
             self.halted = false;
             self.halt_delivered = None;
-            self.sequencer.lower();
+            self.lower_mode_bits();
         }
         self.observe_mode_change(now, sample);
         self.observe_power(now, sample, delivered);
         self.observe_halt(now, sample, delivered);
         self.observe_stop(now, sample);
         if state == State::OperationEnabled && self.power.is_driving() {
-            self.observe_moves(now, sample, delivered);
+            self.observe_mode(now, sample, delivered);
         } else if !self.power.is_driving() && !self.outgoing_starts() {
             self.sequencer.follow_position(sample.position);
         }
@@ -40,7 +40,7 @@ impl AxisCore {
     /// A fault ends everything; nothing here resets it.
     fn observe_fault(&mut self, state: State) {
         let failure = self.fault().unwrap_or(Failure::Fault { code: None });
-        self.sequencer.fail_all(|_| failure, &mut self.events);
+        self.fail_motions(|_| failure);
         self.fail_commands(failure);
         self.stopping.stage = Stage::None;
         self.stopping.off = false;
@@ -54,22 +54,7 @@ impl AxisCore {
         self.power = power;
         self.halted = false;
         self.halt_delivered = None;
-        self.sequencer.lower();
-    }
-
-    fn observe_mode_change(&mut self, now: Duration, sample: &Sample) {
-        let Some(change) = self.mode_change else {
-            return;
-        };
-        if sample.mode == self.mode {
-            self.mode_change = None;
-            self.done(change.id, Ok(Completion::Done));
-        } else if now >= change.deadline {
-            let waiting_for = WaitingFor::Mode(self.mode);
-            self.mode_change = None;
-            self.mode = change.before;
-            self.done(change.id, Err(self.timeout(waiting_for, Delivery::NotSent)));
-        }
+        self.lower_mode_bits();
     }
 
     fn observe_power(&mut self, now: Duration, sample: &Sample, delivered: bool) {
@@ -171,7 +156,7 @@ impl AxisCore {
         } else {
             (Failure::Disabled { state }, Power::Off)
         };
-        self.sequencer.fail_all(|_| failure, &mut self.events);
+        self.fail_motions(|_| failure);
         while let Some(id) = self.stopping.take_waiter(|wait| wait == Wait::Stop) {
             self.done(id, Ok(Completion::Stopped { state }));
         }
@@ -242,6 +227,9 @@ impl AxisCore {
             self.halt_delivered.get_or_insert(now);
         }
         if self.stands_halted(now, sample) {
+            if !self.stopping.is_active() {
+                self.homing.halted(&mut self.events);
+            }
             if !self.stopping.halt_reported {
                 self.stopping.halt_reported = true;
                 self.sequencer.report_halted(&mut self.events);
@@ -292,7 +280,7 @@ impl AxisCore {
                     // It is commanded on; those who wait are told that it has not worked.
                     self.stopping.stage = Stage::Quick { until: None };
                     let failure = self.timeout(WaitingFor::Standstill, Delivery::Accepted);
-                    self.sequencer.fail_all(|_| failure, &mut self.events);
+                    self.fail_motions(|_| failure);
                     self.fail_commands(failure);
                 }
             }
@@ -318,7 +306,7 @@ impl AxisCore {
         } else {
             Failure::QuickStopped
         };
-        self.sequencer.fail_all(|_| failure, &mut self.events);
+        self.fail_motions(|_| failure);
         if state == State::QuickStopActive && off {
             self.leave_operation(Power::Off);
             self.stopping.stage = Stage::Off {
@@ -341,21 +329,7 @@ impl AxisCore {
         }
     }
 
-    fn observe_moves(&mut self, now: Duration, sample: &Sample, delivered: bool) {
-        if self.stopping.is_quick() {
-            return;
-        }
-        if sample.mode != Mode::ProfilePosition {
-            if !self.sequencer.is_idle() {
-                let failure = Failure::WrongMode {
-                    expected: Mode::ProfilePosition,
-                    shown: sample.mode,
-                };
-                self.sequencer.fail_all(|_| failure, &mut self.events);
-                self.begin_quick_stop(now);
-            }
-            return;
-        }
+    pub(super) fn observe_moves(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let cycle = Cycle {
             now,
             sample,
@@ -375,7 +349,7 @@ impl AxisCore {
         }
     }
 
-    fn timeout(&self, waiting_for: WaitingFor, delivery: Delivery) -> Failure {
+    pub(super) fn timeout(&self, waiting_for: WaitingFor, delivery: Delivery) -> Failure {
         let statusword = self.sample.map_or(Statusword::empty(), |s| s.statusword);
         Failure::Timeout {
             waiting_for,

@@ -3,8 +3,6 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::profile_position::MoveCommand;
-
 use super::{
     AxisError, AxisErrorKind, Command, CommandId, Completion, Failure, handle::Handles,
     last_stop::LastStop,
@@ -27,13 +25,13 @@ impl Pending {
         Self::of(handles, id, false)
     }
 
-    /// A move that was asked for when this was the last stop.
-    pub(super) fn submit_move(
+    /// What starts a motion and was asked for when this was the last stop.
+    pub(super) fn submit_motion(
         handles: Arc<Handles>,
-        command: MoveCommand,
+        command: Command,
         asked: LastStop,
     ) -> Result<Self, AxisError> {
-        let id = handles.shared.submit_asked(Command::Move(command), asked);
+        let id = handles.shared.submit_asked(command, asked);
         Self::of(handles, id, true)
     }
 

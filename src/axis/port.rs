@@ -53,6 +53,8 @@ impl AxisPort {
         }
         shared.merge_outputs(outputs);
 
+        // Before the commands: a jog that was let go makes room for the next.
+        self.follow_jog(core, now, outputs);
         // A command is queued before it is withdrawn: whoever is withdrawn by now is found in the queue below.
         let withdrawn = shared.withdrawn_count();
         self.take_commands(core, now, outputs);
@@ -66,6 +68,8 @@ impl AxisPort {
                 core.withdraw(id, outputs);
             }
         }
+        // And after them: one that was let go before it began never leaves 0.
+        self.follow_jog(core, now, outputs);
         if !stop.is_empty() {
             core.apply_stop(now, stop, outputs);
         }
@@ -146,8 +150,21 @@ impl AxisPort {
             });
         }
         match command {
-            Command::Move(_) => self.shared.stopped_since(asked, core.snapshot().state),
+            Command::Move(_) | Command::Home(_) | Command::Jog(_) => {
+                self.shared.stopped_since(asked, core.snapshot().state)
+            }
             _ => None,
+        }
+    }
+
+    /// The velocity that the holder of a jog asks for, or that there is no holder any more. No queue lies between.
+    fn follow_jog(&self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
+        if let Some(id) = core.jog() {
+            self.shared.note_max_velocity(core.max_velocity());
+            match self.shared.jog_demand(id) {
+                Some(velocity) => core.set_jog(id, velocity, outputs),
+                None => core.release_jog(now, id, outputs),
+            };
         }
     }
 

@@ -29,6 +29,8 @@ const WAITERS_PER_AXIS: usize = 32;
 
 /// Set in an output cell once a program has written it.
 const WRITTEN: u64 = 1 << 32;
+/// Set in the demand of a jog as long as it is held.
+const HELD: u64 = 1 << 32;
 /// Set in the noted mode once one was noted.
 const NOTED: i16 = 1 << 8;
 
@@ -52,6 +54,8 @@ pub(crate) struct Shared {
     stops: StopCount,
     manufacturer: AtomicU16,
     noted_mode: AtomicI16,
+    /// Max profile velocity 607Fh as the core checks it; 0 is no limit.
+    max_velocity: AtomicU32,
     closed: AtomicBool,
     outputs: Box<[OutputCell]>,
 }
@@ -70,6 +74,8 @@ struct Slot {
     id: AtomicU32,
     marks: AtomicU8,
     halts: AtomicU32,
+    /// What a jog asks for: the velocity, and above it whether it is held.
+    demand: AtomicU64,
     result: ArrayQueue<Result<Completion, Failure>>,
     waiters: Waiters,
 }
@@ -116,6 +122,7 @@ impl Shared {
             stops: StopCount::default(),
             manufacturer: AtomicU16::new(0),
             noted_mode: AtomicI16::new(0),
+            max_velocity: AtomicU32::new(0),
             closed: AtomicBool::new(false),
             outputs,
             setup,
@@ -183,11 +190,38 @@ impl Shared {
         let generation = (slot.id.load(Ordering::Relaxed) >> 8).wrapping_add(1);
         let id = CommandId(generation << 8 | u32::from(index));
         slot.reset(id);
+        if let Command::Jog(set_point) = command {
+            slot.demand
+                .store(demand(set_point.velocity), Ordering::Release);
+        }
         if self.queue.push((id, command, asked)).is_err() {
             let _ = self.free.push(index);
             return Err(AxisErrorKind::QueueFull);
         }
         Ok(id)
+    }
+
+    /// The velocity of a jog that is held.
+    pub(crate) fn set_jog(&self, id: CommandId, velocity: i32) -> Result<(), Failure> {
+        let limit = self.max_velocity.load(Ordering::Acquire);
+        let speed = velocity.unsigned_abs();
+        if limit != 0 && speed > limit {
+            return Err(Failure::TooFast {
+                limit,
+                velocity: speed,
+            });
+        }
+        if let Some(slot) = self.slot(id) {
+            slot.demand.store(demand(velocity), Ordering::Release);
+        }
+        Ok(())
+    }
+
+    /// Lets go of a jog: it is in the next frame, whatever is queued.
+    pub(crate) fn release_jog(&self, id: CommandId) {
+        if let Some(slot) = self.slot(id) {
+            slot.demand.store(0, Ordering::Release);
+        }
     }
 
     /// Gives a command up, so far as it was not sent.
@@ -287,6 +321,18 @@ impl Shared {
         self.stops.since(asked, state)
     }
 
+    /// What a jog asks for now: none once it was let go.
+    pub(super) fn jog_demand(&self, id: CommandId) -> Option<i32> {
+        let demand = self.slot(id)?.demand.load(Ordering::Acquire);
+        (demand & HELD != 0).then_some(demand as u32 as i32)
+    }
+
+    /// Says which limit the velocities of jogs are checked against.
+    pub(super) fn note_max_velocity(&self, limit: Option<u32>) {
+        self.max_velocity
+            .store(limit.unwrap_or(0), Ordering::Release);
+    }
+
     pub(super) fn withdrawn_count(&self) -> usize {
         self.withdrawn.len()
     }
@@ -378,6 +424,7 @@ impl Slot {
             id: AtomicU32::new(0),
             marks: AtomicU8::new(0),
             halts: AtomicU32::new(0),
+            demand: AtomicU64::new(0),
             result: ArrayQueue::new(1),
             waiters: Waiters::new(WAITERS_PER_COMMAND),
         }
@@ -393,6 +440,10 @@ impl Slot {
     fn has(&self, mark: u8) -> bool {
         self.marks.load(Ordering::Acquire) & mark != 0
     }
+}
+
+const fn demand(velocity: i32) -> u64 {
+    HELD | velocity.cast_unsigned() as u64
 }
 
 /// An image that is too short is the exchange's error, and shows there.

@@ -3,13 +3,12 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::{Mode, PowerGoal, State},
+    ds402::{PowerGoal, State},
     profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand},
 };
 
 use super::{
     AxisCore, Command,
-    core::ModeChange,
     power::{Power, ResetPhase},
     stopping::{Stage, Wait},
 };
@@ -36,7 +35,10 @@ impl AxisCore {
             Command::Enable => self.enable(now, id),
             Command::Disable => self.disable(now, id),
             Command::ResetFault => self.reset_fault(now, id),
-            Command::SelectMode(mode) => self.select_mode(now, id, mode),
+            Command::SelectMode(mode) => self.select_mode(now, id, mode, false),
+            Command::PrepareMode(mode) => self.select_mode(now, id, mode, true),
+            Command::Home(command) => self.start_homing(id, command),
+            Command::Jog(set_point) => self.start_jog(id, set_point),
             Command::Move(command) => self.start_move(id, command),
             Command::CheckMove(command) => {
                 let result = self.check_unmapped_move(command).map(|()| Completion::Done);
@@ -76,7 +78,7 @@ impl AxisCore {
             self.done(id, Err(failure));
             return;
         }
-        self.sequencer.lower();
+        self.lower_mode_bits();
         let was_down = self.sample.is_some() && state != State::OperationEnabled;
         self.power = Power::Enabling {
             id,
@@ -145,31 +147,6 @@ impl AxisCore {
         }
     }
 
-    fn select_mode(&mut self, now: Duration, id: CommandId, mode: Mode) {
-        let shown = self.sample.is_some_and(|sample| sample.mode == mode);
-        if shown && self.mode == mode && self.mode_change.is_none() {
-            self.done(id, Ok(Completion::Done));
-        } else if self.halted {
-            self.done(id, Err(Failure::Halted));
-        } else if !self.sequencer.is_idle() || (self.power.is_driving() && !self.is_standing(now)) {
-            self.done(id, Err(Failure::Moving));
-        } else if self.mode_change.is_some() || self.stopping.is_active() {
-            self.done(id, Err(Failure::Busy));
-        } else {
-            let change = ModeChange {
-                id,
-                before: self.mode,
-                deadline: now + self.config.deadlines.mode,
-            };
-            // 607Ah still holds the last move's target or distance; another mode may follow it at once.
-            if let Some(sample) = self.sample {
-                self.sequencer.follow_position(sample.position);
-            }
-            self.mode = mode;
-            self.mode_change = Some(change);
-        }
-    }
-
     fn start_move(&mut self, id: CommandId, command: MoveCommand) {
         match self.check_move(command) {
             Ok(command) => self.sequencer.submit(id, command, &mut self.events),
@@ -205,13 +182,15 @@ impl AxisCore {
         } else if !self.power.is_driving() {
             Err(Failure::NotEnabled { state })
         } else if !self.halted {
-            if self.sequencer.has_set_point() {
+            if self.has_motion() {
                 Err(Failure::Moving)
             } else {
                 Ok(Completion::Done)
             }
-        } else if self.sequencer.is_unknown() {
+        } else if self.sequencer.is_unknown() || self.homing.is_unknown() {
             Err(Failure::NeedsStop)
+        } else if self.homing.has_motion() {
+            Err(Failure::HomingHalted)
         } else if self.sequencer.has_set_point() && !self.config.traits.halt_keeps_set_point {
             Err(Failure::ResumeUnsupported)
         } else {
@@ -263,8 +242,7 @@ impl AxisCore {
         if !self.power.is_driving() || self.stopping.is_quick() || self.state().is_fault() {
             return;
         }
-        self.sequencer
-            .withdraw_unsent(Failure::Halted, &mut self.events);
+        self.withdraw_unsent(Failure::Halted);
         if !self.halted {
             self.halted = true;
             self.halt_delivered = None;
@@ -282,8 +260,9 @@ impl AxisCore {
         if self.stopping.is_active() {
             return true;
         }
-        self.sequencer.withdraw_unsent(failure, &mut self.events);
-        if !self.sequencer.has_set_point() && self.is_standing(now) {
+        let has_motion = self.has_motion();
+        self.withdraw_unsent(failure);
+        if !has_motion && self.is_standing(now) {
             return false;
         }
         self.begin_halt(now);
@@ -299,8 +278,7 @@ impl AxisCore {
         if !self.power.is_driving() || self.state().is_fault() {
             return false;
         }
-        self.sequencer
-            .withdraw_unsent(Failure::QuickStopped, &mut self.events);
+        self.withdraw_unsent(Failure::QuickStopped);
         if !self.stopping.is_quick() {
             self.stopping.stage = Stage::Quick {
                 until: Some(now + self.config.deadlines.standstill),

@@ -11,7 +11,8 @@ use crossbeam_queue::ArrayQueue;
 use crate::profile_position::{Move, MoveCommand, MoveRequest};
 
 use super::{
-    AxisCore, AxisError, AxisErrorKind, CommandId, Failure, pending::Pending, shared::Shared,
+    AxisCore, AxisError, AxisErrorKind, Command, CommandId, Failure, pending::Pending,
+    shared::Shared,
 };
 
 /// Groups that wait to start at once, of one network.
@@ -196,7 +197,7 @@ pub async fn together(
             gated: true,
             ..*command
         };
-        pending.push(request.axis.submit_move(command, *asked)?);
+        pending.push(request.axis.submit_motion(Command::Move(command), *asked)?);
     }
     let group = Arc::new(Group {
         members: prepared

@@ -110,6 +110,10 @@ objects! {
     VELOCITY_FACTOR_DIVISOR, 0x6096:2, u32, ReadWrite, NO, None, "velocity factor: divisor";
     ACCELERATION_FACTOR_NUMERATOR, 0x6097:1, u32, ReadWrite, NO, None, "acceleration factor: numerator";
     ACCELERATION_FACTOR_DIVISOR, 0x6097:2, u32, ReadWrite, NO, None, "acceleration factor: divisor";
+    HOMING_METHOD, 0x6098:0, i8, ReadWrite, RX, None, "homing method";
+    HOMING_SWITCH_SPEED, 0x6099:1, u32, ReadWrite, RX, Velocity, "homing speeds: during search for switch";
+    HOMING_ZERO_SPEED, 0x6099:2, u32, ReadWrite, RX, Velocity, "homing speeds: during search for zero";
+    HOMING_ACCELERATION, 0x609A:0, u32, ReadWrite, RX, Acceleration, "homing acceleration";
     SI_UNIT_POSITION, 0x60A8:0, u32, ReadWrite, NO, None, "SI unit position";
     SI_UNIT_VELOCITY, 0x60A9:0, u32, ReadWrite, NO, None, "SI unit velocity";
     SI_UNIT_ACCELERATION, 0x60AA:0, u32, ReadWrite, NO, None, "SI unit acceleration";
@@ -121,6 +125,7 @@ objects! {
     DIGITAL_INPUTS, 0x60FD:0, u32, ReadOnly, TX, None, "digital inputs";
     DIGITAL_OUTPUTS, 0x60FE:1, u32, ReadWrite, RX, None, "digital outputs";
     DIGITAL_OUTPUTS_MASK, 0x60FE:2, u32, ReadWrite, RX, None, "digital outputs: bit mask";
+    TARGET_VELOCITY, 0x60FF:0, i32, ReadWrite, RX, Velocity, "target velocity";
     MOTOR_TYPE, 0x6402:0, u16, ReadWrite, RX, None, "motor type";
     MOTOR_CATALOGUE_NUMBER, 0x6403:0, Vec<u8>, ReadWrite, NO, None, "motor catalogue number";
     MOTOR_MANUFACTURER, 0x6404:0, Vec<u8>, ReadWrite, NO, None, "motor manufacturer";

@@ -41,6 +41,10 @@ bitflags! {
         const INTERNAL_LIMIT = 1 << 11;
         /// Bit 12 in Profile Position mode: set-point acknowledge.
         const SET_POINT_ACKNOWLEDGE = 1 << 12;
+        /// Bit 12 in homing mode: homing attained.
+        const HOMING_ATTAINED = 1 << 12;
+        /// Bit 13 in homing mode: homing error.
+        const HOMING_ERROR = 1 << 13;
         /// Bit 13 in Profile Position mode: following error.
         const FOLLOWING_ERROR = 1 << 13;
         /// Bit 14, manufacturer specific.
@@ -53,8 +57,8 @@ bitflags! {
 bitflags! {
     /// The controlword (object 6040h; 6840h for a second axis).
     ///
-    /// Each bit has one owner in this library: the power sequencing owns bits 0–3 and 7, Profile Position owns
-    /// 4, 5, 6, 8 and 9, and the user owns 11–15.
+    /// Each bit has one owner in this library: the power sequencing owns bits 0–3 and 7, the active mode owns 4, 5, 6
+    /// and 9, stopping owns 8, and the user owns 11–15.
     ///
     /// ```
     /// use servocrab::ds402::Controlword;
@@ -73,6 +77,8 @@ bitflags! {
         const BIT_ENABLE_OPERATION = 1 << 3;
         /// Bit 4 in Profile Position mode: new set-point, taken at its rising edge.
         const NEW_SET_POINT = 1 << 4;
+        /// Bit 4 in homing mode: homing operation start, held until the end.
+        const HOMING_START = 1 << 4;
         /// Bit 5 in Profile Position mode: change set immediately.
         const CHANGE_IMMEDIATELY = 1 << 5;
         /// Bit 6 in Profile Position mode: 0 absolute, 1 relative.

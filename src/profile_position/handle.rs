@@ -72,15 +72,7 @@ impl ProfilePosition {
     /// When a deadline passes or the bus is lost. The mode is given back all the same. With [`AxisErrorKind::QueueFull`] the
     /// stop was asked for nevertheless.
     pub async fn release(self) -> Result<(), AxisError> {
-        let released = self.axis.run(Command::Release).await.map(drop);
-        if let Err(AxisError {
-            kind: AxisErrorKind::QueueFull,
-            ..
-        }) = &released
-        {
-            self.axis.stop_handle().stop();
-        }
-        released
+        self.axis.release().await
     }
 
     fn request(&self, reference: Reference, target: i32, set_point: SetPoint) -> MoveRequest {
@@ -109,7 +101,7 @@ impl MoveRequest {
         // A stop that comes while parameters are being written stops this move as well.
         let asked = self.last_stop();
         let (command, _parameters) = self.prepare().await?;
-        let pending = self.axis.submit_move(command, asked)?;
+        let pending = self.axis.submit_motion(Command::Move(command), asked)?;
         self.accepted(pending).await
     }
 

@@ -145,7 +145,9 @@ const fn outcome_of(completion: Completion) -> Result<Outcome, Failure> {
     match completion {
         Completion::Reached { position } => Ok(Outcome::Reached { position }),
         Completion::Passed { position } => Ok(Outcome::Passed { position }),
-        Completion::Stopped { .. } | Completion::Done => Err(Failure::QuickStopped),
+        Completion::Homed { .. } | Completion::Stopped { .. } | Completion::Done => {
+            Err(Failure::QuickStopped)
+        }
     }
 }
 

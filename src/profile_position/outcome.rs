@@ -35,6 +35,11 @@ pub enum Completion {
         /// Position actual value 6064h when it was seen.
         position: i32,
     },
+    /// The homing is attained.
+    Homed {
+        /// Position actual value 6064h when it was seen.
+        position: i32,
+    },
     /// The axis stands, in this state.
     Stopped {
         /// Where the drive ended: by 605Ah.
@@ -62,6 +67,8 @@ pub enum WaitingFor {
     AcknowledgeLow,
     /// Bit 12 to rise after bit 4.
     Acknowledge,
+    /// The drive to show that it is homing: "in progress" in bits 10, 12 and 13.
+    HomingStart,
     /// The mode in 6061h.
     Mode(Mode),
     /// Velocity zero.
@@ -76,6 +83,7 @@ impl core::fmt::Display for WaitingFor {
             Self::State(state) => write!(f, "the state {state}"),
             Self::AcknowledgeLow => f.write_str("bit 12 (set-point acknowledge) to fall"),
             Self::Acknowledge => f.write_str("bit 12 (set-point acknowledge) to rise"),
+            Self::HomingStart => f.write_str("the homing to begin (bits 10, 12 and 13 to fall)"),
             Self::Mode(mode) => write!(f, "mode {} in 6061h", mode.raw()),
             Self::Standstill => f.write_str("standstill"),
             Self::FaultCleared => f.write_str("the fault to be cleared"),
@@ -230,6 +238,18 @@ pub enum Failure {
         /// The state seen.
         state: State,
     },
+    /// The drive reports a homing error: bit 13 in mode 6.
+    #[error(
+        "the drive reports a homing error (statusword bit 13) and {}: look at its switches and its error code",
+        if *.moving { "was still moving" } else { "stands" }
+    )]
+    HomingError {
+        /// Whether it did not come to rest by itself, and was stopped.
+        moving: bool,
+    },
+    /// Resume after the halt of a homing.
+    #[error("a halted homing is not continued: stop(), enable and home again")]
+    HomingHalted,
     /// An absolute move on an axis that does not know where it is.
     #[error(
         "the axis is not referenced: home it before absolute moves, or say in its settings that it has an absolute encoder or that unreferenced moves are allowed"

@@ -77,6 +77,12 @@ impl Standstill {
             .unwrap_or_else(|| self.steady_since(now, Duration::ZERO, bounds))
     }
 
+    /// As [`is_standing`](Self::is_standing), and a position must have stayed for the settle time after `since`.
+    pub(crate) fn stands_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
+        self.velocity_zero
+            .unwrap_or_else(|| self.steady_since(now, since, bounds))
+    }
+
     /// Whether the position has stayed for the settle time, all of it after `since`.
     pub(crate) fn steady_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
         self.anchor

@@ -39,6 +39,8 @@ pub(crate) struct Station {
     pub(crate) outputs: Vec<u8>,
     /// The controlword of every frame sent.
     pub(crate) words: Vec<u16>,
+    /// The outputs of every frame sent.
+    pub(crate) frames: Vec<Vec<u8>>,
     pub(crate) sdo: Arc<Sdo>,
     layout: Layout,
 }
@@ -91,12 +93,14 @@ impl ParameterAccess for Sdo {
                     code: AbortCode::PRESENT_STATE,
                 });
             }
-            let mut raw = [0; 8];
-            raw[..value.len()].copy_from_slice(&value);
-            let number = i64::from_le_bytes(raw);
-            lock(&self.drive)
-                .set(object.index, object.subindex, number)
-                .unwrap();
+            let number = number(object.index, &value);
+            let set = lock(&self.drive).set(object.index, object.subindex, number);
+            if set.is_err() {
+                return Err(SdoError::Aborted {
+                    transfer: Transfer::write(object),
+                    code: AbortCode(0x0609_0030),
+                });
+            }
             self.written.lock().unwrap().push((object.index, value));
             Ok(())
         })
@@ -252,6 +256,7 @@ impl Station {
             drive,
             outputs: vec![0; layout.output_bytes()],
             words: Vec::new(),
+            frames: Vec::new(),
             sdo,
             layout,
         }
@@ -260,6 +265,7 @@ impl Station {
     fn exchange(&mut self, now: Duration, silent: bool) {
         self.words
             .push(u16::from_le_bytes([self.outputs[0], self.outputs[1]]));
+        self.frames.push(self.outputs.clone());
         let mut drive = self.drive.lock().unwrap();
         let mut inputs = vec![0; self.layout.input_bytes()];
         for (object, place) in self.layout.objects(Direction::Inputs) {
@@ -269,12 +275,7 @@ impl Station {
         }
         for (object, place) in self.layout.objects(Direction::Outputs) {
             let bytes = usize::from(place.bits / 8);
-            let mut raw = [0; 8];
-            raw[..bytes].copy_from_slice(&self.outputs[place.byte..place.byte + bytes]);
-            let value = match object.index {
-                0x607A => i64::from(i64::from_le_bytes(raw) as i32),
-                _ => i64::from_le_bytes(raw),
-            };
+            let value = number(object.index, &self.outputs[place.byte..place.byte + bytes]);
             // What the drive refuses stays what it was, as with a PDO.
             let _ = drive.set(object.index, object.subindex, value);
         }
@@ -286,6 +287,28 @@ impl Station {
         }
         drive.cycle(now);
     }
+}
+
+/// An object's value from its bytes.
+fn number(index: u16, bytes: &[u8]) -> i64 {
+    let mut raw = [0; 8];
+    raw[..bytes.len()].copy_from_slice(bytes);
+    let number = i64::from_le_bytes(raw);
+    match index {
+        0x607A | 0x607C | 0x60FF => i64::from(number as i32),
+        0x6060 | 0x6098 => i64::from(number as i8),
+        _ => number,
+    }
+}
+
+/// What a frame's outputs hold of an object, as it lies there.
+pub(crate) fn output(station: &Station, frame: &[u8], index: u16) -> i32 {
+    let place = station
+        .layout
+        .find(Direction::Outputs, index, 0)
+        .expect("it is mapped");
+    let bytes = usize::from(place.bits / 8);
+    number(index, &frame[place.byte..place.byte + bytes]) as i32
 }
 
 fn layout(variant: &Variant) -> Layout {

@@ -6,6 +6,8 @@ mod bus;
 mod chaos;
 mod fields;
 mod follow;
+mod homing;
+mod jog;
 mod lease;
 mod machine;
 mod moves;

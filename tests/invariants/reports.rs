@@ -228,12 +228,12 @@ pub fn everything_ends(life: &Life) -> Result<(), String> {
             Command::ResetFault => {
                 3 * (deadlines.fault_reset + Duration::from_millis(100)) + deadlines.standstill
             }
-            Command::SelectMode(_) => deadlines.mode,
+            Command::SelectMode(_) | Command::PrepareMode(_) => deadlines.mode,
             Command::Resume => Duration::ZERO,
             Command::Halt | Command::QuickStop => deadlines.standstill + deadlines.disable,
             Command::Stop | Command::Release => 2 * deadlines.standstill + deadlines.disable,
             Command::Disable => 2 * deadlines.standstill + deadlines.disable,
-            Command::Move(_) => Duration::MAX,
+            Command::Move(_) | Command::Home(_) | Command::Jog(_) => Duration::MAX,
             Command::CheckMove(_) | Command::SetLimits(_) => Duration::ZERO,
         };
         let took = report.now.saturating_sub(issued.now);

@@ -121,6 +121,7 @@ const FIELDS: AxisFields = AxisFields {
     acceleration: Some(11),
     deceleration: Some(15),
     profile_type: None,
+    target_velocity: None,
     statusword: 0,
     mode_display: Some(2),
     position: 3,

@@ -1,0 +1,222 @@
+//! Homing as a lease of an axis.
+
+use core::{
+    fmt,
+    future::Future,
+    pin::Pin,
+    task::{Context, Poll},
+    time::Duration,
+};
+
+use crate::{
+    axis::{
+        Axis, AxisError, AxisErrorKind, BoxFuture, Command, Completion, Failure, Lease, Pending,
+    },
+    coe::{Number, Object, Writable, obj},
+    ds402::Mode,
+};
+
+use super::{HomingCommand, HomingParameters};
+
+/// The lease of an axis in homing mode, from [`Axis::homing`].
+///
+/// Dropping it gives the mode back and leaves the motion alone; [`release`](Self::release) ends the motion as well.
+#[derive(Debug)]
+pub struct Homing {
+    axis: Axis,
+    _lease: Lease,
+}
+
+/// Where an axis is, now that it knows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Homed {
+    /// Position actual value 6064h at the end of the homing, position units.
+    pub position: i32,
+}
+
+impl Axis {
+    /// Selects homing (mode 6) and leases it. The lease ends by [`Homing::release`] or by dropping it.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists; otherwise when the drive does not show the mode in time,
+    /// the axis moves or is halted in another mode, or the bus is lost.
+    pub async fn homing(&self) -> Result<Homing, AxisError> {
+        let lease = Lease::take(&self.handles)?;
+        self.select(Mode::Homing).await?;
+        Ok(Homing {
+            axis: self.clone(),
+            _lease: lease,
+        })
+    }
+}
+
+impl Homing {
+    /// The axis.
+    #[must_use]
+    pub const fn axis(&self) -> &Axis {
+        &self.axis
+    }
+
+    /// Homes the axis; resolves when the homing is attained and the axis stands. From then on it is referenced
+    /// ([`Snapshot::referenced`](crate::axis::Snapshot::referenced)).
+    ///
+    /// Method (6098h) and what else is given are written by SDO and confirmed first, or go with the process data where they
+    /// are mapped. There is no deadline for the travel unless one is given by [`Home::within`]. Dropped before bit 4 rose,
+    /// the homing is withdrawn; later, the drive goes on with it, and any stop of the axis ends it.
+    ///
+    /// # Errors
+    /// Of the future:
+    /// - [`AxisErrorKind::Sdo`] with the drive's abort for a method or parameter that it does not have;
+    /// - [`Failure::HomingError`] when the drive reports one (bit 13);
+    /// - [`Failure::Halted`] when somebody halted the axis: a halted homing is over, and the axis is to be stopped;
+    /// - [`Failure::QuickStopped`], [`Failure::Disabled`], [`Failure::Fault`], [`Failure::BusLost`];
+    /// - [`Failure::Timeout`] when the drive does not show that it has begun: then whether it has is unknown, and
+    ///   [`Axis::stop`] comes before the next try;
+    /// - [`Failure::Zero`] for a speed or acceleration of 0;
+    /// - what refuses every motion: not enabled, halted, another homing under way.
+    pub fn home(&self, parameters: impl Into<HomingParameters>) -> Home<'_> {
+        let parameters = parameters.into();
+        Home {
+            homing: self,
+            result: Box::pin(self.run(parameters)),
+        }
+    }
+
+    /// Ends a homing as [`Axis::stop`] does and gives the mode back. An axis that stands and is not halted stays enabled.
+    ///
+    /// # Errors
+    /// When a deadline passes or the bus is lost. The mode is given back all the same. With [`AxisErrorKind::QueueFull`] the
+    /// stop was asked for nevertheless.
+    pub async fn release(self) -> Result<(), AxisError> {
+        self.axis.release().await
+    }
+
+    async fn run(&self, parameters: HomingParameters) -> Result<Homed, AxisError> {
+        let handles = &self.axis.handles;
+        // A stop that comes while parameters are being written stops this homing as well.
+        let asked = handles.shared.last_stop();
+        let guard = handles.parameters_in_use.lock().await;
+        self.write(&parameters).await?;
+        let command = HomingCommand {
+            method: parameters.method,
+            offset: parameters.offset,
+        };
+        let mut pending = self.axis.submit_motion(Command::Home(command), asked)?;
+        pending.accepted().await?;
+        drop(guard);
+        self.axis.trace("homing");
+        let result = homed(&pending).await;
+        self.axis.trace(match &result {
+            Ok(_) => "homed",
+            Err(_) => "homing ended",
+        });
+        result
+    }
+
+    async fn write(&self, parameters: &HomingParameters) -> Result<(), AxisError> {
+        let speeds = [
+            (
+                parameters.switch_speed,
+                obj::HOMING_SWITCH_SPEED,
+                "homing speed 6099h:1",
+            ),
+            (
+                parameters.zero_speed,
+                obj::HOMING_ZERO_SPEED,
+                "homing speed 6099h:2",
+            ),
+            (
+                parameters.acceleration,
+                obj::HOMING_ACCELERATION,
+                "homing acceleration 609Ah",
+            ),
+        ];
+        if let Some((.., name)) = speeds.iter().find(|(value, ..)| *value == Some(0)) {
+            let kind = AxisErrorKind::Failed(Failure::Zero(name));
+            return Err(self.axis.handles.shared.error(kind));
+        }
+        self.put(obj::HOMING_METHOD, parameters.method.0).await?;
+        for (value, object, _) in speeds {
+            if let Some(value) = value {
+                self.put(object, value).await?;
+            }
+        }
+        if let Some(offset) = parameters.offset {
+            self.put(obj::HOME_OFFSET, offset).await?;
+        }
+        Ok(())
+    }
+
+    /// Where the object is mapped, an SDO would be overwritten by the next frame.
+    async fn put<T: Number, A: Writable>(
+        &self,
+        object: Object<T, A>,
+        value: T,
+    ) -> Result<(), AxisError> {
+        let handles = &self.axis.handles;
+        let shared = &handles.shared;
+        match shared.output_cell(handles.of_axis(object.address())) {
+            Some(cell) => {
+                shared.write_output(cell, value.to_raw());
+                Ok(())
+            }
+            None => {
+                handles
+                    .write_parameter(object.address(), value.encode())
+                    .await
+            }
+        }
+    }
+}
+
+async fn homed(pending: &Pending) -> Result<Homed, AxisError> {
+    match pending.done().await? {
+        Completion::Homed { position } => Ok(Homed { position }),
+        // A homing has no other way to end well.
+        _ => {
+            let kind = AxisErrorKind::Failed(Failure::QuickStopped);
+            Err(pending.handles.shared.error(kind))
+        }
+    }
+}
+
+/// The wait for the end of a homing.
+#[must_use = "futures do nothing unless awaited"]
+pub struct Home<'a> {
+    homing: &'a Homing,
+    result: BoxFuture<'a, Result<Homed, AxisError>>,
+}
+
+impl<'a> Home<'a> {
+    /// Waits no longer than this, by the clock of the program; then [`AxisErrorKind::Late`]. That stops nothing: stop the
+    /// axis, if it shall not go on looking for its home.
+    pub fn within(self, deadline: Duration) -> Self {
+        let homing = self.homing;
+        let late = async move {
+            smol::Timer::after(deadline).await;
+            let shared = &homing.axis.handles.shared;
+            Err(shared.error(AxisErrorKind::Late {
+                within: deadline,
+                statusword: shared.status.snapshot().statusword,
+            }))
+        };
+        Home {
+            homing,
+            result: Box::pin(smol::future::or(self.result, late)),
+        }
+    }
+}
+
+impl Future for Home<'_> {
+    type Output = Result<Homed, AxisError>;
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        self.result.as_mut().poll(cx)
+    }
+}
+
+impl fmt::Debug for Home<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Home").finish_non_exhaustive()
+    }
+}

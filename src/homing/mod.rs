@@ -1,0 +1,19 @@
+//! Homing: the procedure by which an axis finds out where it is (mode 6; CiA 402-2, "Homing mode").
+//!
+//! The drive does it by itself; the types and the sequencing of bit 4 here are pure.
+
+mod method;
+mod parameters;
+mod procedure;
+#[cfg(test)]
+mod tests;
+
+#[cfg(feature = "std")]
+mod handle;
+
+pub use method::HomingMethod;
+pub use parameters::{HomingCommand, HomingParameters};
+pub(crate) use procedure::{Procedure, Verdict};
+
+#[cfg(feature = "std")]
+pub use handle::{Home, Homed, Homing};

@@ -1,0 +1,324 @@
+//! The procedure as a dialogue: what the drive shows, and what bit 4 and the reports are then.
+
+use alloc::vec::Vec;
+use core::time::Duration;
+
+use super::{HomingCommand, HomingMethod, Procedure, Verdict};
+use crate::{
+    ds402::{Controlword, Mode, Sample, Statusword},
+    profile_position::{
+        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Limits, Standstill,
+        Traits, WaitingFor,
+    },
+};
+
+const ID: CommandId = CommandId(7);
+/// Operation enabled.
+const ENABLED: u16 = 0x0637 & !0x0400;
+/// Bits 13, 12, 10 as the table has them.
+const NOT_STARTED: u16 = 0x0400;
+const IN_PROGRESS: u16 = 0;
+const ATTAINED_MOVING: u16 = 0x1000;
+const DONE: u16 = 0x1400;
+const ERROR_MOVING: u16 = 0x2000;
+const ERROR: u16 = 0x2400;
+
+struct Dialogue {
+    procedure: Procedure,
+    events: Events,
+    standstill: Standstill,
+    now: Duration,
+    velocity: i32,
+    delivered: bool,
+    halted: bool,
+    sent: Controlword,
+    verdict: Verdict,
+}
+
+impl Dialogue {
+    /// A homing by this method that waits for its start, on a drive that shows these bits.
+    fn begin(method: HomingMethod, bits: u16) -> Self {
+        let mut this = Self {
+            procedure: Procedure::new(Duration::from_secs(1)),
+            events: Events::new(),
+            standstill: Standstill::default(),
+            now: Duration::ZERO,
+            velocity: 0,
+            delivered: true,
+            halted: false,
+            sent: Controlword::empty(),
+            verdict: Verdict::GoOn,
+        };
+        this.procedure.submit(
+            ID,
+            HomingCommand {
+                method,
+                offset: None,
+            },
+            &mut this.events,
+        );
+        // Low, seen low, raised, and sent with the cycle after.
+        for _ in 0..3 {
+            assert_eq!(this.procedure.bits(), Controlword::empty());
+            this.shows(bits);
+        }
+        assert_eq!(this.procedure.bits(), Controlword::HOMING_START);
+        this
+    }
+
+    /// One cycle of 1 ms, in which the drive shows these bits.
+    fn shows(&mut self, bits: u16) -> &mut Self {
+        self.now += Duration::from_millis(1);
+        self.sent = self.procedure.bits();
+        self.procedure.mark_sent(self.now);
+        let bounds = Bounds {
+            position: 10,
+            velocity: 0,
+            settle: Duration::from_millis(100),
+            turn: None,
+        };
+        let sample = Sample {
+            statusword: Statusword::from_bits_retain(ENABLED | bits),
+            mode: Mode::Homing,
+            position: 500,
+            velocity: Some(self.velocity),
+            error_code: None,
+        };
+        self.standstill.observe(self.now, &sample, &bounds);
+        let cycle = Cycle {
+            now: self.now,
+            sample: &sample,
+            standstill: &self.standstill,
+            bounds: &bounds,
+            traits: &Traits::cia402(),
+            limits: &Limits::trust_drive(),
+            referenced: false,
+            delivered: self.delivered,
+            halted: self.halted,
+            acknowledge: Duration::from_millis(500),
+            controlword: self.sent,
+        };
+        self.verdict = self.procedure.step(&cycle, &mut self.events);
+        self
+    }
+
+    fn shows_for(&mut self, cycles: u32, bits: u16) -> &mut Self {
+        for _ in 0..cycles {
+            self.shows(bits);
+        }
+        self
+    }
+
+    fn is_high(&self) -> bool {
+        self.procedure.bits() == Controlword::HOMING_START
+    }
+
+    fn reports(&mut self) -> Vec<Event> {
+        core::iter::from_fn(|| self.events.pop())
+            .map(|(id, event)| {
+                assert_eq!(id, ID);
+                event
+            })
+            .collect()
+    }
+}
+
+fn homed() -> Event {
+    Event::Done(Ok(Completion::Homed { position: 500 }))
+}
+
+#[test]
+fn bit_4_stays_high_from_the_start_until_the_homing_is_attained_and_at_rest() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.shows(NOT_STARTED);
+    assert!(homing.reports().is_empty());
+    homing.velocity = -50;
+    homing.shows_for(1000, IN_PROGRESS);
+    assert_eq!(homing.reports(), [Event::Accepted]);
+    homing.shows(ATTAINED_MOVING);
+    assert!(homing.is_high());
+    homing.velocity = 0;
+    homing.shows(DONE);
+    assert_eq!(homing.verdict, Verdict::Attained);
+    assert!(!homing.is_high());
+    assert_eq!(homing.reports(), [homed()]);
+    assert!(homing.procedure.is_idle());
+}
+
+#[test]
+fn what_an_earlier_homing_has_left_in_bit_12_is_not_taken_for_this_one() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, DONE);
+    // The drive takes its time.
+    homing.shows_for(300, DONE);
+    assert!(homing.is_high() && homing.reports().is_empty());
+    homing.shows_for(50, IN_PROGRESS).shows(DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+}
+
+#[test]
+fn a_drive_that_shows_nothing_but_an_old_result_has_not_homed() {
+    for method in [HomingMethod::NEGATIVE_LIMIT, HomingMethod::INDEX_POSITIVE] {
+        let mut homing = Dialogue::begin(method, DONE);
+        homing.shows_for(502, DONE);
+        let reports = homing.reports();
+        assert!(
+            matches!(
+                reports[..],
+                [Event::Done(Err(Failure::Timeout {
+                    waiting_for: WaitingFor::HomingStart,
+                    delivery: Delivery::Unknown,
+                    ..
+                }))]
+            ),
+            "{reports:?}"
+        );
+        assert!(!homing.is_high());
+        assert!(homing.procedure.is_unknown() && homing.procedure.has_motion());
+        homing.procedure.lower();
+        assert!(homing.procedure.is_idle());
+    }
+}
+
+#[test]
+fn an_old_error_is_this_ones_only_when_the_drive_shows_it_anew_or_shows_nothing_else() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, ERROR);
+    homing.shows_for(100, ERROR);
+    assert!(homing.is_high() && homing.reports().is_empty());
+    homing.shows_for(20, IN_PROGRESS).shows(DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, ERROR);
+    homing.shows_for(502, ERROR);
+    let error = Failure::HomingError { moving: false };
+    assert_eq!(homing.reports(), [Event::Done(Err(error))]);
+    assert!(!homing.procedure.has_motion());
+}
+
+#[test]
+fn an_error_is_reported_at_rest_and_an_axis_that_does_not_come_to_rest_is_stopped() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.velocity = -50;
+    homing
+        .shows_for(10, IN_PROGRESS)
+        .shows_for(30, ERROR_MOVING);
+    assert_eq!(homing.reports(), [Event::Accepted]);
+    homing.velocity = 0;
+    homing.shows(ERROR);
+    let error = |moving| Event::Done(Err(Failure::HomingError { moving }));
+    assert_eq!(homing.reports(), [error(false)]);
+    assert!(!homing.is_high());
+    assert_eq!(homing.verdict, Verdict::GoOn);
+
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.velocity = -50;
+    homing
+        .shows_for(10, IN_PROGRESS)
+        .shows_for(1001, ERROR_MOVING);
+    assert_eq!(homing.reports(), [Event::Accepted, error(true)]);
+    assert_eq!(homing.verdict, Verdict::StopIt);
+    assert!(homing.is_high(), "until the quick stop is over");
+}
+
+#[test]
+fn a_homing_without_motion_is_attained_by_the_edge_of_bit_12_though_progress_was_never_seen() {
+    let mut homing = Dialogue::begin(HomingMethod::CURRENT_POSITION, NOT_STARTED);
+    homing.shows(NOT_STARTED).shows(DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+    // By a method that moves, the same is not enough.
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.shows(NOT_STARTED).shows_for(400, DONE);
+    assert!(homing.reports().is_empty());
+}
+
+#[test]
+fn a_homing_without_motion_over_an_old_result_is_attained_when_it_has_stood_long_enough() {
+    let mut homing = Dialogue::begin(HomingMethod::CURRENT_POSITION, DONE);
+    homing.shows_for(100, DONE);
+    assert!(homing.reports().is_empty());
+    homing.shows(DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+
+    // It counts from when bit 4 is known to have been delivered.
+    let mut homing = Dialogue::begin(HomingMethod::CURRENT_POSITION, DONE);
+    homing.delivered = false;
+    homing.shows_for(200, DONE);
+    homing.delivered = true;
+    homing.shows_for(100, DONE);
+    assert!(homing.reports().is_empty());
+    homing.shows(DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+}
+
+#[test]
+fn bit_4_rises_only_after_a_low_that_was_delivered_in_this_mode_for_two_cycles_of_the_drive() {
+    let mut homing = Dialogue {
+        delivered: false,
+        ..Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED)
+    };
+    homing.procedure.lower();
+    homing.procedure.submit(
+        ID,
+        HomingCommand {
+            method: HomingMethod::NEGATIVE_LIMIT,
+            offset: None,
+        },
+        &mut homing.events,
+    );
+    homing.shows_for(20, NOT_STARTED);
+    assert!(!homing.is_high());
+    homing.delivered = true;
+    homing.shows_for(2, NOT_STARTED);
+    // Another mode in between: it counts anew.
+    homing.procedure.outside();
+    homing.shows_for(2, NOT_STARTED);
+    assert!(!homing.is_high());
+    homing.shows(NOT_STARTED);
+    assert!(homing.is_high());
+}
+
+#[test]
+fn a_halt_ends_it_at_standstill_with_bit_4_low_and_only_leaving_operation_clears_it() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.velocity = -50;
+    homing.shows_for(10, IN_PROGRESS);
+    homing.halted = true;
+    homing.shows_for(10, IN_PROGRESS);
+    assert!(homing.is_high());
+    homing.shows(NOT_STARTED);
+    homing.procedure.halted(&mut homing.events);
+    assert!(!homing.is_high());
+    assert_eq!(
+        homing.reports(),
+        [Event::Accepted, Event::Done(Err(Failure::Halted))]
+    );
+    assert!(homing.procedure.has_motion());
+    homing.procedure.lower();
+    assert!(!homing.procedure.has_motion());
+}
+
+#[test]
+fn what_ends_it_says_how_far_it_came_and_leaves_bit_4_to_the_stop() {
+    let bus_lost = |delivery| Failure::BusLost { delivery };
+    let ended = |delivery| Event::Done(Err(bus_lost(delivery)));
+    let mut unsent = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    unsent.procedure.fail(bus_lost, &mut unsent.events);
+    assert_eq!(unsent.reports(), [ended(Delivery::NotSent)]);
+    assert!(!unsent.is_high());
+
+    let mut sent = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    sent.shows(NOT_STARTED);
+    sent.procedure.fail(bus_lost, &mut sent.events);
+    assert_eq!(sent.reports(), [ended(Delivery::Unknown)]);
+    assert!(sent.is_high());
+
+    let mut begun = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    begun.shows_for(3, IN_PROGRESS);
+    begun.procedure.fail(bus_lost, &mut begun.events);
+    assert_eq!(
+        begun.reports(),
+        [Event::Accepted, ended(Delivery::Accepted)]
+    );
+    assert!(begun.is_high());
+    begun.procedure.lower();
+    assert!(!begun.is_high());
+}

@@ -1,0 +1,422 @@
+//! Homing: what the future tells, what the drive's ledger says, and what is left on the wire for the next mode.
+
+use servocrab::{
+    axis::{AxisErrorKind, Failure, Referencing, WaitingFor},
+    coe::obj,
+    ds402::{Mode, State},
+    homing::{Homed, HomingMethod, HomingParameters},
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::ds402::{Axis as Drive, Behaviour, Cause, HomingOutcome, Machine as Shaft};
+
+use crate::machine::{Machine, Task, Variant, output};
+
+const BIT_4: u16 = 0x0010;
+const HALT: u16 = 0x0100;
+
+/// The home switch lies in negative direction, 5000 counts away.
+fn shaft() -> Shaft {
+    Shaft {
+        start: 20_000,
+        negative_limit: Some(15_000),
+        ..Shaft::default()
+    }
+}
+
+fn variant() -> Variant {
+    Variant {
+        behaviour: Behaviour {
+            machine: shaft(),
+            homing_method_refused_at_write: true,
+            ..Behaviour::akd2g()
+        },
+        referencing: Referencing::ByHoming,
+        ..Variant::default()
+    }
+}
+
+fn to_the_switch() -> HomingParameters {
+    HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+        .speeds(20_000, 2_000)
+        .acceleration(200_000)
+        .offset(0)
+}
+
+fn enabled(variant: &Variant) -> (Machine, servocrab::axis::Axis) {
+    let mut machine = Machine::of(1, variant);
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    (machine, axis)
+}
+
+fn outcomes(drive: &Drive) -> Vec<HomingOutcome> {
+    drive.homings().iter().map(|line| line.outcome).collect()
+}
+
+/// Bit 4 and mode of each frame from `from` on, each pair once in a row.
+fn bit_4_and_mode(machine: &Machine, from: usize) -> Vec<(bool, i32)> {
+    let station = &machine.stations[0];
+    let mut pairs: Vec<_> = station.frames[from..]
+        .iter()
+        .map(|frame| {
+            let word = output(station, frame, 0x6040) as u16;
+            (word & BIT_4 != 0, output(station, frame, 0x6060))
+        })
+        .collect();
+    pairs.dedup();
+    pairs
+}
+
+#[test]
+fn an_axis_is_homed_by_its_limit_switch_and_then_knows_where_it_is() {
+    let (mut machine, axis) = enabled(&variant());
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let refused = machine.finish(pp.move_abs(1_000, SetPoint::new()));
+    assert_eq!(refused.unwrap_err().failure(), Some(Failure::NotReferenced));
+    machine.finish(pp.release()).unwrap();
+    assert!(machine.drive().ledger().is_empty());
+
+    let from = machine.stations[0].frames.len();
+    let homing = machine.finish(axis.homing()).unwrap();
+    let mut home = Task::new(homing.home(to_the_switch()));
+    for _ in 0..50 {
+        assert!(home.poll().is_none());
+        machine.cycle();
+    }
+    assert!(!axis.status().referenced && axis.status().has_set_point);
+    let Homed { position } = machine.finish_task(&mut home).unwrap();
+    assert!(axis.status().referenced && machine.drive().is_referenced());
+    assert_eq!(axis.status().velocity, 0);
+    assert_eq!(i64::from(position), machine.drive().position());
+    let line = machine.drive().homings()[0].clone();
+    assert_eq!((line.method, line.outcome), (17, HomingOutcome::Attained));
+
+    drop(home);
+    machine.finish(homing.release()).unwrap();
+    assert_eq!(axis.status().state, State::OperationEnabled);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    assert_eq!(
+        bit_4_and_mode(&machine, from),
+        [(false, 6), (true, 6), (false, 6), (false, 1)],
+        "bit 4 is up once, and down on both sides of each change of mode"
+    );
+    let moved = machine.finish(pp.move_abs(1_000, SetPoint::new())).unwrap();
+    assert_eq!(
+        machine.finish(moved.done()).unwrap(),
+        Outcome::Reached { position: 1_000 }
+    );
+    let home = line.home.unwrap();
+    assert_eq!(machine.drive().mechanical_position() - home, 1_000);
+}
+
+#[test]
+fn parameters_are_written_before_bit_4_rises_and_those_left_out_stay() {
+    let (mut machine, axis) = enabled(&variant());
+    let homing = machine.finish(axis.homing()).unwrap();
+    let parameters = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT).offset(-70);
+    machine.finish(homing.home(parameters)).unwrap();
+    let written = machine.stations[0].sdo.written.lock().unwrap().clone();
+    let written: Vec<_> = written.iter().map(|(index, _)| *index).collect();
+    assert_eq!(written, [0x6098, 0x607C]);
+    assert_eq!(machine.drive().homings()[0].offset, Some(-70));
+}
+
+#[test]
+fn a_parameter_that_is_mapped_goes_with_the_process_data_and_not_by_sdo() {
+    let mut variant = variant();
+    variant.mapped_too = vec![obj::HOMING_METHOD.into(), obj::HOMING_ACCELERATION.into()];
+    let (mut machine, axis) = enabled(&variant);
+    let homing = machine.finish(axis.homing()).unwrap();
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    let line = machine.drive().homings()[0].clone();
+    assert_eq!((line.method, line.outcome), (17, HomingOutcome::Attained));
+    let written = machine.stations[0].sdo.written.lock().unwrap().clone();
+    assert!(written.iter().all(|(index, _)| *index != 0x6098));
+    assert_eq!(machine.drive().get(0x609A, 0), Some(200_000));
+}
+
+#[test]
+fn a_method_that_the_drive_does_not_have_is_refused_with_its_abort_and_nothing_starts() {
+    let (mut machine, axis) = enabled(&variant());
+    let homing = machine.finish(axis.homing()).unwrap();
+    let error = machine.finish(homing.home(HomingMethod(99))).unwrap_err();
+    let AxisErrorKind::Sdo(sdo) = &error.kind else {
+        panic!("{error:?}");
+    };
+    assert!(sdo.abort_code().is_some());
+    assert!(error.to_string().contains("6098"), "{error}");
+    assert!(error.to_string().contains("AKD2G"), "{error}");
+    machine.run(100);
+    assert!(machine.drive().homings().is_empty());
+
+    let zero = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT).speeds(0, 100);
+    let error = machine.finish(homing.home(zero)).unwrap_err();
+    assert!(matches!(error.failure(), Some(Failure::Zero(_))));
+}
+
+#[test]
+fn a_method_that_the_drive_finds_out_about_at_the_start_is_a_homing_error() {
+    let mut variant = variant();
+    variant.behaviour.homing_method_refused_at_write = false;
+    let (mut machine, axis) = enabled(&variant);
+    let homing = machine.finish(axis.homing()).unwrap();
+    for _ in 0..2 {
+        // The second time the error of the first still stands.
+        let error = machine.finish(homing.home(HomingMethod(99))).unwrap_err();
+        assert_eq!(
+            error.failure(),
+            Some(Failure::HomingError { moving: false })
+        );
+        assert!(!axis.status().referenced);
+    }
+    // And a homing that works is not taken for failed by it.
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    assert!(axis.status().referenced);
+}
+
+#[test]
+fn the_second_homing_is_attained_by_its_own_bits_and_not_by_those_of_the_first() {
+    let (mut machine, axis) = enabled(&variant());
+    let homing = machine.finish(axis.homing()).unwrap();
+    for number in 1..=3 {
+        machine.finish(homing.home(to_the_switch())).unwrap();
+        assert_eq!(
+            outcomes(&machine.drive()),
+            vec![HomingOutcome::Attained; number],
+            "it resolves when the drive has homed, not before"
+        );
+    }
+}
+
+#[test]
+fn a_drive_that_does_not_see_bit_4_has_not_homed_whatever_it_still_shows() {
+    let (mut machine, axis) = enabled(&variant());
+    let homing = machine.finish(axis.homing()).unwrap();
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    machine.drive().set_remote(false);
+    let error = machine.finish(homing.home(to_the_switch())).unwrap_err();
+    assert!(
+        matches!(
+            error.failure(),
+            Some(Failure::Timeout {
+                waiting_for: WaitingFor::HomingStart,
+                ..
+            })
+        ),
+        "{error}"
+    );
+    assert!(!axis.status().referenced);
+    // Whether it has begun is unknown: only a stop leads on.
+    machine.drive().set_remote(true);
+    let error = machine.finish(homing.home(to_the_switch())).unwrap_err();
+    assert_eq!(error.failure(), Some(Failure::NeedsStop));
+    machine.finish(axis.stop()).unwrap();
+    machine.finish(axis.enable()).unwrap();
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    assert!(axis.status().referenced);
+}
+
+#[test]
+fn the_present_position_becomes_home_without_motion_also_a_second_time() {
+    for method in [HomingMethod::CURRENT_POSITION, HomingMethod(35)] {
+        let (mut machine, axis) = enabled(&variant());
+        let homing = machine.finish(axis.homing()).unwrap();
+        for offset in [500, 500, -300] {
+            let here = HomingParameters::new(method).offset(offset);
+            let homed = machine.finish(homing.home(here)).unwrap();
+            assert_eq!(homed.position, offset);
+            assert_eq!(machine.drive().mechanical_position(), 20_000);
+        }
+        assert_eq!(outcomes(&machine.drive()), [HomingOutcome::Attained; 3]);
+    }
+}
+
+#[test]
+fn a_halt_ends_a_homing_and_no_resume_brings_it_back() {
+    let (mut machine, axis) = enabled(&variant());
+    let homing = machine.finish(axis.homing()).unwrap();
+    let mut home = Task::new(homing.home(to_the_switch()));
+    assert!(home.poll().is_none());
+    machine.run(60);
+    assert!(home.poll().is_none());
+    axis.stop_handle().halt();
+    machine.cycle();
+    assert!(machine.stations[0].words.last().unwrap() & HALT != 0);
+    let error = machine.finish_task(&mut home).unwrap_err();
+    assert_eq!(error.failure(), Some(Failure::Halted));
+    assert_eq!(machine.drive().velocity(), 0.0);
+    let stood = machine.drive().mechanical_position();
+    let refused = machine.finish(axis.resume()).unwrap_err();
+    assert_eq!(refused.failure(), Some(Failure::HomingHalted));
+    let refused = machine.finish(homing.home(to_the_switch())).unwrap_err();
+    assert_eq!(refused.failure(), Some(Failure::Halted));
+    machine.run(200);
+    assert_eq!(machine.drive().mechanical_position(), stood);
+
+    machine.finish(axis.stop()).unwrap();
+    machine.finish(axis.enable()).unwrap();
+    machine.run(200);
+    assert_eq!(machine.drive().mechanical_position(), stood);
+    assert!(!axis.status().referenced);
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    assert!(axis.status().referenced);
+}
+
+type End = fn(&mut Machine, &servocrab::axis::Axis);
+type Expected = fn(Failure) -> bool;
+
+#[test]
+fn every_end_of_a_homing_has_its_name_and_nothing_moves_after_it() {
+    let ends: [(End, Expected); 5] = [
+        (
+            |_, axis| axis.stop_handle().stop(),
+            |f| f == Failure::QuickStopped,
+        ),
+        (
+            |_, axis| axis.stop_handle().quick_stop(),
+            |f| f == Failure::QuickStopped,
+        ),
+        (
+            |machine, axis| {
+                machine.finish(axis.disable()).unwrap();
+            },
+            |f| matches!(f, Failure::Disabled { .. }),
+        ),
+        (
+            |machine, _| machine.drive().inject_fault(0x7305),
+            |f| matches!(f, Failure::Fault { .. }),
+        ),
+        (
+            |machine, _| machine.silent = true,
+            |f| matches!(f, Failure::BusLost { .. }),
+        ),
+    ];
+    for (number, (end, expected)) in ends.into_iter().enumerate() {
+        let (mut machine, axis) = enabled(&variant());
+        let homing = machine.finish(axis.homing()).unwrap();
+        let mut home = Task::new(homing.home(to_the_switch()));
+        assert!(home.poll().is_none());
+        machine.run(60);
+        assert!(home.poll().is_none());
+        end(&mut machine, &axis);
+        let failure = machine.finish_task(&mut home).unwrap_err().failure();
+        assert!(failure.is_some_and(expected), "{number}: {failure:?}");
+        assert!(!axis.status().referenced);
+        machine.silent = false;
+        machine.run(1_000);
+        let stood = machine.drive().mechanical_position();
+        if axis.status().state == State::Fault {
+            machine.finish(axis.reset_fault()).unwrap();
+        }
+        machine.finish(axis.enable()).unwrap();
+        machine.run(300);
+        assert_eq!(machine.drive().mechanical_position(), stood, "{number}");
+        assert!(matches!(
+            machine.drive().homings()[0].outcome,
+            HomingOutcome::Discarded(Cause::QuickStop | Cause::Disabled | Cause::Fault)
+                | HomingOutcome::Interrupted
+        ));
+    }
+}
+
+#[test]
+fn a_homing_is_withdrawn_before_bit_4_and_goes_on_after_it() {
+    let (mut machine, axis) = enabled(&variant());
+    let homing = machine.finish(axis.homing()).unwrap();
+    let mut home = Task::new(homing.home(to_the_switch()));
+    assert!(home.poll().is_none());
+    drop(home);
+    machine.run(100);
+    assert!(machine.drive().homings().is_empty());
+
+    let mut home = Task::new(homing.home(to_the_switch()));
+    assert!(home.poll().is_none());
+    machine.run(20);
+    drop(home);
+    let busy = machine.finish(homing.home(to_the_switch())).unwrap_err();
+    assert_eq!(busy.failure(), Some(Failure::Busy));
+    machine.run(3_000);
+    assert_eq!(outcomes(&machine.drive()), [HomingOutcome::Attained]);
+    assert!(axis.status().referenced);
+}
+
+#[test]
+fn a_stop_while_parameters_are_being_written_stops_the_homing_too() {
+    let (mut machine, axis) = enabled(&variant());
+    let homing = machine.finish(axis.homing()).unwrap();
+    let mut home = Task::new(homing.home(to_the_switch()));
+    // Written and queued by this poll, not sent.
+    assert!(home.poll().is_none());
+    axis.stop_handle().halt();
+    let error = machine.finish_task(&mut home).unwrap_err();
+    assert_eq!(error.failure(), Some(Failure::Halted));
+    machine.run(100);
+    assert!(machine.drive().homings().is_empty());
+    // Nothing had begun: the halt is a halt like any other.
+    machine.finish(axis.resume()).unwrap();
+    machine.finish(homing.home(to_the_switch())).unwrap();
+}
+
+#[test]
+fn a_lost_drive_is_not_referenced_any_more_unless_it_has_an_absolute_encoder() {
+    for referencing in [Referencing::ByHoming, Referencing::AbsoluteEncoder] {
+        let mut variant = variant();
+        variant.referencing = referencing;
+        let (mut machine, axis) = enabled(&variant);
+        let homing = machine.finish(axis.homing()).unwrap();
+        machine.finish(homing.home(to_the_switch())).unwrap();
+        assert!(axis.status().referenced);
+        machine.silent = true;
+        machine.run(30);
+        machine.silent = false;
+        machine.run(30);
+        assert!(!axis.status().lost);
+        let expected = referencing == Referencing::AbsoluteEncoder;
+        assert_eq!(axis.status().referenced, expected);
+    }
+}
+
+#[test]
+fn pitfall_28_a_drive_that_takes_bit_4_at_its_level_when_the_mode_changes_does_not_move() {
+    let mut variant = variant();
+    variant.behaviour.edge_at_mode_change = true;
+    let (mut machine, axis) = enabled(&variant);
+    let homing = machine.finish(axis.homing()).unwrap();
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    drop(homing);
+    let _pp = machine.finish(axis.profile_position()).unwrap();
+    machine.run(300);
+    assert_eq!(axis.status().mode, Mode::ProfilePosition);
+    assert!(machine.drive().ledger().is_empty());
+}
+
+#[test]
+fn pitfall_28_a_mode_is_changed_only_after_bit_4_was_seen_low() {
+    // By SDO as well: nothing is written before.
+    for not_mapped in [vec![], vec![0x6060]] {
+        let variant = Variant {
+            not_mapped,
+            ..variant()
+        };
+        let (mut machine, axis) = enabled(&variant);
+        let homing = machine.finish(axis.homing()).unwrap();
+        machine.finish(homing.home(to_the_switch())).unwrap();
+        drop(homing);
+        let from = machine.stations[0].words.len();
+        let mut asking = Task::new(axis.profile_position());
+        for _ in 0..100 {
+            assert!(
+                machine.drive().get(0x6060, 0) == Some(6) || {
+                    let words = &machine.stations[0].words;
+                    words[from..].iter().take(2).all(|word| word & BIT_4 == 0)
+                        && words.len() > from + 1
+                }
+            );
+            if asking.poll().is_some() {
+                break;
+            }
+            machine.cycle();
+        }
+        assert_eq!(machine.drive().get(0x6060, 0), Some(1));
+    }
+}

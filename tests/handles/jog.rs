@@ -1,0 +1,356 @@
+//! Jogging: a velocity for as long as it is held, and 0 in the frame after that.
+
+use servocrab::{
+    axis::{Axis, AxisErrorKind, Failure, Referencing},
+    coe::obj,
+    ds402::State,
+    profile_position::{Outcome, SetPoint},
+    profile_velocity::{Jog, JogSetPoint, ProfileVelocity},
+};
+use servocrab_sim::ds402::{Behaviour, VelocityEnd};
+
+use crate::machine::{Machine, Task, Variant, output};
+
+fn variant() -> Variant {
+    Variant {
+        mapped_too: vec![obj::TARGET_VELOCITY.into()],
+        behaviour: Behaviour::akd2g(),
+        // Jogging needs none.
+        referencing: Referencing::ByHoming,
+        ..Variant::default()
+    }
+}
+
+fn jogging() -> (Machine, Axis, ProfileVelocity) {
+    let mut machine = Machine::of(1, &variant());
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    (machine, axis, pv)
+}
+
+/// A jog of 20 000 counts/s at full speed.
+fn held() -> (Machine, Axis, ProfileVelocity, Jog) {
+    let (mut machine, axis, pv) = jogging();
+    let jog = machine.finish(pv.jog(20_000)).unwrap();
+    machine.run(100);
+    assert_eq!(machine.drive().velocity(), 20_000.0);
+    (machine, axis, pv, jog)
+}
+
+/// Target velocities of the frames from `from` on, each once in a row.
+fn velocities(machine: &Machine, from: usize) -> Vec<i32> {
+    let station = &machine.stations[0];
+    let frames = station.frames[from..].iter();
+    let mut velocities: Vec<_> = frames.map(|frame| output(station, frame, 0x60FF)).collect();
+    velocities.dedup();
+    velocities
+}
+
+fn frames(machine: &Machine) -> usize {
+    machine.stations[0].frames.len()
+}
+
+#[test]
+fn the_axis_moves_while_the_jog_is_held_and_stands_when_it_is_released() {
+    let (mut machine, axis, pv) = jogging();
+    let from = frames(&machine);
+    let jog = machine.finish(pv.jog(20_000)).unwrap();
+    machine.run(100);
+    assert_eq!(axis.status().velocity, 20_000);
+    assert!(axis.status().has_set_point);
+    jog.set(-5_000).unwrap();
+    machine.run(150);
+    assert_eq!(machine.drive().velocity(), -5_000.0);
+    jog.set(0).unwrap();
+    machine.run(100);
+    assert_eq!(machine.drive().velocity(), 0.0);
+    jog.set(300).unwrap();
+    machine.run(100);
+    machine.finish(jog.release()).unwrap();
+    assert_eq!(machine.drive().velocity(), 0.0);
+    assert!(!axis.status().has_set_point);
+    assert_eq!(velocities(&machine, from), [20_000, -5_000, 0, 300, 0]);
+    let targets: Vec<_> = machine
+        .drive()
+        .velocity_phases()
+        .iter()
+        .map(|phase| phase.target)
+        .collect();
+    assert_eq!(targets, [20_000, -5_000, 300]);
+    machine.finish(pv.release()).unwrap();
+    assert_eq!(axis.status().state, State::OperationEnabled);
+}
+
+#[test]
+fn a_release_and_a_drop_are_in_the_next_frame_even_with_a_full_queue() {
+    for release in [true, false] {
+        let (mut machine, axis, _pv, jog) = held();
+        // Commands until there is no place for another one.
+        let mut waiting = Vec::new();
+        loop {
+            let mut halting = Task::new(axis.resume());
+            match halting.poll() {
+                None => waiting.push(halting),
+                Some(result) => {
+                    let error = result.unwrap_err();
+                    assert!(matches!(error.kind, AxisErrorKind::QueueFull));
+                    break;
+                }
+            }
+        }
+        let from = frames(&machine);
+        let mut releasing = None;
+        if release {
+            let mut task = Task::new(jog.release());
+            assert!(task.poll().is_none());
+            releasing = Some(task);
+        } else {
+            drop(jog);
+        }
+        machine.run(200);
+        assert_eq!(velocities(&machine, from), [0], "from the first frame on");
+        assert_eq!(machine.drive().velocity(), 0.0);
+        if let Some(mut task) = releasing {
+            assert!(machine.finish_task(&mut task).is_ok());
+        }
+    }
+}
+
+#[test]
+fn a_jog_that_is_let_go_as_it_starts_never_leaves_zero() {
+    let (mut machine, _axis, pv) = jogging();
+    let from = frames(&machine);
+    let mut starting = Task::new(pv.jog(20_000));
+    assert!(starting.poll().is_none());
+    drop(starting);
+    machine.run(100);
+    assert_eq!(velocities(&machine, from), [0]);
+    assert!(machine.drive().velocity_phases().is_empty());
+
+    // Sent, and let go before it was seen that the drive has it.
+    let mut starting = Task::new(pv.jog(20_000));
+    assert!(starting.poll().is_none());
+    machine.silent = true;
+    machine.run(2);
+    drop(starting);
+    machine.silent = false;
+    machine.run(100);
+    assert_eq!(velocities(&machine, from), [0, 20_000, 0]);
+    assert_eq!(machine.drive().velocity(), 0.0);
+    // The next one finds nothing of it.
+    let jog = machine.finish(pv.jog(100)).unwrap();
+    machine.finish(jog.release()).unwrap();
+}
+
+#[test]
+fn another_jog_takes_over_from_one_that_comes_to_rest_but_not_from_one_that_is_held() {
+    let (mut machine, _axis, pv, jog) = held();
+    let busy = machine.finish(pv.jog(1)).unwrap_err();
+    assert_eq!(busy.failure(), Some(Failure::Busy));
+    let mut releasing = Task::new(jog.release());
+    assert!(releasing.poll().is_none());
+    let again = machine.finish(pv.jog(7_000)).unwrap();
+    let superseded = machine.finish_task(&mut releasing).unwrap_err();
+    assert_eq!(superseded.failure(), Some(Failure::Superseded));
+    machine.run(100);
+    assert_eq!(machine.drive().velocity(), 7_000.0);
+    machine.finish(again.release()).unwrap();
+}
+
+type End = fn(&mut Machine, &Axis);
+type Expected = fn(Failure) -> bool;
+
+#[test]
+fn every_end_of_a_jog_has_its_name_and_no_motion_comes_back() {
+    let ends: [(End, Expected); 6] = [
+        (
+            |_, axis| axis.stop_handle().halt(),
+            |f| f == Failure::Halted,
+        ),
+        (
+            |_, axis| axis.stop_handle().stop(),
+            |f| f == Failure::QuickStopped,
+        ),
+        (
+            |_, axis| axis.stop_handle().quick_stop(),
+            |f| f == Failure::QuickStopped,
+        ),
+        (
+            |machine, axis| {
+                machine.finish(axis.disable()).unwrap();
+            },
+            |f| matches!(f, Failure::Disabled { .. }),
+        ),
+        (
+            |machine, _| machine.drive().inject_fault(0x7305),
+            |f| matches!(f, Failure::Fault { .. }),
+        ),
+        (
+            |machine, _| {
+                machine.silent = true;
+                machine.run(30);
+            },
+            |f| matches!(f, Failure::BusLost { .. }),
+        ),
+    ];
+    for (number, (end, expected)) in ends.into_iter().enumerate() {
+        let (mut machine, axis, pv, jog) = held();
+        let from = frames(&machine);
+        end(&mut machine, &axis);
+        machine.run(2);
+        machine.silent = false;
+        let failure = jog.set(10_000).unwrap_err().failure();
+        assert!(failure.is_some_and(expected), "{number}: {failure:?}");
+        assert_eq!(jog.ended(), failure);
+        machine.run(500);
+        assert_eq!(machine.drive().velocity(), 0.0, "{number}");
+        let stood = machine.drive().position();
+        // Whatever leads back to Operation enabled.
+        if axis.status().state == State::Fault {
+            machine.finish(axis.reset_fault()).unwrap();
+        }
+        if axis.status().state != State::OperationEnabled {
+            machine.finish(axis.enable()).unwrap();
+        }
+        machine.finish(axis.resume()).unwrap();
+        assert!(jog.set(10_000).is_err());
+        machine.run(300);
+        assert_eq!(machine.drive().position(), stood, "{number}");
+        assert!(
+            velocities(&machine, from)
+                .iter()
+                .skip_while(|velocity| **velocity != 0)
+                .all(|velocity| *velocity == 0),
+            "{number}"
+        );
+        let failure = machine.finish(jog.release()).unwrap_err().failure();
+        assert!(failure.is_some_and(expected));
+        // A new one moves.
+        let jog = machine.finish(pv.jog(1_000)).unwrap();
+        machine.run(50);
+        assert_eq!(machine.drive().velocity(), 1_000.0);
+        machine.finish(jog.release()).unwrap();
+    }
+}
+
+#[test]
+fn a_halt_has_the_velocity_zero_in_its_own_frame() {
+    let (mut machine, axis, _pv, jog) = held();
+    axis.stop_handle().halt();
+    // As the last thing before the frame goes out, after what the holder asks for.
+    jog.set(15_000).unwrap();
+    machine.cycle();
+    let station = &machine.stations[0];
+    let frame = station.frames.last().unwrap();
+    assert_eq!(output(station, frame, 0x6040), 0x010F);
+    assert_eq!(output(station, frame, 0x60FF), 0);
+    machine.finish(axis.halt()).unwrap();
+    let halted: Vec<_> = machine
+        .drive()
+        .velocity_phases()
+        .iter()
+        .map(|phase| phase.end)
+        .collect();
+    assert_eq!(halted, [VelocityEnd::Halted]);
+}
+
+#[test]
+fn the_last_handle_that_goes_stops_the_axis() {
+    let (mut machine, axis, pv, jog) = held();
+    drop(pv);
+    drop(axis);
+    machine.run(50);
+    assert_eq!(machine.drive().velocity(), 20_000.0, "the jog is held");
+    drop(jog);
+    machine.run(300);
+    assert_eq!(machine.drive().velocity(), 0.0);
+}
+
+#[test]
+fn ramps_go_the_way_that_they_are_mapped() {
+    let mut variant = variant();
+    variant.not_mapped = vec![0x6083, 0x6084];
+    let mut machine = Machine::of(1, &variant);
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let gentle = JogSetPoint::new(1_000)
+        .acceleration(10_000)
+        .deceleration(5_000);
+    let jog = machine.finish(pv.jog(gentle)).unwrap();
+    assert_eq!(machine.drive().get(0x6083, 0), Some(10_000));
+    assert_eq!(machine.drive().get(0x6084, 0), Some(5_000));
+    machine.finish(jog.release()).unwrap();
+    let zero = machine.finish(pv.jog(gentle.deceleration(0))).unwrap_err();
+    assert!(matches!(zero.failure(), Some(Failure::Zero(_))));
+
+    let (mut machine, _axis, pv) = jogging();
+    let jog = machine.finish(pv.jog(gentle)).unwrap();
+    assert_eq!(machine.drive().get(0x6083, 0), Some(10_000));
+    machine.finish(jog.release()).unwrap();
+    let jog = machine.finish(pv.jog(1_000)).unwrap();
+    assert_eq!(
+        machine.drive().get(0x6083, 0),
+        Some(500_000),
+        "left out: what the drive held when the axis attached"
+    );
+    machine.finish(jog.release()).unwrap();
+}
+
+#[test]
+fn what_cannot_be_jogged_is_refused_with_the_reason_and_nothing_is_sent() {
+    // 60FFh is not mapped.
+    let mut machine = Machine::new(1);
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    let error = machine.finish(axis.profile_velocity()).unwrap_err();
+    assert!(matches!(error.failure(), Some(Failure::NotMapped(_))));
+    machine.run(20);
+    assert_eq!(machine.drive().get(0x6061, 0), Some(1));
+
+    // Disabled, halted, in another mode.
+    let (mut machine, axis, pv) = jogging();
+    let from = frames(&machine);
+    machine.finish(axis.halt()).unwrap();
+    let error = machine.finish(pv.jog(1)).unwrap_err();
+    assert_eq!(error.failure(), Some(Failure::Halted));
+    machine.finish(axis.resume()).unwrap();
+    machine.finish(axis.disable()).unwrap();
+    let error = machine.finish(pv.jog(1)).unwrap_err();
+    assert!(matches!(error.failure(), Some(Failure::NotEnabled { .. })));
+    assert_eq!(velocities(&machine, from), [0]);
+}
+
+#[test]
+fn after_a_jog_the_next_mode_finds_a_standing_axis_and_the_velocity_zero() {
+    let mut variant = variant();
+    variant.referencing = Referencing::AbsoluteEncoder;
+    let mut machine = Machine::of(1, &variant);
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let jog = machine.finish(pv.jog(20_000)).unwrap();
+    machine.run(100);
+    drop(pv);
+    let moving = machine.finish(axis.profile_position()).unwrap_err();
+    assert_eq!(moving.failure(), Some(Failure::Moving));
+    machine.finish(jog.release()).unwrap();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let stood = machine.drive().position();
+    machine.run(100);
+    assert_eq!(machine.drive().position(), stood);
+    let moved = machine.finish(pp.move_abs(100, SetPoint::new())).unwrap();
+    let reached = machine.finish(moved.done()).unwrap();
+    assert_eq!(reached, Outcome::Reached { position: 100 });
+    let station = &machine.stations[0];
+    let in_another_mode = station
+        .frames
+        .iter()
+        .filter(|frame| output(station, frame, 0x6060) != 3);
+    assert!(
+        in_another_mode
+            .map(|frame| output(station, frame, 0x60FF))
+            .all(|velocity| velocity == 0)
+    );
+}
