@@ -10,7 +10,7 @@ use servocrab::{
     link::Wire,
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{AlState, Identity, Segment, personality};
+use servocrab_sim::{AlState, Direction, Identity, Segment, personality};
 
 use crate::rig::{Line, Rig, akd2g, is_write_to};
 
@@ -96,6 +96,35 @@ fn an_object_that_was_mapped_beside_the_others_is_read_through_its_field() {
             .is_err()
     );
     rig.shutdown();
+}
+
+#[test]
+fn pitfall_37_process_data_are_what_coe_says_and_not_what_the_sii_says() {
+    // As on a real AKD the SII assigns other PDOs than the object dictionary at power-up; the program's are a third.
+    let drive = personality::Servo::generic()
+        .assigned_at_power_up(&[0x1601, 0x1A01])
+        .build();
+    let by_sii = drive.description().process_data_bytes(Direction::Outputs);
+    let line = Line::new(Segment::new().with(drive));
+    let config = DriveConfig::new(drives::generic())
+        .axis("x")
+        .referencing("x", servocrab::axis::Referencing::UnreferencedMovesAllowed)
+        .map_output("x", obj::QUICK_STOP_DECELERATION)
+        .map_input("x", obj::FOLLOWING_ERROR_ACTUAL);
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
+    let axis = rig.net().axis("x").unwrap();
+    rig.until(axis.enable()).unwrap();
+    let moved = rig.until(async {
+        let mode = axis.profile_position().await.unwrap();
+        let set_point = SetPoint::new()
+            .velocity(100_000)
+            .acceleration(1_000_000)
+            .deceleration(1_000_000);
+        let motion = mode.move_abs(10_000, set_point).await.unwrap();
+        motion.done().await.unwrap()
+    });
+    assert!(matches!(moved, Outcome::Reached { .. }), "{moved:?}");
+    assert_eq!((by_sii, line.segment().last_outputs(0).len()), (19, 23));
 }
 
 #[test]
