@@ -313,7 +313,11 @@ impl Device {
         {
             drive.set_connected(state == AlState::Op);
         }
-        self.synchronised = state == AlState::Op && self.esc.sync_unit().is_on;
+        let unit = self.esc.sync_unit();
+        self.synchronised = state == AlState::Op && unit.is_on;
+        if let Some(drive) = &mut self.drive {
+            drive.set_sync0((state >= AlState::SafeOp && unit.is_on).then_some(unit.cycle_ns));
+        }
         if state == AlState::SafeOp {
             // Outputs from before do not count for the next way to OP.
             self.outputs_before = self.completed_outputs();

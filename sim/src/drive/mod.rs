@@ -1,5 +1,6 @@
 //! A CoE servo drive behind its ESC: object dictionary, process data and the DS402 axes.
 
+mod blueprint;
 mod communication;
 mod history;
 mod information;
@@ -10,52 +11,15 @@ use core::time::Duration;
 use crate::coe::Abort;
 use crate::description::{Description, Direction};
 use crate::dictionary::Dictionary;
-use crate::ds402::{
-    Access, Axis, Behaviour, DataType, Emergency, Entry as AxisEntry, Mapping, SetError,
-};
-use crate::pdo::{Mappable, PdoLimits, PdoSet};
+use crate::ds402::{Access, Axis, DataType, Emergency, Entry as AxisEntry, Mapping, SetError};
+use crate::pdo::{Mappable, PdoSet};
+pub use blueprint::{AxisStatusObject, DriveBlueprint};
 use communication::{SAVE, communication_objects};
 use history::ErrorHistory;
 pub(crate) use sdo::SdoObjects;
 
 /// First index of the drive profile's area of axis 1.
 const PROFILE_AREA: u16 = 0x6000;
-
-/// An object that a maker adds for each axis: a word of status bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AxisStatusObject {
-    /// Index for axis 1.
-    pub index: u16,
-    /// What is added to the index for each further axis.
-    pub increment: u16,
-    /// Subindex.
-    pub subindex: u8,
-}
-
-/// What makes one CoE drive different from another, apart from its description.
-#[derive(Clone, Debug)]
-pub struct DriveBlueprint {
-    /// One behaviour for each axis.
-    pub axes: Vec<Behaviour>,
-    /// What is added to a profile object's index for each further axis.
-    pub axis_increment: u16,
-    /// The maker's status word of each axis.
-    pub status_object: Option<AxisStatusObject>,
-    /// An object for text of the user: index and the most bytes.
-    pub note: Option<(u16, usize)>,
-    /// How much can be mapped in each direction.
-    pub limits: PdoLimits,
-    /// Device type (1000h).
-    pub device_type: u32,
-    /// PDOs that 1C12h and 1C13h name at power-up; `None` for those that the SII gives a sync manager.
-    pub assigned: Option<Vec<u16>>,
-    /// 1010h saves the objects that are kept in the EEPROM.
-    pub saves: bool,
-    /// Software version (100Ah).
-    pub software_version: String,
-    /// Hardware version (1009h).
-    pub hardware_version: String,
-}
 
 /// The drive.
 #[derive(Clone, Debug)]
@@ -75,6 +39,8 @@ struct DriveObjects {
     status_object: Option<AxisStatusObject>,
     stored: Dictionary,
     errors: ErrorHistory,
+    /// Cycle of SYNC0 while the drive follows that.
+    sync0_cycle_ns: Option<u32>,
 }
 
 /// Where an object of an axis is.
@@ -105,6 +71,7 @@ impl Drive {
                 status_object: blueprint.status_object,
                 stored: communication_objects(blueprint, description),
                 errors: ErrorHistory::default(),
+                sync0_cycle_ns: None,
             },
             outputs: pdos(Direction::Outputs),
             inputs: pdos(Direction::Inputs),
@@ -186,6 +153,11 @@ impl Drive {
         kind.is_ok_and(|kind| kind == communication::WITH_SYNC0.to_le_bytes())
     }
 
+    /// The drive follows SYNC0 with this cycle from now on, or no longer. 1C32h and 1C33h show it.
+    pub(crate) fn set_sync0(&mut self, cycle_ns: Option<u32>) {
+        self.objects.sync0_cycle_ns = cycle_ns;
+    }
+
     /// OP was entered or left.
     pub(crate) fn set_connected(&mut self, connected: bool) {
         for axis in &mut self.objects.axes {
@@ -221,7 +193,9 @@ impl DriveObjects {
                 }
             }
             None if index == ErrorHistory::INDEX => self.errors.upload(subindex),
-            None => self.stored.upload(index, subindex),
+            None => self
+                .synchronisation(index, subindex)
+                .map_or_else(|| self.stored.upload(index, subindex), Ok),
             Some(AxisObject::Count(count)) => Ok(vec![count]),
             Some(AxisObject::Status { axis }) => Ok(self.status_bits(axis).to_le_bytes().to_vec()),
             Some(AxisObject::Profile { axis, entry }) => {
@@ -353,6 +327,16 @@ impl DriveObjects {
         let behind = all.partition_point(|entry| entry.index <= base);
         let entries = all.get(first..behind)?;
         (index >= PROFILE_AREA || !entries.is_empty()).then_some((axis, entries))
+    }
+
+    /// What 1C32h and 1C33h show of SYNC0 in place of what is stored: the type and the cycle time.
+    fn synchronisation(&self, index: u16, subindex: u8) -> Option<Vec<u8>> {
+        let cycle = self.sync0_cycle_ns?;
+        match (index, subindex) {
+            (0x1C32 | 0x1C33, 1) => Some(communication::WITH_SYNC0.to_le_bytes().to_vec()),
+            (0x1C32 | 0x1C33, 2) => Some(cycle.to_le_bytes().to_vec()),
+            _ => None,
+        }
     }
 
     fn status_axis(&self, index: u16) -> Option<usize> {

@@ -226,6 +226,29 @@ fn the_synchronisation_type_must_fit_the_unit() {
 }
 
 #[test]
+fn the_sync_manager_parameters_show_what_the_drive_follows() {
+    let mut master = two();
+    let shown = |master: &mut Master| {
+        [0x1C32, 0x1C33].map(|index| {
+            let cycle = master.upload(index, 2).unwrap();
+            (
+                master.upload(index, 1).unwrap(),
+                u32::from_le_bytes(cycle.try_into().unwrap()),
+            )
+        })
+    };
+    // Free run in the drive's own millisecond; SYNC0 each 2 ms; free run again.
+    let free = (vec![0, 0], 1_000_000);
+    assert_eq!(shown(&mut master), [free.clone(), free.clone()]);
+    start_sync0(&mut master, 1_000_000, 2_000_000, 3);
+    assert_eq!(to_safe_op(&mut master), (4, 0));
+    let synchronous = (vec![2, 0], 2_000_000);
+    assert_eq!(shown(&mut master), [synchronous.clone(), synchronous]);
+    assert_eq!(master.request(FIRST, 2), (2, 0));
+    assert_eq!(shown(&mut master), [free.clone(), free]);
+}
+
+#[test]
 fn sync0_that_stops_in_op_takes_the_drive_to_safeop() {
     let mut master = two();
     start_sync0(&mut master, 1_000_000, 1_000_000, 3);
