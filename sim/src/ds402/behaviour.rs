@@ -186,6 +186,8 @@ pub struct Behaviour {
     pub halt_blocks_mode_change: bool,
     /// A mode change waits until the axis stands; else a moving axis is stopped by 6084h when the mode changes.
     pub motion_blocks_mode_change: bool,
+    /// A mode change waits until the axis leaves Operation enabled (DSP 402 lets a drive restrict it so).
+    pub operation_blocks_mode_change: bool,
     /// 0 in 6060h.
     pub mode_zero: ModeZero,
     /// Cycles that bit 4 must stay high before a set-point is taken; 0 takes it in the cycle of the edge.

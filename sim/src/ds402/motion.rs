@@ -32,8 +32,10 @@ impl Axis {
             1..=32 => self.behaviour.supported_modes >> (asked - 1) & 1 != 0,
             _ => false,
         };
-        let moves = self.state == State::OperationEnabled && !self.trajectory.stands();
+        let enabled = self.state == State::OperationEnabled;
+        let moves = enabled && !self.trajectory.stands();
         let blocked = (self.behaviour.halt_blocks_mode_change && controlword & 0x0100 != 0)
+            || (self.behaviour.operation_blocks_mode_change && enabled)
             || (self.behaviour.motion_blocks_mode_change && moves);
         if asked == active || !known || blocked {
             self.mode_wait = 0;

@@ -94,6 +94,7 @@ impl Behaviour {
             edge_at_mode_change: false,
             halt_blocks_mode_change: false,
             motion_blocks_mode_change: false,
+            operation_blocks_mode_change: false,
             mode_zero: ModeZero::Clears,
             bit_4_filter_cycles: 0,
             limits_off: LimitsOff::MinNotBelowMax,

@@ -123,6 +123,21 @@ fn a_halt_at_any_moment_never_leads_beyond_the_target() {
 }
 
 #[test]
+fn a_blend_is_planned_for_the_sin_squared_ramp_that_follows() {
+    let mut bench = bench();
+    bench.start(0x000F, 4_000);
+    bench.start(0x020F, 4_200);
+    while bench.outcomes()[0] == Outcome::Active {
+        step(&mut bench);
+    }
+    // Slowing down begins gently: the first target is passed no faster than a sin² ramp can lose by the second.
+    let before = bench.axis.velocity();
+    step(&mut bench);
+    let lost = before - bench.axis.velocity();
+    assert!((0.0..10.0).contains(&lost), "{lost} from {before}");
+}
+
+#[test]
 fn a_blend_passes_the_first_target_and_arrives_at_the_second() {
     for second in [8_000, 4_010] {
         let mut bench = bench();

@@ -309,6 +309,20 @@ fn a_mode_change_stops_a_moving_axis_or_waits_for_its_standstill() {
 }
 
 #[test]
+fn a_drive_may_change_its_mode_outside_operation_only() {
+    let mut bench = bench(Behaviour {
+        operation_blocks_mode_change: true,
+        ..Behaviour::generic()
+    });
+    bench.set(0x6060, 6);
+    bench.run(100);
+    assert_eq!(bench.axis.get(0x6061, 0), Some(3));
+    bench.word(0x0007);
+    bench.run(1);
+    assert_eq!(bench.axis.get(0x6061, 0), Some(6));
+}
+
+#[test]
 fn a_velocity_left_in_60ffh_starts_with_the_mode() {
     let mut bench = Bench::enabled(Behaviour::generic());
     bench.set(0x60FF, 2_000);
