@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use super::super::{
     AckPolicy, Axis, Behaviour, Bit5, Executed, FullBuffer, Homing, HomingOutcome, LimitSwitches,
-    LimitViolation, Machine, Outcome, State, VelocityEnd, VelocityPhase,
+    LimitViolation, Machine, Outcome, State, VelocityEnd, VelocityPhase, WhileMoving,
 };
 
 #[derive(Debug, Clone)]
@@ -45,7 +45,7 @@ fn actions() -> impl Strategy<Value = Action> {
     let objects = vec![
         0x607A, 0x607A, 0x607A, 0x6081, 0x6082, 0x6083, 0x6084, 0x6085, 0x607F, 0x60C5, 0x60C6,
         0x60F2, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6007, 0x6067, 0x6068, 0x607C, 0x60FF,
-        0x60FF, 0x609A, 0x606D, 0x6070,
+        0x60FF, 0x609A, 0x606D, 0x6070, 0x2010, 0x607E, 0x6080,
     ];
     prop_oneof![
         60 => words().prop_map(Action::Word),
@@ -66,46 +66,62 @@ fn actions() -> impl Strategy<Value = Action> {
 }
 
 fn behaviours() -> impl Strategy<Value = Behaviour> {
-    (any::<[bool; 8]>(), 0..3_u32).prop_map(|(flag, cycles)| Behaviour {
-        limit_switches: if flag[6] {
-            LimitSwitches::Shown
-        } else {
-            LimitSwitches::Stop
-        },
-        motion_blocks_mode_change: flag[7],
-        machine: Machine {
-            negative_limit: Some(-4000),
-            positive_limit: Some(6000),
-            home_switch: Some((100, 300)),
-            index_period: 1000,
-            ..Machine::default()
-        },
-        ack: if flag[0] {
-            AckPolicy::FollowsBit4
-        } else {
-            AckPolicy::BufferFree
-        },
-        bit_5: if flag[1] {
-            Bit5::Replaces
-        } else {
-            Bit5::Blends
-        },
-        full_buffer: if flag[2] {
-            FullBuffer::Ignore
-        } else {
-            FullBuffer::OverwritePending
-        },
-        limit_violation: if flag[3] {
-            LimitViolation::Clamp
-        } else {
-            LimitViolation::Refuse
-        },
-        halt_keeps: flag[4],
-        power_on_cycles: cycles,
-        ..if flag[5] {
-            Behaviour::akd2g()
-        } else {
-            Behaviour::generic()
+    let presets: Vec<fn() -> Behaviour> = vec![
+        Behaviour::akd2g,
+        Behaviour::generic,
+        Behaviour::pp2010,
+        Behaviour::ax2000,
+        Behaviour::sigma7,
+    ];
+    let preset = prop::sample::select(presets);
+    let ranges = vec![(i32::MIN, i32::MAX), (i32::MIN, i32::MAX), (-3000, 2999)];
+    let range = prop::sample::select(ranges);
+    let numbers = (0..3_u32, 0..4_usize, range);
+    (any::<[bool; 8]>(), numbers, preset).prop_map(|(flag, (cycles, waiting, range), preset)| {
+        Behaviour {
+            waiting_set_points: waiting,
+            position_range: range,
+            while_moving: if flag[5] {
+                WhileMoving::Queues
+            } else {
+                WhileMoving::TakenAfterArrival
+            },
+            limit_switches: if flag[6] {
+                LimitSwitches::Shown
+            } else {
+                LimitSwitches::Stop
+            },
+            motion_blocks_mode_change: flag[7],
+            machine: Machine {
+                negative_limit: Some(-4000),
+                positive_limit: Some(6000),
+                home_switch: Some((100, 300)),
+                index_period: 1000,
+                ..Machine::default()
+            },
+            ack: if flag[0] {
+                AckPolicy::FollowsBit4
+            } else {
+                AckPolicy::BufferFree
+            },
+            bit_5: if flag[1] {
+                Bit5::Replaces
+            } else {
+                Bit5::Blends
+            },
+            full_buffer: if flag[2] {
+                FullBuffer::Ignore
+            } else {
+                FullBuffer::OverwritePending
+            },
+            limit_violation: if flag[3] {
+                LimitViolation::Clamp
+            } else {
+                LimitViolation::Refuse
+            },
+            halt_keeps: flag[4],
+            power_on_cycles: cycles,
+            ..preset()
         }
     })
 }
@@ -176,7 +192,8 @@ fn check(before: &Axis, after: &Axis) {
     assert_eq!(shown(after.statusword()), after.state());
     let (old, new) = (before.ledger(), after.ledger());
     assert!(new.len() - old.len() <= 1, "one set-point per edge");
-    assert!(new.iter().filter(|line| is_open(line)).count() <= 2);
+    let most = 1 + after.behaviour.waiting_set_points;
+    assert!(new.iter().filter(|line| is_open(line)).count() <= most);
     assert!(
         new.iter()
             .filter(|line| line.outcome == Outcome::Active)
