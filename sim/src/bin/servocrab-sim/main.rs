@@ -163,7 +163,7 @@ fn greeting(interface: &str, segment: &Segment) -> String {
         let description = device.description();
         let identity = description.identity;
         text += &format!(
-            "{place}: {}, vendor {:08X}h, product {:08X}h, revision {}, serial {}, {} axes\n",
+            "{place}: {}, vendor {:08X}h, product {:08X}h, revision {}, serial {}, axes: {}\n",
             description.name,
             identity.vendor,
             identity.product,
