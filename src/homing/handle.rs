@@ -21,6 +21,34 @@ use super::{HomingCommand, HomingParameters};
 /// The lease of an axis in homing mode, from [`Axis::homing`].
 ///
 /// Dropping it gives the mode back and leaves the motion alone; [`release`](Self::release) ends the motion as well.
+///
+/// ```
+/// # use core::time::Duration;
+/// use servocrab::homing::{HomingMethod, HomingParameters};
+/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # use servocrab_sim::{Segment, personality::Servo};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # smol::block_on(async {
+/// # // The axis stands 5000 counts above its negative limit switch.
+/// # let servo = Servo::generic().change(|drive| drive.machine.negative_limit = Some(-5_000));
+/// # let mut segment = Segment::new().with(servo.build());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// # let drive = DriveConfig::new(drives::generic()).axis("lift");
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// let lift = net.axis("lift")?;
+/// lift.enable().await?;
+/// let homing = lift.homing().await?;
+/// let parameters = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+///     .speeds(50_000, 5_000)
+///     .acceleration(1_000_000);
+/// homing.home(parameters).within(Duration::from_secs(60)).await?;
+/// assert!(lift.status().referenced);
+/// homing.release().await?; // for the next mode
+/// # net.shutdown().await;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Homing {
     axis: Axis,

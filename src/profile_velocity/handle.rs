@@ -12,6 +12,33 @@ use super::JogSetPoint;
 ///
 /// Dropping it gives the mode back; a [`Jog`] that is held goes on until it is let go. [`release`](Self::release) ends the
 /// motion as well.
+///
+/// ```
+/// # use core::time::Duration;
+/// use servocrab::{bus::DriveConfig, coe::obj, drives};
+/// # use servocrab::{bus::Network, link::Wire};
+/// # use servocrab_sim::{Segment, personality};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # smol::block_on(async {
+/// # let mut segment = Segment::new().with(personality::generic());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// let drive = DriveConfig::new(drives::generic())
+///     .axis("lift")
+///     .map_output("lift", obj::TARGET_VELOCITY);
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// # let lift = net.axis("lift")?;
+/// lift.enable().await?;
+/// let pv = lift.profile_velocity().await?;
+/// let jog = pv.jog(5_000).await?; // it moves
+/// # smol::Timer::after(Duration::from_millis(20)).await;
+/// jog.set(-2_000)?; // back, slower
+/// jog.release().await?; // it stands
+/// pv.release().await?;
+/// # net.shutdown().await;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct ProfileVelocity {
     axis: Axis,

@@ -1,0 +1,150 @@
+//! An axis without an absolute encoder, on an embedded simulated segment: it is homed by its limit switch, moves to positions
+//! that mean something from then on, and is jogged for as long as a key would be held.
+//!
+//! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
+
+use std::{error::Error, process::ExitCode, time::Duration};
+
+use servocrab::{
+    axis::{Axis, AxisError, Failure},
+    bus::{DriveConfig, Network},
+    coe::obj,
+    drives,
+    homing::{HomingMethod, HomingParameters},
+    link::Wire,
+    profile_position::SetPoint,
+};
+use servocrab_sim::{Segment, ds402::Machine, personality::Servo};
+
+/// Encoder counts, and counts/s and counts/s² made of them.
+const TURN: u32 = 1 << 16;
+
+fn main() -> ExitCode {
+    match smol::block_on(run()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("home_and_jog: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+async fn run() -> Result<(), Box<dyn Error>> {
+    let net = Network::builder()
+        .link(wire())
+        .cycle(Duration::from_millis(1))
+        .drive(
+            0,
+            DriveConfig::new(drives::generic())
+                .axis("lift")
+                .map_output("lift", obj::TARGET_VELOCITY),
+        )
+        .start()
+        .await?;
+    let lift = net.axis("lift")?;
+    lift.enable().await?;
+
+    unreferenced(&lift).await?;
+    home(&lift).await?;
+    move_to(&lift, 3 * 65_536).await?;
+    jog(&lift).await?;
+    halted_jog(&lift).await?;
+
+    lift.disable().await?;
+    net.shutdown().await;
+    Ok(())
+}
+
+/// Somewhere above its negative limit switch, two turns away.
+fn wire() -> Wire {
+    let shaft = Machine {
+        start: 5 * i64::from(TURN),
+        negative_limit: Some(3 * i64::from(TURN)),
+        ..Machine::default()
+    };
+    let servo = Servo::generic().change(move |drive| drive.machine = shaft.clone());
+    let mut segment = Segment::new().with(servo.build());
+    Wire::new(move |frame, now| segment.process(frame, now))
+}
+
+/// An absolute move before the homing is refused: nobody knows what the position means.
+async fn unreferenced(lift: &Axis) -> Result<(), AxisError> {
+    let positions = lift.profile_position().await?;
+    match positions.move_abs(65_536, SetPoint::new()).await {
+        Err(error) if error.failure() == Some(Failure::NotReferenced) => {
+            println!("before homing: {}", error.kind);
+        }
+        Err(error) => return Err(error),
+        Ok(_) => println!("before homing: moved, which must not be"),
+    }
+    positions.release().await
+}
+
+async fn home(lift: &Axis) -> Result<(), AxisError> {
+    let homing = lift.homing().await?;
+    let parameters = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+        .speeds(4 * TURN, TURN / 4)
+        .acceleration(40 * TURN)
+        .offset(0);
+    let homed = homing
+        .home(parameters)
+        .within(Duration::from_secs(20))
+        .await?;
+    println!(
+        "homed by the negative limit switch, at {}; referenced: {}",
+        homed.position,
+        lift.status().referenced
+    );
+    homing.release().await
+}
+
+async fn move_to(lift: &Axis, target: i32) -> Result<(), AxisError> {
+    let positions = lift.profile_position().await?;
+    let set_point = SetPoint::new()
+        .velocity(8 * TURN)
+        .acceleration(80 * TURN)
+        .deceleration(80 * TURN);
+    let outcome = positions.move_abs(target, set_point).await?.done().await?;
+    println!("after homing: {outcome:?}");
+    positions.release().await
+}
+
+/// A velocity while the key is held; dropping the `Jog` would stop the axis as well.
+async fn jog(lift: &Axis) -> Result<(), AxisError> {
+    let velocities = lift.profile_velocity().await?;
+    let before = lift.status().position;
+    let held = velocities.jog(2 * 65_536).await?;
+    pause(300).await;
+    println!("jogging at {} counts/s", lift.status().velocity);
+    held.set(-65_536)?;
+    pause(300).await;
+    println!("and back at {} counts/s", lift.status().velocity);
+    held.release().await?;
+    let status = lift.status();
+    println!(
+        "let go: stands at {:+} counts from where it was, velocity {}",
+        status.position - before,
+        status.velocity
+    );
+    velocities.release().await
+}
+
+/// A halt ends a jog for good: resuming brings no motion back.
+async fn halted_jog(lift: &Axis) -> Result<(), AxisError> {
+    let velocities = lift.profile_velocity().await?;
+    let held = velocities.jog(2 * 65_536).await?;
+    pause(200).await;
+    lift.halt().await?;
+    if let Err(error) = held.set(65_536) {
+        println!("halted, the jog says: {}", error.kind);
+    }
+    lift.resume().await?;
+    pause(200).await;
+    println!("resumed: velocity {}", lift.status().velocity);
+    drop(held);
+    velocities.release().await
+}
+
+async fn pause(milliseconds: u64) {
+    smol::Timer::after(Duration::from_millis(milliseconds)).await;
+}
