@@ -6,7 +6,9 @@ use ethercrab::AlStatusCode;
 
 use super::registers::{RegisterError, Registers};
 
-const AL_CONTROL: u16 = 0x0120;
+pub(super) const AL_CONTROL: u16 = 0x0120;
+/// Written there: INIT, with any error acknowledged.
+pub(super) const RESET: [u8; 2] = [0x11, 0];
 const AL_STATUS: u16 = 0x0130;
 const ERROR: u8 = 0x10;
 const STATE: u8 = 0x0F;
@@ -151,6 +153,20 @@ pub(super) async fn request(
         }
         time.sleep(LOOK_EVERY).await;
     }
+}
+
+/// Waits for a state that was asked for by a broadcast; a SubDevice that has not taken it is asked again.
+pub(super) async fn reach(
+    registers: &Registers,
+    station: u16,
+    state: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
+    let there = AlStatus { state, error: None };
+    if status(registers, station).await? == there {
+        return Ok(());
+    }
+    request(registers, station, state, limit).await
 }
 
 /// Takes the error indication away.

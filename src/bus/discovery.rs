@@ -1,81 +1,131 @@
-//! The line from power-on to PREOP, by ethercrab's `init` under a deadline of ours.
+//! The line from power-on to PREOP: all SubDevices at once, each on its own way.
 
-use std::time::Duration;
+use std::{rc::Rc, time::Duration};
 
-use super::{AlState, NetworkError, al, reactor::Context, registers::RegisterError};
-use crate::{coe::DriveId, sii::Identity};
+use super::{
+    AlState, BringUpStep, NetworkError, al, eeprom,
+    reactor::Context,
+    registers::{RegisterError, Registers},
+    sync_managers,
+};
+use crate::{
+    coe::DriveId,
+    sii::{Identity, Sii},
+};
 
-/// The most SubDevices in a line (a power of two; ethercrab keeps them in a fixed array).
-const LONGEST_LINE: usize = 128;
-/// The first station address that ethercrab gives.
+/// The station address of the first SubDevice; the others follow.
 const FIRST_STATION: u16 = 0x1000;
-/// How long discovery may take, and how much more for each SubDevice: its firmware's way to PREOP takes up to 3 s
-/// (ETG.1020, default PREOP timeout).
-const LIMIT: Duration = Duration::from_secs(5);
-const LIMIT_PER_SUBDEVICE: Duration = Duration::from_secs(3);
+const STATION_ADDRESS: u16 = 0x0010;
+/// How long a SubDevice may take into INIT, and into PREOP (ETG.1020, default timeouts).
+const INIT_LIMIT: Duration = Duration::from_secs(5);
+const PRE_OP_LIMIT: Duration = Duration::from_secs(3);
+
+/// What every SubDevice is set back to in INIT: register, and how many zeros. In pieces of one FMMU or sync manager, since
+/// some ESCs have less of them and refuse a write beyond. Behind them the distributed clock: cyclic unit off, system
+/// time offset, delay, start and cycle times.
+const ZEROS: [(u16, usize); 6] = [
+    (0x0981, 1),
+    (0x0920, 8),
+    (0x0928, 4),
+    (0x0990, 8),
+    (0x09A0, 4),
+    (0x09A4, 4),
+];
+const FMMUS: u16 = 0x0600;
+const SYNC_MANAGERS: u16 = 0x0800;
+/// Of each, an ESC has at most 16.
+const MOST: u16 = 16;
+const EVENT_MASK: u16 = 0x0200;
+const EEPROM_CONFIGURATION: u16 = 0x0500;
 
 /// A SubDevice of the line, in PREOP.
 #[derive(Debug, Clone)]
 pub(super) struct Found {
     pub(super) station: u16,
     pub(super) id: DriveId,
+    pub(super) sii: Rc<Sii>,
 }
 
 /// Finds all SubDevices and brings them into PREOP.
 pub(super) async fn discover(context: &Context) -> Result<Vec<Found>, NetworkError> {
     let registers = &context.registers;
     let count = match registers.count().await {
-        Ok(0) => return Err(NetworkError::NoSubDevice),
+        Ok(0) | Err(RegisterError::NotAnswered) => return Err(NetworkError::NoSubDevice),
         Ok(count) => count,
-        Err(RegisterError::NotAnswered) => return Err(NetworkError::NoSubDevice),
         Err(RegisterError::NoFrame) => return Err(NetworkError::NoAnswer),
-        Err(RegisterError::Refused(error)) => {
-            return Err(NetworkError::Discovery {
-                count: 0,
-                reason: error.to_string(),
-                stragglers: Vec::new(),
-            });
-        }
+        Err(error) => return Err(NetworkError::Line(error)),
     };
-    let time = context.time.clone();
-    // Distributed clocks are not used: their start time does not matter.
-    let init = Box::pin(registers.main().init_single_group::<LONGEST_LINE, 1>(|| 0));
-    let limit = LIMIT + LIMIT_PER_SUBDEVICE * u32::from(count);
-    let reason = match time.within(limit, init).await {
-        Some(Ok(group)) => {
-            let found = group.iter(registers.main()).enumerate().map(|(n, device)| {
-                let identity = device.identity();
-                Found {
-                    station: device.configured_address(),
-                    id: DriveId {
-                        position: u16::try_from(n).unwrap_or(u16::MAX),
-                        name: device.name().to_owned(),
-                        identity: Identity {
-                            vendor: identity.vendor_id,
-                            product: identity.product_id,
-                            revision: identity.revision,
-                            serial: identity.serial,
-                        },
-                    },
-                }
-            });
-            return Ok(found.collect());
-        }
-        Some(Err(error)) => error.to_string(),
-        None => format!("not done within {limit:?}"),
-    };
-    let mut stragglers = Vec::new();
-    for position in 0..count {
-        let station = FIRST_STATION.wrapping_add(position);
-        if let Ok(status) = al::status(registers, station).await
-            && status.state != AlState::PreOp
-        {
-            stragglers.push((position, status));
-        }
+    reset(registers).await.map_err(NetworkError::Line)?;
+    // All addresses before anything else: a SubDevice that kept one from before must not answer to another's.
+    let stations = (0..count).map(|position| (position, FIRST_STATION.wrapping_add(position)));
+    for (position, station) in stations.clone() {
+        registers
+            .write_at(position, STATION_ADDRESS, &station.to_le_bytes())
+            .await
+            .map_err(NetworkError::Line)?;
     }
-    Err(NetworkError::Discovery {
-        count,
-        reason,
-        stragglers,
+    let tasks: Option<Vec<_>> = stations
+        .map(|(position, station)| {
+            context.spawn(find(context.registers.clone(), position, station))
+        })
+        .collect();
+    let tasks = tasks.ok_or_else(|| NetworkError::Thread("the bus loop is gone".into()))?;
+    let mut line = Vec::new();
+    for task in tasks {
+        line.push(task.await?);
+    }
+    Ok(line)
+}
+
+/// Brings all SubDevices into INIT, whatever they were doing, with nothing configured.
+async fn reset(registers: &Registers) -> Result<(), RegisterError> {
+    let [init, error] = al::RESET;
+    registers.broadcast(al::AL_CONTROL, &[init, error]).await?;
+    registers.broadcast(EVENT_MASK, &[0; 2]).await?;
+    for fmmu in 0..MOST {
+        registers.broadcast(FMMUS + 16 * fmmu, &[0; 16]).await?;
+    }
+    for manager in 0..MOST {
+        registers
+            .broadcast(SYNC_MANAGERS + 8 * manager, &[0; 8])
+            .await?;
+    }
+    for (register, zeros) in ZEROS {
+        registers.broadcast(register, &[0; 8][..zeros]).await?;
+    }
+    registers.broadcast(EEPROM_CONFIGURATION, &[0]).await
+}
+
+/// One SubDevice from INIT to PREOP.
+async fn find(registers: Registers, position: u16, station: u16) -> Result<Found, NetworkError> {
+    let mut id = DriveId {
+        position,
+        name: String::new(),
+        identity: Identity::default(),
+    };
+    let fault = |id: &DriveId, step, error| NetworkError::Drive {
+        drive: id.clone(),
+        step,
+        error: Box::new(error),
+    };
+    al::reach(&registers, station, AlState::Init, INIT_LIMIT)
+        .await
+        .map_err(|error| fault(&id, BringUpStep::State(AlState::Init), error.into()))?;
+    let (sii, name) = eeprom::read(&registers, station)
+        .await
+        .map_err(|error| fault(&id, BringUpStep::Sii, error.into()))?;
+    id.identity = sii.identity;
+    id.name = name;
+    let in_pre_op = async {
+        sync_managers::set_mailbox(&registers, station, &sii).await?;
+        al::request(&registers, station, AlState::PreOp, PRE_OP_LIMIT).await
+    };
+    in_pre_op
+        .await
+        .map_err(|error| fault(&id, BringUpStep::State(AlState::PreOp), error.into()))?;
+    Ok(Found {
+        station,
+        id,
+        sii: Rc::new(sii),
     })
 }

@@ -73,9 +73,7 @@ impl Job {
         let registers = &context.registers;
         let station = self.found.station;
         tracing::debug!(drive = %self.found.id, "configuring");
-        let sii = eeprom::read(registers, station)
-            .await
-            .map_err(|error| (BringUpStep::Sii, error.into()))?;
+        let sii = Rc::clone(&self.found.sii);
         let mailbox = sii
             .mailbox
             .filter(|mailbox| mailbox.protocols.coe())

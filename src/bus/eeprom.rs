@@ -1,6 +1,6 @@
-//! Reading a SubDevice's SII image over its registers 0500h to 050Fh (ETG.1000.4, SII interface).
+//! Reading a SubDevice's SII over its registers 0500h to 050Fh (ETG.1000.4, SII interface).
 
-use std::time::Duration;
+use std::{ops::Range, time::Duration};
 
 use super::registers::{RegisterError, Registers};
 use crate::sii::{Sii, SiiError};
@@ -9,7 +9,6 @@ const CONFIGURATION: u16 = 0x0500;
 const CONTROL: u16 = 0x0502;
 const DATA: u16 = 0x0508;
 
-const OWNED_BY_MASTER: [u8; 1] = [0];
 const OWNED_BY_DEVICE: [u8; 1] = [1];
 /// Command of 0502h: read.
 const READ: u16 = 0x0100;
@@ -22,9 +21,14 @@ const BUSY: u16 = 0x8000;
 
 /// How long the EEPROM may be busy with one word.
 const LIMIT: Duration = Duration::from_millis(50);
-/// First word of the categories, and the type that ends them.
-const CATEGORIES: usize = 0x40;
-const END: [u8; 2] = [0xFF, 0xFF];
+/// First byte of the categories, and the type that ends them.
+const CATEGORIES: usize = 0x80;
+const END: u16 = 0xFFFF;
+/// Bytes of the header with the identity, and with the mailbox and its protocols (words 8h to Fh, 18h to 1Ch).
+const HEADER: [Range<usize>; 2] = [0x10..0x20, 0x30..0x3A];
+/// General, FMMU, sync managers.
+const WANTED: [u16; 3] = [30, 40, 41];
+const STRINGS: u16 = 10;
 /// The longest image: the EEPROM is addressed up to 4 Mbit, but no device at hand has more than 64 KiB.
 const LONGEST: usize = 0x1_0000;
 
@@ -53,30 +57,55 @@ pub enum EepromError {
     Image(#[from] SiiError),
 }
 
-/// Reads and parses the SII image up to its end mark.
-pub(super) async fn read(registers: &Registers, station: u16) -> Result<Sii, EepromError> {
-    registers
-        .write(station, CONFIGURATION, &OWNED_BY_MASTER)
-        .await?;
-    let mut image = Vec::new();
-    // Each category says where the next one begins; the image is complete with the end mark.
-    let mut category = CATEGORIES * 2;
-    while image.len() < LONGEST {
-        read_words(registers, station, &mut image).await?;
-        while let Some(&[t0, t1, l0, l1]) = image.get(category..category + 4) {
-            if [t0, t1] == END {
-                return Ok(Sii::parse(&image)?);
-            }
-            category += 4 + 2 * usize::from(u16::from_le_bytes([l0, l1]));
-        }
-        if image
-            .get(category..)
-            .is_some_and(|rest| rest.starts_with(&END))
-        {
-            return Ok(Sii::parse(&image)?);
+/// Reads what configuration needs of a SubDevice's SII. Other categories are passed over unread: each access takes the
+/// EEPROM its time. Of the strings it is the type ("order number"), or else the name, which comes beside the rest.
+/// The EEPROM must belong to the master (0500h).
+pub(super) async fn read(
+    registers: &Registers,
+    station: u16,
+) -> Result<(Sii, String), EepromError> {
+    let mut image = Image {
+        registers,
+        station,
+        bytes: Vec::new(),
+    };
+    // An image of the same form with nothing but those.
+    let mut wanted = vec![0; CATEGORIES];
+    for part in HEADER {
+        let bytes = image.get(part.clone()).await?;
+        if let Some(place) = wanted.get_mut(part) {
+            place.copy_from_slice(&bytes);
         }
     }
-    Ok(Sii::parse(&image)?)
+    let mut strings = None;
+    let mut at = CATEGORIES;
+    while at < LONGEST {
+        let header = image.get(at..at + 4).await?;
+        let &[t0, t1, l0, l1] = header.as_slice() else {
+            break;
+        };
+        let (category, data) = (u16::from_le_bytes([t0, t1]), at + 4);
+        at = data + 2 * usize::from(u16::from_le_bytes([l0, l1]));
+        match category {
+            END => break,
+            STRINGS => strings = Some(data),
+            _ if WANTED.contains(&category) => {
+                wanted.extend(header);
+                wanted.extend(image.get(data..at.min(LONGEST)).await?);
+            }
+            _ => {}
+        }
+    }
+    wanted.extend(END.to_le_bytes());
+    let sii = Sii::parse(&wanted)?;
+    let name = match (strings, &sii.general) {
+        (Some(strings), Some(general)) if general.order != 0 => {
+            image.string(strings, general.order).await?
+        }
+        (Some(strings), Some(general)) => image.string(strings, general.name).await?,
+        _ => String::new(),
+    };
+    Ok((sii, name))
 }
 
 /// Gives the EEPROM to the device, as some firmwares need it for SAFEOP (ETG.2010, Eeprom/AssignToPdi).
@@ -86,12 +115,68 @@ pub(super) async fn give_away(registers: &Registers, station: u16) -> Result<(),
         .await
 }
 
+/// The image of one SubDevice, as far as it has been read.
+struct Image<'a> {
+    registers: &'a Registers,
+    station: u16,
+    bytes: Vec<Option<u8>>,
+}
+
+impl Image<'_> {
+    /// Bytes of the image, of which those are read that are not known yet.
+    async fn get(&mut self, range: Range<usize>) -> Result<Vec<u8>, EepromError> {
+        let mut got = Vec::with_capacity(range.len());
+        for at in range {
+            if self.known(at).is_none() {
+                self.read(at / 2).await?;
+            }
+            got.push(self.known(at).unwrap_or(0));
+        }
+        Ok(got)
+    }
+
+    fn known(&self, at: usize) -> Option<u8> {
+        self.bytes.get(at).copied().flatten()
+    }
+
+    /// String `number` of the category whose data begin at `at`; empty where there is none.
+    async fn string(&mut self, at: usize, number: u8) -> Result<String, EepromError> {
+        if number == 0 || number > self.byte(at).await? {
+            return Ok(String::new());
+        }
+        let mut at = at + 1;
+        for _ in 1..number {
+            at += 1 + usize::from(self.byte(at).await?);
+        }
+        let length = usize::from(self.byte(at).await?);
+        let text = self.get(at + 1..at + 1 + length).await?;
+        Ok(String::from_utf8_lossy(&text).into_owned())
+    }
+
+    async fn byte(&mut self, at: usize) -> Result<u8, EepromError> {
+        Ok(self.get(at..at + 1).await?.first().copied().unwrap_or(0))
+    }
+
+    /// Reads as many bytes from this word on as the SubDevice gives at once.
+    async fn read(&mut self, word: usize) -> Result<(), EepromError> {
+        let bytes = read_words(self.registers, self.station, word).await?;
+        let from = word * 2;
+        let end = from + bytes.len();
+        if self.bytes.len() < end {
+            self.bytes.resize(end, None);
+        }
+        for (to, byte) in self.bytes.iter_mut().skip(from).zip(bytes) {
+            *to = Some(byte);
+        }
+        Ok(())
+    }
+}
+
 async fn read_words(
     registers: &Registers,
     station: u16,
-    image: &mut Vec<u8>,
-) -> Result<(), EepromError> {
-    let word = image.len() / 2;
+    word: usize,
+) -> Result<Vec<u8>, EepromError> {
     let address = u32::try_from(word).unwrap_or(u32::MAX).to_le_bytes();
     let [c0, c1] = READ.to_le_bytes();
     let [a0, a1, a2, a3] = address;
@@ -110,8 +195,7 @@ async fn read_words(
                 return Err(EepromError::Refused { word, control });
             }
             let length = if control & EIGHT_BYTES != 0 { 8 } else { 4 };
-            image.extend(data.iter().take(length));
-            return Ok(());
+            return Ok(data.iter().take(length).copied().collect());
         }
         if time.now().saturating_sub(started) >= LIMIT {
             return Err(EepromError::Busy { word });

@@ -2,9 +2,7 @@
 
 use std::{fmt, time::Duration};
 
-use super::{
-    AlError, AlState, AlStatus, EepromError, RegisterError, SyncManagerError, WatchdogState,
-};
+use super::{AlError, AlState, EepromError, RegisterError, SyncManagerError, WatchdogState};
 use crate::{
     axis::FieldError,
     coe::{DriveId, SdoError},
@@ -31,16 +29,9 @@ pub enum NetworkError {
     /// Frames come back, but no SubDevice answers.
     #[error("no SubDevice answers on this link")]
     NoSubDevice,
-    /// Discovery did not bring every SubDevice into PREOP.
-    #[error("the line of {count} SubDevice(s) did not reach PREOP: {reason}{}", Stragglers(.stragglers))]
-    Discovery {
-        /// How many SubDevices answered.
-        count: u16,
-        /// What failed.
-        reason: String,
-        /// Which are not in PREOP: position and AL status.
-        stragglers: Vec<(u16, AlStatus)>,
-    },
+    /// The line as a whole could not be reset or addressed.
+    #[error("the line could not be reset and addressed: {0}")]
+    Line(RegisterError),
     /// A drive is expected where the line has no SubDevice.
     #[error(
         "a drive ({expected}) is expected at position {position}, but the line has {count} SubDevice(s)"
@@ -216,16 +207,5 @@ impl fmt::Display for Expected<'_> {
             Some(product) => write!(f, ", product {product:08X}h)"),
             None => f.write_str(", any product)"),
         }
-    }
-}
-
-struct Stragglers<'a>(&'a [(u16, AlStatus)]);
-
-impl fmt::Display for Stragglers<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (position, status) in self.0 {
-            write!(f, "; the one at position {position} is in {status}")?;
-        }
-        Ok(())
     }
 }

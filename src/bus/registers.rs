@@ -115,6 +115,34 @@ impl Registers {
         .await
     }
 
+    /// Writes to all SubDevices, and to none where there is none with this register.
+    pub(super) async fn broadcast(&self, register: u16, bytes: &[u8]) -> Result<(), RegisterError> {
+        self.ask(|| async move {
+            Command::bwr(register)
+                .ignore_wkc()
+                .send_receive_slice(self.main, bytes)
+                .await
+                .map(|_| ())
+        })
+        .await
+    }
+
+    /// Writes to the SubDevice at this place in the line, whatever its station address.
+    pub(super) async fn write_at(
+        &self,
+        position: u16,
+        register: u16,
+        bytes: &[u8],
+    ) -> Result<(), RegisterError> {
+        self.ask(|| async move {
+            Command::apwr(position, register)
+                .send_receive_slice(self.main, bytes)
+                .await
+                .map(|_| ())
+        })
+        .await
+    }
+
     async fn ask<T, F>(&self, request: impl Fn() -> F) -> Result<T, RegisterError>
     where
         F: Future<Output = Result<T, Error>>,

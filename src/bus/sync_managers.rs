@@ -15,6 +15,9 @@ pub(super) const WATCHDOG_TIME: u16 = 0x0420;
 const FEATURES: u16 = 0x0008;
 const NO_LRW: u16 = 1 << 9;
 
+/// Control bytes of mailboxes: one buffer, written or read by the master, with an interrupt for the device.
+const MAILBOX_OUT: u8 = 0x26;
+const MAILBOX_IN: u8 = 0x22;
 /// Control byte, bit 6: writes trigger the watchdog.
 pub(super) const WATCHDOG_TRIGGER: u8 = 0x40;
 /// 0400h for ticks of 100 µs: (2498 + 2) · 40 ns.
@@ -58,6 +61,42 @@ pub enum SyncManagerError {
     /// More bytes than a sync manager has.
     #[error("{0} bytes of process data are too many")]
     TooLong(usize),
+}
+
+/// Sets up the mailbox's sync managers, where there is a mailbox.
+pub(super) async fn set_mailbox(
+    registers: &Registers,
+    station: u16,
+    sii: &Sii,
+) -> Result<(), RegisterError> {
+    let Some(mailbox) = sii.mailbox else {
+        return Ok(());
+    };
+    let control = |usage, default| {
+        let manager = sii.sync_managers.iter().find(|m| m.usage == usage);
+        manager.map_or(default, |manager| manager.control)
+    };
+    let managers = [
+        (
+            mailbox.receive_offset,
+            mailbox.receive_length,
+            control(SyncManagerUsage::MailboxOut, MAILBOX_OUT),
+        ),
+        (
+            mailbox.send_offset,
+            mailbox.send_length,
+            control(SyncManagerUsage::MailboxIn, MAILBOX_IN),
+        ),
+    ];
+    for (number, (start, length, control)) in (0..).zip(managers) {
+        let [s0, s1] = start.to_le_bytes();
+        let [l0, l1] = length.to_le_bytes();
+        let register = SYNC_MANAGER + 8 * number;
+        registers
+            .write(station, register, &[s0, s1, l0, l1, control, 0, 1, 0])
+            .await?;
+    }
+    Ok(())
 }
 
 /// Finds the sync manager and FMMU for the outputs or inputs of a drive.

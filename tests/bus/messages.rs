@@ -136,6 +136,6 @@ fn a_drive_whose_processor_stands_still() {
     });
     assert_eq!(
         message(Network::builder().link(wire).drive(0, akd2g())),
-        "the line of 1 SubDevice(s) did not reach PREOP: not done within 8s; the one at position 0 is in INIT"
+        format!("{DRIVE}bringing it into PREOP: nothing happened within 3s: it is in INIT")
     );
 }
