@@ -73,7 +73,7 @@ fn more_emergencies_than_are_kept_are_counted_and_the_first_ones_stay() {
     let many: Vec<_> = (0..SENT).map(emergency).collect();
     let now = rig.bus.now();
     line.inject(1, &many, now);
-    rig.run_for(500 * MS);
+    rig.run_for(1_000 * MS);
     let emergencies = rig.emergencies(1);
     let kept: Vec<_> = std::iter::from_fn(|| emergencies.try_next())
         .map(|timed| timed.emergency)
