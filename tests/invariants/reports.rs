@@ -103,7 +103,7 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                         line.ended_at.is_some_and(|ended| ended <= report.now)
                             && line.end_position.is_some_and(elsewhere)
                     });
-                if !stood && !over && !(told && life.lies.ack) {
+                if !(stood || over || told && life.lies.ack) {
                     return fail("while it moved");
                 }
             }
