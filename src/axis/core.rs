@@ -71,8 +71,6 @@ pub struct AxisCore {
     answered: bool,
     lost: bool,
     stale_cycles: u32,
-    /// How many cycles without inputs there were before the last one with them.
-    pub(super) blind_cycles: u32,
     undelivered_cycles: u32,
     cycle: u64,
 }
@@ -116,7 +114,6 @@ impl AxisCore {
             answered: false,
             lost: false,
             stale_cycles: 0,
-            blind_cycles: 0,
             undelivered_cycles: 0,
             cycle: 0,
         }
@@ -162,9 +159,6 @@ impl AxisCore {
             .filter(|sample| sample.state() != State::Unknown);
         let delivered = delivered && sample.is_some();
         self.answered = sample.is_some();
-        if self.answered {
-            self.blind_cycles = self.stale_cycles;
-        }
         self.stale_cycles = if self.answered {
             0
         } else {
@@ -234,7 +228,6 @@ impl AxisCore {
                 referenced: self.is_referenced(),
                 delivered: true,
                 halted: self.halted,
-                blind: self.blind_cycles,
                 acknowledge: self.config.deadlines.acknowledge,
                 controlword: self.sent,
             };

@@ -95,7 +95,6 @@ impl Dialogue {
             referenced: false,
             delivered: self.delivered,
             halted: self.halted,
-            blind: 0,
             acknowledge: Duration::from_millis(500),
             controlword: self.sent,
         };

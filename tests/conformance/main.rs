@@ -10,9 +10,16 @@ mod common;
 mod table;
 mod akd2g_cw;
 mod akd2g_pp;
+mod ax2000;
 mod bench;
 mod page;
+mod pp2010;
 mod wire;
 
 /// The documents, in the order of the page.
-const DOCUMENTS: &[&table::Document] = &[&akd2g_pp::DOCUMENT, &akd2g_cw::DOCUMENT];
+const DOCUMENTS: &[&table::Document] = &[
+    &akd2g_pp::DOCUMENT,
+    &akd2g_cw::DOCUMENT,
+    &pp2010::DOCUMENT,
+    &ax2000::DOCUMENT,
+];

@@ -9,6 +9,5 @@ mod datagrams;
 mod dictionary;
 mod drive;
 mod mails;
-mod registers;
 mod sii;
 mod vectors;

@@ -1,0 +1,307 @@
+//! "Functional Description": single set-points and sets of set-points, bits 4, 5 and 12.
+
+use servocrab::axis::{Completion, Failure};
+use servocrab::ds402::Statusword;
+use servocrab::profile_position::{SetPoint, Start};
+use servocrab_sim::ds402::Outcome;
+
+use super::{drive, rig};
+use crate::bench::{Drive, VELOCITY, assert_near};
+use crate::common::Rig;
+
+fn after() -> SetPoint {
+    SetPoint::new().start(Start::AfterCurrent)
+}
+
+fn blend() -> SetPoint {
+    SetPoint::new().start(Start::Blend)
+}
+
+/// Under way to 10 000 as the first of a set, bit 4 low.
+fn to_10_000() -> Drive {
+    let mut drive = drive();
+    drive.start(0x2F, 10_000);
+    drive.run(300);
+    drive.lower();
+    drive
+}
+
+/// The slowest that the axis is on the last 500 counts before 10 000 and the first 500 behind.
+fn slowest_at_10_000(drive: &mut Drive) -> f64 {
+    drive.run_until(5_000, |drive| drive.axis.position() > 9_500);
+    drive
+        .speeds_while(|drive| {
+            let position = drive.axis.position();
+            position < 10_500 && (position < 10_000 || drive.axis.velocity() > 0.0)
+        })
+        .0
+}
+
+#[test]
+pub(super) fn drive_goes_on_through_a_target_of_a_set() {
+    let mut drive = to_10_000();
+    drive.set(0x607A, 20_000);
+    drive.word(0x3F);
+    assert_near(slowest_at_10_000(&mut drive), VELOCITY as f64);
+    drive.settle();
+    assert_eq!(drive.outcomes(), [Outcome::Passed, Outcome::Reached]);
+    let ledger = drive.axis.ledger();
+    assert_eq!(ledger[0].ended_at, ledger[1].started_at, "immediately");
+}
+
+#[test]
+pub(super) fn library_blends_by_a_set() {
+    let mut rig = rig();
+    let first = rig.abs(20_000, blend());
+    rig.wait_accepted(first);
+    let second = rig.abs(40_000, blend());
+    assert_eq!(
+        rig.finish(second),
+        Ok(Completion::Reached { position: 40_000 })
+    );
+    assert!(matches!(
+        rig.outcome(first),
+        Some(Ok(Completion::Passed { .. }))
+    ));
+    assert_eq!(rig.ledger()[0].outcome, Outcome::Passed);
+}
+
+#[test]
+pub(super) fn drive_stops_between_with_sin2_ramps() {
+    let mut drive = drive();
+    drive.set(0x6086, 1);
+    drive.start(0x2F, 10_000);
+    drive.run(300);
+    drive.lower();
+    drive.set(0x607A, 20_000);
+    drive.word(0x3F);
+    assert!(slowest_at_10_000(&mut drive) < 500.0);
+    drive.settle();
+    assert_eq!(drive.outcomes()[0], Outcome::Reached);
+}
+
+#[test]
+pub(super) fn library_refuses_a_blend_with_sin2_ramps() {
+    let mut rig = rig();
+    let refused = rig.abs(20_000, blend().profile_type(1));
+    assert!(matches!(
+        rig.outcome(refused),
+        Some(Err(Failure::ProfileType { .. }))
+    ));
+    rig.run(50);
+    assert!(rig.ledger().is_empty());
+    // Nor onto a move that has such ramps.
+    let first = rig.abs(20_000, after().profile_type(1));
+    rig.wait_accepted(first);
+    let refused = rig.abs(40_000, blend().profile_type(0));
+    assert!(matches!(
+        rig.finish(refused),
+        Err(Failure::ProfileType { .. })
+    ));
+    assert!(rig.finish(first).is_ok());
+    assert_eq!(rig.ledger().len(), 1);
+}
+
+#[test]
+pub(super) fn drive_tells_of_the_arrival_before_it_takes_a_single_one() {
+    let mut drive = drive();
+    drive.start(0x0F, 10_000);
+    drive.run(300);
+    drive.lower();
+    drive.set(0x607A, 20_000);
+    drive.word(0x1F);
+    assert!(!drive.bit(12), "not while it is under way");
+    assert_eq!(drive.outcomes(), [Outcome::Active]);
+    drive.run_until(5_000, |drive| drive.outcomes().len() == 2);
+    let ledger = drive.axis.ledger();
+    assert_eq!(ledger[0].outcome, Outcome::Reached);
+    assert!(ledger[0].ended_at <= Some(ledger[1].latched_at));
+    assert!(drive.bit(12), "taken after the arrival");
+}
+
+#[test]
+pub(super) fn library_gives_a_single_one_after_the_arrival() {
+    let mut rig = rig();
+    let first = rig.abs(20_000, after());
+    rig.wait_accepted(first);
+    let from = rig.words.len();
+    let second = rig.abs(40_000, after());
+    rig.run_until(5_000, |rig| rig.outcome(first).is_some());
+    assert!(rig.words[from..].iter().all(|word| word & 0x10 == 0));
+    assert_eq!(
+        rig.outcome(first),
+        Some(Ok(Completion::Reached { position: 20_000 }))
+    );
+    assert!(rig.statusword().contains(Statusword::TARGET_REACHED));
+    assert_eq!(
+        rig.finish(second),
+        Ok(Completion::Reached { position: 40_000 })
+    );
+    assert_eq!(rig.ledger().len(), 2);
+}
+
+#[test]
+pub(super) fn drive_stands_between_single_ones() {
+    let mut drive = drive();
+    drive.start(0x0F, 10_000);
+    drive.run(300);
+    drive.lower();
+    drive.set(0x607A, 20_000);
+    drive.word(0x1F);
+    assert!(slowest_at_10_000(&mut drive) < 200.0);
+    drive.settle();
+    assert_eq!(drive.outcomes(), [Outcome::Reached; 2]);
+}
+
+#[test]
+pub(super) fn library_says_reached_between_single_ones() {
+    let mut rig = rig();
+    let moves = [20_000, 40_000, 10_000].map(|target| rig.abs(target, after()));
+    assert!(rig.finish(moves[2]).is_ok());
+    for (id, position) in moves.into_iter().zip([20_000, 40_000, 10_000]) {
+        assert_eq!(rig.outcome(id), Some(Ok(Completion::Reached { position })));
+    }
+    let outcomes: Vec<_> = rig.ledger().iter().map(|line| line.outcome).collect();
+    assert_eq!(outcomes, [Outcome::Reached; 3]);
+}
+
+#[test]
+pub(super) fn drive_is_told_by_bit_5_which_of_both() {
+    for (word, first) in [(0x1F, Outcome::Reached), (0x3F, Outcome::Passed)] {
+        let mut drive = to_10_000();
+        drive.set(0x607A, 20_000);
+        drive.word(word);
+        drive.settle();
+        assert_eq!(drive.outcomes(), [first, Outcome::Reached], "{word:02X}h");
+    }
+}
+
+#[test]
+pub(super) fn library_tells_by_bit_5_which_of_both() {
+    for (set_point, word) in [(after(), 0x1F), (blend(), 0x3F)] {
+        let mut rig = rig();
+        let id = rig.abs(20_000, set_point);
+        assert!(rig.finish(id).is_ok());
+        let sent = rig.words.iter().find(|word| **word & 0x10 != 0);
+        assert_eq!(sent, Some(&word));
+    }
+}
+
+#[test]
+pub(super) fn drive_knows_no_replacing() {
+    let mut drive = to_10_000();
+    drive.set(0x607A, -20_000);
+    drive.word(0x3F);
+    drive.settle();
+    assert_eq!(drive.outcomes(), [Outcome::Reached; 2], "it reverses there");
+    assert_eq!(drive.axis.ledger()[1].start_position, Some(10_000));
+}
+
+#[test]
+pub(super) fn library_refuses_to_replace() {
+    let mut rig = rig();
+    let refused = rig.abs(20_000, SetPoint::new());
+    assert!(matches!(
+        rig.finish(refused),
+        Err(Failure::Unsupported {
+            start: Start::Immediately,
+            ..
+        })
+    ));
+    rig.run(50);
+    assert!(rig.words.iter().all(|word| word & 0x10 == 0));
+    assert!(rig.ledger().is_empty());
+}
+
+#[test]
+pub(super) fn drive_takes_the_next_of_a_set_while_one_runs() {
+    let mut drive = to_10_000();
+    assert!(!drive.bit(12));
+    drive.set(0x607A, 20_000);
+    drive.word(0x3F);
+    assert!(drive.bit(12), "answered while the first is under way");
+    assert_eq!(drive.outcomes(), [Outcome::Active, Outcome::Queued]);
+    assert_near(drive.axis.velocity(), VELOCITY as f64);
+}
+
+#[test]
+pub(super) fn library_gives_the_next_of_a_set_while_one_runs() {
+    let mut rig = rig();
+    let first = rig.abs(20_000, blend());
+    rig.wait_accepted(first);
+    let second = rig.abs(40_000, blend());
+    rig.wait_accepted(second);
+    assert_eq!(rig.outcome(first), None);
+    assert!(rig.drive.position() < 15_000, "long before the target");
+}
+
+#[test]
+pub(super) fn drive_answers_in_the_order_of_the_figure() {
+    let mut drive = drive();
+    let mut steps = Vec::new();
+    drive.set(0x607A, 10_000);
+    steps.push(("data", drive.bit(12)));
+    drive.word(0x0F);
+    drive.word(0x3F);
+    steps.push(("new set-point", drive.bit(12)));
+    drive.run(50);
+    steps.push(("held", drive.bit(12)));
+    drive.word(0x0F);
+    steps.push(("withdrawn", drive.bit(12)));
+    drive.set(0x607A, 20_000);
+    drive.run(1);
+    steps.push(("next data", drive.bit(12)));
+    drive.word(0x3F);
+    steps.push(("new set-point", drive.bit(12)));
+    assert_eq!(
+        steps,
+        [
+            ("data", false),
+            ("new set-point", true),
+            ("held", true),
+            ("withdrawn", false),
+            ("next data", false),
+            ("new set-point", true)
+        ]
+    );
+}
+
+#[test]
+pub(super) fn library_asks_in_the_order_of_the_figure() {
+    let mut rig = Rig::of(
+        servocrab::drives::ax2000(),
+        servocrab_sim::ds402::Behaviour {
+            bit_4_filter_cycles: 3,
+            ..servocrab_sim::ds402::Behaviour::ax2000()
+        },
+        |config| config.defaults.profile_type = Some(0),
+    );
+    rig.enable();
+    rig.drive.disturbances().ack_delay_cycles = 5;
+    let ids = [10_000, 20_000].map(|target| rig.abs(target, blend()));
+    // What is seen of data, request and answer, each time that one of them changes.
+    let mut steps: Vec<(i32, bool, bool)> = Vec::new();
+    for _ in 0..100 {
+        rig.cycle();
+        let target = rig.drive.get(0x607A, 0).expect("it is there") as i32;
+        let request = rig.drive.controlword() & 0x10 != 0;
+        let answer = rig.drive.statusword() & 0x1000 != 0;
+        if steps.last() != Some(&(target, request, answer)) {
+            steps.push((target, request, answer));
+        }
+    }
+    steps.retain(|step| step.0 != 0);
+    assert_eq!(
+        steps,
+        [
+            (10_000, true, false),
+            (10_000, true, true),
+            (10_000, false, false),
+            (20_000, true, false),
+            (20_000, true, true),
+            (20_000, false, true)
+        ],
+        "and bit 12 stays while no further one can be taken"
+    );
+    assert!(rig.finish(ids[1]).is_ok());
+}
