@@ -144,7 +144,8 @@ fn entry(objects: &dyn Objects, index: u16, subindex: u8, wanted: u8) -> Result<
 
 /// Cuts an answer into as many mails as it takes; only the first has the beginning of the data.
 fn fragments(operation: u8, data: &[u8], longest: usize) -> Vec<Vec<u8>> {
-    let room = longest.saturating_sub(HEAD).max(1);
+    // A list is cut between its words.
+    let room = (longest.saturating_sub(HEAD) & !1).max(2);
     let count = data.len().div_ceil(room).max(1);
     data.chunks(room)
         .zip((0..count).rev())

@@ -37,6 +37,7 @@ pub(crate) fn list(master: &mut Master, kind: u8) -> (u16, Vec<u16>) {
         let left = u16::from_le_bytes([mail[4], mail[5]]);
         assert_eq!(mail[2], if left > 0 { 0x82 } else { 0x02 });
         assert!(expected_left.is_none_or(|expected| expected == left));
+        assert_eq!(mail.len() % 2, 0, "no word is cut");
         bytes.extend(&mail[6..]);
         if left == 0 {
             break;
@@ -177,7 +178,8 @@ fn the_lists_agree_with_their_counts_and_with_the_dictionary() {
 #[test]
 fn a_long_list_is_cut_into_fragments_that_count_down() {
     let whole = list(&mut preop(1024), 1);
-    // 64 bytes: 52 of data in each fragment.
+    // 64 bytes: 52 of data in each fragment; with 65 no more, because a word is not cut.
+    assert_eq!(list(&mut preop(65), 1), whole);
     let mut master = preop(64);
     assert_eq!(list(&mut master, 1), whole);
     let count = (2 + 2 * whole.1.len()).div_ceil(52);
