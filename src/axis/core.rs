@@ -71,6 +71,8 @@ pub struct AxisCore {
     answered: bool,
     lost: bool,
     stale_cycles: u32,
+    /// How many cycles without inputs there were before the last one with them.
+    pub(super) blind_cycles: u32,
     undelivered_cycles: u32,
     cycle: u64,
 }
@@ -114,6 +116,7 @@ impl AxisCore {
             answered: false,
             lost: false,
             stale_cycles: 0,
+            blind_cycles: 0,
             undelivered_cycles: 0,
             cycle: 0,
         }
@@ -159,6 +162,9 @@ impl AxisCore {
             .filter(|sample| sample.state() != State::Unknown);
         let delivered = delivered && sample.is_some();
         self.answered = sample.is_some();
+        if self.answered {
+            self.blind_cycles = self.stale_cycles;
+        }
         self.stale_cycles = if self.answered {
             0
         } else {
@@ -228,6 +234,7 @@ impl AxisCore {
                 referenced: self.is_referenced(),
                 delivered: true,
                 halted: self.halted,
+                blind: self.blind_cycles,
                 acknowledge: self.config.deadlines.acknowledge,
                 controlword: self.sent,
             };

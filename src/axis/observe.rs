@@ -340,6 +340,7 @@ impl AxisCore {
             referenced: self.is_referenced(),
             delivered,
             halted: self.halted,
+            blind: self.blind_cycles,
             acknowledge: self.config.deadlines.acknowledge,
             controlword: self.sent,
         };

@@ -95,6 +95,7 @@ impl Dialogue {
             referenced: false,
             delivered: self.delivered,
             halted: self.halted,
+            blind: 0,
             acknowledge: Duration::from_millis(500),
             controlword: self.sent,
         };

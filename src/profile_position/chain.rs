@@ -25,8 +25,20 @@ pub(super) enum Place {
 #[derive(Debug, Default)]
 pub(super) struct Chain {
     held: [Option<Track>; HELD],
+    /// One that is over by the drive's word, bit 12, and whose end the axis has not been seen at.
+    over: Option<Over>,
     /// The end of the last set-point, where the axis has arrived.
     last_end: Option<i32>,
+}
+
+/// A set-point whose place the next one has taken.
+#[derive(Debug)]
+struct Over {
+    track: Track,
+    /// How the next one was started, and when it was seen to have taken over, from where.
+    next: Start,
+    since: Duration,
+    position: i32,
 }
 
 impl Chain {
@@ -46,7 +58,9 @@ impl Chain {
 
     /// Ends all of them, with the axis anywhere.
     pub(super) fn fail_all(&mut self, of: impl Fn(Delivery) -> Failure, events: &mut Events) {
-        for track in self.held.iter_mut().filter_map(Option::take) {
+        let over = self.over.take().map(|over| over.track);
+        let held = self.held.iter_mut().filter_map(Option::take);
+        for track in over.into_iter().chain(held) {
             events.push(track.id, Event::Done(Err(of(track.delivery()))));
         }
         self.last_end = None;
@@ -70,6 +84,9 @@ impl Chain {
         for track in self.held.iter_mut().flatten() {
             track.goes_on(now);
         }
+        if let Some(over) = &mut self.over {
+            over.since = now;
+        }
     }
 
     /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point. `replacing`: a set-point that
@@ -81,17 +98,26 @@ impl Chain {
         replacing: bool,
         events: &mut Events,
     ) {
+        let undecided = self.follow_over(cycle, events);
         match &mut self.held {
             [Some(first), Some(second)] => {
                 first.note(cycle, false);
                 let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
                 let left =
                     cycle.traits.buffer_signal == BufferSignal::None && first.is_left_behind(cycle);
-                if !replacing && (shown || left || first.is_over_with(second, cycle)) {
-                    events.push(
-                        first.id,
-                        Event::Done(first.ended_into(second, cycle, shown)),
-                    );
+                let over = shown || left || first.is_over_with(second, cycle);
+                if over && !replacing && !undecided {
+                    if shown && !first.was_at_end(cycle) {
+                        self.over = Some(Over {
+                            track: *first,
+                            next: second.start,
+                            since: cycle.now,
+                            position: cycle.sample.position,
+                        });
+                    } else {
+                        let outcome = first.ended_into(second.start, cycle);
+                        events.push(first.id, Event::Done(outcome));
+                    }
                     second.becomes_active(cycle.now, cycle.sample.position, cycle.bounds);
                     self.last_end = first.end;
                     self.held.rotate_left(1);
@@ -100,7 +126,7 @@ impl Chain {
             }
             [Some(track), None] => {
                 track.note(cycle, true);
-                if let Some(outcome) = track.outcome(cycle) {
+                if !undecided && let Some(outcome) = track.outcome(cycle) {
                     self.last_end = if outcome.is_ok() { track.end } else { None };
                     events.push(track.id, Event::Done(outcome));
                     self.held[0] = None;
@@ -108,6 +134,29 @@ impl Chain {
             }
             [None, _] => {}
         }
+    }
+
+    /// The drive's word alone does not say that the axis was at the end: it may have limited the move. The actual position may
+    /// also be behind the demand; it has the settle time to show itself at the end. Whether that is still open.
+    fn follow_over(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
+        let Some(over) = &mut self.over else {
+            return false;
+        };
+        over.track.note(cycle, false);
+        let waited = cycle.now.saturating_sub(over.since) >= cycle.bounds.settle;
+        if !waited && !over.track.was_at_end(cycle) {
+            return true;
+        }
+        let outcome = match over.track.ended_into(over.next, cycle) {
+            Err(Failure::MissedTarget { target, .. }) => Err(Failure::MissedTarget {
+                target,
+                actual: over.position,
+            }),
+            outcome => outcome,
+        };
+        events.push(over.track.id, Event::Done(outcome));
+        self.over = None;
+        false
     }
 
     /// Whether the drive can take this move now.

@@ -19,6 +19,8 @@ pub(crate) struct Cycle<'a> {
     /// Whether the outputs of this cycle are known to have been delivered.
     pub(crate) delivered: bool,
     pub(crate) halted: bool,
+    /// How many cycles before this one brought no inputs.
+    pub(crate) blind: u32,
     /// Deadline of each wait for bit 12.
     pub(crate) acknowledge: Duration,
     /// The word sent with this cycle, for errors.

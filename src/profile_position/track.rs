@@ -36,6 +36,11 @@ pub(super) struct Track {
     /// How far the end was in the last cycle, and whether the axis has come nearer since it became active.
     remaining: u32,
     approaching: bool,
+    /// Where the axis was in the last cycle, and the longest way that it has gone in one.
+    before: i32,
+    fastest: u32,
+    /// Whether the axis may have been at the end between two cycles.
+    near: bool,
     /// Whether its side has to be taken anew, from where the axis goes on.
     resumed: bool,
 }
@@ -66,6 +71,9 @@ impl Track {
             crossed: false,
             remaining: 0,
             approaching: false,
+            before: position,
+            fastest: 0,
+            near: false,
             resumed: false,
         };
         track.becomes_active(cycle.now, position, cycle.bounds);
@@ -86,6 +94,8 @@ impl Track {
         self.since = now;
         self.left_target = false;
         self.arrived = None;
+        self.near = false;
+        self.fastest = 0;
         self.turn(position, bounds);
     }
 
@@ -109,6 +119,7 @@ impl Track {
             self.turn(position, cycle.bounds);
         }
         let remaining = cycle.bounds.distance(end, position);
+        self.look_between(cycle, remaining);
         if let Some(turn) = cycle.bounds.turn_length() {
             // The way changes its sign on the far side as well; only near the end that is a crossing of it.
             let way = cycle.bounds.way(position, end);
@@ -129,6 +140,27 @@ impl Track {
             self.arrived = None;
             self.turn(position, cycle.bounds);
         }
+    }
+
+    /// Whether the way since the last cycle is long enough to have led to the end and back.
+    fn look_between(&mut self, cycle: &Cycle<'_>, remaining: u32) {
+        let way = cycle.bounds.distance(self.before, cycle.sample.position);
+        self.before = cycle.sample.position;
+        let reach = if cycle.blind == 0 {
+            self.fastest = self.fastest.max(way);
+            way
+        } else {
+            self.fastest.saturating_mul(cycle.blind.saturating_add(1))
+        };
+        self.near |= remaining <= reach.saturating_add(cycle.bounds.position);
+    }
+
+    /// Whether the position has shown that the axis was at the end, or may have been there unseen.
+    pub(super) fn was_at_end(&self, cycle: &Cycle<'_>) -> bool {
+        self.end.is_none()
+            || self.near
+            || self.arrived.is_some()
+            || self.passed(cycle.sample.position)
     }
 
     /// Whether a set-point that stops at this one's end may be queued behind it: the position will show without doubt
@@ -163,19 +195,12 @@ impl Track {
                 .steady_since(cycle.now, next.since, cycle.bounds)
     }
 
-    /// How it ended, with `next` taking over. `shown`: the drive itself has said so, by bit 12.
-    pub(super) fn ended_into(
-        &self,
-        next: &Self,
-        cycle: &Cycle<'_>,
-        shown: bool,
-    ) -> Result<Completion, Failure> {
+    /// How it ended, with one that was started as `next` taking over.
+    pub(super) fn ended_into(&self, next: Start, cycle: &Cycle<'_>) -> Result<Completion, Failure> {
         let position = cycle.sample.position;
         match self.end {
-            Some(target) if !shown && self.arrived.is_none() && !self.passed(position) => {
-                Err(self.missed(target, position))
-            }
-            _ if next.start == Start::Blend => Ok(Completion::Passed { position }),
+            Some(target) if !self.was_at_end(cycle) => Err(self.missed(target, position)),
+            _ if next == Start::Blend => Ok(Completion::Passed { position }),
             // Between two cycles it was at its end; the nearest that was seen is the better word.
             _ => Ok(Completion::Reached {
                 position: self.arrived.unwrap_or(position),

@@ -29,6 +29,16 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                 report.frame, report.now, frame.sample
             ))
         };
+        // Where bit 12 shows the end of a set-point with another behind it, the drive's word is all there is, and where a
+        // relative move ends is not always known to the host.
+        let followed = world.reports.iter().any(|other| {
+            other.event == Event::Accepted
+                && other.frame <= report.frame
+                && world
+                    .accepted(issued.id)
+                    .is_some_and(|own| own.frame < other.frame)
+        });
+        let told = followed && world.config.traits.buffer_signal == BufferSignal::Acknowledge;
         match result {
             Ok(Completion::Reached { position } | Completion::Passed { position }) => {
                 let (Got::Fresh | Got::Answered, Some(_), Phase::Step) =
@@ -45,17 +55,6 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                     }
                     return fail("without being executed");
                 };
-                // Where bit 12 shows the end of a set-point with another behind it, the drive's word is all there is, and
-                // where a relative move ends is not always known to the host.
-                let followed = world.reports.iter().any(|other| {
-                    other.event == Event::Accepted
-                        && other.frame <= report.frame
-                        && world
-                            .accepted(issued.id)
-                            .is_some_and(|own| own.frame < other.frame)
-                });
-                let told =
-                    followed && world.config.traits.buffer_signal == BufferSignal::Acknowledge;
                 if told && life.lies.ack {
                     continue;
                 }
@@ -96,7 +95,15 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                     .all(|frame| {
                         frame.position.abs_diff(i64::from(actual)) <= u64::from(tolerance) + 1
                     });
-                if !stood {
+                // With another one behind it, it is over when the drive goes on to that, and the ledger knows where.
+                let over = told
+                    && line.is_some_and(|line| {
+                        let elsewhere =
+                            |end: i64| end.abs_diff(i64::from(target)) > u64::from(tolerance);
+                        line.ended_at.is_some_and(|ended| ended <= report.now)
+                            && line.end_position.is_some_and(elsewhere)
+                    });
+                if !(stood || over || told && life.lies.ack) {
                     return fail("while it moved");
                 }
             }

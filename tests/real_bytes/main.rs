@@ -9,5 +9,6 @@ mod datagrams;
 mod dictionary;
 mod drive;
 mod mails;
+mod registers;
 mod sii;
 mod vectors;

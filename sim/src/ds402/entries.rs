@@ -23,6 +23,13 @@ use Mapping::{Both, None as No, Rx, Tx};
 /// One turn of the assumed encoder, in counts.
 pub(super) const TURN: i64 = 1 << 20;
 
+/// One number of a factor: never 0.
+pub(super) const fn factor(address: (u16, u8), name: &'static str) -> Entry {
+    Entry::new(address, U32, Rw, No, name)
+        .default(1)
+        .range(1, 0xFFFF_FFFF)
+}
+
 /// All entries, by index and subindex. Where DSP 402 v2 names a default or a range it is taken; ramps and velocities are
 /// one turn per second and more, so that a drive that nobody configured still moves. 605Ah is mappable because the
 /// AKD2G lists it among its PDO data.
@@ -118,37 +125,21 @@ pub(super) static ENTRIES: &[Entry] = &[
     Entry::new(ENCODER_INCREMENTS, U32, Rw, No, "Encoder increments")
         .default(TURN)
         .range(1, 0xFFFF_FFFF),
-    Entry::new(ENCODER_REVOLUTIONS, U32, Rw, No, "Motor revolutions")
-        .default(1)
-        .range(1, 0xFFFF_FFFF),
+    factor(ENCODER_REVOLUTIONS, "Motor revolutions"),
     Entry::count(0x6091, 2, "Gear ratio"),
-    Entry::new(GEAR_MOTOR, U32, Rw, No, "Motor revolutions")
-        .default(1)
-        .range(1, 0xFFFF_FFFF),
-    Entry::new(GEAR_SHAFT, U32, Rw, No, "Shaft revolutions")
-        .default(1)
-        .range(1, 0xFFFF_FFFF),
+    factor(GEAR_MOTOR, "Motor revolutions"),
+    factor(GEAR_SHAFT, "Shaft revolutions"),
     Entry::count(0x6092, 2, "Feed constant"),
     Entry::new(FEED, U32, Rw, No, "Feed")
         .default(TURN)
         .range(1, 0xFFFF_FFFF),
-    Entry::new(FEED_SHAFT, U32, Rw, No, "Shaft revolutions")
-        .default(1)
-        .range(1, 0xFFFF_FFFF),
+    factor(FEED_SHAFT, "Shaft revolutions"),
     Entry::count(0x6096, 2, "Velocity factor"),
-    Entry::new(VELOCITY_NUMERATOR, U32, Rw, No, "Numerator")
-        .default(1)
-        .range(1, 0xFFFF_FFFF),
-    Entry::new(VELOCITY_DIVISOR, U32, Rw, No, "Divisor")
-        .default(1)
-        .range(1, 0xFFFF_FFFF),
+    factor(VELOCITY_NUMERATOR, "Numerator"),
+    factor(VELOCITY_DIVISOR, "Divisor"),
     Entry::count(0x6097, 2, "Acceleration factor"),
-    Entry::new(ACCELERATION_NUMERATOR, U32, Rw, No, "Numerator")
-        .default(1)
-        .range(1, 0xFFFF_FFFF),
-    Entry::new(ACCELERATION_DIVISOR, U32, Rw, No, "Divisor")
-        .default(1)
-        .range(1, 0xFFFF_FFFF),
+    factor(ACCELERATION_NUMERATOR, "Numerator"),
+    factor(ACCELERATION_DIVISOR, "Divisor"),
     Entry::new(HOMING_METHOD, I8, Rw, Rx, "Homing method"),
     Entry::count(0x6099, 2, "Homing speeds"),
     Entry::new(

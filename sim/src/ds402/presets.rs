@@ -7,6 +7,7 @@ use super::behaviour::{
     AckPolicy, Behaviour, Bit5, FollowingError, FullBuffer, HOMING_METHODS, HomeOffset,
     LimitSwitches, LimitViolation, LimitsOff, ModeZero, ReachedPolicy, RelativeBase, WhileMoving,
 };
+use super::entries::factor;
 use super::machine::Machine;
 use super::objects::{
     Access, DataType, Entry, LIMIT_MAX, LIMIT_MIN, MAX_PROFILE_VELOCITY, Mapping, POSITION_DIVISOR,
@@ -55,12 +56,6 @@ const OWN_SIGMA7: &[Entry] = &[
         .default(0x7FFF_FFFF)
         .saved(),
 ];
-
-const fn factor(address: (u16, u8), name: &'static str) -> Entry {
-    Entry::new(address, U32, Rw, No, name)
-        .default(1)
-        .range(1, 0xFFFF_FFFF)
-}
 
 const fn sigma7_limit(address: (u16, u8), name: &'static str) -> Entry {
     Entry::new(address, I32, Rw, No, name)

@@ -18,7 +18,7 @@
 //! | mark of the user | `5F01h`: a number, a key that cannot be read, a place | a record of which a part cannot be read |
 
 use super::generic::GENERIC;
-use super::servo::{Memory, Model, Pdo, Servo};
+use super::servo::{INPUTS, Memory, Model, OUTPUTS, Pdo, Servo};
 use crate::description::Identity;
 use crate::device::Device;
 use crate::drive::AxisStatusObject;
@@ -47,11 +47,8 @@ const MODEL: Model = Model {
         start: 0x1200,
         control: 0x20,
     },
-    rx_pdos: &[Pdo::assigned(
-        0x1600,
-        &[0x6040, 0x6060, 0x607A, 0x6081, 0x6083, 0x6084],
-    )],
-    tx_pdos: &[Pdo::assigned(0x1A00, &[0x6041, 0x6061, 0x6064, 0x606C])],
+    rx_pdos: &[Pdo::assigned(0x1600, OUTPUTS)],
+    tx_pdos: &[Pdo::assigned(0x1A00, INPUTS)],
     limits: PdoLimits {
         bytes: 64,
         entries: 16,

@@ -8,16 +8,16 @@
 //! |---|---|---|
 //! | identity | vendor 00000002h (Beckhoff), product 41582000h, revision 1 | |
 //! | CoE | the objects of the CANopen manual | the manual is of the CANopen drive |
-//! | sin² ramps | last as long as linear ones; the velocity follows sin² | the name |
+//! | sin² ramps | the velocity follows sin² of the time; 6083h and 6084h are reached at the steepest point | the name |
 //! | a single set-point while another runs | taken after arrival if bit 4 is still high, not acknowledged before | page 101 |
 //! | factors | 6093h, 6094h, 6097h, as of DSP 402 v2 | page 69 of the manual |
 //! | PDOs | 1600h and 1A00h, flexible in PREOP, 16 entries | |
 //! | mapping at power-up | 6040h, 6060h, 607Ah, 6081h, 6083h, 6084h and 6041h, 6061h, 6064h, 606Ch | Profile Position with its parameters |
 //! | modes | profile position, profile velocity, homing | |
-//! | mailbox | 1000h and 1200h, 512 bytes each; 1010h saves | |
+//! | mailbox | 1000h and 1200h, 512 bytes each; neither SDO information nor complete access; 1010h saves | |
 
 use super::generic::GENERIC;
-use super::servo::{Model, Pdo, Servo};
+use super::servo::{INPUTS, Model, OUTPUTS, Pdo, Servo};
 use crate::description::Identity;
 use crate::device::Device;
 use crate::ds402::Behaviour;
@@ -34,11 +34,8 @@ const MODEL: Model = Model {
     },
     behaviour: Behaviour::ax2000,
     mailbox: (0x1000, 0x1200, 512),
-    rx_pdos: &[Pdo::assigned(
-        0x1600,
-        &[0x6040, 0x6060, 0x607A, 0x6081, 0x6083, 0x6084],
-    )],
-    tx_pdos: &[Pdo::assigned(0x1A00, &[0x6041, 0x6061, 0x6064, 0x606C])],
+    rx_pdos: &[Pdo::assigned(0x1600, OUTPUTS)],
+    tx_pdos: &[Pdo::assigned(0x1A00, INPUTS)],
     limits: PdoLimits {
         bytes: 64,
         entries: 16,

@@ -5,7 +5,7 @@
 //! power-up. Mailboxes of 256 bytes at 1000h and 1100h; complete access and SDO information. 5F00h takes a text of up to
 //! 4096 bytes, and of 5F01h a part cannot be read.
 
-use super::servo::{Memory, Model, Pdo, Servo};
+use super::servo::{INPUTS, Memory, Model, OUTPUTS, Pdo, Servo};
 use crate::description::Identity;
 use crate::device::Device;
 use crate::ds402::Behaviour;
@@ -36,13 +36,13 @@ pub(super) const GENERIC: Model = Model {
         control: 0x20,
     },
     rx_pdos: &[
-        Pdo::assigned(0x1600, &[0x6040, 0x6060, 0x607A, 0x6081, 0x6083, 0x6084]),
+        Pdo::assigned(0x1600, OUTPUTS),
         Pdo::offered(0x1601, &[0x6040, 0x607A]),
         Pdo::offered(0x1602, &[0x6040, 0x6060]),
         Pdo::offered(0x1603, &[]),
     ],
     tx_pdos: &[
-        Pdo::assigned(0x1A00, &[0x6041, 0x6061, 0x6064, 0x606C]),
+        Pdo::assigned(0x1A00, INPUTS),
         Pdo::offered(0x1A01, &[0x6041, 0x6064]),
         Pdo::offered(0x1A02, &[0x6041, 0x6061]),
         Pdo::offered(0x1A03, &[]),

@@ -12,10 +12,10 @@
 //! | PDOs | 1600h and 1A00h, flexible in PREOP, 8 entries | |
 //! | mapping at power-up | 6040h, 6060h, 607Ah, 6081h, 6083h, 6084h and 6041h, 6061h, 6064h | Profile Position with its parameters |
 //! | modes | profile position and homing | |
-//! | mailbox | 1000h and 1100h, 256 bytes each | |
+//! | mailbox | 1000h and 1100h, 256 bytes each; SDO information, no complete access | |
 
 use super::generic::GENERIC;
-use super::servo::{Model, Pdo, Servo};
+use super::servo::{Model, OUTPUTS, Pdo, Servo};
 use crate::description::Identity;
 use crate::device::Device;
 use crate::ds402::Behaviour;
@@ -32,10 +32,7 @@ const MODEL: Model = Model {
     },
     device_type: 0x0004_0192,
     behaviour: Behaviour::pp2010,
-    rx_pdos: &[Pdo::assigned(
-        0x1600,
-        &[0x6040, 0x6060, 0x607A, 0x6081, 0x6083, 0x6084],
-    )],
+    rx_pdos: &[Pdo::assigned(0x1600, OUTPUTS)],
     tx_pdos: &[Pdo::assigned(0x1A00, &[0x6041, 0x6061, 0x6064])],
     limits: PdoLimits {
         bytes: 64,

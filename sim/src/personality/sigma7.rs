@@ -12,10 +12,10 @@
 //! | a target outside the limits | the axis moves to the limit, bit 11 is set | the page says that it is checked |
 //! | mapping at power-up | 1601h with 6040h and 607Ah, 1A01h with 6041h and 6064h; 1600h and 1A00h are for Profile Position | the mode is set by SDO |
 //! | the rest | plain CiA 402 | |
-//! | mailbox | 1000h and 1100h, 256 bytes each; 1010h saves | |
+//! | mailbox | 1000h and 1100h, 256 bytes each; SDO information and complete access; 1010h saves | |
 
 use super::generic::GENERIC;
-use super::servo::{Model, Pdo, Servo};
+use super::servo::{INPUTS, Model, OUTPUTS, Pdo, Servo};
 use crate::description::Identity;
 use crate::device::Device;
 use crate::ds402::Behaviour;
@@ -32,13 +32,13 @@ const MODEL: Model = Model {
     },
     behaviour: Behaviour::sigma7,
     rx_pdos: &[
-        Pdo::offered(0x1600, &[0x6040, 0x6060, 0x607A, 0x6081, 0x6083, 0x6084]),
+        Pdo::offered(0x1600, OUTPUTS),
         Pdo::assigned(0x1601, &[0x6040, 0x607A]),
         Pdo::offered(0x1602, &[0x6040, 0x6060]),
         Pdo::offered(0x1603, &[0x6040]),
     ],
     tx_pdos: &[
-        Pdo::offered(0x1A00, &[0x6041, 0x6061, 0x6064, 0x606C]),
+        Pdo::offered(0x1A00, INPUTS),
         Pdo::assigned(0x1A01, &[0x6041, 0x6064]),
         Pdo::offered(0x1A02, &[0x6041, 0x6061]),
         Pdo::offered(0x1A03, &[0x6041]),

@@ -1,0 +1,147 @@
+//! A drive that ends a move before its target without a word: whoever waits is told, with the host's own checks off.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::Rig;
+use servocrab::axis::{CommandId, Completion, Failure};
+use servocrab::profile_position::{BufferSignal, Limits, RelativeBase, SetPoint, Start};
+use servocrab_sim::ds402::{AckPolicy, Behaviour, LimitViolation};
+
+/// A drive that moves to −5000 or 5000 at most.
+fn clamping(ack: AckPolicy) -> Rig {
+    lagging(ack, 0)
+}
+
+/// The same, with its actual position so many cycles behind the demand.
+fn lagging(ack: AckPolicy, actual_lag_cycles: u32) -> Rig {
+    let behaviour = Behaviour {
+        ack,
+        actual_lag_cycles,
+        limit_violation: LimitViolation::Clamp,
+        ..Behaviour::generic()
+    };
+    let mut rig = Rig::new(behaviour, |config| {
+        config.limits = Limits::trust_drive();
+        config.traits.relative_base = RelativeBase::PreviousTarget;
+        config.traits.buffer_signal = match ack {
+            AckPolicy::BufferFree => BufferSignal::Acknowledge,
+            _ => BufferSignal::None,
+        };
+    });
+    for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
+        rig.drive.set(0x607D, subindex, limit).unwrap();
+    }
+    rig.enable();
+    rig
+}
+
+const POLICIES: [AckPolicy; 2] = [AckPolicy::FollowsBit4, AckPolicy::BufferFree];
+
+fn missed(target: i32, actual: i32) -> Result<Completion, Failure> {
+    Err(Failure::MissedTarget { target, actual })
+}
+
+#[test]
+fn a_single_move_beyond_the_drives_limit_has_missed_its_target() {
+    for ack in POLICIES {
+        for (target, limit) in [(8_000, 5_000), (-5_100, -5_000)] {
+            let mut rig = clamping(ack);
+            let id = rig.abs(target, SetPoint::new());
+            assert_eq!(rig.finish(id), missed(target, limit), "{ack:?}");
+            let back = rig.abs(0, SetPoint::new());
+            assert_eq!(rig.finish(back), Ok(Completion::Reached { position: 0 }));
+        }
+    }
+}
+
+#[test]
+fn a_distance_beyond_the_drives_limit_has_missed_its_target_where_its_base_is_known() {
+    for ack in POLICIES {
+        let mut rig = clamping(ack);
+        let first = rig.abs(4_000, SetPoint::new());
+        rig.finish(first).unwrap();
+        let id = rig.rel(3_000, SetPoint::new());
+        assert_eq!(rig.finish(id), missed(7_000, 5_000), "{ack:?}");
+    }
+}
+
+/// The outcomes of a move beyond the limit and of the one queued behind it.
+fn with_one_behind(
+    rig: &mut Rig,
+    target: i32,
+    next: i32,
+    start: Start,
+) -> [Result<Completion, Failure>; 2] {
+    let first = rig.abs(target, SetPoint::new());
+    rig.wait_accepted(first);
+    let second = rig.abs(next, SetPoint::new().start(start));
+    let outcomes = [rig.finish(first), rig.finish(second)];
+    let order: Vec<CommandId> = rig
+        .events
+        .iter()
+        .filter(|(_, event)| matches!(event, servocrab::axis::Event::Done(_)))
+        .map(|(id, _)| *id)
+        .filter(|id| [first, second].contains(id))
+        .collect();
+    assert_eq!(order, [first, second], "outcomes come in order");
+    outcomes
+}
+
+#[test]
+fn a_move_beyond_the_drives_limit_has_missed_its_target_also_with_another_behind_it() {
+    for ack in POLICIES {
+        for start in [Start::AfterCurrent, Start::Blend] {
+            for next in [1_000, -4_000, 4_990, 5_000] {
+                let mut rig = clamping(ack);
+                let [first, second] = with_one_behind(&mut rig, 8_000, next, start);
+                assert!(
+                    matches!(first, Err(Failure::MissedTarget { target: 8_000, .. })),
+                    "{ack:?} {start:?} {next}: {first:?}"
+                );
+                assert_eq!(
+                    second,
+                    Ok(Completion::Reached { position: next }),
+                    "{ack:?} {start:?} {next}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn two_moves_beyond_the_drives_limit_have_both_missed_their_targets() {
+    for ack in POLICIES {
+        for start in [Start::AfterCurrent, Start::Blend] {
+            let mut rig = clamping(ack);
+            let outcomes = with_one_behind(&mut rig, 8_000, 9_000, start);
+            assert_eq!(
+                outcomes,
+                [missed(8_000, 5_000), missed(9_000, 5_000)],
+                "{ack:?} {start:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_target_that_the_axis_reaches_late_behind_its_demand_is_not_missed() {
+    // The actual position follows the demand by 20 ms: when the drive goes on, the axis is not there yet.
+    for ack in POLICIES {
+        for (start, next) in [
+            (Start::AfterCurrent, 1_000),
+            (Start::AfterCurrent, 9_000),
+            (Start::Blend, 9_000),
+        ] {
+            let mut rig = lagging(ack, 20);
+            rig.drive.set(0x607D, 1, 0).unwrap();
+            rig.drive.set(0x607D, 2, 0).unwrap();
+            let first = rig.abs(4_000, SetPoint::new().deceleration(4_000_000));
+            rig.wait_accepted(first);
+            let second = rig.abs(next, SetPoint::new().start(start).deceleration(4_000_000));
+            let outcome = rig.finish(first);
+            assert!(outcome.is_ok(), "{ack:?} {start:?} {next}: {outcome:?}");
+            assert!(rig.finish(second).is_ok());
+        }
+    }
+}
