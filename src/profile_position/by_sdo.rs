@@ -1,6 +1,10 @@
 //! Profile parameters that are not in the process data: written by SDO before a move, and set back for a move that leaves
 //! them out.
 
+use core::sync::atomic::Ordering;
+
+use smol::lock::MutexGuard;
+
 use crate::{
     axis::{AxisError, AxisFields, Handles},
     coe::{Number, Object, ObjectAddress, Writable, obj},
@@ -10,13 +14,13 @@ use super::Parameters;
 
 /// What a move needs written by SDO.
 #[derive(Debug, Default)]
-pub(super) struct BySdo {
+pub(crate) struct BySdo {
     /// Of the move's parameters.
-    pub(super) writes: Vec<(ObjectAddress, Vec<u8>)>,
+    writes: Vec<(ObjectAddress, Vec<u8>)>,
     /// The objects that it leaves out.
     left_out: Vec<ObjectAddress>,
     /// A speed of zero.
-    pub(super) zero: Option<&'static str>,
+    pub(crate) zero: Option<&'static str>,
 }
 
 /// The objects that moves of an axis have written by SDO.
@@ -34,7 +38,7 @@ struct Written {
 
 impl BySdo {
     /// Takes those parameters out of a move that do not go into the process data.
-    pub(super) fn take(fields: &AxisFields, parameters: &mut Parameters) -> Self {
+    pub(crate) fn take(fields: &AxisFields, parameters: &mut Parameters) -> Self {
         let mut this = Self::default();
         this.speed(
             fields.velocity.is_some(),
@@ -65,6 +69,26 @@ impl BySdo {
             obj::MOTION_PROFILE_TYPE,
         );
         this
+    }
+
+    /// Whether the drive has to be told anything.
+    pub(super) fn is_needed(&self, handles: &Handles) -> bool {
+        !self.writes.is_empty() || handles.parameters_changed.load(Ordering::Acquire)
+    }
+
+    /// Makes the drive's objects what this motion wants. The guard is to be held until the drive has taken it, so that no other
+    /// motion's parameters come in between.
+    pub(crate) async fn write(
+        self,
+        handles: &Handles,
+    ) -> Result<MutexGuard<'_, WrittenParameters>, AxisError> {
+        let mut written = handles.parameters_in_use.lock().await;
+        let changed = &handles.parameters_changed;
+        // Said before, and taken back when it is known: a caller may give up in between.
+        changed.store(true, Ordering::Release);
+        written.write(self, handles).await?;
+        changed.store(written.any_changed(), Ordering::Release);
+        Ok(written)
     }
 
     fn speed<A: Writable>(
@@ -98,16 +122,12 @@ impl BySdo {
 
 impl WrittenParameters {
     /// Whether the drive may hold a parameter of an earlier move.
-    pub(super) fn any_changed(&self) -> bool {
+    fn any_changed(&self) -> bool {
         self.0.iter().any(|written| written.changed)
     }
 
-    /// Makes the drive's objects what this move wants: those that it leaves out are again what the drive held.
-    pub(super) async fn write(
-        &mut self,
-        by_sdo: BySdo,
-        handles: &Handles,
-    ) -> Result<(), AxisError> {
+    /// Those that a move names are as it names them; those that it leaves out are again what the drive held.
+    async fn write(&mut self, by_sdo: BySdo, handles: &Handles) -> Result<(), AxisError> {
         for written in &mut self.0 {
             if written.changed && by_sdo.left_out.contains(&written.object) {
                 handles

@@ -1,6 +1,6 @@
 //! Profile Position as a lease of an axis: moves are asked for here.
 
-use core::{fmt, sync::atomic::Ordering};
+use core::fmt;
 
 use smol::lock::MutexGuard;
 
@@ -136,19 +136,12 @@ impl MoveRequest {
             let failure = Failure::Zero(name);
             return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
         }
-        let parameters = &handles.parameters_in_use;
-        if by_sdo.writes.is_empty() && !handles.parameters_changed.load(Ordering::Acquire) {
+        if !by_sdo.is_needed(handles) {
             return Ok((command, None));
         }
         // What is refused must not have changed the drive's parameters.
         self.axis.run(Command::CheckMove(self.command)).await?;
-        let mut written = parameters.lock().await;
-        // Said before, and taken back when it is known: a caller may give up in between.
-        handles.parameters_changed.store(true, Ordering::Release);
-        written.write(by_sdo, handles).await?;
-        handles
-            .parameters_changed
-            .store(written.any_changed(), Ordering::Release);
+        let written = by_sdo.write(handles).await?;
         Ok((command, Some(written)))
     }
 

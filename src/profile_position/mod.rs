@@ -34,7 +34,7 @@ pub(crate) use standstill::{Bounds, Standstill};
 pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};
 
 #[cfg(feature = "std")]
-pub(crate) use by_sdo::WrittenParameters;
+pub(crate) use by_sdo::{BySdo, WrittenParameters};
 #[cfg(feature = "std")]
 pub use follow::{Follow, Followed};
 #[cfg(feature = "std")]

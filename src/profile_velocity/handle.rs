@@ -2,8 +2,8 @@
 
 use crate::{
     axis::{Axis, AxisError, AxisErrorKind, Command, Failure, Lease, Pending, TARGET_VELOCITY},
-    coe::{Object, Writable, obj},
     ds402::Mode,
+    profile_position::{BySdo, Parameters},
 };
 
 use super::JogSetPoint;
@@ -87,16 +87,19 @@ impl ProfileVelocity {
         let handles = &self.axis.handles;
         // A stop that comes while ramps are being written stops this jog as well.
         let asked = handles.shared.last_stop();
-        let guard = handles.parameters_in_use.lock().await;
-        let fields = &handles.shared.setup.fields;
-        if fields.acceleration.is_none() {
-            self.write(obj::PROFILE_ACCELERATION, set_point.acceleration.take())
-                .await?;
+        let mut ramps = Parameters {
+            acceleration: set_point.acceleration,
+            deceleration: set_point.deceleration,
+            ..Parameters::default()
+        };
+        let by_sdo = BySdo::take(&handles.shared.setup.fields, &mut ramps);
+        if let Some(name) = by_sdo.zero {
+            let failure = Failure::Zero(name);
+            return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
         }
-        if fields.deceleration.is_none() {
-            self.write(obj::PROFILE_DECELERATION, set_point.deceleration.take())
-                .await?;
-        }
+        set_point.acceleration = ramps.acceleration;
+        set_point.deceleration = ramps.deceleration;
+        let guard = by_sdo.write(handles).await?;
         // From here on whatever drops it lets it go.
         let mut jog = Jog {
             pending: self.axis.submit_motion(Command::Jog(set_point), asked)?,
@@ -114,25 +117,6 @@ impl ProfileVelocity {
     /// stop was asked for nevertheless.
     pub async fn release(self) -> Result<(), AxisError> {
         self.axis.release().await
-    }
-
-    async fn write<A: Writable>(
-        &self,
-        object: Object<u32, A>,
-        value: Option<u32>,
-    ) -> Result<(), AxisError> {
-        let handles = &self.axis.handles;
-        match value {
-            None => Ok(()),
-            Some(0) => {
-                let failure = Failure::Zero(object.name());
-                Err(handles.shared.error(AxisErrorKind::Failed(failure)))
-            }
-            Some(value) => {
-                let bytes = value.to_le_bytes().to_vec();
-                handles.write_parameter(object.address(), bytes).await
-            }
-        }
     }
 }
 

@@ -3,6 +3,7 @@
 use servocrab::{
     coe::{AnyObject, obj},
     profile_position::SetPoint,
+    profile_velocity::JogSetPoint,
 };
 use servocrab_sim::ds402::{Behaviour, Executed};
 
@@ -85,4 +86,30 @@ fn the_drive_latches_the_same_parameters_whichever_way_each_of_them_goes() {
             assert!(writes.iter().all(|(_, value)| value.len() == bytes));
         }
     }
+}
+
+#[test]
+fn the_ramps_of_a_jog_are_not_those_of_the_next_move() {
+    let mut variant = variant(&[0x6083, 0x6084]);
+    variant.mapped_too.push(obj::TARGET_VELOCITY.into());
+    let mut machine = Machine::of(1, &variant);
+    for (index, value) in [(0x6083, 500_000), (0x6084, 400_000)] {
+        machine.drive().set(index, 0, value).unwrap();
+    }
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let ramps = JogSetPoint::new(1_000)
+        .acceleration(7_000)
+        .deceleration(8_000);
+    let jog = machine.finish(pv.jog(ramps)).unwrap();
+    assert_eq!(machine.drive().get(0x6084, 0), Some(8_000));
+    machine.finish(jog.release()).unwrap();
+    machine.finish(pv.release()).unwrap();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let set_point = SetPoint::new().acceleration(600_000);
+    let moved = machine.finish(pp.move_rel(1_000, set_point)).unwrap();
+    machine.finish(moved.done()).unwrap();
+    let line = machine.drive().ledger().last().cloned().unwrap();
+    assert_eq!((line.acceleration, line.deceleration), (600_000, 400_000));
 }
