@@ -2,6 +2,7 @@
 
 mod bits;
 mod commands;
+mod modes;
 
 use crate::table::{Cell, Document, Row};
 
@@ -210,6 +211,32 @@ const ROWS: &[Row] = &[
         library: by!(
             bits::library_has_a_controlword_for_each_axis,
             "36-second-axis-offset"
+        ),
+    },
+    Row {
+        id: "AKD2G-CW-17",
+        section: "Mode-dependent bits, hm",
+        says: "Bit 4 starts homing; bits 5, 6 and 9 are reserved.",
+        drive: by!(
+            modes::drive_starts_homing_by_bit_4_alone,
+            "drive-homes-by-bit-5"
+        ),
+        library: by!(
+            modes::library_starts_homing_by_bit_4_alone,
+            "library-homes-by-bit-6"
+        ),
+    },
+    Row {
+        id: "AKD2G-CW-18",
+        section: "Description of the remaining bits, bit 8",
+        says: "It halts in every mode; what the mode was set to, the speed of homing for instance, is kept.",
+        drive: by!(
+            modes::drive_halts_in_every_mode_and_keeps_its_velocity,
+            "drive-homes-through-a-halt"
+        ),
+        library: by!(
+            modes::library_halts_by_bit_8_in_homing_as_elsewhere,
+            "library-halt-lost-in-homing"
         ),
     },
 ];
