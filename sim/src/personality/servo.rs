@@ -28,6 +28,10 @@ pub(super) struct Pdo {
     pub(super) assigned: bool,
 }
 
+/// What most drives here take of Profile Position in one RxPDO, and what they tell in one TxPDO.
+pub(super) const OUTPUTS: &[u16] = &[0x6040, 0x6060, 0x607A, 0x6081, 0x6083, 0x6084];
+pub(super) const INPUTS: &[u16] = &[0x6041, 0x6061, 0x6064, 0x606C];
+
 impl Pdo {
     pub(super) const fn assigned(index: u16, objects: &'static [u16]) -> Self {
         Self {
