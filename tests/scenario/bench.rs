@@ -1,29 +1,46 @@
 //! One drive on a network in virtual time, and what was asked of it.
 
 use std::{
-    future::Future, pin::Pin, sync::Arc, task::Context, task::Poll, task::Waker, time::Duration,
+    cell::Cell,
+    future::{Future, poll_fn},
+    pin::Pin,
+    rc::Rc,
+    sync::Arc,
+    task::Context,
+    task::Poll,
+    task::Waker,
+    time::Duration,
 };
 
 use servocrab::{
     axis::{Axis, AxisError, AxisErrorKind, Failure, Referencing},
     bus::{DriveConfig, Network},
-    coe::SdoError,
+    coe::{SdoError, obj},
     drives::DriveDescription,
     ds402::State,
+    homing::{HomingMethod, HomingParameters},
     profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
 };
-use servocrab_sim::{Device, Segment, ds402::Executed};
+use servocrab_sim::{
+    Segment,
+    ds402::{Executed, Machine},
+    personality::Servo,
+};
 
 use crate::rig::{Line, Rig};
 
+/// Where the shaft's negative limit switch is, in counts from where it stands at power-up.
+pub(crate) const SWITCH: i32 = -100_000;
 pub(crate) const MS: Duration = Duration::from_millis(1);
 
 /// A drive: the simulated device, and the library's description of it.
 pub(crate) struct Subject {
     pub(crate) name: &'static str,
-    pub(crate) device: fn() -> Device,
+    pub(crate) device: fn() -> Servo,
     pub(crate) description: fn() -> DriveDescription,
     pub(crate) referencing: Referencing,
+    /// Whether it has mode 3, so that 60FFh can be mapped.
+    pub(crate) jogs: bool,
 }
 
 type Asked = Pin<Box<dyn Future<Output = String>>>;
@@ -34,16 +51,28 @@ pub(crate) struct Bench {
     pub(crate) axis: Axis,
     mode: Option<Arc<ProfilePosition>>,
     asked: Vec<(Option<String>, Asked)>,
+    /// The time, for what is asked.
+    clock: Rc<Cell<Duration>>,
     /// Set-points in the ledger before the step.
     executed: usize,
 }
 
 impl Bench {
     pub(crate) fn start(subject: &Subject) -> Self {
-        let line = Line::new(Segment::new().with((subject.device)()));
+        let shaft = Machine {
+            negative_limit: Some(SWITCH.into()),
+            ..Machine::default()
+        };
+        let servo = (subject.device)().change(move |drive| drive.machine = shaft.clone());
+        let line = Line::new(Segment::new().with(servo.build()));
         let drive = DriveConfig::new((subject.description)())
             .axis("x")
             .referencing("x", subject.referencing);
+        let drive = if subject.jogs {
+            drive.map_output("x", obj::TARGET_VELOCITY)
+        } else {
+            drive
+        };
         let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
         let axis = rig.net().axis("x").unwrap();
         rig.run_for(20 * MS);
@@ -53,6 +82,7 @@ impl Bench {
             axis,
             mode: None,
             asked: Vec::new(),
+            clock: Rc::default(),
             executed: 0,
         }
     }
@@ -116,6 +146,78 @@ impl Bench {
     pub(crate) fn rel(&mut self, distance: i32, set_point: SetPoint) {
         let mode = self.mode();
         self.ask(async move { end_of(mode.move_rel(distance, set_point).await).await });
+    }
+
+    /// Asks for a homing, with 607Ch = `offset`, and goes on.
+    pub(crate) fn home(&mut self, method: HomingMethod, offset: i32) {
+        self.mode = None;
+        let axis = self.axis.clone();
+        self.ask(async move {
+            let homing = match axis.homing().await {
+                Ok(homing) => homing,
+                Err(error) => return format!("not selected: {}", in_words(&error)),
+            };
+            let parameters = HomingParameters::new(method)
+                .speeds(50_000, 5_000)
+                .acceleration(500_000)
+                .offset(offset);
+            match homing.home(parameters).await {
+                Ok(homed) => format!("homed at {}", rounded(homed.position)),
+                Err(error) => in_words(&error),
+            }
+        });
+    }
+
+    /// Writes 607Dh and has the axis read it.
+    pub(crate) fn set_software_limits(&mut self, min: i32, max: i32) {
+        let sdo = self.rig.net().sdo(0).unwrap();
+        let axis = self.axis.clone();
+        self.ask(async move {
+            let written = async {
+                sdo.write(obj::SOFTWARE_LIMIT_MIN, min).await?;
+                sdo.write(obj::SOFTWARE_LIMIT_MAX, max).await
+            };
+            if let Err(error) = written.await {
+                return sdo_in_words(&error.error);
+            }
+            match axis.read_limits().await {
+                Ok(_) => "limits read".to_owned(),
+                Err(error) => in_words(&error),
+            }
+        });
+        self.run(100);
+    }
+
+    /// Asks for a jog that is held for some milliseconds, and goes on.
+    pub(crate) fn jog(&mut self, velocity: i32, milliseconds: u32) {
+        self.mode = None;
+        let axis = self.axis.clone();
+        let end = self.rig.bus.now() + milliseconds * MS;
+        let clock = Rc::clone(&self.clock);
+        self.ask(async move {
+            let mode = match axis.profile_velocity().await {
+                Ok(mode) => mode,
+                Err(error) => return format!("not selected: {}", in_words(&error)),
+            };
+            let jog = match mode.jog(velocity).await {
+                Ok(jog) => jog,
+                Err(error) => return format!("not begun: {}", in_words(&error)),
+            };
+            poll_fn(|_| {
+                if clock.get() < end {
+                    Poll::Pending
+                } else {
+                    Poll::Ready(())
+                }
+            })
+            .await;
+            let ended = jog.ended();
+            match (ended, jog.release().await) {
+                (None, Ok(())) => "jogged".to_owned(),
+                (Some(failure), _) => format!("{failure:?}"),
+                (None, Err(error)) => in_words(&error),
+            }
+        });
     }
 
     /// Asks for something of the axis and goes on.
@@ -186,6 +288,7 @@ impl Bench {
     }
 
     fn poll(&mut self) {
+        self.clock.set(self.rig.bus.now());
         let mut context = Context::from_waker(Waker::noop());
         for (answer, asked) in &mut self.asked {
             if answer.is_none()
@@ -237,13 +340,20 @@ fn in_words(error: &AxisError) -> String {
         AxisErrorKind::Failed(Failure::ProfileType { profile_type, .. }) => {
             format!("ProfileType {profile_type}")
         }
+        AxisErrorKind::Failed(Failure::BeyondLimit { object, limit, .. }) => {
+            format!("BeyondLimit {object} at {limit}")
+        }
         AxisErrorKind::Failed(failure) => format!("{failure:?}"),
-        AxisErrorKind::Sdo(error) => match error.as_ref() {
-            SdoError::Aborted { transfer, code } => {
-                format!("{} aborted, {:08X}h", transfer.object, code.0)
-            }
-            other => format!("{other:?}"),
-        },
+        AxisErrorKind::Sdo(error) => sdo_in_words(error),
+        other => format!("{other:?}"),
+    }
+}
+
+fn sdo_in_words(error: &SdoError) -> String {
+    match error {
+        SdoError::Aborted { transfer, code } => {
+            format!("{} aborted, {:08X}h", transfer.object, code.0)
+        }
         other => format!("{other:?}"),
     }
 }

@@ -12,28 +12,29 @@ mod steps;
 use std::fmt::Write as _;
 
 use bench::{Bench, Subject};
-use servocrab::{axis::Referencing, drives};
-use servocrab_sim::personality;
+use servocrab::{
+    axis::Referencing,
+    drives::{self, DriveDescription},
+};
+use servocrab_sim::personality::Servo;
 
 const EXPECTED: &str = include_str!("../vectors/scenario.txt");
 
 fn subjects() -> Vec<Subject> {
-    let subject = |name, device, description| Subject {
-        name,
-        device,
-        description,
-        referencing: Referencing::UnreferencedMovesAllowed,
-    };
+    let subject =
+        |name, device: fn() -> Servo, description: fn() -> DriveDescription, jogs| Subject {
+            name,
+            device,
+            description,
+            referencing: Referencing::ByHoming,
+            jogs,
+        };
     vec![
-        subject(
-            "akd2g",
-            personality::akd2g as fn() -> _,
-            drives::akd2g as fn() -> _,
-        ),
-        subject("pp2010", personality::pp2010, drives::pp2010),
-        subject("ax2000", personality::ax2000, drives::ax2000),
-        subject("sigma7", personality::sigma7, drives::sigma7),
-        subject("generic", personality::generic, drives::generic),
+        subject("akd2g", Servo::akd2g, drives::akd2g, true),
+        subject("pp2010", Servo::pp2010, drives::pp2010, false),
+        subject("ax2000", Servo::ax2000, drives::ax2000, true),
+        subject("sigma7", Servo::sigma7, drives::sigma7, true),
+        subject("generic", Servo::generic, drives::generic, true),
     ]
 }
 

@@ -1,12 +1,47 @@
 //! The program's steps. Each begins with the axis enabled and standing, and knows nothing of the drive.
 
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::{
+    homing::HomingMethod,
+    profile_position::{SetPoint, Start},
+};
 
-use crate::bench::{Bench, start};
+use crate::bench::{Bench, SWITCH, start};
 
 type Step = fn(&mut Bench) -> String;
 
 pub(crate) const STEPS: &[(&str, Step)] = &[
+    ("an absolute move before the axis is referenced", |bench| {
+        bench.abs(1_000, start(Start::AfterCurrent));
+        bench.finish()
+    }),
+    ("homing where the axis stands", |bench| {
+        bench.home(HomingMethod::CURRENT_POSITION, 0);
+        bench.finish()
+    }),
+    ("homing by a method that no drive has", |bench| {
+        bench.home(HomingMethod(99), 0);
+        bench.finish()
+    }),
+    ("homing by the negative limit switch, halted", |bench| {
+        bench.home(HomingMethod::NEGATIVE_LIMIT, SWITCH);
+        bench.run(300);
+        bench.axis(|axis| async move { axis.halt().await });
+        bench.run(500);
+        bench.axis(|axis| async move { axis.resume().await });
+        bench.axis(|axis| async move { axis.stop().await });
+        bench.finish()
+    }),
+    (
+        "an absolute move after a homing that was not attained",
+        |bench| {
+            bench.abs(1_000, start(Start::AfterCurrent));
+            bench.finish()
+        },
+    ),
+    ("homing by the negative limit switch", |bench| {
+        bench.home(HomingMethod::NEGATIVE_LIMIT, SWITCH);
+        bench.finish()
+    }),
     ("Immediately, at rest", |bench| {
         bench.abs(10_000, start(Start::Immediately));
         bench.finish()
@@ -125,6 +160,34 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
         bench.run(50);
         bench.abs(-10_000, start(Start::Blend).profile_type(0));
         bench.finish()
+    }),
+    ("a jog", |bench| {
+        bench.jog(40_000, 500);
+        bench.finish()
+    }),
+    ("a jog, quick stopped", |bench| {
+        bench.jog(-40_000, 500);
+        bench.run(200);
+        bench.axis(|axis| async move { axis.quick_stop().await });
+        bench.finish()
+    }),
+    ("a jog, halted and resumed", |bench| {
+        bench.jog(40_000, 2_000);
+        bench.run(200);
+        bench.axis(|axis| async move { axis.halt().await });
+        bench.run(500);
+        bench.axis(|axis| async move { axis.resume().await });
+        bench.finish()
+    }),
+    ("a target beyond 607Dh", |bench| {
+        // Around the home offset, by which they are corrected: 20 000 to either side of 0.
+        bench.set_software_limits(SWITCH - 20_000, SWITCH + 20_000);
+        bench.abs(20_001, start(Start::AfterCurrent));
+        bench.run(50);
+        bench.abs(20_000, start(Start::AfterCurrent));
+        let found = bench.finish();
+        bench.set_software_limits(0, 0);
+        format!("{found}; then {}", bench.finish())
     }),
     ("a velocity of zero", |bench| {
         bench.abs(
