@@ -13,10 +13,6 @@ use crate::pdo::PdoLimits;
 /// What is added to a profile object's index for each further axis (DSP 402 v2: 800h).
 const AXIS_INCREMENT: u16 = 0x0800;
 
-/// What most drives here take of Profile Position in one RxPDO, and what they tell in one TxPDO.
-pub(super) const OUTPUTS: &[u16] = &[0x6040, 0x6060, 0x607A, 0x6081, 0x6083, 0x6084];
-pub(super) const INPUTS: &[u16] = &[0x6041, 0x6061, 0x6064, 0x606C];
-
 /// A PDO of the first axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pdo {
