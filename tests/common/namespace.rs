@@ -46,8 +46,9 @@ pub(crate) fn inside_namespace(test: &str) -> bool {
         eprintln!("{message}");
         return false;
     }
-    let output = Command::new("unshare")
-        .arg("-rn")
+    // Ahead of other work, where that is allowed: the processes inside talk in milliseconds.
+    let output = Command::new("nice")
+        .args(["-n", "-10", "unshare", "-rn"])
         .arg(env::current_exe().expect("this test has a path"))
         .args(["--exact", test, "--nocapture", "--test-threads=1"])
         .env(INSIDE, "1")

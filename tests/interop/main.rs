@@ -11,13 +11,18 @@ mod programs;
 
 use std::{
     io::{BufRead, BufReader},
-    process::{Command, Stdio},
+    process::{Command, ExitStatus, Stdio},
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
 };
 
 use namespace::{Process, inside_namespace, simulated};
 
 /// Seconds after which the simulated segment ends by itself, and with it whatever waits for its answers.
 const LONGEST: u32 = 120;
+
+/// How long etherage may try again when its frames were late.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The checks of `soem/`, in order.
 const SOEM: [&str; 27] = [
@@ -75,7 +80,7 @@ const ETHERAGE: [&str; 17] = [
 ];
 
 /// What etherage 0.5.1 itself cannot do, and why.
-const NOT_BY_ETHERAGE: [(&str, &str); 4] = [
+const NOT_BY_ETHERAGE: [(&str, &str); 5] = [
     (
         "segmented",
         "it takes the last-segment bit for its opposite and each segment for all of the rest; its first segment is sized for \
@@ -87,10 +92,21 @@ const NOT_BY_ETHERAGE: [(&str, &str); 4] = [
         "it takes an emergency for the answer to its SDO, and every later answer for the one before",
     ),
     (
+        "slow machines",
+        "it gives a frame up after 100 ms and may panic when its answer comes later",
+    ),
+    (
         "working counters",
         "an exchange of its groups does not tell the counter",
     ),
 ];
+
+/// Each test has two processes that talk in milliseconds: the tests run one at a time.
+static TURN: Mutex<()> = Mutex::new(());
+
+fn turn() -> MutexGuard<'static, ()> {
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Runs SOEM on a drive, in a namespace of its own.
 fn soem(test: &str, drive: &str) {
@@ -103,6 +119,7 @@ fn run_soem(test: &str, name: &str, program: &str, devices: &[&str], checks: &[&
         return;
     };
     let simulator = programs::simulator();
+    let _turn = turn();
     if !inside_namespace(test) {
         return;
     }
@@ -115,7 +132,7 @@ fn run_soem(test: &str, name: &str, program: &str, devices: &[&str], checks: &[&
         .arg("master0")
         .arg(programs::table())
         .args(devices);
-    judge("soem", name, command, checks);
+    Run::of("soem", name, command).judge(checks);
 }
 
 /// Runs etherage on a drive, in a namespace of its own.
@@ -124,40 +141,84 @@ fn etherage(test: &str, drive: &str) {
         return;
     };
     let simulator = programs::simulator();
+    let _turn = turn();
     if !inside_namespace(test) {
         return;
     }
-    let _simulator = simulated(&simulator, &[drive], LONGEST, None);
-    let mut command = Command::new(program);
-    command.arg("master0").arg(programs::table()).arg(drive);
-    judge("etherage", drive, command, &ETHERAGE);
+    // etherage gives every frame 100 ms, which cannot be changed, and may panic when its answer comes later. Where it said so
+    // and failed, the machine was too slow and not the drive at fault: it runs again, on a drive just switched on.
+    let begun = Instant::now();
+    loop {
+        let _simulator = simulated(&simulator, &[drive], LONGEST, None);
+        let mut command = Command::new(&program);
+        command.arg("master0").arg(programs::table()).arg(drive);
+        let run = Run::of("etherage", drive, command);
+        if run.passes(&ETHERAGE) || !run.frame_was_late() || begun.elapsed() > PATIENCE {
+            run.judge(&ETHERAGE);
+            break;
+        }
+        println!("etherage on {drive}: a frame was later than its 100 ms, once more");
+    }
     for (step, reason) in NOT_BY_ETHERAGE {
         println!("etherage on {drive}: not done {step}: {reason}");
     }
 }
 
-/// Passes the program's report on, line by line, and holds it against the list of checks.
-fn judge(master: &str, drive: &str, mut command: Command, checks: &[&str]) {
-    let mut process = command
-        .stdout(Stdio::piped())
-        .spawn()
-        .map(Process)
-        .expect("the program starts");
-    let output = BufReader::new(process.0.stdout.take().expect("piped"));
-    let mut done = Vec::new();
-    for line in output.lines() {
-        let line = line.expect("text");
-        println!("{master} on {drive}: {line}");
-        done.push(line);
+/// What one program said, and how it ended.
+struct Run {
+    name: String,
+    lines: Vec<String>,
+    status: ExitStatus,
+}
+
+impl Run {
+    /// Runs a program to its end and passes on what it says, line by line.
+    fn of(master: &str, drive: &str, mut command: Command) -> Self {
+        let mut process = command
+            .stdout(Stdio::piped())
+            .spawn()
+            .map(Process)
+            .expect("the program starts");
+        let output = BufReader::new(process.0.stdout.take().expect("piped"));
+        let mut lines = Vec::new();
+        for line in output.lines() {
+            let line = line.expect("text");
+            println!("{master} on {drive}: {line}");
+            lines.push(line);
+        }
+        let status = process.0.wait().expect("it is our child");
+        programs::report(&format!("{master}-{drive}"), &lines);
+        Self {
+            name: format!("{master} on {drive}"),
+            lines,
+            status,
+        }
     }
-    let status = process.0.wait().expect("it is our child");
-    programs::report(&format!("{master}-{drive}"), &done);
-    let passed: Vec<&str> = done
-        .iter()
-        .filter_map(|line| line.strip_prefix("ok ")?.split(':').next())
-        .collect();
-    assert_eq!(passed, checks, "{master} on {drive}, {status}");
-    assert!(status.success(), "{master} on {drive}: {status}");
+
+    /// The checks that were passed.
+    fn passed(&self) -> Vec<&str> {
+        self.lines
+            .iter()
+            .filter_map(|line| line.strip_prefix("ok ")?.split(':').next())
+            .collect()
+    }
+
+    fn passes(&self, checks: &[&str]) -> bool {
+        self.passed() == checks && self.status.success()
+    }
+
+    /// etherage says so of each, and of a group that rests.
+    fn frame_was_late(&self) -> bool {
+        self.lines
+            .iter()
+            .any(|line| line.starts_with("token ") && line.ends_with(" timeout"))
+    }
+
+    /// Holds it against the list of checks.
+    fn judge(&self, checks: &[&str]) {
+        assert_eq!(self.passed(), checks, "{}, {}", self.name, self.status);
+        assert!(self.status.success(), "{}: {}", self.name, self.status);
+    }
 }
 
 #[test]

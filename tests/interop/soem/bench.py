@@ -8,12 +8,14 @@ import pysoem
 from drive import expect, until
 
 CYCLE_NS = 1_000_000
+# How long a frame may take.
+FRAME_US = 1_000_000
 
 
 def patient():
     """A busy machine is no lost frame: the timeouts for one are far longer than SOEM's 2 ms."""
     timeouts = pysoem.settings.timeouts
-    timeouts.ret, timeouts.safe = 100_000, 200_000
+    timeouts.ret, timeouts.safe = FRAME_US, 2 * FRAME_US
     timeouts.rx_mailbox, timeouts.tx_mailbox = 2_000_000, 500_000
 
 
@@ -92,7 +94,7 @@ class Bench:
             field.put(data, self.outputs.get(field.index, 0))
         self.slave.output = bytes(data)
         self.master.send_processdata()
-        return self.master.receive_processdata(100_000)
+        return self.master.receive_processdata(FRAME_US)
 
     def cycle_until(self, what, condition, seconds=5):
         def step():

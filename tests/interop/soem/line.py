@@ -9,12 +9,12 @@ import sys
 
 import pysoem
 
-from bench import patient
+from bench import FRAME_US, patient
 from drive import expect, report, until
 
 
 # So long that a busy machine does not let it expire.
-WATCHDOG_MS = 500
+WATCHDOG_MS = 1000
 
 
 class Line:
@@ -32,7 +32,7 @@ class Line:
 
     def cycle(self):
         self.master.send_processdata()
-        return self.master.receive_processdata(100_000)
+        return self.master.receive_processdata(FRAME_US)
 
     def registers(self, address, kind):
         size = struct.calcsize(kind)

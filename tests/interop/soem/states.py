@@ -8,7 +8,7 @@ import pysoem
 from drive import expect, until
 
 DC_CYCLE_NS = 2_000_000
-WATCHDOG_MS = 500
+WATCHDOG_MS = 1000
 
 
 def default_mapping(bench):

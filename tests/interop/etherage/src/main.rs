@@ -8,7 +8,7 @@ mod acyclic;
 mod cyclic;
 mod drive;
 
-use std::{env, error::Error, fmt::Debug, fs, process::ExitCode, sync::Arc, time::Duration};
+use std::{env, error::Error, fmt::Debug, fs, panic, process, sync::Arc, time::Duration};
 
 use cyclic::Bench;
 use drive::Drive;
@@ -23,7 +23,8 @@ use tokio::time;
 /// Readings by which etherage sets the clock's offset; by default it takes 15000.
 const CLOCK_SAMPLES: usize = 500;
 const SYNC0: Duration = Duration::from_millis(2);
-const SYNC0_AHEAD: Duration = Duration::from_millis(10);
+/// Later than the set-up takes, and not so late that OP is refused for want of a pulse.
+const SYNC0_AHEAD: Duration = Duration::from_millis(150);
 
 type Outcome<T = ()> = Result<T, Box<dyn Error>>;
 
@@ -32,21 +33,28 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// The fixed address that the drive gets.
 const ADDRESS: u16 = 1;
 /// Watchdog time of process data, in ticks of 100 µs unless somebody has changed the divider.
-const WATCHDOG: (Place<u16>, u16) = (Place::simple(0x0420), 5_000);
+const WATCHDOG: (Place<u16>, u16) = (Place::simple(0x0420), 10_000);
 
 #[tokio::main]
-async fn main() -> ExitCode {
+async fn main() -> process::ExitCode {
+    // A panic in one of etherage's own tasks would leave the others waiting.
+    let usual = panic::take_hook();
+    panic::set_hook(Box::new(move |info| {
+        usual(info);
+        println!("FAILED, the check after those above: panicked");
+        process::exit(1);
+    }));
     let arguments: Vec<String> = env::args().skip(1).collect();
     let [interface, table, name] = arguments.as_slice() else {
         eprintln!("usage: servocrab-interop-etherage INTERFACE TABLE DRIVE");
-        return ExitCode::FAILURE;
+        return process::ExitCode::FAILURE;
     };
     let table = fs::read_to_string(table).expect("the table");
     match run(interface, &Drive::named(&table, name)).await {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => process::ExitCode::SUCCESS,
         Err(error) => {
             println!("FAILED, the check after those above: {error}");
-            ExitCode::FAILURE
+            process::ExitCode::FAILURE
         }
     }
 }
