@@ -178,7 +178,8 @@ pub struct ScaledProfilePosition {
 }
 
 impl ScaledProfilePosition {
-    /// The lease itself.
+    /// The lease itself: for a path ([`ProfilePosition::follow`]), whose moves come from [`abs`](Self::abs) and
+    /// [`rel`](Self::rel).
     #[must_use]
     pub const fn inner(&self) -> &ProfilePosition {
         &self.inner

@@ -5,6 +5,7 @@ use servocrab::{
     bus::{DriveConfig, DriveFault, Network, NetworkError},
     coe::{AxisOffset, ObjectAddress, obj},
     drives,
+    homing::{HomingMethod, HomingParameters},
     profile_position::{Limits, Outcome, PositionRange, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{Segment, personality};
@@ -167,4 +168,49 @@ fn a_modulo_axis_takes_its_turn_from_the_drive() {
         ),
         "{error:?}"
     );
+}
+
+#[test]
+fn limits_that_hold_after_homing_are_checked_after_homing() {
+    // Sigma-7: 607Dh less 607Ch, off where the minimum is not below the maximum, in force once the axis is homed.
+    let mut drive = DriveConfig::new(drives::sigma7()).axis("z");
+    for (object, value) in [
+        (obj::SOFTWARE_LIMIT_MIN.address(), -1_000_i32),
+        (obj::SOFTWARE_LIMIT_MAX.address(), 1_000),
+    ] {
+        drive = drive.start_up(object, &value.to_le_bytes());
+    }
+    let line = Line::new(Segment::new().with(personality::sigma7()));
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
+    let z = rig.net().axis("z").unwrap();
+    rig.until(z.enable()).unwrap();
+    let pp = rig.until(z.profile_position()).unwrap();
+    let fast = SetPoint::new()
+        .velocity(50_000)
+        .acceleration(1_000_000)
+        .deceleration(1_000_000);
+    // Not homed: neither the drive nor the library holds the axis back, and absolute moves are not asked for.
+    rig.until(async { pp.move_rel(5_000, fast).await?.done().await })
+        .unwrap();
+    let error = move_to(&mut rig, &pp, 0).unwrap_err();
+    assert_eq!(error.failure(), Some(Failure::NotReferenced));
+    rig.until(pp.release()).unwrap();
+
+    let homing = rig.until(z.homing()).unwrap();
+    let home = HomingParameters::new(HomingMethod::CURRENT_POSITION).offset(300);
+    rig.until(homing.home(home)).unwrap();
+    rig.until(homing.release()).unwrap();
+    let pp = rig.until(z.profile_position()).unwrap();
+    let error = move_to(&mut rig, &pp, 701).unwrap_err();
+    assert_eq!(
+        error.failure(),
+        Some(Failure::BeyondLimit {
+            object: ObjectAddress::new(0x607D, 2),
+            limit: 700,
+            target: 701
+        }),
+        "less the home offset that the homing has set"
+    );
+    move_to(&mut rig, &pp, 700).unwrap();
+    rig.shutdown();
 }

@@ -82,6 +82,8 @@ pub(crate) struct Sdo {
     drive: Drive,
     pub(crate) written: Mutex<Vec<(u16, Vec<u8>)>>,
     pub(crate) refuse: AtomicBool,
+    /// An object that reads as 0, whatever the drive holds.
+    pub(crate) zero: Mutex<Option<ObjectAddress>>,
 }
 
 impl ParameterAccess for Sdo {
@@ -114,6 +116,8 @@ impl ParameterAccess for Sdo {
                     code: AbortCode::NO_OBJECT,
                 });
             };
+            let zero = *self.zero.lock().unwrap() == Some(object);
+            let value = if zero { 0 } else { value };
             let bytes = match object.index {
                 0x6061 => 1,
                 0x603F | 0x6086 => 2,
@@ -230,6 +234,7 @@ impl Station {
             drive: Arc::clone(&drive),
             written: Mutex::default(),
             refuse: AtomicBool::new(false),
+            zero: Mutex::default(),
         });
         let setup = AxisSetup {
             identity: AxisIdentity {

@@ -2,6 +2,7 @@
 
 use servocrab::{
     axis::{AxisErrorKind, Failure, together},
+    coe::ObjectAddress,
     profile_position::Start,
     units::{
         Edition, Quantity, Ratio, Scale, ScaleError, ScaledMove, ScaledOutcome, ScaledSetPoint,
@@ -103,6 +104,17 @@ fn the_factor_objects_of_the_drive_make_the_scale() {
     let scale = factors.scale(Ratio::new(5, 1).unwrap()).unwrap();
     assert_eq!(scale.position(5.0), Ok(i32::try_from(turn).unwrap()));
     assert_eq!(scale.velocity(50.0), Ok(600));
+
+    let divisor = ObjectAddress::new(0x6091, 2);
+    *machine.stations[0].sdo.zero.lock().unwrap() = Some(divisor);
+    let error = machine.finish(axis.factors()).unwrap_err();
+    assert!(
+        matches!(
+            error.kind,
+            AxisErrorKind::Scale(ScaleError::ZeroFactor { object }) if object == divisor
+        ),
+        "{error}"
+    );
 }
 
 #[test]
