@@ -2,13 +2,17 @@
 
 use servocrab::{
     axis::{AxisErrorKind, Failure, together},
-    profile_position::{ProfilePosition, SetPoint},
+    profile_position::{Limits, PositionRange, ProfilePosition, RelativeBase, SetPoint},
 };
 
-use crate::machine::{Machine, Task, lock};
+use crate::machine::{Machine, Task, Variant, lock};
 
 fn machine(axes: usize) -> (Machine, Vec<ProfilePosition>) {
-    let mut machine = Machine::new(axes);
+    machine_of(axes, &Variant::default())
+}
+
+fn machine_of(axes: usize, variant: &Variant) -> (Machine, Vec<ProfilePosition>) {
+    let mut machine = Machine::of(axes, variant);
     let leases = (0..axes)
         .map(|n| {
             let axis = machine.axis(n);
@@ -63,6 +67,44 @@ fn none_starts_when_one_is_refused() {
     for station in &machine.stations {
         assert!(lock(&station.drive).ledger().is_empty());
     }
+}
+
+#[test]
+fn none_starts_when_one_would_end_beyond_a_limit() {
+    let mut variant = Variant {
+        limits: Limits {
+            software: Some(PositionRange {
+                min: -1_000,
+                max: 1_000,
+            }),
+            ..Limits::trust_drive()
+        },
+        ..Variant::default()
+    };
+    variant.traits.relative_base = RelativeBase::Demand;
+    let (mut machine, pp) = machine_of(2, &variant);
+    let beyond = [
+        pp[1].abs(1_001, SetPoint::new()),
+        pp[1].rel(1_001, SetPoint::new()),
+    ];
+    for request in beyond {
+        let requests = [pp[0].abs(500, SetPoint::new()), request];
+        let error = machine.finish(together(requests)).unwrap_err();
+        assert!(matches!(
+            error.error.failure(),
+            Some(Failure::BeyondLimit { target: 1_001, .. })
+        ));
+        assert!(!error.fired && error.started.is_empty());
+        machine.run(300);
+        for station in &machine.stations {
+            assert!(lock(&station.drive).ledger().is_empty());
+        }
+    }
+    let requests = [
+        pp[0].abs(500, SetPoint::new()),
+        pp[1].rel(1_000, SetPoint::new()),
+    ];
+    assert!(machine.finish(together(requests)).is_ok());
 }
 
 #[test]
