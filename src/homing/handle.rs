@@ -125,9 +125,15 @@ impl Homing {
         let asked = handles.shared.last_stop();
         let guard = handles.parameters_in_use.lock().await;
         self.write(&parameters).await?;
+        let offset = match parameters.offset {
+            None if parameters.method.is_motionless() => {
+                self.axis.read_if_there(obj::HOME_OFFSET).await?
+            }
+            offset => offset,
+        };
         let command = HomingCommand {
             method: parameters.method,
-            offset: parameters.offset,
+            offset,
         };
         let mut pending = self.axis.submit_motion(Command::Home(command), asked)?;
         pending.accepted().await?;

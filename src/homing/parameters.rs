@@ -73,6 +73,7 @@ impl From<HomingMethod> for HomingParameters {
 pub struct HomingCommand {
     /// The method that 6098h holds: some show no motion.
     pub method: HomingMethod,
-    /// What 607Ch was set to for it, if it was: the software position limits 607Dh are counted from there.
+    /// Home offset 607Ch, where it is known: the software position limits 607Dh are counted from there, and by it a method
+    /// that moves nothing is recognized as done; taken for 0 there where it is not known.
     pub offset: Option<i32>,
 }

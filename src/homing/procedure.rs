@@ -351,12 +351,22 @@ impl Run {
         }
         // Nothing moves: "in progress" may be over within one of the drive's cycles and never be seen. An edge of bit 12
         // after bit 4 is proof as well. Without one, the drive has had bit 4 for so long that it would show it if it were
-        // still at work, and what an earlier homing has left and what this one gives look alike.
+        // still at work, and the axis reads what it reads at home: then even a drive that has not seen bit 4 tells the truth.
         let long_enough = |since: Duration| {
             cycle.now.saturating_sub(since) >= cycle.bounds.settle.max(4 * cycle.traits.drive_cycle)
         };
         !self.stale_attained
-            || (self.delivered.is_some_and(long_enough) && self.done_since.is_some_and(long_enough))
+            || (self.reads_home(cycle)
+                && self.delivered.is_some_and(long_enough)
+                && self.done_since.is_some_and(long_enough))
+    }
+
+    /// Whether the position is what it is at home: the home offset, with the sign that the drive gives it.
+    fn reads_home(&self, cycle: &Cycle<'_>) -> bool {
+        let offset = self.command.offset.unwrap_or(0);
+        [offset, offset.wrapping_neg()]
+            .into_iter()
+            .any(|home| cycle.bounds.distance(home, cycle.sample.position) <= cycle.bounds.position)
     }
 
     fn error(

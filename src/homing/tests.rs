@@ -29,6 +29,7 @@ struct Dialogue {
     standstill: Standstill,
     now: Duration,
     velocity: i32,
+    position: i32,
     delivered: bool,
     halted: bool,
     sent: Controlword,
@@ -44,6 +45,7 @@ impl Dialogue {
             standstill: Standstill::default(),
             now: Duration::ZERO,
             velocity: 0,
+            position: 500,
             delivered: true,
             halted: false,
             sent: Controlword::empty(),
@@ -53,7 +55,7 @@ impl Dialogue {
             ID,
             HomingCommand {
                 method,
-                offset: None,
+                offset: Some(-500),
             },
             &mut this.events,
         );
@@ -80,7 +82,7 @@ impl Dialogue {
         let sample = Sample {
             statusword: Statusword::from_bits_retain(ENABLED | bits),
             mode: Mode::Homing,
-            position: 500,
+            position: self.position,
             velocity: Some(self.velocity),
             error_code: None,
         };
@@ -238,6 +240,12 @@ fn a_homing_without_motion_over_an_old_result_is_attained_when_it_has_stood_long
     assert!(homing.reports().is_empty());
     homing.shows(DONE);
     assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+
+    // Not where it would read something else at home.
+    let mut homing = Dialogue::begin(HomingMethod::CURRENT_POSITION, DONE);
+    homing.position = 511;
+    homing.shows_for(400, DONE);
+    assert!(homing.reports().is_empty());
 
     // It counts from when bit 4 is known to have been delivered.
     let mut homing = Dialogue::begin(HomingMethod::CURRENT_POSITION, DONE);

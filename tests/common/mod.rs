@@ -38,6 +38,8 @@ pub struct Rig {
     pub outputs: Vec<u8>,
     /// The controlword of every frame sent, delivered or not.
     pub words: Vec<u16>,
+    /// The outputs of the last frame sent.
+    pub sent: Vec<u8>,
     pub events: Vec<(CommandId, Event)>,
     /// Inputs take this many cycles more to come.
     pub latency: usize,
@@ -83,6 +85,7 @@ impl Rig {
             now: Duration::ZERO,
             outputs: vec![0; layout.output_bytes()],
             words: Vec::new(),
+            sent: Vec::new(),
             events: Vec::new(),
             latency: 0,
             stop: StopRequest::empty(),
@@ -143,6 +146,7 @@ impl Rig {
         }
         self.words
             .push(u16::from_le_bytes([self.outputs[0], self.outputs[1]]));
+        self.sent.clone_from(&self.outputs);
         // A drive answers with what it put into its inputs before this frame passed.
         let inputs = self.inputs();
         if link != Link::RequestLost {
@@ -253,7 +257,7 @@ impl Rig {
             let value = match object.index {
                 0x6060 => i64::from(raw[0] as i8),
                 0x6086 => i64::from(i64::from_le_bytes(raw) as i16),
-                0x607A => i64::from(i64::from_le_bytes(raw) as i32),
+                0x607A | 0x60FF => i64::from(i64::from_le_bytes(raw) as i32),
                 _ => i64::from_le_bytes(raw),
             };
             // A value that the drive refuses stays what it was, as with a PDO.
