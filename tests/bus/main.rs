@@ -1,6 +1,7 @@
 //! The network against a simulated segment, in virtual time and without a thread.
 
 mod bring_up;
+mod bring_up_costs;
 mod endings;
 mod faults;
 mod limits;

@@ -176,6 +176,23 @@ impl Device {
         self.mailbox.delay = delay;
     }
 
+    /// Sets the time that the EEPROM takes for a command of its interface (0502h).
+    pub fn set_sii_delay(&mut self, delay: Duration) {
+        self.esc.sii_delay = delay;
+    }
+
+    /// How many commands the EEPROM has had since power-up.
+    #[must_use]
+    pub fn sii_accesses(&self) -> u64 {
+        self.esc.sii_accesses
+    }
+
+    /// How many mails the device has taken since power-up.
+    #[must_use]
+    pub fn mails_taken(&self) -> u64 {
+        self.esc.mails_taken
+    }
+
     /// Makes the device fall to SAFEOP, or stay below it, with an error, as after a fault of its own.
     pub fn fall_to_safe_op(&mut self, al_status_code: u16) {
         let before = self.al.state();
@@ -205,6 +222,7 @@ impl Device {
     pub fn power_on(&mut self, now: Duration) {
         if !self.powered {
             let delay = self.mailbox.delay;
+            let sii_delay = self.esc.sii_delay;
             let axes: Vec<Axis> = self.axes().iter().map(Axis::restarted).collect();
             *self = Self::new(self.blueprint.clone());
             if let Some(drive) = &mut self.drive {
@@ -213,6 +231,7 @@ impl Device {
                 }
             }
             self.mailbox.delay = delay;
+            self.esc.sii_delay = sii_delay;
             self.next_cycle = now;
         }
     }

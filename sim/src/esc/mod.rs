@@ -32,6 +32,12 @@ pub(crate) struct Esc {
     sync_managers: [SyncManager; CHANNELS],
     sii: Vec<u8>,
     sii_reads_eight_bytes: bool,
+    /// How long the EEPROM takes for a command, until when it is at work, and how many it has had.
+    pub(crate) sii_delay: Duration,
+    sii_busy_until: Option<Duration>,
+    pub(crate) sii_accesses: u64,
+    /// Mails that the device has taken.
+    pub(crate) mails_taken: u64,
     clock: Clock,
     watchdog: Watchdog,
     place: Place,
@@ -63,6 +69,10 @@ impl Esc {
             sync_managers: Default::default(),
             sii,
             sii_reads_eight_bytes,
+            sii_delay: Duration::ZERO,
+            sii_busy_until: None,
+            sii_accesses: 0,
+            mails_taken: 0,
             clock: Clock::new(clock_start),
             watchdog: Watchdog::default(),
             place: Place::default(),

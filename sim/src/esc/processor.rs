@@ -48,6 +48,7 @@ impl Esc {
             return None;
         }
         sm.full = false;
+        self.mails_taken += 1;
         let start = usize::from(settings.start);
         self.memory
             .get(start..start + usize::from(settings.length))

@@ -36,7 +36,7 @@ impl Esc {
         if touches(reg::SII_CONTROL, 2) {
             let offset = usize::from(reg::SII_CONTROL).checked_sub(at);
             let control = offset.and_then(|offset| crate::frame::read_u16(bytes, offset));
-            self.sii_command(control.unwrap_or(0));
+            self.sii_command(control.unwrap_or(0), now);
         }
         if touches(reg::DC_RECEIVE_TIMES, 4) {
             let times = self.clock.receive_times(self.place, now);
@@ -106,6 +106,9 @@ impl Esc {
                 reg::WATCHDOG_STATUS,
                 u8::from(self.watchdog_timeout().is_none() || self.watchdog_is_running()),
             );
+        }
+        if shows(0x0502..0x0504) {
+            self.refresh_sii(now);
         }
         if shows(0x0800..0x0840) {
             for index in 0..CHANNELS {

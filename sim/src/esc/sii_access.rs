@@ -1,5 +1,7 @@
 //! The SII interface of an ESC (0500h–050Fh): the MainDevice reads the EEPROM word by word through it.
 
+use std::time::Duration;
+
 use super::{Esc, registers as reg};
 
 /// Control bit 0: writing is enabled for this access.
@@ -12,6 +14,8 @@ const TWO_BYTE_ADDRESS: u16 = 0x0080;
 const COMMAND_READ: u16 = 0x0100;
 const COMMAND_WRITE: u16 = 0x0200;
 const COMMAND_RELOAD: u16 = 0x0400;
+/// Status bit 15: a command is under way.
+const BUSY: u16 = 0x8000;
 /// Status bit 13: the command was not executed.
 const COMMAND_ERROR: u16 = 0x2000;
 /// Status bit 14: write command without write enable.
@@ -39,8 +43,15 @@ impl Esc {
         self.set_byte(reg::SII_OWNER, owner);
     }
 
-    /// A write to the control register executes its command at once.
-    pub(super) fn sii_command(&mut self, control: u16) {
+    /// A write to the control register executes its command, which takes the EEPROM its time.
+    pub(super) fn sii_command(&mut self, control: u16, now: Duration) {
+        if self.sii_busy_until.is_some_and(|until| now < until) {
+            return;
+        }
+        if control & 0x0700 != 0 {
+            self.sii_accesses += 1;
+            self.sii_busy_until = now.checked_add(self.sii_delay);
+        }
         let idle = self.sii_idle_status();
         if self.sii_is_with_the_device() {
             self.set_word(reg::SII_CONTROL, idle | COMMAND_ERROR);
@@ -65,6 +76,13 @@ impl Esc {
             _ => idle | COMMAND_ERROR,
         };
         self.set_word(reg::SII_CONTROL, status);
+    }
+
+    /// Shows whether a command is under way.
+    pub(super) fn refresh_sii(&mut self, now: Duration) {
+        let busy = self.sii_busy_until.is_some_and(|until| now < until);
+        let status = self.word(reg::SII_CONTROL) & !BUSY;
+        self.set_word(reg::SII_CONTROL, status | if busy { BUSY } else { 0 });
     }
 
     /// Copies words into the data register; behind the end the EEPROM reads as FFh.

@@ -298,3 +298,27 @@ fn a_trigger_without_a_watchdog_time_and_a_time_without_a_trigger_are_refused_wh
     master.sync_manager(0x1001, 3, 0x1200, 22, 0x20);
     assert_eq!(master.request(0x1001, 4), (4, 0));
 }
+
+#[test]
+fn a_slow_eeprom_is_busy_for_its_time_and_takes_no_other_command_meanwhile() {
+    let mut master = drive();
+    assert_eq!(master.exchange(2, 0, 0x0010, &[0x01, 0x10]).1, 1);
+    let delay = core::time::Duration::from_millis(3);
+    master.segment.device_mut(0).unwrap().set_sii_delay(delay);
+    let before = master.segment.device(0).unwrap().sii_accesses();
+    master.write(0x1001, 0x0502, &[0x00, 0x01, 0x08, 0, 0, 0]);
+    let asked = master.now;
+    master.write(0x1001, 0x0502, &[0x00, 0x01, 0x0A, 0, 0, 0]);
+    while master.read::<2>(0x1001, 0x0502)[1] & 0x80 != 0 {
+        assert!(master.now < asked + delay, "busy for too long");
+        master.now += core::time::Duration::from_micros(100);
+    }
+    assert!(master.now >= asked + delay, "{:?}", master.now - asked);
+    assert_eq!(
+        master.read::<4>(0x1001, 0x0508),
+        [0x6A, 0, 0, 0],
+        "word 8, the vendor"
+    );
+    let device = master.segment.device(0).unwrap();
+    assert_eq!(device.sii_accesses() - before, 1);
+}

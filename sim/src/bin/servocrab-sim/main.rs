@@ -38,6 +38,12 @@ struct Arguments {
     drive: Vec<Kind>,
     #[command(flatten)]
     machine: MachineArguments,
+    /// Milliseconds that an EEPROM takes for one access
+    #[arg(long, value_name = "MS", default_value_t = 0)]
+    sii_ms: u64,
+    /// Milliseconds that a device takes to answer a mail
+    #[arg(long, value_name = "MS", default_value_t = 0)]
+    mailbox_ms: u64,
     /// Seconds to run; without it, until SIGINT or SIGTERM
     #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
     duration: Option<Duration>,
@@ -78,7 +84,10 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let mut segment = Segment::new();
     for kind in &arguments.drive {
-        segment.push(build(*kind, &arguments.machine));
+        let mut device = build(*kind, &arguments.machine);
+        device.set_sii_delay(Duration::from_millis(arguments.sii_ms));
+        device.set_mailbox_delay(Duration::from_millis(arguments.mailbox_ms));
+        segment.push(device);
     }
     let socket = RawSocket::open(&arguments.interface)?;
     let trace = match &arguments.trace {
