@@ -195,6 +195,8 @@ impl Behaviour {
             limits_off: LimitsOff::MinNotBelowMax,
             // In force when homing is completed or with an absolute encoder.
             limits_need_reference: true,
+            // 607Dh counts from the machine's home position, and a limit is corrected by taking 607Ch off: so does a position.
+            home_offset: HomeOffset::ZeroBeyondHome,
             // Targets are compared with the corrected limits; what then happens is not on the page, assumed.
             limit_violation: LimitViolation::Clamp,
             // Assumed: pp, pv, tq, hm, ip, csp, csv, cst.

@@ -9,6 +9,7 @@
 //! |---|---|---|
 //! | identity | vendor 00000539h (Yaskawa), product 53474437h ("SGD7"), revision 1 | |
 //! | encoder | incremental, unless the builder says absolute | then the limits wait for homing |
+//! | home position | reads 607Ch with the other sign after homing | limits count from it and are corrected by taking 607Ch off; so do positions |
 //! | a target outside the limits | the axis moves to the limit, bit 11 is set | the page says that it is checked |
 //! | mapping at power-up | 1601h with 6040h and 607Ah, 1A01h with 6041h and 6064h; 1600h and 1A00h are for Profile Position | the mode is set by SDO |
 //! | the rest | plain CiA 402 | |
