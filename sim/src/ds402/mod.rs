@@ -38,6 +38,7 @@ mod objects;
 mod positioning;
 mod power;
 mod presets;
+mod ramp;
 mod rotary;
 mod set_point;
 mod state;
