@@ -14,6 +14,7 @@ mod ax2000;
 mod bench;
 mod page;
 mod pp2010;
+mod sigma7;
 mod wire;
 
 /// The documents, in the order of the page.
@@ -22,4 +23,5 @@ const DOCUMENTS: &[&table::Document] = &[
     &akd2g_cw::DOCUMENT,
     &pp2010::DOCUMENT,
     &ax2000::DOCUMENT,
+    &sigma7::DOCUMENT,
 ];
