@@ -43,6 +43,42 @@ fn near(bounds: &Bounds, share: f64) -> i64 {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
+    /// With a speed at which ramps start and end: never slower while it moves, at the target in the end, whatever came
+    /// between.
+    #[test]
+    fn between_standstills_it_is_never_slower_than_its_start_and_stop_speed(
+        bounds in bounds(),
+        floor in 0.0..1.5_f64,
+        moves in prop::collection::vec((-1.0..1.0_f64, 0..500_u32, any::<bool>()), 1..5),
+    ) {
+        let bounds = Bounds { shape: Shape::Linear, ..bounds };
+        let mut trajectory = Trajectory::at(0);
+        trajectory.set_floor(floor * bounds.velocity);
+        let slowest = bounds.velocity * floor.min(1.0) * (1.0 - 1e-9);
+        let check = |trajectory: &Trajectory| {
+            let speed = trajectory.velocity().abs();
+            assert!(speed == 0.0 || (slowest..=bounds.velocity * (1.0 + 1e-9)).contains(&speed));
+        };
+        let mut target = 0;
+        for (share, steps, halted) in moves {
+            target = near(&bounds, share);
+            trajectory.run_to(target, bounds);
+            for _ in 0..steps {
+                trajectory.advance(DT);
+                check(&trajectory);
+            }
+            if halted {
+                trajectory.stop(bounds.deceleration, bounds.shape);
+                run(&mut trajectory, |_, _, after| check(after));
+                prop_assert!(trajectory.stands());
+                trajectory.run_to(target, bounds);
+            }
+        }
+        run(&mut trajectory, |_, _, after| check(after));
+        prop_assert_eq!(trajectory.counts(), target);
+        prop_assert!(trajectory.stands());
+    }
+
     #[test]
     fn from_standstill_it_arrives_exactly_monotonically_and_within_its_bounds(
         bounds in bounds(), share in -1.0..1.0_f64, start in -1_000_000..1_000_000_i64,
