@@ -25,7 +25,7 @@ const LONGEST: u32 = 120;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The checks of `soem/`, in order.
-const SOEM: [&str; 27] = [
+const SOEM: [&str; 28] = [
     "default_mapping",
     "scan",
     "sii_strings",
@@ -35,6 +35,7 @@ const SOEM: [&str; 27] = [
     "complete_access",
     "object_list",
     "aborts",
+    "mapping_refusals",
     "remapping",
     "clock",
     "al_refusals",

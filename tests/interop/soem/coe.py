@@ -131,12 +131,15 @@ def object_list(bench):
     expect("the mandatory objects", {0x1000, 0x1018, 0x1C12, 0x1C13} - objects.keys(), set())
     # What the list says of the objects that this suite moves the drive with is what it uses them as.
     for axis in bench.drive.axes:
-        for field in axis.outputs + axis.inputs:
+        # Bit 6 of the access: it goes into an RxPDO; bit 7: into a TxPDO.
+        for field, direction in [(f, 0x40) for f in axis.outputs] + [(f, 0x80) for f in axis.inputs]:
             expect("is in the list", (f"{field.index:04X}h", field.index in objects), (f"{field.index:04X}h", True))
             known = objects[field.index]
             expect(f"the name of {field.index:04X}h", bool(known.name), True)
             expect(f"the bits of {field.index:04X}h", known.bit_length, field.bits)
             expect(f"the type of {field.index:04X}h", known.data_type, field.coe_type)
+            if field.mapped:
+                expect(f"the direction of {field.index:04X}h", known.obj_access & direction, direction)
     identity = objects[0x1018]
     expect("the entries of 1018h", [entry.bit_length for entry in identity.entries], [8, 32, 32, 32, 32])
     return f"{len(objects)} objects, {sum(len(o.entries) for o in objects.values())} entries"

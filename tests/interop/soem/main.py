@@ -24,6 +24,7 @@ CHECKS = (
     coe.complete_access,
     coe.object_list,
     coe.aborts,
+    states.mapping_refusals,
     states.remapping,
     states.clock,
     states.al_refusals,

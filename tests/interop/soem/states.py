@@ -26,6 +26,35 @@ def mapped(bench, pdo):
     return [f"{bench.read(pdo, at + 1, 'I'):08X}" for at in range(bench.read(pdo, 0, "B"))]
 
 
+def mapping_refusals(bench):
+    """Entries and PDOs that cannot be, and the order that must be kept; afterwards the mapping is what it was."""
+    axis = bench.drive.axes[0]
+    before = mapped(bench, axis.rx)
+    assigned = bench.read(0x1C12, 0, "B")
+    refusals = 0
+
+    def refused(what, code, index, subindex, kind, value):
+        nonlocal refusals
+        seen = bench.abort_of(lambda: bench.write(index, subindex, kind, value))
+        expect(what, f"{seen:08X}", code)
+        refusals += 1
+
+    controlword = axis.index(0x6040) << 16 | 16
+    bench.write(0x1C12, 0, "B", 0)
+    refused("an entry before the PDO is empty", "06010003", axis.rx, 1, "I", controlword)
+    bench.write(axis.rx, 0, "B", 0)
+    refused("an object that goes into no PDO", "06040041", axis.rx, 1, "I", 0x1000 << 16 | 32)
+    refused("an input among the outputs", "06040041", axis.rx, 1, "I", axis.index(0x6041) << 16 | 16)
+    refused("an object that does not exist", "06020000", axis.rx, 1, "I", 0x2FFE << 16 | 16)
+    refused("another length than the object's", "06070010", axis.rx, 1, "I", controlword + 16)
+    refused("more entries than there is room for", "06040042", axis.rx, 0, "B", 200)
+    refused("a PDO that does not exist", "06090030", 0x1C12, 1, "H", 0x16FF)
+    bench.write(axis.rx, 0, "B", len(before))
+    bench.write(0x1C12, 0, "B", assigned)
+    expect("the mapping", mapped(bench, axis.rx), before)
+    return f"{refusals} refusals"
+
+
 def remapping(bench):
     """Writes another mapping than the one at power-up, reads it back, and lets SOEM make its image of it."""
     drive, slave = bench.drive, bench.slave
