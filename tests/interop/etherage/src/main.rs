@@ -8,7 +8,7 @@ mod acyclic;
 mod cyclic;
 mod drive;
 
-use std::{env, error::Error, fmt::Debug, fs, panic, process, sync::Arc, time::Duration};
+use std::{env, error::Error, fmt, fmt::Debug, fs, panic, process, sync::Arc, time::Duration};
 
 use cyclic::Bench;
 use drive::Drive;
@@ -26,6 +26,9 @@ const SYNC0: Duration = Duration::from_millis(2);
 /// Later than the set-up takes, and not so late that OP is refused for want of a pulse.
 const SYNC0_AHEAD: Duration = Duration::from_millis(150);
 
+/// Exit code when etherage itself gave up, as it does where a frame takes longer than 100 ms.
+const COULD_NOT_SAY: u8 = 2;
+
 type Outcome<T = ()> = Result<T, Box<dyn Error>>;
 
 /// For anything at all; nothing in etherage gives up by itself.
@@ -42,7 +45,7 @@ async fn main() -> process::ExitCode {
     panic::set_hook(Box::new(move |info| {
         usual(info);
         println!("FAILED, the check after those above: panicked");
-        process::exit(1);
+        process::exit(COULD_NOT_SAY.into());
     }));
     let arguments: Vec<String> = env::args().skip(1).collect();
     let [interface, table, name] = arguments.as_slice() else {
@@ -54,7 +57,11 @@ async fn main() -> process::ExitCode {
         Ok(()) => process::ExitCode::SUCCESS,
         Err(error) => {
             println!("FAILED, the check after those above: {error}");
-            process::ExitCode::FAILURE
+            if error.is::<Judgement>() {
+                process::ExitCode::FAILURE
+            } else {
+                process::ExitCode::from(COULD_NOT_SAY)
+            }
         }
     }
 }
@@ -123,11 +130,24 @@ fn ok(check: &str, seen: impl std::fmt::Display) {
     println!("ok {check}: {seen}");
 }
 
+/// The drive answered, and not as it should.
+#[derive(Debug)]
+struct Judgement(String);
+
+impl fmt::Display for Judgement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Error for Judgement {}
+
 fn expect<T: PartialEq + Debug>(what: &str, seen: T, wanted: T) -> Outcome {
     if seen == wanted {
         return Ok(());
     }
-    Err(format!("{what}: expected {wanted:?}, got {seen:?}").into())
+    let text = format!("{what}: expected {wanted:?}, got {seen:?}");
+    Err(Judgement(text).into())
 }
 
 /// Ends what would wait for ever.
@@ -135,8 +155,16 @@ async fn in_time<T, E: Into<Box<dyn Error>>>(
     what: &str,
     work: impl Future<Output = Result<T, E>>,
 ) -> Outcome<T> {
-    match time::timeout(PATIENCE, work).await {
-        Ok(done) => done.map_err(|error| format!("{what}: {}", error.into()).into()),
-        Err(_) => Err(format!("{what}: not in {PATIENCE:?}").into()),
-    }
+    let Ok(done) = time::timeout(PATIENCE, work).await else {
+        return Err(format!("{what}: not in {PATIENCE:?}").into());
+    };
+    done.map_err(|error| {
+        let error = error.into();
+        let text = format!("{what}: {error}");
+        if error.is::<Judgement>() {
+            Judgement(text).into()
+        } else {
+            text.into()
+        }
+    })
 }
