@@ -42,7 +42,8 @@ pub struct AxisConfig {
     pub quick_stop: QuickStopOption,
     /// What moves use for the parameters that they leave out: what the drive held when the axis attached.
     pub defaults: Parameters,
-    /// What moves are checked against before they are sent: what the drive held when the axis attached.
+    /// What moves are checked against before they are sent: what the drive held when the axis attached. With a mailbox
+    /// client `Limits::read` reads it.
     pub limits: Limits,
     /// One turn of a modulo axis, whose positions begin again at its end: a rotary table, a belt. Positions are compared
     /// around it, absolute targets lie within it, and distances may be longer. None for other axes.
