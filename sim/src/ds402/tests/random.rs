@@ -5,8 +5,9 @@ use core::time::Duration;
 use proptest::prelude::*;
 
 use super::super::{
-    AckPolicy, Axis, Behaviour, Bit5, Executed, FullBuffer, Homing, HomingOutcome, LimitSwitches,
-    LimitViolation, Machine, Outcome, State, VelocityEnd, VelocityPhase, WhileMoving,
+    AckPolicy, Axis, Behaviour, Bit5, Executed, FullBuffer, HomeOffset, Homing, HomingOutcome,
+    LimitSwitches, LimitViolation, Machine, Outcome, State, VelocityEnd, VelocityPhase,
+    WhileMoving,
 };
 
 #[derive(Debug, Clone)]
@@ -183,7 +184,13 @@ fn check_modes(before: &Axis, after: &Axis) {
     );
     if let (true, Some(line)) = (attained(after) > attained(before), after.homings().last()) {
         let home = line.home.expect("attained") - shift(after);
-        assert_eq!(Some(home as i32), line.offset, "home reads the offset");
+        // The other sign by the drive's reading of 607Ch, and by bit 7 of 607Eh.
+        let beyond = after.behaviour.home_offset == HomeOffset::ZeroBeyondHome;
+        let turned = after
+            .get(0x607E, 0)
+            .is_some_and(|polarity| polarity & 0x80 != 0);
+        let reads = if beyond == turned { home } else { -home };
+        assert_eq!(Some(reads as i32), line.offset, "home reads the offset");
         assert!(after.is_referenced());
     }
 }
