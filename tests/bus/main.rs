@@ -7,6 +7,7 @@ mod faults;
 mod limits;
 mod log;
 mod messages;
+mod modes;
 mod rig;
 mod stops;
 mod threaded;

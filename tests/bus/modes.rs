@@ -1,0 +1,109 @@
+//! Homing and jog over frames: mailbox, mapping and process data of the second axis of a drive.
+
+use std::time::Duration;
+
+use servocrab::{
+    axis::{Failure, Referencing},
+    bus::{DriveConfig, Network},
+    coe::obj,
+    drives,
+    homing::{HomingMethod, HomingParameters},
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::{Segment, ds402::Machine, personality::Servo};
+
+use crate::rig::{Line, Rig};
+
+const MS: Duration = Duration::from_millis(1);
+
+/// Axis `y` stands 5000 counts above its negative limit switch and does not know it.
+fn line() -> (Line, DriveConfig) {
+    let machine = Machine {
+        start: 20_000,
+        negative_limit: Some(15_000),
+        ..Machine::default()
+    };
+    let servo = Servo::akd2g().change(move |drive| drive.machine = machine.clone());
+    let config = DriveConfig::new(drives::akd2g())
+        .axis("x")
+        .axis("y")
+        .referencing("y", Referencing::ByHoming)
+        .map_output("y", obj::TARGET_VELOCITY);
+    (Line::new(Segment::new().with(servo.build())), config)
+}
+
+fn to_the_switch() -> HomingParameters {
+    HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+        .speeds(50_000, 5_000)
+        .acceleration(1_000_000)
+        .offset(100)
+}
+
+#[test]
+fn the_second_axis_of_a_drive_is_homed_and_moved_and_a_loss_takes_its_reference_away() {
+    let (line, config) = line();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
+    let y = rig.net().axis("y").unwrap();
+    rig.until(async {
+        y.enable().await.unwrap();
+        let homing = y.homing().await.unwrap();
+        homing.home(to_the_switch()).await.unwrap();
+        homing.release().await.unwrap();
+        let pp = y.profile_position().await.unwrap();
+        let set_point = SetPoint::new()
+            .velocity(50_000)
+            .acceleration(1_000_000)
+            .deceleration(1_000_000);
+        let moved = pp.move_abs(2_100, set_point).await.unwrap();
+        let reached = moved.done().await.unwrap();
+        assert_eq!(reached, Outcome::Reached { position: 2_100 });
+    });
+    assert!(y.status().referenced);
+    {
+        let segment = line.segment();
+        let drive = segment.axis(0, 1).unwrap();
+        let home = drive.homings()[0].home.unwrap();
+        assert_eq!(drive.mechanical_position() - home, 2_000);
+        assert!(segment.axis(0, 0).unwrap().homings().is_empty());
+    }
+    line.segment().unplug(0);
+    rig.run_for(200 * MS);
+    assert!(y.status().lost && !y.status().referenced);
+    rig.shutdown();
+}
+
+#[test]
+fn a_jog_ends_with_the_programs_liveness_and_does_not_come_back() {
+    let (line, config) = line();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
+    let y = rig.net().axis("y").unwrap();
+    let (pv, jog) = rig.until(async {
+        y.enable().await.unwrap();
+        let pv = y.profile_velocity().await.unwrap();
+        let jog = pv.jog(10_000).await.unwrap();
+        (pv, jog)
+    });
+    let live = rig.net().liveness(50 * MS);
+    for _ in 0..10 {
+        live.feed();
+        rig.run_for(20 * MS);
+    }
+    assert_eq!(y.status().velocity, 10_000);
+    rig.run_for(300 * MS);
+    let status = y.status();
+    assert!(status.halted && status.velocity == 0, "{status:?}");
+    assert_eq!(jog.ended(), Some(Failure::Halted));
+    live.feed();
+    rig.until(async {
+        y.resume().await.unwrap();
+    });
+    assert!(jog.set(10_000).is_err());
+    live.feed();
+    let stood = line.segment().axis(0, 1).unwrap().position();
+    rig.run_for(40 * MS);
+    live.feed();
+    rig.run_for(40 * MS);
+    assert_eq!(line.segment().axis(0, 1).unwrap().position(), stood);
+    drop((jog, pv));
+    rig.shutdown();
+}
