@@ -9,7 +9,9 @@ mod common;
 mod by_sdo;
 mod configuration;
 mod handshake;
+mod list;
 mod set_points;
+mod simulator;
 mod states;
 mod stops;
 
