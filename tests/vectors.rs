@@ -166,6 +166,9 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
         },
         Failure::Halted,
         Failure::LocalControl,
+        Failure::SwitchOnRefused {
+            state: State::ReadyToSwitchOn,
+        },
         Failure::NeedsStop,
     ];
     let texts: Vec<&str> = FAILURES

@@ -141,6 +141,13 @@ impl AxisCore {
             && !sample.statusword.contains(Statusword::VOLTAGE_ENABLED)
         {
             Failure::NoVoltage
+        } else if matches!(
+            sample.state(),
+            State::SwitchOnDisabled | State::ReadyToSwitchOn
+        ) {
+            Failure::SwitchOnRefused {
+                state: sample.state(),
+            }
         } else {
             self.timeout(
                 WaitingFor::State(State::OperationEnabled),

@@ -226,6 +226,14 @@ pub enum Failure {
         "the drive is under local control (statusword bit 9 is 0): give control to the fieldbus"
     )]
     LocalControl,
+    /// The drive does not go on from this state although it is told to: it is inhibited. DS402 has no bit that says why.
+    #[error(
+        "the drive stays in {state} although it is told to switch on: look at its enable input, its safe torque off and its supply"
+    )]
+    SwitchOnRefused {
+        /// The state in which it stays.
+        state: State,
+    },
     /// Bit 4 of the statusword is 0.
     #[error("the power stage has no supply (statusword bit 4 is 0): switch on its supply")]
     NoVoltage,

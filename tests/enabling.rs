@@ -1,0 +1,197 @@
+//! Enabling a drive that waits for its supply, is inhibited, is under local control, or takes its time: `enable` waits and
+//! goes on by itself, or refuses with that reason; and what it gave up is not done later.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::Rig;
+use servocrab::axis::{Command, Completion, Failure};
+use servocrab::ds402::State;
+use servocrab::profile_position::{SetPoint, WaitingFor};
+use servocrab_sim::ds402::{self, Behaviour};
+
+/// Cycles within which `enable` gives up: its deadline, and some more.
+const DEADLINE: usize = 5_100;
+
+/// A condition that keeps a drive from being enabled, and how it ends.
+struct Obstacle {
+    name: &'static str,
+    behaviour: Behaviour,
+    /// Whether the library is told that bit 4 of the statusword means something.
+    shows_voltage: bool,
+    set: fn(&mut ds402::Axis),
+    clear: fn(&mut ds402::Axis),
+    refusal: Failure,
+}
+
+fn obstacles() -> Vec<Obstacle> {
+    let drives = [
+        Behaviour::akd2g(),
+        Behaviour::ax2000(),
+        Behaviour::sigma7(),
+        Behaviour::generic(),
+    ];
+    let mut obstacles = Vec::new();
+    for behaviour in drives {
+        obstacles.push(Obstacle {
+            name: "local control",
+            behaviour: behaviour.clone(),
+            shows_voltage: false,
+            set: |drive| drive.set_remote(false),
+            clear: |drive| drive.set_remote(true),
+            refusal: Failure::LocalControl,
+        });
+        obstacles.push(Obstacle {
+            name: "safe torque off",
+            behaviour: behaviour.clone(),
+            shows_voltage: false,
+            set: |drive| drive.set_inhibited(true),
+            clear: |drive| drive.set_inhibited(false),
+            refusal: Failure::SwitchOnRefused {
+                state: State::ReadyToSwitchOn,
+            },
+        });
+        for ready_needs_voltage in [false, true] {
+            for shows_voltage in [false, true] {
+                let state = if ready_needs_voltage {
+                    State::SwitchOnDisabled
+                } else {
+                    State::ReadyToSwitchOn
+                };
+                obstacles.push(Obstacle {
+                    name: "no supply",
+                    behaviour: Behaviour {
+                        ready_needs_voltage,
+                        ..behaviour.clone()
+                    },
+                    shows_voltage,
+                    set: |drive| drive.set_voltage(false),
+                    clear: |drive| drive.set_voltage(true),
+                    refusal: if shows_voltage {
+                        Failure::NoVoltage
+                    } else {
+                        Failure::SwitchOnRefused { state }
+                    },
+                });
+            }
+        }
+    }
+    obstacles
+}
+
+impl Obstacle {
+    /// A rig whose drive has the obstacle from the start.
+    fn rig(&self) -> Rig {
+        let mut rig = Rig::new(self.behaviour.clone(), |config| {
+            config.traits.shows_voltage = self.shows_voltage;
+        });
+        rig.run(5);
+        (self.set)(&mut rig.drive);
+        rig.run(5);
+        rig
+    }
+}
+
+#[test]
+fn enable_waits_for_what_is_missing_and_goes_on_when_it_is_there() {
+    for obstacle in obstacles() {
+        let mut rig = obstacle.rig();
+        let id = rig.send(Command::Enable);
+        rig.run(1_000);
+        assert_eq!(rig.outcome(id), None, "{}: it waits", obstacle.name);
+        assert!(rig.drive.state() != ds402::State::OperationEnabled);
+        (obstacle.clear)(&mut rig.drive);
+        assert_eq!(rig.finish(id), Ok(Completion::Done), "{}", obstacle.name);
+        assert_eq!(rig.drive.state(), ds402::State::OperationEnabled);
+        assert!(rig.ledger().is_empty(), "and nothing moves");
+    }
+}
+
+#[test]
+fn enable_gives_up_with_the_reason_and_does_not_come_back_to_it() {
+    for obstacle in obstacles() {
+        let mut rig = obstacle.rig();
+        let id = rig.send(Command::Enable);
+        rig.run(DEADLINE);
+        assert_eq!(
+            rig.outcome(id),
+            Some(Err(obstacle.refusal)),
+            "{}",
+            obstacle.name
+        );
+        assert_eq!(rig.word(), 0, "nothing is commanded any more");
+        let refused = rig.abs(5_000, SetPoint::new());
+        assert!(matches!(
+            rig.outcome(refused),
+            Some(Err(Failure::NotEnabled { .. }))
+        ));
+        (obstacle.clear)(&mut rig.drive);
+        rig.run(1_000);
+        assert_eq!(
+            rig.drive.state(),
+            ds402::State::SwitchOnDisabled,
+            "{}: nobody has asked again",
+            obstacle.name
+        );
+        rig.enable();
+    }
+}
+
+#[test]
+fn a_disable_ends_the_wait() {
+    for obstacle in obstacles() {
+        let mut rig = obstacle.rig();
+        let id = rig.send(Command::Enable);
+        rig.run(100);
+        let disable = rig.send(Command::Disable);
+        assert!(rig.finish(disable).is_ok(), "{}", obstacle.name);
+        assert!(matches!(
+            rig.outcome(id),
+            Some(Err(Failure::Disabled { .. }))
+        ));
+        (obstacle.clear)(&mut rig.drive);
+        rig.run(1_000);
+        assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
+    }
+}
+
+#[test]
+fn an_axis_that_is_inhibited_while_it_moves_says_that_it_was_disabled() {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(100);
+    rig.drive.set_inhibited(true);
+    assert_eq!(
+        rig.finish(id),
+        Err(Failure::Disabled {
+            state: State::SwitchOnDisabled
+        })
+    );
+    rig.drive.set_inhibited(false);
+    rig.run(1_000);
+    assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
+}
+
+#[test]
+fn a_power_section_that_takes_its_time_is_waited_for() {
+    let slow = |power_on_cycles| Behaviour {
+        power_on_cycles,
+        ..Behaviour::generic()
+    };
+    let mut rig = Rig::new(slow(3_000), |_| {});
+    let id = rig.send(Command::Enable);
+    assert_eq!(rig.finish(id), Ok(Completion::Done));
+
+    let mut rig = Rig::new(slow(30_000), |_| {});
+    let id = rig.send(Command::Enable);
+    assert!(matches!(
+        rig.finish(id),
+        Err(Failure::Timeout {
+            waiting_for: WaitingFor::State(State::OperationEnabled),
+            ..
+        })
+    ));
+    rig.run(5);
+    assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
+}
