@@ -1,5 +1,5 @@
 //! Servo axes over EtherCAT: CoE configuration of drives, PDO mapping, cyclic process data, and one typed, awaited handle
-//! per axis with the DS402 Profile Position operations.
+//! per axis with the DS402 operations of Profile Position, homing and jogging.
 //!
 //! ```
 //! # #[cfg(feature = "std")]
