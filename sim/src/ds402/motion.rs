@@ -107,7 +107,9 @@ impl Axis {
         let single = controlword & 0x0020 == 0
             && self.behaviour.while_moving == WhileMoving::TakenAfterArrival;
         self.buffer.asked = bit_4 && (rise || self.buffer.asked);
-        let free = !single || (self.buffer.is_empty() && self.trajectory.stands());
+        // One that had to wait is taken after the master could see the arrival.
+        let told = rise || self.statusword() & 0x0400 != 0;
+        let free = !single || (self.buffer.is_empty() && self.trajectory.stands() && told);
         let take = self.buffer.asked && (rise || single) && free;
         if take || !single {
             self.buffer.asked = false;

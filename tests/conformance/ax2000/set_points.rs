@@ -149,6 +149,7 @@ pub(super) fn drive_stands_between_single_ones() {
     drive.set(0x607A, 20_000);
     drive.word(0x1F);
     assert!(slowest_at_10_000(&mut drive) < 200.0);
+    drive.run_until(5_000, |drive| drive.outcomes().len() == 2);
     drive.settle();
     assert_eq!(drive.outcomes(), [Outcome::Reached; 2]);
 }
@@ -171,6 +172,7 @@ pub(super) fn drive_is_told_by_bit_5_which_of_both() {
         let mut drive = to_10_000();
         drive.set(0x607A, 20_000);
         drive.word(word);
+        drive.run_until(5_000, |drive| drive.outcomes().len() == 2);
         drive.settle();
         assert_eq!(drive.outcomes(), [first, Outcome::Reached], "{word:02X}h");
     }

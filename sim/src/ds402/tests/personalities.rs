@@ -205,8 +205,11 @@ fn ax2000_receives_the_next_single_set_point_after_arrival() {
         assert!(!bench.bit(12), "not taken while it moves");
         bench.run(1);
     }
+    assert_eq!(bench.outcomes(), [Reached]);
+    assert!(bench.bit(10) && !bench.bit(12), "arrival is told first");
+    bench.run(1);
     assert_eq!(bench.outcomes(), [Reached, Active]);
-    assert!(bench.bit(12));
+    assert!(!bench.bit(10) && bench.bit(12));
     let second = &bench.axis.ledger()[1];
     assert_eq!(
         second.start_position,
@@ -313,6 +316,8 @@ fn ax2000_has_no_bit_9_and_no_replacing() {
     bench.run(20);
     bench.start(0x020F, 4000);
     bench.settle();
+    bench.run(1);
+    bench.settle();
     assert_eq!(bench.outcomes(), [Reached, Reached], "bit 9 blends nothing");
 }
 
@@ -340,6 +345,9 @@ fn ax2000_factors_lead_from_units_to_increments() {
         .set(0x6097, 1, 10)
         .expect("10 increments/s² a unit");
     bench.start(0x000F, 40_000);
+    bench.run(10);
+    let velocity = bench.axis.velocity();
+    assert!((velocity - 1000.0).abs() < 1e-6, "6083h = 100 000 units");
     bench.run(300);
     assert_eq!(bench.axis.velocity(), 20_000.0, "6081h = 10 000 units");
     assert_eq!(bench.axis.get(0x606C, 0), Some(10_000));
