@@ -9,6 +9,8 @@ mod config;
 mod core;
 mod fields;
 mod modes;
+#[cfg(test)]
+mod modes_tests;
 mod observe;
 mod power;
 mod referencing;
