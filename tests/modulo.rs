@@ -170,3 +170,21 @@ fn an_axis_at_the_seam_stands_though_its_position_jumps() {
         "it has nothing to stop"
     );
 }
+
+/// A turn has 36 000 counts: the axis goes all the way round to where it stands.
+#[test]
+fn a_whole_turn_is_not_over_before_it_has_begun() {
+    // Bit 10 of the move before stays for a while.
+    for stale in [0, 2, 50, 300] {
+        let mut rig = table(POSITIVE, |_| {});
+        let first = rig.abs(1_000, SetPoint::new());
+        reached(&mut rig, first);
+        rig.run(200);
+        rig.drive.disturbances().stale_reached_cycles = stale;
+        rig.drive.disturbances().ack_delay_cycles = 3;
+        let before = rig.drive.position();
+        let turn = rig.rel(36_000, SetPoint::new());
+        reached(&mut rig, turn);
+        assert_eq!(rig.drive.position() - before, 36_000, "stale for {stale}");
+    }
+}

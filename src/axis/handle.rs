@@ -2,7 +2,7 @@
 
 use core::{
     fmt,
-    sync::atomic::{AtomicBool, Ordering},
+    sync::atomic::{AtomicBool, AtomicU32, Ordering},
     time::Duration,
 };
 use std::sync::Arc;
@@ -14,8 +14,8 @@ use crate::{
 };
 
 use super::{
-    AxisError, AxisErrorKind, AxisIdentity, Command, Completion, ParameterAccess, Snapshot,
-    StopRequest, last_stop::LastStop, pending::Pending, shared::Shared,
+    AxisError, AxisErrorKind, AxisIdentity, Command, CommandId, Completion, ParameterAccess,
+    Snapshot, StopRequest, last_stop::LastStop, pending::Pending, shared::Shared,
 };
 
 /// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
@@ -277,6 +277,8 @@ pub(crate) struct Handles {
     /// Whether the drive may hold parameters that a move has written by SDO.
     pub(crate) parameters_changed: AtomicBool,
     keep_moving: AtomicBool,
+    /// The last motion whose future was dropped before it was accepted; 0 for none.
+    given_up: AtomicU32,
 }
 
 /// By the axis alone, as all that is shared.
@@ -293,7 +295,14 @@ impl Handles {
             parameters_in_use: smol::lock::Mutex::default(),
             parameters_changed: AtomicBool::new(false),
             keep_moving: AtomicBool::new(false),
+            given_up: AtomicU32::new(0),
         }
+    }
+
+    /// Gives a motion up, so far as it was not sent.
+    pub(super) fn withdraw(&self, id: CommandId) {
+        self.given_up.store(id.0, Ordering::Release);
+        self.shared.withdraw(id);
     }
 
     fn parameters(&self) -> &dyn ParameterAccess {
@@ -342,7 +351,10 @@ impl Drop for Handles {
         let status = self.shared.status.snapshot();
         // An axis that stands without a set-point has nothing to stop; a stop that comes a cycle later would end what the
         // next handle has begun.
-        let may_move = status.has_set_point || status.velocity != 0;
+        let given_up = CommandId(self.given_up.load(Ordering::Acquire));
+        // The frame with its bit 4 may be under way, and then no snapshot shows it yet.
+        let may_be_sent = given_up.0 != 0 && !self.shared.is_done(given_up);
+        let may_move = status.has_set_point || status.velocity != 0 || may_be_sent;
         if may_move && !self.keep_moving.load(Ordering::Acquire) {
             self.shared.request_stop(StopRequest::STOP);
             self.shared.trace("last handle dropped: stopped");

@@ -113,7 +113,7 @@ impl Drop for Pending {
     fn drop(&mut self) {
         let shared = &self.handles.shared;
         if self.withdraw_on_drop && !shared.is_done(self.id) {
-            shared.withdraw(self.id);
+            self.handles.withdraw(self.id);
         }
         shared.leave(self.id);
     }

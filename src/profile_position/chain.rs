@@ -15,7 +15,7 @@ const HELD: usize = 2;
 /// Whether the drive can take a move.
 pub(super) enum Place {
     Free,
-    /// Its buffer is full; if bit 12 shows that, a set-point that replaces everything is taken without an edge of it.
+    /// Its buffer is full, and bit 12 shows that: a set-point that replaces everything is taken without an edge of it.
     Full,
     Later,
     Never(&'static str),
@@ -169,13 +169,12 @@ impl Chain {
         let full = next.is_some();
         let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
         match start {
-            Start::Immediately if full => match command.reference {
+            Start::Immediately if full && shown_by_bit_12 => match command.reference {
                 Reference::Absolute => Place::Full,
-                Reference::Relative if shown_by_bit_12 => Place::Never(
+                Reference::Relative => Place::Never(
                     "its buffer is full and acknowledges nothing, and where a distance taken once too little or too often \
                      would end cannot be seen: use an absolute move, or stop",
                 ),
-                Reference::Relative => Place::Free,
             },
             Start::Immediately => Place::Free,
             _ if bits == StartBits::Sequenced || full => Place::Later,
@@ -246,8 +245,11 @@ impl Chain {
             },
             (None, _) => match traits.relative_base {
                 RelativeBase::Actual | RelativeBase::Demand => Some(position),
-                RelativeBase::PreviousTarget => self.last_end,
-                RelativeBase::Undocumented | RelativeBase::PositioningOption => self
+                // An axis that is not there any more has been homed, jogged or moved by hand since: what the drive takes for
+                // its previous target then, no document says.
+                RelativeBase::PreviousTarget
+                | RelativeBase::Undocumented
+                | RelativeBase::PositioningOption => self
                     .last_end
                     .filter(|&end| cycle.bounds.distance(end, position) <= cycle.bounds.position),
             },

@@ -318,7 +318,7 @@ impl Sequencer {
         };
         if ready && cycle.delivered {
             if let Err(failure) = self.chain.check_limits(&request.command, cycle) {
-                self.waiting.pop();
+                self.waiting.remove(request.id);
                 events.push(request.id, Event::Done(Err(failure)));
                 return;
             }

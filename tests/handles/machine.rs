@@ -169,6 +169,11 @@ impl Machine {
     }
 
     pub(crate) fn cycle(&mut self) {
+        self.cycle_while(|| ());
+    }
+
+    /// One cycle, with something that the program does while the frame is under way.
+    pub(crate) fn cycle_while(&mut self, under_way: impl FnOnce()) {
         self.now += CYCLE;
         let now = self.now;
         for station in &mut self.stations {
@@ -177,6 +182,7 @@ impl Machine {
             }
         }
         self.groups.advance(now, &mut Stations(&mut self.stations));
+        under_way();
         for station in &mut self.stations {
             station.exchange(now, self.silent);
         }

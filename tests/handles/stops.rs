@@ -270,3 +270,30 @@ fn a_stop_tells_where_the_drive_stands_and_leaves_a_standing_axis_as_it_is() {
         "a standing axis stays as it is"
     );
 }
+
+/// The program drops everything of the axis while a frame is under way, at each cycle of a move's beginning: in one of them
+/// bit 4 is in that frame.
+#[test]
+fn the_last_handle_stops_a_move_that_is_just_being_sent() {
+    for cycles in 0..12 {
+        let (mut machine, axis) = Machine::enabled();
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        drop(axis);
+        let mut moving = Task::new(async move {
+            let moved = pp.move_abs(20_000, SetPoint::new()).await?;
+            moved.done().await
+        });
+        assert!(moving.poll().is_none());
+        for _ in 0..cycles {
+            machine.cycle();
+            assert!(moving.poll().is_none());
+        }
+        machine.cycle_while(|| drop(moving));
+        machine.run(2_000);
+        let at = machine.drive().position();
+        assert!(
+            at < 5_000,
+            "dropped after {cycles} cycles, the axis went on to {at}"
+        );
+    }
+}

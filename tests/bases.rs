@@ -1,0 +1,118 @@
+//! What relative moves count from, across everything that moves the axis between two of them.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::Rig;
+use servocrab::axis::{Command, Completion, Failure};
+use servocrab::coe::obj;
+use servocrab::drives;
+use servocrab::ds402::Mode;
+use servocrab::homing::{HomingCommand, HomingMethod};
+use servocrab::profile_position::{Limits, PositionRange, RelativeBase, SetPoint, Start};
+use servocrab::profile_velocity::JogSetPoint;
+use servocrab_sim::ds402::Behaviour;
+
+/// A drive whose relative moves count from the previous target, 60F2h = 0, and a library that knows.
+fn rig() -> Rig {
+    let mut description = drives::akd2g();
+    for axis in &mut description.axes {
+        axis.outputs.push(obj::TARGET_VELOCITY.into());
+    }
+    let behaviour = Behaviour {
+        relative_base: servocrab_sim::ds402::RelativeBase::PreviousTarget,
+        ..Behaviour::akd2g()
+    };
+    let mut rig = Rig::of(description, behaviour, |config| {
+        config.traits.relative_base = RelativeBase::PreviousTarget;
+        config.limits = Limits {
+            software: Some(PositionRange {
+                min: -100_000,
+                max: 100_000,
+            }),
+            ..Limits::trust_drive()
+        };
+    });
+    rig.enable();
+    rig
+}
+
+fn mode(rig: &mut Rig, mode: Mode) {
+    let id = rig.send(Command::SelectMode(mode));
+    assert_eq!(rig.finish(id), Ok(Completion::Done));
+}
+
+/// A distance is gone from where the axis stands, and reported so.
+fn goes(rig: &mut Rig, distance: i32) {
+    let from = rig.drive.position() as i32;
+    let id = rig.rel(distance, SetPoint::new());
+    let end = rig.finish(id);
+    let position = from + distance;
+    assert!(
+        matches!(end, Ok(Completion::Reached { position: at }) if at.abs_diff(position) <= 10),
+        "{end:?}"
+    );
+}
+
+#[test]
+fn a_relative_replacement_beyond_a_limit_fails_alone() {
+    let mut rig = rig();
+    let first = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(first);
+    let second = rig.abs(60_000, SetPoint::new().start(Start::AfterCurrent));
+    rig.wait_accepted(second);
+    // No place for this one yet.
+    let third = rig.abs(70_000, SetPoint::new().start(Start::AfterCurrent));
+    let fourth = rig.rel(90_000, SetPoint::new());
+    rig.cycle();
+    rig.cycle();
+    assert!(matches!(
+        rig.finish(fourth),
+        Err(Failure::BeyondLimit { .. })
+    ));
+    assert!(matches!(rig.finish(third), Ok(Completion::Reached { .. })));
+    assert_eq!(rig.reports(fourth).len(), 1);
+}
+
+#[test]
+fn after_a_jog_a_distance_counts_from_where_the_axis_stands() {
+    let mut rig = rig();
+    let first = rig.abs(1_000, SetPoint::new());
+    rig.finish(first).unwrap();
+    mode(&mut rig, Mode::ProfileVelocity);
+    let jog = rig.send(Command::Jog(JogSetPoint::from(20_000)));
+    rig.run(500);
+    rig.core.release_jog(rig.now, jog, &mut rig.outputs);
+    rig.finish(jog).unwrap();
+    mode(&mut rig, Mode::ProfilePosition);
+    goes(&mut rig, 300);
+}
+
+#[test]
+fn after_a_homing_a_distance_counts_from_where_the_axis_stands() {
+    let mut rig = rig();
+    let first = rig.abs(1_000, SetPoint::new());
+    rig.finish(first).unwrap();
+    mode(&mut rig, Mode::Homing);
+    rig.drive.set(0x6098, 0, 37).unwrap();
+    let home = rig.send(Command::Home(HomingCommand {
+        method: HomingMethod(37),
+        offset: None,
+    }));
+    rig.finish(home).unwrap();
+    mode(&mut rig, Mode::ProfilePosition);
+    goes(&mut rig, 300);
+}
+
+#[test]
+fn after_the_power_was_off_a_distance_counts_from_where_the_axis_stands() {
+    let mut rig = rig();
+    let first = rig.abs(1_000, SetPoint::new());
+    rig.finish(first).unwrap();
+    let off = rig.send(Command::Disable);
+    rig.finish(off).unwrap();
+    // Pushed by hand.
+    rig.drive.place(5_000);
+    rig.enable();
+    goes(&mut rig, 300);
+}
