@@ -16,7 +16,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use namespace::{Process, inside_namespace, run, simulated};
+use namespace::{Process, inside_namespace, run, say, simulated};
 
 /// A program of this workspace, as built with the tests.
 fn program(name: &str) -> PathBuf {
@@ -299,7 +299,7 @@ fn without_the_capability_the_error_says_how_to_get_it() {
             Ok("true"),
             "{message}, and in CI that is a failure"
         );
-        eprintln!("{message}");
+        say(message);
         return;
     }
     let program = program("examples/pp_move");

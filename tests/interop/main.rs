@@ -25,7 +25,7 @@ const LONGEST: u32 = 120;
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// The checks of `soem/`, in order.
-const SOEM: [&str; 28] = [
+const SOEM: [&str; 31] = [
     "default_mapping",
     "scan",
     "sii_strings",
@@ -46,6 +46,9 @@ const SOEM: [&str; 28] = [
     "enable",
     "profile_move",
     "second_set_point",
+    "at_once",
+    "relative_move",
+    "halt",
     "quick_stop",
     "profile_velocity",
     "homing",

@@ -9,7 +9,7 @@ use std::{
     sync::OnceLock,
 };
 
-use crate::namespace::INSIDE;
+use crate::namespace::{INSIDE, say};
 
 /// Where this suite's files are.
 pub(crate) fn sources() -> PathBuf {
@@ -88,7 +88,7 @@ fn given(master: &str, made: &Made) -> Option<PathBuf> {
             Ok("true"),
             "{message}; in CI that is a failure"
         );
-        eprintln!("{message}");
+        say(&message);
     }
     made.clone().ok()
 }

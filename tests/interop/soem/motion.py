@@ -32,15 +32,15 @@ def enable(bench):
     return "Operation enabled, mode 1"
 
 
-def start(bench, targets, velocity, ramp=2_000_000):
-    """The handshake of one set-point: bit 4 up until bit 12 is up, then down until it is down."""
+def start(bench, targets, velocity, ramp=2_000_000, bits=0):
+    """The handshake of one set-point, with further bits: bit 4 up until bit 12 is up, then down."""
     for axis, target in zip(bench.drive.numbers, targets):
         bench.set(axis, 0x607A, target)
         bench.set(axis, 0x6081, velocity)
         bench.set(axis, 0x6083, ramp)
         bench.set(axis, 0x6084, ramp)
     bench.cycle_until("bit 12 low before", lambda: not any(statuswords(bench, 0x1000)))
-    order(bench, 0x001F)
+    order(bench, 0x001F | bits)
     bench.cycle_until("bit 12 high", lambda: all(statuswords(bench, 0x1000)))
     order(bench, 0x000F)
 
@@ -74,11 +74,26 @@ def arrival(bench, targets):
 def second_set_point(bench):
     """Bit 5 = 0 while the first still moves: the drive goes there after the first, whether it keeps it until then, or takes
     it on arrival."""
+    first, top = two_set_points(bench, 0)
+    expect(f"it turned at the first target ({top}, {first})", abs(top - first) <= 1000, True)
+    return f"turned at {top}"
+
+
+def at_once(bench):
+    """Bit 5 = 1 while the first still moves: the drive turns before the first target, or goes on through it."""
+    first, top = two_set_points(bench, 0x0020)
+    reached = abs(top - first) <= 1000
+    expect(f"the first target was reached ({top}, {first})", reached, bench.drive.table["bit_5_reaches_first"])
+    return "through the first target" if reached else "turned before the first target"
+
+
+def two_set_points(bench, bits):
+    """A second set-point, back towards the start, while the first is on its way: the first target and how far axis 1 went.
+    Gentle ramps: the axis is within 1000 counts of where it turns for a quarter of a second, and is seen there."""
     here = [bench.get(axis, 0x6064) for axis in bench.drive.numbers]
     first, second = [p + 10_000 for p in here], [p + 2_000 for p in here]
-    # Gentle ramps: the axis is within 1000 counts of where it turns for a quarter of a second, and is seen there.
     start(bench, first, 20_000, 100_000)
-    start(bench, second, 20_000, 100_000)
+    start(bench, second, 20_000, 100_000, bits)
     highest = list(here)
 
     def at_second():
@@ -89,9 +104,37 @@ def second_set_point(bench):
         )
 
     bench.cycle_until("the second target", at_second)
-    for top, target in zip(highest, first):
-        expect(f"it turned at the first target ({top}, {target})", abs(top - target) <= 1000, True)
-    return f"turned at {highest[0]}, at {second[0]}"
+    return first[0], highest[0]
+
+
+def relative_move(bench):
+    """Bit 6, from standstill."""
+    here = [bench.get(axis, 0x6064) for axis in bench.drive.numbers]
+    start(bench, [-5_000 for _ in here], 100_000, bits=0x0040)
+    bench.cycle_until("bit 12 low after", lambda: not any(statuswords(bench, 0x1000)))
+    bench.cycle_until("moving", lambda: all(bench.get(axis, 0x6064) < at for axis, at in zip(bench.drive.numbers, here)))
+    arrival(bench, [position - 5_000 for position in here])
+    return f"from {here[0]} to {bench.get(0, 0x6064)}"
+
+
+def halt(bench):
+    """Bit 8 in mid move: at rest short of the target, in Operation enabled; without it the move goes on."""
+    here = [bench.get(axis, 0x6064) for axis in bench.drive.numbers]
+    targets = [position + 40_000 for position in here]
+    start(bench, targets, 50_000, 500_000)
+    bench.cycle_until(
+        "moving", lambda: all(bench.get(axis, 0x6064) > at + 1_000 for axis, at in zip(bench.drive.numbers, here))
+    )
+    order(bench, 0x010F)
+    stopped = until_at_rest(bench)
+    expect("short of the targets", all(at < target for at, target in zip(stopped, targets)), True)
+    expect("Operation enabled", set(statuswords(bench, 0x006F)), {0x0027})
+    order(bench, 0x000F)
+    bench.cycle_until(
+        "going on", lambda: all(bench.get(axis, 0x6064) > at for axis, at in zip(bench.drive.numbers, stopped))
+    )
+    arrival(bench, targets)
+    return f"at rest at {stopped[0]}, then at {targets[0]}"
 
 
 def until_at_rest(bench):
