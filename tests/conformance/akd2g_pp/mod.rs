@@ -12,20 +12,10 @@ pub(crate) static DOCUMENT: Document = Document {
     title: "Kollmorgen AKD2G: Profile Position Mode",
     about: "The page \"Profile Position Mode\" of the AKD2G's fieldbus documentation.",
     rows: ROWS,
-    without_row: &[
-        (
-            "the commands AXIS#.OPMODE, AXIS#.CMDSOURCE, AXIS#.FBUS.*, AXIS#.PL.FB and the like",
-            "names of the drive's terminal for what the objects hold; no bus shows them",
-        ),
-        (
-            "\"home attained\" among what the statusword can indicate",
-            "it belongs to Homing mode, of which the page says nothing else",
-        ),
-        (
-            "that scale factors are to be set before the set-points",
-            "a piece of advice: the simulated drive keeps a set-point's number when a factor changes, as objects do",
-        ),
-    ],
+    without_row: &[(
+        "the commands AXIS#.OPMODE, AXIS#.CMDSOURCE, AXIS#.FBUS.*, AXIS#.PL.FB and the like",
+        "names of the drive's terminal for what the objects hold; no bus shows them",
+    )],
 };
 
 const ROWS: &[Row] = &[
@@ -936,8 +926,35 @@ const ROWS: &[Row] = &[
             profile::drive_scales_between_6063h_and_6064h,
             "drive-6063h-unscaled"
         ),
-        library: Cell::NoPart(
-            "its core counts in the drive's own units; `Scale` converts at the handle",
+        library: by!(
+            profile::library_scales_between_units_and_counts,
+            "39-rounding-truncates"
+        ),
+    },
+    Row {
+        id: "AKD2G-PP-76",
+        section: "CANopen Scaling",
+        says: "Scale factors change what the numbers in the set-point objects mean, so they are set before them.",
+        drive: by!(
+            profile::drive_means_another_speed_once_a_factor_has_changed,
+            "drive-velocity-factor-ignored"
+        ),
+        library: by!(
+            profile::library_counts_a_velocity_by_its_factor,
+            "library-velocity-factor-ignored"
+        ),
+    },
+    Row {
+        id: "AKD2G-PP-77",
+        section: "Status",
+        says: "The statusword tells that home is attained (in Homing mode).",
+        drive: by!(
+            status::drive_tells_that_home_is_attained,
+            "drive-home-unsaid"
+        ),
+        library: by!(
+            status::library_knows_that_home_is_attained,
+            "library-home-forgotten"
         ),
     },
 ];

@@ -7,6 +7,7 @@ use servocrab::drives;
 use servocrab::ds402::{Mode, SupportedModes};
 use servocrab::pdo_map::{Direction, Mapping as PdoMapping};
 use servocrab::profile_position::SetPoint;
+use servocrab::units::{Factors, Ratio};
 use servocrab_sim::ds402::{Access, Behaviour, DataType, Mapping, State};
 use servocrab_sim::personality;
 
@@ -500,6 +501,58 @@ pub(super) fn drive_scales_between_6063h_and_6064h() {
     drive.run(1);
     assert_eq!(drive.get(0x6064), 2_500);
     assert_eq!(drive.get(0x6063), 2_500 * (1 << 20) / 1_000);
+}
+
+#[test]
+pub(super) fn library_scales_between_units_and_counts() {
+    let drive = akd2g();
+    let factors = |feed: i64| Factors {
+        encoder: Ratio::new(1 << 20, 1).ok(),
+        feed: Ratio::new(feed.unsigned_abs(), 1).ok(),
+        ..Factors::default()
+    };
+    assert_eq!(drive.axis.get(0x6092, 1), Some(1 << 20));
+    // A spindle of 5 mm, 1 000 position units a turn: 200 to a millimetre.
+    let scale = factors(1_000).scale(Ratio::new(5, 1).expect("5 mm"));
+    let scale = scale.expect("a scale");
+    let counts = scale.position(12.503).expect("in range");
+    assert_eq!(counts, 2_501, "the nearest");
+    let mut rig = Rig::enabled();
+    rig.drive.set(0x6092, 1, 1_000).expect("the feed constant");
+    let id = rig.abs(counts, SetPoint::new());
+    assert!(rig.finish(id).is_ok());
+    rig.run(1);
+    let increments = rig.drive.get(0x6063, 0).expect("6063h");
+    assert_eq!(increments, 2_501 * (1 << 20) / 1_000);
+    assert!((scale.position_of(rig.core.snapshot().position) - 12.505).abs() < 1e-9);
+}
+
+#[test]
+pub(super) fn drive_means_another_speed_once_a_factor_has_changed() {
+    let mut drive = akd2g();
+    drive.set(0x6081, 6_000);
+    drive.start(0x0F, 20_000);
+    drive.run(500);
+    assert_near(drive.axis.velocity(), 6_000.0);
+    drive.lower();
+    // Two units for one count/s: the same number is half the speed.
+    drive.set_sub(0x6096, 1, 2);
+    assert_eq!(drive.get(0x6081), 6_000, "the number stays");
+    drive.start(0x2F, 20_000);
+    drive.run(500);
+    assert_near(drive.axis.velocity(), 3_000.0);
+}
+
+#[test]
+pub(super) fn library_counts_a_velocity_by_its_factor() {
+    let factors = Factors {
+        feed: Ratio::new(1_000, 1).ok(),
+        velocity: Ratio::new(2, 1).ok(),
+        ..Factors::default()
+    };
+    let scale = factors.scale(Ratio::ONE).expect("a scale");
+    assert_eq!(scale.position(3.0), Ok(3_000));
+    assert_eq!(scale.velocity(3.0), Ok(6_000), "two units for a count/s");
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! "Status" and "Mode-Specific Statusword Bits".
 
-use servocrab::axis::{Command, Completion, Delivery, Failure, WaitingFor};
-use servocrab::ds402::{State as Shown, Statusword};
+use servocrab::axis::{Command, Completion, Delivery, Failure, Referencing, WaitingFor};
+use servocrab::ds402::{Mode, State as Shown, Statusword};
+use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{AckFault, AckPolicy, Behaviour, Outcome, ReachedPolicy, State};
 
@@ -53,6 +54,45 @@ pub(super) fn library_shows_fault_warning_power_and_progress() {
     let word = rig.core.snapshot().statusword;
     assert!(word.contains(Statusword::FAULT));
     assert_eq!(word.state(), Shown::Fault);
+}
+
+/// Homes where it stands (method 37).
+const HERE: i64 = 37;
+
+#[test]
+pub(super) fn drive_tells_that_home_is_attained() {
+    let mut drive = akd2g();
+    drive.set(0x6098, HERE);
+    drive.set(0x6060, 6);
+    drive.word(0x0F);
+    drive.run(3);
+    assert!(!drive.bit(12), "not before");
+    drive.word(0x1F);
+    drive.run_until(100, |drive| drive.bit(12));
+    assert!(drive.bit(10) && !drive.bit(13));
+    assert!(drive.axis.is_referenced());
+}
+
+#[test]
+pub(super) fn library_knows_that_home_is_attained() {
+    let mut rig = Rig::new(Behaviour::akd2g(), |config| {
+        config.referencing = Referencing::ByHoming;
+    });
+    rig.drive.set(0x6098, 0, HERE).expect("the method");
+    rig.enable();
+    let refused = rig.abs(5_000, SetPoint::new());
+    assert_eq!(rig.outcome(refused), Some(Err(Failure::NotReferenced)));
+    let select = rig.send(Command::SelectMode(Mode::Homing));
+    assert!(rig.finish(select).is_ok());
+    let home = rig.send(Command::Home(HomingCommand {
+        method: HomingMethod::CURRENT_POSITION,
+        offset: None,
+    }));
+    assert!(rig.finish(home).is_ok(), "{:?}", rig.outcome(home));
+    let select = rig.send(Command::SelectMode(Mode::ProfilePosition));
+    assert!(rig.finish(select).is_ok());
+    let id = rig.abs(5_000, SetPoint::new());
+    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 5_000 }));
 }
 
 #[test]
