@@ -19,6 +19,24 @@ def patient():
     timeouts.rx_mailbox, timeouts.tx_mailbox = 2_000_000, 500_000
 
 
+def read_register(slave, address, kind):
+    """A register of the ESC; the wrapper's own timeout for these is a fixed 2 ms."""
+    data = slave._fprd(address, struct.calcsize("<" + kind), FRAME_US)
+    return struct.unpack("<" + kind, data)[0]
+
+
+def write_register(slave, address, kind, value):
+    slave._fpwr(address, struct.pack("<" + kind, value), FRAME_US)
+
+
+def set_watchdog(slave, milliseconds):
+    """The time of the process-data watchdog (0420h), in ticks of the divider (0400h) plus two times 40 ns."""
+    tick_ns = 40 * (read_register(slave, 0x0400, "H") + 2)
+    ticks = milliseconds * 1_000_000 // tick_ns
+    write_register(slave, 0x0420, "H", ticks)
+    expect("0420h", read_register(slave, 0x0420, "H"), ticks)
+
+
 class Bench:
     """The master, its only SubDevice, and the process data."""
 

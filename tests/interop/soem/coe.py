@@ -4,6 +4,7 @@ import struct
 
 import pysoem
 
+from bench import FRAME_US
 from drive import expect, until
 
 
@@ -24,7 +25,7 @@ def sii_strings(bench):
     words = bytearray()
     while not words.endswith(b"\xff\xff") or len(words) < 0x82:
         expect("the end of the SII", len(words) < 0x4000, True)
-        words += bench.slave.eeprom_read(len(words) // 2)[:2]
+        words += bench.slave.eeprom_read(len(words) // 2, FRAME_US)[:2]
     checksum = 0xFF
     for byte in words[:14]:
         checksum ^= byte
@@ -77,7 +78,7 @@ def expedited(bench):
 def segmented(bench):
     """A text longer than the mailbox, so that neither way does one mail hold it."""
     index, longest = bench.drive.text_object
-    mailbox = struct.unpack("<H", bench.slave.eeprom_read(0x19)[:2])[0]
+    mailbox = struct.unpack("<H", bench.slave.eeprom_read(0x19, FRAME_US)[:2])[0]
     expect("the text takes several segments", longest > 2 * mailbox, True)
     # Every length of a last segment that is padded or not, and one that fills the object.
     room = mailbox - 16

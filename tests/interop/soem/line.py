@@ -4,12 +4,11 @@ As main.py for one drive: a line `ok NAME: what was seen` for each check, the fi
 """
 
 import json
-import struct
 import sys
 
 import pysoem
 
-from bench import FRAME_US, patient
+from bench import FRAME_US, patient, read_register, set_watchdog
 from drive import expect, report, until
 
 
@@ -35,8 +34,7 @@ class Line:
         return self.master.receive_processdata(FRAME_US)
 
     def registers(self, address, kind):
-        size = struct.calcsize(kind)
-        return [struct.unpack("<" + kind, slave._fprd(address, size))[0] for slave in self.master.slaves]
+        return [read_register(slave, address, kind) for slave in self.master.slaves]
 
 
 def line_scan(line):
@@ -58,7 +56,7 @@ def line_map(line):
     counts = sum(2 * (outputs > 0) + (inputs > 0) for outputs, inputs in sizes)
     expect("the working counter", line.master.expected_wkc, counts)
     for slave in line.master.slaves:
-        slave.set_watchdog("processdata", WATCHDOG_MS)
+        set_watchdog(slave, WATCHDOG_MS)
     return f"working counter {counts}"
 
 

@@ -1,10 +1,10 @@
 """Checks on the way from PREOP to OP: mapping, clock, watchdog, AL states."""
 
-import struct
 import time
 
 import pysoem
 
+from bench import read_register, set_watchdog, write_register
 from drive import expect, until
 
 DC_CYCLE_NS = 2_000_000
@@ -93,14 +93,13 @@ def clock(bench):
     slave = bench.slave
     expect("a clock was found", bool(bench.master.config_dc()), True)
     slave.dc_sync(True, DC_CYCLE_NS, 100_000)
-    active = slave._fprd(0x0980, 2)
-    expect("cyclic operation and SYNC0 (0981h)", active[1] & 0x03, 0x03)
-    cycle = struct.unpack("<I", slave._fprd(0x09A0, 4))[0]
+    expect("cyclic operation and SYNC0 (0981h)", read_register(slave, 0x0981, "B") & 0x03, 0x03)
+    cycle = read_register(slave, 0x09A0, "I")
     expect("SYNC0 cycle (09A0h)", cycle, DC_CYCLE_NS)
-    start = struct.unpack("<Q", slave._fprd(0x0990, 8))[0]
-    system = struct.unpack("<Q", slave._fprd(0x0910, 8))[0]
+    start = read_register(slave, 0x0990, "Q")
+    system = read_register(slave, 0x0910, "Q")
     expect("SYNC0 starts later than now (0990h, 0910h)", start > system, True)
-    later = struct.unpack("<Q", slave._fprd(0x0910, 8))[0]
+    later = read_register(slave, 0x0910, "Q")
     expect("the system time runs", later > system, True)
     return f"SYNC0 each {cycle} ns"
 
@@ -112,10 +111,10 @@ def al_refusals(bench):
     bench.refused(pysoem.OP_STATE, preop, "0011")
     # Sync managers whose length is not that of the mapping.
     for register, code in ((0x0810, "001D"), (0x0818, "001E")):
-        length = bench.slave._fprd(register + 2, 2)
-        set_sync_manager(bench, register, 2, struct.pack("<H", struct.unpack("<H", length)[0] + 1))
+        length = read_register(bench.slave, register + 2, "H")
+        set_sync_manager(bench, register, 2, "H", length + 1)
         bench.refused(pysoem.SAFEOP_STATE, preop, code)
-        set_sync_manager(bench, register, 2, length)
+        set_sync_manager(bench, register, 2, "H", length)
     # SYNC0 without a cycle; SYNC1, which is in no clock mode of the SII.
     bench.slave.dc_sync(True, 0)
     bench.refused(pysoem.SAFEOP_STATE, preop, "0035")
@@ -125,21 +124,20 @@ def al_refusals(bench):
     return "0011h 001Dh 001Eh 0035h 0030h"
 
 
-def set_sync_manager(bench, register, offset, data):
+def set_sync_manager(bench, register, offset, kind, value):
     """Its settings are locked while it is on."""
-    bench.slave._fpwr(register + 6, b"\0")
-    bench.slave._fpwr(register + offset, data)
-    bench.slave._fpwr(register + 6, b"\1")
+    write_register(bench.slave, register + 6, "B", 0)
+    write_register(bench.slave, register + offset, kind, value)
+    write_register(bench.slave, register + 6, "B", 1)
 
 
 def watchdog_on(bench):
     """The watchdog's trigger, which not every SII has on."""
     slave = bench.slave
-    slave.set_watchdog("processdata", WATCHDOG_MS)
-    expect("the time", slave.get_watchdog("processdata"), WATCHDOG_MS)
-    control = slave._fprd(0x0814, 1)[0] | 0x40
-    set_sync_manager(bench, 0x0810, 4, bytes([control]))
-    expect("0814h", slave._fprd(0x0814, 1)[0], control)
+    set_watchdog(slave, WATCHDOG_MS)
+    control = read_register(slave, 0x0814, "B") | 0x40
+    set_sync_manager(bench, 0x0810, 4, "B", control)
+    expect("0814h", read_register(slave, 0x0814, "B"), control)
     return f"{WATCHDOG_MS} ms, 0814h = {control:02X}h"
 
 
