@@ -58,6 +58,7 @@
 //! | [`sii`] | what a device's EEPROM says | all |
 //! | [`units`] | millimetres and degrees in place of counts | all but the handles |
 //! | [`drives`] | particular drives, as data | all |
+//! | `parameters` | start-up lists and parameters of drives, in code and in files | – |
 //! | `bus` | the bus thread and the `Network` | – |
 //! | `link` | raw socket and in-process wire | – |
 //!
@@ -82,6 +83,8 @@ pub mod ds402;
 pub mod homing;
 #[cfg(feature = "std")]
 pub mod link;
+#[cfg(feature = "std")]
+pub mod parameters;
 pub mod pdo_map;
 pub mod profile_position;
 pub mod profile_velocity;

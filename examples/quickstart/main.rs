@@ -21,6 +21,7 @@ use servocrab::{
     coe::obj,
     drives,
     link::Wire,
+    parameters::StartUpWrite,
     profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
 };
 use servocrab_sim::{Segment, personality};
@@ -54,15 +55,18 @@ async fn run() -> Result<(), Box<dyn Error>> {
 
     println!("Bringing up the segment: CoE configuration, PDO mapping, watchdog, OP.");
     // Besides the mapping, the drive gets its quick stop ramp of both axes over CoE, counts/s².
-    let ramp = 150_000_u32.to_le_bytes();
+    let ramp = 150_000;
     let drive = DriveConfig::new(drives::akd2g())
         .axis("x")
         .axis("y")
         // The simulated motors have absolute encoders; others are homed first, see examples/home_and_jog.rs.
         .referencing("x", Referencing::AbsoluteEncoder)
         .referencing("y", Referencing::AbsoluteEncoder)
-        .start_up(obj::QUICK_STOP_DECELERATION.address(), &ramp)
-        .start_up(obj::QUICK_STOP_DECELERATION.axis(2).address(), &ramp);
+        .start_up(StartUpWrite::new(obj::QUICK_STOP_DECELERATION, ramp))
+        .start_up(StartUpWrite::new(
+            obj::QUICK_STOP_DECELERATION.axis(2),
+            ramp,
+        ));
     let net = Network::builder()
         .link(wire)
         .cycle(Duration::from_millis(1))

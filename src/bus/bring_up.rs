@@ -14,6 +14,7 @@ use super::{
     packing::{Member, fits_one_frame, logical_addresses},
     reactor::Context,
 };
+use crate::parameters::Transition;
 
 /// Complete exchanges before OP is asked for, so that every drive has seen valid outputs.
 const GOOD_CYCLES: u32 = 3;
@@ -210,18 +211,23 @@ pub(super) async fn operate(
         .map(|drive| {
             let registers = context.registers.clone();
             let station = drive.found.station;
-            context
-                .spawn(async move { al::request(&registers, station, AlState::Op, OP_LIMIT).await })
+            let (sdo, lists) = (drive.sdo.clone(), drive.start_up.clone());
+            context.spawn(async move {
+                for list in lists {
+                    list.apply(&sdo, Transition::SafeOpToOp)
+                        .await
+                        .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
+                }
+                al::request(&registers, station, AlState::Op, OP_LIMIT)
+                    .await
+                    .map_err(|error| (BringUpStep::State(AlState::Op), DriveFault::from(error)))
+            })
         })
         .collect();
     let tasks = tasks.ok_or_else(loop_is_gone)?;
     for (place, (task, drive)) in tasks.into_iter().zip(drives).enumerate() {
-        if let Err(error) = task.await {
-            return Err(drive
-                .found
-                .clone()
-                .fault(BringUpStep::State(AlState::Op), error.into()));
-        }
+        task.await
+            .map_err(|(step, error)| drive.found.clone().fault(step, error))?;
         if let Some(cycle) = &mut *context.cycle.borrow_mut()
             && let Some(data) = cycle.exchange.drives.get_mut(place)
         {

@@ -4,9 +4,10 @@ use std::time::Duration;
 
 use crate::{
     axis::{Deadlines, Loss, Referencing, Tolerances},
-    coe::{AnyObject, ObjectAddress},
+    coe::AnyObject,
     drives::DriveDescription,
     ds402::Mode,
+    parameters::StartUpList,
     pdo_map::{Direction, Mapping, MappingError},
     profile_position::{Limits, PositionRange},
 };
@@ -24,7 +25,7 @@ use crate::{
 pub struct DriveConfig {
     pub(super) description: DriveDescription,
     pub(super) axes: Vec<AxisDeclaration>,
-    pub(super) start_up: Vec<StartUpWrite>,
+    pub(super) start_up: Vec<StartUpList>,
     mistakes: Vec<String>,
 }
 
@@ -49,13 +50,6 @@ pub(super) enum Turn {
     /// What the drive holds in 607Bh.
     OfDrive,
     These(PositionRange),
-}
-
-/// One SDO write of a start-up list.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct StartUpWrite {
-    pub(super) object: ObjectAddress,
-    pub(super) value: Vec<u8>,
 }
 
 impl DriveConfig {
@@ -155,14 +149,11 @@ impl DriveConfig {
         self
     }
 
-    /// Writes an object in PREOP before the PDO mapping, in the order of the calls: the value's bytes, little-endian, as
-    /// many as the object is wide.
+    /// Writes this start-up list, or a single line of one, at its transitions: those of PREOP before the PDO mapping. Several
+    /// lists are written in the order of the calls.
     #[must_use]
-    pub fn start_up(mut self, object: ObjectAddress, value: &[u8]) -> Self {
-        self.start_up.push(StartUpWrite {
-            object,
-            value: value.to_vec(),
-        });
+    pub fn start_up(mut self, list: impl Into<StartUpList>) -> Self {
+        self.start_up.push(list.into());
         self
     }
 
@@ -179,6 +170,9 @@ impl DriveConfig {
     pub(super) fn mistake(&self) -> Option<String> {
         if let Some(mistake) = self.mistakes.first() {
             return Some(mistake.clone());
+        }
+        if let Some(mistake) = self.start_up.iter().find_map(StartUpList::mistake) {
+            return Some(format!("start-up list: {mistake}"));
         }
         let (named, there) = (self.axes.len(), self.description.axes.len());
         if named == 0 {

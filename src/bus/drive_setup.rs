@@ -21,6 +21,7 @@ use crate::{
         MailboxSettings, Number, Object, Readable, SdoError, SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption},
+    parameters::{StartUpList, Transition},
     pdo_map::{self, ConfigureError, Layout, Mapping},
     profile_position::{self, Limits, RelativeBase},
     sii::SyncManagerUsage,
@@ -38,6 +39,8 @@ pub(super) struct ReadyDrive {
     pub(super) logical: u32,
     pub(super) lrw: bool,
     pub(super) axes: Vec<ReadyAxis>,
+    /// What is still to be written in SAFEOP.
+    pub(super) start_up: Vec<StartUpList>,
 }
 
 /// An axis with what was read from its drive.
@@ -88,7 +91,11 @@ impl Job {
             task.detach();
         }
 
-        self.start_up_list(&sdo).await?;
+        for list in &self.config.start_up {
+            list.apply(&sdo, Transition::PreOpToSafeOp)
+                .await
+                .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
+        }
         let layout = pdo_map::configure(&self.mapping, &sdo)
             .await
             .map_err(|error| (BringUpStep::Mapping, mapping_fault(error)))?;
@@ -147,20 +154,8 @@ impl Job {
             logical: self.logical,
             lrw,
             axes,
+            start_up: self.config.start_up,
         })
-    }
-
-    async fn start_up_list(&self, sdo: &SdoHandle) -> Result<(), Failed> {
-        for write in &self.config.start_up {
-            sdo.write_bytes(
-                write.object.index,
-                write.object.subindex,
-                write.value.clone(),
-            )
-            .await
-            .map_err(at(BringUpStep::StartUpList))?;
-        }
-        Ok(())
     }
 
     async fn axis_config(

@@ -7,6 +7,7 @@ use crate::{
     axis::FieldError,
     coe::{DriveId, SdoError},
     link::RawSocketError,
+    parameters::StartUpError,
     pdo_map::{MappingError, Step, verify::Differences},
     sii::Identity,
 };
@@ -130,6 +131,9 @@ pub enum DriveFault {
     /// The drive holds another mapping than was written.
     #[error(transparent)]
     MappingDiffers(Differences),
+    /// A line of a start-up list could not be written.
+    #[error(transparent)]
+    StartUp(#[from] StartUpError),
     /// An SDO transfer failed.
     #[error(transparent)]
     Sdo(#[from] SdoError),

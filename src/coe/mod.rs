@@ -28,7 +28,7 @@ pub use error::{DriveError, DriveId, SdoError, SdoStep, Transfer, TransferKind};
 #[cfg(feature = "std")]
 pub use handle::{Emergencies, SdoHandle, TimedEmergency};
 pub use mailbox::MailboxError;
-pub use object::{AnyObject, AxisOffset, Mappable, Object, ObjectAddress, Unit};
+pub use object::{AnyObject, AxisOffset, Mappable, NoAddress, Object, ObjectAddress, Unit};
 #[cfg(feature = "std")]
 pub use transport::{EthercrabMailbox, LinkFault, MailboxStatus, MailboxTransport};
 pub use value::{

@@ -189,6 +189,7 @@ impl<T: Value, A: Access> From<Object<T, A>> for AnyObject {
 /// ```
 /// use servocrab::coe::ObjectAddress;
 /// assert_eq!(ObjectAddress::new(0x6041, 0).to_string(), "6041h:00");
+/// assert_eq!("607Bh:02".parse(), Ok(ObjectAddress::new(0x607B, 2)));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ObjectAddress {
@@ -203,6 +204,30 @@ impl ObjectAddress {
     #[must_use]
     pub const fn new(index: u16, subindex: u8) -> Self {
         Self { index, subindex }
+    }
+}
+
+/// A text that is no index and subindex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("an index and a subindex are expected, both in hexadecimal, such as 607Bh:02")]
+pub struct NoAddress;
+
+/// Reads `607Bh:02` as it is shown; `6041h` is subindex 0.
+impl core::str::FromStr for ObjectAddress {
+    type Err = NoAddress;
+
+    fn from_str(text: &str) -> Result<Self, NoAddress> {
+        let (index, subindex) = text.split_once(':').unwrap_or((text, "00"));
+        let index = index.strip_suffix('h').ok_or(NoAddress)?;
+        let number = |digits: &str, length| {
+            let good = digits.len() == length && digits.bytes().all(|b| b.is_ascii_hexdigit());
+            good.then(|| u16::from_str_radix(digits, 16).ok()).flatten()
+        };
+        let subindex = number(subindex, 2).and_then(|number| u8::try_from(number).ok());
+        match (number(index, 4), subindex) {
+            (Some(index), Some(subindex)) => Ok(Self::new(index, subindex)),
+            _ => Err(NoAddress),
+        }
     }
 }
 

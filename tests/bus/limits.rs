@@ -6,6 +6,7 @@ use servocrab::{
     coe::{AxisOffset, ObjectAddress, obj},
     drives,
     homing::{HomingMethod, HomingParameters},
+    parameters::StartUpWrite,
     profile_position::{Limits, Outcome, PositionRange, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{Segment, personality};
@@ -23,7 +24,7 @@ fn second_axis_limited() -> DriveConfig {
         (obj::MAX_PROFILE_VELOCITY.address(), 60_000),
     ] {
         let object = ObjectAddress::new(second.apply(object.index), object.subindex);
-        drive = drive.start_up(object, &value.to_le_bytes());
+        drive = drive.start_up(StartUpWrite::to(object, value));
     }
     ["x", "y"].into_iter().fold(drive, |drive, axis| {
         drive.referencing(axis, Referencing::AbsoluteEncoder)
@@ -140,8 +141,8 @@ fn a_modulo_axis_takes_its_turn_from_the_drive() {
             .modulo("y")
     };
     let set = drive()
-        .start_up(range(1), &0_i32.to_le_bytes())
-        .start_up(range(2), &3_999_i32.to_le_bytes());
+        .start_up(StartUpWrite::to(range(1), 0_i32))
+        .start_up(StartUpWrite::to(range(2), 3_999_i32));
     let mut rig = start(set);
     let y = rig.net().axis("y").unwrap();
     rig.until(y.enable()).unwrap();
@@ -178,7 +179,7 @@ fn limits_that_hold_after_homing_are_checked_after_homing() {
         (obj::SOFTWARE_LIMIT_MIN.address(), -1_000_i32),
         (obj::SOFTWARE_LIMIT_MAX.address(), 1_000),
     ] {
-        drive = drive.start_up(object, &value.to_le_bytes());
+        drive = drive.start_up(StartUpWrite::to(object, value));
     }
     let line = Line::new(Segment::new().with(personality::sigma7()));
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();

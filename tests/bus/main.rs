@@ -9,5 +9,6 @@ mod log;
 mod messages;
 mod modes;
 mod rig;
+mod start_up;
 mod stops;
 mod threaded;

@@ -1,0 +1,286 @@
+//! Start-up lists: what is written to a drive on its way to OP.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::value::{ObjectValue, known_name};
+use crate::coe::{Object, ObjectAddress, SdoError, SdoHandle, Value, Writable};
+
+/// The change of the AL state before which a line of a start-up list is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Transition {
+    /// In PREOP, before the PDO mapping; `PREOP-SAFEOP` in files.
+    #[default]
+    PreOpToSafeOp,
+    /// In SAFEOP, while process data are exchanged already; `SAFEOP-OP` in files.
+    SafeOpToOp,
+}
+
+impl fmt::Display for Transition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::PreOpToSafeOp => "PREOP-SAFEOP",
+            Self::SafeOpToOp => "SAFEOP-OP",
+        })
+    }
+}
+
+/// A text that is no transition of a start-up list.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is no transition of a start-up list: PREOP-SAFEOP or SAFEOP-OP is expected")]
+pub struct UnknownTransition(pub String);
+
+impl FromStr for Transition {
+    type Err = UnknownTransition;
+
+    fn from_str(text: &str) -> Result<Self, UnknownTransition> {
+        [Self::PreOpToSafeOp, Self::SafeOpToOp]
+            .into_iter()
+            .find(|transition| transition.to_string() == text)
+            .ok_or_else(|| UnknownTransition(text.into()))
+    }
+}
+
+/// One line of a start-up list.
+///
+/// ```
+/// use servocrab::{coe::{ObjectAddress, obj}, parameters::{StartUpWrite, Transition}};
+/// // The type follows from the object …
+/// let window = StartUpWrite::new(obj::POSITION_WINDOW.axis(2), 50).comment("50 counts").verified();
+/// // … or, for an object that the library does not know, from the value.
+/// let own = StartUpWrite::to(ObjectAddress::new(0x2345, 1), 1.5_f32).at(Transition::SafeOpToOp);
+/// assert_eq!(own.value.encode().len(), 4);
+/// assert!(window.verify);
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct StartUpWrite {
+    /// The object.
+    pub object: ObjectAddress,
+    /// What is written to it.
+    pub value: ObjectValue,
+    /// What it is for.
+    pub comment: String,
+    /// When it is written.
+    pub transition: Transition,
+    /// Whether it is read back and compared.
+    pub verify: bool,
+    /// The line of the file from which it came.
+    pub(super) line: Option<usize>,
+}
+
+impl StartUpWrite {
+    /// Writes `value` to an object with a type, before SAFEOP.
+    #[must_use]
+    pub fn new<T: Value + Into<ObjectValue>, A: Writable>(object: Object<T, A>, value: T) -> Self {
+        Self::to(object.address(), value)
+    }
+
+    /// Writes `value` to an object whose type is the value's, before SAFEOP.
+    #[must_use]
+    pub fn to(object: ObjectAddress, value: impl Into<ObjectValue>) -> Self {
+        Self {
+            object,
+            value: value.into(),
+            comment: String::new(),
+            transition: Transition::default(),
+            verify: false,
+            line: None,
+        }
+    }
+
+    /// Says what it is for; errors quote it.
+    #[must_use]
+    pub fn comment(mut self, comment: &str) -> Self {
+        comment.clone_into(&mut self.comment);
+        self
+    }
+
+    /// Writes it at this transition.
+    #[must_use]
+    pub const fn at(mut self, transition: Transition) -> Self {
+        self.transition = transition;
+        self
+    }
+
+    /// Reads it back, and fails if the drive holds something else.
+    #[must_use]
+    pub const fn verified(mut self) -> Self {
+        self.verify = true;
+        self
+    }
+}
+
+/// What is written to a drive on its way to OP, in order.
+///
+/// Built in code, or read from a file by [`StartUpList::load`](StartUpList::load).
+///
+/// ```
+/// use servocrab::{bus::DriveConfig, coe::obj, drives, parameters::{StartUpList, StartUpWrite}};
+/// let list = StartUpList::new()
+///     .write(StartUpWrite::new(obj::POSITION_WINDOW, 50))
+///     .write(StartUpWrite::new(obj::QUICK_STOP_DECELERATION, 1_000_000).verified());
+/// let drive = DriveConfig::new(drives::akd2g()).axis("x").start_up(list);
+/// ```
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct StartUpList {
+    /// The lines.
+    pub writes: Vec<StartUpWrite>,
+    /// The file from which it came.
+    pub(super) file: Option<String>,
+}
+
+impl StartUpList {
+    /// An empty list.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a line.
+    #[must_use]
+    pub fn write(mut self, write: StartUpWrite) -> Self {
+        self.writes.push(write);
+        self
+    }
+
+    /// Writes the lines of one transition to a drive, in order, up to the first that fails.
+    ///
+    /// A [`Network`](crate::bus::Network) does this by itself with the lists of its
+    /// [`DriveConfig`](crate::bus::DriveConfig::start_up).
+    ///
+    /// # Errors
+    /// [`StartUpError`]: which line failed and how; those before it have been written.
+    pub async fn apply(&self, sdo: &SdoHandle, transition: Transition) -> Result<(), StartUpError> {
+        for (place, write) in self.writes.iter().enumerate() {
+            if write.transition != transition {
+                continue;
+            }
+            write_value(sdo, write.object, &write.value, write.verify)
+                .await
+                .map_err(|fault| self.error(place, write, fault))?;
+        }
+        Ok(())
+    }
+
+    /// The first line that a start-up list must not have: the controlword, by which an axis could be switched on before
+    /// anything watches it.
+    pub(crate) fn mistake(&self) -> Option<StartUpError> {
+        let mut lines = self.writes.iter().enumerate();
+        lines
+            .find(|(_, write)| is_controlword(write.object))
+            .map(|(place, write)| self.error(place, write, WriteFault::Controlword))
+    }
+
+    fn error(&self, place: usize, write: &StartUpWrite, fault: WriteFault) -> StartUpError {
+        StartUpError {
+            file: self.file.clone(),
+            line: write.line,
+            number: place.saturating_add(1),
+            of: self.writes.len(),
+            object: write.object,
+            comment: write.comment.clone(),
+            fault,
+        }
+    }
+}
+
+impl From<StartUpWrite> for StartUpList {
+    fn from(write: StartUpWrite) -> Self {
+        Self::new().write(write)
+    }
+}
+
+/// 6040h of any axis.
+pub(super) fn is_controlword(object: ObjectAddress) -> bool {
+    (0x6000..0xA000).contains(&object.index)
+        && (object.index - 0x6000) % 0x0800 == 0x0040
+        && object.subindex == 0
+}
+
+/// A line of a start-up list that could not be written.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{}: {fault}", Place(self))]
+pub struct StartUpError {
+    /// The file of the list.
+    pub file: Option<String>,
+    /// The line of the file.
+    pub line: Option<usize>,
+    /// The place in the list, from 1.
+    pub number: usize,
+    /// How many lines the list has.
+    pub of: usize,
+    /// The object.
+    pub object: ObjectAddress,
+    /// What it was for.
+    pub comment: String,
+    /// What went wrong.
+    #[source]
+    pub fault: WriteFault,
+}
+
+struct Place<'a>(&'a StartUpError);
+
+impl fmt::Display for Place<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let error = self.0;
+        match (&error.file, error.line) {
+            (Some(file), Some(line)) => write!(f, "{file}:{line}")?,
+            _ => write!(f, "line {} of {}", error.number, error.of)?,
+        }
+        write!(f, ", {}", error.object)?;
+        if let Some(name) = known_name(error.object) {
+            write!(f, " {name}")?;
+        }
+        if !error.comment.is_empty() {
+            write!(f, " (\"{}\")", error.comment)?;
+        }
+        Ok(())
+    }
+}
+
+/// Why an object does not hold what it was to hold.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum WriteFault {
+    /// The transfer failed; the drive's own reason is in it if it refused.
+    #[error(transparent)]
+    Sdo(#[from] SdoError),
+    /// The drive took the value, but holds another.
+    #[error(
+        "wrote {expected}, but the drive holds {got}: is it limited, rounded or not in force in this state?"
+    )]
+    Differs {
+        /// What was written.
+        expected: ObjectValue,
+        /// What was read back.
+        got: ObjectValue,
+    },
+    /// It is a controlword.
+    #[error("the controlword is no parameter: enable the axis by its handle")]
+    Controlword,
+}
+
+/// Writes an object, and compares what it holds then.
+pub(super) async fn write_value(
+    sdo: &SdoHandle,
+    object: ObjectAddress,
+    value: &ObjectValue,
+    verify: bool,
+) -> Result<(), WriteFault> {
+    sdo.write_bytes(object.index, object.subindex, value.encode())
+        .await
+        .map_err(|error| error.error)?;
+    if !verify {
+        return Ok(());
+    }
+    let held = sdo
+        .read_bytes(object.index, object.subindex)
+        .await
+        .map_err(|error| error.error)?;
+    if value.is_held_by(&held) {
+        return Ok(());
+    }
+    Err(WriteFault::Differs {
+        expected: value.clone(),
+        got: ObjectValue::decode(value.value_type(), &held),
+    })
+}
