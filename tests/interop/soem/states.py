@@ -168,14 +168,14 @@ def operational(bench):
 
 def cyclic(bench):
     """Each of many exchanges is answered in full, while SDOs go on beside them; the reference clock comes with each."""
-    exchanges = 500
+    exchanges = 600
     begun, clock = time.monotonic_ns(), bench.master.dc_time
     for number in range(exchanges):
         expect("the working counter", bench.cycle(), bench.master.expected_wkc)
         if number % 50 == 0:
             expect("6061h", bench.read(0x6061, 0, "b"), bench.get(0, 0x6061))
     expect("the state", bench.state(), pysoem.OP_STATE)
-    # The two clocks are read at different times of an exchange.
+    # The two clocks are read at different times, between which a busy machine may do something else.
     passed, told = time.monotonic_ns() - begun, bench.master.dc_time - clock
-    expect(f"the time of the clock ({told} ns) is ours ({passed} ns)", abs(told - passed) < 0.2 * passed, True)
+    expect(f"the time of the clock ({told} ns) is ours ({passed} ns)", abs(told - passed) < 0.1 * passed + 300_000_000, True)
     return f"{exchanges} exchanges"
