@@ -97,14 +97,28 @@ pub(crate) fn simulated(
     seconds: u32,
     trace: Option<&Path>,
 ) -> Process {
+    let trace = trace.map(|file| ["--trace".to_owned(), file.display().to_string()]);
+    simulated_with(
+        program,
+        devices,
+        seconds,
+        trace.as_ref().map_or(&[], |trace| trace),
+    )
+}
+
+/// The same with options of the program.
+pub(crate) fn simulated_with(
+    program: &Path,
+    devices: &[&str],
+    seconds: u32,
+    options: &[String],
+) -> Process {
     let mut command = Command::new(program);
     command.args(["--interface", "slave0", "--for", &seconds.to_string()]);
     for device in devices {
         command.args(["--drive", device]);
     }
-    if let Some(file) = trace {
-        command.arg("--trace").arg(file);
-    }
+    command.args(options);
     let mut child = command
         .stdout(Stdio::piped())
         .spawn()

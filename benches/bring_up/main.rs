@@ -1,0 +1,213 @@
+//! Cold start to OP of a line of two-axis drives on a veth pair: this library, stock ethercrab and SOEM side by side.
+//!
+//! `cargo bench --bench bring_up` prints a table and writes `target/bench/bring_up.json`. Every start has a simulated line
+//! that was just switched on. Times are of this machine and this run; what counts is how they compare.
+
+mod masters;
+#[path = "../../tests/common/namespace.rs"]
+#[allow(dead_code, reason = "the tests use more of it")]
+mod namespace;
+#[path = "../../tests/interop/programs.rs"]
+#[allow(dead_code, reason = "the interop tests use more of it")]
+mod programs;
+
+use std::{
+    env, fs,
+    io::Write as _,
+    path::{Path, PathBuf},
+    process::Command,
+    time::{Duration, Instant},
+};
+
+use namespace::{INSIDE, Process, run};
+
+const MASTERS: [&str; 3] = ["servocrab", "ethercrab-stock", "pysoem"];
+const DRIVES: [usize; 5] = [1, 4, 8, 16, 32];
+/// What one access to the EEPROM and one mail take, in milliseconds.
+const DELAYS: [(u32, u32); 2] = [(0, 0), (1, 2)];
+/// Starts of each master in each row, taken in turns. Fewer, but at least three, where they take very long.
+const ROUNDS: usize = 5;
+const LONG: Duration = Duration::from_secs(20);
+/// After this the simulated line ends by itself.
+const LONGEST: u32 = 300;
+
+fn main() {
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["start", master, drives] => {
+            let drives = drives.parse().expect("a number of drives");
+            let took = match master {
+                "servocrab" => masters::servocrab("master0", drives),
+                _ => masters::ethercrab("master0", drives),
+            };
+            println!("{}", took.as_secs_f64() * 1e3);
+        }
+        _ if env::var_os(INSIDE).is_some() => measure(),
+        _ => outside(),
+    }
+}
+
+/// Makes the programs, and runs this one again inside a network namespace.
+fn outside() {
+    programs::simulator();
+    if programs::python().is_none() {
+        return;
+    }
+    let status = Command::new("unshare")
+        .arg("-rn")
+        .arg(env::current_exe().expect("this program has a path"))
+        .env(INSIDE, "1")
+        .status()
+        .expect("unshare is there");
+    assert!(status.success(), "{status}");
+}
+
+/// One line of the result.
+struct Row {
+    master: &'static str,
+    drives: usize,
+    sii_ms: u32,
+    mailbox_ms: u32,
+    /// Milliseconds, in order.
+    times: Vec<f64>,
+}
+
+impl Row {
+    fn median(&self) -> f64 {
+        let middle = self.times.len() / 2;
+        if self.times.len() % 2 == 1 {
+            self.times[middle]
+        } else {
+            f64::midpoint(self.times[middle - 1], self.times[middle])
+        }
+    }
+
+    fn json(&self) -> String {
+        format!(
+            "{{\"master\":\"{}\",\"drives\":{},\"sii_ms\":{},\"mailbox_ms\":{},\"median_ms\":{:.3},\"min_ms\":{:.3},\"max_ms\":{:.3}}}",
+            self.master,
+            self.drives,
+            self.sii_ms,
+            self.mailbox_ms,
+            self.median(),
+            self.times[0],
+            self.times[self.times.len() - 1],
+        )
+    }
+}
+
+fn measure() {
+    run(
+        "ip",
+        &[
+            "link", "add", "master0", "type", "veth", "peer", "name", "slave0",
+        ],
+    );
+    for interface in ["master0", "slave0"] {
+        run("ip", &["link", "set", interface, "up"]);
+    }
+    println!(
+        "milliseconds from power-on to OP: median (least to most) of up to {ROUNDS} starts, taken in turns\n"
+    );
+    let mut rows: Vec<Row> = Vec::new();
+    for (sii_ms, mailbox_ms) in DELAYS {
+        println!("an access to the EEPROM takes {sii_ms} ms, a mail {mailbox_ms} ms");
+        println!(
+            "{:>6}  {}",
+            "drives",
+            MASTERS.map(|master| format!("{master:>28}")).join("")
+        );
+        for drives in DRIVES {
+            let begun = Instant::now();
+            let mut times = MASTERS.map(|_| Vec::new());
+            for round in 0..ROUNDS {
+                for (at, master) in MASTERS.iter().enumerate() {
+                    if round < 3 || begun.elapsed() < LONG {
+                        times[at].push(start(master, drives, sii_ms, mailbox_ms));
+                    }
+                }
+            }
+            print!("{drives:>6}  ");
+            for (master, mut times) in MASTERS.into_iter().zip(times) {
+                times.sort_by(f64::total_cmp);
+                let row = Row {
+                    master,
+                    drives,
+                    sii_ms,
+                    mailbox_ms,
+                    times,
+                };
+                let spread = format!(
+                    "{:.1} ({:.1} to {:.1})",
+                    row.median(),
+                    row.times[0],
+                    row.times[row.times.len() - 1]
+                );
+                print!("{spread:>28}");
+                let _ = std::io::stdout().flush();
+                rows.push(row);
+            }
+            println!();
+        }
+        println!();
+    }
+    let file = output();
+    let text: Vec<String> = rows.iter().map(Row::json).collect();
+    fs::create_dir_all(file.parent().expect("a directory"))
+        .expect("the target directory can be written");
+    fs::write(&file, format!("[\n{}\n]\n", text.join(",\n")))
+        .expect("the target directory can be written");
+    println!("{}", file.display());
+}
+
+/// `target/bench/bring_up.json`, beside the profile's directory.
+fn output() -> PathBuf {
+    let program = env::current_exe().expect("this program has a path");
+    let target = program.ancestors().nth(3).unwrap_or(Path::new("target"));
+    target.join("bench/bring_up.json")
+}
+
+/// One start of one master on a line just switched on.
+fn start(master: &str, drives: usize, sii_ms: u32, mailbox_ms: u32) -> f64 {
+    let _line = line(drives, sii_ms, mailbox_ms);
+    let mut command = if master == "pysoem" {
+        let mut python = Command::new(programs::python().expect("made before"));
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/bring_up/soem.py");
+        python
+            .arg("-B")
+            .arg(script)
+            .args(["master0", &drives.to_string()]);
+        python
+    } else {
+        let mut own = Command::new(env::current_exe().expect("this program has a path"));
+        own.args(["start", master, &drives.to_string()]);
+        own
+    };
+    let output = command.output().expect("the master starts");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(
+        output.status.success(),
+        "{master} with {drives} drives: {}\n{said}{}",
+        output.status,
+        String::from_utf8_lossy(&output.stderr)
+    );
+    said.trim()
+        .parse()
+        .unwrap_or_else(|_| panic!("{master}: {said}"))
+}
+
+fn line(drives: usize, sii_ms: u32, mailbox_ms: u32) -> Process {
+    let delays = [
+        "--sii-ms",
+        &sii_ms.to_string(),
+        "--mailbox-ms",
+        &mailbox_ms.to_string(),
+    ]
+    .map(str::to_owned);
+    namespace::simulated_with(
+        &programs::simulator(),
+        &vec!["akd2g"; drives],
+        LONGEST,
+        &delays,
+    )
+}
