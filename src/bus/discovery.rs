@@ -21,9 +21,11 @@ const INIT_LIMIT: Duration = Duration::from_secs(5);
 const PRE_OP_LIMIT: Duration = Duration::from_secs(3);
 
 /// What every SubDevice is set back to in INIT: register, and how many zeros. In pieces of one FMMU or sync manager, since
-/// some ESCs have less of them and refuse a write beyond. Behind them the distributed clock: cyclic unit off, system
-/// time offset, delay, start and cycle times.
-const ZEROS: [(u16, usize); 6] = [
+/// some ESCs have less of them and refuse a write beyond. Besides: event mask, EEPROM to the master, and of the distributed
+/// clock the cyclic unit, system time offset, delay, start and cycle times.
+const ZEROS: [(u16, usize); 8] = [
+    (EVENT_MASK, 2),
+    (EEPROM_CONFIGURATION, 1),
     (0x0981, 1),
     (0x0920, 8),
     (0x0928, 4),
@@ -55,45 +57,65 @@ pub(super) async fn discover(context: &Context) -> Result<Vec<Found>, NetworkErr
         Err(RegisterError::NoFrame) => return Err(NetworkError::NoAnswer),
         Err(error) => return Err(NetworkError::Line(error)),
     };
-    reset(registers).await.map_err(NetworkError::Line)?;
+    reset(context).await?;
     // All addresses before anything else: a SubDevice that kept one from before must not answer to another's.
     let stations = (0..count).map(|position| (position, FIRST_STATION.wrapping_add(position)));
-    for (position, station) in stations.clone() {
-        registers
-            .write_at(position, STATION_ADDRESS, &station.to_le_bytes())
-            .await
-            .map_err(NetworkError::Line)?;
-    }
+    let addresses = stations.clone().map(|(position, station)| {
+        let registers = registers.clone();
+        async move {
+            let station = station.to_le_bytes();
+            registers
+                .write_at(position, STATION_ADDRESS, &station)
+                .await
+        }
+    });
+    all(context, addresses).await?;
     let tasks: Option<Vec<_>> = stations
         .map(|(position, station)| {
             context.spawn(find(context.registers.clone(), position, station))
         })
         .collect();
-    let tasks = tasks.ok_or_else(|| NetworkError::Thread("the bus loop is gone".into()))?;
     let mut line = Vec::new();
-    for task in tasks {
+    for task in tasks.ok_or_else(loop_is_gone)? {
         line.push(task.await?);
     }
     Ok(line)
 }
 
 /// Brings all SubDevices into INIT, whatever they were doing, with nothing configured.
-async fn reset(registers: &Registers) -> Result<(), RegisterError> {
-    let [init, error] = al::RESET;
-    registers.broadcast(al::AL_CONTROL, &[init, error]).await?;
-    registers.broadcast(EVENT_MASK, &[0; 2]).await?;
-    for fmmu in 0..MOST {
-        registers.broadcast(FMMUS + 16 * fmmu, &[0; 16]).await?;
+async fn reset(context: &Context) -> Result<(), NetworkError> {
+    let registers = &context.registers;
+    registers
+        .broadcast(al::AL_CONTROL, &al::RESET)
+        .await
+        .map_err(NetworkError::Line)?;
+    let fmmus = (0..MOST).map(|fmmu| (FMMUS + 16 * fmmu, 16));
+    let managers = (0..MOST).map(|manager| (SYNC_MANAGERS + 8 * manager, 8));
+    let zeros = fmmus.chain(managers).chain(ZEROS).map(|(register, zeros)| {
+        let registers = registers.clone();
+        async move {
+            let bytes = [0; 16];
+            let bytes = bytes.get(..zeros).unwrap_or(&bytes);
+            registers.broadcast(register, bytes).await
+        }
+    });
+    all(context, zeros).await
+}
+
+/// Waits for all of these, which are under way at the same time.
+async fn all<F>(context: &Context, accesses: impl Iterator<Item = F>) -> Result<(), NetworkError>
+where
+    F: Future<Output = Result<(), RegisterError>> + 'static,
+{
+    let tasks: Option<Vec<_>> = accesses.map(|access| context.spawn(access)).collect();
+    for task in tasks.ok_or_else(loop_is_gone)? {
+        task.await.map_err(NetworkError::Line)?;
     }
-    for manager in 0..MOST {
-        registers
-            .broadcast(SYNC_MANAGERS + 8 * manager, &[0; 8])
-            .await?;
-    }
-    for (register, zeros) in ZEROS {
-        registers.broadcast(register, &[0; 8][..zeros]).await?;
-    }
-    registers.broadcast(EEPROM_CONFIGURATION, &[0]).await
+    Ok(())
+}
+
+fn loop_is_gone() -> NetworkError {
+    NetworkError::Thread("the bus loop is gone".into())
 }
 
 /// One SubDevice from INIT to PREOP.

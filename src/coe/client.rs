@@ -236,10 +236,21 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         self.failures = 0;
         tracing::trace!(%transfer, ?mail, "SDO request");
         let mut sent = false;
+        // The mailbox was empty when it was read without a look at its state: a frame that came twice may have read it.
+        let mut perhaps_read = false;
         loop {
             if !sent {
                 match self.access(self.transport.write_mail(&mail)).await {
-                    Ok(taken) => sent = taken,
+                    // A quick device has answered by now: its mail is read without a look at the state before.
+                    Ok(true) => {
+                        sent = true;
+                        match self.read_unasked(dialogue).await? {
+                            Found::Answer(step) => return Ok(step),
+                            Found::Other => {}
+                            Found::Nothing => perhaps_read = true,
+                        }
+                    }
+                    Ok(false) => {}
                     Err(fault) => self.tolerate(fault)?,
                 }
             }
@@ -253,6 +264,10 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 }
             }
             let now = self.clock.now();
+            if now >= deadline && core::mem::take(&mut perhaps_read) {
+                self.ask_again().await?;
+                continue;
+            }
             if now >= deadline {
                 return Err(if sent {
                     Failure::NoReply
@@ -284,18 +299,10 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             self.failures = 0;
             return Ok(Found::Nothing);
         }
-        let mut mail = vec![0; self.settings.read_length.max(SHORTEST_MAILBOX)];
-        let reading = self.transport.read_mail(&mut mail);
-        match self
-            .access_within(self.settings.mail_timeout, reading)
-            .await
-        {
-            Ok(true) => {
-                self.failures = 0;
-                self.take(&mail, dialogue)
-            }
+        match self.read().await {
+            Ok(Some(mail)) => self.take(&mail, dialogue),
             // Empty although a mail waited: a frame that was sent again has read it before.
-            Ok(false) | Err(LinkFault::Lost) => {
+            Ok(None) | Err(LinkFault::Lost) => {
                 self.tolerate(LinkFault::Lost)?;
                 self.repeat(status).await?;
                 Ok(Found::Nothing)
@@ -305,6 +312,37 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 Ok(Found::Nothing)
             }
         }
+    }
+
+    /// Reads one mail, where there may be one, and hands it to whom it concerns.
+    async fn read_unasked(&mut self, dialogue: &mut Dialogue) -> Result<Found, Failure> {
+        match self.read().await {
+            Ok(Some(mail)) => self.take(&mail, Some(dialogue)),
+            Ok(None) => Ok(Found::Nothing),
+            // Whether a mail was read by the frame that is lost, nobody knows.
+            Err(LinkFault::Lost) => {
+                self.tolerate(LinkFault::Lost)?;
+                self.ask_again().await?;
+                Ok(Found::Nothing)
+            }
+            Err(fault) => {
+                self.tolerate(fault)?;
+                Ok(Found::Nothing)
+            }
+        }
+    }
+
+    /// Reads the mailbox; `None` if it is empty.
+    async fn read(&mut self) -> Result<Option<Vec<u8>>, LinkFault> {
+        let mut mail = vec![0; self.settings.read_length.max(SHORTEST_MAILBOX)];
+        let reading = self.transport.read_mail(&mut mail);
+        let read = self
+            .access_within(self.settings.mail_timeout, reading)
+            .await?;
+        if read {
+            self.failures = 0;
+        }
+        Ok(read.then_some(mail))
     }
 
     fn take(&mut self, mail: &[u8], dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {

@@ -29,6 +29,16 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         Ok(())
     }
 
+    /// Asks the device for its last mail once more, whatever its mailbox shows.
+    pub(super) async fn ask_again(&mut self) -> Result<(), Failure> {
+        loop {
+            match self.access(self.transport.status()).await {
+                Ok(status) => return self.repeat(status).await,
+                Err(fault) => self.tolerate(fault)?,
+            }
+        }
+    }
+
     async fn pause(&self) {
         let next = self.clock.now() + self.settings.poll_interval;
         self.clock.sleep_until(next).await;
