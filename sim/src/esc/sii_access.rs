@@ -50,7 +50,8 @@ impl Esc {
         }
         if control & 0x0700 != 0 {
             self.sii_accesses += 1;
-            self.sii_busy_until = now.checked_add(self.sii_delay);
+            let takes_time = !self.sii_delay.is_zero();
+            self.sii_busy_until = takes_time.then(|| now.saturating_add(self.sii_delay));
         }
         let idle = self.sii_idle_status();
         if self.sii_is_with_the_device() {
