@@ -14,6 +14,29 @@ impl AxisCore {
         limits.check_velocity(Some(velocity.unsigned_abs()))
     }
 
+    /// Everything for which a homing is refused.
+    pub(super) fn check_homing(&self) -> Result<(), Failure> {
+        self.check_mode(Mode::Homing)?;
+        if self.homing.is_unknown() {
+            Err(Failure::NeedsStop)
+        } else if self.homing.is_idle() {
+            Ok(())
+        } else {
+            Err(Failure::Busy)
+        }
+    }
+
+    /// Everything for which a jog is refused, but for ramps that are zero.
+    pub(super) fn check_jogging(&self, velocity: i32) -> Result<(), Failure> {
+        self.check_mode(Mode::ProfileVelocity)?;
+        self.check_jog(velocity)?;
+        if self.jogging.is_held() {
+            Err(Failure::Busy)
+        } else {
+            Ok(())
+        }
+    }
+
     /// What every start of a motion needs.
     pub(super) fn check_mode(&self, expected: Mode) -> Result<(), Failure> {
         let shown = self.sample.map_or(Mode::None, |s| s.mode);

@@ -31,6 +31,10 @@ pub enum Command {
     /// Says whether such a move would be refused now, and why; nothing is sent. Parameters that are not in the process data
     /// count as written already.
     CheckMove(MoveCommand),
+    /// Says whether a homing would be refused now, and why; nothing is sent.
+    CheckHome,
+    /// Says whether a jog with this velocity would be refused now, and why; nothing is sent.
+    CheckJog(i32),
     /// What moves are checked against from now on.
     SetLimits(Limits),
     /// Bit 8: pause, keeping the set-point.

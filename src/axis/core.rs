@@ -273,6 +273,11 @@ impl AxisCore {
     /// Says what 6061h shows, where it is not mapped and was read by SDO.
     pub fn note_mode(&mut self, mode: Mode) {
         self.noted_mode = mode;
+        if let Some(sample) = &mut self.sample
+            && self.config.fields.mode_display.is_none()
+        {
+            sample.mode = mode;
+        }
     }
 
     pub(super) const fn is_lost(&self) -> bool {

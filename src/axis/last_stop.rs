@@ -38,6 +38,8 @@ impl StopKind {
             | Command::Jog(_)
             | Command::Move(_)
             | Command::CheckMove(_)
+            | Command::CheckHome
+            | Command::CheckJog(_)
             | Command::SetLimits(_)
             | Command::Resume => None,
         }

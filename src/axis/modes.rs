@@ -35,6 +35,8 @@ enum Step {
     Quiet { by_sdo: bool },
     /// 6060h is in the outputs.
     Written,
+    /// Whoever writes 6060h by SDO has been told to: until the mode is awaited, the drive may show either.
+    BySdo,
 }
 
 impl AxisCore {
@@ -78,7 +80,11 @@ impl AxisCore {
             self.done(id, Err(Failure::Halted));
         } else if !self.is_idle() || (self.power.is_driving() && !self.is_standing(now)) {
             self.done(id, Err(Failure::Moving));
-        } else if self.mode_change.is_some() || self.stopping.is_active() {
+        } else if self.stopping.is_active()
+            || self
+                .mode_change
+                .is_some_and(|change| change.step != Step::BySdo)
+        {
             self.done(id, Err(Failure::Busy));
         } else {
             let change = ModeChange {
@@ -114,7 +120,7 @@ impl AxisCore {
         }
         let (id, to) = (change.id, change.to);
         if by_sdo {
-            self.mode_change = None;
+            change.step = Step::BySdo;
             self.done(id, Ok(Completion::Done));
         } else {
             change.step = Step::Written;
@@ -133,7 +139,7 @@ impl AxisCore {
 
     pub(super) fn observe_mode_change(&mut self, now: Duration, sample: &Sample) {
         self.write_mode(now);
-        let Some(change) = self.mode_change else {
+        let Some(change) = self.mode_change.filter(|change| change.step != Step::BySdo) else {
             return;
         };
         if change.step == Step::Written && sample.mode == change.to {
@@ -148,7 +154,10 @@ impl AxisCore {
     }
 
     pub(super) fn fail_mode_change(&mut self, failure: Failure) {
-        if let Some(change) = self.mode_change.take() {
+        if let Some(change) = self
+            .mode_change
+            .take_if(|change| change.step != Step::BySdo)
+        {
             self.mode = change.before;
             self.done(change.id, Err(failure));
         }
@@ -159,19 +168,16 @@ impl AxisCore {
             // The drive holds it already, and counts its software position limits from it.
             self.config.limits.home_offset = offset;
         }
-        let refused = self.check_mode(Mode::Homing).err();
-        let unknown = self.homing.is_unknown().then_some(Failure::NeedsStop);
-        match refused.or(unknown) {
-            Some(failure) => self.done(id, Err(failure)),
-            None => self.homing.submit(id, command, &mut self.events),
+        match self.check_homing() {
+            Err(failure) => self.done(id, Err(failure)),
+            Ok(()) => self.homing.submit(id, command, &mut self.events),
         }
     }
 
     pub(super) fn start_jog(&mut self, id: CommandId, mut set_point: JogSetPoint) {
         let fields = &self.config.fields;
         let checked = self
-            .check_mode(Mode::ProfileVelocity)
-            .and_then(|()| self.check_jog(set_point.velocity))
+            .check_jogging(set_point.velocity)
             .and_then(|()| fields.complete_jog(&mut set_point, &self.config.defaults));
         match checked {
             Err(failure) => self.done(id, Err(failure)),

@@ -20,6 +20,10 @@ impl Axis {
         if fields.mode.is_none() {
             // Nothing is written before the axis has said that it stands and that nothing of the last mode is left.
             self.run(Command::PrepareMode(mode)).await?;
+            if fields.mode_display.is_none() {
+                // What was read before says nothing from here on.
+                handles.shared.note_mode(Mode::None.raw());
+            }
             handles
                 .write_parameter(MODE_OF_OPERATION, vec![mode.raw().cast_unsigned()])
                 .await?;

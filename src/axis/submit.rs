@@ -44,6 +44,14 @@ impl AxisCore {
                 let result = self.check_unmapped_move(command).map(|()| Completion::Done);
                 self.done(id, result);
             }
+            Command::CheckHome => {
+                let result = self.check_homing().map(|()| Completion::Done);
+                self.done(id, result);
+            }
+            Command::CheckJog(velocity) => {
+                let result = self.check_jogging(velocity).map(|()| Completion::Done);
+                self.done(id, result);
+            }
             Command::SetLimits(limits) => {
                 self.config.limits = self.config.limits_with(limits);
                 self.done(id, Ok(Completion::Done));

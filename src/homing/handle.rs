@@ -124,6 +124,8 @@ impl Homing {
         // A stop that comes while parameters are being written stops this homing as well.
         let asked = handles.shared.last_stop();
         let guard = handles.parameters_in_use.lock().await;
+        // What is refused must not have changed the drive's parameters, least of all those of a homing under way.
+        self.axis.run(Command::CheckHome).await?;
         self.write(&parameters).await?;
         let offset = match parameters.offset {
             None if parameters.method.is_motionless() => {

@@ -72,7 +72,7 @@ impl BySdo {
     }
 
     /// Whether the drive has to be told anything.
-    pub(super) fn is_needed(&self, handles: &Handles) -> bool {
+    pub(crate) fn is_needed(&self, handles: &Handles) -> bool {
         !self.writes.is_empty() || handles.parameters_changed.load(Ordering::Acquire)
     }
 

@@ -99,6 +99,11 @@ impl ProfileVelocity {
         }
         set_point.acceleration = ramps.acceleration;
         set_point.deceleration = ramps.deceleration;
+        if by_sdo.is_needed(handles) {
+            // What is refused must not have changed the ramps, least of all those of a jog that is held.
+            let check = Command::CheckJog(set_point.velocity);
+            self.axis.run(check).await?;
+        }
         let guard = by_sdo.write(handles).await?;
         // From here on whatever drops it lets it go.
         let mut jog = Jog {

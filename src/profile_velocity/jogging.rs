@@ -83,6 +83,10 @@ impl Jogging {
         }
     }
 
+    pub(crate) const fn is_held(&self) -> bool {
+        matches!(self.stage, Stage::Held { .. })
+    }
+
     pub(crate) const fn is_idle(&self) -> bool {
         matches!(self.stage, Stage::Idle)
     }

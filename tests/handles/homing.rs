@@ -49,6 +49,13 @@ fn enabled(variant: &Variant) -> (Machine, servocrab::axis::Axis) {
     (machine, axis)
 }
 
+/// Until it is written and queued, and nothing of it is sent.
+fn begin<T>(machine: &mut Machine, home: &mut Task<'_, T>) {
+    assert!(home.poll().is_none());
+    machine.cycle();
+    assert!(home.poll().is_none());
+}
+
 fn outcomes(drive: &Drive) -> Vec<HomingOutcome> {
     drive.homings().iter().map(|line| line.outcome).collect()
 }
@@ -236,7 +243,7 @@ fn a_halt_ends_a_homing_and_no_resume_brings_it_back() {
     let (mut machine, axis) = enabled(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
-    assert!(home.poll().is_none());
+    begin(&mut machine, &mut home);
     machine.run(60);
     assert!(home.poll().is_none());
     axis.stop_handle().halt();
@@ -295,7 +302,7 @@ fn every_end_of_a_homing_has_its_name_and_nothing_moves_after_it() {
         let (mut machine, axis) = enabled(&variant());
         let homing = machine.finish(axis.homing()).unwrap();
         let mut home = Task::new(homing.home(to_the_switch()));
-        assert!(home.poll().is_none());
+        begin(&mut machine, &mut home);
         machine.run(60);
         assert!(home.poll().is_none());
         end(&mut machine, &axis);
@@ -324,13 +331,13 @@ fn a_homing_is_withdrawn_before_bit_4_and_goes_on_after_it() {
     let (mut machine, axis) = enabled(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
-    assert!(home.poll().is_none());
+    begin(&mut machine, &mut home);
     drop(home);
     machine.run(100);
     assert!(machine.drive().homings().is_empty());
 
     let mut home = Task::new(homing.home(to_the_switch()));
-    assert!(home.poll().is_none());
+    begin(&mut machine, &mut home);
     machine.run(20);
     drop(home);
     let busy = machine.finish(homing.home(to_the_switch())).unwrap_err();
@@ -345,8 +352,7 @@ fn a_stop_while_parameters_are_being_written_stops_the_homing_too() {
     let (mut machine, axis) = enabled(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
-    // Written and queued by this poll, not sent.
-    assert!(home.poll().is_none());
+    begin(&mut machine, &mut home);
     axis.stop_handle().halt();
     let error = machine.finish_task(&mut home).unwrap_err();
     assert_eq!(error.failure(), Some(Failure::Halted));
@@ -419,4 +425,35 @@ fn pitfall_28_a_mode_is_changed_only_after_bit_4_was_seen_low() {
         }
         assert_eq!(machine.drive().get(0x6060, 0), Some(1));
     }
+}
+
+/// A homing that is refused must not change the offset, speeds and method of the one that is under way.
+#[test]
+fn a_homing_that_is_refused_writes_nothing() {
+    let (mut machine, axis) = enabled(&variant());
+    let homing = machine.finish(axis.homing()).unwrap();
+    let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
+    let other = || to_the_switch().offset(7_000).speeds(90_000, 9_000);
+    let refused = |machine: &mut Machine, expected: fn(Failure) -> bool| {
+        let before = written(machine);
+        let error = machine.finish(homing.home(other())).unwrap_err();
+        assert!(error.failure().is_some_and(expected), "{error}");
+        assert_eq!(written(machine), before, "after {error}");
+    };
+
+    let mut home = Task::new(homing.home(to_the_switch()));
+    for _ in 0..40 {
+        assert!(home.poll().is_none());
+        machine.cycle();
+    }
+    refused(&mut machine, |failure| failure == Failure::Busy);
+    let homed = machine.finish_task(&mut home).unwrap();
+    assert!(homed.position.abs() < 100, "{homed:?}");
+
+    machine.finish(axis.halt()).unwrap();
+    refused(&mut machine, |failure| failure == Failure::Halted);
+    machine.finish(axis.disable()).unwrap();
+    refused(&mut machine, |failure| {
+        matches!(failure, Failure::NotEnabled { .. })
+    });
 }

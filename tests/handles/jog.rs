@@ -354,3 +354,29 @@ fn after_a_jog_the_next_mode_finds_a_standing_axis_and_the_velocity_zero() {
             .all(|velocity| velocity == 0)
     );
 }
+
+/// The ramps of a jog that is refused must not become those of the one that is held.
+#[test]
+fn a_jog_that_is_refused_writes_nothing() {
+    let mut variant = variant();
+    variant.not_mapped = vec![0x6083, 0x6084];
+    let mut machine = Machine::of(1, &variant);
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let jog = machine.finish(pv.jog(20_000)).unwrap();
+    let other = JogSetPoint::from(30_000)
+        .acceleration(7_000)
+        .deceleration(7_000);
+    let busy = machine.finish(pv.jog(other)).unwrap_err();
+    assert_eq!(busy.failure(), Some(Failure::Busy));
+    machine.finish(jog.release()).unwrap();
+    machine.finish(axis.disable()).unwrap();
+    let disabled = machine.finish(pv.jog(other)).unwrap_err();
+    assert!(matches!(
+        disabled.failure(),
+        Some(Failure::NotEnabled { .. })
+    ));
+    let written = machine.stations[0].sdo.written.lock().unwrap().clone();
+    assert_eq!(written, []);
+}

@@ -1,8 +1,11 @@
 //! The lease of the mode.
 
-use servocrab::axis::{AxisErrorKind, Failure};
+use core::future::Future;
+
+use servocrab::axis::{AxisErrorKind, Failure, together};
 use servocrab::ds402::Mode;
 use servocrab::profile_position::SetPoint;
+use servocrab_sim::ds402::Behaviour;
 
 use crate::machine::{Machine, Task, Variant};
 
@@ -70,4 +73,81 @@ fn a_mode_that_is_not_in_the_process_data_is_selected_and_confirmed_by_sdo() {
     assert_eq!(written, [(0x6060, vec![1])]);
     let moved = machine.finish(pp.move_abs(500, SetPoint::new())).unwrap();
     machine.finish(moved.done()).unwrap();
+}
+
+/// Polls a future that reads 6061h by SDO, which it does by the program's clock.
+fn finish_by_sdo<T>(machine: &mut Machine, future: impl Future<Output = T>) -> T {
+    let mut task = Task::new(future);
+    for _ in 0..400 {
+        if let Some(value) = task.poll() {
+            return value;
+        }
+        machine.cycle();
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    panic!("still not ready");
+}
+
+/// From the moment at which 6060h may be written by SDO to the one at which the mode is shown, no move of the old mode starts,
+/// whoever has kept one.
+#[test]
+fn no_move_starts_while_the_mode_is_being_changed_by_sdo() {
+    let variant = Variant {
+        not_mapped: vec![0x6060],
+        ..Variant::default()
+    };
+    for cycles in 0..8 {
+        let mut machine = Machine::of(1, &variant);
+        let axis = machine.axis(0);
+        machine.finish(axis.enable()).unwrap();
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        let kept = pp.abs(5_000, SetPoint::new());
+        drop(pp);
+        let from = machine.stations[0].words.len();
+        let mut homing = Task::new(axis.homing());
+        assert!(homing.poll().is_none());
+        machine.run(cycles);
+        // The program is not quick: 6060h has not been written.
+        let mut together = Task::new(together([kept]));
+        assert!(together.poll().is_none());
+        machine.run(3);
+        let homing = machine.finish_task(&mut homing);
+        let started = machine.finish_task(&mut together);
+        // Either the one or the other.
+        assert!(homing.is_err() || started.is_err(), "after {cycles} cycles");
+        let words = &machine.stations[0].words[from..];
+        let raised = words.iter().any(|word| word & 0x10 != 0);
+        let changed = machine.drive().get(0x6060, 0) == Some(6);
+        assert!(!(raised && changed), "after {cycles} cycles");
+    }
+}
+
+/// 6061h is not in the process data: what was read there before a change that nobody awaited says nothing.
+#[test]
+fn a_mode_that_was_read_before_a_change_was_given_up_is_read_again() {
+    let variant = Variant {
+        not_mapped: vec![0x6060, 0x6061],
+        behaviour: Behaviour {
+            mode_change_cycles: 60,
+            ..Behaviour::akd2g()
+        },
+        ..Variant::default()
+    };
+    let mut machine = Machine::of(1, &variant);
+    let axis = machine.axis(0);
+    machine.finish(axis.enable()).unwrap();
+    drop(finish_by_sdo(&mut machine, axis.profile_position()).unwrap());
+    let mut homing = Task::new(axis.homing());
+    while machine.drive().get(0x6060, 0) != Some(6) {
+        assert!(homing.poll().is_none());
+        machine.cycle();
+    }
+    drop(homing);
+    machine.run(5_000);
+    assert_eq!(machine.drive().get(0x6061, 0), Some(6));
+    let pp = finish_by_sdo(&mut machine, axis.profile_position()).unwrap();
+    assert_eq!(machine.drive().get(0x6061, 0), Some(1));
+    let moved = machine.finish(pp.move_abs(500, SetPoint::new())).unwrap();
+    machine.finish(moved.done()).unwrap();
+    assert!(machine.drive().homings().is_empty());
 }

@@ -241,7 +241,10 @@ pub fn everything_ends(life: &Life) -> Result<(), String> {
             Command::Stop | Command::Release => 2 * deadlines.standstill + deadlines.disable,
             Command::Disable => 2 * deadlines.standstill + deadlines.disable,
             Command::Move(_) | Command::Home(_) | Command::Jog(_) => Duration::MAX,
-            Command::CheckMove(_) | Command::SetLimits(_) => Duration::ZERO,
+            Command::CheckMove(_)
+            | Command::CheckHome
+            | Command::CheckJog(_)
+            | Command::SetLimits(_) => Duration::ZERO,
         };
         let took = report.now.saturating_sub(issued.now);
         if took > within.saturating_add(slack) {
