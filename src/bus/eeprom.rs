@@ -64,6 +64,8 @@ pub(super) async fn read(
     registers: &Registers,
     station: u16,
 ) -> Result<(Sii, String), EepromError> {
+    // A command that comes while another one is under way, from before, is not taken: what would be read is what that one gives.
+    settled(registers, station, 0).await?;
     let mut image = Image {
         registers,
         station,
@@ -183,6 +185,20 @@ async fn read_words(
     registers
         .write(station, CONTROL, &[c0, c1, a0, a1, a2, a3])
         .await?;
+    let (control, data) = settled(registers, station, word).await?;
+    if control & ERRORS != 0 {
+        return Err(EepromError::Refused { word, control });
+    }
+    let length = if control & EIGHT_BYTES != 0 { 8 } else { 4 };
+    Ok(data.iter().take(length).copied().collect())
+}
+
+/// Control and data, once the EEPROM is not busy any more.
+async fn settled(
+    registers: &Registers,
+    station: u16,
+    word: usize,
+) -> Result<(u16, [u8; 8]), EepromError> {
     let time = registers.time();
     let started = time.now();
     loop {
@@ -191,11 +207,7 @@ async fn read_words(
         const { assert!(DATA - CONTROL == 6) };
         let control = u16::from_le_bytes([c0, c1]);
         if control & BUSY == 0 {
-            if control & ERRORS != 0 {
-                return Err(EepromError::Refused { word, control });
-            }
-            let length = if control & EIGHT_BYTES != 0 { 8 } else { 4 };
-            return Ok(data.iter().take(length).copied().collect());
+            return Ok((control, data));
         }
         if time.now().saturating_sub(started) >= LIMIT {
             return Err(EepromError::Busy { word });

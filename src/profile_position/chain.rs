@@ -15,7 +15,8 @@ const HELD: usize = 2;
 /// Whether the drive can take a move.
 pub(super) enum Place {
     Free,
-    /// Its buffer is full, and bit 12 shows that: a set-point that replaces everything is taken without an edge of it.
+    /// Its buffer is full; if bit 12 shows that, whatever is known of the drive, a set-point that replaces everything is
+    /// taken without an edge of it.
     Full,
     Later,
     Never(&'static str),
@@ -169,12 +170,13 @@ impl Chain {
         let full = next.is_some();
         let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
         match start {
-            Start::Immediately if full && shown_by_bit_12 => match command.reference {
+            Start::Immediately if full => match command.reference {
                 Reference::Absolute => Place::Full,
-                Reference::Relative => Place::Never(
+                Reference::Relative if shown_by_bit_12 => Place::Never(
                     "its buffer is full and acknowledges nothing, and where a distance taken once too little or too often \
                      would end cannot be seen: use an absolute move, or stop",
                 ),
+                Reference::Relative => Place::Free,
             },
             Start::Immediately => Place::Free,
             _ if bits == StartBits::Sequenced || full => Place::Later,

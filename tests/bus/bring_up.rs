@@ -228,6 +228,16 @@ fn a_watchdog_that_cannot_be_armed_is_refused_unless_opted_out_in_words() {
     Rig::start(builder).unwrap().shutdown();
 }
 
+/// The second network's clock begins at zero again: for the drive, its EEPROM is busy with what the first one asked for.
+#[test]
+fn an_eeprom_that_is_busy_from_before_is_waited_for() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    for _ in 0..2 {
+        let builder = Network::builder().link(line.wire()).drive(0, akd2g());
+        Rig::start(builder).unwrap().shutdown();
+    }
+}
+
 #[test]
 fn a_drive_that_compares_trigger_and_time_of_the_watchdog_takes_it_on_and_off() {
     let with = |builder: NetworkBuilder| {
