@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use crate::{
     coe::{AxisOffset, ObjectAddress, SdoError, Transfer},
     pdo_map::Layout,
-    profile_position::Traits,
 };
 
 use super::{
@@ -55,7 +54,7 @@ impl ParameterAccess for NoParameters {
 /// use core::time::Duration;
 /// use servocrab::axis::*;
 /// use servocrab::coe::{AxisOffset, DriveId};
-/// use servocrab::{drives, profile_position::Traits, sii::Identity};
+/// use servocrab::{drives, sii::Identity};
 ///
 /// let layout = drives::generic().default_mapping()?.layout();
 /// let fields = AxisFields::from_layout(&layout, AxisOffset::default())?;
@@ -65,7 +64,6 @@ impl ParameterAccess for NoParameters {
 ///     identity: AxisIdentity { axis: "z".into(), drive },
 ///     offset: AxisOffset::default(),
 ///     fields,
-///     traits: Traits::cia402(),
 ///     layout,
 ///     parameters: std::sync::Arc::new(NoParameters),
 ///     groups: GroupQueue::new(),
@@ -92,8 +90,6 @@ pub struct AxisSetup {
     pub offset: AxisOffset,
     /// Where the core's objects lie, as in its own configuration.
     pub fields: AxisFields,
-    /// The drive's ways, as in the core's own configuration.
-    pub traits: Traits,
     /// Where all mapped objects of the drive lie.
     pub layout: Layout,
     /// SDO access to the drive.

@@ -58,7 +58,6 @@ impl Axes {
                     identity,
                     offset: axis.offset,
                     fields: axis.config.fields,
-                    traits: axis.config.traits,
                     layout: drive.layout.clone(),
                     parameters: Arc::new(Parameters(drive.sdo.clone())),
                     groups: queue.clone(),

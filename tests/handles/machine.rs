@@ -253,7 +253,6 @@ impl Station {
             },
             offset: AxisOffset::default(),
             fields,
-            traits: variant.traits,
             layout: layout.clone(),
             parameters: sdo.clone(),
             groups: queue.clone(),

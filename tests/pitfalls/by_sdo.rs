@@ -110,7 +110,6 @@ impl Station {
             },
             offset: AxisOffset::default(),
             fields,
-            traits,
             layout: layout.clone(),
             parameters: Arc::new(SlowSdo {
                 drive: Arc::clone(&drive),
