@@ -2,7 +2,7 @@
 #![allow(missing_docs, unreachable_pub)]
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use std::cell::{Cell, RefCell};
+use std::cell::{Cell, RefCell, RefMut};
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -30,6 +30,10 @@ impl Wire {
 
     pub fn now(&self) -> Duration {
         self.0.1.get()
+    }
+
+    pub fn segment(&self) -> RefMut<'_, Segment> {
+        self.0.0.borrow_mut()
     }
 
     /// Lets time pass without a frame.

@@ -1,17 +1,16 @@
-//! A simulated drive by its frames: SDO transfers of up to four bytes, and registers.
-#![allow(dead_code, reason = "each document uses its own part of the wire")]
+//! A simulated drive by its frames: SDO transfers of up to four bytes.
+
+#[path = "../common/datagrams.rs"]
+mod datagrams;
 
 use core::time::Duration;
 
-use servocrab_sim::{Device, Segment};
-
-const APRD: u8 = 1;
-const APWR: u8 = 2;
+use servocrab::sii::{Mailbox, Protocols};
+use servocrab_sim::Device;
 
 /// One drive in PREOP.
 pub(crate) struct Wire {
-    pub(crate) segment: Segment,
-    now: Duration,
+    pub(crate) line: datagrams::Wire,
     out: (u16, u16),
     back: (u16, u16),
     counter: u8,
@@ -20,62 +19,30 @@ pub(crate) struct Wire {
 impl Wire {
     pub(crate) fn new(device: Device) -> Self {
         let mailbox = device.description().mailbox.expect("a drive with CoE");
-        let mut wire = Self {
-            segment: Segment::new().with(device),
-            now: Duration::from_millis(1),
-            out: mailbox.out,
-            back: mailbox.input,
+        let (out, back) = (mailbox.out, mailbox.input);
+        let line = datagrams::Wire::new(device);
+        line.pre_op(&Mailbox {
+            receive_offset: out.0,
+            receive_length: out.1,
+            send_offset: back.0,
+            send_length: back.1,
+            protocols: Protocols::empty(),
+        });
+        Self {
+            line,
+            out,
+            back,
             counter: 0,
-        };
-        for (register, (start, length), control) in
-            [(0x0800, wire.out, 0x26), (0x0808, wire.back, 0x22)]
-        {
-            let ([s0, s1], [l0, l1]) = (start.to_le_bytes(), length.to_le_bytes());
-            wire.write(register, &[s0, s1, l0, l1, control, 0, 1, 0]);
         }
-        wire.write(0x0120, &[2, 0]);
-        for _ in 0..1_000 {
-            if wire.read(0x0130, 2) == [2, 0] {
-                return wire;
-            }
-        }
-        panic!("no PREOP");
     }
 
     /// Runs the drive's processor for so long.
     pub(crate) fn run(&mut self, milliseconds: u64) {
         for _ in 0..milliseconds {
-            self.now += Duration::from_millis(1);
-            self.segment.advance(self.now);
+            self.line.pass(Duration::from_millis(1));
+            let now = self.line.now();
+            self.line.segment().advance(now);
         }
-    }
-
-    fn datagram(&mut self, command: u8, register: u16, data: &[u8]) -> (Vec<u8>, bool) {
-        let length = u16::try_from(data.len()).expect("it fits");
-        let mut frame = vec![0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x10, 0, 0, 0, 0, 1];
-        frame.extend([0x88, 0xA4]);
-        frame.extend(((length + 12) | 0x1000).to_le_bytes());
-        frame.extend([command, 0, 0, 0]);
-        frame.extend(register.to_le_bytes());
-        frame.extend(length.to_le_bytes());
-        frame.extend([0, 0]);
-        frame.extend(data);
-        frame.extend([0, 0]);
-        self.now += Duration::from_micros(50);
-        assert!(self.segment.process(&mut frame, self.now));
-        let acted = frame[frame.len() - 2] == 1;
-        (frame[26..26 + data.len()].to_vec(), acted)
-    }
-
-    pub(crate) fn read(&mut self, register: u16, length: usize) -> Vec<u8> {
-        let (data, acted) = self.datagram(APRD, register, &vec![0; length]);
-        assert!(acted, "read of {register:04X}h");
-        data
-    }
-
-    fn write(&mut self, register: u16, data: &[u8]) {
-        let (_, acted) = self.datagram(APWR, register, data);
-        assert!(acted, "write of {register:04X}h");
     }
 
     /// The eight bytes of an SDO response to these eight.
@@ -84,10 +51,10 @@ impl Wire {
         let mut mail = vec![10, 0, 0, 0, 0, 3 | self.counter << 4, 0, 0x20];
         mail.extend(request);
         mail.resize(self.out.1.into(), 0);
-        self.write(self.out.0, &mail);
+        self.line.write(self.out.0, &mail);
         for _ in 0..10_000 {
-            if self.read(0x080D, 1)[0] & 0x08 != 0 {
-                let mail = self.read(self.back.0, self.back.1.into());
+            if self.line.read(0x080D, 1)[0] & 0x08 != 0 {
+                let mail = self.line.read(self.back.0, self.back.1.into());
                 assert_eq!(mail[5] & 0x0F, 3, "CoE");
                 return mail[8..16].try_into().expect("eight bytes");
             }

@@ -189,7 +189,8 @@ pub(super) fn drive_has_a_controlword_for_each_axis() {
         assert_eq!(wire.upload(index, 0), Ok(word.to_le_bytes().to_vec()));
     }
     wire.run(5);
-    let states = [0, 1].map(|axis| wire.segment.axis(0, axis).expect("two axes").state());
+    let line = wire.line.clone();
+    let states = [0, 1].map(|axis| line.segment().axis(0, axis).expect("two axes").state());
     assert_eq!(states, [State::ReadyToSwitchOn, State::SwitchOnDisabled]);
     assert_eq!(
         wire.map(0x1C12, 0x1600, &[0x6040_0010, 0x6840_0010]),

@@ -54,7 +54,7 @@ pub(super) fn library_each_axis_has_its_own_mode_object() {
 #[test]
 pub(super) fn drive_has_the_mode_and_coe() {
     let mut wire = Wire::new(personality::akd2g());
-    let mailbox = wire.segment.devices()[0].description().mailbox;
+    let mailbox = wire.line.segment().devices()[0].description().mailbox;
     assert_eq!(mailbox.expect("a mailbox").protocols & 0x04, 0x04, "CoE");
     for index in [0x6502, 0x6D02] {
         let modes = wire.upload(index, 0).expect("supported drive modes");
