@@ -113,11 +113,25 @@ pub enum AlError {
 
 /// Reads the AL status.
 pub(super) async fn status(registers: &Registers, station: u16) -> Result<AlStatus, RegisterError> {
-    let [status, _, _, _, c0, c1] = registers.read(station, AL_STATUS).await?;
-    Ok(AlStatus {
+    registers.read(station, AL_STATUS).await.map(from_registers)
+}
+
+/// Reads the AL status of the SubDevice at this place in the line.
+pub(super) async fn status_at(
+    registers: &Registers,
+    position: u16,
+) -> Result<AlStatus, RegisterError> {
+    registers
+        .read_at(position, AL_STATUS)
+        .await
+        .map(from_registers)
+}
+
+fn from_registers([status, _, _, _, c0, c1]: [u8; 6]) -> AlStatus {
+    AlStatus {
         state: AlState::from_bits(status),
         error: (status & ERROR != 0).then_some(u16::from_le_bytes([c0, c1])),
-    })
+    }
 }
 
 /// Brings a SubDevice into `state`, which must be one step up, or any below. An old error is acknowledged before.

@@ -9,10 +9,11 @@ use std::{
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    DriveConfig, Network, NetworkError,
+    DriveConfig, Line, Network, NetworkError,
     bring_up::LinePlan,
     config::Watchdog,
     control::Control,
+    line,
     reactor::Reactor,
     supervisor::{self, Started},
 };
@@ -44,6 +45,16 @@ enum LinkChoice {
     None,
     Interface(String),
     Link(Box<dyn Link + Send>),
+}
+
+impl LinkChoice {
+    fn open(self) -> Result<Box<dyn Link + Send>, NetworkError> {
+        match self {
+            Self::None => Err(NetworkError::NoLink),
+            Self::Interface(name) => Ok(Box::new(RawSocket::open(&name)?)),
+            Self::Link(link) => Ok(link),
+        }
+    }
 }
 
 impl Network {
@@ -124,13 +135,18 @@ impl NetworkBuilder {
         Ok((starting, parts.into_loop()))
     }
 
+    /// Looks at the line without configuring it: every SubDevice is brought through INIT into PREOP, its SII is read, its
+    /// mailbox is served. What was declared of drives is left aside. Whatever the line was doing ends.
+    ///
+    /// # Errors
+    /// What is wrong with the link, or with the line as a whole; what is wrong with one SubDevice is told by it.
+    pub async fn scan(self) -> Result<Line, NetworkError> {
+        line::scan(self.link.open()?).await
+    }
+
     fn prepare(self) -> Result<(Starting, Parts), NetworkError> {
         self.plan.check()?;
-        let link = match self.link {
-            LinkChoice::None => return Err(NetworkError::NoLink),
-            LinkChoice::Interface(name) => Box::new(RawSocket::open(&name)?),
-            LinkChoice::Link(link) => link,
-        };
+        let link = self.link.open()?;
         if let Watchdog::Off(reason) = &self.plan.watchdog {
             tracing::warn!(reason, "the process-data watchdogs are off");
         }
@@ -174,6 +190,15 @@ impl Parts {
         BusLoop {
             reactor,
             alive: Some(self.alive),
+        }
+    }
+}
+
+impl BusLoop {
+    pub(super) const fn new(reactor: Reactor, alive: Sender<()>) -> Self {
+        Self {
+            reactor,
+            alive: Some(alive),
         }
     }
 }
@@ -238,7 +263,7 @@ impl Starting {
 }
 
 /// Ends the bring-up when nobody waits for it any more.
-struct Guard(Option<Arc<Control>>);
+pub(super) struct Guard(pub(super) Option<Arc<Control>>);
 
 impl Drop for Guard {
     fn drop(&mut self) {

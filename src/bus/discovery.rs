@@ -50,13 +50,26 @@ pub(super) struct Found {
 
 /// Finds all SubDevices and brings them into PREOP.
 pub(super) async fn discover(context: &Context) -> Result<Vec<Found>, NetworkError> {
+    let count = count(&context.registers).await?;
+    discover_each(context, count).await?.into_iter().collect()
+}
+
+/// How many SubDevices there are: at least one.
+pub(super) async fn count(registers: &Registers) -> Result<u16, NetworkError> {
+    match registers.count().await {
+        Ok(0) | Err(RegisterError::NotAnswered) => Err(NetworkError::NoSubDevice),
+        Ok(count) => Ok(count),
+        Err(RegisterError::NoFrame) => Err(NetworkError::NoAnswer),
+        Err(error) => Err(NetworkError::Line(error)),
+    }
+}
+
+/// Brings `count` SubDevices into PREOP, each as far as it comes.
+pub(super) async fn discover_each(
+    context: &Context,
+    count: u16,
+) -> Result<Vec<Result<Found, NetworkError>>, NetworkError> {
     let registers = &context.registers;
-    let count = match registers.count().await {
-        Ok(0) | Err(RegisterError::NotAnswered) => return Err(NetworkError::NoSubDevice),
-        Ok(count) => count,
-        Err(RegisterError::NoFrame) => return Err(NetworkError::NoAnswer),
-        Err(error) => return Err(NetworkError::Line(error)),
-    };
     reset(context).await?;
     // All addresses before anything else: a SubDevice that kept one from before must not answer to another's.
     let stations = (0..count).map(|position| (position, FIRST_STATION.wrapping_add(position)));
@@ -77,7 +90,7 @@ pub(super) async fn discover(context: &Context) -> Result<Vec<Found>, NetworkErr
         .collect();
     let mut line = Vec::new();
     for task in tasks.ok_or_else(loop_is_gone)? {
-        line.push(task.await?);
+        line.push(task.await);
     }
     Ok(line)
 }

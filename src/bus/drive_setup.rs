@@ -77,19 +77,8 @@ impl Job {
         let station = self.found.station;
         tracing::debug!(drive = %self.found.id, "configuring");
         let sii = Rc::clone(&self.found.sii);
-        let mailbox = sii
-            .mailbox
-            .filter(|mailbox| mailbox.protocols.coe())
-            .ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
-        let (client, sdo, emergencies) = MailboxClient::new(
-            EthercrabMailbox::new(registers.main(), station, mailbox),
-            TaskClock(Rc::clone(&context.time)),
-            MailboxSettings::new(&mailbox),
-            self.found.id.clone(),
-        );
-        if let Some(task) = context.spawn(client.run()) {
-            task.detach();
-        }
+        let (sdo, emergencies) =
+            serve_mailbox(context, &self.found).ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
 
         for list in &self.config.start_up {
             list.apply(&sdo, Transition::PreOpToSafeOp)
@@ -252,6 +241,22 @@ impl Found {
             error: Box::new(error),
         }
     }
+}
+
+/// Begins to serve a SubDevice's mailbox; none if it has no CoE.
+pub(super) fn serve_mailbox(context: &Context, found: &Found) -> Option<(SdoHandle, Emergencies)> {
+    let mailbox = found
+        .sii
+        .mailbox
+        .filter(|mailbox| mailbox.protocols.coe())?;
+    let (client, sdo, emergencies) = MailboxClient::new(
+        EthercrabMailbox::new(context.registers.main(), found.station, mailbox),
+        TaskClock(Rc::clone(&context.time)),
+        MailboxSettings::of(&found.sii, &mailbox),
+        found.id.clone(),
+    );
+    context.spawn(client.run())?.detach();
+    Some((sdo, emergencies))
 }
 
 /// A step that failed, and how.

@@ -110,6 +110,28 @@ pub(super) async fn read(
     Ok((sii, name))
 }
 
+/// Reads a SubDevice's whole SII. The EEPROM must belong to the master (0500h).
+pub(super) async fn read_whole(registers: &Registers, station: u16) -> Result<Sii, EepromError> {
+    let mut image = Image {
+        registers,
+        station,
+        bytes: Vec::new(),
+    };
+    let mut at = CATEGORIES;
+    while at < LONGEST {
+        let header = image.get(at..at + 4).await?;
+        let &[t0, t1, l0, l1] = header.as_slice() else {
+            break;
+        };
+        if u16::from_le_bytes([t0, t1]) == END {
+            break;
+        }
+        at += 4 + 2 * usize::from(u16::from_le_bytes([l0, l1]));
+    }
+    let whole = image.get(0..(at + 2).min(LONGEST)).await?;
+    Ok(Sii::parse(&whole)?)
+}
+
 /// Gives the EEPROM to the device, as some firmwares need it for SAFEOP (ETG.2010, Eeprom/AssignToPdi).
 pub(super) async fn give_away(registers: &Registers, station: u16) -> Result<(), RegisterError> {
     registers

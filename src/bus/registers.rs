@@ -143,6 +143,29 @@ impl Registers {
         .await
     }
 
+    /// Reads from the SubDevice at this place in the line, whatever its station address.
+    pub(super) async fn read_at<const N: usize>(
+        &self,
+        position: u16,
+        register: u16,
+    ) -> Result<[u8; N], RegisterError> {
+        let bytes = core::cell::Cell::new([0; N]);
+        let shared = &bytes;
+        self.ask(|| async move {
+            let answer = Command::aprd(position, register)
+                .receive_slice(self.main, N as u16)
+                .await?;
+            let mut read = [0; N];
+            for (to, from) in read.iter_mut().zip(answer.iter()) {
+                *to = *from;
+            }
+            shared.set(read);
+            Ok(())
+        })
+        .await?;
+        Ok(bytes.get())
+    }
+
     async fn ask<T, F>(&self, request: impl Fn() -> F) -> Result<T, RegisterError>
     where
         F: Future<Output = Result<T, Error>>,

@@ -100,7 +100,8 @@ async fn start(
     Ok((axes, drives, to_program))
 }
 
-async fn given_up(context: &Context, control: &Control) {
+/// Resolves when the program wants the end.
+pub(super) async fn given_up(context: &Context, control: &Control) {
     while !control.is_shutdown() {
         context.time.sleep(LOOK_EVERY).await;
     }
@@ -219,7 +220,7 @@ async fn end(context: &Context, axes: &Rc<RefCell<Axes>>, drives: &[ReadyDrive],
 }
 
 /// Sends everybody to INIT, whoever listens.
-async fn leave(context: &Context) {
+pub(super) async fn leave(context: &Context) {
     context.cycle.borrow_mut().take();
     let reset = ethercrab::Command::bwr(AL_CONTROL).ignore_wkc();
     let sent = reset.send(context.registers.main(), [0x11u8, 0]);

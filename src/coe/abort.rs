@@ -18,6 +18,8 @@ impl AbortCode {
     pub const TIME_OUT: Self = Self(0x0504_0000);
     /// The command is not valid or unknown.
     pub const COMMAND: Self = Self(0x0504_0001);
+    /// The access is not supported.
+    pub const UNSUPPORTED_ACCESS: Self = Self(0x0601_0000);
     /// The object cannot be written.
     pub const READ_ONLY: Self = Self(0x0601_0002);
     /// The entry cannot be written while subindex 0 is not zero.

@@ -13,10 +13,11 @@ use core::time::Duration;
 use smol::channel::{Receiver, bounded};
 use smol::future::or;
 
-use super::error::{DriveId, SdoError, SdoStep, Transfer};
-use super::handle::{Emergencies, EmergencyQueue, Request, SdoHandle};
+use super::error::{DriveId, SdoError, SdoStep, Transfer, Unsupported};
+use super::handle::{Body, Emergencies, EmergencyQueue, Request, SdoHandle};
 use super::mailbox::{Counter, Mail, SHORTEST_MAILBOX, sdo_mail};
 use super::obj;
+use super::object::ObjectAddress;
 use super::sdo::{SdoFault, Step, Upload, abort_request};
 use super::transport::{LinkFault, MailboxTransport};
 
@@ -30,6 +31,8 @@ mod settings;
 use dialogue::{Dialogue, Failure};
 pub use settings::MailboxSettings;
 
+/// Transfers that are remembered as owed their replies; with more of them any object may be meant.
+const MOST_OWED: usize = 32;
 /// Mails read in a row before deadlines and requests get their turn: a device may send without end.
 const MAILS_AT_ONCE: usize = 16;
 
@@ -55,8 +58,8 @@ pub struct MailboxClient<T, C> {
     last: Vec<u8>,
     /// A mail was asked for again: the next one may be the last one once more.
     repeated: bool,
-    /// A transfer whose reply may still come.
-    owed: Option<Transfer>,
+    /// Transfers whose replies may still come.
+    owed: Vec<Transfer>,
     /// Accesses that failed in a row.
     failures: u32,
 }
@@ -90,7 +93,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             counter: Counter::FIRST,
             last: Vec::new(),
             repeated: false,
-            owed: None,
+            owed: Vec::new(),
             failures: 0,
         };
         let handle = SdoHandle {
@@ -153,12 +156,23 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     async fn transfer(&mut self, request: Request) -> Result<Vec<u8>, SdoError> {
         let transfer = request.transfer;
         let timeout = request.timeout.unwrap_or(self.settings.reply_timeout);
-        if self.owed.is_some_and(|owed| owed.object == transfer.object) {
+        if matches!(request.body, Body::Ask(_)) && !self.settings.sdo_information {
+            let reason = Unsupported::Sii;
+            return Err(SdoError::NotSupported { transfer, reason });
+        }
+        if self.owes_like(transfer) {
             self.resynchronise(transfer, timeout).await?;
         }
         let mut dialogue = Dialogue::of(request, self.settings.write_length);
-        self.converse(&mut dialogue, transfer, timeout).await?;
-        Ok(dialogue.into_data())
+        match self.converse(&mut dialogue, transfer, timeout).await {
+            Ok(()) => Ok(dialogue.into_data()),
+            Err(error) => Err(dialogue.judge(error)),
+        }
+    }
+
+    /// Whether a reply may still come that would pass for one to `transfer`.
+    fn owes_like(&self, transfer: Transfer) -> bool {
+        self.owed.len() >= MOST_OWED || self.owed.iter().any(|owed| owed.is_like(transfer))
     }
 
     /// Waits out the late reply of an earlier transfer of the same object, which its address does not tell from
@@ -168,25 +182,23 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         transfer: Transfer,
         timeout: Duration,
     ) -> Result<(), SdoError> {
-        let other = if transfer.object == obj::DEVICE_TYPE.address() {
-            obj::VENDOR_ID.address()
-        } else {
-            obj::DEVICE_TYPE.address()
+        let others = [obj::DEVICE_TYPE, obj::VENDOR_ID, obj::PRODUCT_CODE].map(|o| o.address());
+        let is_free = |other: &ObjectAddress| {
+            let read = Transfer::read(*other);
+            !read.is_like(transfer) && !self.owed.iter().any(|owed| owed.is_like(read))
         };
+        let other = others.into_iter().find(is_free).unwrap_or(others[0]);
         let mut dialogue = Dialogue::Upload(Upload::new(other));
         match self
             .converse(&mut dialogue, Transfer::read(other), timeout)
             .await
         {
             Ok(()) | Err(SdoError::Aborted { .. }) => Ok(()),
-            Err(_) => {
-                self.owed = Some(transfer);
-                Err(SdoError::Timeout {
-                    transfer,
-                    step: SdoStep::EarlierReply,
-                    after: timeout,
-                })
-            }
+            Err(_) => Err(SdoError::Timeout {
+                transfer,
+                step: SdoStep::EarlierReply,
+                after: timeout,
+            }),
         }
     }
 
@@ -200,21 +212,25 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         loop {
             match self.exchange(dialogue, transfer, timeout).await {
                 Ok(Step::Done) => {
-                    self.owed = None;
+                    self.owed.clear();
                     return Ok(());
                 }
                 Ok(_) => {}
                 Err(failure) => {
-                    let error = failure.describe(transfer, timeout, dialogue.is_segmented());
-                    self.owed = match failure {
-                        Failure::Fault(SdoFault::Aborted(_)) => None,
-                        _ => Some(transfer),
-                    };
+                    let error = failure.describe(transfer, timeout, dialogue.waits_for());
+                    match failure {
+                        Failure::Fault(SdoFault::Aborted(_)) => self.owed.clear(),
+                        _ if self.owed.len() < MOST_OWED && !self.owed.contains(&transfer) => {
+                            self.owed.push(transfer);
+                        }
+                        _ => {}
+                    }
                     if dialogue.is_segmented()
                         && let Some(code) = failure.abort_code()
                     {
                         // A courtesy, so that the device drops its half of the transfer; without reply.
-                        let mail = self.mail(&abort_request(transfer.object, code));
+                        let abort = abort_request(transfer.object, code);
+                        let mail = sdo_mail(self.next_counter(), &abort);
                         let _ = self.access(self.transport.write_mail(&mail)).await;
                     }
                     return Err(error);
@@ -231,11 +247,15 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         timeout: Duration,
     ) -> Result<Step, Failure> {
         let deadline = self.clock.now() + timeout;
-        let request = dialogue.request();
-        let mail = self.mail(&request);
         self.failures = 0;
-        tracing::trace!(%transfer, ?mail, "SDO request");
-        let mut sent = false;
+        // Further fragments of an answer come unasked.
+        let mut sent = dialogue.waits_for() == SdoStep::Fragment;
+        let mail = if sent {
+            Vec::new()
+        } else {
+            dialogue.mail(self.next_counter())
+        };
+        tracing::trace!(%transfer, ?mail, "request");
         // The mailbox was empty when it was read without a look at its state: a frame that came twice may have read it.
         let mut perhaps_read = false;
         loop {
@@ -280,10 +300,10 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
-    fn mail(&mut self, sdo: &[u8]) -> Vec<u8> {
-        let mail = sdo_mail(self.counter, sdo);
-        self.counter = self.counter.next();
-        mail
+    fn next_counter(&mut self) -> Counter {
+        let counter = self.counter;
+        self.counter = counter.next();
+        counter
     }
 
     /// Reads one mail, if there is one, and hands it to whom it concerns.
@@ -370,14 +390,15 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 self.emergencies.push(self.clock.now(), emergency);
                 Ok(Found::Other)
             }
-            (Mail::SdoReply(reply), Some(dialogue)) => match dialogue.feed(reply) {
-                Ok(Step::Foreign) => {
-                    tracing::debug!(?reply, "reply of another request dropped");
-                    Ok(Found::Other)
+            (content @ (Mail::SdoReply(_) | Mail::SdoInformation(_)), Some(dialogue)) => {
+                match dialogue.feed(content, self.owed.is_empty())? {
+                    Step::Foreign => {
+                        tracing::debug!(?content, "reply of another request dropped");
+                        Ok(Found::Other)
+                    }
+                    step => Ok(Found::Answer(step)),
                 }
-                Ok(step) => Ok(Found::Answer(step)),
-                Err(fault) => Err(Failure::Fault(fault)),
-            },
+            }
             (Mail::Error(error), Some(_)) => Err(Failure::Refused(error)),
             (content, _) => {
                 tracing::debug!(?content, "mail that nobody waits for dropped");

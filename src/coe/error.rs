@@ -6,6 +6,7 @@ use core::fmt;
 use core::time::Duration;
 
 use super::abort::AbortCode;
+use super::information::{ListKind, Question};
 use super::mailbox::{CutMail, MailboxError};
 use super::object::ObjectAddress;
 use super::sdo::SdoFault;
@@ -62,6 +63,24 @@ pub enum SdoError {
         /// Bytes that came.
         got: usize,
     },
+    /// Of an answer in several fragments one is missing, doubled, or one too many.
+    #[error("{transfer}: expected a fragment with {expected} to follow, got one with {got}")]
+    Fragments {
+        /// What was attempted.
+        transfer: Transfer,
+        /// Fragments that should follow.
+        expected: u16,
+        /// Fragments that follow by what the mail says.
+        got: u16,
+    },
+    /// The device has no SDO information.
+    #[error("{transfer}: the device has no SDO information: {reason}")]
+    NotSupported {
+        /// What was attempted.
+        transfer: Transfer,
+        /// How this is known.
+        reason: Unsupported,
+    },
     /// The device refused the mail for its form.
     #[error("{transfer}: device refused the mail: {error}")]
     Mailbox {
@@ -106,6 +125,8 @@ impl SdoError {
             | Self::UnexpectedReply { transfer, .. }
             | Self::Toggle { transfer, .. }
             | Self::WrongSize { transfer, .. }
+            | Self::Fragments { transfer, .. }
+            | Self::NotSupported { transfer, .. }
             | Self::Mailbox { transfer, .. }
             | Self::Cut { transfer, .. }
             | Self::Link { transfer, .. }
@@ -142,17 +163,43 @@ impl SdoError {
                 expected,
                 got,
             },
+            SdoFault::Fragments { expected, got } => Self::Fragments {
+                transfer,
+                expected,
+                got,
+            },
             SdoFault::Cut(cut) => Self::Cut { transfer, cut },
         }
     }
 }
 
-/// What was attempted: reading or writing of one object.
+/// How it is known that a device has no SDO information.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unsupported {
+    /// Its SII says so (CoE details); it was not asked.
+    Sii,
+    /// It refuses the mail.
+    Mail(MailboxError),
+    /// It refuses the service.
+    Service(AbortCode),
+}
+
+impl fmt::Display for Unsupported {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Sii => f.write_str("its SII says so"),
+            Self::Mail(error) => write!(f, "it refuses the mail: {error}"),
+            Self::Service(code) => write!(f, "it refuses: {code}"),
+        }
+    }
+}
+
+/// What was attempted: reading or writing of one object, or a question about the dictionary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Transfer {
     /// The direction.
     pub kind: TransferKind,
-    /// The object.
+    /// The object; 0000h:00 where none is meant.
     pub object: ObjectAddress,
 }
 
@@ -176,23 +223,68 @@ impl Transfer {
     }
 }
 
-impl fmt::Display for Transfer {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let verb = match self.kind {
-            TransferKind::Read => "reading",
-            TransferKind::Write => "writing",
-        };
-        write!(f, "{verb} {}", self.object)
+#[cfg(feature = "std")]
+impl Transfer {
+    /// Whether a late reply to the one could pass for a reply to the other: SDO replies name their object, parts of SDO
+    /// information need not.
+    pub(super) fn is_like(self, other: Self) -> bool {
+        use TransferKind::{Read, Write};
+        match (self.kind, other.kind) {
+            (Read | Write, Read | Write) => self.object == other.object,
+            (Read | Write, _) | (_, Read | Write) => false,
+            _ => true,
+        }
     }
 }
 
-/// The direction of a transfer.
+impl From<Question> for Transfer {
+    fn from(question: Question) -> Self {
+        let (kind, object) = match question {
+            Question::Counts => (TransferKind::Count, ObjectAddress::new(0, 0)),
+            Question::List(kind) => (TransferKind::List(kind), ObjectAddress::new(0, 0)),
+            Question::Object { index } => (TransferKind::Describe, ObjectAddress::new(index, 0)),
+            Question::Entry {
+                index, subindex, ..
+            } => (
+                TransferKind::DescribeEntry,
+                ObjectAddress::new(index, subindex),
+            ),
+        };
+        Self { kind, object }
+    }
+}
+
+impl fmt::Display for Transfer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.kind {
+            TransferKind::Read => write!(f, "reading {}", self.object),
+            TransferKind::Write => write!(f, "writing {}", self.object),
+            TransferKind::Count => f.write_str("asking for the number of objects"),
+            TransferKind::List(ListKind::All) => f.write_str("asking for the list of objects"),
+            TransferKind::List(kind) => {
+                write!(f, "asking for the list of objects of kind {}", kind as u8)
+            }
+            TransferKind::Describe => write!(f, "asking what {:04X}h is", self.object.index),
+            TransferKind::DescribeEntry => write!(f, "asking what {} is", self.object),
+        }
+    }
+}
+
+/// The kind of a transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TransferKind {
     /// From the device (SDO upload).
     Read,
     /// To the device (SDO download).
     Write,
+    /// SDO information: how many objects there are.
+    Count,
+    /// SDO information: a list of objects.
+    List(ListKind),
+    /// SDO information: what an object is.
+    Describe,
+    /// SDO information: what an entry of an object is.
+    DescribeEntry,
 }
 
 /// What a transfer was waiting for.
@@ -204,6 +296,8 @@ pub enum SdoStep {
     Reply,
     /// A further segment, or its confirmation.
     Segment,
+    /// A further fragment.
+    Fragment,
     /// A late reply of an earlier transfer of the same object, which must not be taken for this one's.
     EarlierReply,
     /// Reading a mail that is there.
@@ -216,6 +310,7 @@ impl fmt::Display for SdoStep {
             Self::Sending => "putting the request into the device's mailbox",
             Self::Reply => "waiting for the reply",
             Self::Segment => "waiting for the next segment",
+            Self::Fragment => "waiting for the next fragment",
             Self::EarlierReply => "waiting for the late reply of an earlier transfer",
             Self::Fetching => "fetching a mail from the device",
         })

@@ -8,9 +8,12 @@ use core::time::Duration;
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::emergency::Emergency;
-use super::error::{DriveError, DriveId, SdoError, Transfer, TransferKind};
+use super::error::{DriveError, DriveId, SdoError, Transfer};
+use super::information::Question;
 use super::object::{Object, ObjectAddress};
 use super::value::{Readable, Value, Writable};
+
+mod information;
 
 /// Reads and writes objects of one drive; clones share its mailbox, in which transfers run one after another.
 ///
@@ -27,13 +30,24 @@ pub struct SdoHandle {
 #[derive(Debug)]
 pub(super) struct Request {
     pub(super) transfer: Transfer,
-    /// What is written; nothing for a reading.
-    pub(super) data: Vec<u8>,
-    pub(super) complete_access: bool,
-    /// The object's width in bytes where the program knows it.
-    pub(super) width: Option<usize>,
+    pub(super) body: Body,
     pub(super) timeout: Option<Duration>,
     pub(super) reply: Sender<Result<Vec<u8>, SdoError>>,
+}
+
+/// What a transfer is to do.
+#[derive(Debug)]
+pub(super) enum Body {
+    Upload {
+        complete_access: bool,
+        /// The object's width in bytes where the program knows it.
+        width: Option<usize>,
+    },
+    Download {
+        complete_access: bool,
+        data: Vec<u8>,
+    },
+    Ask(Question),
 }
 
 impl SdoHandle {
@@ -63,7 +77,7 @@ impl SdoHandle {
             0 => None,
             bits => Some(bits / 8),
         };
-        let data = self.run(transfer, Vec::new(), false, width).await?;
+        let data = self.run(transfer, upload(false, width)).await?;
         T::decode(&data).ok_or_else(|| {
             self.error(SdoError::WrongSize {
                 transfer,
@@ -83,7 +97,7 @@ impl SdoHandle {
         value: T,
     ) -> Result<(), DriveError> {
         let transfer = Transfer::write(object.address());
-        self.run(transfer, value.encode(), false, None).await?;
+        self.run(transfer, download(false, value.encode())).await?;
         Ok(())
     }
 
@@ -93,7 +107,7 @@ impl SdoHandle {
     /// As [`SdoHandle::read`], but for `WrongSize` of a type.
     pub async fn read_bytes(&self, index: u16, subindex: u8) -> Result<Vec<u8>, DriveError> {
         let transfer = Transfer::read(ObjectAddress::new(index, subindex));
-        self.run(transfer, Vec::new(), false, None).await
+        self.run(transfer, upload(false, None)).await
     }
 
     /// Writes `data` to `index:subindex`.
@@ -107,20 +121,22 @@ impl SdoHandle {
         data: Vec<u8>,
     ) -> Result<(), DriveError> {
         let transfer = Transfer::write(ObjectAddress::new(index, subindex));
-        self.run(transfer, data, false, None).await?;
+        self.run(transfer, download(false, data)).await?;
         Ok(())
     }
 
-    /// Reads `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access.
+    /// Reads `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access. From
+    /// subindex 0 on the first two bytes are the count and a zero; elements lie one behind the other.
     ///
     /// # Errors
     /// As [`SdoHandle::read_bytes`]; many drives refuse with abort code 06010004h.
     pub async fn read_complete(&self, index: u16, subindex: u8) -> Result<Vec<u8>, DriveError> {
         let transfer = Transfer::read(ObjectAddress::new(index, subindex));
-        self.run(transfer, Vec::new(), true, None).await
+        self.run(transfer, upload(true, None)).await
     }
 
-    /// Writes `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access.
+    /// Writes `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access. From
+    /// subindex 0 on `data` begins with the count and a zero; elements lie one behind the other.
     ///
     /// # Errors
     /// As [`SdoHandle::write`]; many drives refuse with abort code 06010004h.
@@ -131,23 +147,15 @@ impl SdoHandle {
         data: Vec<u8>,
     ) -> Result<(), DriveError> {
         let transfer = Transfer::write(ObjectAddress::new(index, subindex));
-        self.run(transfer, data, true, None).await?;
+        self.run(transfer, download(true, data)).await?;
         Ok(())
     }
 
-    async fn run(
-        &self,
-        transfer: Transfer,
-        data: Vec<u8>,
-        complete_access: bool,
-        width: Option<usize>,
-    ) -> Result<Vec<u8>, DriveError> {
+    pub(super) async fn run(&self, transfer: Transfer, body: Body) -> Result<Vec<u8>, DriveError> {
         let (reply, answer) = bounded(1);
         let request = Request {
             transfer,
-            data,
-            complete_access,
-            width,
+            body,
             timeout: self.timeout,
             reply,
         };
@@ -157,7 +165,7 @@ impl SdoHandle {
         result.map_err(|error| self.error(error))
     }
 
-    fn error(&self, error: SdoError) -> DriveError {
+    pub(super) fn error(&self, error: SdoError) -> DriveError {
         DriveError {
             drive: DriveId::clone(&self.drive),
             error,
@@ -165,9 +173,17 @@ impl SdoHandle {
     }
 }
 
-impl Request {
-    pub(super) const fn is_read(&self) -> bool {
-        matches!(self.transfer.kind, TransferKind::Read)
+const fn upload(complete_access: bool, width: Option<usize>) -> Body {
+    Body::Upload {
+        complete_access,
+        width,
+    }
+}
+
+const fn download(complete_access: bool, data: Vec<u8>) -> Body {
+    Body::Download {
+        complete_access,
+        data,
     }
 }
 

@@ -205,12 +205,21 @@ impl<'a> Mail<'a> {
 /// A whole mail of the master that carries the SDO request `sdo`.
 #[must_use]
 pub fn sdo_mail(counter: Counter, sdo: &[u8]) -> Vec<u8> {
-    const SDO_REQUEST: u16 = 2 << 12;
-    let length = u16::try_from(COE_HEADER_LENGTH + sdo.len()).unwrap_or(u16::MAX);
-    let mut mail = Vec::with_capacity(HEADER_LENGTH + COE_HEADER_LENGTH + sdo.len());
+    coe_mail(counter, 2, sdo)
+}
+
+/// A whole mail of the master that carries the SDO information request `request`.
+#[must_use]
+pub fn information_mail(counter: Counter, request: &[u8]) -> Vec<u8> {
+    coe_mail(counter, 8, request)
+}
+
+fn coe_mail(counter: Counter, service: u16, content: &[u8]) -> Vec<u8> {
+    let length = u16::try_from(COE_HEADER_LENGTH + content.len()).unwrap_or(u16::MAX);
+    let mut mail = Vec::with_capacity(HEADER_LENGTH + COE_HEADER_LENGTH + content.len());
     mail.extend_from_slice(&Header::coe(length, counter).to_bytes());
-    mail.extend_from_slice(&SDO_REQUEST.to_le_bytes());
-    mail.extend_from_slice(sdo);
+    mail.extend_from_slice(&(service << 12).to_le_bytes());
+    mail.extend_from_slice(content);
     mail
 }
 
@@ -227,6 +236,12 @@ impl MailboxError {
                 got: payload.len(),
             }),
         }
+    }
+
+    /// Whether the device does not know what the mail asks for, whatever its content.
+    #[must_use]
+    pub const fn is_about_the_service(self) -> bool {
+        matches!(self.0, 2 | 4 | 5)
     }
 
     /// The meaning in words.

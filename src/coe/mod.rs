@@ -1,15 +1,18 @@
 //! CANopen over EtherCAT: typed objects, the SDO codec, the mailbox client, emergencies.
 //!
-//! Pure: [`object`], [`value`] and [`obj`] (the objects), [`mailbox`], [`sdo`], [`emergency`] and [`abort`] (bytes and
-//! transfers without I/O), [`error`]. With `std`: the mailbox client, one per device, and its transport.
+//! Pure: [`object`], [`value`] and [`obj`] (the objects), [`mailbox`], [`sdo`], [`information`], [`emergency`] and
+//! [`abort`] (bytes and transfers without I/O), [`error`]. With `std`: the mailbox client, one per device, and its transport.
 
 pub mod abort;
 #[cfg(feature = "std")]
 mod client;
+mod data_type;
+mod dictionary;
 pub mod emergency;
 pub mod error;
 #[cfg(feature = "std")]
 mod handle;
+pub mod information;
 pub mod mailbox;
 pub mod obj;
 pub mod object;
@@ -23,8 +26,10 @@ pub mod value;
 pub use abort::AbortCode;
 #[cfg(feature = "std")]
 pub use client::{Clock, MailboxClient, MailboxSettings};
+pub use data_type::{TypeCode, ValueError};
+pub use dictionary::{DictionaryObject, ObjectDictionary, Undescribed};
 pub use emergency::Emergency;
-pub use error::{DriveError, DriveId, SdoError, SdoStep, Transfer, TransferKind};
+pub use error::{DriveError, DriveId, SdoError, SdoStep, Transfer, TransferKind, Unsupported};
 #[cfg(feature = "std")]
 pub use handle::{Emergencies, SdoHandle, TimedEmergency};
 pub use mailbox::MailboxError;

@@ -65,6 +65,14 @@ pub enum SdoFault {
         /// Bytes that came.
         got: usize,
     },
+    /// Of an answer in several fragments one is missing, doubled, or one too many.
+    #[error("expected a fragment with {expected} to follow, got one with {got}")]
+    Fragments {
+        /// Fragments that should follow.
+        expected: u16,
+        /// Fragments that follow by what the mail says.
+        got: u16,
+    },
     /// The reply is shorter than its kind needs.
     #[error(transparent)]
     Cut(#[from] CutMail),
@@ -77,7 +85,9 @@ impl SdoFault {
         match self {
             Self::Aborted(_) => None,
             Self::Toggle { .. } => Some(AbortCode::TOGGLE),
-            Self::Unexpected { .. } | Self::Cut(_) => Some(AbortCode::COMMAND),
+            Self::Unexpected { .. } | Self::Fragments { .. } | Self::Cut(_) => {
+                Some(AbortCode::COMMAND)
+            }
             Self::Size { .. } => Some(AbortCode::LENGTH),
         }
     }

@@ -93,6 +93,8 @@ pub(crate) struct State {
     pub(crate) delays: VecDeque<Duration>,
     /// Mails put before the next reply.
     pub(crate) before_reply: Vec<Vec<u8>>,
+    /// The fragments of the next answers to SDO information, in order; then the service is refused.
+    pub(crate) information: VecDeque<Vec<Vec<u8>>>,
     /// The next replies that are not sent.
     pub(crate) swallow: usize,
     /// A mail that is there whenever the mailbox is looked at.
@@ -114,6 +116,13 @@ pub(crate) const MAILBOX: usize = 32;
 
 /// A client and its device, ready to run.
 pub(crate) fn rig() -> (Rig, Device, SdoHandle, Emergencies) {
+    rig_with(|_| {})
+}
+
+/// The same with other settings.
+pub(crate) fn rig_with(
+    change: impl FnOnce(&mut MailboxSettings),
+) -> (Rig, Device, SdoHandle, Emergencies) {
     let clock = VirtualClock::default();
     let device = Device(Rc::new(RefCell::new(State::new(clock.clone()))));
     let mailbox = Mailbox {
@@ -123,10 +132,11 @@ pub(crate) fn rig() -> (Rig, Device, SdoHandle, Emergencies) {
         send_length: MAILBOX as u16,
         protocols: Protocols(4),
     };
-    let settings = MailboxSettings {
+    let mut settings = MailboxSettings {
         emergency_capacity: 3,
         ..MailboxSettings::new(&mailbox)
     };
+    change(&mut settings);
     let drive = DriveId {
         position: 3,
         name: "x".into(),
@@ -236,6 +246,7 @@ impl State {
             accesses: 0,
             delays: VecDeque::new(),
             before_reply: Vec::new(),
+            information: VecDeque::new(),
             swallow: 0,
             flood: None,
             takes_from: Duration::ZERO,
@@ -309,6 +320,9 @@ impl State {
         }
         self.last_counter = counter;
         self.served += 1;
+        if mail[7] >> 4 == 8 {
+            return self.inform();
+        }
         let length = usize::from(u16::from_le_bytes([mail[0], mail[1]]));
         let reply = self.serve(&mail[8..6 + length]);
         for mail in std::mem::take(&mut self.before_reply) {
@@ -327,6 +341,23 @@ impl State {
         mail.extend([0, 0, 0, 3 | self.reply_counter << 4, 0, service]);
         mail.extend(sdo);
         self.outbox.push_back((ready, mail));
+    }
+
+    /// Puts the scripted answer to a question, or a mailbox error: service not supported.
+    fn inform(&mut self) {
+        let now = self.clock.now();
+        let ready = now + self.delays.pop_front().unwrap_or_default();
+        let Some(fragments) = self.information.pop_front() else {
+            let error = vec![4, 0, 0, 0, 0, 0, 1, 0, 4, 0];
+            return self.outbox.push_back((ready, error));
+        };
+        for fragment in fragments {
+            self.reply_counter = self.reply_counter % 7 + 1;
+            let mut mail = ((fragment.len() + 2) as u16).to_le_bytes().to_vec();
+            mail.extend([0, 0, 0, 3 | self.reply_counter << 4, 0, 0x80]);
+            mail.extend(fragment);
+            self.outbox.push_back((ready, mail));
+        }
     }
 
     fn serve(&mut self, sdo: &[u8]) -> Option<Vec<u8>> {

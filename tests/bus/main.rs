@@ -9,6 +9,7 @@ mod log;
 mod messages;
 mod modes;
 mod rig;
+mod scan;
 mod start_up;
 mod stops;
 mod threaded;

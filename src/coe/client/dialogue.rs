@@ -5,57 +5,94 @@ use alloc::vec::Vec;
 use core::time::Duration;
 
 use crate::coe::abort::AbortCode;
-use crate::coe::error::{SdoError, SdoStep, Transfer};
-use crate::coe::handle::Request;
-use crate::coe::mailbox::MailboxError;
+use crate::coe::error::{SdoError, SdoStep, Transfer, Unsupported};
+use crate::coe::handle::{Body, Request};
+use crate::coe::information::{Inquiry, Question};
+use crate::coe::mailbox::{Counter, Mail, MailboxError, information_mail, sdo_mail};
 use crate::coe::object::ObjectAddress;
 use crate::coe::sdo::{Download, SdoFault, Step, Upload};
 use crate::coe::transport::LinkFault;
 
-/// A transfer of either direction.
+/// A transfer of either direction, or a question.
 pub(super) enum Dialogue {
     Upload(Upload),
     Download(Download),
+    Inquiry(Inquiry, Question),
 }
 
 impl Dialogue {
     pub(super) fn of(request: Request, write_length: usize) -> Self {
         let object: ObjectAddress = request.transfer.object;
-        if request.is_read() {
-            let mut upload = Upload::new(object);
-            if let Some(width) = request.width {
-                upload = upload.width(width);
+        match request.body {
+            Body::Upload {
+                complete_access,
+                width,
+            } => {
+                let mut upload = Upload::new(object);
+                if let Some(width) = width {
+                    upload = upload.width(width);
+                }
+                if complete_access {
+                    upload = upload.complete_access();
+                }
+                Self::Upload(upload)
             }
-            if request.complete_access {
-                upload = upload.complete_access();
+            Body::Download {
+                complete_access,
+                data,
+            } => {
+                let download = Download::new(object, data, write_length);
+                Self::Download(if complete_access {
+                    download.complete_access()
+                } else {
+                    download
+                })
             }
-            return Self::Upload(upload);
+            Body::Ask(question) => Self::Inquiry(Inquiry::new(question), question),
         }
-        let mut download = Download::new(object, request.data, write_length);
-        if request.complete_access {
-            download = download.complete_access();
-        }
-        Self::Download(download)
     }
 
-    pub(super) fn request(&self) -> Vec<u8> {
+    /// The mail that is due.
+    pub(super) fn mail(&self, counter: Counter) -> Vec<u8> {
         match self {
-            Self::Upload(upload) => upload.request().to_vec(),
-            Self::Download(download) => download.request(),
+            Self::Upload(upload) => sdo_mail(counter, &upload.request()),
+            Self::Download(download) => sdo_mail(counter, &download.request()),
+            Self::Inquiry(inquiry, _) => information_mail(counter, &inquiry.request()),
         }
     }
 
-    pub(super) fn feed(&mut self, reply: &[u8]) -> Result<Step, SdoFault> {
-        match self {
-            Self::Upload(upload) => upload.feed(reply),
-            Self::Download(download) => download.feed(reply),
-        }
+    /// Takes a reply. `nothing_late` if no reply of an earlier request can come any more.
+    pub(super) fn feed(&mut self, reply: Mail<'_>, nothing_late: bool) -> Result<Step, Failure> {
+        let step = match (self, reply) {
+            (Self::Upload(upload), Mail::SdoReply(reply)) => upload.feed(reply),
+            (Self::Download(download), Mail::SdoReply(reply)) => download.feed(reply),
+            (Self::Inquiry(inquiry, _), Mail::SdoInformation(reply)) => inquiry.feed(reply),
+            // A device without the service may say so by an SDO abort.
+            (Self::Inquiry(..), Mail::SdoReply(&[0x80, _, _, _, c0, c1, c2, c3, ..]))
+                if nothing_late =>
+            {
+                let code = AbortCode(u32::from_le_bytes([c0, c1, c2, c3]));
+                return Err(Failure::NoService(code));
+            }
+            _ => Ok(Step::Foreign),
+        };
+        step.map_err(Failure::Fault)
     }
 
     pub(super) const fn is_segmented(&self) -> bool {
         match self {
             Self::Upload(upload) => upload.is_segmented(),
             Self::Download(download) => download.is_segmented(),
+            Self::Inquiry(..) => false,
+        }
+    }
+
+    /// What a reply would be now.
+    pub(super) fn waits_for(&self) -> SdoStep {
+        match self {
+            Self::Inquiry(inquiry, _) if inquiry.is_under_way() => SdoStep::Fragment,
+            _ if self.is_segmented() => SdoStep::Segment,
+            _ => SdoStep::Reply,
         }
     }
 
@@ -63,6 +100,31 @@ impl Dialogue {
         match self {
             Self::Upload(upload) => upload.into_data(),
             Self::Download(_) => Vec::new(),
+            Self::Inquiry(inquiry, _) => inquiry.into_data(),
+        }
+    }
+
+    /// Tells the refusal of a question from a device without the service.
+    pub(super) fn judge(&self, error: SdoError) -> SdoError {
+        let Self::Inquiry(_, question) = self else {
+            return error;
+        };
+        let is_about_all = matches!(question, Question::Counts | Question::List(_));
+        let reason = match &error {
+            SdoError::Mailbox { error, .. } if error.is_about_the_service() => {
+                Unsupported::Mail(*error)
+            }
+            SdoError::Aborted { code, .. }
+                if is_about_all
+                    && matches!(*code, AbortCode::COMMAND | AbortCode::UNSUPPORTED_ACCESS) =>
+            {
+                Unsupported::Service(*code)
+            }
+            _ => return error,
+        };
+        SdoError::NotSupported {
+            transfer: error.transfer(),
+            reason,
         }
     }
 }
@@ -72,18 +134,15 @@ impl Dialogue {
 pub(super) enum Failure {
     Fault(SdoFault),
     Refused(MailboxError),
+    /// The device refuses SDO information as such.
+    NoService(AbortCode),
     NotTaken,
     NoReply,
     Link(LinkFault),
 }
 
 impl Failure {
-    pub(super) fn describe(self, transfer: Transfer, after: Duration, segmented: bool) -> SdoError {
-        let reply = if segmented {
-            SdoStep::Segment
-        } else {
-            SdoStep::Reply
-        };
+    pub(super) fn describe(self, transfer: Transfer, after: Duration, reply: SdoStep) -> SdoError {
         let timeout = |step| SdoError::Timeout {
             transfer,
             step,
@@ -92,6 +151,10 @@ impl Failure {
         match self {
             Self::Fault(fault) => SdoError::from_fault(transfer, fault),
             Self::Refused(error) => SdoError::Mailbox { transfer, error },
+            Self::NoService(code) => SdoError::NotSupported {
+                transfer,
+                reason: Unsupported::Service(code),
+            },
             Self::NotTaken => timeout(SdoStep::Sending),
             Self::NoReply => timeout(reply),
             Self::Link(fault) => SdoError::Link {
@@ -107,7 +170,7 @@ impl Failure {
         match self {
             Self::Fault(fault) => fault.abort_code(),
             Self::NotTaken | Self::NoReply => Some(AbortCode::TIME_OUT),
-            Self::Refused(_) | Self::Link(_) => None,
+            Self::Refused(_) | Self::NoService(_) | Self::Link(_) => None,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::sii::Mailbox;
+use crate::sii::{Mailbox, Sii};
 
 /// Lengths, deadlines and bounds of a mailbox client.
 ///
@@ -38,6 +38,9 @@ pub struct MailboxSettings {
     pub poll_interval: Duration,
     /// The time between two looks at the mailbox while nothing is due, for emergencies.
     pub idle_interval: Duration,
+    /// Whether the device may be asked by SDO information: what its SII's CoE details say. If not, such questions fail as
+    /// not supported, unasked.
+    pub sdo_information: bool,
     /// How many accesses in a row may fail before a transfer is given up.
     pub attempts: u32,
     /// Requests that may wait.
@@ -47,6 +50,16 @@ pub struct MailboxSettings {
 }
 
 impl MailboxSettings {
+    /// The settings for the mailbox of a device with this SII, as [`MailboxSettings::new`].
+    #[must_use]
+    pub fn of(sii: &Sii, mailbox: &Mailbox) -> Self {
+        let general = sii.general.as_ref();
+        Self {
+            sdo_information: general.is_none_or(|general| general.coe.sdo_information()),
+            ..Self::new(mailbox)
+        }
+    }
+
     /// The settings for a device's mailbox, with 1 s for a reply.
     #[must_use]
     pub fn new(mailbox: &Mailbox) -> Self {
@@ -58,6 +71,7 @@ impl MailboxSettings {
             reply_timeout: Duration::from_secs(1),
             poll_interval: Duration::from_micros(250),
             idle_interval: Duration::from_millis(10),
+            sdo_information: true,
             attempts: 5,
             request_capacity: 16,
             emergency_capacity: 64,

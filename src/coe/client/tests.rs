@@ -1,10 +1,12 @@
 //! The client against a scripted device in virtual time.
 
 use super::*;
-use crate::coe::test_device::{Device, Fault, Rig, emergency, rig};
+use crate::coe::test_device::{Device, Fault, Rig, emergency, rig, rig_with};
 use crate::coe::{AbortCode, DriveError, Emergencies, obj};
 use proptest::prelude::*;
 use std::collections::VecDeque;
+
+mod information;
 
 const VELOCITY: (u16, u8) = (0x6081, 0);
 
@@ -147,6 +149,79 @@ fn the_late_confirmation_of_a_write_does_not_confirm_the_next_write_of_that_obje
     device.0.borrow_mut().refused.insert(VELOCITY, 0x0800_0022);
     let error = write_velocity(&rig, &handle, 2).unwrap_err().error;
     assert_eq!(error.abort_code(), Some(AbortCode::PRESENT_STATE));
+}
+
+#[test]
+fn no_late_reply_is_taken_after_several_requests_have_timed_out() {
+    // Both late replies are still to come when the first object is written again.
+    let (rig, device, handle, _) = device_with_statusword();
+    device.0.borrow_mut().delays = VecDeque::from([Duration::from_millis(2500), Duration::ZERO]);
+    assert!(write_velocity(&rig, &handle, 1).is_err());
+    assert!(read_statusword(&rig, &handle).is_err());
+    device.0.borrow_mut().refused.insert(VELOCITY, 0x0800_0022);
+    let error = write_velocity(&rig, &handle, 2).unwrap_err().error;
+    assert_eq!(error.abort_code(), Some(AbortCode::PRESENT_STATE));
+}
+
+#[test]
+fn a_write_without_reply_is_not_written_again() {
+    let (rig, device, handle, _) = rig();
+    device.0.borrow_mut().swallow = 1;
+    let error = write_velocity(&rig, &handle, 5).unwrap_err().error;
+    assert!(matches!(error, SdoError::Timeout { .. }), "{error}");
+    rig.pass(Duration::from_secs(3));
+    assert_eq!(device.0.borrow().written.len(), 1);
+}
+
+#[test]
+fn a_callers_future_can_be_dropped_at_any_moment() {
+    let name: Vec<u8> = (0..100).collect();
+    for moment in 0..120 {
+        let (rig, device, handle, _) = device_with_statusword();
+        device.set(0x1008, 0, &name);
+        let (clock, leaver, data) = (rig.clock.clone(), handle.clone(), name.clone());
+        rig.run(async move {
+            let work = async {
+                drop(leaver.read(obj::DEVICE_NAME).await);
+                drop(leaver.write_bytes(0x2001, 0, data).await);
+            };
+            let time = Duration::from_micros(50 * moment);
+            or(work, clock.sleep_until(time)).await;
+        });
+        assert_eq!(read_statusword(&rig, &handle), Ok(0x1637), "{moment}");
+        let written = device.0.borrow().written.clone();
+        assert!(written.iter().all(|(_, _, data)| *data == name), "{moment}");
+    }
+}
+
+#[test]
+fn several_tasks_share_one_drive() {
+    let (rig, device, handle, _) = device_with_statusword();
+    for index in 0..20u16 {
+        device.set(0x2000 + index, 0, &(0..index as u8 * 3).collect::<Vec<_>>());
+    }
+    let read = |index: u16| {
+        let handle = handle.clone();
+        async move { (index, handle.read_bytes(0x2000 + index, 0).await) }
+    };
+    let tasks: Vec<_> = (0..20).map(read).collect();
+    let results = rig.run(async move {
+        let executor = smol::LocalExecutor::new();
+        let running: Vec<_> = tasks.into_iter().map(|task| executor.spawn(task)).collect();
+        executor
+            .run(async move {
+                let mut results = Vec::new();
+                for task in running {
+                    results.push(task.await);
+                }
+                results
+            })
+            .await
+    });
+    for (index, result) in results {
+        let expected: Vec<u8> = (0..index as u8 * 3).collect();
+        assert_eq!(result, Ok(expected), "{index}");
+    }
 }
 
 #[test]

@@ -1,10 +1,12 @@
-//! The CoE client and the SII parser against the simulated AKD2G, by EtherCAT frames composed here: two
+//! The CoE client and the SII parser against simulated drives, by EtherCAT frames composed here: two
 //! implementations that share nothing meet in bytes.
 #![cfg(feature = "std")]
 #![allow(missing_docs)]
 
-#[path = "common/datagrams.rs"]
+mod boundaries;
+#[path = "../common/datagrams.rs"]
 mod datagrams;
+mod information;
 
 use std::future::{Future, poll_fn};
 use std::task::Poll;
@@ -17,7 +19,7 @@ use servocrab::coe::{
 use servocrab::drives;
 use servocrab::pdo_map::{ConfigureError, Layout, configure, read_back};
 use servocrab::sii::{Mailbox, Sii, SyncManagerUsage};
-use servocrab_sim::personality;
+use servocrab_sim::{Device, personality};
 
 use datagrams::{APRD, APWR, Wire};
 
@@ -75,9 +77,26 @@ impl Clock for Ticks {
     }
 }
 
-/// A client of the simulated drive in PREOP.
-fn drive() -> (Wire, Frames, DriveId) {
-    let wire = Wire::new(personality::akd2g());
+/// Runs `work` with a handle of the simulated AKD2G.
+fn with_drive<R, F: Future<Output = R>>(work: impl FnOnce(Wire, SdoHandle, Emergencies) -> F) -> R {
+    with_device(personality::akd2g(), work)
+}
+
+/// Runs `work` with a handle of this drive in PREOP.
+fn with_device<R, F: Future<Output = R>>(
+    device: Device,
+    work: impl FnOnce(Wire, SdoHandle, Emergencies) -> F,
+) -> R {
+    with_settings(device, |_| {}, work)
+}
+
+/// The same with other settings than those by its SII.
+fn with_settings<R, F: Future<Output = R>>(
+    device: Device,
+    change: impl FnOnce(&mut MailboxSettings),
+    work: impl FnOnce(Wire, SdoHandle, Emergencies) -> F,
+) -> R {
+    let wire = Wire::new(device);
     let sii = Sii::parse(&wire.sii_image()).unwrap();
     let mailbox = sii.mailbox.unwrap();
     wire.pre_op(&mailbox);
@@ -90,13 +109,8 @@ fn drive() -> (Wire, Frames, DriveId) {
         wire: wire.clone(),
         mailbox,
     };
-    (wire, frames, id)
-}
-
-/// Runs `work` with a handle of the drive.
-fn with_drive<R, F: Future<Output = R>>(work: impl FnOnce(Wire, SdoHandle, Emergencies) -> F) -> R {
-    let (wire, frames, id) = drive();
-    let settings = MailboxSettings::new(&frames.mailbox);
+    let mut settings = MailboxSettings::of(&sii, &mailbox);
+    change(&mut settings);
     let clock = Ticks(wire.clone());
     let (client, handle, emergencies) = MailboxClient::new(frames, clock, settings, id);
     smol::block_on(smol::future::or(work(wire, handle, emergencies), async {

@@ -1,0 +1,135 @@
+//! Questions about a drive's object dictionary (SDO information).
+
+use alloc::vec::Vec;
+
+use super::{Body, SdoHandle};
+use crate::coe::abort::AbortCode;
+use crate::coe::dictionary::{DictionaryObject, ObjectDictionary, Undescribed};
+use crate::coe::error::{DriveError, SdoError, Transfer};
+use crate::coe::information::{
+    EntryDescription, ListKind, ObjectCounts, ObjectDescription, Question, object_counts,
+    object_list,
+};
+use crate::coe::sdo::SdoFault;
+
+impl SdoHandle {
+    /// Reads the drive's whole object dictionary: its list of objects, and what each object and each entry is.
+    ///
+    /// It takes one mail and its answer for every object and every entry: seconds, on a drive with a thousand of them.
+    /// What the drive lists but does not describe is told apart ([`ObjectDictionary::undescribed`]).
+    ///
+    /// # Errors
+    /// [`SdoError::NotSupported`] if the drive has no SDO information; else as [`SdoHandle::read`], and `Fragments` where
+    /// a part of an answer is missing.
+    pub async fn dictionary(&self) -> Result<ObjectDictionary, DriveError> {
+        let mut dictionary = ObjectDictionary::default();
+        for index in self.object_list(ListKind::All).await? {
+            let object = self.describe_object(index).await;
+            let description = match refusal(object)? {
+                Ok(description) => description,
+                Err(code) => {
+                    dictionary.undescribed.push(Undescribed {
+                        index,
+                        subindex: None,
+                        code,
+                    });
+                    continue;
+                }
+            };
+            let mut entries = Vec::new();
+            for subindex in 0..=description.max_subindex {
+                match refusal(self.describe_entry(index, subindex).await)? {
+                    Ok(entry) => entries.push(entry),
+                    Err(AbortCode::NO_SUBINDEX) => {}
+                    Err(code) => dictionary.undescribed.push(Undescribed {
+                        index,
+                        subindex: Some(subindex),
+                        code,
+                    }),
+                }
+            }
+            dictionary.objects.push(DictionaryObject {
+                description,
+                entries,
+            });
+        }
+        Ok(dictionary)
+    }
+
+    /// How many objects the drive's lists have.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`].
+    pub async fn object_counts(&self) -> Result<ObjectCounts, DriveError> {
+        self.ask(Question::Counts, object_counts).await
+    }
+
+    /// The indices of the objects of a list, in the drive's order.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`].
+    pub async fn object_list(&self, kind: ListKind) -> Result<Vec<u16>, DriveError> {
+        self.ask(Question::List(kind), object_list).await
+    }
+
+    /// What an object is.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`]; `Aborted` for an object that the drive does not have.
+    pub async fn describe_object(&self, index: u16) -> Result<ObjectDescription, DriveError> {
+        self.ask(Question::Object { index }, ObjectDescription::parse)
+            .await
+    }
+
+    /// What an entry of an object is, with unit, default and limits as far as the drive tells them.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`]; `Aborted` for an entry that the drive does not have.
+    pub async fn describe_entry(
+        &self,
+        index: u16,
+        subindex: u8,
+    ) -> Result<EntryDescription, DriveError> {
+        let question = |wanted| Question::Entry {
+            index,
+            subindex,
+            wanted,
+        };
+        let parse = EntryDescription::parse;
+        match self.ask(question(Question::EVERYTHING), parse).await {
+            // A drive may refuse what it does not know of an entry, or say that it tells it and does not.
+            Err(DriveError {
+                error: SdoError::Aborted { code, .. },
+                ..
+            }) if code != AbortCode::NO_SUBINDEX && code != AbortCode::NO_OBJECT => {}
+            Err(DriveError {
+                error: SdoError::Cut { .. },
+                ..
+            }) => {}
+            other => return other,
+        }
+        self.ask(question(Question::BASICS), parse).await
+    }
+
+    async fn ask<T>(
+        &self,
+        question: Question,
+        parse: impl Fn(&[u8]) -> Result<T, SdoFault>,
+    ) -> Result<T, DriveError> {
+        let transfer = Transfer::from(question);
+        let answer = self.run(transfer, Body::Ask(question)).await?;
+        parse(&answer).map_err(|fault| self.error(SdoError::from_fault(transfer, fault)))
+    }
+}
+
+/// A refusal of one description apart from what ends the reading.
+fn refusal<T>(result: Result<T, DriveError>) -> Result<Result<T, AbortCode>, DriveError> {
+    match result {
+        Ok(value) => Ok(Ok(value)),
+        Err(DriveError {
+            error: SdoError::Aborted { code, .. },
+            ..
+        }) => Ok(Err(code)),
+        Err(error) => Err(error),
+    }
+}
