@@ -26,7 +26,7 @@ impl Wire {
             receive_length: out.1,
             send_offset: back.0,
             send_length: back.1,
-            protocols: Protocols::empty(),
+            protocols: Protocols(0x0004),
         });
         Self {
             line,
