@@ -35,7 +35,7 @@ fn pdos(drive: &DriveDescription) -> String {
     let axes: Vec<_> = drive
         .axes
         .iter()
-        .map(|axis| format!("{:04X}h, {:04X}h", axis.rx_pdo, axis.tx_pdo))
+        .map(|axis| format!("{:04X}h, {:04X}h", axis.rx_pdos[0], axis.tx_pdos[0]))
         .collect();
     axes.join("; ")
 }

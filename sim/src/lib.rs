@@ -35,5 +35,5 @@ pub use description::{
 pub use device::{Blueprint, Device};
 pub use drive::{AxisStatusObject, DriveBlueprint};
 pub use faults::{Fault, FaultyWire};
-pub use pdo::PdoLimits;
+pub use pdo::{PdoHabit, PdoLimits};
 pub use segment::{CycleRecord, Segment};

@@ -59,6 +59,19 @@ pub struct PdoLimits {
     pub assigned: u8,
 }
 
+/// What a drive makes of one write to its PDO lists in place of what the rules say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PdoHabit {
+    /// 1C12h, 1C13h, 16xxh or 1Axxh.
+    pub index: u16,
+    /// The subindex.
+    pub subindex: u8,
+    /// The value whose writing is meant.
+    pub value: u32,
+    /// The abort code; `None`: the write is confirmed, and the drive keeps what it had.
+    pub abort: Option<Abort>,
+}
+
 /// A counted list: subindex 0 says how many of the elements count.
 #[derive(Clone, Debug)]
 struct List {
@@ -106,6 +119,7 @@ pub(crate) struct PdoSet {
     limits: PdoLimits,
     pdos: Vec<Pdo>,
     assignment: List,
+    habits: Vec<PdoHabit>,
 }
 
 /// One PDO.
@@ -124,6 +138,7 @@ impl PdoSet {
         limits: PdoLimits,
         all: &[PdoDescription],
         assigned: Option<&[u16]>,
+        habits: &[PdoHabit],
     ) -> Self {
         let own = all.iter().filter(|pdo| pdo.direction == direction);
         let is_assigned = |pdo: &PdoDescription| {
@@ -139,7 +154,8 @@ impl PdoSet {
             Pdo {
                 index: pdo.index,
                 fixed: pdo.fixed,
-                content: List::new(&values, limits.entries),
+                // What is fixed may be longer than what can be mapped.
+                content: List::new(&values, limits.entries.max(values.len() as u8)),
             }
         });
         Self {
@@ -147,6 +163,7 @@ impl PdoSet {
             limits,
             pdos: pdos.collect(),
             assignment: List::new(&at_power_up, limits.assigned),
+            habits: habits.to_vec(),
         }
     }
 
@@ -252,6 +269,14 @@ impl PdoSet {
             .iter()
             .rev()
             .fold(0, |value, byte| value << 8 | u32::from(*byte));
+        let meant = (index, subindex, value);
+        if let Some(habit) = self
+            .habits
+            .iter()
+            .find(|habit| (habit.index, habit.subindex, habit.value) == meant)
+        {
+            return habit.abort.map_or(Ok(()), Err);
+        }
         if index == self.assignment_index() {
             self.write_assignment(subindex, value)
         } else {
@@ -359,12 +384,15 @@ impl PdoSet {
         }
         if value != 0 {
             let entry = Entry::from_value(value);
-            let object = lookup(entry.index, entry.subindex)?;
-            if !object.allowed {
-                return Err(Abort::NotMappable);
-            }
-            if object.bits != entry.bits {
-                return Err(Abort::Length);
+            // 0000h:00 fills bits with nothing (ETG.1000.6, PDO mapping).
+            if (entry.index, entry.subindex) != (0, 0) {
+                let object = lookup(entry.index, entry.subindex)?;
+                if !object.allowed {
+                    return Err(Abort::NotMappable);
+                }
+                if object.bits != entry.bits {
+                    return Err(Abort::Length);
+                }
             }
         }
         *list.slot(subindex)? = value;

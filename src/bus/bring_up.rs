@@ -100,7 +100,7 @@ pub(super) async fn configure(
             .cloned()
             .ok_or(NetworkError::NotThere {
                 position,
-                expected: config.description.name,
+                expected: config.description.name.to_string(),
                 count: line.len(),
             })?;
         jobs.push(checked(found, config, &plan.watchdog, plan.cycle)?);
@@ -141,7 +141,7 @@ fn checked(
     let description = &config.description;
     if !description.matches(&found.id.identity) {
         let error = DriveFault::WrongIdentity {
-            name: description.name,
+            name: description.name.to_string(),
             vendor: description.vendor,
             product: description.product,
             got: found.id.identity,

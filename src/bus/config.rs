@@ -8,7 +8,7 @@ use crate::{
     drives::DriveDescription,
     ds402::Mode,
     parameters::StartUpList,
-    pdo_map::{Direction, Mapping, MappingError},
+    pdo_map::{Mapping, MappingError},
     profile_position::{Limits, PositionRange},
 };
 
@@ -191,20 +191,9 @@ impl DriveConfig {
 
     /// The mapping of the named axes, with what was mapped beside the description's own objects.
     pub(super) fn mapping(&self) -> Result<Mapping, MappingError> {
-        let mut builder = Mapping::builder().limits(self.description.limits);
-        for (description, axis) in self.description.axes.iter().zip(&self.axes) {
-            builder = builder
-                .offset(description.offset)
-                .rx_pdo(description.rx_pdo);
-            for object in description.outputs.iter().chain(&axis.outputs) {
-                builder = builder.object(Direction::Outputs, *object);
-            }
-            builder = builder.tx_pdo(description.tx_pdo);
-            for object in description.inputs.iter().chain(&axis.inputs) {
-                builder = builder.object(Direction::Inputs, *object);
-            }
-        }
-        builder.build()
+        let further = self.axes.iter();
+        self.description
+            .mapping_with(further.map(|axis| (axis.outputs.as_slice(), axis.inputs.as_slice())))
     }
 }
 

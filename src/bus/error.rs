@@ -41,7 +41,7 @@ pub enum NetworkError {
         /// The position, from 0.
         position: u16,
         /// The drive's name in its description.
-        expected: &'static str,
+        expected: String,
         /// How many SubDevices the line has.
         count: usize,
     },
@@ -106,7 +106,7 @@ pub enum DriveFault {
     #[error("expected {}, got {got}", Expected(.name, *.vendor, *.product))]
     WrongIdentity {
         /// The expected drive's name.
-        name: &'static str,
+        name: String,
         /// The expected vendor ID, if any.
         vendor: Option<u32>,
         /// The expected product code, if any.

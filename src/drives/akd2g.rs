@@ -12,13 +12,14 @@ use crate::profile_position::{BufferSignal, LimitsOff, LimitsRule, RelativeBase,
 #[must_use]
 pub fn akd2g() -> DriveDescription {
     DriveDescription {
-        name: "AKD2G",
+        name: "AKD2G".into(),
         vendor: Some(0x0000_006A),
         product: Some(0x414B_4432),
         axes: alloc::vec![
             AxisDescription::profile_position(1, 0x1600, 0x1A00),
             AxisDescription::profile_position(2, 0x1610, 0x1A10),
         ],
+        fixed_pdos: alloc::vec::Vec::new(),
         limits: Limits {
             output_bytes: 64,
             input_bytes: 64,

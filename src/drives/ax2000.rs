@@ -20,10 +20,11 @@ pub fn ax2000() -> DriveDescription {
     // In the process data, since whether a set-point can be blended depends on it.
     axis.outputs.push(obj::MOTION_PROFILE_TYPE.into());
     DriveDescription {
-        name: "AX2000",
+        name: "AX2000".into(),
         vendor: Some(0x0000_0002),
         product: None,
         axes: alloc::vec![axis],
+        fixed_pdos: alloc::vec::Vec::new(),
         limits: Limits::default(),
         traits: Traits {
             immediately: StartBits::Unsupported(

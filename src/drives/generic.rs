@@ -4,15 +4,20 @@ use super::{AxisDescription, DriveDescription};
 use crate::pdo_map::Limits;
 use crate::profile_position::{RelativeBase, Traits};
 
-/// One axis with the standard's objects in 1600h and 1A00h; any vendor and product. What relative moves count from is read from 60F2h, where
+/// One axis with the standard's objects in 1600h and 1A00h, and behind eight objects in 1601h and 1A01h; any vendor and product. What relative moves count from is read from 60F2h, where
 /// the drive has it.
 #[must_use]
 pub fn generic() -> DriveDescription {
     DriveDescription {
-        name: "DS402 drive",
+        name: "DS402 drive".into(),
         vendor: None,
         product: None,
-        axes: alloc::vec![AxisDescription::profile_position(1, 0x1600, 0x1A00)],
+        axes: alloc::vec![AxisDescription {
+            rx_pdos: alloc::vec![0x1600, 0x1601],
+            tx_pdos: alloc::vec![0x1A00, 0x1A01],
+            ..AxisDescription::profile_position(1, 0x1600, 0x1A00)
+        }],
+        fixed_pdos: alloc::vec::Vec::new(),
         limits: Limits {
             // Many drives take eight objects in one PDO and no more.
             entries_per_pdo: 8,

@@ -3,10 +3,11 @@
 //! A [`DriveDescription`] is plain data: take one of the functions below and change its fields for a drive
 //! that is not listed.
 
+use alloc::borrow::Cow;
 use alloc::vec::Vec;
 
 use crate::coe::{AnyObject, AxisOffset, obj};
-use crate::pdo_map::{Direction, Limits, Mapping, MappingError};
+use crate::pdo_map::{Demand, Direction, FixedPdo, Limits, Mapping, MappingError, choose};
 use crate::profile_position::Traits;
 
 mod akd2g;
@@ -35,13 +36,16 @@ pub use sigma7::sigma7;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DriveDescription {
     /// The drive's name, for messages.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// The vendor ID that the drive must show; `None` accepts any.
     pub vendor: Option<u32>,
     /// The product code that the drive must show; `None` accepts any.
     pub product: Option<u32>,
     /// The axes, in order.
     pub axes: Vec<AxisDescription>,
+    /// The PDOs whose content is the drive's own, of all axes. Empty for a drive whose PDOs are all filled by the master. Of these
+    /// and the free ones of the axes those are [chosen](choose) that hold what is wanted.
+    pub fixed_pdos: Vec<FixedPdo>,
     /// What a mapping may hold at most.
     pub limits: Limits,
     /// How its Profile Position mode behaves.
@@ -64,24 +68,74 @@ impl DriveDescription {
         self.axes.get(usize::from(axis).checked_sub(1)?)
     }
 
+    /// The same drive with `axes` axes (1 to 8) like its first: their objects at the offsets of [`AxisOffset::of_axis`], their PDOs
+    /// `pdo_increment` above each other (10h as ETG.6010 lays them out; 1 with some two-axis drives). Fixed PDOs of further
+    /// axes are not added.
+    #[must_use]
+    pub fn with_axes(mut self, axes: u8, pdo_increment: u16) -> Self {
+        self.axes.truncate(1);
+        let Some(first) = self.axes.first().cloned() else {
+            return self;
+        };
+        for axis in 2..=axes.min(8) {
+            let increment = pdo_increment.saturating_mul(u16::from(axis) - 1);
+            let moved = |pdos: &[u16]| {
+                let moved = pdos.iter().map(|pdo| pdo.saturating_add(increment));
+                moved.collect()
+            };
+            self.axes.push(AxisDescription {
+                offset: AxisOffset::of_axis(axis),
+                rx_pdos: moved(&first.rx_pdos),
+                tx_pdos: moved(&first.tx_pdos),
+                ..first.clone()
+            });
+        }
+        self
+    }
+
     /// The mapping of all axes that is used where a program declares none.
     ///
     /// # Errors
     /// [`MappingError`] if the description asks for more than its limits, or for an object twice.
     pub fn default_mapping(&self) -> Result<Mapping, MappingError> {
-        let mut builder = Mapping::builder().limits(self.limits);
-        for axis in &self.axes {
-            builder = builder.offset(axis.offset).rx_pdo(axis.rx_pdo);
-            for object in &axis.outputs {
-                builder = builder.object(Direction::Outputs, *object);
-            }
-            builder = builder.tx_pdo(axis.tx_pdo);
-            for object in &axis.inputs {
-                builder = builder.object(Direction::Inputs, *object);
+        self.mapping_with(self.axes.iter().map(|_| (&[][..], &[][..])))
+    }
+
+    /// The mapping of as many axes as `further` has elements, each with further outputs and inputs of that axis.
+    pub(crate) fn mapping_with<'a>(
+        &self,
+        further: impl IntoIterator<Item = (&'a [AnyObject], &'a [AnyObject])>,
+    ) -> Result<Mapping, MappingError> {
+        let mut demands = Vec::new();
+        for (axis, (outputs, inputs)) in self.axes.iter().zip(further) {
+            let sides = [
+                (Direction::Outputs, &axis.outputs, outputs, &axis.rx_pdos),
+                (Direction::Inputs, &axis.inputs, inputs, &axis.tx_pdos),
+            ];
+            for (direction, own, further, free) in sides {
+                let own = own.iter().map(|object| (object, is_needed(object)));
+                let further = further.iter().map(|object| (object, true));
+                demands.extend(own.chain(further).map(|(object, required)| Demand {
+                    direction,
+                    object: object.offset(axis.offset),
+                    required,
+                    free,
+                }));
             }
         }
-        builder.build()
+        choose(&demands, &self.fixed_pdos, self.limits)
     }
+}
+
+/// Whether an axis cannot be moved without this object in its process data.
+fn is_needed(object: &AnyObject) -> bool {
+    [
+        obj::CONTROLWORD.address(),
+        obj::TARGET_POSITION.address(),
+        obj::STATUSWORD.address(),
+        obj::POSITION_ACTUAL.address(),
+    ]
+    .contains(&object.address())
 }
 
 /// One axis of a drive.
@@ -89,13 +143,14 @@ impl DriveDescription {
 pub struct AxisDescription {
     /// How far its objects lie above those of the first axis.
     pub offset: AxisOffset,
-    /// The RxPDO that is given to it.
-    pub rx_pdo: u16,
-    /// The TxPDO that is given to it.
-    pub tx_pdo: u16,
-    /// What the master writes every cycle, as objects of the first axis.
+    /// The RxPDOs that are given to it to be filled, in this order; empty where all are of a fixed content.
+    pub rx_pdos: Vec<u16>,
+    /// The TxPDOs that are given to it to be filled, in this order; empty where all are of a fixed content.
+    pub tx_pdos: Vec<u16>,
+    /// What the master writes every cycle, as objects of the first axis. Where the PDOs are fixed and none that can be assigned
+    /// holds one of them, it is left out, but for 6040h and 607Ah.
     pub outputs: Vec<AnyObject>,
-    /// What the master reads every cycle, as objects of the first axis.
+    /// What the master reads every cycle, as objects of the first axis. Left out as outputs are, but for 6041h and 6064h.
     pub inputs: Vec<AnyObject>,
 }
 
@@ -105,8 +160,8 @@ impl AxisDescription {
     pub fn profile_position(axis: u8, rx_pdo: u16, tx_pdo: u16) -> Self {
         Self {
             offset: AxisOffset::of_axis(axis),
-            rx_pdo,
-            tx_pdo,
+            rx_pdos: alloc::vec![rx_pdo],
+            tx_pdos: alloc::vec![tx_pdo],
             outputs: alloc::vec![
                 obj::CONTROLWORD.into(),
                 obj::MODE_OF_OPERATION.into(),

@@ -17,10 +17,11 @@ pub fn pp2010() -> DriveDescription {
     axis.inputs
         .retain(|object| *object != obj::VELOCITY_ACTUAL.into());
     DriveDescription {
-        name: "drive with 2010h",
+        name: "drive with 2010h".into(),
         vendor: None,
         product: None,
         axes: alloc::vec![axis],
+        fixed_pdos: alloc::vec::Vec::new(),
         limits: Limits::default(),
         traits: Traits {
             blend: StartBits::Unsupported(

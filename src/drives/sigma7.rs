@@ -8,18 +8,25 @@ use crate::profile_position::{LimitsActive, LimitsOff, LimitsRule, Traits};
 ///
 /// From its manual: the software position limits 607Dh are corrected by the home offset 607Ch, are off where the minimum
 /// is not below the maximum, and hold only after homing or with an absolute encoder. From the maker's answers to users:
-/// 1600h–1603h and 1A00h–1A03h with at most eight objects each. How bits 5, 9 and 12 behave is not in the pages at hand:
+/// 1600h–1603h and 1A00h–1A03h with at most eight objects each, two PDOs per direction: what
+/// is too much for the first goes into the second. How bits 5, 9 and 12 behave is not in the pages at hand:
 /// taken to be as in CiA 402, with a bit 12 that shows nothing of the buffer. Its product code is not there either; any of the vendor's is
 /// accepted.
 #[must_use]
 pub fn sigma7() -> DriveDescription {
     DriveDescription {
-        name: "Sigma-7",
+        name: "Sigma-7".into(),
         vendor: Some(0x0000_0539),
         product: None,
-        axes: alloc::vec![AxisDescription::profile_position(1, 0x1600, 0x1A00)],
+        axes: alloc::vec![AxisDescription {
+            rx_pdos: alloc::vec![0x1600, 0x1601],
+            tx_pdos: alloc::vec![0x1A00, 0x1A01],
+            ..AxisDescription::profile_position(1, 0x1600, 0x1A00)
+        }],
+        fixed_pdos: alloc::vec::Vec::new(),
         limits: Limits {
             entries_per_pdo: 8,
+            pdos_per_sync_manager: 2,
             ..Limits::default()
         },
         traits: Traits {

@@ -27,7 +27,7 @@ impl Direction {
         }
     }
 
-    const fn pdo_range(self) -> core::ops::RangeInclusive<u16> {
+    pub(super) const fn pdo_range(self) -> core::ops::RangeInclusive<u16> {
         match self {
             Self::Outputs => 0x1600..=0x17FF,
             Self::Inputs => 0x1A00..=0x1BFF,
@@ -49,6 +49,8 @@ impl fmt::Display for Direction {
 pub struct Limits {
     /// Objects in one PDO.
     pub entries_per_pdo: usize,
+    /// PDOs assigned to one sync manager, in 1C12h or 1C13h.
+    pub pdos_per_sync_manager: usize,
     /// Bytes of all outputs.
     pub output_bytes: usize,
     /// Bytes of all inputs.
@@ -60,6 +62,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             entries_per_pdo: 254,
+            pdos_per_sync_manager: 254,
             output_bytes: 1486,
             input_bytes: 1486,
         }
@@ -98,6 +101,8 @@ impl Default for Limits {
 pub struct Mapping {
     outputs: Vec<Pdo>,
     inputs: Vec<Pdo>,
+    /// PDOs whose content is the drive's own: assigned, not filled.
+    fixed: Vec<u16>,
 }
 
 impl Mapping {
@@ -110,6 +115,7 @@ impl Mapping {
             mapping: Self {
                 outputs: Vec::new(),
                 inputs: Vec::new(),
+                fixed: Vec::new(),
             },
             current: [None; 2],
             error: None,
@@ -119,7 +125,24 @@ impl Mapping {
     /// A mapping read from elsewhere (a device's SII, its objects), taken as it is.
     #[must_use]
     pub const fn from_pdos(outputs: Vec<Pdo>, inputs: Vec<Pdo>) -> Self {
-        Self { outputs, inputs }
+        Self {
+            outputs,
+            inputs,
+            fixed: Vec::new(),
+        }
+    }
+
+    /// The same mapping, in which the content of these PDOs is the drive's own: they are assigned and read back, but not filled.
+    #[must_use]
+    pub fn with_fixed(mut self, pdos: &[u16]) -> Self {
+        self.fixed = pdos.to_vec();
+        self
+    }
+
+    /// Whether the content of this PDO is the drive's own.
+    #[must_use]
+    pub fn is_fixed(&self, pdo: u16) -> bool {
+        self.fixed.contains(&pdo)
     }
 
     /// The PDOs that the master writes.
@@ -154,6 +177,57 @@ impl Mapping {
     pub fn layout(&self) -> Layout {
         Layout::of(self)
     }
+
+    /// The mapping, if it is no more than the drive takes.
+    pub(super) fn within(self, limits: Limits) -> Result<Self, MappingError> {
+        for (direction, limit) in [
+            (Direction::Outputs, limits.output_bytes),
+            (Direction::Inputs, limits.input_bytes),
+        ] {
+            let pdos = self.pdos(direction);
+            for pdo in pdos {
+                if pdo.entries.len() > limits.entries_per_pdo && !self.is_fixed(pdo.index) {
+                    return Err(MappingError::TooManyEntries {
+                        pdo: pdo.index,
+                        entries: pdo.entries.len(),
+                        limit: limits.entries_per_pdo,
+                    });
+                }
+            }
+            if pdos.len() > limits.pdos_per_sync_manager {
+                return Err(MappingError::TooManyPdos {
+                    direction,
+                    pdos: pdos.len(),
+                    limit: limits.pdos_per_sync_manager,
+                });
+            }
+            let bytes = pdos.iter().map(Pdo::bits).sum::<usize>().div_ceil(8);
+            if bytes > limit {
+                return Err(MappingError::TooLong {
+                    direction,
+                    bytes,
+                    limit,
+                });
+            }
+        }
+        Ok(self)
+    }
+}
+
+/// The mapping entry of an object, if it can be mapped that way.
+pub(super) fn entry_of(direction: Direction, object: AnyObject) -> Result<Entry, MappingError> {
+    let (mappable, accessible) = match direction {
+        Direction::Outputs => (object.mappable.outputs, object.writable),
+        Direction::Inputs => (object.mappable.inputs, object.readable),
+    };
+    if !mappable || !accessible || object.bits() == 0 {
+        return Err(MappingError::NotMappable {
+            object: object.address(),
+            name: object.name,
+            direction,
+        });
+    }
+    Ok(object.into())
 }
 
 /// A [`Mapping`] in the making; the first error is kept and given by [`MappingBuilder::build`].
@@ -216,19 +290,10 @@ impl MappingBuilder {
     /// Adds an object whose type is known at run time only; the checks are then made here.
     #[must_use]
     pub fn object(mut self, direction: Direction, object: AnyObject) -> Self {
-        let object = object.offset(self.offset);
-        let (mappable, accessible) = match direction {
-            Direction::Outputs => (object.mappable.outputs, object.writable),
-            Direction::Inputs => (object.mappable.inputs, object.readable),
-        };
-        if !mappable || !accessible || object.bits() == 0 {
-            return self.fail(MappingError::NotMappable {
-                object: object.address(),
-                name: object.name,
-                direction,
-            });
+        match entry_of(direction, object.offset(self.offset)) {
+            Ok(entry) => self.push(direction, entry),
+            Err(error) => return self.fail(error),
         }
-        self.push(direction, object.into());
         self
     }
 
@@ -248,30 +313,7 @@ impl MappingBuilder {
         if let Some(error) = self.error {
             return Err(error);
         }
-        for (direction, limit) in [
-            (Direction::Outputs, self.limits.output_bytes),
-            (Direction::Inputs, self.limits.input_bytes),
-        ] {
-            let pdos = self.mapping.pdos(direction);
-            for pdo in pdos {
-                if pdo.entries.len() > self.limits.entries_per_pdo {
-                    return Err(MappingError::TooManyEntries {
-                        pdo: pdo.index,
-                        entries: pdo.entries.len(),
-                        limit: self.limits.entries_per_pdo,
-                    });
-                }
-            }
-            let bytes = pdos.iter().map(Pdo::bits).sum::<usize>().div_ceil(8);
-            if bytes > limit {
-                return Err(MappingError::TooLong {
-                    direction,
-                    bytes,
-                    limit,
-                });
-            }
-        }
-        Ok(self.mapping)
+        self.mapping.within(self.limits)
     }
 
     fn pdo(mut self, direction: Direction, index: u16) -> Self {
@@ -386,6 +428,28 @@ pub enum MappingError {
         /// Objects that the drive takes.
         limit: usize,
     },
+    /// No PDO that the drive offers holds the object, or not together with the others that are needed.
+    #[error(
+        "{object} {name} is in no PDO of the {direction} that the drive offers and that can be assigned together with the others"
+    )]
+    NotOffered {
+        /// The object.
+        object: ObjectAddress,
+        /// Its name.
+        name: &'static str,
+        /// The direction.
+        direction: Direction,
+    },
+    /// More PDOs are assigned than the drive takes.
+    #[error("{pdos} PDOs of the {direction}, the drive takes {limit}")]
+    TooManyPdos {
+        /// The direction.
+        direction: Direction,
+        /// PDOs declared.
+        pdos: usize,
+        /// PDOs that the drive takes.
+        limit: usize,
+    },
     /// The process data are longer than the drive takes.
     #[error("{bytes} bytes of {direction}, the drive takes {limit}")]
     TooLong {
@@ -410,6 +474,7 @@ mod tests {
 
     const EIGHT_ENTRIES: Limits = Limits {
         entries_per_pdo: 8,
+        pdos_per_sync_manager: 2,
         output_bytes: 8,
         input_bytes: 8,
     };

@@ -9,6 +9,7 @@ mod entry;
 mod execute;
 mod layout;
 mod mapping;
+mod offer;
 mod plan;
 pub mod verify;
 
@@ -17,4 +18,5 @@ pub use entry::{Entry, Pdo};
 pub use execute::{ConfigureError, configure, execute, read_back};
 pub use layout::{Field, Layout, LayoutError, Place};
 pub use mapping::{Direction, Limits, Mapping, MappingBuilder, MappingError};
+pub use offer::{Demand, FixedPdo, choose};
 pub use plan::{Plan, Purpose, Step};

@@ -11,7 +11,7 @@ use crate::coe::ObjectAddress;
 ///
 /// The order is that of ETG.1000.6: the assignment is emptied, each PDO is emptied, filled and given its
 /// number of entries, then the assignment is filled and given its number of PDOs. Both directions are always
-/// written, so that nothing of a former configuration stays.
+/// written, so that nothing of a former configuration stays. PDOs with a content of the drive's own are assigned and not filled.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
     steps: Vec<Step>,
@@ -25,7 +25,9 @@ impl Plan {
             let pdos = mapping.pdos(direction);
             steps.push(Step::count(assignment, 0, Purpose::EmptyAssignment));
             for pdo in pdos {
-                steps.extend(fill(pdo));
+                if !mapping.is_fixed(pdo.index) {
+                    steps.extend(fill(pdo));
+                }
             }
             for (subindex, pdo) in (1..=u8::MAX).zip(pdos) {
                 let [low, high] = pdo.index.to_le_bytes();

@@ -57,14 +57,25 @@ fn compare_pdo(direction: Direction, expected: &Pdo, got: &Pdo, differences: &mu
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Differences(pub Vec<Difference>);
 
+/// A table with a line for each difference: what was expected beside what was got.
 impl fmt::Display for Differences {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("the drive holds another mapping than was written: ")?;
-        for (place, difference) in self.0.iter().enumerate() {
-            if place > 0 {
-                f.write_str("; ")?;
-            }
-            write!(f, "{difference}")?;
+        f.write_str("the drive holds another mapping than was written:")?;
+        let head = ["place", "expected", "got"].map(String::from);
+        let rows: Vec<_> = core::iter::once(head)
+            .chain(self.0.iter().map(Difference::cells))
+            .collect();
+        let width = |column: usize| {
+            let cells = rows.iter().filter_map(|row| row.get(column));
+            cells.map(String::len).max().unwrap_or(0)
+        };
+        let widths = (width(0), width(1));
+        for [place, expected, got] in &rows {
+            write!(
+                f,
+                "\n  {place:0$}  {expected:1$}  {got}",
+                widths.0, widths.1
+            )?;
         }
         Ok(())
     }
@@ -101,8 +112,9 @@ pub enum Difference {
     },
 }
 
-impl fmt::Display for Difference {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl Difference {
+    /// The object that differs, what was expected there, what was got.
+    fn cells(&self) -> [String; 3] {
         let nothing = || String::from("nothing");
         match self {
             Self::Assignment {
@@ -114,13 +126,8 @@ impl fmt::Display for Difference {
                 let name = |pdo: &Option<u16>| {
                     pdo.map_or_else(nothing, |pdo| alloc::format!("PDO {pdo:04X}h"))
                 };
-                write!(
-                    f,
-                    "{:04X}h:{place:02X}: expected {}, got {}",
-                    direction.assignment(),
-                    name(expected),
-                    name(got)
-                )
+                let object = alloc::format!("{:04X}h:{place:02X}", direction.assignment());
+                [object, name(expected), name(got)]
             }
             Self::Entry {
                 pdo,
@@ -132,14 +139,20 @@ impl fmt::Display for Difference {
                 let name = |entry: &Option<Entry>| {
                     entry.map_or_else(nothing, |entry| alloc::format!("{entry}"))
                 };
-                write!(
-                    f,
-                    "{pdo:04X}h:{place:02X}: expected {}, got {}",
+                [
+                    alloc::format!("{pdo:04X}h:{place:02X}"),
                     name(expected),
-                    name(got)
-                )
+                    name(got),
+                ]
             }
         }
+    }
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [place, expected, got] = self.cells();
+        write!(f, "{place}: expected {expected}, got {got}")
     }
 }
 
@@ -183,8 +196,9 @@ mod tests {
         );
         assert_eq!(
             differences.to_string(),
-            "the drive holds another mapping than was written: \
-             1600h:02: expected 6060h:00 (8 bits), got nothing"
+            "the drive holds another mapping than was written:\n  \
+             place     expected           got\n  \
+             1600h:02  6060h:00 (8 bits)  nothing"
         );
     }
 

@@ -6,6 +6,7 @@ mod endings;
 mod faults;
 mod limits;
 mod log;
+mod mappings;
 mod messages;
 mod modes;
 mod rig;

@@ -1,7 +1,7 @@
 //! What a CoE drive is made of.
 
 use crate::ds402::Behaviour;
-use crate::pdo::PdoLimits;
+use crate::pdo::{PdoHabit, PdoLimits};
 
 /// An object that a maker adds for each axis: a word of status bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +31,8 @@ pub struct DriveBlueprint {
     pub device_type: u32,
     /// PDOs that 1C12h and 1C13h name at power-up; `None` for those that the SII gives a sync manager.
     pub assigned: Option<Vec<u16>>,
+    /// What it makes of single writes to its PDO lists in place of what the rules say.
+    pub pdo_habits: Vec<PdoHabit>,
     /// 1010h saves the objects that are kept in the EEPROM.
     pub saves: bool,
     /// Software version (100Ah).

@@ -60,8 +60,15 @@ impl Drive {
     /// A drive after power-up.
     pub(crate) fn new(blueprint: &DriveBlueprint, description: &Description) -> Self {
         let assigned = blueprint.assigned.as_deref();
-        let pdos =
-            |direction| PdoSet::new(direction, blueprint.limits, &description.pdos, assigned);
+        let pdos = |direction| {
+            PdoSet::new(
+                direction,
+                blueprint.limits,
+                &description.pdos,
+                assigned,
+                &blueprint.pdo_habits,
+            )
+        };
         let axes: Vec<Axis> = blueprint.axes.iter().cloned().map(Axis::new).collect();
         Self {
             objects: DriveObjects {

@@ -7,6 +7,7 @@ mod generic;
 mod io_terminal;
 mod pp2010;
 mod servo;
+mod servo_pdos;
 mod sigma7;
 
 pub use akd2g::akd2g;

@@ -97,11 +97,10 @@ pub(super) struct Model {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Servo {
-    model: Model,
+    pub(super) model: Model,
     behaviours: Vec<Behaviour>,
     supports_lrw: bool,
-    fixed_mapping: bool,
-    assigned: Option<Vec<u16>>,
+    pub(super) pdos: super::servo_pdos::Changes,
 }
 
 impl Servo {
@@ -110,8 +109,7 @@ impl Servo {
             behaviours: vec![(model.behaviour)(); model.axes],
             model,
             supports_lrw: true,
-            fixed_mapping: false,
-            assigned: None,
+            pdos: super::servo_pdos::Changes::default(),
         }
     }
 
@@ -213,34 +211,6 @@ impl Servo {
         self
     }
 
-    /// Sets what is added to a PDO's index for each further axis.
-    #[must_use]
-    pub fn pdo_increment(mut self, increment: u16) -> Self {
-        self.model.pdo_increment = increment;
-        self
-    }
-
-    /// Sets how many entries one PDO takes.
-    #[must_use]
-    pub fn entries_per_pdo(mut self, entries: u8) -> Self {
-        self.model.limits.entries = entries;
-        self
-    }
-
-    /// Fixes the content of all PDOs: it can be read, and only the assignment be changed.
-    #[must_use]
-    pub fn fixed_mapping(mut self) -> Self {
-        self.fixed_mapping = true;
-        self
-    }
-
-    /// Assigns other PDOs at power-up (1C12h and 1C13h) than those that the SII says.
-    #[must_use]
-    pub fn assigned_at_power_up(mut self, pdos: &[u16]) -> Self {
-        self.assigned = Some(pdos.to_vec());
-        self
-    }
-
     /// The drive, just switched on.
     #[must_use]
     pub fn build(self) -> Device {
@@ -273,6 +243,7 @@ impl Servo {
         description
             .pdos
             .extend(self.pdos(model.tx_pdos, Direction::Inputs));
+        self.pdos.apply(&mut description.pdos);
         let bytes =
             |direction| u16::try_from(description.process_data_bytes(direction)).unwrap_or(0);
         let sync_manager = |start, length, control, purpose| SyncManagerDescription {
@@ -329,7 +300,7 @@ impl Servo {
                     index: pdo.index + number * self.model.pdo_increment,
                     direction,
                     sync_manager: pdo.assigned.then_some(sync_manager),
-                    fixed: self.fixed_mapping,
+                    fixed: false,
                     entries: pdo
                         .objects
                         .iter()
@@ -349,7 +320,8 @@ impl Servo {
             status_object: self.model.status_object,
             note: self.model.note,
             limits: self.model.limits,
-            assigned: self.assigned,
+            assigned: self.pdos.assigned,
+            pdo_habits: self.pdos.habits,
             saves: self.model.saves,
             software_version: "simulated".to_owned(),
             hardware_version: "simulated".to_owned(),

@@ -1,0 +1,497 @@
+//! A mapping made of what a drive offers: PDOs with a fixed content are chosen, free ones are filled.
+
+use alloc::vec::Vec;
+
+use super::entry::{Entry, Pdo};
+use super::mapping::{Direction, Limits, Mapping, MappingError, entry_of};
+use crate::coe::AnyObject;
+
+/// Combinations of fixed PDOs that are looked at. Sixteen PDOs of one direction are looked at in every combination.
+const MOST_COMBINATIONS: usize = 1 << 16;
+
+/// A PDO that a drive offers with a content of its own: it can be assigned and not changed.
+///
+/// ```
+/// use servocrab::pdo_map::{Entry, FixedPdo};
+/// // The target position with the controlword, as many drives offer them.
+/// let pdo = FixedPdo::new(0x1701, [Entry::new(0x6040, 0, 16), Entry::new(0x607A, 0, 32)]);
+/// assert_eq!(pdo.pdo.bits(), 48);
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FixedPdo {
+    /// The PDO.
+    pub pdo: Pdo,
+    /// It must be assigned whatever else is.
+    pub mandatory: bool,
+    /// PDOs that cannot be assigned beside it.
+    pub excludes: Vec<u16>,
+}
+
+impl FixedPdo {
+    /// A PDO that may be assigned beside any other.
+    #[must_use]
+    pub fn new(index: u16, entries: impl IntoIterator<Item = Entry>) -> Self {
+        Self {
+            pdo: Pdo {
+                index,
+                entries: entries.into_iter().collect(),
+            },
+            mandatory: false,
+            excludes: Vec::new(),
+        }
+    }
+
+    fn holds(&self, entry: Entry) -> bool {
+        self.pdo.entries.contains(&entry)
+    }
+
+    /// Whether both can be assigned at once: neither excludes the other, and nothing would be written in two places.
+    fn stands_beside(&self, other: &Self, direction: Direction) -> bool {
+        let excluded =
+            self.excludes.contains(&other.pdo.index) || other.excludes.contains(&self.pdo.index);
+        let shared = |entry: &Entry| {
+            !entry.is_padding()
+                && other
+                    .pdo
+                    .entries
+                    .iter()
+                    .any(|held| held.address() == entry.address())
+        };
+        !excluded && (direction == Direction::Inputs || !self.pdo.entries.iter().any(shared))
+    }
+}
+
+/// An object that is wanted in the process data.
+#[derive(Debug, Clone, Copy)]
+pub struct Demand<'a> {
+    /// Which way.
+    pub direction: Direction,
+    /// The object, of its own axis.
+    pub object: AnyObject,
+    /// Without it there is no mapping; others are left out where no PDO that can be assigned holds them.
+    pub required: bool,
+    /// The PDOs with a free content that it can be mapped into, in this order.
+    pub free: &'a [u16],
+}
+
+/// The mapping with which a drive exchanges what is wanted.
+///
+/// Without `fixed` PDOs of a direction, the objects fill the free ones in the order of the demands, the next PDO when one holds as
+/// many as [`Limits::entries_per_pdo`]. With them, those combinations are looked at that leave out the fewest wanted
+/// objects; of these the one with the fewest bytes is taken, then the one with the fewest PDOs. No output is mapped
+/// twice. PDOs are assigned by rising index.
+///
+/// ```
+/// use servocrab::coe::obj;
+/// use servocrab::pdo_map::{Demand, Direction, Entry, FixedPdo, Limits, choose};
+///
+/// let wanted = [obj::CONTROLWORD.into(), obj::TARGET_POSITION.into()].map(|object| Demand {
+///     direction: Direction::Outputs,
+///     object,
+///     required: true,
+///     free: &[],
+/// });
+/// let (controlword, target) = (Entry::new(0x6040, 0, 16), Entry::new(0x607A, 0, 32));
+/// let offered = [FixedPdo::new(0x1600, [controlword]), FixedPdo::new(0x1601, [controlword, target])];
+/// let mapping = choose(&wanted, &offered, Limits::default())?;
+/// assert_eq!(mapping.outputs().len(), 1);
+/// assert_eq!(mapping.outputs()[0].index, 0x1601);
+/// # Ok::<(), servocrab::pdo_map::MappingError>(())
+/// ```
+///
+/// # Errors
+/// [`MappingError`]: an object that cannot be mapped that way, is wanted twice or, being required, is in no PDO that can be
+/// assigned; a free PDO of the other direction; or more than the drive's `limits`.
+pub fn choose(
+    demands: &[Demand<'_>],
+    fixed: &[FixedPdo],
+    limits: Limits,
+) -> Result<Mapping, MappingError> {
+    let mut chosen_fixed = Vec::new();
+    let mut sides = [Vec::new(), Vec::new()];
+    for (direction, side) in [Direction::Outputs, Direction::Inputs]
+        .into_iter()
+        .zip(&mut sides)
+    {
+        let wanted = wanted(direction, demands)?;
+        let mut offered: Vec<_> = fixed
+            .iter()
+            .filter(|offer| direction.pdo_range().contains(&offer.pdo.index))
+            .collect();
+        // Those that hold most come first, so that a bounded search meets the likely ones.
+        offered.sort_by_key(|offer| {
+            let held = wanted.iter().filter(|want| offer.holds(want.entry)).count();
+            (core::cmp::Reverse(held), offer.pdo.index)
+        });
+        let mut search = Search {
+            direction,
+            wanted: &wanted,
+            offered: &offered,
+            limits,
+            left: MOST_COMBINATIONS,
+            best: None,
+        };
+        let mandatory: Vec<_> = offered
+            .iter()
+            .filter(|offer| offer.mandatory)
+            .copied()
+            .collect();
+        search.look(&mandatory, 0);
+        let Some(best) = search.best else { continue };
+        if let Some(missing) = best.left_out.iter().find(|want| want.required) {
+            return Err(MappingError::NotOffered {
+                object: missing.entry.address(),
+                name: missing.name,
+                direction,
+            });
+        }
+        chosen_fixed.extend(best.fixed);
+        *side = best.pdos;
+    }
+    let [outputs, inputs] = sides;
+    Mapping::from_pdos(outputs, inputs)
+        .with_fixed(&chosen_fixed)
+        .within(limits)
+}
+
+/// A demand of one direction, checked.
+#[derive(Clone, Copy)]
+struct Want<'a> {
+    entry: Entry,
+    name: &'static str,
+    required: bool,
+    free: &'a [u16],
+}
+
+fn wanted<'a>(direction: Direction, demands: &[Demand<'a>]) -> Result<Vec<Want<'a>>, MappingError> {
+    let mut all: Vec<Want<'a>> = Vec::new();
+    for demand in demands
+        .iter()
+        .filter(|demand| demand.direction == direction)
+    {
+        let entry = entry_of(direction, demand.object)?;
+        if all
+            .iter()
+            .any(|want| want.entry.address() == entry.address())
+        {
+            return Err(MappingError::ObjectTwice {
+                object: entry.address(),
+                direction,
+            });
+        }
+        let other = |pdo: &&u16| !direction.pdo_range().contains(pdo);
+        if let Some(pdo) = demand.free.iter().find(other) {
+            return Err(MappingError::WrongPdo {
+                pdo: *pdo,
+                direction,
+            });
+        }
+        all.push(Want {
+            entry,
+            name: demand.object.name,
+            required: demand.required,
+            free: demand.free,
+        });
+    }
+    Ok(all)
+}
+
+/// A look at all combinations of fixed PDOs, up to a bound.
+struct Search<'a> {
+    direction: Direction,
+    wanted: &'a [Want<'a>],
+    offered: &'a [&'a FixedPdo],
+    limits: Limits,
+    left: usize,
+    best: Option<Choice<'a>>,
+}
+
+/// One way to serve what is wanted.
+struct Choice<'a> {
+    pdos: Vec<Pdo>,
+    fixed: Vec<u16>,
+    left_out: Vec<Want<'a>>,
+    cost: Cost,
+}
+
+/// Compared from the first to the last; the lowest is best.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Cost {
+    required_left_out: usize,
+    over_limits: bool,
+    left_out: usize,
+    bits: usize,
+    pdos: usize,
+}
+
+impl<'a> Search<'a> {
+    /// Judges `chosen`, and then everything that has further PDOs from `next` on.
+    fn look(&mut self, chosen: &[&'a FixedPdo], next: usize) {
+        if self.left == 0 {
+            return;
+        }
+        self.left -= 1;
+        let choice = self.choice(chosen);
+        let is_better = self
+            .best
+            .as_ref()
+            .is_none_or(|best| choice.cost < best.cost);
+        if is_better {
+            self.best = Some(choice);
+        }
+        if chosen.len() >= self.limits.pdos_per_sync_manager {
+            return;
+        }
+        let offered = self.offered;
+        for (place, offer) in offered.iter().enumerate().skip(next) {
+            let brings = self.wanted.iter().any(|want| {
+                offer.holds(want.entry) && !chosen.iter().any(|other| other.holds(want.entry))
+            });
+            let fits = chosen.iter().all(|other| {
+                other.pdo.index != offer.pdo.index && other.stands_beside(offer, self.direction)
+            });
+            if brings && fits {
+                let mut more = chosen.to_vec();
+                more.push(offer);
+                self.look(&more, place + 1);
+            }
+        }
+    }
+
+    /// What is served with these fixed PDOs: what they do not hold goes into the free ones.
+    fn choice(&self, chosen: &[&'a FixedPdo]) -> Choice<'a> {
+        let mut pdos: Vec<Pdo> = chosen.iter().map(|offer| offer.pdo.clone()).collect();
+        let fixed: Vec<u16> = pdos.iter().map(|pdo| pdo.index).collect();
+        let mut left_out = Vec::new();
+        for want in self.wanted {
+            let held = |offer: &&FixedPdo| {
+                let same = |entry: &Entry| entry.address() == want.entry.address();
+                // In another width it is there too: it cannot be mapped once more.
+                offer.pdo.entries.iter().any(same)
+            };
+            if chosen.iter().any(|offer| offer.holds(want.entry)) {
+                continue;
+            }
+            let goes_into = (!chosen.iter().any(held))
+                .then(|| self.room(&pdos, want.free))
+                .flatten();
+            match goes_into {
+                None => left_out.push(*want),
+                Some(index) => match pdos.iter_mut().find(|pdo| pdo.index == index) {
+                    Some(pdo) => pdo.entries.push(want.entry),
+                    None => pdos.push(Pdo {
+                        index,
+                        entries: alloc::vec![want.entry],
+                    }),
+                },
+            }
+        }
+        pdos.sort_by_key(|pdo| pdo.index);
+        let bits = pdos.iter().map(Pdo::bits).sum();
+        let most_bytes = match self.direction {
+            Direction::Outputs => self.limits.output_bytes,
+            Direction::Inputs => self.limits.input_bytes,
+        };
+        let cost = Cost {
+            required_left_out: left_out.iter().filter(|want| want.required).count(),
+            over_limits: pdos.len() > self.limits.pdos_per_sync_manager
+                || bits > most_bytes.saturating_mul(8),
+            left_out: left_out.len(),
+            bits,
+            pdos: pdos.len(),
+        };
+        Choice {
+            pdos,
+            fixed,
+            left_out,
+            cost,
+        }
+    }
+
+    /// The first of these free PDOs with room for one more object. Without fixed PDOs the last takes what is too much,
+    /// so that the limit it breaks is named.
+    fn room(&self, pdos: &[Pdo], free: &[u16]) -> Option<u16> {
+        let is_full = |index: &u16| {
+            pdos.iter()
+                .any(|pdo| pdo.index == *index && pdo.entries.len() >= self.limits.entries_per_pdo)
+        };
+        let with_room = free.iter().find(|index| !is_full(index)).copied();
+        with_room.or_else(|| free.last().copied().filter(|_| self.offered.is_empty()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coe::obj;
+    use alloc::vec;
+
+    const CONTROLWORD: Entry = Entry::new(0x6040, 0, 16);
+    const MODE: Entry = Entry::new(0x6060, 0, 8);
+    const TARGET: Entry = Entry::new(0x607A, 0, 32);
+    const VELOCITY: Entry = Entry::new(0x6081, 0, 32);
+
+    fn output(object: impl Into<AnyObject>, required: bool, free: &[u16]) -> Demand<'_> {
+        Demand {
+            direction: Direction::Outputs,
+            object: object.into(),
+            required,
+            free,
+        }
+    }
+
+    fn position(free: &[u16]) -> Vec<Demand<'_>> {
+        vec![
+            output(obj::CONTROLWORD, true, free),
+            output(obj::MODE_OF_OPERATION, false, free),
+            output(obj::TARGET_POSITION, true, free),
+            output(obj::PROFILE_VELOCITY, false, free),
+        ]
+    }
+
+    fn indices(mapping: &Mapping) -> Vec<u16> {
+        mapping.outputs().iter().map(|pdo| pdo.index).collect()
+    }
+
+    #[test]
+    fn the_offered_pdo_with_most_of_what_is_wanted_is_chosen_and_not_filled() {
+        let offered = [
+            FixedPdo::new(0x1700, [CONTROLWORD]),
+            FixedPdo::new(0x1701, [CONTROLWORD, TARGET]),
+            FixedPdo::new(0x1702, [CONTROLWORD, Entry::padding(8), MODE, TARGET]),
+        ];
+        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        assert_eq!(indices(&mapping), [0x1702]);
+        assert!(
+            !mapping
+                .plan()
+                .steps()
+                .iter()
+                .any(|step| step.object.index == 0x1702)
+        );
+        assert_eq!(mapping.layout().output_bytes(), 8);
+        let target = mapping
+            .layout()
+            .find(Direction::Outputs, 0x607A, 0)
+            .unwrap();
+        assert_eq!(target.byte, 4, "behind the padding");
+    }
+
+    #[test]
+    fn no_object_is_written_in_two_places() {
+        // As a first-generation AKD has them: the controlword is in each.
+        let offered = [
+            FixedPdo::new(0x1601, [CONTROLWORD, MODE]),
+            FixedPdo::new(0x1602, [CONTROLWORD, TARGET]),
+        ];
+        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        assert_eq!(indices(&mapping), [0x1602]);
+    }
+
+    #[test]
+    fn what_fixed_pdos_lack_goes_into_the_free_one() {
+        let offered = [FixedPdo::new(0x1601, [CONTROLWORD, TARGET])];
+        let mut semi = position(&[0x1600]);
+        // On this drive the target cannot be mapped freely.
+        semi[2].free = &[];
+        let mapping = choose(&semi, &offered, Limits::default()).unwrap();
+        assert_eq!(indices(&mapping), [0x1600, 0x1601]);
+        assert_eq!(mapping.outputs()[0].entries, [MODE, VELOCITY]);
+        assert!(mapping.is_fixed(0x1601) && !mapping.is_fixed(0x1600));
+    }
+
+    #[test]
+    fn a_full_pdo_is_followed_by_the_next_of_the_axis() {
+        let limits = Limits {
+            entries_per_pdo: 3,
+            pdos_per_sync_manager: 2,
+            ..Limits::default()
+        };
+        let mapping = choose(&position(&[0x1600, 0x1601]), &[], limits).unwrap();
+        assert_eq!(indices(&mapping), [0x1600, 0x1601]);
+        assert_eq!(mapping.outputs()[1].entries, [VELOCITY]);
+        assert_eq!(
+            choose(&position(&[0x1600]), &[], limits),
+            Err(MappingError::TooManyEntries {
+                pdo: 0x1600,
+                entries: 4,
+                limit: 3
+            })
+        );
+        let one_pdo = Limits {
+            pdos_per_sync_manager: 1,
+            ..limits
+        };
+        assert_eq!(
+            choose(&position(&[0x1600, 0x1601]), &[], one_pdo),
+            Err(MappingError::TooManyPdos {
+                direction: Direction::Outputs,
+                pdos: 2,
+                limit: 1
+            })
+        );
+    }
+
+    #[test]
+    fn mandatory_and_excluded_pdos_are_heeded() {
+        let mut status = FixedPdo::new(0x1603, [Entry::new(0x2001, 0, 8)]);
+        status.mandatory = true;
+        status.excludes = vec![0x1600];
+        let offered = [
+            FixedPdo::new(0x1600, [CONTROLWORD, MODE, TARGET, VELOCITY]),
+            FixedPdo::new(0x1601, [CONTROLWORD, TARGET]),
+            status,
+        ];
+        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        assert_eq!(indices(&mapping), [0x1601, 0x1603]);
+    }
+
+    #[test]
+    fn a_required_object_that_nothing_offers_is_named() {
+        let offered = [FixedPdo::new(0x1600, [CONTROLWORD, MODE])];
+        let error = choose(&position(&[]), &offered, Limits::default()).unwrap_err();
+        assert_eq!(
+            error,
+            MappingError::NotOffered {
+                object: TARGET.address(),
+                name: obj::TARGET_POSITION.name(),
+                direction: Direction::Outputs
+            }
+        );
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn whatever_is_offered_a_chosen_mapping_is_within_its_rules(
+            contents in proptest::collection::vec(proptest::collection::vec(0usize..4, 0..4), 0..12),
+            most in 1usize..4,
+        ) {
+            let all = [CONTROLWORD, MODE, TARGET, VELOCITY];
+            let offered: Vec<_> = (0x1600..).zip(&contents).map(|(index, content)| {
+                let mut content = content.clone();
+                content.sort_unstable();
+                content.dedup();
+                FixedPdo::new(index, content.into_iter().map(|place| all[place]))
+            }).collect();
+            let limits = Limits { pdos_per_sync_manager: most, ..Limits::default() };
+            match choose(&position(&[]), &offered, limits) {
+                Ok(mapping) => {
+                    proptest::prop_assert!(mapping.outputs().len() <= most);
+                    for pdo in mapping.outputs() {
+                        proptest::prop_assert!(offered.iter().any(|offer| offer.pdo == *pdo));
+                    }
+                    for entry in all {
+                        let times = mapping.outputs().iter().flat_map(|pdo| &pdo.entries).filter(|held| **held == entry).count();
+                        proptest::prop_assert!(times <= 1);
+                        let needed = entry == CONTROLWORD || entry == TARGET;
+                        proptest::prop_assert!(!needed || times == 1);
+                    }
+                }
+                // Then no single PDO holds both.
+                Err(_) => for offer in &offered {
+                    proptest::prop_assert!(!(offer.holds(CONTROLWORD) && offer.holds(TARGET)));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,301 @@
+//! From power-on to OP with each kind of PDO mapping that drives have, and each way in which they refuse one.
+
+use servocrab::{
+    axis::Referencing,
+    bus::{BringUpStep, DriveConfig, DriveFault, Network, NetworkError},
+    coe::obj,
+    drives::{self, DriveDescription},
+    pdo_map::{Direction, Entry, FixedPdo, MappingError},
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::{Abort, AlState, Device, Segment, personality::Servo};
+
+use crate::rig::{Line, Rig};
+
+const CONTROLWORD: Entry = Entry::new(0x6040, 0, 16);
+const MODE: Entry = Entry::new(0x6060, 0, 8);
+const TARGET: Entry = Entry::new(0x607A, 0, 32);
+const STATUSWORD: Entry = Entry::new(0x6041, 0, 16);
+const MODE_DISPLAY: Entry = Entry::new(0x6061, 0, 8);
+const POSITION: Entry = Entry::new(0x6064, 0, 32);
+
+fn config(description: DriveDescription) -> DriveConfig {
+    DriveConfig::new(description)
+        .axis("x")
+        .referencing("x", Referencing::UnreferencedMovesAllowed)
+}
+
+fn started(device: Device, config: DriveConfig) -> (Line, Result<Rig, NetworkError>) {
+    let line = Line::new(Segment::new().with(device));
+    let rig = Rig::start(Network::builder().link(line.wire()).drive(0, config));
+    (line, rig)
+}
+
+/// Brings the drive up, moves its axes, and gives the bytes of its outputs.
+fn moves(device: Device, config: DriveConfig, axes: &[&str]) -> usize {
+    let (line, rig) = started(device, config);
+    let mut rig = rig.unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
+    for (number, name) in axes.iter().enumerate() {
+        let axis = rig.net().axis(name).unwrap();
+        rig.until(axis.enable()).unwrap();
+        let moved = rig.until(async {
+            let mode = axis.profile_position().await.unwrap();
+            let set_point = SetPoint::new()
+                .velocity(100_000)
+                .acceleration(1_000_000)
+                .deceleration(1_000_000);
+            let motion = mode.move_abs(10_000, set_point).await.unwrap();
+            motion.done().await.unwrap()
+        });
+        assert!(
+            matches!(moved, Outcome::Reached { .. }),
+            "{name}: {moved:?}"
+        );
+        let segment = line.segment();
+        let executed = segment.axis(0, number).unwrap().ledger();
+        assert_eq!(executed.len(), 1, "{name}");
+        assert_eq!(executed[0].value, 10_000);
+    }
+    let bytes = line.segment().last_outputs(0).len();
+    rig.shutdown();
+    bytes
+}
+
+fn fault(result: Result<Rig, NetworkError>) -> (String, BringUpStep, DriveFault) {
+    match result {
+        Ok(_) => panic!("it was started"),
+        Err(error) => {
+            let text = error.to_string();
+            match error {
+                NetworkError::Drive { step, error, .. } => (text, step, *error),
+                other => panic!("no fault of a drive: {other}"),
+            }
+        }
+    }
+}
+
+/// A drive of which nothing can be filled: the PDOs of the simulated drive, one of them with padding.
+fn fixed_drive() -> Servo {
+    Servo::generic()
+        .with_fixed_pdo(
+            0x1701,
+            &[(0x6040, 0, 16), (0x6060, 0, 8), (0, 0, 8), (0x607A, 0, 32)],
+        )
+        .with_fixed_pdo(
+            0x1B01,
+            &[(0x6041, 0, 16), (0x6061, 0, 8), (0, 0, 8), (0x6064, 0, 32)],
+        )
+        .fixed_mapping()
+}
+
+fn fixed_description() -> DriveDescription {
+    let mut description = drives::generic();
+    description.axes[0].rx_pdos.clear();
+    description.axes[0].tx_pdos.clear();
+    let padding = Entry::padding(8);
+    description.fixed_pdos = vec![
+        FixedPdo::new(0x1601, [CONTROLWORD, TARGET]),
+        FixedPdo::new(0x1602, [CONTROLWORD, MODE]),
+        FixedPdo::new(0x1701, [CONTROLWORD, MODE, padding, TARGET]),
+        FixedPdo::new(0x1A01, [STATUSWORD, POSITION]),
+        FixedPdo::new(0x1B01, [STATUSWORD, MODE_DISPLAY, padding, POSITION]),
+    ];
+    description
+}
+
+#[test]
+fn a_fixed_drive_gets_the_offered_pdos_that_hold_most_and_moves_with_the_rest_by_sdo() {
+    let bytes = moves(fixed_drive().build(), config(fixed_description()), &["x"]);
+    assert_eq!(bytes, 8, "1701h with its padding");
+}
+
+#[test]
+fn an_object_that_a_fixed_drive_does_not_offer_is_named_before_anything_is_mapped() {
+    let wanted = config(fixed_description()).map_input("x", obj::FOLLOWING_ERROR_ACTUAL);
+    let (line, result) = started(fixed_drive().build(), wanted);
+    let (text, step, fault) = fault(result);
+    assert_eq!(step, BringUpStep::Mapping);
+    assert!(text.contains("60F4h:00"), "{text}");
+    assert!(
+        matches!(
+            fault,
+            DriveFault::Declaration(MappingError::NotOffered {
+                direction: Direction::Inputs,
+                ..
+            })
+        ),
+        "{text}"
+    );
+    assert_ne!(line.segment().devices()[0].al_state(), AlState::Op);
+}
+
+#[test]
+fn a_fixed_drive_described_otherwise_than_it_is_is_found_out_side_by_side() {
+    let mut description = fixed_description();
+    // The description lacks the padding of 1701h: every object behind it would lie in another place.
+    description.fixed_pdos[2] = FixedPdo::new(0x1701, [CONTROLWORD, MODE, TARGET]);
+    let (_, result) = started(fixed_drive().build(), config(description));
+    let (text, step, fault) = fault(result);
+    assert!(
+        matches!(
+            (step, &fault),
+            (BringUpStep::Mapping, DriveFault::MappingDiffers(_))
+        ),
+        "{text}"
+    );
+    let lines: Vec<_> = text.lines().map(str::trim).collect();
+    assert_eq!(
+        lines[1..],
+        [
+            "place     expected            got",
+            "1701h:03  607Ah:00 (32 bits)  8 bits of padding",
+            "1701h:04  nothing             607Ah:00 (32 bits)",
+        ]
+    );
+}
+
+#[test]
+fn a_drive_with_fixed_and_free_pdos_gets_the_fixed_one_and_the_rest_filled() {
+    let device = Servo::generic()
+        .fixed_pdos(&[0x1600, 0x1601, 0x1A00, 0x1A01])
+        .build();
+    let mut description = drives::generic();
+    description.axes[0].rx_pdos = vec![0x1603];
+    description.axes[0].tx_pdos = vec![0x1A03];
+    description.limits.entries_per_pdo = 4;
+    description.fixed_pdos = vec![
+        FixedPdo::new(0x1601, [CONTROLWORD, TARGET]),
+        FixedPdo::new(0x1A01, [STATUSWORD, POSITION]),
+    ];
+    let wanted = config(description).map_input("x", obj::FOLLOWING_ERROR_ACTUAL);
+    // 1601h with 6 bytes, and 6060h, 6081h, 6083h, 6084h in 1603h.
+    assert_eq!(moves(device, wanted, &["x"]), 19);
+}
+
+#[test]
+fn a_drive_with_eight_entries_per_pdo_gets_the_ninth_in_its_next_pdo() {
+    let device = Servo::generic().entries_per_pdo(8).pdos_assigned(2).build();
+    let wanted = config(drives::generic())
+        .map_output("x", obj::END_VELOCITY)
+        .map_output("x", obj::QUICK_STOP_DECELERATION)
+        .map_output("x", obj::TARGET_VELOCITY);
+    assert_eq!(moves(device, wanted, &["x"]), 19 + 4 + 4 + 4);
+}
+
+#[test]
+fn more_pdos_than_a_sync_manager_takes_are_refused_with_both_numbers() {
+    let mut description = drives::generic();
+    description.limits.pdos_per_sync_manager = 1;
+    let wanted = config(description)
+        .map_output("x", obj::END_VELOCITY)
+        .map_output("x", obj::QUICK_STOP_DECELERATION)
+        .map_output("x", obj::TARGET_VELOCITY);
+    let (_, result) = started(Servo::generic().build(), wanted);
+    let (text, ..) = fault(result);
+    assert!(
+        text.contains("2 PDOs of the outputs, the drive takes 1"),
+        "{text}"
+    );
+}
+
+#[test]
+fn two_axes_come_up_with_either_increment_of_their_pdos() {
+    for increment in [1, 0x10] {
+        let device = Servo::akd2g().pdo_increment(increment).build();
+        let mut description = drives::akd2g();
+        description = description.with_axes(2, increment);
+        let both = config(description)
+            .axis("y")
+            .referencing("y", Referencing::UnreferencedMovesAllowed);
+        assert_eq!(moves(device, both, &["x", "y"]), 38, "{increment:X}h");
+    }
+}
+
+#[test]
+fn a_second_axis_at_the_wrong_increment_is_refused_with_the_object_that_is_not_there() {
+    let device = Servo::akd2g().pdo_increment(1).build();
+    let both = config(drives::akd2g()).axis("y");
+    let (_, result) = started(device, both);
+    let (text, step, fault) = fault(result);
+    assert_eq!(step, BringUpStep::Mapping);
+    assert!(
+        matches!(fault, DriveFault::MappingRefused { step, .. } if step.object.index == 0x1610),
+        "{text}"
+    );
+}
+
+#[test]
+fn each_step_of_the_mapping_that_a_drive_aborts_is_named_and_nothing_follows() {
+    let plan = drives::generic().default_mapping().unwrap().plan();
+    assert!(plan.steps().len() > 15);
+    for step in plan.steps() {
+        let value = step
+            .value()
+            .iter()
+            .rev()
+            .fold(0, |value, byte| value << 8 | u32::from(*byte));
+        let (index, subindex) = (step.object.index, step.object.subindex);
+        let device = Servo::generic()
+            .refuses_pdo_write(index, subindex, value, Abort::State)
+            .build();
+        let (line, result) = started(device, config(drives::generic()));
+        let (text, at, fault) = fault(result);
+        assert_eq!(at, BringUpStep::Mapping, "{text}");
+        let DriveFault::MappingRefused {
+            step: refused,
+            error,
+        } = fault
+        else {
+            panic!("{step}: {text}");
+        };
+        assert_eq!(refused, *step);
+        assert_eq!(
+            error.abort_code().map(|code| code.0),
+            Some(0x0800_0022),
+            "{text}"
+        );
+        assert!(text.contains(&step.to_string()), "{text}");
+        assert_ne!(line.segment().devices()[0].al_state(), AlState::Op);
+    }
+}
+
+#[test]
+fn a_drive_that_confirms_a_step_and_keeps_what_it_had_never_reaches_op() {
+    let plan = drives::generic().default_mapping().unwrap().plan();
+    let (mut found_out, mut harmless) = (0, 0);
+    for step in plan.steps() {
+        let value = step
+            .value()
+            .iter()
+            .rev()
+            .fold(0, |value, byte| value << 8 | u32::from(*byte));
+        // Another mapping than the wanted one before: 6060h and 6061h are not assigned.
+        let device = Servo::generic()
+            .assigned_at_power_up(&[0x1601, 0x1A01])
+            .ignores_pdo_write(step.object.index, step.object.subindex, value)
+            .build();
+        let (line, result) = started(device, config(drives::generic()));
+        match result {
+            // What was there before is what was to be written: the read-back shows no difference.
+            Ok(rig) => {
+                harmless += 1;
+                let bytes = line.segment().last_outputs(0).len();
+                assert_eq!(bytes, 19, "{step}");
+                rig.shutdown();
+            }
+            Err(error) => {
+                found_out += 1;
+                assert!(
+                    error.to_string().contains("mapping its PDOs"),
+                    "{step}: {error}"
+                );
+                assert_ne!(line.segment().devices()[0].al_state(), AlState::Op);
+            }
+        }
+    }
+    assert!(
+        found_out >= 8 && harmless > 0,
+        "{found_out} found out, {harmless} harmless"
+    );
+}
