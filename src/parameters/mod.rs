@@ -1,15 +1,33 @@
-//! Parameters of drives, as data: start-up lists.
+//! Parameters of drives, as data: start-up lists, backups, and what the drives store themselves.
 //!
-//! A [`StartUpList`] is written to a drive each time on its way to OP. With the feature `files` lists are read from TOML
-//! files, with errors that name file, line, drive and object.
+//! A [`StartUpList`] is written to a drive each time on its way to OP. A [`ParameterSet`] is what a drive holds: read from it,
+//! compared with it, restored to it. [`store`] and [`load_defaults`] use the drive's own memory. With the feature `files`
+//! lists and sets are TOML files, with errors that name file, line, drive and object.
+//!
+//! While an axis of the drive is enabled nothing of it is restored, stored or set back.
 
 #[cfg(feature = "files")]
 mod file;
+mod guard;
+mod memory;
+mod restore;
+mod set;
+#[cfg(feature = "files")]
+mod set_file;
 mod start_up;
 mod value;
 
 #[cfg(feature = "files")]
 pub use file::{FileError, FileFault, LONGEST_FILE};
+pub use guard::Enabled;
+pub use memory::{
+    MemoryError, MemoryFault, MemorySupport, defaults_support, load_defaults, store, store_support,
+};
+pub use restore::{RestoreError, RestoreFault, Restored};
+pub use set::{
+    Backup, Difference, Differences, Held, Parameter, ParameterObject, ParameterSet, Progress,
+    is_parameter,
+};
 pub use start_up::{
     StartUpError, StartUpList, StartUpWrite, Transition, UnknownTransition, WriteFault,
 };

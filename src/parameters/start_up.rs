@@ -246,7 +246,7 @@ pub enum WriteFault {
     Sdo(#[from] SdoError),
     /// The drive took the value, but holds another.
     #[error(
-        "wrote {expected}, but the drive holds {got}: is it limited, rounded or not in force in this state?"
+        "wrote {expected}, but the drive holds {got}: is it limited, rounded, or written by the process data?"
     )]
     Differs {
         /// What was written.

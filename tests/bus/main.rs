@@ -9,6 +9,7 @@ mod log;
 mod mappings;
 mod messages;
 mod modes;
+mod parameters;
 mod rig;
 mod scan;
 mod start_up;

@@ -33,7 +33,7 @@ pub struct DriveBlueprint {
     pub assigned: Option<Vec<u16>>,
     /// What it makes of single writes to its PDO lists in place of what the rules say.
     pub pdo_habits: Vec<PdoHabit>,
-    /// 1010h saves the objects that are kept in the EEPROM.
+    /// 1010h saves the objects that are kept in the EEPROM, and 1011h empties it.
     pub saves: bool,
     /// Software version (100Ah).
     pub software_version: String,

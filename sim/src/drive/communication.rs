@@ -12,6 +12,9 @@ pub(super) const WITH_SYNC0: u16 = 2;
 /// Saves what is kept in the EEPROM when its subindex 1 is written with "save" (CiA 301).
 pub(super) const SAVE: u16 = 0x1010;
 
+/// Empties that when its subindex 1 is written with "load": the defaults are in force after the next power-up (CiA 301).
+pub(super) const LOAD: u16 = 0x1011;
+
 /// The communication profile's objects (CiA 301, ETG.1000.6).
 pub(super) fn communication_objects(
     blueprint: &DriveBlueprint,
@@ -74,6 +77,13 @@ pub(super) fn communication_objects(
             SAVE,
             "Store parameters",
             [Entry::u32(1).named("Save all parameters").writable()],
+        );
+        objects.array(
+            LOAD,
+            "Restore default parameters",
+            [Entry::u32(1)
+                .named("Restore all default parameters")
+                .writable()],
         );
     }
     if let Some((index, longest)) = blueprint.note {

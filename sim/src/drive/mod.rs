@@ -14,7 +14,7 @@ use crate::dictionary::Dictionary;
 use crate::ds402::{Access, Axis, DataType, Emergency, Entry as AxisEntry, Mapping, SetError};
 use crate::pdo::{Mappable, PdoSet};
 pub use blueprint::{AxisStatusObject, DriveBlueprint};
-use communication::{SAVE, communication_objects};
+use communication::{LOAD, SAVE, communication_objects};
 use history::ErrorHistory;
 pub(crate) use sdo::SdoObjects;
 
@@ -232,7 +232,12 @@ impl DriveObjects {
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => Err(Abort::ReadOnly),
             None if index == ErrorHistory::INDEX => self.errors.download(subindex, data),
-            None if (index, subindex) == (SAVE, 1) => self.save(data),
+            None if (index, subindex) == (SAVE, 1) => {
+                self.memory_command(SAVE, b"save", data, Axis::save)
+            }
+            None if (index, subindex) == (LOAD, 1) => {
+                self.memory_command(LOAD, b"load", data, Axis::forget)
+            }
             None => self.stored.download(index, subindex, data),
             Some(AxisObject::Count(_) | AxisObject::Status { .. }) => Err(Abort::ReadOnly),
             Some(AxisObject::Profile { axis, entry }) => {
@@ -254,12 +259,19 @@ impl DriveObjects {
         }
     }
 
-    fn save(&mut self, signature: &[u8]) -> Result<(), Abort> {
-        self.stored.room(SAVE, 1)?;
-        if signature != b"save" {
+    /// 1010h and 1011h take nothing but their signature.
+    fn memory_command(
+        &mut self,
+        index: u16,
+        signature: &[u8],
+        data: &[u8],
+        command: fn(&mut Axis),
+    ) -> Result<(), Abort> {
+        self.stored.room(index, 1)?;
+        if data != signature {
             return Err(Abort::NotSaved);
         }
-        self.axes.iter_mut().for_each(Axis::save);
+        self.axes.iter_mut().for_each(command);
         Ok(())
     }
 

@@ -166,6 +166,11 @@ impl Axis {
         self.saved = self.objects.to_save();
     }
 
+    /// Forgets what was saved: at the next power-up the objects have their defaults.
+    pub fn forget(&mut self) {
+        self.saved.clear();
+    }
+
     /// The entries of the object dictionary of this axis, sorted by index and subindex, as for axis 1.
     pub fn entries(&self) -> &[Entry] {
         self.objects.entries()

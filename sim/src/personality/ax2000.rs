@@ -14,7 +14,7 @@
 //! | PDOs | 1600h and 1A00h, flexible in PREOP, 16 entries | |
 //! | mapping at power-up | 6040h, 6060h, 607Ah, 6081h, 6083h, 6084h and 6041h, 6061h, 6064h, 606Ch | Profile Position with its parameters |
 //! | modes | profile position, profile velocity, homing | |
-//! | mailbox | 1000h and 1200h, 512 bytes each; neither SDO information nor complete access; 1010h saves | |
+//! | mailbox | 1000h and 1200h, 512 bytes each; neither SDO information nor complete access; 1010h saves, 1011h forgets | |
 
 use super::generic::GENERIC;
 use super::servo::{INPUTS, Model, OUTPUTS, Pdo, Servo};

@@ -80,7 +80,7 @@ pub(super) struct Model {
     pub(super) other_categories: &'static [(u16, &'static [u8])],
     pub(super) status_object: Option<AxisStatusObject>,
     pub(super) note: Option<(u16, usize)>,
-    /// 1010h is there.
+    /// 1010h and 1011h are there.
     pub(super) saves: bool,
     /// SAFEOP is refused when sync manager and process-data watchdog do not agree.
     pub(super) checks_watchdog: bool,

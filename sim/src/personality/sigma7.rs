@@ -13,7 +13,7 @@
 //! | a target outside the limits | the axis moves to the limit, bit 11 is set | the page says that it is checked |
 //! | mapping at power-up | 1601h with 6040h and 607Ah, 1A01h with 6041h and 6064h; 1600h and 1A00h are for Profile Position | the mode is set by SDO |
 //! | the rest | plain CiA 402 | |
-//! | mailbox | 1000h and 1100h, 256 bytes each; SDO information and complete access; 1010h saves | |
+//! | mailbox | 1000h and 1100h, 256 bytes each; SDO information and complete access; 1010h saves, 1011h forgets | |
 
 use super::generic::GENERIC;
 use super::servo::{INPUTS, Model, OUTPUTS, Pdo, Servo};

@@ -1,0 +1,362 @@
+//! The parameters of a drive as data: read from it, and compared with it.
+
+use std::fmt;
+
+use super::value::{ObjectValue, ValueType, known_name};
+use crate::coe::{
+    AbortCode, AxisOffset, DataType, DriveError, ObjectAddress, SdoError, SdoHandle, obj,
+};
+use crate::sii::Identity;
+
+/// An object of which a backup is made.
+///
+/// ```
+/// use servocrab::parameters::ParameterObject;
+/// // What the library knows of a drive of two axes; a drive's own objects are added by hand.
+/// let mut objects = ParameterObject::known(2);
+/// objects.push(ParameterObject::new("2345h:01".parse().unwrap(), "u16".parse().unwrap()));
+/// assert!(objects.iter().any(|object| object.name == "position window"));
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ParameterObject {
+    /// The object.
+    pub object: ObjectAddress,
+    /// The type of its value.
+    pub kind: ValueType,
+    /// Its name; empty if it has none.
+    pub name: String,
+}
+
+impl ParameterObject {
+    /// An object of this type, with the library's name if it has one.
+    #[must_use]
+    pub fn new(object: ObjectAddress, kind: ValueType) -> Self {
+        let name = known_name(object).unwrap_or_default().into();
+        Self { object, kind, name }
+    }
+
+    /// The parameters of the standard that the library knows, for a drive with this many axes (1 to 8). A drive has some of
+    /// them.
+    #[must_use]
+    pub fn known(axes: u8) -> Vec<Self> {
+        let mut all = Vec::new();
+        for axis in 1..=axes.clamp(1, 8) {
+            let offset = AxisOffset::of_axis(axis);
+            for object in obj::all() {
+                let address = object.offset(offset).address();
+                let again = axis > 1 && address == object.address();
+                if !object.readable || !object.writable || again || !is_parameter(address) {
+                    continue;
+                }
+                let kind = match object.data_type {
+                    DataType::U8 => ValueType::U8,
+                    DataType::I8 => ValueType::I8,
+                    DataType::U16 => ValueType::U16,
+                    DataType::I16 => ValueType::I16,
+                    DataType::U32 => ValueType::U32,
+                    DataType::I32 => ValueType::I32,
+                    DataType::Bytes => ValueType::Text,
+                };
+                let name = object.name.into();
+                all.push(Self {
+                    object: address,
+                    kind,
+                    name,
+                });
+            }
+        }
+        all
+    }
+}
+
+/// Whether an object that can be read and written is a parameter. Not so are
+///
+/// - commands: controlword, mode, targets and offsets of set-points, digital outputs, touch probes, 1010h, 1011h;
+/// - records: the error and diagnosis histories, which a write clears;
+/// - the PDO mapping and its assignment, which every start writes anew.
+///
+/// Such objects are in no backup and no restore writes them.
+#[must_use]
+pub const fn is_parameter(object: ObjectAddress) -> bool {
+    match object.index {
+        0x1003 | 0x1010 | 0x1011 | 0x10F3 => false,
+        // RxPDOs, TxPDOs, and what the sync managers have of them.
+        0x1600..=0x17FF | 0x1A00..=0x1BFF | 0x1C10..=0x1C2F => false,
+        0x6000..=0x9FFF => !matches!(
+            0x6000 + (object.index - 0x6000) % 0x0800,
+            0x6040 | 0x6042 | 0x6060 | 0x6071 | 0x607A | 0x60B0
+                ..=0x60B2 | 0x60B8 | 0x60C1 | 0x60FE | 0x60FF
+        ),
+        _ => true,
+    }
+}
+
+/// A parameter with its value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// The object.
+    pub object: ObjectAddress,
+    /// Its name; empty if it has none.
+    pub name: String,
+    /// Its value.
+    pub value: ObjectValue,
+}
+
+/// The parameters of one drive, in the order in which they are restored.
+///
+/// Made by [`ParameterSet::backup`] or read from a file by [`ParameterSet::load`](ParameterSet::load).
+///
+/// ```no_run
+/// # async fn example(sdo: servocrab::coe::SdoHandle) -> Result<(), Box<dyn std::error::Error>> {
+/// use servocrab::parameters::{ParameterObject, ParameterSet, Progress};
+/// let backup = ParameterSet::backup(&sdo, &ParameterObject::known(2), Progress::none()).await?;
+/// backup.set.save("left.toml")?;
+/// // … and later:
+/// let set = ParameterSet::load("left.toml")?;
+/// print!("{}", set.compare(&sdo, Progress::none()).await?);
+/// set.restore(&sdo, Progress::none()).await?;
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ParameterSet {
+    /// The drive's name, for messages.
+    pub drive: Option<String>,
+    /// The identity of the drive from which they came. They are restored to drives of the same vendor and product alone.
+    pub identity: Option<Identity>,
+    /// The parameters.
+    pub parameters: Vec<Parameter>,
+}
+
+/// What a backup found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Backup {
+    /// The parameters that were read.
+    pub set: ParameterSet,
+    /// The objects that the drive does not have.
+    pub missing: Vec<ObjectAddress>,
+    /// The objects that it has, and did not let be read, with its reason.
+    pub refused: Vec<(ObjectAddress, AbortCode)>,
+}
+
+/// Who is told how far it has come: the number of objects done, and of all.
+pub struct Progress<'a>(Option<&'a mut dyn FnMut(usize, usize)>);
+
+impl<'a> Progress<'a> {
+    /// This function is told.
+    pub fn of(tell: &'a mut dyn FnMut(usize, usize)) -> Self {
+        Self(Some(tell))
+    }
+
+    /// Nobody is told.
+    #[must_use]
+    pub const fn none() -> Self {
+        Self(None)
+    }
+
+    pub(super) fn tell(&mut self, done: usize, of: usize) {
+        if let Some(tell) = &mut self.0 {
+            tell(done, of);
+        }
+    }
+}
+
+impl fmt::Debug for Progress<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Progress").finish_non_exhaustive()
+    }
+}
+
+/// A parameter of which a drive holds another value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// The parameter with the value of the set.
+    pub parameter: Parameter,
+    /// What the drive holds.
+    pub held: Held,
+}
+
+/// What a drive says of an object.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Held {
+    /// It holds this value.
+    Value(ObjectValue),
+    /// It does not let it be read.
+    Refused(AbortCode),
+}
+
+impl fmt::Display for Held {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Value(value) => value.fmt(f),
+            Self::Refused(code) => code.fmt(f),
+        }
+    }
+}
+
+/// The differences between a set and a drive; shown side by side.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Differences(pub Vec<Difference>);
+
+impl fmt::Display for Differences {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let rows: Vec<_> = self
+            .0
+            .iter()
+            .map(|difference| {
+                let parameter = &difference.parameter;
+                let object = format!("{} {}", parameter.object, parameter.name);
+                let held = difference.held.to_string();
+                (object, parameter.value.to_string(), held)
+            })
+            .collect();
+        let first = rows.iter().map(|row| row.0.chars().count()).max();
+        let second = rows.iter().map(|row| row.1.chars().count()).max();
+        let (first, second) = (first.unwrap_or(0).max(6), second.unwrap_or(0).max(4));
+        if !rows.is_empty() {
+            writeln!(f, "{:first$}  {:second$}  drive", "object", "file")?;
+        }
+        for (object, value, held) in rows {
+            writeln!(f, "{object:first$}  {value:second$}  {held}")?;
+        }
+        Ok(())
+    }
+}
+
+impl ParameterSet {
+    /// Reads these objects of a drive, in this order. Those that are no parameters ([`is_parameter`]) are left out.
+    ///
+    /// # Errors
+    /// [`DriveError`] if the drive does not answer or breaks the protocol; that it has not an object is none.
+    pub async fn backup(
+        sdo: &SdoHandle,
+        objects: &[ParameterObject],
+        mut progress: Progress<'_>,
+    ) -> Result<Backup, DriveError> {
+        let mut backup = Backup {
+            set: Self {
+                drive: Some(sdo.drive().name.clone()),
+                identity: Some(sdo.drive().identity),
+                parameters: Vec::new(),
+            },
+            missing: Vec::new(),
+            refused: Vec::new(),
+        };
+        for (done, object) in objects.iter().enumerate() {
+            progress.tell(done, objects.len());
+            let address = object.object;
+            if !is_parameter(address) {
+                continue;
+            }
+            match read(sdo, address).await? {
+                Ok(bytes) => backup.set.parameters.push(Parameter {
+                    object: address,
+                    name: object.name.clone(),
+                    value: ObjectValue::decode(object.kind, &bytes),
+                }),
+                Err(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => backup.missing.push(address),
+                Err(code) => backup.refused.push((address, code)),
+            }
+        }
+        progress.tell(objects.len(), objects.len());
+        Ok(backup)
+    }
+
+    /// Compares the set with a drive.
+    ///
+    /// # Errors
+    /// [`DriveError`] if the drive does not answer or breaks the protocol; that it refuses an object is a difference.
+    pub async fn compare(
+        &self,
+        sdo: &SdoHandle,
+        mut progress: Progress<'_>,
+    ) -> Result<Differences, DriveError> {
+        let mut differences = Vec::new();
+        let all = self.parameters.len();
+        for (done, parameter) in self.parameters.iter().enumerate() {
+            progress.tell(done, all);
+            let held = match read(sdo, parameter.object).await? {
+                Ok(bytes) if parameter.value.is_held_by(&bytes) => continue,
+                Ok(bytes) => Held::Value(ObjectValue::decode(parameter.value.value_type(), &bytes)),
+                Err(code) => Held::Refused(code),
+            };
+            differences.push(Difference {
+                parameter: parameter.clone(),
+                held,
+            });
+        }
+        progress.tell(all, all);
+        Ok(Differences(differences))
+    }
+}
+
+/// The bytes of an object, or why the drive refuses to tell.
+pub(super) async fn read(
+    sdo: &SdoHandle,
+    object: ObjectAddress,
+) -> Result<Result<Vec<u8>, AbortCode>, DriveError> {
+    match sdo.read_bytes(object.index, object.subindex).await {
+        Ok(bytes) => Ok(Ok(bytes)),
+        Err(DriveError {
+            error: SdoError::Aborted { code, .. },
+            ..
+        }) => Ok(Err(code)),
+        Err(error) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commands_and_records_of_every_axis_are_no_parameters() {
+        for index in [
+            0x6040, 0x6860, 0x707A, 0x98FF, 0x1010, 0x1600, 0x1A03, 0x1C12, 0x1003,
+        ] {
+            assert!(!is_parameter(ObjectAddress::new(index, 0)), "{index:04X}h");
+        }
+        for index in [0x2010, 0x6067, 0x6867, 0x1C32, 0x10F1, 0x607D] {
+            assert!(is_parameter(ObjectAddress::new(index, 1)), "{index:04X}h");
+        }
+    }
+
+    #[test]
+    fn the_known_objects_of_two_axes_are_each_there_once() {
+        let known = ParameterObject::known(2);
+        let mut addresses: Vec<_> = known.iter().map(|object| object.object).collect();
+        let all = addresses.len();
+        addresses.sort_unstable();
+        addresses.dedup();
+        assert_eq!(addresses.len(), all);
+        let second = ObjectAddress::new(0x6867, 0);
+        assert!(known.iter().any(|object| object.object == second));
+    }
+
+    #[test]
+    fn differences_stand_side_by_side() {
+        let difference = |index, name: &str, value: ObjectValue, held| Difference {
+            parameter: Parameter {
+                object: ObjectAddress::new(index, 0),
+                name: name.into(),
+                value,
+            },
+            held,
+        };
+        let differences = Differences(vec![
+            difference(
+                0x6067,
+                "position window",
+                50_u32.into(),
+                Held::Value(7_u32.into()),
+            ),
+            difference(0x2345, "", "ab".into(), Held::Refused(AbortCode::NO_OBJECT)),
+        ]);
+        assert_eq!(
+            differences.to_string(),
+            "object                    file      drive\n\
+             6067h:00 position window  50 (u32)  7 (u32)\n\
+             2345h:00                  \"ab\"      object does not exist (06020000h)\n"
+        );
+    }
+}
