@@ -192,11 +192,15 @@ fn a_drive_that_loses_its_power_at_a_write_leaves_that_one_in_doubt_and_the_rest
 
 #[test]
 fn a_value_that_the_drive_does_not_hold_is_shown_with_the_one_that_it_holds() {
-    let (_, mut rig) = line();
-    let mut set = five();
-    // The profile velocity is in the process data, which write it in each cycle.
-    set.parameters[2] = parameter(obj::PROFILE_VELOCITY.address(), 103_u32);
-    let error = restore(&mut rig, &set).unwrap_err();
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    // The drive takes 6085h, but as one more or less than was written.
+    let wire = line.spoiled_wire(|frame| {
+        if is_download(frame) && frame[35..37] == 0x6085_u16.to_le_bytes() {
+            frame[38] ^= 1;
+        }
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    let error = restore(&mut rig, &five()).unwrap_err();
     let RestoreFault::Write {
         fault: WriteFault::Differs { expected, got },
         ..
@@ -204,11 +208,33 @@ fn a_value_that_the_drive_does_not_hold_is_shown_with_the_one_that_it_holds() {
     else {
         panic!("another fault: {error}");
     };
-    assert_eq!(*expected, ObjectValue::U32(103));
-    assert_ne!(got, expected);
+    assert_eq!((expected, got), (&103_u32.into(), &102_u32.into()));
     assert_eq!((error.done.written.len(), error.not_written.len()), (2, 3));
     assert_eq!(error.in_doubt, None);
-    assert!(error.to_string().contains("process data"), "{error}");
+    let text = error.to_string();
+    assert!(
+        text.contains("wrote 103 (u32), but the drive holds 102 (u32)"),
+        "{text}"
+    );
+    rig.shutdown();
+}
+
+#[test]
+fn a_parameter_that_the_process_data_write_is_not_taken_for_restored() {
+    let (_, mut rig) = line();
+    let mut set = five();
+    let velocity = obj::PROFILE_VELOCITY.address();
+    set.parameters[0] = parameter(velocity, 103_u32);
+    let error = restore(&mut rig, &set).unwrap_err();
+    // Seen at once, or at the end if the next cycle came after the read-back.
+    assert!(
+        matches!(
+            &error.fault,
+            RestoreFault::Write { .. } | RestoreFault::ChangedAgain(_)
+        ),
+        "{error}"
+    );
+    assert!(error.not_written.contains(&velocity));
     rig.shutdown();
 }
 
