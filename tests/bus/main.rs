@@ -12,6 +12,7 @@ mod modes;
 mod parameters;
 mod rig;
 mod scan;
+mod sdo;
 mod start_up;
 mod stops;
 mod threaded;

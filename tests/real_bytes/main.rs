@@ -8,6 +8,7 @@ mod answers;
 mod datagrams;
 mod dictionary;
 mod drive;
+mod information;
 mod mails;
 mod registers;
 mod sii;
