@@ -42,6 +42,12 @@ fn simulated() -> Wire {
     Wire::new(move |frame, now| segment.process(frame, now))
 }
 
+/// Writes to the standard output; that its reader has gone away is an error and no panic.
+pub(crate) fn put(text: impl std::fmt::Display) -> std::io::Result<()> {
+    let mut output = std::io::stdout().lock();
+    std::io::Write::write_fmt(&mut output, format_args!("{text}"))
+}
+
 /// Rows under a heading, each column as wide as its widest cell.
 pub(crate) fn table<const N: usize>(heading: [&str; N], rows: &[[String; N]]) -> String {
     let heading = heading.map(String::from);

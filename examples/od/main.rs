@@ -15,7 +15,7 @@ mod catalogue;
 mod common;
 
 use catalogue::{Catalogue, Item, find};
-use common::{LineArguments, table};
+use common::{LineArguments, put, table};
 
 /// Shows and changes the objects of a drive. Whatever its line was doing ends.
 #[derive(Parser)]
@@ -175,7 +175,7 @@ fn show(arguments: &Arguments, items: &[(Item, Option<Vec<u8>>)]) -> Result<(), 
                 })
             })
             .collect();
-        println!("{}", serde_json::to_string_pretty(&all)?);
+        put(format_args!("{}\n", serde_json::to_string_pretty(&all)?))?;
         return Ok(());
     }
     let rows: Vec<_> = items
@@ -193,7 +193,7 @@ fn show(arguments: &Arguments, items: &[(Item, Option<Vec<u8>>)]) -> Result<(), 
         })
         .collect();
     let heading = ["object", "name", "type", "bits", "access", "value"];
-    print!("{}", table(heading, &rows));
+    put(table(heading, &rows))?;
     Ok(())
 }
 
@@ -223,14 +223,14 @@ async fn watch(
                 let change = json!({
                     "ms": at.as_millis() as u64, "index": index, "subindex": subindex, "value": value
                 });
-                println!("{change}");
+                put(format_args!("{change}\n"))?;
             } else {
-                println!(
-                    "{:9.3} s  {} {} = {value}",
+                put(format_args!(
+                    "{:9.3} s  {} {} = {value}\n",
                     at.as_secs_f64(),
                     item.address,
                     item.name
-                );
+                ))?;
             }
             *before = Some(bytes);
         }

@@ -16,7 +16,7 @@ use servocrab::{
 #[path = "../common/mod.rs"]
 mod common;
 
-use common::{LineArguments, table};
+use common::{LineArguments, put, table};
 
 /// Shows who is on an EtherCAT line. Whatever the line was doing ends.
 #[derive(Parser)]
@@ -43,16 +43,16 @@ async fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     }
     if arguments.line.json {
         let all: Vec<_> = found.iter().map(Seen::json).collect();
-        println!("{}", serde_json::to_string_pretty(&all)?);
+        put(format_args!("{}\n", serde_json::to_string_pretty(&all)?))?;
     } else {
         let heading = [
             "#", "name", "vendor", "product", "revision", "serial", "alias", "found in", "clock",
             "RxPDOs", "TxPDOs", "axes",
         ];
         let rows: Vec<_> = found.iter().map(Seen::row).collect();
-        print!("{}", table(heading, &rows));
+        put(table(heading, &rows))?;
         for problem in found.iter().flat_map(|seen| &seen.problems) {
-            println!("{problem}");
+            put(format_args!("{problem}\n"))?;
         }
     }
     line.close().await;

@@ -143,7 +143,8 @@ impl TypeCode {
     }
 
     /// The bytes of the value that `text` tells, for an entry of `bits` bits: a number (decimal or with `0x`), `true` or
-    /// `false`, a text, or bytes in hexadecimal (`"0A FF"`) for every other type.
+    /// `false`, a text, or bytes in hexadecimal (`"0A FF"`) for every other type. Of 0 bits
+    /// a text can have any length.
     ///
     /// # Errors
     /// [`ValueError`] if `text` is no such value, or does not fit.
@@ -171,7 +172,7 @@ impl TypeCode {
                 .map_err(|_| wrong("REAL64")),
             Form::Text => {
                 let most = usize::from(bits / 8);
-                if text.len() > most {
+                if bits != 0 && text.len() > most {
                     return Err(wrong(&format!("text of at most {most} bytes")));
                 }
                 Ok(text.as_bytes().to_vec())
@@ -285,6 +286,13 @@ mod tests {
         ] {
             assert!(TypeCode(code).parse(text, 32).is_err(), "{code}: {text}");
         }
+    }
+
+    #[test]
+    fn a_text_has_room_where_its_length_is_known_and_else_any_length() {
+        assert!(TypeCode(9).parse("abc", 16).is_err());
+        assert_eq!(TypeCode(9).parse("abc", 24), Ok(b"abc".to_vec()));
+        assert_eq!(TypeCode(9).parse("abc", 0), Ok(b"abc".to_vec()));
     }
 
     proptest! {

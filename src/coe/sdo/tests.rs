@@ -162,6 +162,66 @@ fn a_segmented_download_is_cut_as_soem_cuts_it() {
 }
 
 #[test]
+fn downloads_at_the_boundaries_of_a_mailbox_have_the_stated_bytes() {
+    // ETG.1000.6, download SDO segment request: bit 4 toggle, bits 1 to 3 unused bytes of seven, bit 0 last. Through a
+    // mailbox of 128 go 112 bytes in the first mail and 119 in each segment. Of each further mail: command, length.
+    for (length, mails) in [
+        (111usize, &[][..]),
+        (112, &[]),
+        (113, &[(0x0Du8, 8usize)]),
+        (118, &[(0x03, 8)]),
+        (119, &[(0x01, 8)]),
+        (120, &[(0x01, 9)]),
+        (230, &[(0x01, 119)]),
+        (231, &[(0x01, 120)]),
+        (232, &[(0x00, 120), (0x1D, 8)]),
+        (350, &[(0x00, 120), (0x11, 120)]),
+        (351, &[(0x00, 120), (0x10, 120), (0x0D, 8)]),
+    ] {
+        let data: Vec<u8> = (0..length).map(|at| at as u8).collect();
+        let mut download = Download::new(object(0x2001, 0), data.clone(), 128);
+        let first = download.request();
+        let [l0, l1, l2, l3] = (length as u32).to_le_bytes();
+        assert_eq!(first[..8], [0x21, 0x01, 0x20, 0, l0, l1, l2, l3]);
+        assert_eq!(first[8..], data[..length.min(112)]);
+        let mut step = download.feed(&[0x60, 0x01, 0x20, 0, 0, 0, 0, 0]).unwrap();
+        let mut sent = first.len() - 8;
+        for (at, (command, bytes)) in mails.iter().enumerate() {
+            assert_eq!(step, Step::More);
+            let segment = download.request();
+            assert_eq!((segment[0], segment.len()), (*command, *bytes), "{length}");
+            let part = (length - sent).min(119);
+            assert_eq!(segment[1..=part], data[sent..sent + part]);
+            assert!(segment[part + 1..].iter().all(|byte| *byte == 0));
+            sent += part;
+            let confirmation = [0x20 | (at as u8 & 1) << 4, 0, 0, 0, 0, 0, 0, 0];
+            step = download.feed(&confirmation).unwrap();
+        }
+        assert_eq!((step, sent), (Step::Done, length));
+    }
+}
+
+#[test]
+fn the_same_segments_are_understood_as_answers() {
+    for (length, command, bytes) in [
+        (113, 0x0D, 8),
+        (118, 0x03, 8),
+        (119, 0x01, 8),
+        (120, 0x01, 9),
+    ] {
+        let data: Vec<u8> = (0..length).collect();
+        let mut upload = Upload::new(NAME);
+        let first = normal(NAME, u32::from(length), &data[..112]);
+        assert_eq!(upload.feed(&first), Ok(Step::More));
+        assert_eq!(upload.request(), [0x60, 0, 0, 0, 0, 0, 0, 0]);
+        let mut segment = [&[command], &data[112..]].concat();
+        segment.resize(bytes, 0);
+        assert_eq!(upload.feed(&segment), Ok(Step::Done), "{length}");
+        assert_eq!(upload.into_data(), data);
+    }
+}
+
+#[test]
 fn an_upload_whose_first_reply_has_no_data_comes_by_segments_alone() {
     // A simulated drive recorded with SOEM: 41 01 20 00 2C 01 00 00, then segments of 119, 119 and 62 bytes.
     let mut upload = Upload::new(object(0x2001, 0));
