@@ -58,6 +58,7 @@
 //! | [`sii`] | what a device's EEPROM says | all |
 //! | [`units`] | millimetres and degrees in place of counts | all but the handles |
 //! | [`drives`] | particular drives, as data | all |
+//! | `esi` | makers' ESI files (feature `esi`) | – |
 //! | `parameters` | start-up lists and parameters of drives, in code and in files | – |
 //! | `bus` | the bus thread and the `Network` | – |
 //! | `link` | raw socket and in-process wire | – |
@@ -80,6 +81,8 @@ pub mod bus;
 pub mod coe;
 pub mod drives;
 pub mod ds402;
+#[cfg(feature = "esi")]
+pub mod esi;
 pub mod homing;
 #[cfg(feature = "std")]
 pub mod link;

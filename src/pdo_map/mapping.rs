@@ -27,7 +27,7 @@ impl Direction {
         }
     }
 
-    pub(super) const fn pdo_range(self) -> core::ops::RangeInclusive<u16> {
+    pub(crate) const fn pdo_range(self) -> core::ops::RangeInclusive<u16> {
         match self {
             Self::Outputs => 0x1600..=0x17FF,
             Self::Inputs => 0x1A00..=0x1BFF,

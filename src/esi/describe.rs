@@ -1,0 +1,188 @@
+//! A drive description made of an ESI file's device.
+
+use super::device::{EsiDevice, EsiPdo};
+use crate::coe::{AnyObject, AxisOffset, ObjectAddress, obj};
+use crate::drives::{AxisDescription, DriveDescription};
+use crate::pdo_map::{Direction, FixedPdo, Limits};
+use crate::profile_position::{RelativeBase, Traits};
+
+/// Axes for which the profile has room.
+const MOST_AXES: u8 = 8;
+
+/// The device has no axis: no controlword 6040h, 6840h … in a PDO or in the dictionary.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "{device} is no drive: its ESI file has no controlword (6040h) in a PDO or in the dictionary"
+)]
+pub struct NoAxis {
+    /// The device's name.
+    pub device: String,
+}
+
+impl EsiDevice {
+    /// What the library must know of the drive, as far as the file says it.
+    ///
+    /// An axis for each controlword; PDOs with a fixed content, or all where the drive does not let them be filled
+    /// (`PdoConfig`); the others are free, those that are assigned by default before the rest, each for the axis whose
+    /// objects it holds by default. Limits from the number of subindices of 16xxh, 1Axxh, 1C12h and 1C13h in the
+    /// dictionary and from `MaxSize` of the sync managers. What an axis exchanges is what the usual Profile Position needs of what the
+    /// file has.
+    ///
+    /// How bits 5, 9, 10 and 12 behave is in no ESI file: the traits are those of [`generic`](crate::drives::generic). Change them
+    /// by the drive's manual.
+    ///
+    /// # Errors
+    /// [`NoAxis`] if the device is no drive.
+    pub fn description(&self) -> Result<DriveDescription, NoAxis> {
+        let axes = (1..=MOST_AXES).map(|axis| (axis, AxisOffset::of_axis(axis)));
+        let there = axes.filter(|(_, offset)| {
+            self.has(
+                Direction::Outputs,
+                obj::CONTROLWORD.offset(*offset).address(),
+            )
+        });
+        let mut descriptions: Vec<_> = there
+            .map(|(axis, offset)| (axis, self.axis(offset)))
+            .collect();
+        let only_one = descriptions.len() == 1;
+        for direction in [Direction::Outputs, Direction::Inputs] {
+            // An empty PDO belongs to the axis of the one before it.
+            let mut current = 1;
+            let mut free: Vec<(u8, &EsiPdo)> = Vec::new();
+            let mut pdos: Vec<_> = self
+                .pdos
+                .iter()
+                .filter(|pdo| pdo.direction == direction)
+                .collect();
+            pdos.sort_by_key(|pdo| pdo.pdo.index);
+            for pdo in pdos {
+                current = axis_of(pdo).unwrap_or(current);
+                if !self.is_fixed(pdo) {
+                    free.push((current, pdo));
+                }
+            }
+            free.sort_by_key(|(_, pdo)| (pdo.sync_manager.is_none(), pdo.pdo.index));
+            for (axis, description) in &mut descriptions {
+                let own = free.iter().filter(|(of, _)| only_one || of == axis);
+                let indices = own.map(|(_, pdo)| pdo.pdo.index).collect();
+                match direction {
+                    Direction::Outputs => description.rx_pdos = indices,
+                    Direction::Inputs => description.tx_pdos = indices,
+                }
+            }
+        }
+        if descriptions.is_empty() {
+            return Err(NoAxis {
+                device: self.name.clone(),
+            });
+        }
+        Ok(DriveDescription {
+            name: self.name.clone().into(),
+            vendor: Some(self.vendor),
+            product: Some(self.product),
+            axes: descriptions.into_iter().map(|(_, axis)| axis).collect(),
+            fixed_pdos: self.fixed_pdos(),
+            limits: self.limits(),
+            traits: Traits {
+                relative_base: RelativeBase::PositioningOption,
+                ..Traits::cia402()
+            },
+        })
+    }
+
+    /// Whether the content of a PDO cannot be changed.
+    pub(super) fn is_fixed(&self, pdo: &EsiPdo) -> bool {
+        pdo.fixed || !self.fills_pdos
+    }
+
+    fn fixed_pdos(&self) -> Vec<FixedPdo> {
+        let fixed = self.pdos.iter().filter(|pdo| self.is_fixed(pdo));
+        fixed
+            .map(|pdo| FixedPdo {
+                pdo: pdo.pdo.clone(),
+                mandatory: pdo.mandatory,
+                excludes: pdo.excludes.clone(),
+            })
+            .collect()
+    }
+
+    fn axis(&self, offset: AxisOffset) -> AxisDescription {
+        let usual = AxisDescription::profile_position(1, 0, 0);
+        let of_file = |direction, mut objects: Vec<AnyObject>| {
+            objects.retain(|object| self.has(direction, object.offset(offset).address()));
+            objects
+        };
+        AxisDescription {
+            offset,
+            rx_pdos: Vec::new(),
+            tx_pdos: Vec::new(),
+            outputs: of_file(Direction::Outputs, usual.outputs),
+            inputs: of_file(Direction::Inputs, usual.inputs),
+        }
+    }
+
+    /// Whether an object is in a PDO by default, or in the dictionary and can be mapped.
+    fn has(&self, direction: Direction, object: ObjectAddress) -> bool {
+        let in_pdo = |pdo: &EsiPdo| {
+            pdo.direction == direction
+                && pdo
+                    .pdo
+                    .entries
+                    .iter()
+                    .any(|entry| entry.address() == object)
+        };
+        self.pdos.iter().any(in_pdo)
+            || self.dictionary.iter().any(|entry| {
+                entry.object == object
+                    && match direction {
+                        Direction::Outputs => entry.mappable.outputs,
+                        Direction::Inputs => entry.mappable.inputs,
+                    }
+            })
+    }
+
+    fn limits(&self) -> Limits {
+        let last_of = |index: u16| {
+            let entries = self
+                .dictionary
+                .iter()
+                .filter(|entry| entry.object.index == index);
+            entries
+                .map(|entry| usize::from(entry.object.subindex))
+                .max()
+        };
+        let usual = Limits::default();
+        let free = self.pdos.iter().filter(|pdo| !self.is_fixed(pdo));
+        let fewest = free.filter_map(|pdo| last_of(pdo.pdo.index)).min();
+        let bytes = |purpose: &str, otherwise| {
+            let manager = self
+                .sync_managers
+                .iter()
+                .find(|manager| manager.purpose == purpose);
+            let most = manager.and_then(|manager| manager.most_bytes);
+            most.map_or(otherwise, usize::from)
+        };
+        Limits {
+            entries_per_pdo: fewest
+                .filter(|most| *most > 0)
+                .unwrap_or(usual.entries_per_pdo),
+            pdos_per_sync_manager: [0x1C12, 0x1C13]
+                .into_iter()
+                .filter_map(last_of)
+                .min()
+                .filter(|most| *most > 0)
+                .unwrap_or(usual.pdos_per_sync_manager),
+            output_bytes: bytes("Outputs", usual.output_bytes),
+            input_bytes: bytes("Inputs", usual.input_bytes),
+        }
+    }
+}
+
+/// The axis, counted from 1, whose profile objects a PDO holds by default.
+fn axis_of(pdo: &EsiPdo) -> Option<u8> {
+    let profile = pdo.pdo.entries.iter().map(|entry| entry.index);
+    let first = profile
+        .filter(|index| (0x6000..0xA000).contains(index))
+        .min()?;
+    u8::try_from((first - 0x6000) / AxisOffset::PROFILE_STEP + 1).ok()
+}

@@ -1,0 +1,178 @@
+use super::*;
+use crate::coe::ObjectAddress;
+use crate::pdo_map::{Direction, Entry};
+use proptest::prelude::*;
+
+const GENERIC: &str = include_str!("../../sim/esi/generic.xml");
+
+fn file(inside: &str) -> String {
+    format!(
+        "<EtherCATInfo>\n<Vendor><Id>1</Id></Vendor>\n<Descriptions><Devices><Device><Type ProductCode=\"2\"/>\n{inside}\n</Device></Devices></Descriptions></EtherCATInfo>"
+    )
+}
+
+fn fault(text: &str) -> EsiError {
+    Esi::from_bytes("drive.xml", text.as_bytes()).unwrap_err()
+}
+
+#[test]
+fn pdos_limits_and_commands_of_a_file_become_a_description() {
+    let esi = Esi::from_bytes("generic.xml", GENERIC.as_bytes()).unwrap();
+    let device = esi.device(0x4453_0402, 1).unwrap();
+    let description = device.description().unwrap();
+    assert_eq!(
+        (description.vendor, description.product),
+        (Some(0), Some(0x4453_0402))
+    );
+    assert_eq!(description.axes.len(), 1);
+    assert_eq!(
+        description.axes[0].rx_pdos,
+        [0x1600, 0x1601, 0x1602, 0x1603]
+    );
+    let limits = description.limits;
+    assert_eq!(
+        (limits.entries_per_pdo, limits.pdos_per_sync_manager),
+        (8, 4)
+    );
+    assert_eq!((limits.output_bytes, limits.input_bytes), (64, 64));
+    let layout = description.default_mapping().unwrap().layout();
+    assert_eq!((layout.output_bytes(), layout.input_bytes()), (19, 11));
+    assert_eq!(device.clock_modes[0].assign_activate, 0x0300);
+    let list = device.start_up_list();
+    assert_eq!(list.writes.len(), 1);
+    assert_eq!(list.writes[0].object, ObjectAddress::new(0x605A, 0));
+    assert_eq!(list.writes[0].value.encode(), [2, 0]);
+}
+
+#[test]
+fn fixed_mandatory_and_excluded_pdos_and_padding_are_read() {
+    let text = file(
+        "<RxPdo Fixed=\"1\" Mandatory=\"true\" Sm=\"2\"><Index>#x1701</Index><Exclude>#x1702</Exclude>\
+         <Entry><Index>#x6040</Index><SubIndex>0</SubIndex><BitLen>16</BitLen></Entry>\
+         <Entry><Index>#x0</Index><BitLen>8</BitLen></Entry></RxPdo>",
+    );
+    let esi = Esi::from_bytes("drive.xml", text.as_bytes()).unwrap();
+    let fixed = esi.devices[0].description().unwrap().fixed_pdos;
+    assert_eq!(fixed.len(), 1);
+    assert!(fixed[0].mandatory);
+    assert_eq!(fixed[0].excludes, [0x1702]);
+    assert_eq!(
+        fixed[0].pdo.entries,
+        [Entry::new(0x6040, 0, 16), Entry::padding(8)]
+    );
+    assert_eq!(esi.devices[0].pdos[0].direction, Direction::Outputs);
+}
+
+#[test]
+fn a_terminal_without_controlword_is_no_drive() {
+    let esi = Esi::from_bytes("terminal.xml", file("<Name>Terminal</Name>").as_bytes()).unwrap();
+    let error = esi.devices[0].description().unwrap_err();
+    assert!(error.to_string().contains("Terminal"), "{error}");
+}
+
+#[test]
+fn an_error_names_file_line_and_element() {
+    let text = file("<RxPdo><Index>#x16G0</Index></RxPdo>");
+    assert_eq!(
+        fault(&text).to_string(),
+        "drive.xml:4, element Index: expected a number (decimal, or #x and hexadecimal digits) of at most 65535, got `#x16G0`"
+    );
+    let wrong_direction = fault(&file("<RxPdo><Index>#x1A00</Index></RxPdo>"));
+    assert_eq!(wrong_direction.fault, EsiFault::PdoIndex(0x1A00));
+    let missing = fault(&file("<TxPdo></TxPdo>"));
+    assert_eq!(
+        (missing.line, missing.fault),
+        (Some(4), EsiFault::Missing("Index"))
+    );
+    let odd = fault(&file(
+        "<Mailbox><CoE><InitCmd><Index>1</Index><SubIndex>0</SubIndex><Data>123</Data></InitCmd></CoE></Mailbox>",
+    ));
+    assert_eq!(odd.fault, EsiFault::Bytes("123".to_owned()));
+    assert_eq!(fault("<Html/>").fault, EsiFault::NoEsi);
+    let broken = fault("<EtherCATInfo>\n<Vendor>\n</EtherCATInfo>");
+    assert!(matches!(
+        (broken.line, broken.fault),
+        (Some(3), EsiFault::Xml(_))
+    ));
+    let absent = Esi::load("there/is/no/such.xml").unwrap_err();
+    assert!(matches!(absent.fault, EsiFault::Unreadable(_)));
+}
+
+#[test]
+fn text_in_iso_8859_1_is_read_where_the_file_says_so() {
+    let mut bytes = b"<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>".to_vec();
+    bytes.extend(b"<EtherCATInfo><Vendor><Id>1</Id><Name>M\xFCller</Name></Vendor></EtherCATInfo>");
+    let esi = Esi::from_bytes("drive.xml", &bytes).unwrap();
+    assert_eq!(esi.vendor_name, "Müller");
+    let bytes = b"<EtherCATInfo>\xFC</EtherCATInfo>";
+    let error = Esi::from_bytes("drive.xml", bytes).unwrap_err();
+    assert_eq!(error.fault, EsiFault::Encoding);
+}
+
+#[test]
+fn a_billion_laughs_are_refused_as_a_type_definition() {
+    let mut text = String::from("<!DOCTYPE x [<!ENTITY a0 \"lol\">");
+    for level in 1..30 {
+        text += &format!(
+            "<!ENTITY a{level} \"{}\">",
+            format!("&a{};", level - 1).repeat(10)
+        );
+    }
+    text += "]><EtherCATInfo>&a29;</EtherCATInfo>";
+    assert!(matches!(fault(&text).fault, EsiFault::Xml(_)));
+}
+
+#[test]
+fn hostile_depth_width_and_size_are_refused_or_read_within_bounds() {
+    let deep = "<a>".repeat(500_000);
+    assert!(matches!(fault(&deep).fault, EsiFault::Xml(_)));
+    let deep = format!("{deep}{}", "</a>".repeat(500_000));
+    assert_eq!(fault(&deep).fault, EsiFault::NoEsi);
+    let many = format!("<EtherCATInfo>{}</EtherCATInfo>", "<a/>".repeat(2_100_000));
+    assert!(matches!(fault(&many).fault, EsiFault::Xml(_)));
+    let namespaces: String = (0..1000)
+        .map(|n| format!("<a xmlns:n{n}=\"{n}\">"))
+        .collect();
+    assert_eq!(fault(&namespaces).fault, EsiFault::Excessive("namespaces"));
+    let attributes: String = (0..5000).map(|n| format!(" a{n}=\"\"")).collect();
+    assert_eq!(
+        fault(&format!("<a{attributes}/>")).fault,
+        EsiFault::Excessive("attributes of one element")
+    );
+    let huge = vec![b' '; MOST_BYTES + 1];
+    let error = Esi::from_bytes("drive.xml", &huge).unwrap_err();
+    assert_eq!(error.fault, EsiFault::TooLarge);
+}
+
+#[test]
+fn a_short_file_cannot_unfold_into_a_long_dictionary() {
+    let types = "<DataTypes><DataType><Name>A</Name><BaseType>UINT</BaseType><ArrayInfo><LBound>1</LBound><Elements>255</Elements></ArrayInfo></DataType>\
+                 <DataType><Name>D</Name><SubItem><Type>A</Type></SubItem></DataType></DataTypes>";
+    let objects = "<Object><Index>1</Index><Type>D</Type></Object>".repeat(1100);
+    let text = file(&format!(
+        "<Profile><Dictionary>{types}<Objects>{objects}</Objects></Dictionary></Profile>"
+    ));
+    assert_eq!(fault(&text).fault, EsiFault::TooManyEntries);
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_read_or_refused(bytes: Vec<u8>) {
+        let _ = Esi::from_bytes("any", &bytes);
+    }
+
+    #[test]
+    fn a_file_with_anything_put_anywhere_is_read_or_refused(at in 0usize..20_000, cut in 0usize..40, put in "[<>/#x&;=\"a-zA-Z0-9 ]{0,12}") {
+        let start = at % GENERIC.len();
+        let end = (start + cut).min(GENERIC.len());
+        let text = [&GENERIC.as_bytes()[..start], put.as_bytes(), &GENERIC.as_bytes()[end..]].concat();
+        if let Ok(esi) = Esi::from_bytes("changed", &text) {
+            for device in &esi.devices {
+                if let Ok(description) = device.description() {
+                    let _ = description.default_mapping();
+                }
+                let _ = device.start_up_list();
+            }
+        }
+    }
+}

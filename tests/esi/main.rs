@@ -1,0 +1,129 @@
+//! The sample ESI files against the simulated drives that they describe, over a whole bring-up in virtual time.
+#![allow(missing_docs)]
+#![cfg(feature = "esi")]
+
+#[path = "../bus/rig.rs"]
+#[allow(dead_code)]
+mod rig;
+
+use std::path::PathBuf;
+
+use rig::{Line, Rig};
+use servocrab::{
+    axis::Referencing,
+    bus::{DriveConfig, Network},
+    esi::{Esi, EsiDevice, EsiDifferences},
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::{AlState, Device, Segment, personality::Servo};
+
+fn sample(name: &str) -> EsiDevice {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("sim/esi")
+        .join(name);
+    let mut esi = Esi::load(path).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(esi.devices.len(), 1);
+    esi.devices.remove(0)
+}
+
+/// Brings a drive up by a description from the file, and compares it with another file.
+fn compared(by: &EsiDevice, device: Device, with: &EsiDevice) -> (Rig, Line, EsiDifferences) {
+    let line = Line::new(Segment::new().with(device));
+    let description = by.description().unwrap();
+    let mut config = DriveConfig::new(description.clone()).start_up(by.start_up_list());
+    for (name, _) in ["x", "y"].iter().zip(&description.axes) {
+        config = config
+            .axis(name)
+            .referencing(name, Referencing::UnreferencedMovesAllowed);
+    }
+    let builder = Network::builder().link(line.wire()).drive(0, config);
+    let mut rig = Rig::start(builder).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
+    let sdo = rig.net().sdo(0).unwrap();
+    let differences = rig.until(with.compare(&sdo)).unwrap();
+    (rig, line, differences)
+}
+
+#[test]
+fn a_drive_described_by_its_esi_file_moves_and_is_as_the_file_says() {
+    let drives = [
+        ("generic.xml", Servo::generic(), ["x"].as_slice()),
+        ("akd2g.xml", Servo::akd2g(), ["x", "y"].as_slice()),
+    ];
+    for (file, drive, axes) in drives {
+        let device = sample(file);
+        let (mut rig, line, differences) = compared(&device, drive.build(), &device);
+        assert!(differences.is_empty(), "{file}: {differences}");
+        assert_eq!(differences.to_string(), "the drive is as its ESI file says");
+        for (number, name) in axes.iter().enumerate() {
+            let axis = rig.net().axis(name).unwrap();
+            rig.until(axis.enable()).unwrap();
+            let moved = rig.until(async {
+                let mode = axis.profile_position().await.unwrap();
+                let set_point = SetPoint::new()
+                    .velocity(100_000)
+                    .acceleration(1_000_000)
+                    .deceleration(1_000_000);
+                let motion = mode.move_abs(10_000, set_point).await.unwrap();
+                motion.done().await.unwrap()
+            });
+            assert!(
+                matches!(moved, Outcome::Reached { .. }),
+                "{name}: {moved:?}"
+            );
+            assert_eq!(line.segment().axis(0, number).unwrap().ledger().len(), 1);
+        }
+        rig.shutdown();
+    }
+}
+
+#[test]
+fn a_file_of_another_drive_is_shown_as_a_table_of_what_differs() {
+    let own = sample("generic.xml");
+    let mut other = own.clone();
+    other.revision = 7;
+    other.pdos[1].fixed = true;
+    other.pdos[1].pdo.entries.pop();
+    let mut missing = other.dictionary[0].clone();
+    missing.object.index = 0x2FFE;
+    missing.name = "Not there".to_owned();
+    other.dictionary.push(missing);
+    other.dictionary[0].bits = 16;
+    let (rig, _line, differences) = compared(&own, Servo::generic().build(), &other);
+    let lines: Vec<_> = differences
+        .to_string()
+        .lines()
+        .map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "))
+        .collect();
+    assert_eq!(
+        lines,
+        [
+            "the drive is not as its ESI file says:",
+            "object what ESI file drive",
+            "1018h:03 revision 00000007h 00000001h",
+            "1601h:02 PDO entry nothing 607Ah:00 (32 bits)",
+            "1000h:00 Device type 16 bits 32 bits",
+            "2FFEh:00 Not there 32 bits missing",
+        ]
+    );
+    rig.shutdown();
+}
+
+#[test]
+fn an_axis_that_the_drive_does_not_have_is_missing_with_its_pdos_and_objects() {
+    let one_axis = sample("generic.xml");
+    let two_axes = sample("akd2g.xml");
+    let (rig, _line, differences) = compared(&one_axis, Servo::generic().build(), &two_axes);
+    let missing = |index: u16| {
+        differences
+            .0
+            .iter()
+            .any(|difference| difference.object.index == index && difference.drive == "missing")
+    };
+    assert!(
+        missing(0x1610) && missing(0x1A10) && missing(0x6840),
+        "{differences}"
+    );
+    assert!(!missing(0x6040), "{differences}");
+    rig.shutdown();
+}
