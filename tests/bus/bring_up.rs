@@ -231,7 +231,9 @@ fn a_watchdog_that_cannot_be_armed_is_refused_unless_opted_out_in_words() {
 /// The second network's clock begins at zero again: for the drive, its EEPROM is busy with what the first one asked for.
 #[test]
 fn an_eeprom_that_is_busy_from_before_is_waited_for() {
-    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let mut device = personality::akd2g();
+    device.set_sii_delay(Duration::from_micros(100));
+    let line = Line::new(Segment::new().with(device));
     for _ in 0..2 {
         let builder = Network::builder().link(line.wire()).drive(0, akd2g());
         Rig::start(builder).unwrap().shutdown();

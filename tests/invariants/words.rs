@@ -42,11 +42,12 @@ pub fn bit_4_rises_by_the_rules(life: &Life) -> Result<(), String> {
                     before.got
                 ));
             };
-            // Onto a full buffer bit 12 stays high; only what replaces all it holds may go there, and no distance.
+            // Onto a full buffer bit 12 stays high; only what replaces all it holds may go there, and no distance. One more may be
+            // over and its outcome still open.
             let full = sent.bit(5)
                 && !sent.bit(6)
                 && life.starts != Starts::Ax2000
-                && accepted_and_open(life, at) == 2;
+                && accepted_and_open(life, at) >= 2;
             if !enabled(&shown) || shown.mode != 1 || (shown.bit(12) && !full) {
                 return Err(format!("frame {at}: bit 4 rises on {shown:?}"));
             }
