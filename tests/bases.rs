@@ -116,3 +116,22 @@ fn after_the_power_was_off_a_distance_counts_from_where_the_axis_stands() {
     rig.enable();
     goes(&mut rig, 300);
 }
+
+#[test]
+fn what_a_replacement_shows_before_its_acknowledge_is_not_the_end_of_the_move_before() {
+    let mut rig = Rig::new(Behaviour::akd2g(), |config| {
+        config.traits.relative_base = RelativeBase::Demand;
+        config.deadlines.acknowledge = core::time::Duration::from_secs(5);
+    });
+    rig.enable();
+    let first = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(first);
+    rig.run(200);
+    // Where these two end is not known here: they count from wherever the axis is when the drive takes them.
+    let second = rig.rel(20_000, SetPoint::new());
+    rig.wait_accepted(second);
+    rig.drive.disturbances().ack_delay_cycles = 2_000;
+    let third = rig.rel(-1_000, SetPoint::new());
+    assert!(matches!(rig.finish(third), Ok(Completion::Reached { .. })));
+    assert_eq!(rig.outcome(second), Some(Err(Failure::Superseded)));
+}

@@ -3,12 +3,12 @@
 
 mod common;
 
-use common::Rig;
-use servocrab::axis::{AxisConfig, Completion, Failure};
+use common::{Link, Rig};
+use servocrab::axis::{AxisConfig, Command, Completion, Event, Failure};
 use servocrab::profile_position::{
     BufferSignal, Limits, PositionRange, RelativeBase, SetPoint, Start,
 };
-use servocrab_sim::ds402::{AckPolicy, Behaviour, Outcome};
+use servocrab_sim::ds402::{AckPolicy, Behaviour, Executed, Outcome};
 
 const TURN: PositionRange = PositionRange {
     min: 0,
@@ -187,4 +187,111 @@ fn a_whole_turn_is_not_over_before_it_has_begun() {
         reached(&mut rig, turn);
         assert_eq!(rig.drive.position() - before, 36_000, "stale for {stale}");
     }
+}
+
+/// Distances of several turns, of none and of a whole one, replaced, queued and halted on the way, with late bits and lost
+/// frames: what is reported as reached, the drive has ended there.
+#[test]
+fn whatever_happens_on_a_table_what_is_reached_has_been_gone() {
+    for seed in 0..25 {
+        for behaviour in [Behaviour::generic(), Behaviour::akd2g()] {
+            let name = format!("seed {seed}, {:?}", behaviour.ack);
+            let reached = live(seed, behaviour).unwrap_or_else(|what| panic!("{name}: {what}"));
+            assert!(reached > 0, "{name}");
+        }
+    }
+}
+
+/// Lives on a table; how many moves were reached.
+fn live(seed: u64, behaviour: Behaviour) -> Result<usize, String> {
+    let mut number = seed;
+    let mut below = move |n: u64| {
+        number = number
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (number >> 33) % n
+    };
+    let mut rig = table_of(
+        behaviour,
+        [POSITIVE, SHORTEST, 0][below(3) as usize],
+        |config| {
+            config.deadlines.acknowledge = core::time::Duration::from_millis(100);
+        },
+    );
+    let mut moves = Vec::new();
+    let mut reached = 0;
+    for cycle in 0..9_000 {
+        let quiet = cycle > 5_000;
+        if !quiet && below(90) == 0 {
+            // The velocity is the move's name in the drive's ledger.
+            let velocity = 200_000 + moves.len() as u32;
+            let start =
+                [Start::Immediately, Start::AfterCurrent, Start::AfterCurrent][below(3) as usize];
+            let set_point = SetPoint::new().velocity(velocity).start(start);
+            let id = if below(3) == 0 {
+                rig.abs(below(36_000) as i32, set_point)
+            } else {
+                let distances = [0, 5, 36_000, -36_000, 72_003, 100, -20_000];
+                rig.rel(distances[below(7) as usize], set_point)
+            };
+            moves.push((id, velocity));
+        }
+        if !quiet && below(400) == 0 {
+            rig.send(Command::Halt);
+        }
+        if rig.core.snapshot().halted && (quiet || below(80) == 0) {
+            rig.send(Command::Resume);
+        }
+        if below(200) == 0 {
+            rig.drive.disturbances().stale_reached_cycles = [0, 2, 8][below(3) as usize];
+            rig.drive.disturbances().ack_delay_cycles = [0, 3, 20][below(3) as usize];
+        }
+        let before = rig.events.len();
+        rig.cycle_over(match below(60) {
+            0 => Link::RequestLost,
+            1 => Link::ReplyLost,
+            _ => Link::Good,
+        });
+        for (id, event) in rig.events[before..].to_vec() {
+            let Some((_, velocity)) = moves.iter().find(|(of, _)| *of == id) else {
+                continue;
+            };
+            let line = rig.ledger().iter().find(|line| line.velocity == *velocity);
+            if matches!(event, Event::Done(Ok(_))) {
+                reached += 1;
+                // Replaced within the window around its target, before the acknowledge of what replaces it, it is there as well.
+                let there = |line: &Executed| {
+                    line.outcome == Outcome::Reached
+                        || line
+                            .end_position
+                            .zip(line.target)
+                            .is_some_and(|(end, target)| end.abs_diff(target) <= 10)
+                };
+                if !line.is_some_and(there) {
+                    return Err(format!(
+                        "{id:?} at {cycle} is {event:?}, but the drive: {line:?}"
+                    ));
+                }
+            }
+        }
+    }
+    for (id, velocity) in &moves {
+        let ends = rig
+            .reports(*id)
+            .iter()
+            .filter(|event| matches!(event, Event::Done(_)))
+            .count();
+        let lines = rig
+            .ledger()
+            .iter()
+            .filter(|line| line.velocity == *velocity)
+            .count();
+        if ends != 1 || lines > 1 {
+            return Err(format!(
+                "{id:?} has {ends} ends and {lines} lines: {:?}",
+                rig.reports(*id)
+            ));
+        }
+    }
+    Ok(reached)
 }

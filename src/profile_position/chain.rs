@@ -127,7 +127,13 @@ impl Chain {
             }
             [Some(track), None] => {
                 track.note(cycle, true);
-                if !undecided && let Some(outcome) = track.outcome(cycle) {
+                // What a replacement shows that is taken and not acknowledged yet is not the end of this one; its own end,
+                // where that is known, is.
+                let known = track.end.is_some();
+                let outcome = track
+                    .outcome(cycle)
+                    .filter(|outcome| !replacing || (known && outcome.is_ok()));
+                if !undecided && let Some(outcome) = outcome {
                     self.last_end = if outcome.is_ok() { track.end } else { None };
                     events.push(track.id, Event::Done(outcome));
                     self.held[0] = None;
