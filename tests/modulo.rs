@@ -252,7 +252,7 @@ fn live(seed: u64, behaviour: Behaviour) -> Result<usize, String> {
             1 => Link::ReplyLost,
             _ => Link::Good,
         });
-        for (id, event) in rig.events[before..].to_vec() {
+        for &(id, event) in &rig.events[before..] {
             let Some((_, velocity)) = moves.iter().find(|(of, _)| *of == id) else {
                 continue;
             };
