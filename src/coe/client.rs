@@ -16,9 +16,7 @@ use smol::future::or;
 use super::error::{DriveId, SdoError, SdoStep, Transfer, Unsupported};
 use super::handle::{Body, Emergencies, EmergencyQueue, Request, SdoHandle};
 use super::mailbox::{Counter, Mail, SHORTEST_MAILBOX, sdo_mail};
-use super::obj;
-use super::object::ObjectAddress;
-use super::sdo::{SdoFault, Step, Upload, abort_request};
+use super::sdo::{SdoFault, Step, abort_request};
 use super::transport::{LinkFault, MailboxTransport};
 
 #[cfg(test)]
@@ -26,13 +24,12 @@ mod tests;
 
 mod access;
 mod dialogue;
+mod late;
 mod settings;
 
 use dialogue::{Dialogue, Failure};
 pub use settings::MailboxSettings;
 
-/// Transfers that are remembered as owed their replies; with more of them any object may be meant.
-const MOST_OWED: usize = 32;
 /// Mails read in a row before deadlines and requests get their turn: a device may send without end.
 const MAILS_AT_ONCE: usize = 16;
 
@@ -170,38 +167,6 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
-    /// Whether a reply may still come that would pass for one to `transfer`.
-    fn owes_like(&self, transfer: Transfer) -> bool {
-        self.owed.len() >= MOST_OWED || self.owed.iter().any(|owed| owed.is_like(transfer))
-    }
-
-    /// Waits out the late reply of an earlier transfer of the same object, which its address does not tell from
-    /// this one's. A device answers in order: once it has answered about another object, nothing late comes.
-    async fn resynchronise(
-        &mut self,
-        transfer: Transfer,
-        timeout: Duration,
-    ) -> Result<(), SdoError> {
-        let others = [obj::DEVICE_TYPE, obj::VENDOR_ID, obj::PRODUCT_CODE].map(|o| o.address());
-        let is_free = |other: &ObjectAddress| {
-            let read = Transfer::read(*other);
-            !read.is_like(transfer) && !self.owed.iter().any(|owed| owed.is_like(read))
-        };
-        let other = others.into_iter().find(is_free).unwrap_or(others[0]);
-        let mut dialogue = Dialogue::Upload(Upload::new(other));
-        match self
-            .converse(&mut dialogue, Transfer::read(other), timeout)
-            .await
-        {
-            Ok(()) | Err(SdoError::Aborted { .. }) => Ok(()),
-            Err(_) => Err(SdoError::Timeout {
-                transfer,
-                step: SdoStep::EarlierReply,
-                after: timeout,
-            }),
-        }
-    }
-
     /// Runs a transfer to its end.
     async fn converse(
         &mut self,
@@ -220,10 +185,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     let error = failure.describe(transfer, timeout, dialogue.waits_for());
                     match failure {
                         Failure::Fault(SdoFault::Aborted(_)) => self.owed.clear(),
-                        _ if self.owed.len() < MOST_OWED && !self.owed.contains(&transfer) => {
-                            self.owed.push(transfer);
-                        }
-                        _ => {}
+                        _ => self.remember_owed(transfer),
                     }
                     if dialogue.is_segmented()
                         && let Some(code) = failure.abort_code()

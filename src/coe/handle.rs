@@ -89,6 +89,9 @@ impl SdoHandle {
 
     /// Writes an object; confirmed by the drive when the future resolves.
     ///
+    /// A write without a reply is not repeated. A mail whose frame is lost is sent again with the same mailbox counter, by
+    /// which the drive knows it for the same one (ETG.1000.4): only a drive that ignores the counter could write it twice.
+    ///
     /// # Errors
     /// As [`SdoHandle::read`]. After `Timeout` and `Link` the write may have taken effect.
     pub async fn write<T: Value, A: Writable>(

@@ -1,0 +1,54 @@
+//! Replies that come after their transfer was given up: not to be taken for those of another.
+
+use core::time::Duration;
+
+use super::{Clock, MailboxClient, dialogue::Dialogue};
+use crate::coe::error::{SdoError, SdoStep, Transfer};
+use crate::coe::obj;
+use crate::coe::object::ObjectAddress;
+use crate::coe::sdo::Upload;
+use crate::coe::transport::MailboxTransport;
+
+/// Transfers that are remembered as owed their replies; with more of them any object may be meant.
+const MOST_OWED: usize = 32;
+
+impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
+    /// Notes that the reply to this transfer may still come.
+    pub(super) fn remember_owed(&mut self, transfer: Transfer) {
+        if self.owed.len() < MOST_OWED && !self.owed.contains(&transfer) {
+            self.owed.push(transfer);
+        }
+    }
+
+    /// Whether a reply may still come that would pass for one to `transfer`.
+    pub(super) fn owes_like(&self, transfer: Transfer) -> bool {
+        self.owed.len() >= MOST_OWED || self.owed.iter().any(|owed| owed.is_like(transfer))
+    }
+
+    /// Waits out the late reply of an earlier transfer of the same object, which its address does not tell from
+    /// this one's. A device answers in order: once it has answered about another object, nothing late comes.
+    pub(super) async fn resynchronise(
+        &mut self,
+        transfer: Transfer,
+        timeout: Duration,
+    ) -> Result<(), SdoError> {
+        let others = [obj::DEVICE_TYPE, obj::VENDOR_ID, obj::PRODUCT_CODE].map(|o| o.address());
+        let is_free = |other: &ObjectAddress| {
+            let read = Transfer::read(*other);
+            !read.is_like(transfer) && !self.owed.iter().any(|owed| owed.is_like(read))
+        };
+        let other = others.into_iter().find(is_free).unwrap_or(others[0]);
+        let mut dialogue = Dialogue::Upload(Upload::new(other));
+        match self
+            .converse(&mut dialogue, Transfer::read(other), timeout)
+            .await
+        {
+            Ok(()) | Err(SdoError::Aborted { .. }) => Ok(()),
+            Err(_) => Err(SdoError::Timeout {
+                transfer,
+                step: SdoStep::EarlierReply,
+                after: timeout,
+            }),
+        }
+    }
+}
