@@ -44,7 +44,7 @@ pub struct DriveDescription {
     /// The axes, in order.
     pub axes: Vec<AxisDescription>,
     /// The PDOs whose content is the drive's own, of all axes. Empty for a drive whose PDOs are all filled by the master. Of these
-    /// and the free ones of the axes those are [chosen](choose) that hold what is wanted.
+    /// and the free ones of the axes those are [chosen](choose) that hold what is wanted. `pdo_map::read_offered` reads them from a drive.
     pub fixed_pdos: Vec<FixedPdo>,
     /// What a mapping may hold at most.
     pub limits: Limits,

@@ -6,9 +6,10 @@ use alloc::vec::Vec;
 use super::entry::{Entry, Pdo};
 use super::layout::Layout;
 use super::mapping::{Direction, Mapping};
+use super::offer::FixedPdo;
 use super::plan::{Plan, Step};
 use super::verify::{self, Differences};
-use crate::coe::{DriveError, Number, Object, ReadOnly, SdoHandle};
+use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoHandle};
 
 /// Writes `mapping` into a drive in PREOP, reads it back, compares, and gives the places of its objects.
 ///
@@ -67,6 +68,29 @@ async fn read_pdos(direction: Direction, sdo: &SdoHandle) -> Result<Vec<Pdo>, Co
     Ok(pdos)
 }
 
+/// Reads what the PDOs `pdos` of a drive hold, as the PDOs that a [`DriveDescription`](crate::drives::DriveDescription) names as fixed; those that the
+/// drive does not have are left out.
+///
+/// A drive tells what a PDO holds, not whether that can be changed: name only PDOs that its manual says are fixed.
+///
+/// # Errors
+/// [`ConfigureError::Unreadable`] with the object and the drive's reason.
+pub async fn read_offered(
+    sdo: &SdoHandle,
+    pdos: impl IntoIterator<Item = u16>,
+) -> Result<Vec<FixedPdo>, ConfigureError> {
+    let mut offered = Vec::new();
+    for index in pdos {
+        match read_list::<u32>(index, sdo).await {
+            Ok(raw) => offered.push(FixedPdo::new(index, raw.into_iter().map(Entry::from_raw))),
+            Err(ConfigureError::Unreadable(error))
+                if error.error.abort_code() == Some(AbortCode::NO_OBJECT) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(offered)
+}
+
 /// The elements of an object whose subindex 0 tells their number.
 async fn read_list<T: Number>(index: u16, sdo: &SdoHandle) -> Result<Vec<T>, ConfigureError> {
     let unreadable = |error| ConfigureError::Unreadable(Box::new(error));
@@ -102,8 +126,8 @@ pub enum ConfigureError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coe::obj;
     use crate::coe::test_device::{Device, rig};
-    use crate::coe::{AbortCode, obj};
     use crate::pdo_map::Purpose;
     use crate::pdo_map::verify::Difference;
 

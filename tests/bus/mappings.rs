@@ -5,7 +5,7 @@ use servocrab::{
     bus::{BringUpStep, DriveConfig, DriveFault, Network, NetworkError},
     coe::obj,
     drives::{self, DriveDescription},
-    pdo_map::{Direction, Entry, FixedPdo, MappingError},
+    pdo_map::{Direction, Entry, FixedPdo, MappingError, read_offered},
     profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{Abort, AlState, Device, Segment, personality::Servo};
@@ -108,6 +108,23 @@ fn fixed_description() -> DriveDescription {
 fn a_fixed_drive_gets_the_offered_pdos_that_hold_most_and_moves_with_the_rest_by_sdo() {
     let bytes = moves(fixed_drive().build(), config(fixed_description()), &["x"]);
     assert_eq!(bytes, 8, "1701h with its padding");
+}
+
+#[test]
+fn the_pdos_that_a_drive_offers_are_read_from_it_and_chosen_among() {
+    let described = fixed_description();
+    let (_line, rig) = started(fixed_drive().build(), config(described.clone()));
+    let mut rig = rig.unwrap_or_else(|error| panic!("{error}"));
+    let sdo = rig.net().sdo(0).unwrap();
+    let pdos = [0x1601, 0x1602, 0x1701, 0x17FF, 0x1A01, 0x1B01];
+    let offered = rig.until(read_offered(&sdo, pdos)).unwrap();
+    assert_eq!(offered, described.fixed_pdos, "and 17FFh is not there");
+    rig.shutdown();
+    let read = DriveDescription {
+        fixed_pdos: offered,
+        ..described
+    };
+    assert_eq!(moves(fixed_drive().build(), config(read), &["x"]), 8);
 }
 
 #[test]
