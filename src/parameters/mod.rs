@@ -10,6 +10,7 @@
 mod file;
 mod guard;
 mod memory;
+mod objects;
 mod restore;
 mod set;
 #[cfg(feature = "files")]

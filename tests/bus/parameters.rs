@@ -427,3 +427,39 @@ fn a_drive_without_1010h_says_so() {
     assert!(matches!(error.fault, MemoryFault::NotThere { object } if object.index == 0x1011));
     rig.shutdown();
 }
+
+#[test]
+fn a_drive_says_itself_which_parameters_it_has_or_the_library_knows_them() {
+    let described = personality::generic();
+    let silent = personality::Servo::akd2g()
+        .without_sdo_information()
+        .build();
+    for (device, axes, own) in [(described, 1, true), (silent, 2, false)] {
+        let description = if axes == 1 {
+            drives::generic()
+        } else {
+            drives::akd2g()
+        };
+        let line = Line::new(Segment::new().with(device));
+        let config = DriveConfig::new(description).axis("x");
+        let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
+        let sdo = rig.net().sdo(0).unwrap();
+        let objects = rig.until(ParameterObject::of(&sdo)).unwrap();
+        let backup = rig
+            .until(ParameterSet::backup(&sdo, &objects, Progress::none()))
+            .unwrap();
+        let has = |object| {
+            let mut all = backup.set.parameters.iter();
+            all.any(|parameter| parameter.object == object)
+        };
+        // Its own text at 5F00h is in its dictionary alone.
+        assert_eq!(has(ObjectAddress::new(0x5F00, 0)), own);
+        assert_eq!(has(WINDOW_2), axes == 2);
+        assert!(has(WINDOW) && !has(obj::CONTROLWORD.address()));
+        assert!(!has(ObjectAddress::new(0x1600, 0)) && !has(ObjectAddress::new(0x1C12, 0)));
+        // What a drive lists it has; of what the library knows it has a part.
+        assert_eq!(backup.missing.is_empty(), own, "{:?}", backup.missing);
+        assert!(backup.refused.is_empty(), "{:?}", backup.refused);
+        rig.shutdown();
+    }
+}

@@ -1,0 +1,79 @@
+//! Which objects of a drive are parameters, as it says itself.
+
+use super::set::{ParameterObject, is_parameter, read};
+use super::value::{ValueType, known_name};
+use crate::coe::information::ObjectCode;
+use crate::coe::{DriveError, ObjectDictionary, SdoError, SdoHandle, TypeCode, obj};
+
+impl ParameterObject {
+    /// The parameters of a drive: those entries of its object dictionary that can be read and written. For a drive without
+    /// SDO information these are those of the standard that the library [knows](Self::known), for as many axes as have a
+    /// statusword.
+    ///
+    /// # Errors
+    /// [`DriveError`] if the drive does not answer or breaks the protocol.
+    pub async fn of(sdo: &SdoHandle) -> Result<Vec<Self>, DriveError> {
+        match sdo.dictionary().await {
+            Ok(dictionary) => Ok(Self::of_dictionary(&dictionary)),
+            Err(DriveError {
+                error: SdoError::NotSupported { .. },
+                ..
+            }) => {
+                let mut axes = 1;
+                while axes < 8
+                    && read(sdo, obj::STATUSWORD.axis(axes + 1).address())
+                        .await?
+                        .is_ok()
+                {
+                    axes += 1;
+                }
+                Ok(Self::known(axes))
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The parameters in a drive's object dictionary.
+    #[must_use]
+    pub fn of_dictionary(dictionary: &ObjectDictionary) -> Vec<Self> {
+        let mut all = Vec::new();
+        for object in &dictionary.objects {
+            for entry in &object.entries {
+                let address = entry.address;
+                if !entry.access.readable() || !entry.access.writable() || !is_parameter(address) {
+                    continue;
+                }
+                let name = match (known_name(address), object.description.code) {
+                    (Some(known), _) => known.into(),
+                    (None, ObjectCode::Array | ObjectCode::Record) => {
+                        format!("{}: {}", object.description.name, entry.name)
+                    }
+                    (None, _) => object.description.name.clone(),
+                };
+                all.push(Self {
+                    object: address,
+                    kind: value_type(entry.data_type),
+                    name,
+                });
+            }
+        }
+        all
+    }
+}
+
+/// The type in which a value is kept; bytes for those that have no other here (CiA 301, data types).
+const fn value_type(code: TypeCode) -> ValueType {
+    match code.0 {
+        0x0002 => ValueType::I8,
+        0x0003 => ValueType::I16,
+        0x0004 => ValueType::I32,
+        0x0005 => ValueType::U8,
+        0x0006 => ValueType::U16,
+        0x0007 => ValueType::U32,
+        0x0008 => ValueType::F32,
+        0x0009 => ValueType::Text,
+        0x0015 => ValueType::I64,
+        0x001B => ValueType::U64,
+        _ => ValueType::Bytes,
+    }
+}
