@@ -11,6 +11,8 @@ mod file;
 mod guard;
 mod memory;
 mod objects;
+#[cfg(feature = "files")]
+mod raw_value;
 mod restore;
 mod set;
 #[cfg(feature = "files")]

@@ -7,7 +7,8 @@ use std::path::Path;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::file::{FileError, FileFault, RawValue, Source, io_error, read};
+use super::file::{FileError, FileFault, Source, io_error, read};
+use super::raw_value::RawValue;
 use super::set::{Parameter, ParameterSet, is_parameter};
 use super::value::{ObjectValue, ValueType, known_name};
 use crate::sii::Identity;

@@ -135,3 +135,13 @@ fn a_list_that_writes_a_controlword_is_refused_before_anything_is_sent() {
     }
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
 }
+
+#[test]
+fn a_line_that_was_shut_down_is_started_again_with_another_list() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    for window in [70, 71] {
+        let write = StartUpWrite::new(obj::POSITION_WINDOW, window).verified();
+        start(&line, akd2g().start_up(write)).unwrap().shutdown();
+        assert_eq!(value(&line, 0x6067), Some(window.into()));
+    }
+}
