@@ -7,6 +7,9 @@ use crate::coe::ObjectAddress;
 use crate::parameters::{ObjectValue, StartUpList, StartUpWrite, Transition};
 use crate::pdo_map::{Direction, Entry, Pdo};
 
+/// Subindices that a mapping object has room for (CiA 301, object 1600h).
+const MOST_ENTRIES_OF_A_PDO: usize = 254;
+
 /// A device as its maker's ESI file describes it; made by [`Esi`](super::Esi).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EsiDevice {
@@ -191,6 +194,9 @@ fn read_pdo(element: &Element<'_>, direction: Direction) -> Result<EsiPdo, EsiEr
     let index: u16 = index_element.number()?;
     if !direction.pdo_range().contains(&index) {
         return Err(index_element.error(EsiFault::PdoIndex(index)));
+    }
+    if element.children("Entry").count() > MOST_ENTRIES_OF_A_PDO {
+        return Err(element.error(EsiFault::LongPdo(index)));
     }
     let entry = |entry: Element<'_>| {
         Ok(Entry::new(

@@ -85,6 +85,9 @@ pub enum EsiFault {
         "expected an index of 1600h to 17FFh for an RxPDO and of 1A00h to 1BFFh for a TxPDO, got {0:04X}h"
     )]
     PdoIndex(u16),
+    /// A PDO with more entries than a mapping object has room for.
+    #[error("PDO {0:04X}h has more than 254 entries")]
+    LongPdo(u16),
     /// The dictionaries have more entries than are read.
     #[error(
         "the dictionaries have more entries than are read ({})",

@@ -79,6 +79,9 @@ fn an_error_names_file_line_and_element() {
     );
     let wrong_direction = fault(&file("<RxPdo><Index>#x1A00</Index></RxPdo>"));
     assert_eq!(wrong_direction.fault, EsiFault::PdoIndex(0x1A00));
+    let entry = "<Entry><Index>0</Index><BitLen>1</BitLen></Entry>";
+    let long = format!("<TxPdo><Index>#x1A00</Index>{}</TxPdo>", entry.repeat(255));
+    assert_eq!(fault(&file(&long)).fault, EsiFault::LongPdo(0x1A00));
     let missing = fault(&file("<TxPdo></TxPdo>"));
     assert_eq!(
         (missing.line, missing.fault),

@@ -6,8 +6,10 @@ use super::entry::{Entry, Pdo};
 use super::mapping::{Direction, Limits, Mapping, MappingError, entry_of};
 use crate::coe::AnyObject;
 
-/// Combinations of fixed PDOs that are looked at. Sixteen PDOs of one direction are looked at in every combination.
-const MOST_COMBINATIONS: usize = 1 << 16;
+/// Fixed PDOs of one direction among which is chosen, beside the mandatory ones: those that hold most of what is wanted.
+const MOST_CANDIDATES: usize = 32;
+/// Combinations of them that are looked at, those with the PDOs that hold most first.
+const MOST_COMBINATIONS: usize = 1 << 13;
 
 /// A PDO that a drive offers with a content of its own: it can be assigned and not changed.
 ///
@@ -77,8 +79,8 @@ pub struct Demand<'a> {
 /// The mapping with which a drive exchanges what is wanted.
 ///
 /// Without `fixed` PDOs of a direction, the objects fill the free ones in the order of the demands, the next PDO when one holds as
-/// many as [`Limits::entries_per_pdo`]. With them, those combinations are looked at that leave out the fewest wanted
-/// objects; of these the one with the fewest bytes is taken, then the one with the fewest PDOs. No output is mapped
+/// many as [`Limits::entries_per_pdo`]. With them, the combination is taken that leaves out the fewest wanted objects, of
+/// such the one with the fewest bytes, then the one with the fewest PDOs; the search is bounded, and begins with the PDOs that hold most. No output is mapped
 /// twice. PDOs are assigned by rising index.
 ///
 /// ```
@@ -118,24 +120,36 @@ pub fn choose(
             .iter()
             .filter(|offer| direction.pdo_range().contains(&offer.pdo.index))
             .collect();
+        let has_fixed = !offered.is_empty();
         // Those that hold most come first, so that a bounded search meets the likely ones.
         offered.sort_by_key(|offer| {
             let held = wanted.iter().filter(|want| offer.holds(want.entry)).count();
             (core::cmp::Reverse(held), offer.pdo.index)
         });
-        let mut search = Search {
-            direction,
-            wanted: &wanted,
-            offered: &offered,
-            limits,
-            left: MOST_COMBINATIONS,
-            best: None,
-        };
         let mandatory: Vec<_> = offered
             .iter()
             .filter(|offer| offer.mandatory)
             .copied()
             .collect();
+        // The others, as far as they hold something wanted; a file or a drive can offer hundreds.
+        offered
+            .retain(|offer| !offer.mandatory && wanted.iter().any(|want| offer.holds(want.entry)));
+        let rest = offered.split_off(offered.len().min(MOST_CANDIDATES));
+        // An object that none of them holds keeps its first PDO.
+        for want in &wanted {
+            if !offered.iter().any(|offer| offer.holds(want.entry)) {
+                offered.extend(rest.iter().find(|offer| offer.holds(want.entry)));
+            }
+        }
+        let mut search = Search {
+            direction,
+            wanted: &wanted,
+            offered: &offered,
+            limits,
+            has_fixed,
+            left: MOST_COMBINATIONS,
+            best: None,
+        };
         search.look(&mandatory, 0);
         let Some(best) = search.best else { continue };
         if let Some(missing) = best.left_out.iter().find(|want| want.required) {
@@ -202,6 +216,7 @@ struct Search<'a> {
     wanted: &'a [Want<'a>],
     offered: &'a [&'a FixedPdo],
     limits: Limits,
+    has_fixed: bool,
     left: usize,
     best: Option<Choice<'a>>,
 }
@@ -316,7 +331,7 @@ impl<'a> Search<'a> {
                 .any(|pdo| pdo.index == *index && pdo.entries.len() >= self.limits.entries_per_pdo)
         };
         let with_room = free.iter().find(|index| !is_full(index)).copied();
-        with_room.or_else(|| free.last().copied().filter(|_| self.offered.is_empty()))
+        with_room.or_else(|| free.last().copied().filter(|_| !self.has_fixed))
     }
 }
 
@@ -458,6 +473,27 @@ mod tests {
                 direction: Direction::Outputs
             }
         );
+    }
+
+    #[test]
+    fn hundreds_of_offered_pdos_are_chosen_among_in_bounded_time() {
+        let all = [CONTROLWORD, MODE, TARGET, VELOCITY];
+        let offered: Vec<_> = (0x1600..0x1800)
+            .map(|index| {
+                let place = usize::from(index) % all.len();
+                let further = (1..60).map(|subindex| Entry::new(0x2000 + index, subindex, 8));
+                FixedPdo::new(index, core::iter::once(all[place]).chain(further))
+            })
+            .collect();
+        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        assert_eq!(mapping.outputs().len(), 4);
+        // The target in the last alone, behind many that hold two of the others.
+        let mut offered: Vec<_> = (0x1600..0x1700)
+            .map(|index| FixedPdo::new(index, [CONTROLWORD, MODE]))
+            .collect();
+        offered.push(FixedPdo::new(0x1700, [TARGET]));
+        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        assert_eq!(indices(&mapping), [0x1600, 0x1700]);
     }
 
     proptest::proptest! {
