@@ -125,11 +125,11 @@ fn every_subindex_can_be_written_when_it_says_so_and_else_not() {
                 let Ok(value) = master.upload(index, subindex) else {
                     continue;
                 };
-                // 1010h takes its signature alone.
-                let value = if index == 0x1010 {
-                    b"save".to_vec()
-                } else {
-                    value
+                // 1010h and 1011h take their signatures alone.
+                let value = match index {
+                    0x1010 => b"save".to_vec(),
+                    0x1011 => b"load".to_vec(),
+                    _ => value,
                 };
                 let written = write(&mut master, index, subindex, &value);
                 match access & WRITE {
