@@ -8,7 +8,7 @@ use common::{Link, Rig};
 use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::drives;
 use servocrab::profile_position::{Delivery, SetPoint, Start};
-use servocrab_sim::ds402::{Behaviour, Bit5, Executed, Outcome};
+use servocrab_sim::ds402::{AckFault, Behaviour, Bit5, Executed, Outcome};
 
 /// The drive with 2010h: two set-points, a bit 12 that stays high while both are there.
 fn pp2010() -> Rig {
@@ -293,5 +293,28 @@ fn the_same_target_twice_is_two_moves_queued_or_not() {
             assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 8_000 }));
         }
         assert_eq!(rig.ledger().len(), 3);
+    }
+}
+
+/// Where bit 12 follows bit 4, one that is still high belongs to the handshake before, which comes first: a drive need not
+/// see an edge of bit 4 before it has ended that.
+#[test]
+fn a_replacement_waits_for_the_handshake_before_where_bit_12_follows_bit_4() {
+    for late in [1, 3, 8, 20] {
+        let mut rig = Rig::enabled();
+        let first = rig.abs(50_000, SetPoint::new());
+        let second = rig.abs(60_000, after());
+        rig.wait_accepted(second);
+        rig.drive.disturbances().ack = AckFault::StuckHigh;
+        let third = rig.abs(-10_000, SetPoint::new());
+        let sent = rig.words.len();
+        rig.run(late);
+        assert_eq!(rig.distinct_words(sent), [0x0F], "for {late} ms");
+        rig.drive.disturbances().ack = AckFault::None;
+        let reached = Completion::Reached { position: -10_000 };
+        assert_eq!(rig.finish(third), Ok(reached));
+        for replaced in [first, second] {
+            assert_eq!(rig.outcome(replaced), Some(Err(Failure::Superseded)));
+        }
     }
 }

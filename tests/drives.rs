@@ -122,6 +122,7 @@ const ROWS: [(&str, Cell); 14] = [
         match drive.traits.buffer_signal {
             BufferSignal::Acknowledge => "room in the buffer",
             BufferSignal::None => "bit 4",
+            BufferSignal::Unknown => "bit 4, or room in the buffer",
         }
         .to_owned()
     }),

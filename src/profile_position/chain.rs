@@ -104,8 +104,8 @@ impl Chain {
             [Some(first), Some(second)] => {
                 first.note(cycle, false);
                 let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
-                let left =
-                    cycle.traits.buffer_signal == BufferSignal::None && first.is_left_behind(cycle);
+                let left = cycle.traits.buffer_signal != BufferSignal::Acknowledge
+                    && first.is_left_behind(cycle);
                 let over = shown || left || first.is_over_with(second, cycle);
                 if over && !replacing && !undecided {
                     if shown && !first.was_at_end(cycle) {
@@ -176,13 +176,15 @@ impl Chain {
         let full = next.is_some();
         let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
         match start {
-            Start::Immediately if full => match command.reference {
-                Reference::Absolute => Place::Full,
-                Reference::Relative if shown_by_bit_12 => Place::Never(
+            Start::Immediately if full => match (command.reference, traits.buffer_signal) {
+                // A bit 12 that is still high is not that of the buffer.
+                (_, BufferSignal::None) => Place::Free,
+                (Reference::Absolute, _) => Place::Full,
+                (Reference::Relative, BufferSignal::Acknowledge) => Place::Never(
                     "its buffer is full and acknowledges nothing, and where a distance taken once too little or too often \
                      would end cannot be seen: use an absolute move, or stop",
                 ),
-                Reference::Relative => Place::Free,
+                (Reference::Relative, BufferSignal::Unknown) => Place::Free,
             },
             Start::Immediately => Place::Free,
             _ if bits == StartBits::Sequenced || full => Place::Later,

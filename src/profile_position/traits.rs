@@ -25,8 +25,12 @@ pub enum StartBits {
 pub enum BufferSignal {
     /// Bit 12 stays 1 while no set-point can be taken, and falls when the active one ends.
     Acknowledge,
-    /// Bit 12 follows bit 4 and shows nothing of the buffer: set-points are counted by this library.
+    /// Bit 12 follows bit 4 and shows nothing of the buffer: set-points are counted by this library, and a bit 12 that is
+    /// still high belongs to the handshake before.
     None,
+    /// The drive's documents do not say: set-points are counted by this library, and a bit 12 that stays high while two are
+    /// held may be that of a full buffer.
+    Unknown,
 }
 
 /// What a relative move counts from.
@@ -69,7 +73,7 @@ impl RelativeBase {
 /// use servocrab::profile_position::{BufferSignal, StartBits, Start, Traits};
 /// let traits = Traits::cia402();
 /// assert!(matches!(traits.bits(Start::Blend), StartBits::Bits(_)));
-/// assert_eq!(traits.buffer_signal, BufferSignal::None);
+/// assert_eq!(traits.buffer_signal, BufferSignal::Unknown);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Traits {
@@ -98,14 +102,14 @@ pub struct Traits {
 }
 
 impl Traits {
-    /// A drive after CiA 402 version 3, bit 12 taken to follow bit 4.
+    /// A drive after CiA 402 version 3, of whose bit 12 it is not known whether it shows a full buffer.
     #[must_use]
     pub const fn cia402() -> Self {
         Self {
             immediately: StartBits::Bits(Controlword::CHANGE_IMMEDIATELY),
             after_current: StartBits::Bits(Controlword::empty()),
             blend: StartBits::Bits(Controlword::BLEND),
-            buffer_signal: BufferSignal::None,
+            buffer_signal: BufferSignal::Unknown,
             relative_base: RelativeBase::Undocumented,
             halt_keeps_set_point: true,
             drive_cycle: Duration::from_millis(1),
