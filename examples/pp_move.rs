@@ -8,6 +8,7 @@
 use std::{error::Error, process::ExitCode, time::Duration};
 
 use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
 use servocrab::{
     axis::{Axis, AxisError, Referencing},
     bus::{DriveConfig, Network},
@@ -76,7 +77,16 @@ async fn run(
     arguments: &Arguments,
     interrupted: &smol::channel::Receiver<()>,
 ) -> Result<(), Box<dyn Error>> {
+    let bar = ProgressBar::new(0).with_style(ProgressStyle::with_template(
+        "{wide_bar} {pos}/{len} {msg}",
+    )?);
+    let shown = bar.clone();
     let net = Network::builder()
+        .on_progress(move |at| {
+            shown.set_length(at.total as u64);
+            shown.set_position(at.done as u64);
+            shown.set_message(format!("{}", at.step));
+        })
         .interface(&arguments.interface)
         .cycle(Duration::from_micros(arguments.cycle_us))
         .drive(
@@ -89,6 +99,7 @@ async fn run(
         )
         .start()
         .await?;
+    bar.finish_and_clear();
     let axis = net.axis(&format!("axis {}", arguments.axis))?;
     println!("in OP; the axis is at {}", axis.status().position);
 

@@ -1,6 +1,6 @@
 //! The line from power-on to OP, as one future on the bus thread.
 
-use std::time::Duration;
+use std::{rc::Rc, time::Duration};
 
 use tracing::Instrument;
 
@@ -12,6 +12,7 @@ use super::{
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
     packing::{Member, fits_one_frame, logical_addresses},
+    progress::{Listener, Progress},
     reactor::Context,
 };
 use crate::parameters::Transition;
@@ -29,6 +30,7 @@ const LONGEST_LOSS: Duration = Duration::from_secs(60);
 /// What the program wants of the line.
 #[derive(Debug, Clone)]
 pub(super) struct LinePlan {
+    pub(super) listener: Listener,
     pub(super) cycle: Duration,
     pub(super) drives: Vec<(u16, DriveConfig)>,
     pub(super) watchdog: Watchdog,
@@ -90,6 +92,7 @@ impl LinePlan {
 pub(super) async fn configure(
     context: &Context,
     plan: LinePlan,
+    progress: &Rc<Progress>,
 ) -> Result<Vec<ReadyDrive>, NetworkError> {
     let line = discovery::discover(context).await?;
     tracing::info!(count = line.len(), "SubDevices in PREOP");
@@ -103,7 +106,14 @@ pub(super) async fn configure(
                 expected: config.description.name.to_string(),
                 count: line.len(),
             })?;
-        jobs.push(checked(found, config, &plan.watchdog, plan.cycle)?);
+        let progress = Rc::clone(progress);
+        jobs.push(checked(
+            found,
+            config,
+            &plan.watchdog,
+            plan.cycle,
+            progress,
+        )?);
     }
     let sizes: Vec<_> = jobs
         .iter()
@@ -137,6 +147,7 @@ fn checked(
     config: DriveConfig,
     watchdog: &Watchdog,
     cycle: Duration,
+    progress: Rc<Progress>,
 ) -> Result<Job, NetworkError> {
     let description = &config.description;
     if !description.matches(&found.id.identity) {
@@ -167,6 +178,7 @@ fn checked(
         logical: 0,
         watchdog: watchdog.time(cycle),
         loss: watchdog.loss(cycle),
+        progress,
     })
 }
 
@@ -204,6 +216,7 @@ pub(super) async fn operate(
     context: &Context,
     drives: &[ReadyDrive],
     period: Duration,
+    progress: &Progress,
 ) -> Result<(), NetworkError> {
     wait_for_exchange(context, drives, period).await?;
     let tasks: Option<Vec<_>> = drives
@@ -234,6 +247,7 @@ pub(super) async fn operate(
             data.operational = true;
         }
         tracing::info!(drive = %drive.found.id, "in OP");
+        progress.step(&drive.found.id, BringUpStep::State(AlState::Op));
     }
     Ok(())
 }

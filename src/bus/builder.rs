@@ -14,6 +14,7 @@ use super::{
     config::Watchdog,
     control::Control,
     line,
+    progress::{BringUpProgress, Listener},
     reactor::Reactor,
     supervisor::{self, Started},
 };
@@ -63,6 +64,7 @@ impl Network {
         NetworkBuilder {
             link: LinkChoice::None,
             plan: LinePlan {
+                listener: Listener::NOBODY,
                 cycle: Duration::from_millis(1),
                 drives: Vec::new(),
                 watchdog: Watchdog::Armed(None),
@@ -93,6 +95,21 @@ impl NetworkBuilder {
     /// A drive at this position in the line (the first SubDevice is 0). SubDevices that are not named stay in PREOP.
     pub fn drive(mut self, position: u16, drive: DriveConfig) -> Self {
         self.plan.drives.push((position, drive));
+        self
+    }
+
+    /// Tells how far the bring-up is, after each step of each drive. It is called on the bus thread, and should be short.
+    ///
+    /// ```
+    /// use servocrab::bus::Network;
+    /// let builder = Network::builder()
+    ///     .on_progress(|at| eprintln!("{}/{}: {}: {}", at.done, at.total, at.drive, at.step));
+    /// ```
+    pub fn on_progress(
+        mut self,
+        listener: impl Fn(&BringUpProgress<'_>) + Send + Sync + 'static,
+    ) -> Self {
+        self.plan.listener = Listener::new(listener);
         self
     }
 

@@ -10,6 +10,7 @@ use super::{
     config::{AxisDeclaration, DriveConfig, Turn},
     discovery::Found,
     eeprom,
+    progress::Progress,
     reactor::Context,
     sync_managers::{self, Area, AreaDirection},
     time::Time,
@@ -61,6 +62,7 @@ pub(super) struct Job {
     pub(super) watchdog: Option<Duration>,
     /// When an axis counts as lost, where the program does not say.
     pub(super) loss: Loss,
+    pub(super) progress: Rc<Progress>,
 }
 
 impl Job {
@@ -76,6 +78,8 @@ impl Job {
         let registers = &context.registers;
         let station = self.found.station;
         tracing::debug!(drive = %self.found.id, "configuring");
+        let done = |step| self.progress.step(&self.found.id, step);
+        done(BringUpStep::Identity);
         let sii = Rc::clone(&self.found.sii);
         let (sdo, emergencies) =
             serve_mailbox(context, &self.found).ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
@@ -85,9 +89,11 @@ impl Job {
                 .await
                 .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
         }
+        done(BringUpStep::StartUpList);
         let layout = pdo_map::configure(&self.mapping, &sdo)
             .await
             .map_err(|error| (BringUpStep::Mapping, mapping_fault(error)))?;
+        done(BringUpStep::Mapping);
         let mut axes = Vec::new();
         for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
             let fields = AxisFields::from_layout(&layout, description.offset)
@@ -102,6 +108,7 @@ impl Job {
                 config,
             });
         }
+        done(BringUpStep::Parameters);
 
         let process_data = |error: DriveFault| (BringUpStep::ProcessData, error);
         let (outputs, inputs) = (layout.output_bytes(), layout.input_bytes());
@@ -128,6 +135,7 @@ impl Job {
             .await
             .map_err(|error| process_data(error.into()))?;
         self.arm(context, &outputs).await?;
+        done(BringUpStep::Watchdog);
         eeprom::give_away(registers, station)
             .await
             .map_err(|error| (BringUpStep::Sii, error.into()))?;
@@ -135,6 +143,7 @@ impl Job {
             .await
             .map_err(|error| (BringUpStep::State(AlState::SafeOp), error.into()))?;
         tracing::debug!(drive = %self.found.id, "in SAFEOP");
+        done(BringUpStep::State(AlState::SafeOp));
         Ok(ReadyDrive {
             found: self.found,
             sdo,

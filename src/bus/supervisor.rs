@@ -10,6 +10,7 @@ use super::{
     bring_up::{self, LinePlan},
     control::{Control, NetworkEvent},
     drive_setup::ReadyDrive,
+    progress::Progress,
     reactor::Context,
 };
 use crate::{
@@ -81,11 +82,12 @@ async fn start(
     control: &Arc<Control>,
 ) -> Result<Running, NetworkError> {
     let period = plan.cycle;
-    let drives = bring_up::configure(context, plan).await?;
+    let progress = Rc::new(Progress::new(plan.listener.clone(), plan.drives.len()));
+    let drives = bring_up::configure(context, plan, &progress).await?;
     let (axes, sources) = Axes::open(&drives, Arc::clone(control));
     let axes = Rc::new(RefCell::new(axes));
     bring_up::start_cycles(context, &drives, Box::new(Rc::clone(&axes)), period);
-    bring_up::operate(context, &drives, period).await?;
+    bring_up::operate(context, &drives, period, &progress).await?;
     let to_program = Started {
         axes: sources,
         drives: drives

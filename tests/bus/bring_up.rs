@@ -1,6 +1,9 @@
 //! From power-on to OP, and each way in which that is refused.
 
-use std::time::Duration;
+use std::{
+    sync::{Arc, Mutex},
+    time::Duration,
+};
 
 use servocrab::{
     axis::Loss,
@@ -394,4 +397,41 @@ fn fault(error: NetworkError) -> (BringUpStep, DriveFault) {
         NetworkError::Drive { step, error, .. } => (step, *error),
         other => panic!("no fault of a drive: {other}"),
     }
+}
+
+#[test]
+fn a_bring_up_tells_each_step_of_each_drive_once_and_in_order() {
+    let segment = Segment::new()
+        .with(personality::akd2g())
+        .with(personality::coupler())
+        .with(personality::generic());
+    let line = Line::new(segment);
+    let told: Arc<Mutex<Vec<(u16, String, usize, usize)>>> = Arc::default();
+    let heard = Arc::clone(&told);
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(0, akd2g())
+        .drive(2, DriveConfig::new(drives::generic()).axis("z"))
+        .on_progress(move |at| {
+            let step = at.step.to_string();
+            let place = (at.drive.position, step, at.done, at.total);
+            heard.lock().unwrap().push(place);
+        });
+    Rig::start(builder).unwrap().shutdown();
+    let told = told.lock().unwrap();
+    let counted: Vec<_> = told
+        .iter()
+        .map(|&(.., done, total)| (done, total))
+        .collect();
+    assert_eq!(counted, (1..=14).map(|done| (done, 14)).collect::<Vec<_>>());
+    let steps = |position| -> Vec<&str> {
+        let of_drive = told.iter().filter(|(of, ..)| *of == position);
+        of_drive.map(|(_, step, ..)| step.as_str()).collect()
+    };
+    assert_eq!(steps(0), steps(2));
+    assert_eq!(steps(0)[0], "checking its identity");
+    assert_eq!(
+        steps(0)[5..],
+        ["bringing it into SAFEOP", "bringing it into OP"]
+    );
 }
