@@ -401,12 +401,14 @@ fn fault(error: NetworkError) -> (BringUpStep, DriveFault) {
 
 #[test]
 fn a_bring_up_tells_each_step_of_each_drive_once_and_in_order() {
+    /// Position, step, steps done, steps in all.
+    type Told = (u16, String, usize, usize);
     let segment = Segment::new()
         .with(personality::akd2g())
         .with(personality::coupler())
         .with(personality::generic());
     let line = Line::new(segment);
-    let told: Arc<Mutex<Vec<(u16, String, usize, usize)>>> = Arc::default();
+    let told: Arc<Mutex<Vec<Told>>> = Arc::default();
     let heard = Arc::clone(&told);
     let builder = Network::builder()
         .link(line.wire())
