@@ -1,6 +1,6 @@
 //! The lease of the mode.
 
-use core::future::Future;
+use core::{future::Future, sync::atomic::Ordering};
 
 use servocrab::axis::{AxisErrorKind, Failure, together};
 use servocrab::ds402::Mode;
@@ -145,6 +145,8 @@ fn a_mode_that_was_read_before_a_change_was_given_up_is_read_again() {
     drop(homing);
     machine.run(5_000);
     assert_eq!(machine.drive().get(0x6061, 0), Some(6));
+    // What was read of mode 1 before is all that there is for a while.
+    machine.stations[0].sdo.slow.store(true, Ordering::Relaxed);
     let pp = finish_by_sdo(&mut machine, axis.profile_position()).unwrap();
     assert_eq!(machine.drive().get(0x6061, 0), Some(1));
     let moved = machine.finish(pp.move_abs(500, SetPoint::new())).unwrap();

@@ -82,6 +82,8 @@ pub(crate) struct Sdo {
     drive: Drive,
     pub(crate) written: Mutex<Vec<(u16, Vec<u8>)>>,
     pub(crate) refuse: AtomicBool,
+    /// A read takes at least a cycle.
+    pub(crate) slow: AtomicBool,
     /// An object that reads as 0, whatever the drive holds.
     pub(crate) zero: Mutex<Option<ObjectAddress>>,
 }
@@ -110,6 +112,9 @@ impl ParameterAccess for Sdo {
 
     fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>> {
         Box::pin(async move {
+            if self.slow.load(Ordering::Relaxed) {
+                smol::future::yield_now().await;
+            }
             let Some(value) = lock(&self.drive).get(object.index, object.subindex) else {
                 return Err(SdoError::Aborted {
                     transfer: Transfer::read(object),
@@ -240,6 +245,7 @@ impl Station {
             drive: Arc::clone(&drive),
             written: Mutex::default(),
             refuse: AtomicBool::new(false),
+            slow: AtomicBool::new(false),
             zero: Mutex::default(),
         });
         let setup = AxisSetup {
