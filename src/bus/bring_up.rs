@@ -8,7 +8,7 @@ use super::{
     AlState, BringUpStep, DriveFault, NetworkError, al,
     config::{DriveConfig, Watchdog},
     cycle::{Cycle, Stepper},
-    discovery::{self, Found},
+    discovery::{self, Found, loop_is_gone},
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
     packing::{Member, fits_one_frame, logical_addresses},
@@ -250,10 +250,6 @@ pub(super) async fn operate(
         progress.step(&drive.found.id, BringUpStep::State(AlState::Op));
     }
     Ok(())
-}
-
-fn loop_is_gone() -> NetworkError {
-    NetworkError::Thread("the bus loop is gone".into())
 }
 
 async fn wait_for_exchange(

@@ -25,7 +25,7 @@ const PRE_OP_LIMIT: Duration = Duration::from_secs(3);
 /// clock the cyclic unit, system time offset, delay, start and cycle times.
 const ZEROS: [(u16, usize); 8] = [
     (EVENT_MASK, 2),
-    (EEPROM_CONFIGURATION, 1),
+    (eeprom::CONFIGURATION, 1),
     (0x0981, 1),
     (0x0920, 8),
     (0x0928, 4),
@@ -33,12 +33,9 @@ const ZEROS: [(u16, usize); 8] = [
     (0x09A0, 4),
     (0x09A4, 4),
 ];
-const FMMUS: u16 = 0x0600;
-const SYNC_MANAGERS: u16 = 0x0800;
 /// Of each, an ESC has at most 16.
 const MOST: u16 = 16;
 const EVENT_MASK: u16 = 0x0200;
-const EEPROM_CONFIGURATION: u16 = 0x0500;
 
 /// A SubDevice of the line, in PREOP.
 #[derive(Debug, Clone)]
@@ -102,8 +99,8 @@ async fn reset(context: &Context) -> Result<(), NetworkError> {
         .broadcast(al::AL_CONTROL, &al::RESET)
         .await
         .map_err(NetworkError::Line)?;
-    let fmmus = (0..MOST).map(|fmmu| (FMMUS + 16 * fmmu, 16));
-    let managers = (0..MOST).map(|manager| (SYNC_MANAGERS + 8 * manager, 8));
+    let fmmus = (0..MOST).map(|fmmu| (sync_managers::FMMU + 16 * fmmu, 16));
+    let managers = (0..MOST).map(|manager| (sync_managers::SYNC_MANAGER + 8 * manager, 8));
     let zeros = fmmus.chain(managers).chain(ZEROS).map(|(register, zeros)| {
         let registers = registers.clone();
         async move {
@@ -127,7 +124,7 @@ where
     Ok(())
 }
 
-fn loop_is_gone() -> NetworkError {
+pub(super) fn loop_is_gone() -> NetworkError {
     NetworkError::Thread("the bus loop is gone".into())
 }
 

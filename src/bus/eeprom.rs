@@ -5,7 +5,7 @@ use std::{ops::Range, time::Duration};
 use super::registers::{RegisterError, Registers};
 use crate::sii::{Sii, SiiError};
 
-const CONFIGURATION: u16 = 0x0500;
+pub(super) const CONFIGURATION: u16 = 0x0500;
 const CONTROL: u16 = 0x0502;
 const DATA: u16 = 0x0508;
 

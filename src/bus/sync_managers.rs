@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::registers::{RegisterError, Registers};
 use crate::sii::{FmmuUsage, Sii, SyncManager, SyncManagerUsage};
 
-const FMMU: u16 = 0x0600;
+pub(super) const FMMU: u16 = 0x0600;
 pub(super) const SYNC_MANAGER: u16 = 0x0800;
 pub(super) const ACTIVATE: u16 = 6;
 pub(super) const WATCHDOG_DIVIDER: u16 = 0x0400;
