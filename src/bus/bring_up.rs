@@ -11,7 +11,7 @@ use super::{
     discovery::{self, Found, loop_is_gone},
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
-    packing::{Member, fits_one_frame, logical_addresses},
+    packing::{Member, Sign, fits_one_frame, logical_addresses},
     progress::{Listener, Progress},
     reactor::Context,
 };
@@ -207,6 +207,7 @@ fn member(drive: &ReadyDrive) -> Member {
         outputs: drive.layout.output_bytes(),
         inputs: drive.layout.input_bytes(),
         lrw: drive.lrw,
+        sign: Sign::Statusword,
         patience: patience.unwrap_or(1).max(1),
     }
 }

@@ -1,17 +1,20 @@
 //! The cyclic exchange: process-data frames composed once, sent each cycle, judged when they come back.
 //!
 //! Before sending, the input areas are filled with a pattern that no DS402 drive can answer. An area that still holds it was
-//! not answered, so that one silent drive does not blind the others that share its datagram.
+//! not answered, so that one silent drive does not blind the others that share its datagram. The inputs of other devices can
+//! hold any bits: there the pattern alternates, and where they are equal to it a right working counter decides.
 
 use std::{ops::Range, time::Duration};
 
 use super::frame::{self, Tag};
-use super::packing::{Member, Packed, Part, pack};
+use super::packing::{Member, Packed, Part, Sign, pack};
 use super::statistics::Counters;
 use crate::{axis::Inputs, link::Link};
 
 /// Fills unanswered input areas. As a statusword it decodes to no state (CiA DSP 402 v2.0, table 7).
 const PATTERN: u8 = 0xFF;
+/// Fill unanswered inputs of other devices, in turn.
+const PATTERNS: [u8; 2] = [0x55, 0xAA];
 
 /// One drive's share of the exchange.
 #[derive(Debug, Clone)]
@@ -30,6 +33,7 @@ pub(super) struct DriveData {
     pub(super) fallen: bool,
     stale_cycles: u32,
     patience: u32,
+    sign: Sign,
 }
 
 /// What a cycle brought from a drive.
@@ -84,6 +88,7 @@ impl Exchange {
             fallen: false,
             stale_cycles: 0,
             patience: member.patience,
+            sign: member.sign,
         });
         let packed = pack(members);
         Self {
@@ -114,7 +119,7 @@ impl Exchange {
                     to.copy_from_slice(&drive.outputs);
                 }
                 if let Some(to) = slice_mut(&mut frame.request, share.inputs.as_ref()) {
-                    to.fill(PATTERN);
+                    to.fill(drive.pattern(self.cycle));
                 }
             }
         }
@@ -174,7 +179,7 @@ impl Exchange {
                 .get(part.frame)
                 .filter(|frame| frame.back)
                 .map(|frame| frame.answer.as_slice());
-            let right = judge_part(part, answer, &mut self.drives, &mut events);
+            let right = judge_part(part, answer, self.cycle, &mut self.drives, &mut events);
             if !right && answer.is_some() {
                 counters.wrong_working_counters.add();
                 events.wrong = true;
@@ -198,6 +203,14 @@ impl Exchange {
 }
 
 impl DriveData {
+    /// What its inputs are filled with before they are sent.
+    const fn pattern(&self, cycle: u64) -> u8 {
+        match self.sign {
+            Sign::Statusword => PATTERN,
+            Sign::AnyBits => PATTERNS[(cycle % 2) as usize],
+        }
+    }
+
     /// True when it is lost from now on, or no longer.
     fn count_silence(&mut self) -> bool {
         let before = self.lost;
@@ -217,23 +230,46 @@ impl DriveData {
 fn judge_part(
     part: &Part,
     answer: Option<&[u8]>,
+    cycle: u64,
     drives: &mut [DriveData],
     events: &mut Events,
 ) -> bool {
+    let counter = answer
+        .and_then(|answer| answer.get(part.data.end..part.data.end + 2))
+        .and_then(|bytes| <[u8; 2]>::try_from(bytes).ok())
+        .map(u16::from_le_bytes);
     let (mut expected, mut closed) = (0, 0);
     for share in &part.shares {
         let Some(drive) = drives.get_mut(share.drive) else {
             continue;
         };
-        if let Some(inputs) = &share.inputs {
-            match answer.and_then(|answer| answer.get(inputs.clone())) {
-                Some(bytes) if bytes.iter().any(|byte| *byte != PATTERN) => {
-                    drive.inputs.copy_from_slice(bytes);
-                    events.membership |= drive.lost;
-                    drive.lost = false;
-                }
-                _ => drive.answer = Answer::Stale,
+        let inputs = share.inputs.as_ref().map(|inputs| {
+            let bytes = answer.and_then(|answer| answer.get(inputs.clone()));
+            let pattern = drive.pattern(cycle);
+            bytes.filter(|bytes| bytes.iter().any(|byte| *byte != pattern))
+        });
+        let answered = match inputs {
+            Some(Some(bytes)) => {
+                drive.inputs.copy_from_slice(bytes);
+                true
             }
+            Some(None) => {
+                drive.answer = Answer::Stale;
+                false
+            }
+            // It has none at all, and the datagram to itself.
+            None if drive.inputs.is_empty() => {
+                let there = counter.is_some_and(|counter| counter != 0);
+                if !there && !drive.fallen {
+                    drive.answer = Answer::Stale;
+                }
+                there
+            }
+            None => false,
+        };
+        if answered {
+            events.membership |= drive.lost;
+            drive.lost = false;
         }
         if !drive.lost {
             expected += share.counts;
@@ -242,10 +278,9 @@ fn judge_part(
             }
         }
     }
-    let counter = answer
-        .and_then(|answer| answer.get(part.data.end..part.data.end + 2))
-        .and_then(|bytes| <[u8; 2]>::try_from(bytes).ok())
-        .map(u16::from_le_bytes);
+    if counter == Some(expected) {
+        take_equal_to_the_pattern(part, answer, drives);
+    }
     let right = counter.is_some_and(|counter| (expected - closed..=expected).contains(&counter));
     if !right {
         for share in &part.shares {
@@ -257,6 +292,22 @@ fn judge_part(
         }
     }
     right
+}
+
+/// Everybody has answered: whose inputs are equal to the pattern, has them so.
+fn take_equal_to_the_pattern(part: &Part, answer: Option<&[u8]>, drives: &mut [DriveData]) {
+    for share in &part.shares {
+        if let Some(drive) = drives.get_mut(share.drive)
+            && drive.sign == Sign::AnyBits
+            && drive.answer == Answer::Stale
+            && !drive.lost
+            && let Some(inputs) = &share.inputs
+            && let Some(bytes) = answer.and_then(|answer| answer.get(inputs.clone()))
+        {
+            drive.inputs.copy_from_slice(bytes);
+            drive.answer = Answer::Fresh;
+        }
+    }
 }
 
 fn slice_mut<'a>(bytes: &'a mut [u8], range: Option<&Range<usize>>) -> Option<&'a mut [u8]> {

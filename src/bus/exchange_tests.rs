@@ -2,10 +2,14 @@
 
 use std::{io, task::Waker, time::Duration};
 
-use super::{Answer, Exchange, PATTERN};
+use super::{Answer, Exchange, PATTERN, PATTERNS};
 use crate::{
     axis::Inputs,
-    bus::{frame::Tag, packing::Member, statistics::Counters},
+    bus::{
+        frame::Tag,
+        packing::{Member, Sign},
+        statistics::Counters,
+    },
     link::Link,
 };
 
@@ -41,6 +45,7 @@ fn two_drives() -> Exchange {
         outputs: 1,
         inputs: 2,
         lrw: true,
+        sign: Sign::Statusword,
         patience: 3,
     };
     Exchange::new(&[member(0), member(3)])
@@ -274,4 +279,114 @@ fn a_drive_that_has_left_op_and_closes_its_outputs_does_not_hold_up_the_others()
         frame[COUNTER] = 3;
     };
     assert_eq!(cycle(&mut exchange, &counters, less)[0], Answer::Answered);
+}
+
+/// A drive, and a device whose inputs can be anything: no outputs, two bytes of inputs.
+fn drive_and_inputs() -> Exchange {
+    let member = |logical, outputs, sign| Member {
+        logical,
+        outputs,
+        inputs: 2,
+        lrw: true,
+        sign,
+        patience: 3,
+    };
+    Exchange::new(&[member(0, 1, Sign::Statusword), member(3, 0, Sign::AnyBits)])
+}
+
+#[test]
+fn any_inputs_are_taken_where_the_working_counter_is_right() {
+    let (mut exchange, counters) = (drive_and_inputs(), Counters::default());
+    for value in [PATTERNS[0], PATTERNS[1], 0x00, 0xFF].repeat(2) {
+        let answers = cycle(&mut exchange, &counters, |frame| {
+            frame[DATA + 1..DATA + 3].copy_from_slice(&[0x31, 0x02]);
+            frame[DATA + 3..DATA + 5].fill(value);
+            frame[DATA + 5] = 4;
+        });
+        assert_eq!(answers, [Answer::Fresh; 2], "{value:02X}h");
+        assert_eq!(exchange.drives[1].inputs, [value; 2]);
+    }
+}
+
+#[test]
+fn where_it_is_wrong_inputs_that_are_equal_to_the_pattern_are_known_in_the_next_cycle() {
+    let (mut exchange, counters) = (drive_and_inputs(), Counters::default());
+    // The drive is silent; the inputs stand still.
+    let mut answers = Vec::new();
+    for _ in 0..2 {
+        answers.push(cycle(&mut exchange, &counters, |frame| {
+            frame[DATA + 3..DATA + 5].fill(PATTERNS[0]);
+            frame[DATA + 5] = 1;
+        }));
+    }
+    answers.sort_by_key(|[_, inputs]| *inputs == Answer::Stale);
+    assert_eq!(
+        answers,
+        [
+            [Answer::Stale, Answer::Answered],
+            [Answer::Stale, Answer::Stale]
+        ]
+    );
+}
+
+#[test]
+fn inputs_that_did_not_come_are_stale_in_every_cycle_and_the_pattern_is_never_passed_on() {
+    let (mut exchange, counters) = (drive_and_inputs(), Counters::default());
+    for cycles in 1..=4 {
+        let answers = cycle(&mut exchange, &counters, |frame| {
+            frame[DATA + 1..DATA + 3].copy_from_slice(&[0x31, 0x02]);
+            frame[DATA + 5] = 3;
+        });
+        let drive = if cycles < 3 {
+            Answer::Answered
+        } else {
+            Answer::Fresh
+        };
+        if cycles != 3 {
+            assert_eq!(answers, [drive, Answer::Stale], "{cycles}");
+        }
+        assert_eq!(exchange.drives[1].inputs, [0, 0]);
+    }
+    assert!(exchange.drives[1].lost);
+}
+
+#[test]
+fn a_device_without_inputs_has_a_datagram_of_its_own_whose_counter_tells_whether_it_is_there() {
+    let member = |logical, inputs, sign| Member {
+        logical,
+        outputs: 1,
+        inputs,
+        lrw: true,
+        sign,
+        patience: 3,
+    };
+    let mut exchange =
+        Exchange::new(&[member(0, 0, Sign::AnyBits), member(1, 2, Sign::Statusword)]);
+    let counters = Counters::default();
+    // One byte and its working counter, then the header of the drive's datagram.
+    let drive = DATA + 1 + 2 + 10;
+    let answer = |outputs_there: bool| {
+        move |frame: &mut [u8]| {
+            frame[DATA + 1] = if outputs_there { 2 } else { 0 };
+            frame[drive + 1..drive + 3].copy_from_slice(&[0x31, 0x02]);
+            frame[drive + 3] = 3;
+        }
+    };
+    assert_eq!(
+        cycle(&mut exchange, &counters, answer(true)),
+        [Answer::Fresh; 2]
+    );
+    for _ in 0..4 {
+        assert_eq!(
+            cycle(&mut exchange, &counters, answer(false)),
+            [Answer::Stale, Answer::Fresh],
+            "the drive's outputs count as delivered"
+        );
+    }
+    assert!(exchange.drives[0].lost);
+    assert_eq!(
+        cycle(&mut exchange, &counters, answer(true)),
+        [Answer::Fresh; 2]
+    );
+    assert!(!exchange.drives[0].lost);
 }

@@ -18,8 +18,19 @@ pub(super) struct Member {
     pub(super) outputs: usize,
     pub(super) inputs: usize,
     pub(super) lrw: bool,
+    pub(super) sign: Sign,
     /// Consecutive silent cycles after which it counts as lost.
     pub(super) patience: u32,
+}
+
+/// How a device's inputs show that it answered. Of one without inputs the working counter of its own datagram tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sign {
+    /// They begin with a statusword, which is never all ones.
+    Statusword,
+    /// Any bits may stand there: the pattern is the complement of the last cycle's, so that inputs that stay as they are
+    /// differ from it in every other cycle at least.
+    AnyBits,
 }
 
 /// A frame of the exchange: what is sent, and what came back in this cycle.
@@ -93,6 +104,8 @@ struct PartPlan {
     logical: u32,
     length: usize,
     shares: Vec<Share>,
+    /// Its working counter is to tell of one device.
+    alone: bool,
 }
 
 impl Packer {
@@ -105,6 +118,8 @@ impl Packer {
             ..
         } = *member;
         let logical_inputs = logical.saturating_add(u32::try_from(outputs).unwrap_or(u32::MAX));
+        // Nothing but a working counter tells whether such a device is there.
+        let alone = inputs == 0;
         let share = |out: bool, inp: bool, counts| Share {
             drive,
             outputs: (out && outputs != 0).then_some(0..outputs),
@@ -122,19 +137,26 @@ impl Packer {
                 logical,
                 outputs + inputs,
                 share(true, true, counts),
+                alone,
             );
             return;
         }
         if inputs != 0 {
-            self.put(command::LRD, logical_inputs, inputs, share(false, true, 1));
+            self.put(
+                command::LRD,
+                logical_inputs,
+                inputs,
+                share(false, true, 1),
+                false,
+            );
         }
         if outputs != 0 {
-            self.put(command::LWR, logical, outputs, share(true, false, 1));
+            self.put(command::LWR, logical, outputs, share(true, false, 1), alone);
         }
     }
 
     /// Joins the last datagram if the addresses follow each other and the frame has room, else begins one.
-    fn put(&mut self, command: u8, logical: u32, length: usize, mut share: Share) {
+    fn put(&mut self, command: u8, logical: u32, length: usize, mut share: Share, alone: bool) {
         let frame = self.parts.last().map_or(0, |(frame, _)| *frame);
         let used: usize = self
             .parts
@@ -144,6 +166,7 @@ impl Packer {
             .sum();
         let joins = |part: &PartPlan| {
             part.command == command
+                && !(alone || part.alone)
                 && u32::try_from(part.length).is_ok_and(|n| part.logical + n == logical)
         };
         // The AL status broadcast finds room in every frame.
@@ -164,6 +187,7 @@ impl Packer {
                     logical,
                     length,
                     shares: vec![share],
+                    alone,
                 };
                 self.parts.push((frame + usize::from(full), part));
             }
