@@ -11,6 +11,7 @@ use super::{
     discovery::{self, Found, loop_is_gone},
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
+    mailbox_states::Watched,
     packing::{Member, Sign, fits_one_frame, logical_addresses},
     progress::{Listener, Progress},
     reactor::Context,
@@ -190,7 +191,11 @@ pub(super) fn start_cycles(
     period: Duration,
 ) {
     let members: Vec<_> = drives.iter().map(member).collect();
-    let exchange = Exchange::new(&members);
+    let mailboxes = drives.iter().map(|drive| Watched {
+        station: drive.found.station,
+        signal: drive.mail.clone(),
+    });
+    let exchange = Exchange::new(&members, mailboxes.collect());
     let first = context.time.now() + period;
     *context.cycle.borrow_mut() = Some(Cycle::new(exchange, stepper, period, first));
 }

@@ -18,8 +18,8 @@ use super::{
 use crate::{
     axis::{AxisConfig, AxisFields, Loss, Tolerances},
     coe::{
-        AbortCode, AxisOffset, Clock, DriveError, Emergencies, EthercrabMailbox, MailboxClient,
-        MailboxSettings, Number, Object, Readable, SdoError, SdoHandle, obj,
+        AbortCode, AxisOffset, Clock, DriveError, Emergencies, EthercrabMailbox, MailSignal,
+        MailboxClient, MailboxSettings, Number, Object, Readable, SdoError, SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption},
     parameters::{StartUpList, Transition},
@@ -36,6 +36,7 @@ pub(super) struct ReadyDrive {
     pub(super) found: Found,
     pub(super) sdo: SdoHandle,
     pub(super) emergencies: Emergencies,
+    pub(super) mail: MailSignal,
     pub(super) layout: Layout,
     pub(super) logical: u32,
     pub(super) lrw: bool,
@@ -81,8 +82,11 @@ impl Job {
         let done = |step| self.progress.step(&self.found.id, step);
         done(BringUpStep::Identity);
         let sii = Rc::clone(&self.found.sii);
-        let (sdo, emergencies) =
-            serve_mailbox(context, &self.found).ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
+        let Mailbox {
+            sdo,
+            emergencies,
+            signal,
+        } = serve_mailbox(context, &self.found).ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
 
         for list in &self.config.start_up {
             list.apply(&sdo, Transition::PreOpToSafeOp)
@@ -148,6 +152,7 @@ impl Job {
             found: self.found,
             sdo,
             emergencies,
+            mail: signal,
             layout,
             logical: self.logical,
             lrw,
@@ -252,8 +257,15 @@ impl Found {
     }
 }
 
+/// A SubDevice's mailbox that is served.
+pub(super) struct Mailbox {
+    pub(super) sdo: SdoHandle,
+    pub(super) emergencies: Emergencies,
+    pub(super) signal: MailSignal,
+}
+
 /// Begins to serve a SubDevice's mailbox; none if it has no CoE.
-pub(super) fn serve_mailbox(context: &Context, found: &Found) -> Option<(SdoHandle, Emergencies)> {
+pub(super) fn serve_mailbox(context: &Context, found: &Found) -> Option<Mailbox> {
     let mailbox = found
         .sii
         .mailbox
@@ -264,8 +276,13 @@ pub(super) fn serve_mailbox(context: &Context, found: &Found) -> Option<(SdoHand
         MailboxSettings::of(&found.sii, &mailbox),
         found.id.clone(),
     );
+    let signal = client.signal();
     context.spawn(client.run())?.detach();
-    Some((sdo, emergencies))
+    Some(Mailbox {
+        sdo,
+        emergencies,
+        signal,
+    })
 }
 
 /// A step that failed, and how.

@@ -7,6 +7,7 @@
 use std::{ops::Range, time::Duration};
 
 use super::frame::{self, Tag};
+use super::mailbox_states::{MailboxStates, Watched};
 use super::packing::{Member, Packed, Part, Sign, pack};
 use super::statistics::Counters;
 use crate::{axis::Inputs, link::Link};
@@ -73,12 +74,13 @@ pub(super) struct Events {
 pub(super) struct Exchange {
     pub(super) drives: Vec<DriveData>,
     packed: Packed,
+    mailboxes: MailboxStates,
     cycle: u64,
     in_flight: bool,
 }
 
 impl Exchange {
-    pub(super) fn new(members: &[Member]) -> Self {
+    pub(super) fn new(members: &[Member], mailboxes: Vec<Watched>) -> Self {
         let drives = members.iter().map(|member| DriveData {
             outputs: vec![0; member.outputs],
             inputs: vec![0; member.inputs],
@@ -90,10 +92,10 @@ impl Exchange {
             patience: member.patience,
             sign: member.sign,
         });
-        let packed = pack(members);
         Self {
             drives: drives.collect(),
-            packed,
+            packed: pack(members, mailboxes.len()),
+            mailboxes: MailboxStates::new(mailboxes),
             cycle: 0,
             in_flight: false,
         }
@@ -123,6 +125,12 @@ impl Exchange {
                 }
             }
         }
+        let Packed {
+            mailbox_states,
+            frames,
+            ..
+        } = &mut self.packed;
+        self.mailboxes.address(mailbox_states, frames);
         for (place, frame) in (0..).zip(&mut self.packed.frames) {
             let source = Tag::cyclic(self.cycle, place).source_address();
             if let Some(to) = frame.request.get_mut(6..12) {
@@ -188,6 +196,8 @@ impl Exchange {
         for drive in &mut self.drives {
             events.membership |= drive.count_silence();
         }
+        self.mailboxes
+            .judge(&self.packed.mailbox_states, &self.packed.frames);
         events.al_status = self.read_al_status();
         events
     }

@@ -48,7 +48,7 @@ fn two_drives() -> Exchange {
         sign: Sign::Statusword,
         patience: 3,
     };
-    Exchange::new(&[member(0), member(3)])
+    Exchange::new(&[member(0), member(3)], Vec::new())
 }
 
 /// First data byte of the first datagram.
@@ -291,7 +291,10 @@ fn drive_and_inputs() -> Exchange {
         sign,
         patience: 3,
     };
-    Exchange::new(&[member(0, 1, Sign::Statusword), member(3, 0, Sign::AnyBits)])
+    Exchange::new(
+        &[member(0, 1, Sign::Statusword), member(3, 0, Sign::AnyBits)],
+        Vec::new(),
+    )
 }
 
 #[test]
@@ -360,8 +363,10 @@ fn a_device_without_inputs_has_a_datagram_of_its_own_whose_counter_tells_whether
         sign,
         patience: 3,
     };
-    let mut exchange =
-        Exchange::new(&[member(0, 0, Sign::AnyBits), member(1, 2, Sign::Statusword)]);
+    let mut exchange = Exchange::new(
+        &[member(0, 0, Sign::AnyBits), member(1, 2, Sign::Statusword)],
+        Vec::new(),
+    );
     let counters = Counters::default();
     // One byte and its working counter, then the header of the drive's datagram.
     let drive = DATA + 1 + 2 + 10;

@@ -14,6 +14,7 @@ pub(super) const PAYLOAD: usize = 1498;
 /// Datagram commands.
 pub(super) mod command {
     pub(in crate::bus) const NOP: u8 = 0;
+    pub(in crate::bus) const FPRD: u8 = 4;
     pub(in crate::bus) const BRD: u8 = 7;
     pub(in crate::bus) const LRD: u8 = 10;
     pub(in crate::bus) const LWR: u8 = 11;
@@ -167,6 +168,12 @@ pub(super) fn reads_memory(frame: &[u8]) -> bool {
         matches!(datagram.command, 1 | 3 | 4 | 6 | 7 | 9)
             && u16::from_le_bytes([low, high]) >= MEMORY
     })
+}
+
+/// Where the datagram whose data lie at `data` has the station address of its SubDevice.
+pub(super) fn station_mut(frame: &mut [u8], data: usize) -> Option<&mut [u8; 2]> {
+    let start = data.checked_sub(DATAGRAM_HEADER)?;
+    frame.get_mut(start + 2..)?.first_chunk_mut()
 }
 
 /// A frame that is composed once and sent many times.

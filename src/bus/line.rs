@@ -231,9 +231,9 @@ async fn device(
             device.problem = Some(found.clone().fault(BringUpStep::Sii, error.into()));
         }
     }
-    if let Some((sdo, emergencies)) = serve_mailbox(&context, &found) {
-        device.sdo = Some(sdo);
-        device.emergencies = Some(emergencies);
+    if let Some(mailbox) = serve_mailbox(&context, &found) {
+        device.sdo = Some(mailbox.sdo);
+        device.emergencies = Some(mailbox.emergencies);
     }
     Ok(device)
 }

@@ -16,6 +16,7 @@ mod exchange;
 mod frame;
 mod journal;
 mod line;
+mod mailbox_states;
 mod network;
 mod packing;
 mod progress;

@@ -3,12 +3,14 @@
 use std::ops::Range;
 
 use super::frame::{self, Composer, DATAGRAM_OVERHEAD, command};
+use super::mailbox_states::{self, STATUS, STATUS_BYTES};
 
 const AL_STATUS: u16 = 0x0130;
 /// Bytes of data of the AL status broadcast.
 const AL_STATUS_BYTES: usize = 2;
-/// What the process data may use of a frame: the rest is the AL status broadcast's.
-const LONGEST_AREA: usize = frame::PAYLOAD - 2 * DATAGRAM_OVERHEAD - AL_STATUS_BYTES;
+/// What the process data may use of a frame: the rest is the AL status broadcast's and the mailbox states'.
+const LONGEST_AREA: usize =
+    frame::PAYLOAD - 2 * DATAGRAM_OVERHEAD - AL_STATUS_BYTES - mailbox_states::RESERVED;
 
 /// How a drive takes part.
 #[derive(Debug, Clone, Copy)]
@@ -55,21 +57,29 @@ pub(super) struct Share {
     pub(super) counts: u16,
 }
 
+/// A datagram that reads the state of a mailbox.
+pub(super) struct StatusSlot {
+    pub(super) frame: usize,
+    /// Where its data lie in the frame.
+    pub(super) data: usize,
+}
+
 /// The frames of the exchange, ready to be filled.
 pub(super) struct Packed {
     pub(super) frames: Vec<Frame>,
     pub(super) parts: Vec<Part>,
     /// The frame with the AL status broadcast, and where its data lie.
     pub(super) al_status: Option<(usize, Range<usize>)>,
+    pub(super) mailbox_states: Vec<StatusSlot>,
 }
 
-/// Packs the process data of these drives.
-pub(super) fn pack(members: &[Member]) -> Packed {
+/// Packs the process data of these drives, and the states of so many mailboxes.
+pub(super) fn pack(members: &[Member], mailboxes: usize) -> Packed {
     let mut packer = Packer::default();
     for (drive, member) in members.iter().enumerate() {
         packer.add(drive, member);
     }
-    packer.finish()
+    packer.finish(mailboxes)
 }
 
 /// Where each drive lies in the logical address space: one behind the other, outputs before inputs.
@@ -194,7 +204,7 @@ impl Packer {
         }
     }
 
-    fn finish(mut self) -> Packed {
+    fn finish(mut self, mailboxes: usize) -> Packed {
         let mut parts = Vec::new();
         for (frame, plan) in self.parts {
             while self.frames.len() <= frame {
@@ -225,6 +235,7 @@ impl Packer {
                 .push(command::BRD, [0, 0, r0, r1], AL_STATUS_BYTES);
             Some((last, data))
         });
+        let mailbox_states = push_mailbox_states(&mut self.frames, mailboxes);
         let frames = self.frames.into_iter().map(|composer| {
             let request = composer.finish();
             Frame {
@@ -237,6 +248,24 @@ impl Packer {
             frames: frames.collect(),
             parts,
             al_status,
+            mailbox_states,
         }
     }
+}
+
+/// Spreads the datagrams that read mailbox states over the frames.
+fn push_mailbox_states(frames: &mut [Composer], mailboxes: usize) -> Vec<StatusSlot> {
+    let [r0, r1] = STATUS.to_le_bytes();
+    let count = frames.len();
+    (0..mailbox_states::status_slots(mailboxes, count))
+        .filter_map(|slot| {
+            let frame = slot % count;
+            let composer = frames.get_mut(frame)?;
+            let data = composer.push(command::FPRD, [0, 0, r0, r1], STATUS_BYTES);
+            Some(StatusSlot {
+                frame,
+                data: data.start,
+            })
+        })
+        .collect()
 }

@@ -15,6 +15,7 @@ use smol::future::or;
 
 use super::error::{DriveId, SdoError, SdoStep, Transfer, Unsupported};
 use super::handle::{Body, Emergencies, EmergencyQueue, Request, SdoHandle};
+use super::mail_signal::MailSignal;
 use super::mailbox::{Counter, Mail, SHORTEST_MAILBOX, sdo_mail};
 use super::sdo::{SdoFault, Step, abort_request};
 use super::transport::{LinkFault, MailboxTransport};
@@ -50,6 +51,7 @@ pub struct MailboxClient<T, C> {
     drive: Arc<DriveId>,
     requests: Receiver<Request>,
     emergencies: EmergencyQueue,
+    signal: MailSignal,
     counter: Counter,
     /// What was read last, as long as its mail says.
     last: Vec<u8>,
@@ -87,6 +89,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             settings,
             requests,
             emergencies: queue,
+            signal: MailSignal::default(),
             counter: Counter::FIRST,
             last: Vec::new(),
             repeated: false,
@@ -101,6 +104,11 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         (client, handle, emergencies)
     }
 
+    /// By which a bus loop tells what it sees of the mailbox: then the client does not look while nothing is due.
+    pub(crate) fn signal(&self) -> MailSignal {
+        self.signal.clone()
+    }
+
     /// Serves the handles, and collects emergencies, until the last handle is dropped.
     pub async fn run(mut self) {
         let requests = self.requests.clone();
@@ -108,35 +116,50 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             // One future over all idle looks: making one allocates.
             let mut next = pin!(requests.recv());
             let request = loop {
-                let wake = self.clock.now() + self.settings.idle_interval;
-                let request = or(async { Some(next.as_mut().await) }, async {
-                    self.clock.sleep_until(wake).await;
-                    None
+                let idle = or(async { Err(next.as_mut().await) }, async {
+                    Ok(self.something_due().await)
                 });
-                match request.await {
-                    Some(request) => break request,
-                    None => self.collect().await,
+                match idle.await {
+                    Ok(mail_waits) => self.collect(mail_waits).await,
+                    Err(request) => break request,
                 }
             };
             match request {
                 Ok(request) => self.serve(request).await,
                 Err(_) => return,
             }
+            self.signal.forget();
         }
     }
 
-    /// Reads away what waits while nothing is due.
-    async fn collect(&mut self) {
+    /// Waits until the mailbox is to be looked at though nothing was asked for. Whether a mail is known to wait.
+    async fn something_due(&self) -> bool {
+        if self.signal.is_watched() {
+            return self.signal.mail_waits().await;
+        }
+        let next = self.clock.now() + self.settings.idle_interval;
+        self.clock.sleep_until(next).await;
+        false
+    }
+
+    /// Reads away what waits while nothing was asked for.
+    async fn collect(&mut self, mut mail_waits: bool) {
         for _ in 0..MAILS_AT_ONCE {
-            match self.look(None).await {
+            let found = if core::mem::take(&mut mail_waits) {
+                self.read_waiting().await
+            } else {
+                self.look(None).await
+            };
+            match found {
                 Ok(Found::Other) => {}
-                Ok(_) => return,
+                Ok(_) => break,
                 Err(fault) => {
                     tracing::debug!(?fault, "mailbox could not be read");
-                    return;
+                    break;
                 }
             }
         }
+        self.signal.forget();
     }
 
     async fn serve(&mut self, request: Request) {
@@ -287,6 +310,23 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             Ok(None) | Err(LinkFault::Lost) => {
                 self.tolerate(LinkFault::Lost)?;
                 self.repeat(status).await?;
+                Ok(Found::Nothing)
+            }
+            Err(fault) => {
+                self.tolerate(fault)?;
+                Ok(Found::Nothing)
+            }
+        }
+    }
+
+    /// Reads the mail that is known to wait while nothing was asked for.
+    async fn read_waiting(&mut self) -> Result<Found, Failure> {
+        match self.read().await {
+            Ok(Some(mail)) => self.take(&mail, None),
+            // Empty although a mail waited: a frame that came twice has read it before.
+            Ok(None) | Err(LinkFault::Lost) => {
+                self.tolerate(LinkFault::Lost)?;
+                self.ask_again().await?;
                 Ok(Found::Nothing)
             }
             Err(fault) => {

@@ -13,6 +13,8 @@ pub mod error;
 #[cfg(feature = "std")]
 mod handle;
 pub mod information;
+#[cfg(feature = "std")]
+mod mail_signal;
 pub mod mailbox;
 pub mod obj;
 pub mod object;
@@ -32,6 +34,8 @@ pub use emergency::Emergency;
 pub use error::{DriveError, DriveId, SdoError, SdoStep, Transfer, TransferKind, Unsupported};
 #[cfg(feature = "std")]
 pub use handle::{Emergencies, SdoHandle, TimedEmergency};
+#[cfg(feature = "std")]
+pub(crate) use mail_signal::MailSignal;
 pub use mailbox::MailboxError;
 pub use object::{AnyObject, AxisOffset, Mappable, NoAddress, Object, ObjectAddress, Unit};
 #[cfg(feature = "std")]

@@ -26,6 +26,8 @@ const HEADERS: usize = 16;
 /// Command, index, address, length, interrupt.
 const DATAGRAM_HEADER: usize = 10;
 const WORKING_COUNTER: usize = 2;
+/// LRD, LWR, LRW: what a frame of process data begins with.
+const LOGICAL: std::ops::RangeInclusive<u8> = 10..=12;
 /// In a datagram's length: another one follows.
 const MORE_FOLLOW: u8 = 0x80;
 
@@ -40,8 +42,19 @@ struct Due {
 struct Counted {
     segment: Segment,
     seen: u64,
+    /// Frames that were sent, and those among them without process data.
+    frames: u64,
+    own: Vec<Own>,
     due: Option<Due>,
     lost: Option<Loss>,
+}
+
+/// A frame without process data: the command, station address and register of its first datagram.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Own {
+    pub(crate) command: u8,
+    pub(crate) station: u16,
+    pub(crate) register: u16,
 }
 
 /// The frame with this datagram gets lost.
@@ -61,6 +74,8 @@ impl Line {
         Self(Arc::new(Mutex::new(Counted {
             segment,
             seen: 0,
+            frames: 0,
+            own: Vec::new(),
             due: None,
             lost: None,
         })))
@@ -98,6 +113,13 @@ impl Line {
         self.counted().seen
     }
 
+    /// The frames since this was asked last: how many, and those of them without process data.
+    pub(crate) fn take_frames(&self) -> (u64, Vec<Own>) {
+        let mut counted = self.counted();
+        let own = std::mem::take(&mut counted.own);
+        (std::mem::take(&mut counted.frames), own)
+    }
+
     /// Whether the emergencies still wait for their datagram.
     pub(crate) fn is_armed(&self) -> bool {
         self.counted().due.is_some()
@@ -118,6 +140,14 @@ impl Line {
 impl Counted {
     /// Takes the frame's datagrams through the segment one at a time, so that something can happen between them.
     fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
+        self.frames += 1;
+        if !LOGICAL.contains(&frame[HEADERS]) {
+            self.own.push(Own {
+                command: frame[HEADERS],
+                station: u16::from_le_bytes([frame[HEADERS + 2], frame[HEADERS + 3]]),
+                register: u16::from_le_bytes([frame[HEADERS + 4], frame[HEADERS + 5]]),
+            });
+        }
         let datagrams = datagrams(frame);
         let seen = self.seen;
         let holds = |datagram| (seen + 1..=seen + datagrams.len() as u64).contains(&datagram);

@@ -4,6 +4,7 @@
 //! but where two come at once.
 
 mod bring_up;
+mod idle;
 mod line;
 mod moving;
 mod several;

@@ -1,0 +1,73 @@
+//! What the bus loop sees of a device's mailbox within its cycles, for the client of that mailbox.
+
+use alloc::sync::Arc;
+use core::{
+    future::poll_fn,
+    sync::atomic::{AtomicU8, Ordering},
+    task::Poll,
+};
+
+use atomic_waker::AtomicWaker;
+
+/// Nobody else looks at the mailbox: the client does.
+const UNWATCHED: u8 = 0;
+/// No mail waited when the mailbox was looked at last.
+const EMPTY: u8 = 1;
+/// A mail waits.
+const FULL: u8 = 2;
+
+/// Tells a mailbox client when a mail waits, so that it asks for nothing while there is none. Clones are the same signal.
+///
+/// It follows the level of the mailbox's state: a mail that is not read away is seen again. Observing neither allocates
+/// nor locks.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct MailSignal(Arc<Signal>);
+
+#[derive(Debug, Default)]
+struct Signal {
+    seen: AtomicU8,
+    client: AtomicWaker,
+}
+
+impl MailSignal {
+    /// The mailbox was looked at. Frames that were sent before a mail was read must have been observed before the client
+    /// is polled after that reading.
+    pub(crate) fn observe(&self, mail_waits: bool) {
+        let seen = if mail_waits { FULL } else { EMPTY };
+        if self.0.seen.swap(seen, Ordering::AcqRel) != seen && mail_waits {
+            self.0.client.wake();
+        }
+    }
+
+    /// The mailbox will not be looked at any more: the client does it from now on.
+    pub(crate) fn end(&self) {
+        self.0.seen.store(UNWATCHED, Ordering::Release);
+        self.0.client.wake();
+    }
+
+    pub(super) fn is_watched(&self) -> bool {
+        self.0.seen.load(Ordering::Acquire) != UNWATCHED
+    }
+
+    /// Forgets a mail that was seen: the client has been at the mailbox since.
+    pub(super) fn forget(&self) {
+        // Fails where none was seen.
+        let _ = self
+            .0
+            .seen
+            .compare_exchange(FULL, EMPTY, Ordering::AcqRel, Ordering::Acquire);
+    }
+
+    /// Resolves when a mail waits (true), or nobody looks any more (false).
+    pub(super) async fn mail_waits(&self) -> bool {
+        poll_fn(|context| {
+            self.0.client.register(context.waker());
+            match self.0.seen.load(Ordering::Acquire) {
+                FULL => Poll::Ready(true),
+                UNWATCHED => Poll::Ready(false),
+                _ => Poll::Pending,
+            }
+        })
+        .await
+    }
+}
