@@ -9,7 +9,7 @@ use std::{
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    DriveConfig, Line, Network, NetworkError,
+    DriveConfig, Line, Network, NetworkError, RealTime,
     bring_up::LinePlan,
     config::Watchdog,
     control::Control,
@@ -39,6 +39,7 @@ use crate::link::{Link, RawSocket};
 #[must_use]
 pub struct NetworkBuilder {
     link: LinkChoice,
+    real_time: RealTime,
     plan: LinePlan,
 }
 
@@ -63,6 +64,7 @@ impl Network {
     pub const fn builder() -> NetworkBuilder {
         NetworkBuilder {
             link: LinkChoice::None,
+            real_time: RealTime::new(),
             plan: LinePlan {
                 listener: Listener::NOBODY,
                 cycle: Duration::from_millis(1),
@@ -89,6 +91,12 @@ impl NetworkBuilder {
     /// The time from one exchange of process data to the next.
     pub const fn cycle(mut self, cycle: Duration) -> Self {
         self.plan.cycle = cycle;
+        self
+    }
+
+    /// What the bus thread gets of the operating system so that its cycles come on time. Without it: nothing.
+    pub fn real_time(mut self, real_time: RealTime) -> Self {
+        self.real_time = real_time;
         self
     }
 
@@ -137,18 +145,20 @@ impl NetworkBuilder {
         let (starting, parts) = self.prepare()?;
         let thread = thread::Builder::new()
             .name("servocrab-bus".into())
-            .spawn(move || parts.into_loop().run())
+            .spawn(move || parts.run())
             .map_err(|error| NetworkError::Thread(error.to_string()))?;
         starting.finish(Some(thread)).await
     }
 
     /// The network and its loop apart, for a program that runs the loop on a thread of its own making (with a real-time
-    /// priority, say), or turn by turn in virtual time. The loop stays on the thread on which this is called.
+    /// priority, say), or turn by turn in virtual time. The loop stays on the thread on which this is called, which gets
+    /// what [`real_time`](Self::real_time) says.
     ///
     /// # Errors
-    /// What is wrong with the declaration, or with the link.
+    /// What is wrong with the declaration, or with the link; what the system refuses of real time.
     pub fn split(self) -> Result<(Starting, BusLoop), NetworkError> {
         let (starting, parts) = self.prepare()?;
+        parts.real_time.apply()?;
         Ok((starting, parts.into_loop()))
     }
 
@@ -173,6 +183,7 @@ impl NetworkBuilder {
         let (alive, over) = bounded(1);
         let parts = Parts {
             link,
+            real_time: self.real_time,
             plan: self.plan,
             control: Arc::clone(&control),
             started,
@@ -190,6 +201,7 @@ impl NetworkBuilder {
 /// What the bus loop is made of, before it is on its thread.
 struct Parts {
     link: Box<dyn Link + Send>,
+    real_time: RealTime,
     plan: LinePlan,
     control: Arc<Control>,
     started: Sender<Result<Started, NetworkError>>,
@@ -197,6 +209,15 @@ struct Parts {
 }
 
 impl Parts {
+    /// On the bus thread.
+    fn run(self) {
+        match self.real_time.apply() {
+            Ok(()) => self.into_loop().run(),
+            // Nobody takes it when the program has given up meanwhile.
+            Err(error) => drop(self.started.try_send(Err(error.into()))),
+        }
+    }
+
     fn into_loop(self) -> BusLoop {
         let reactor = Reactor::new(self.link, Arc::clone(&self.control.counters));
         let context = reactor.context().clone();

@@ -2,7 +2,9 @@
 
 use std::{fmt, time::Duration};
 
-use super::{AlError, AlState, EepromError, RegisterError, SyncManagerError, WatchdogState};
+use super::{
+    AlError, AlState, EepromError, RealTimeError, RegisterError, SyncManagerError, WatchdogState,
+};
 use crate::{
     axis::FieldError,
     coe::{DriveId, SdoError},
@@ -24,6 +26,9 @@ pub enum NetworkError {
     /// The bus thread could not be started, or ended before the network had started.
     #[error("the bus thread could not run: {0}")]
     Thread(String),
+    /// The bus thread could not have the real time that was asked for.
+    #[error(transparent)]
+    RealTime(#[from] RealTimeError),
     /// Frames do not come back.
     #[error("no frame came back: is the cable plugged in, and the first SubDevice powered?")]
     NoAnswer,

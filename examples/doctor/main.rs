@@ -1,0 +1,132 @@
+//! Whether a machine can keep cycles on time: what is in the way, and what to change.
+//!
+//! `sudo doctor --interface eth0`, or `doctor` for the machine alone; `--json` for programs. Nothing is changed on the machine
+//! and nothing is sent on the interface.
+
+mod checks;
+mod interface;
+mod latency;
+
+use std::{error::Error, path::Path, process::ExitCode, time::Duration};
+
+use clap::Parser;
+use serde_json::json;
+use servocrab::{
+    bus::{RealTime, Scheduling},
+    link::RawSocket,
+};
+
+#[path = "../common/mod.rs"]
+#[allow(dead_code, reason = "the other examples use more of it")]
+mod common;
+
+use checks::{Finding, Verdict};
+use common::{put, table};
+
+/// Checks whether this machine can keep the cycles of an EtherCAT line on time. Changes nothing, sends nothing.
+#[derive(Parser)]
+struct Arguments {
+    /// The network interface that the line is to be on.
+    #[arg(long)]
+    interface: Option<String>,
+    /// The cycle that is wanted, in microseconds.
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(50..=1_000_000))]
+    cycle_us: u32,
+    /// How long to measure the timer.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=86_400))]
+    seconds: u32,
+    /// Print JSON in place of a table.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The real-time priority that is tried.
+const PRIORITY: u8 = 80;
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(1),
+        Err(error) => {
+            eprintln!("doctor: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// True if there is nothing to change.
+fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
+    let mut findings = checks::machine(Path::new("/"));
+    findings.extend(permissions(arguments.interface.as_deref()));
+    if let Some(name) = &arguments.interface {
+        findings.extend(interface::look(Path::new("/"), name));
+    }
+    let cycle = Duration::from_micros(arguments.cycle_us.into());
+    let time = Duration::from_secs(arguments.seconds.into());
+    findings.extend(latency::measure(cycle, time, PRIORITY));
+    let healthy = findings
+        .iter()
+        .all(|finding| finding.verdict != Verdict::Change);
+    if arguments.json {
+        let all: Vec<_> = findings
+            .iter()
+            .map(|finding| {
+                json!({
+                    "check": finding.check,
+                    "verdict": finding.verdict.to_string(),
+                    "found": finding.found,
+                    "change": finding.change,
+                })
+            })
+            .collect();
+        put(format_args!("{}\n", serde_json::to_string_pretty(&all)?))?;
+        return Ok(healthy);
+    }
+    let rows: Vec<_> = findings
+        .iter()
+        .map(|finding| {
+            [
+                finding.verdict.to_string(),
+                finding.check.to_owned(),
+                finding.found.clone(),
+            ]
+        })
+        .collect();
+    put(table(["", "check", "found"], &rows))?;
+    let changes: Vec<_> = findings
+        .iter()
+        .filter_map(|finding| Some((finding.check, finding.change.as_ref()?)))
+        .collect();
+    if !changes.is_empty() {
+        put("\nWhat to change:\n")?;
+    }
+    for (check, change) in changes {
+        put(format_args!("- {check}: {change}\n"))?;
+    }
+    Ok(healthy)
+}
+
+/// What the operating system allows this program, tried.
+fn permissions(interface: Option<&str>) -> Vec<Finding> {
+    // The loopback interface is there on every machine; nothing is sent.
+    let socket = RawSocket::open(interface.unwrap_or("lo"));
+    let scheduling = tried(RealTime::new().scheduling(Scheduling::Fifo(PRIORITY)));
+    let memory = tried(RealTime::new().lock_memory());
+    vec![
+        Finding::of_attempt("raw socket", "may be opened", socket.err()),
+        Finding::of_attempt(
+            "real-time scheduling",
+            "SCHED_FIFO 80 may be used",
+            scheduling.err(),
+        ),
+        Finding::of_attempt("locked memory", "may be locked", memory.err()),
+    ]
+}
+
+/// On a thread of its own, which ends with it.
+fn tried(real_time: RealTime) -> Result<(), Box<dyn Error + Send + Sync>> {
+    match std::thread::spawn(move || real_time.apply()).join() {
+        Ok(result) => result.map_err(Into::into),
+        Err(_) => Err("the thread has panicked".into()),
+    }
+}
