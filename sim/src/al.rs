@@ -33,6 +33,8 @@ pub(crate) mod code {
     pub(crate) const INVALID_WATCHDOG: u16 = 0x001F;
     pub(crate) const NO_SYNC: u16 = 0x002D;
     pub(crate) const INVALID_SYNC: u16 = 0x0030;
+    pub(crate) const PLL: u16 = 0x0032;
+    pub(crate) const SYNC_TIMEOUT: u16 = 0x0034;
     pub(crate) const INVALID_SYNC_CYCLE: u16 = 0x0035;
     pub(crate) const UNSUPPORTED_SYNC0_CYCLE: u16 = 0x0036;
 }

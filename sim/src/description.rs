@@ -1,6 +1,8 @@
 //! What a SubDevice says about itself: identity, mailbox, sync managers, PDOs. The SII image is made from it, and the AL
 //! state machine checks the MainDevice's settings against it.
 
+use core::time::Duration;
+
 /// Which way process data goes, seen from the MainDevice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
@@ -86,6 +88,31 @@ pub struct ClockMode {
     pub assign_activate: u16,
 }
 
+/// How wide a distributed clock is (feature register 0008h, bit 3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClockWidth {
+    /// The system time begins again every 4.3 s.
+    Bits32,
+    /// It never does.
+    Bits64,
+}
+
+/// What a drive that insists on its distributed clock asks of the MainDevice. Without SYNC0 it refuses SAFEOP (AL status
+/// code 0030h). Its counter of mistakes goes up by three for a pulse without outputs in time, and down by one for one with;
+/// above the limit (10F1h:02) it falls to SAFEOP: 0034h where no outputs came, 001Ah where they came at a wrong time
+/// (ETG.1020, synchronisation).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClockDemand {
+    /// Outputs must be complete this long before the pulse with which they take effect.
+    pub before: Duration,
+    /// And not sooner than this after the pulse before.
+    pub after: Duration,
+    /// Pulses in a row with outputs in time before it takes OP; else 0032h.
+    pub lock_pulses: u32,
+    /// With this error code (603Fh) all axes go into a fault when it falls out of OP.
+    pub fault: Option<u16>,
+}
+
 /// Addresses and sizes of the standard mailbox (SII words 18h to 1Bh).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mailbox {
@@ -147,6 +174,10 @@ pub struct Description {
     pub pdos: Vec<PdoDescription>,
     /// Its distributed-clock modes.
     pub clock_modes: Vec<ClockMode>,
+    /// Its distributed clock, when it has one.
+    pub clock: Option<ClockWidth>,
+    /// Whether it insists on that.
+    pub clock_demand: Option<ClockDemand>,
     /// Nanoseconds of which a SYNC0 cycle must be a multiple.
     pub sync0_step_ns: u32,
     /// SII categories that nothing here interprets, as number and content: those of vendors (0800h and above) stand before
@@ -178,6 +209,8 @@ impl Description {
             fmmu_usage: Vec::new(),
             pdos: Vec::new(),
             clock_modes: Vec::new(),
+            clock: Some(ClockWidth::Bits64),
+            clock_demand: None,
             // Assumed: half the shortest cycle that drives usually have.
             sync0_step_ns: 62_500,
             other_categories: Vec::new(),

@@ -25,12 +25,13 @@ mod pdo;
 pub mod personality;
 mod segment;
 mod sii;
+mod topology;
 
 pub use al::AlState;
 pub use coe::Abort;
 pub use description::{
-    ClockMode, Description, Direction, Identity, Mailbox, PdoDescription, PdoEntryDescription,
-    SyncManagerDescription, SyncManagerUse,
+    ClockDemand, ClockMode, ClockWidth, Description, Direction, Identity, Mailbox, PdoDescription,
+    PdoEntryDescription, SyncManagerDescription, SyncManagerUse,
 };
 pub use device::{Blueprint, Device};
 pub use drive::{AxisStatusObject, DriveBlueprint};

@@ -5,10 +5,11 @@ use core::time::Duration;
 use crate::al::AlState;
 use crate::device::Device;
 use crate::ds402::Axis;
-use crate::esc::{Esc, Place};
+use crate::esc::Esc;
 use crate::frame::{
     DATAGRAM_HEADER, WORKING_COUNTER, datagrams, is_ethercat, mark_source, read_u16, read_u32,
 };
+use crate::topology::Topology;
 
 /// One axis after one drive cycle.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +46,9 @@ type Observer = Box<dyn FnMut(&CycleRecord<'_>) + Send>;
 #[derive(Default)]
 pub struct Segment {
     devices: Vec<Device>,
+    topology: Topology,
+    /// Which devices the last frame reached; their places are set for that.
+    reached: Vec<bool>,
     /// The cable in front of this device is pulled.
     unplugged: Option<usize>,
     observer: Option<Observer>,
@@ -67,8 +71,38 @@ impl Segment {
 
     /// Appends a SubDevice at the end of the line.
     pub fn push(&mut self, device: Device) {
+        self.topology.append();
         self.devices.push(device);
+        self.reached.clear();
         self.started = false;
+    }
+
+    /// Plugs a SubDevice into port 1, 2 or 3 of the one at position `to`, as the begin of a branch. Tells its position:
+    /// a frame goes through port 3 of a device, then 1, then 2, and the positions behind move up. `None`, and the device
+    /// is not in the segment, when the port is taken or not there.
+    ///
+    /// ```
+    /// use servocrab_sim::{Segment, personality};
+    ///
+    /// let mut segment = Segment::new().with(personality::coupler()).with(personality::akd2g());
+    /// assert_eq!(segment.attach(0, 3, personality::sigma7()), Some(1));
+    /// assert_eq!(segment.attach(0, 1, personality::sigma7()), None);
+    /// ```
+    #[must_use]
+    pub fn attach(&mut self, to: usize, port: usize, device: Device) -> Option<usize> {
+        let position = self.topology.attach(to, port)?;
+        self.devices.insert(position, device);
+        self.reached.clear();
+        self.started = false;
+        Some(position)
+    }
+
+    /// Sets how long a frame takes to the SubDevice at this position from the one in front of it, either way; 500 ns where
+    /// nothing else was said.
+    pub fn set_delay(&mut self, position: usize, delay: Duration) {
+        let delay = delay.as_nanos().try_into().unwrap_or(u64::MAX / 4);
+        self.topology.set_delay(position, delay);
+        self.reached.clear();
     }
 
     /// Appends a SubDevice at the end of the line.
@@ -145,20 +179,15 @@ impl Segment {
     /// `now` never goes back from call to call.
     pub fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
         self.advance(now);
-        let reachable = self.reachable();
-        if !is_ethercat(frame) || reachable == 0 {
+        self.see_who_is_reached();
+        if !is_ethercat(frame) || self.reached.first() != Some(&true) {
             return false;
-        }
-        for (position, device) in self.devices.iter_mut().take(reachable).enumerate() {
-            device.set_place(Place {
-                position,
-                behind: reachable - 1 - position,
-            });
         }
         mark_source(frame);
         for range in datagrams(frame) {
             if let Some(datagram) = frame.get_mut(range) {
-                for device in self.devices.iter_mut().take(reachable) {
+                let devices = self.devices.iter_mut().zip(&self.reached);
+                for (device, _) in devices.filter(|(_, reached)| **reached) {
                     if execute(device.esc(), datagram, now) {
                         device.after_datagram(now);
                     }
@@ -190,14 +219,21 @@ impl Segment {
         }
     }
 
-    /// Number of SubDevices that frames reach.
-    fn reachable(&self) -> usize {
-        let powered = self
-            .devices
-            .iter()
-            .take_while(|device| device.is_powered())
-            .count();
-        powered.min(self.unplugged.unwrap_or(usize::MAX))
+    /// Looks which SubDevices have power and a cable; when that has changed, ports open and close.
+    fn see_who_is_reached(&mut self) {
+        let reached = self.topology.reached(|position| {
+            let powered = self.devices.get(position).is_some_and(Device::is_powered);
+            powered && self.unplugged != Some(position)
+        });
+        if reached == self.reached {
+            return;
+        }
+        let places = self.topology.places(&reached);
+        let devices = self.devices.iter_mut().zip(places).zip(&reached);
+        for ((device, place), _) in devices.filter(|(_, reached)| **reached) {
+            device.set_place(place);
+        }
+        self.reached = reached;
     }
 }
 

@@ -1,14 +1,12 @@
 //! What a device checks before it goes one AL state up.
 
-use core::time::Duration;
-
 use super::Device;
 use crate::al::{Checks, code};
 use crate::description::{Direction, SyncManagerUse};
 use crate::drive::Drive;
 
-/// The checks of the AL state machine against a device's description and mapping, at a time.
-pub(super) struct CheckedBy<'a>(pub(super) &'a Device, pub(super) Duration);
+/// The checks of the AL state machine against a device's description and mapping.
+pub(super) struct CheckedBy<'a>(pub(super) &'a Device);
 
 impl CheckedBy<'_> {
     /// Process-data sync manager: as long as what is mapped, and its three buffers clear of all other sync managers.
@@ -45,7 +43,7 @@ impl CheckedBy<'_> {
         let unit = self.0.esc.sync_unit();
         let wants_sync0 = self.0.drive.as_ref().is_some_and(Drive::wants_sync0);
         if !unit.is_on && !unit.sync0 && !unit.sync1 {
-            return if wants_sync0 {
+            return if wants_sync0 || self.0.description().clock_demand.is_some() {
                 Err(code::INVALID_SYNC)
             } else {
                 Ok(())
@@ -142,8 +140,12 @@ impl Checks for CheckedBy<'_> {
             return Err(code::NO_VALID_OUTPUTS);
         }
         self.synchronisation()?;
-        if self.0.esc.sync_unit().is_on && !self.0.esc.sync0_runs(self.1) {
+        if self.0.esc.sync_unit().is_on && !self.0.esc.sync0_runs() {
             return Err(code::NO_SYNC);
+        }
+        let demand = self.0.description().clock_demand;
+        if demand.is_some_and(|demand| !self.0.synchronisation.has_locked(demand)) {
+            return Err(code::PLL);
         }
         Ok(())
     }

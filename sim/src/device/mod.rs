@@ -2,6 +2,7 @@
 
 mod checks;
 mod post;
+mod synchronisation;
 
 use core::time::Duration;
 
@@ -15,6 +16,7 @@ use crate::mailbox::{MailError, Mailbox};
 use crate::sii;
 use checks::CheckedBy;
 use post::SyncManagers;
+use synchronisation::Synchronisation;
 
 /// How long a request for OP waits for outputs before it is refused. Assumed: real firmware waits, some longer.
 const OUTPUTS_PATIENCE: Duration = Duration::from_millis(200);
@@ -53,8 +55,9 @@ pub struct Device {
     outputs: Vec<u8>,
     /// Output buffers completed when SAFEOP was entered.
     outputs_before: u32,
-    /// OP was entered with SYNC0.
-    synchronised: bool,
+    synchronisation: Synchronisation,
+    /// The clock's begin in nanoseconds, and by how many parts per billion its crystal is too fast.
+    crystal: (u64, i32),
     next_cycle: Duration,
 }
 
@@ -69,6 +72,7 @@ impl Device {
             sii::image(description),
             description.sii_reads_eight_bytes,
             description.supports_lrw,
+            description.clock,
             clock_start,
         );
         let drive = blueprint
@@ -86,7 +90,8 @@ impl Device {
             plain_inputs: vec![0; description.process_data_bytes(Direction::Inputs)],
             outputs: Vec::new(),
             outputs_before: 0,
-            synchronised: false,
+            synchronisation: Synchronisation::default(),
+            crystal: (clock_start, 0),
             next_cycle: Duration::ZERO,
             blueprint,
         };
@@ -181,6 +186,25 @@ impl Device {
         self.esc.sii_delay = delay;
     }
 
+    /// Gives the distributed clock another time at power-up, in nanoseconds, and a crystal that is too fast by so many
+    /// parts per million. Do it before the first frame.
+    pub fn set_clock(&mut self, start_ns: u64, drift_ppm: f64) {
+        self.crystal = (start_ns, (drift_ppm * 1_000.0) as i32);
+        self.esc.set_clock(self.crystal.0, self.crystal.1);
+    }
+
+    /// The distributed clock's copy of the system time at this time of the simulation, in nanoseconds.
+    #[must_use]
+    pub fn system_time(&self, now: Duration) -> u64 {
+        self.esc.copy_of_system_time(now)
+    }
+
+    /// Pulses of SYNC0 since SAFEOP that came without outputs in time, where the drive insists on them.
+    #[must_use]
+    pub fn sync_mistakes(&self) -> u64 {
+        self.synchronisation.mistakes()
+    }
+
     /// How many commands the EEPROM has had since power-up.
     #[must_use]
     pub fn sii_accesses(&self) -> u64 {
@@ -223,6 +247,7 @@ impl Device {
         if !self.powered {
             let delay = self.mailbox.delay;
             let sii_delay = self.esc.sii_delay;
+            let (place, crystal) = (self.esc.place(), self.crystal);
             let axes: Vec<Axis> = self.axes().iter().map(Axis::restarted).collect();
             *self = Self::new(self.blueprint.clone());
             if let Some(drive) = &mut self.drive {
@@ -232,6 +257,9 @@ impl Device {
             }
             self.mailbox.delay = delay;
             self.esc.sii_delay = sii_delay;
+            self.esc.set_place(place);
+            self.crystal = crystal;
+            self.esc.set_clock(crystal.0, crystal.1);
             self.next_cycle = now;
         }
     }
@@ -244,10 +272,12 @@ impl Device {
         &mut self.esc
     }
 
-    /// When the device does something by itself next: a cycle or the end of the watchdog's patience.
+    /// When the device does something by itself next: a cycle, a pulse of SYNC0 or the end of the watchdog's patience.
     pub(crate) fn next_event(&self) -> Option<Duration> {
         let watchdog = self.esc.watchdog_deadline().unwrap_or(Duration::MAX);
-        self.powered.then(|| self.next_cycle.min(watchdog))
+        let pulse = self.esc.pulse_at().unwrap_or(Duration::MAX);
+        self.powered
+            .then(|| self.next_cycle.min(watchdog).min(pulse))
     }
 
     /// Begins cycles at a time, when it has none yet.
@@ -260,14 +290,64 @@ impl Device {
         if self.esc.check_watchdog(now) && !self.frozen {
             self.watchdog_expired();
         }
+        if let Some(pulse) = self.esc.take_pulse(now) {
+            self.pulse(pulse, now);
+        }
         if self.next_cycle > now {
             return false;
         }
-        self.next_cycle = now.saturating_add(self.blueprint.cycle.max(Duration::from_micros(1)));
+        let period = self.period();
+        self.next_cycle = now.saturating_add(self.synchronisation.cycle(period));
         if !self.frozen {
             self.cycle(now);
         }
         !self.frozen
+    }
+
+    fn period(&self) -> Duration {
+        self.blueprint.cycle.max(Duration::from_micros(1))
+    }
+
+    /// SYNC0: the drive looks whether outputs came in time, and its processor goes along with the pulses.
+    fn pulse(&mut self, pulse: u64, now: Duration) {
+        let before = self.al.state();
+        if before < AlState::SafeOp {
+            return;
+        }
+        let unit = self.esc.sync_unit();
+        let period = self.period();
+        if self.synchronisation.follow(unit.cycle_ns, period) {
+            self.next_cycle = now;
+        }
+        let Some(demand) = self.description().clock_demand.filter(|_| !self.frozen) else {
+            return;
+        };
+        let limit = self.drive.as_ref().map_or(0, Drive::sync_error_limit);
+        let outputs_at = self.esc.outputs_at();
+        let verdict = self
+            .synchronisation
+            .judge(demand, pulse, unit.cycle_ns, outputs_at);
+        if let Some(code) = verdict.filter(|_| before == AlState::Op)
+            && self.synchronisation.exceeds(limit)
+        {
+            self.lose_synchronisation(code);
+        }
+    }
+
+    /// Falls to SAFEOP because of SYNC0, with the drive's own fault where it has one.
+    fn lose_synchronisation(&mut self, code: u16) {
+        let before = self.al.state();
+        self.al.fall(AlState::SafeOp, code);
+        self.after_al(before);
+        let demand = self.description().clock_demand;
+        if let (Some(fault), Some(drive)) =
+            (demand.and_then(|demand| demand.fault), &mut self.drive)
+        {
+            drive
+                .axes_mut()
+                .iter_mut()
+                .for_each(|axis| axis.raise_fault(fault));
+        }
     }
 
     /// Reacts to what a datagram did to the ESC.
@@ -278,13 +358,17 @@ impl Device {
         if let Some(control) = self.esc.take_al_control() {
             let before = self.al.state();
             let mut al = self.al.clone();
-            al.request(control, &CheckedBy(self, now), now, OUTPUTS_PATIENCE);
+            al.request(control, &CheckedBy(self), now, OUTPUTS_PATIENCE);
             self.al = al;
             self.after_al(before);
         }
+        if self.synchronisation.is_on() && !self.esc.sync0_runs() {
+            // The processor notices in its own cycle.
+            self.next_cycle = self.next_cycle.min(now.saturating_add(self.period()));
+        }
         if self.esc.take_sync_manager_change() && self.al.state() >= AlState::SafeOp {
             let before = self.al.state();
-            if let Err(code) = CheckedBy(self, now).process_data() {
+            if let Err(code) = CheckedBy(self).process_data() {
                 self.al.fall(AlState::PreOp, code);
                 self.after_al(before);
             }
@@ -295,12 +379,13 @@ impl Device {
     fn cycle(&mut self, now: Duration) {
         let before = self.al.state();
         let mut al = self.al.clone();
-        al.poll(&CheckedBy(self, now), now);
-        if al.state() == AlState::Op && self.synchronised && !self.esc.sync0_runs(now) {
-            al.fall(AlState::SafeOp, code::SYNC_LOST);
-        }
+        al.poll(&CheckedBy(self), now);
         self.al = al;
         self.after_al(before);
+        let runs = self.esc.sync0_runs() && !self.synchronisation.is_overdue();
+        if self.al.state() == AlState::Op && self.synchronisation.is_on() && !runs {
+            self.lose_synchronisation(code::SYNC_LOST);
+        }
         if self.al.state() == AlState::Op {
             self.outputs = self.last_outputs().to_vec();
             if let Some(drive) = &mut self.drive {
@@ -333,7 +418,12 @@ impl Device {
             drive.set_connected(state == AlState::Op);
         }
         let unit = self.esc.sync_unit();
-        self.synchronised = state == AlState::Op && unit.is_on;
+        if state <= AlState::SafeOp {
+            self.synchronisation.leave();
+        }
+        if state == AlState::Op && unit.is_on {
+            self.synchronisation.enter();
+        }
         if let Some(drive) = &mut self.drive {
             drive.set_sync0((state >= AlState::SafeOp && unit.is_on).then_some(unit.cycle_ns));
         }

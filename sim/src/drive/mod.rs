@@ -160,6 +160,12 @@ impl Drive {
         kind.is_ok_and(|kind| kind == communication::WITH_SYNC0.to_le_bytes())
     }
 
+    /// 10F1h:02: above this many mistakes the drive falls out of OP.
+    pub(crate) fn sync_error_limit(&self) -> u16 {
+        let limit = self.objects.stored.upload(0x10F1, 2).unwrap_or_default();
+        crate::frame::read_u16(&limit, 0).unwrap_or(0)
+    }
+
     /// The drive follows SYNC0 with this cycle from now on, or no longer. 1C32h and 1C33h show it.
     pub(crate) fn set_sync0(&mut self, cycle_ns: Option<u32>) {
         self.objects.sync0_cycle_ns = cycle_ns;

@@ -202,7 +202,7 @@ impl Axis {
     }
 
     /// Transition 13, and a further fault during or after it.
-    pub(super) fn raise_fault(&mut self, code: u16) {
+    pub(crate) fn raise_fault(&mut self, code: u16) {
         self.fault.code = code;
         self.objects.put(objects::ERROR_CODE, code.into());
         self.send_emergency(code);

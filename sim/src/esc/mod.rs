@@ -14,8 +14,10 @@ mod watchdog;
 use core::ops::Range;
 use core::time::Duration;
 
-use clock::Clock;
+use crate::description::ClockWidth;
+
 pub(crate) use clock::Place;
+use clock::{Clock, ControlLoop};
 use fmmu::Fmmu;
 use registers as reg;
 use registers::{CHANNELS, RAM_END, RAM_START};
@@ -41,8 +43,12 @@ pub(crate) struct Esc {
     clock: Clock,
     watchdog: Watchdog,
     place: Place,
-    /// System time of SYNC0's first pulse, while the SYNC unit is on and has not missed it.
-    first_pulse: Option<u64>,
+    clock_width: Option<ClockWidth>,
+    /// System time of SYNC0's next pulse, while the SYNC unit is on and has not missed it; and whether one has come.
+    next_pulse: Option<u64>,
+    has_pulsed: bool,
+    /// System time at which a buffer of outputs was complete last.
+    outputs_at: Option<u64>,
     al_control_written: bool,
     sync_managers_written: bool,
 }
@@ -62,6 +68,7 @@ impl Esc {
         sii: Vec<u8>,
         sii_reads_eight_bytes: bool,
         supports_lrw: bool,
+        clock_width: Option<ClockWidth>,
         clock_start: u64,
     ) -> Self {
         let mut esc = Self {
@@ -76,7 +83,10 @@ impl Esc {
             clock: Clock::new(clock_start),
             watchdog: Watchdog::default(),
             place: Place::default(),
-            first_pulse: None,
+            clock_width,
+            next_pulse: None,
+            has_pulsed: false,
+            outputs_at: None,
             al_control_written: false,
             sync_managers_written: false,
         };
@@ -92,11 +102,13 @@ impl Esc {
             0x0006,
             u16::from_le_bytes([((RAM_END - RAM_START) / 1024) as u8, 0x0F]),
         );
-        // Bits 2 and 3: distributed clocks with 64 bits; bit 9: LRW is not supported.
-        esc.set_word(
-            reg::FEATURES,
-            0x000C | if supports_lrw { 0 } else { 0x0200 },
-        );
+        // Bit 2: there are distributed clocks; bit 3: of 64 bits; bit 9: LRW is not supported.
+        let clock = match clock_width {
+            None => 0,
+            Some(ClockWidth::Bits32) => 0x0004,
+            Some(ClockWidth::Bits64) => 0x000C,
+        };
+        esc.set_word(reg::FEATURES, clock | if supports_lrw { 0 } else { 0x0200 });
         esc.set_word(reg::WATCHDOG_DIVIDER, 0x09C2);
         esc.set_word(reg::WATCHDOG_PDI, 0x03E8);
         esc.set_word(reg::WATCHDOG_PROCESS_DATA, 0x03E8);
@@ -111,9 +123,31 @@ impl Esc {
     /// Tells the ESC where in the line it is; the port status follows from that.
     pub(crate) fn set_place(&mut self, place: Place) {
         self.place = place;
-        // Bit 0: SII loaded; link at port 0 (bit 4), communication there (bit 9); ports 2 and 3 closed (bits 12, 14).
-        let port1 = if place.behind > 0 { 0x0820 } else { 0x0400 };
-        self.set_word(reg::DL_STATUS, 0x5211 | port1);
+        // Bit 0: SII loaded. Of each port: link (bits 4 and up), and in pairs from bit 8: closed, or communication. Port 0
+        // is where frames come in.
+        let mut status = 0x0001;
+        for (port, back) in (0..).zip(place.back) {
+            status |= if port == 0 || back.is_some() {
+                0x0010 << port | 0x0200 << (2 * port)
+            } else {
+                0x0100 << (2 * port)
+            };
+        }
+        self.set_word(reg::DL_STATUS, status);
+        // 0007h: ports 0 and 1 are MII, and so is any other that has a cable; the rest is not there.
+        let more = |port: usize| u8::from(place.back[port].is_some()) * (3 << (2 * port));
+        self.set_byte(0x0007, 0x0F | more(2) | more(3));
+    }
+
+    /// Where in the segment the ESC is.
+    pub(crate) fn place(&self) -> Place {
+        self.place
+    }
+
+    /// Gives the local clock another begin and a crystal that is this much too fast, in parts per billion.
+    pub(crate) fn set_clock(&mut self, start: u64, drift: i32) {
+        self.clock = Clock::new(start);
+        self.clock.set_drift(drift, 0);
     }
 
     /// Whether a datagram with this station address means this device: configured address, or alias when 0100h bit 24
@@ -257,7 +291,13 @@ impl Esc {
     /// Who owns the address, and up to where (at most `end`) the same holds.
     fn region(&self, at: usize, end: usize) -> (Owner, usize) {
         if at < RAM_START {
-            return (Owner::Registers, end.min(RAM_START));
+            let clock = usize::from(reg::DC_RECEIVE_TIMES)..usize::from(reg::DC_END);
+            return match self.clock_width {
+                Some(_) => (Owner::Registers, end.min(RAM_START)),
+                None if clock.contains(&at) => (Owner::Nobody, end.min(clock.end)),
+                None if at < clock.start => (Owner::Registers, end.min(clock.start)),
+                None => (Owner::Registers, end.min(RAM_START)),
+            };
         }
         if at >= RAM_END {
             return (Owner::Nobody, end);
@@ -313,6 +353,9 @@ impl Esc {
     fn completed(&mut self, index: usize, settings: Settings, now: Duration) {
         if settings.triggers_watchdog() {
             self.watchdog.trigger(now);
+        }
+        if !settings.is_mailbox() {
+            self.outputs_at = Some(self.system_time(now));
         }
         let start = usize::from(settings.start);
         let Some(sm) = self.sync_managers.get_mut(index) else {

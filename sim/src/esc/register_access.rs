@@ -3,11 +3,12 @@
 use core::ops::Range;
 use core::time::Duration;
 
-use super::clock::difference;
+use super::clock::nanoseconds;
 use super::registers as reg;
 use super::registers::{CHANNELS, WriteRule};
 use super::sync_manager::SyncManager;
-use super::{Esc, sync_manager_register};
+use super::{ControlLoop, Esc, sync_manager_register};
+use crate::description::ClockWidth;
 
 impl Esc {
     /// A write into the register area, byte by byte by each register's rule, then what the write sets off.
@@ -43,13 +44,14 @@ impl Esc {
             for (port, time) in (0u16..).zip(times) {
                 self.set_bytes(reg::DC_RECEIVE_TIMES + 4 * port, &time.to_le_bytes());
             }
-            self.set_bytes(
-                reg::DC_RECEIVE_TIME_UNIT,
-                &self.clock.local(self.place, now).to_le_bytes(),
-            );
+            let local = self.clock.local(self.place.at_port_0(now));
+            self.set_clock_value(reg::DC_RECEIVE_TIME_UNIT, local);
         }
         if touches(reg::SYNC_ACTIVATION, 1) {
             self.activate_sync(was_on, now);
+        }
+        if touches(reg::DC_SPEED_COUNTER, 2) {
+            self.clock.reset_filters(self.place.at_port_0(now));
         }
         if touches(reg::DC_SYSTEM_TIME, 4)
             && let Some(offset) = usize::from(reg::DC_SYSTEM_TIME).checked_sub(at)
@@ -58,12 +60,15 @@ impl Esc {
             // The register compares the low halves, the received one plus the delay to the reference.
             let received = received.wrapping_add(self.double_word(reg::DC_DELAY));
             let local = self.system_time(now) as u32;
-            self.set_bytes(
-                reg::DC_DIFFERENCE,
-                &difference(local, received).to_le_bytes(),
-            );
+            let [difference_depth, speed_depth] = self.word(reg::DC_FILTER).to_le_bytes();
+            let settings = ControlLoop {
+                start: self.word(reg::DC_SPEED_COUNTER),
+                difference_depth,
+                speed_depth,
+            };
+            let difference = local.wrapping_sub(received).cast_signed();
             self.clock
-                .follow(local.wrapping_sub(received).cast_signed());
+                .follow(difference, self.place.at_port_0(now), settings);
         }
     }
 
@@ -121,7 +126,11 @@ impl Esc {
             }
         }
         if shows(0x0910..0x0918) {
-            self.set_bytes(reg::DC_SYSTEM_TIME, &self.system_time(now).to_le_bytes());
+            self.set_clock_value(reg::DC_SYSTEM_TIME, self.system_time(now));
+        }
+        if shows(0x092C..0x0930) {
+            let mean = self.clock.mean_difference();
+            self.set_bytes(reg::DC_DIFFERENCE, &mean.to_le_bytes());
         }
         if shows(0x0990..0x0998) {
             self.refresh_next_pulse(now);
@@ -138,9 +147,30 @@ impl Esc {
         self.set_word(reg::AL_EVENT, mails | u16::from(self.al_control_written));
     }
 
+    /// The local copy of the system time as a frame that left the MainDevice at `now` passes port 0.
     pub(super) fn system_time(&self, now: Duration) -> u64 {
+        self.system_time_at(self.place.at_port_0(now))
+    }
+
+    /// The local copy of the system time at this time of the simulation.
+    pub(crate) fn copy_of_system_time(&self, now: Duration) -> u64 {
+        self.system_time_at(nanoseconds(now))
+    }
+
+    /// The local copy of the system time at a time of the simulation.
+    pub(super) fn system_time_at(&self, at: u64) -> u64 {
         self.clock
-            .local(self.place, now)
+            .local(at)
             .wrapping_add(self.quad_word(reg::DC_OFFSET))
+    }
+
+    /// A register with a time: of a clock of 32 bits it has the lower half alone.
+    pub(super) fn set_clock_value(&mut self, address: u16, time: u64) {
+        let [a, b, c, d, ..] = time.to_le_bytes();
+        if self.clock_width == Some(ClockWidth::Bits32) {
+            self.set_bytes(address, &[a, b, c, d]);
+        } else {
+            self.set_bytes(address, &time.to_le_bytes());
+        }
     }
 }

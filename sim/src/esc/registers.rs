@@ -35,6 +35,8 @@ pub(crate) const DC_DELAY: u16 = 0x0928;
 pub(crate) const DC_DIFFERENCE: u16 = 0x092C;
 pub(crate) const DC_SPEED_COUNTER: u16 = 0x0930;
 pub(crate) const DC_FILTER: u16 = 0x0934;
+/// First address behind the registers of the distributed clock.
+pub(crate) const DC_END: u16 = 0x0A00;
 pub(crate) const SYNC_ACTIVATION: u16 = 0x0981;
 pub(crate) const SYNC0_START: u16 = 0x0990;
 pub(crate) const SYNC0_CYCLE: u16 = 0x09A0;

@@ -2,8 +2,8 @@
 //! methods.
 
 use crate::description::{
-    ClockMode, Description, Direction, Identity, Mailbox, PdoDescription, PdoEntryDescription,
-    SyncManagerDescription, SyncManagerUse,
+    ClockDemand, ClockMode, ClockWidth, Description, Direction, Identity, Mailbox, PdoDescription,
+    PdoEntryDescription, SyncManagerDescription, SyncManagerUse,
 };
 use crate::device::{Blueprint, Device};
 use crate::drive::{AxisStatusObject, DriveBlueprint};
@@ -100,6 +100,8 @@ pub struct Servo {
     pub(super) model: Model,
     behaviours: Vec<Behaviour>,
     supports_lrw: bool,
+    clock: Option<ClockWidth>,
+    clock_demand: Option<ClockDemand>,
     pub(super) pdos: super::servo_pdos::Changes,
 }
 
@@ -109,6 +111,8 @@ impl Servo {
             behaviours: vec![(model.behaviour)(); model.axes],
             model,
             supports_lrw: true,
+            clock: Some(ClockWidth::Bits64),
+            clock_demand: None,
             pdos: super::servo_pdos::Changes::default(),
         }
     }
@@ -211,6 +215,20 @@ impl Servo {
         self
     }
 
+    /// Gives the drive a distributed clock of this width, or none.
+    #[must_use]
+    pub fn clock(mut self, clock: Option<ClockWidth>) -> Self {
+        self.clock = clock;
+        self
+    }
+
+    /// Makes the drive insist on its distributed clock.
+    #[must_use]
+    pub fn insists_on_clock(mut self, demand: ClockDemand) -> Self {
+        self.clock_demand = Some(demand);
+        self
+    }
+
     /// The drive, just switched on.
     #[must_use]
     pub fn build(self) -> Device {
@@ -274,7 +292,9 @@ impl Servo {
             name: name.to_owned(),
             assign_activate,
         };
-        description.clock_modes = vec![clock_mode("DcSync", 0x0300), clock_mode("DcOff", 0)];
+        if self.clock.is_some() {
+            description.clock_modes = vec![clock_mode("DcSync", 0x0300), clock_mode("DcOff", 0)];
+        }
         description.other_categories = model
             .other_categories
             .iter()
@@ -283,6 +303,8 @@ impl Servo {
         description.ds402_channels = u8::try_from(self.behaviours.len()).unwrap_or(u8::MAX);
         description.checks_watchdog = model.checks_watchdog;
         description.supports_lrw = self.supports_lrw;
+        description.clock = self.clock;
+        description.clock_demand = self.clock_demand;
         description
     }
 

@@ -4,7 +4,8 @@
 
 use core::time::Duration;
 
-use servocrab_sim::{Segment, personality};
+use servocrab_sim::personality::Servo;
+use servocrab_sim::{ClockDemand, ClockWidth, Segment, personality};
 
 use crate::master::{APWR, BWR, Master};
 
@@ -119,7 +120,7 @@ fn offsets_give_all_devices_one_time_and_the_loop_removes_the_delay() {
     assert_eq!(delay, 500);
     master.write(SECOND, 0x0928, &delay.to_le_bytes());
     let mut seen = Vec::new();
-    for _ in 0..100 {
+    for _ in 0..300 {
         master.now += Duration::from_millis(1);
         master.exchange(FRMW, FIRST, 0x0910, &[0; 8]);
         seen.push(difference(&mut master, SECOND));
@@ -129,7 +130,7 @@ fn offsets_give_all_devices_one_time_and_the_loop_removes_the_delay() {
     assert_eq!(seen.last(), Some(&0));
     assert_eq!(
         system_time(&mut master, FIRST),
-        epoch + 100_000_000,
+        epoch + 300_000_000,
         "the reference clock follows nobody"
     );
 }
@@ -270,4 +271,172 @@ fn a_device_without_a_clock_mode_refuses_sync0() {
     master.sync_manager(FIRST, 1, 0x1080, 2, 0x20);
     start_sync0(&mut master, 100_000_000, 1_000_000, 3);
     assert_eq!(master.request(FIRST, 4), (0x12, 0x0030));
+}
+
+/// A drive that wants its outputs 100 us before SYNC0 and not sooner than 50 us after the one before.
+fn insisting(fault: Option<u16>) -> Master {
+    let demand = ClockDemand {
+        before: Duration::from_micros(100),
+        after: Duration::from_micros(50),
+        lock_pulses: 20,
+        fault,
+    };
+    let drive = Servo::akd2g().insists_on_clock(demand).build();
+    let mut master = Master::new(Segment::new().with(drive));
+    master.now = Duration::from_millis(1);
+    master.bring_to_preop();
+    master
+}
+
+/// Starts SYNC0 so that it pulses so long after each frame of `cycle`.
+fn start_sync0_after_frames(master: &mut Master, after_us: u64) {
+    let on_a_frame = 100_000_000 - system_time(master, FIRST) % 1_000;
+    start_sync0(master, on_a_frame + after_us * 1_000, 1_000_000, 3);
+}
+
+/// In OP, with SYNC0 half a cycle after the frames.
+fn insisting_in_op(fault: Option<u16>) -> Master {
+    let mut master = insisting(fault);
+    start_sync0_after_frames(&mut master, 500);
+    assert_eq!(to_safe_op(&mut master), (4, 0));
+    for _ in 0..130 {
+        master.cycle(&[0; 38]);
+    }
+    assert_eq!(master.request(FIRST, 8), (8, 0));
+    master
+}
+
+#[test]
+fn a_drive_that_insists_refuses_safeop_without_sync0() {
+    assert_eq!(to_safe_op(&mut insisting(None)), (0x12, 0x0030));
+}
+
+#[test]
+fn outputs_too_close_to_sync0_keep_an_insisting_drive_from_op() {
+    // Before the pulse by less than 100 us; sooner than 50 us after it.
+    for after_us in [50, 970] {
+        let mut master = insisting(None);
+        start_sync0_after_frames(&mut master, after_us);
+        assert_eq!(to_safe_op(&mut master), (4, 0));
+        for _ in 0..130 {
+            master.cycle(&[0; 38]);
+        }
+        assert_eq!(master.request(FIRST, 8), (4, 0), "it waits");
+        for _ in 0..250 {
+            master.cycle(&[0; 38]);
+        }
+        assert_eq!(master.al(FIRST), (0x14, 0x0032), "{after_us}");
+    }
+}
+
+#[test]
+fn frames_that_slide_into_the_pulse_end_op() {
+    let mut master = insisting_in_op(None);
+    let mut cycles = 0;
+    while master.al(FIRST).0 == 8 {
+        // A master whose clock is 0.1 % slow.
+        master.now += Duration::from_micros(1);
+        master.cycle(&[0; 38]);
+        cycles += 1;
+    }
+    // 400 us until the forbidden time, two pulses, and what they did is seen with the next frame.
+    assert_eq!(cycles, 403);
+    assert_eq!(master.al(FIRST), (0x14, 0x001A));
+}
+
+#[test]
+fn outputs_that_stay_away_end_op_with_the_fault_that_the_drive_has_for_it() {
+    let mut master = insisting_in_op(Some(0xFF06));
+    master.now += Duration::from_millis(1);
+    master.cycle(&[0; 38]);
+    assert_eq!(master.al(FIRST), (8, 0), "one is forgiven");
+    for _ in 0..10 {
+        master.cycle(&[0; 38]);
+    }
+    master.now += Duration::from_millis(3);
+    assert_eq!(master.al(FIRST), (0x14, 0x0034));
+    for axis in master.segment.device(0).unwrap().axes() {
+        assert_eq!(axis.get(0x603F, 0), Some(0xFF06));
+    }
+}
+
+#[test]
+fn nobody_counts_with_an_error_limit_of_zero() {
+    let mut master = insisting(None);
+    assert_eq!(master.download(0x10F1, 2, &[0, 0]), Ok(()));
+    start_sync0_after_frames(&mut master, 500);
+    assert_eq!(to_safe_op(&mut master), (4, 0));
+    for _ in 0..130 {
+        master.cycle(&[0; 38]);
+    }
+    assert_eq!(master.request(FIRST, 8), (8, 0));
+    master.now += Duration::from_millis(20);
+    assert_eq!(master.al(FIRST), (8, 0));
+    assert!(master.segment.device(0).unwrap().sync_mistakes() > 15);
+}
+
+#[test]
+fn crystals_drift_apart_and_the_reference_time_holds_them_together() {
+    let mut master = two();
+    let apart = |master: &mut Master| {
+        let times = [0, 1].map(|at| {
+            let device = master.segment.device(at).unwrap();
+            device.system_time(master.now)
+        });
+        times[1].wrapping_sub(times[0]).cast_signed()
+    };
+    for (position, drift) in [(0, 40.0), (1, -60.0)] {
+        let device = master.segment.device_mut(position).unwrap();
+        device.set_clock(1_000, drift);
+    }
+    let before = apart(&mut master);
+    master.now += Duration::from_secs(1);
+    let gained = apart(&mut master) - before;
+    assert!((-100_010..-99_990).contains(&gained), "{gained}");
+
+    set_offsets(&mut master, 1_000_000_000);
+    master.write(SECOND, 0x0928, &500u32.to_le_bytes());
+    master.write(SECOND, 0x0930, &[0x00, 0x10]);
+    for _ in 0..15_000 {
+        master.now += Duration::from_micros(10);
+        master.exchange(FRMW, FIRST, 0x0910, &[0; 4]);
+    }
+    for _ in 0..1_000 {
+        master.now += Duration::from_millis(1);
+        master.exchange(FRMW, FIRST, 0x0910, &[0; 4]);
+        let apart = apart(&mut master);
+        assert!(apart.abs() < 200, "{apart}");
+    }
+    assert!(difference(&mut master, SECOND).abs() < 200);
+}
+
+#[test]
+fn a_clock_of_32_bits_shows_the_lower_half_and_starts_sync0_there() {
+    let drive = Servo::akd2g().clock(Some(ClockWidth::Bits32)).build();
+    let mut master = Master::new(Segment::new().with(drive));
+    master.now = Duration::from_secs(5);
+    master.bring_to_preop();
+    assert_eq!(
+        u16::from_le_bytes(master.read(FIRST, 0x0008)) & 0x000C,
+        0x0004
+    );
+    assert!(system_time(&mut master, FIRST) <= u32::MAX.into());
+    start_sync0(&mut master, 1_000_000, 1_000_000, 3);
+    assert_eq!(to_safe_op(&mut master), (4, 0));
+    master.cycle(&[0; 38]);
+    master.cycle(&[0; 38]);
+    assert_eq!(master.request(FIRST, 8), (8, 0));
+    let next = u64::from_le_bytes(master.read(FIRST, 0x0990));
+    assert!(next <= u32::MAX.into());
+}
+
+#[test]
+fn a_device_without_a_clock_has_no_such_registers() {
+    let drive = Servo::akd2g().clock(None).build();
+    let mut master = Master::new(Segment::new().with(drive));
+    master.bring_to_preop();
+    assert_eq!(u16::from_le_bytes(master.read(FIRST, 0x0008)) & 0x000C, 0);
+    assert_eq!(master.exchange(BWR, 0, 0x0900, &[0; 4]).1, 0);
+    assert_eq!(master.exchange(FRMW, SECOND, 0x0910, &[0; 4]).1, 0);
+    assert_eq!(master.read::<2>(FIRST, 0x0130), [2, 0]);
 }
