@@ -5,12 +5,14 @@ use std::{rc::Rc, time::Duration};
 use tracing::Instrument;
 
 use super::{
-    AlState, BringUpStep, DriveFault, NetworkError, al,
+    AlState, BringUpStep, DevicePlace, DriveFault, Expected, NetworkError, Present, al,
     config::{DriveConfig, Watchdog},
     cycle::{Cycle, Stepper},
     discovery::{self, Found, loop_is_gone},
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
+    line::ALIAS,
+    line_check,
     mailbox_states::Watched,
     packing::{Member, Sign, fits_one_frame, logical_addresses},
     progress::{Listener, Progress},
@@ -33,7 +35,11 @@ const LONGEST_LOSS: Duration = Duration::from_secs(60);
 pub(super) struct LinePlan {
     pub(super) listener: Listener,
     pub(super) cycle: Duration,
-    pub(super) drives: Vec<(u16, DriveConfig)>,
+    pub(super) drives: Vec<(DevicePlace, DriveConfig)>,
+    /// Devices that must be there and are left alone.
+    pub(super) others: Vec<(DevicePlace, Expected)>,
+    /// No other devices may be there.
+    pub(super) complete: bool,
     pub(super) watchdog: Watchdog,
 }
 
@@ -50,18 +56,23 @@ impl LinePlan {
                 self.cycle
             ));
         }
-        let mut names = Vec::new();
-        for (place, (position, drive)) in self.drives.iter().enumerate() {
-            if let Some(mistake) = drive.mistake() {
-                return wrong(format!("drive at position {position}: {mistake}"));
+        let declared = self.declared();
+        for (number, (place, _)) in declared.iter().enumerate() {
+            if *place == DevicePlace::Alias(0) {
+                return wrong("alias 0 is that of devices without one".into());
             }
-            if self
-                .drives
+            if declared
                 .iter()
-                .take(place)
-                .any(|(other, _)| other == position)
+                .take(number)
+                .any(|(other, _)| other == place)
             {
-                return wrong(format!("two drives at position {position}"));
+                return wrong(format!("two devices are declared at {place}"));
+            }
+        }
+        let mut names = Vec::new();
+        for (place, drive) in &self.drives {
+            if let Some(mistake) = drive.mistake() {
+                return wrong(format!("drive at {place}: {mistake}"));
             }
             for axis in &drive.axes {
                 if names.contains(&&axis.name) {
@@ -89,6 +100,38 @@ impl LinePlan {
     }
 }
 
+impl LinePlan {
+    /// All devices that must be there: the drives first.
+    fn declared(&self) -> Vec<(DevicePlace, Expected)> {
+        let drives = self.drives.iter();
+        let drives = drives.map(|(place, drive)| (*place, drive.expected()));
+        drives.chain(self.others.iter().cloned()).collect()
+    }
+
+    /// Which device of the line each declared one is.
+    async fn find(&self, context: &Context, line: &[Found]) -> Result<Vec<Found>, NetworkError> {
+        let declared = self.declared();
+        let by_alias = |(place, _): &_| matches!(place, DevicePlace::Alias(_));
+        let needs_alias = declared.iter().any(by_alias);
+        let mut present = Vec::new();
+        for found in line {
+            let alias = if needs_alias {
+                let alias = context.registers.read(found.station, ALIAS).await;
+                let alias = alias
+                    .map_err(|error| found.clone().fault(BringUpStep::Identity, error.into()))?;
+                Some(u16::from_le_bytes(alias))
+            } else {
+                None
+            };
+            let id = found.id.clone();
+            present.push(Present { id, alias });
+        }
+        let places = line_check::compare(&declared, &present, self.complete)?;
+        let found = places.into_iter().filter_map(|place| line.get(place));
+        Ok(found.cloned().collect())
+    }
+}
+
 /// Brings all declared drives into SAFEOP; all others stay in PREOP.
 pub(super) async fn configure(
     context: &Context,
@@ -97,19 +140,13 @@ pub(super) async fn configure(
 ) -> Result<Vec<ReadyDrive>, NetworkError> {
     let line = discovery::discover(context).await?;
     tracing::info!(count = line.len(), "SubDevices in PREOP");
+    let found = plan.find(context, &line).await?;
     let mut jobs = Vec::new();
-    for (position, config) in plan.drives {
-        let found = line
-            .get(usize::from(position))
-            .cloned()
-            .ok_or(NetworkError::NotThere {
-                position,
-                expected: config.description.name.to_string(),
-                count: line.len(),
-            })?;
+    for (found, (place, config)) in found.into_iter().zip(plan.drives) {
         let progress = Rc::clone(progress);
         jobs.push(checked(
             found,
+            place,
             config,
             &plan.watchdog,
             plan.cycle,
@@ -142,24 +179,15 @@ pub(super) async fn configure(
     Ok(ready)
 }
 
-/// Compares a drive with its description.
+/// What is to be done with a drive, if its mapping can be made.
 fn checked(
     found: Found,
+    place: DevicePlace,
     config: DriveConfig,
     watchdog: &Watchdog,
     cycle: Duration,
     progress: Rc<Progress>,
 ) -> Result<Job, NetworkError> {
-    let description = &config.description;
-    if !description.matches(&found.id.identity) {
-        let error = DriveFault::WrongIdentity {
-            name: description.name.to_string(),
-            vendor: description.vendor,
-            product: description.product,
-            got: found.id.identity,
-        };
-        return Err(found.fault(BringUpStep::Identity, error));
-    }
     let mapping = match config.mapping() {
         Ok(mapping) => mapping,
         Err(error) => return Err(found.fault(BringUpStep::Mapping, error.into())),
@@ -174,6 +202,7 @@ fn checked(
     }
     Ok(Job {
         found,
+        place,
         config,
         mapping,
         logical: 0,

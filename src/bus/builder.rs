@@ -9,7 +9,7 @@ use std::{
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    DriveConfig, Line, Network, NetworkError, RealTime,
+    DevicePlace, DriveConfig, Expected, Line, Network, NetworkError, RealTime,
     bring_up::LinePlan,
     config::Watchdog,
     control::Control,
@@ -69,6 +69,8 @@ impl Network {
                 listener: Listener::NOBODY,
                 cycle: Duration::from_millis(1),
                 drives: Vec::new(),
+                others: Vec::new(),
+                complete: false,
                 watchdog: Watchdog::Armed(None),
             },
         }
@@ -100,9 +102,34 @@ impl NetworkBuilder {
         self
     }
 
-    /// A drive at this position in the line (the first SubDevice is 0). SubDevices that are not named stay in PREOP.
-    pub fn drive(mut self, position: u16, drive: DriveConfig) -> Self {
-        self.plan.drives.push((position, drive));
+    /// A drive at this position in the line (the first SubDevice is 0), or wherever the one with this alias or identity stands.
+    /// SubDevices that are not named stay in PREOP.
+    ///
+    /// ```
+    /// use servocrab::{bus::{DevicePlace, DriveConfig, Network}, drives};
+    /// let builder = Network::builder()
+    ///     .drive(1, DriveConfig::new(drives::akd2g()).axis("x"))
+    ///     .drive(DevicePlace::Alias(7), DriveConfig::new(drives::akd2g()).axis("z").serial(4711));
+    /// ```
+    pub fn drive(mut self, place: impl Into<DevicePlace>, drive: DriveConfig) -> Self {
+        self.plan.drives.push((place.into(), drive));
+        self
+    }
+
+    /// A device that must be in the line and is left alone, in PREOP: a coupler, a terminal, a drive of somebody else's.
+    ///
+    /// ```
+    /// use servocrab::bus::{Expected, Network};
+    /// let builder = Network::builder().expect(0, Expected::new(0x2, 0x044C_2C52).named("EK1100"));
+    /// ```
+    pub fn expect(mut self, place: impl Into<DevicePlace>, device: Expected) -> Self {
+        self.plan.others.push((place.into(), device));
+        self
+    }
+
+    /// The line has no other devices than those that were declared: one more is an error.
+    pub const fn complete(mut self) -> Self {
+        self.plan.complete = true;
         self
     }
 

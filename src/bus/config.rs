@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::Expected;
 use crate::{
     axis::{Deadlines, Loss, Referencing, Tolerances},
     coe::AnyObject,
@@ -26,6 +27,8 @@ pub struct DriveConfig {
     pub(super) description: DriveDescription,
     pub(super) axes: Vec<AxisDeclaration>,
     pub(super) start_up: Vec<StartUpList>,
+    revision: Option<u32>,
+    serial: Option<u32>,
     mistakes: Vec<String>,
 }
 
@@ -60,8 +63,24 @@ impl DriveConfig {
             description,
             axes: Vec::new(),
             start_up: Vec::new(),
+            revision: None,
+            serial: None,
             mistakes: Vec::new(),
         }
+    }
+
+    /// Only a drive of this revision is the one.
+    #[must_use]
+    pub const fn revision(mut self, revision: u32) -> Self {
+        self.revision = Some(revision);
+        self
+    }
+
+    /// Only the drive with this serial number is the one: so that two of a kind cannot be exchanged unnoticed.
+    #[must_use]
+    pub const fn serial(mut self, serial: u32) -> Self {
+        self.serial = Some(serial);
+        self
     }
 
     /// Names the drive's next axis.
@@ -163,6 +182,17 @@ impl DriveConfig {
             None => self
                 .mistakes
                 .push(format!("`{name}` is no axis of this drive: name it first")),
+        }
+    }
+
+    /// What the line is to have at its place.
+    pub(super) fn expected(&self) -> Expected {
+        Expected {
+            name: self.description.name.clone(),
+            vendor: self.description.vendor,
+            product: self.description.product,
+            revision: self.revision,
+            serial: self.serial,
         }
     }
 

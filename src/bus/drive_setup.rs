@@ -5,7 +5,7 @@
 use std::{rc::Rc, time::Duration};
 
 use super::{
-    AlState, BringUpStep, DriveFault, NetworkError, al,
+    AlState, BringUpStep, DevicePlace, DriveFault, NetworkError, al,
     axes::Parameters,
     config::{AxisDeclaration, DriveConfig, Turn},
     discovery::Found,
@@ -34,6 +34,7 @@ const SAFE_OP_LIMIT: Duration = Duration::from_secs(10);
 /// A drive in SAFEOP, ready for the exchange.
 pub(super) struct ReadyDrive {
     pub(super) found: Found,
+    pub(super) place: DevicePlace,
     pub(super) sdo: SdoHandle,
     pub(super) emergencies: Emergencies,
     pub(super) mail: MailSignal,
@@ -55,6 +56,7 @@ pub(super) struct ReadyAxis {
 /// What is to be done with one drive.
 pub(super) struct Job {
     pub(super) found: Found,
+    pub(super) place: DevicePlace,
     pub(super) config: DriveConfig,
     pub(super) mapping: Mapping,
     /// The logical address of its outputs; its inputs follow.
@@ -150,6 +152,7 @@ impl Job {
         done(BringUpStep::State(AlState::SafeOp));
         Ok(ReadyDrive {
             found: self.found,
+            place: self.place,
             sdo,
             emergencies,
             mail: signal,

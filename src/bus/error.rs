@@ -3,7 +3,8 @@
 use std::{fmt, time::Duration};
 
 use super::{
-    AlError, AlState, EepromError, RealTimeError, RegisterError, SyncManagerError, WatchdogState,
+    AlError, AlState, EepromError, LineMismatch, RealTimeError, RegisterError, SyncManagerError,
+    WatchdogState,
 };
 use crate::{
     axis::FieldError,
@@ -11,7 +12,6 @@ use crate::{
     link::RawSocketError,
     parameters::StartUpError,
     pdo_map::{MappingError, Step, verify::Differences},
-    sii::Identity,
 };
 
 /// Why a network could not be started.
@@ -38,19 +38,10 @@ pub enum NetworkError {
     /// The line as a whole could not be reset or addressed.
     #[error("the line could not be reset and addressed: {0}")]
     Line(RegisterError),
-    /// A drive is expected where the line has no SubDevice.
-    #[error(
-        "a drive ({expected}) is expected at position {position}, but the line has {count} SubDevice(s)"
-    )]
-    NotThere {
-        /// The position, from 0.
-        position: u16,
-        /// The drive's name in its description.
-        expected: String,
-        /// How many SubDevices the line has.
-        count: usize,
-    },
-    /// Two drives were given for one position, or one name for two axes, or there is no axis.
+    /// Devices are missing, swapped, moved or other ones, or there are more: nothing was configured.
+    #[error(transparent)]
+    WrongLine(#[from] LineMismatch),
+    /// Two devices were declared at one place, or one name for two axes, or there is no axis.
     #[error("{0}")]
     Declaration(String),
     /// A drive could not be configured.
@@ -68,7 +59,7 @@ pub enum NetworkError {
 /// A step of a drive's bring-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BringUpStep {
-    /// Comparing vendor and product with the description.
+    /// Comparing the line with the expected one.
     Identity,
     /// Reading the SII.
     Sii,
@@ -107,18 +98,6 @@ impl fmt::Display for BringUpStep {
 /// What went wrong with a drive.
 #[derive(Debug, thiserror::Error)]
 pub enum DriveFault {
-    /// It is another drive.
-    #[error("expected {}, got {got}", Expected(.name, *.vendor, *.product))]
-    WrongIdentity {
-        /// The expected drive's name.
-        name: String,
-        /// The expected vendor ID, if any.
-        vendor: Option<u32>,
-        /// The expected product code, if any.
-        product: Option<u32>,
-        /// What the drive says.
-        got: Identity,
-    },
     /// The declared mapping is impossible.
     #[error(transparent)]
     Declaration(#[from] MappingError),
@@ -201,20 +180,4 @@ pub enum DriveFault {
     /// The cyclic exchange did not get going.
     #[error("no complete exchange of process data within {0:?}")]
     NoExchange(Duration),
-}
-
-struct Expected<'a>(&'a str, Option<u32>, Option<u32>);
-
-impl fmt::Display for Expected<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} (", self.0)?;
-        match self.1 {
-            Some(vendor) => write!(f, "vendor {vendor:08X}h")?,
-            None => f.write_str("any vendor")?,
-        }
-        match self.2 {
-            Some(product) => write!(f, ", product {product:08X}h)"),
-            None => f.write_str(", any product)"),
-        }
-    }
 }

@@ -25,7 +25,7 @@ use crate::{
 
 /// ESC features, and the configured station alias (ETG.1000.4, registers).
 const FEATURES: u16 = 0x0008;
-const ALIAS: u16 = 0x0012;
+pub(super) const ALIAS: u16 = 0x0012;
 /// Bit 2 of the features: distributed clocks; bit 3: of 64 bits.
 const CLOCK: u8 = 0x04;
 const CLOCK_64: u8 = 0x08;

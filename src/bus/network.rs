@@ -5,7 +5,7 @@ use std::{fmt, sync::Arc, thread::JoinHandle, time::Duration};
 use smol::channel::Receiver;
 
 use super::{
-    NetworkError,
+    DevicePlace, NetworkError,
     control::{Control, NetworkEvent},
     statistics::Statistics,
     supervisor::{Started, StartedDrive},
@@ -91,16 +91,19 @@ impl Network {
         liveness
     }
 
-    /// SDO access to the drive at this position in the line; `None` if no drive was declared there.
+    /// SDO access to the drive at this position in the line, or at the place by which it was declared; `None` if no drive was
+    /// declared there.
     #[must_use]
-    pub fn sdo(&self, position: u16) -> Option<SdoHandle> {
-        self.drive(position).map(|drive| drive.sdo.clone())
+    pub fn sdo(&self, place: impl Into<DevicePlace>) -> Option<SdoHandle> {
+        self.drive(place.into()).map(|drive| drive.sdo.clone())
     }
 
-    /// The emergencies of the drive at this position in the line; `None` if no drive was declared there.
+    /// The emergencies of the drive at this position in the line, or at the place by which it was declared; `None` if no drive
+    /// was declared there.
     #[must_use]
-    pub fn emergencies(&self, position: u16) -> Option<Emergencies> {
-        self.drive(position).map(|drive| drive.emergencies.clone())
+    pub fn emergencies(&self, place: impl Into<DevicePlace>) -> Option<Emergencies> {
+        self.drive(place.into())
+            .map(|drive| drive.emergencies.clone())
     }
 
     /// What happens to drives: lost, back, out of OP. Each event is seen once, whoever asks.
@@ -125,8 +128,10 @@ impl Network {
         self.join();
     }
 
-    fn drive(&self, position: u16) -> Option<&StartedDrive> {
-        self.drives.iter().find(|drive| drive.position == position)
+    fn drive(&self, place: DevicePlace) -> Option<&StartedDrive> {
+        self.drives
+            .iter()
+            .find(|drive| drive.place == place || DevicePlace::Position(drive.position) == place)
     }
 
     fn join(&mut self) {

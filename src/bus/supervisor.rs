@@ -5,7 +5,7 @@ use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 use smol::channel::Sender;
 
 use super::{
-    AlState, NetworkError, al,
+    AlState, DevicePlace, NetworkError, al,
     axes::Axes,
     bring_up::{self, LinePlan},
     control::{Control, NetworkEvent},
@@ -38,7 +38,9 @@ pub(super) struct Started {
 
 /// The mailbox of a drive.
 pub(super) struct StartedDrive {
+    /// Where it stands, and how it was declared.
     pub(super) position: u16,
+    pub(super) place: DevicePlace,
     pub(super) sdo: SdoHandle,
     pub(super) emergencies: Emergencies,
 }
@@ -94,6 +96,7 @@ async fn start(
             .iter()
             .map(|drive| StartedDrive {
                 position: drive.found.id.position,
+                place: drive.place,
                 sdo: drive.sdo.clone(),
                 emergencies: drive.emergencies.clone(),
             })

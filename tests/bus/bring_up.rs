@@ -13,7 +13,7 @@ use servocrab::{
     link::Wire,
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{AlState, Direction, Identity, Segment, personality};
+use servocrab_sim::{AlState, Direction, Segment, personality};
 
 use crate::rig::{Line, Rig, akd2g, is_write_to};
 
@@ -128,50 +128,6 @@ fn pitfall_37_process_data_are_what_coe_says_and_not_what_the_sii_says() {
     });
     assert!(matches!(moved, Outcome::Reached { .. }), "{moved:?}");
     assert_eq!((by_sii, line.segment().last_outputs(0).len()), (19, 23));
-}
-
-#[test]
-fn another_drive_is_refused_with_both_identities() {
-    let other = Identity {
-        vendor: 0x6A,
-        product: 0x0041_4B44,
-        revision: 2,
-        serial: 3,
-    };
-    let line = Line::new(
-        Segment::new()
-            .with(personality::coupler())
-            .with(personality::Servo::akd2g().identity(other).build()),
-    );
-    let error = refused(Network::builder().link(line.wire()).drive(1, akd2g()));
-    let text = error.to_string();
-    for part in [
-        "drive 1",
-        "414B4432h",
-        "00414B44h",
-        "checking its identity",
-        "AKD2G",
-    ] {
-        assert!(text.contains(part), "{part} is not in: {text}");
-    }
-    assert!(matches!(
-        fault(error),
-        (BringUpStep::Identity, DriveFault::WrongIdentity { got, .. }) if got.product == 0x0041_4B44
-    ));
-}
-
-#[test]
-fn a_position_behind_the_end_of_the_line_is_refused() {
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    let error = refused(Network::builder().link(line.wire()).drive(3, akd2g()));
-    assert!(matches!(
-        error,
-        NetworkError::NotThere {
-            position: 3,
-            count: 1,
-            ..
-        }
-    ));
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod bring_up;
 mod bring_up_costs;
 mod endings;
+mod expected_line;
 mod faults;
 mod limits;
 mod log;

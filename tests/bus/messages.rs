@@ -3,11 +3,12 @@
 use std::time::Duration;
 
 use servocrab::{
-    bus::{DriveConfig, Network, NetworkBuilder},
+    bus::{DevicePlace, DriveConfig, Expected, Network, NetworkBuilder},
     coe::{Mappable, Object, ReadWrite},
+    drives,
     link::Wire,
 };
-use servocrab_sim::{Identity, Segment, personality};
+use servocrab_sim::{Segment, personality};
 
 use crate::rig::{Line, Rig, akd2g, is_write_to};
 
@@ -49,33 +50,6 @@ fn no_answer_and_no_subdevice() {
     assert_eq!(
         message(Network::builder().drive(0, akd2g())),
         "no link was given: name an interface, or give a link"
-    );
-}
-
-#[test]
-fn a_drive_behind_the_end_of_the_line() {
-    assert_eq!(
-        message(on(one_drive(), 3, akd2g())),
-        "a drive (AKD2G) is expected at position 3, but the line has 1 SubDevice(s)"
-    );
-}
-
-#[test]
-fn a_wrong_identity() {
-    let other = Identity {
-        vendor: 0x6A,
-        product: 0x0041_4B44,
-        revision: 2,
-        serial: 3,
-    };
-    let segment = Segment::new()
-        .with(personality::coupler())
-        .with(personality::Servo::akd2g().identity(other).build());
-    assert_eq!(
-        message(on(segment, 1, akd2g())),
-        "drive 1 \"AKD2G\" (vendor 0000006Ah, product 00414B44h, revision 00000002h, serial 00000003h): checking its \
-         identity: expected AKD2G (vendor 0000006Ah, product 414B4432h), got vendor 0000006Ah, product 00414B44h, \
-         revision 00000002h, serial 00000003h"
     );
 }
 
@@ -137,5 +111,40 @@ fn a_drive_whose_processor_stands_still() {
     assert_eq!(
         message(Network::builder().link(wire).drive(0, akd2g())),
         format!("{DRIVE}bringing it into PREOP: nothing happened within 3s: it is in INIT")
+    );
+}
+
+#[test]
+fn a_line_that_is_not_the_expected_one_is_shown_beside_it() {
+    let segment = Segment::new()
+        .with(personality::coupler())
+        .with(personality::generic())
+        .with(personality::Servo::akd2g().serial(3).alias(7).build())
+        .with(personality::io_terminal());
+    let line = Line::new(segment);
+    let mut generic = drives::generic();
+    (generic.vendor, generic.product) = (Some(0), Some(0x4453_0402));
+    let generic = DriveConfig::new(generic).axis("z");
+    let builder = Network::builder()
+        .link(line.wire())
+        .expect(0, Expected::any())
+        .drive(1, akd2g())
+        .drive(2, generic)
+        .expect(
+            DevicePlace::Alias(9),
+            Expected::new(0x2, 0x44C_2C52)
+                .named("EK1100")
+                .revision(0x11),
+        )
+        .complete();
+    assert_eq!(
+        message(builder),
+        "the line is not the expected one, and nothing was configured:\n  \
+         position  expected                                                   found                                                                              verdict\n  \
+         0         any device                                                 Coupler (00000000h:434F5550h, revision 00000001h, serial 00000000h)                right\n  \
+         1         AKD2G (0000006Ah:414B4432h)                                CiA402 (00000000h:44530402h, revision 00000001h, serial 00000000h)                 swapped with position 2\n  \
+         2         DS402 drive (00000000h:44530402h)                          AKD2G (0000006Ah:414B4432h, revision 00000001h, serial 00000003h, alias 7)         swapped with position 1\n  \
+         3         -                                                          16 outputs, 16 inputs (00000000h:494F3136h, revision 00000001h, serial 00000000h)  extra\n  \
+         -         alias 9: EK1100 (00000002h:044C2C52h, revision 00000011h)  -                                                                                  missing"
     );
 }

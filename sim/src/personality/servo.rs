@@ -102,6 +102,7 @@ pub struct Servo {
     supports_lrw: bool,
     clock: Option<ClockWidth>,
     clock_demand: Option<ClockDemand>,
+    alias: u16,
     pub(super) pdos: super::servo_pdos::Changes,
 }
 
@@ -113,6 +114,7 @@ impl Servo {
             supports_lrw: true,
             clock: Some(ClockWidth::Bits64),
             clock_demand: None,
+            alias: 0,
             pdos: super::servo_pdos::Changes::default(),
         }
     }
@@ -121,6 +123,13 @@ impl Servo {
     #[must_use]
     pub fn serial(mut self, serial: u32) -> Self {
         self.model.identity.serial = serial;
+        self
+    }
+
+    /// Gives the drive a configured station alias (word 4 of the SII).
+    #[must_use]
+    pub fn alias(mut self, alias: u16) -> Self {
+        self.alias = alias;
         self
     }
 
@@ -248,6 +257,7 @@ impl Servo {
     fn description(&self) -> Description {
         let model = &self.model;
         let mut description = Description::new(model.name, model.identity);
+        description.alias = self.alias;
         description.order = model.order.to_owned();
         description.group = "Drives".to_owned();
         let (out, input, length) = model.mailbox;

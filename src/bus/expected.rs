@@ -1,0 +1,297 @@
+//! The line as the program expects it, beside the one that is there.
+
+use std::{borrow::Cow, fmt};
+
+use crate::{coe::DriveId, sii::Identity};
+
+/// Where a device is to be found in the line.
+///
+/// A number is a position:
+///
+/// ```
+/// use servocrab::bus::DevicePlace;
+/// assert_eq!(DevicePlace::from(2), DevicePlace::Position(2));
+/// assert_eq!(DevicePlace::Alias(7).to_string(), "alias 7");
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DevicePlace {
+    /// At this position; the first SubDevice is 0.
+    Position(u16),
+    /// Wherever the one device with this configured station alias (register 0012h, word 4 of the SII) stands.
+    Alias(u16),
+    /// Wherever the one device of this kind stands.
+    Identity {
+        /// The vendor ID.
+        vendor: u32,
+        /// The product code.
+        product: u32,
+        /// The serial number, where there are several of the kind.
+        serial: Option<u32>,
+    },
+}
+
+impl From<u16> for DevicePlace {
+    fn from(position: u16) -> Self {
+        Self::Position(position)
+    }
+}
+
+impl fmt::Display for DevicePlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Position(position) => write!(f, "position {position}"),
+            Self::Alias(alias) => write!(f, "alias {alias}"),
+            Self::Identity {
+                vendor,
+                product,
+                serial,
+            } => {
+                write!(f, "identity {vendor:08X}h:{product:08X}h")?;
+                serial.map_or(Ok(()), |serial| write!(f, ", serial {serial:08X}h"))
+            }
+        }
+    }
+}
+
+/// What a device is expected to be. What is not said of it may be anything.
+///
+/// ```
+/// use servocrab::bus::Expected;
+/// let coupler = Expected::new(0x2, 0x044C_2C52).named("EK1100");
+/// assert_eq!(coupler.to_string(), "EK1100 (00000002h:044C2C52h)");
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Expected {
+    pub(super) name: Cow<'static, str>,
+    pub(super) vendor: Option<u32>,
+    pub(super) product: Option<u32>,
+    pub(super) revision: Option<u32>,
+    pub(super) serial: Option<u32>,
+}
+
+impl Expected {
+    /// A device of this vendor with this product code.
+    #[must_use]
+    pub const fn new(vendor: u32, product: u32) -> Self {
+        Self {
+            name: Cow::Borrowed(""),
+            vendor: Some(vendor),
+            product: Some(product),
+            revision: None,
+            serial: None,
+        }
+    }
+
+    /// Any device.
+    #[must_use]
+    pub const fn any() -> Self {
+        Self {
+            name: Cow::Borrowed(""),
+            vendor: None,
+            product: None,
+            revision: None,
+            serial: None,
+        }
+    }
+
+    /// What it is called in messages.
+    #[must_use]
+    pub fn named(mut self, name: impl Into<Cow<'static, str>>) -> Self {
+        self.name = name.into();
+        self
+    }
+
+    /// Of this revision alone.
+    #[must_use]
+    pub const fn revision(mut self, revision: u32) -> Self {
+        self.revision = Some(revision);
+        self
+    }
+
+    /// The one with this serial number.
+    #[must_use]
+    pub const fn serial(mut self, serial: u32) -> Self {
+        self.serial = Some(serial);
+        self
+    }
+
+    /// Whether a device with this identity is the one.
+    #[must_use]
+    pub fn matches(&self, identity: &Identity) -> bool {
+        let is = |expected: Option<u32>, got| expected.is_none_or(|expected| expected == got);
+        is(self.vendor, identity.vendor)
+            && is(self.product, identity.product)
+            && is(self.revision, identity.revision)
+            && is(self.serial, identity.serial)
+    }
+
+    /// Whether it can be told from other devices.
+    pub(super) const fn says_something(&self) -> bool {
+        self.vendor.is_some() || self.product.is_some() || self.serial.is_some()
+    }
+}
+
+impl fmt::Display for Expected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |number: Option<u32>| {
+            number.map_or_else(|| "any".into(), |number| format!("{number:08X}h"))
+        };
+        let mut text = match (self.vendor, self.product) {
+            (None, None) => String::from("any device"),
+            (vendor, product) => format!("{}:{}", number(vendor), number(product)),
+        };
+        for (what, value) in [("revision", self.revision), ("serial", self.serial)] {
+            if let Some(value) = value {
+                text += &format!(", {what} {value:08X}h");
+            }
+        }
+        if self.name.is_empty() {
+            f.write_str(&text)
+        } else {
+            write!(f, "{} ({text})", self.name)
+        }
+    }
+}
+
+/// A device that is there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Present {
+    /// Its position, its name and what it says it is.
+    pub id: DriveId,
+    /// Its configured station alias, where that was read: it is when a device is expected by alias.
+    pub alias: Option<u16>,
+}
+
+impl fmt::Display for Present {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Identity {
+            vendor,
+            product,
+            revision,
+            serial,
+        } = self.id.identity;
+        write!(
+            f,
+            "{} ({vendor:08X}h:{product:08X}h, revision {revision:08X}h, serial {serial:08X}h",
+            self.id.name
+        )?;
+        match self.alias {
+            None | Some(0) => f.write_str(")"),
+            Some(alias) => write!(f, ", alias {alias})"),
+        }
+    }
+}
+
+/// What is the matter with one place of the line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Verdict {
+    /// Nothing.
+    Right,
+    /// The expected device is not in the line.
+    Missing,
+    /// The device is expected nowhere, in a line that was declared complete.
+    Extra,
+    /// The device is expected nowhere, which is allowed.
+    NotDeclared,
+    /// The expected device stands at that position, and the one that is expected there stands here.
+    Swapped {
+        /// The other position.
+        with: u16,
+    },
+    /// The expected device stands elsewhere.
+    Moved {
+        /// Where.
+        to: u16,
+    },
+    /// Nothing is expected here; the device is expected elsewhere.
+    Astray {
+        /// Where.
+        from: u16,
+    },
+    /// Another device stands here, and the expected one is not in the line.
+    Different,
+    /// Several devices have the alias or the identity.
+    NotUnique {
+        /// Where they stand.
+        positions: Vec<u16>,
+    },
+    /// Another declaration means this device as well.
+    DeclaredTwice,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Right => f.write_str("right"),
+            Self::Missing => f.write_str("missing"),
+            Self::Extra => f.write_str("extra"),
+            Self::NotDeclared => f.write_str("not declared"),
+            Self::Swapped { with } => write!(f, "swapped with position {with}"),
+            Self::Moved { to } => write!(f, "moved to position {to}"),
+            Self::Astray { from } => write!(f, "expected at position {from}"),
+            Self::Different => f.write_str("another device"),
+            Self::NotUnique { positions } => {
+                let positions: Vec<_> = positions.iter().map(u16::to_string).collect();
+                write!(f, "not unique: positions {}", positions.join(", "))
+            }
+            Self::DeclaredTwice => f.write_str("declared twice"),
+        }
+    }
+}
+
+/// A place of the line, as expected and as found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LineRow {
+    /// The position; none where nothing was found for an alias or an identity.
+    pub position: Option<u16>,
+    /// What is expected, and how it is looked for.
+    pub expected: Option<(DevicePlace, Expected)>,
+    /// What is there.
+    pub found: Option<Present>,
+    /// What is the matter.
+    pub verdict: Verdict,
+}
+
+impl LineRow {
+    fn cells(&self) -> [String; 4] {
+        let nothing = || String::from("-");
+        let expected = self.expected.as_ref().map(|(place, device)| match place {
+            DevicePlace::Position(_) => device.to_string(),
+            place => format!("{place}: {device}"),
+        });
+        [
+            self.position.map_or_else(nothing, |at| at.to_string()),
+            expected.unwrap_or_else(nothing),
+            self.found.as_ref().map_or_else(nothing, Present::to_string),
+            self.verdict.to_string(),
+        ]
+    }
+}
+
+/// A line that is not the expected one: every place of it, those that are right as well. Shown as a table.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LineMismatch(pub Vec<LineRow>);
+
+impl fmt::Display for LineMismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the line is not the expected one, and nothing was configured:")?;
+        let head = ["position", "expected", "found", "verdict"].map(String::from);
+        let rows: Vec<_> = std::iter::once(head)
+            .chain(self.0.iter().map(LineRow::cells))
+            .collect();
+        let width = |column: usize| {
+            let cells = rows.iter().filter_map(|row| row.get(column));
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let (first, second, third) = (width(0), width(1), width(2));
+        for [position, expected, found, verdict] in &rows {
+            write!(
+                f,
+                "\n  {position:first$}  {expected:second$}  {found:third$}  {verdict}"
+            )?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for LineMismatch {}
