@@ -4,7 +4,7 @@
 use std::{
     ffi::CString,
     io,
-    os::fd::{AsRawFd, FromRawFd, OwnedFd},
+    os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd},
     sync::Arc,
     task::Waker,
     time::{Duration, Instant},
@@ -244,6 +244,13 @@ impl Link for RawSocket {
 
     fn waker(&self) -> Waker {
         self.event.waker()
+    }
+}
+
+/// For socket options of a program's own.
+impl AsFd for RawSocket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
     }
 }
 

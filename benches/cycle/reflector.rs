@@ -1,0 +1,216 @@
+//! The other end of every master's cable: a simulated segment for the bring-up, then answers of fixed cost.
+//!
+//! While a segment is simulated, the answers to frames of process data are kept. When it is reflected, such a frame gets the data
+//! and working counters of its kind's last answer, and the bit in its source address that the first SubDevice sets. That costs a copy
+//! of the data, whatever the drives.
+
+use std::{
+    io::{self, BufRead},
+    ops::Range,
+    sync::atomic::{AtomicU32, Ordering},
+    thread,
+    time::{Duration, Instant},
+};
+
+use servocrab_sim::{
+    Segment,
+    link::{FRAME_CAPACITY, RawSocket},
+    personality::Servo,
+};
+
+use crate::{MASTERS, measure::say, slave};
+
+/// Bytes of the Ethernet and the EtherCAT header.
+const HEADERS: usize = 16;
+const FPRD: u8 = 4;
+const LOGICAL: std::ops::RangeInclusive<u8> = 10..=12;
+
+/// What the main program says last: the line and whether it is simulated.
+static ORDER: AtomicU32 = AtomicU32::new(u32::MAX);
+const SIMULATED: u32 = 1 << 8;
+
+/// A master's line.
+struct Line {
+    socket: RawSocket,
+    segment: Segment,
+    /// Time stands still while the segment is not simulated, so that no watchdog expires.
+    age: Duration,
+    kept: Vec<Kept>,
+}
+
+/// The answer to a kind of frame.
+struct Kept {
+    length: usize,
+    /// Command and address of the first datagram.
+    first: [u8; 5],
+    answer: Vec<u8>,
+    /// The datagrams' data with their working counters.
+    data: Vec<Range<usize>>,
+}
+
+/// Serves the lines of all masters, one at a time as told by the standard input, with this many axes each.
+pub(crate) fn reflect(axes: usize) {
+    let mut lines: Vec<Line> = (0..MASTERS.len())
+        .map(|place| Line {
+            socket: RawSocket::open(&slave(place)).expect("the interface is there"),
+            segment: segment(axes, MASTERS[place]),
+            age: Duration::ZERO,
+            kept: Vec::new(),
+        })
+        .collect();
+    thread::spawn(take_orders);
+    say("ready");
+    let mut buffer = [0; FRAME_CAPACITY];
+    let mut before = Instant::now();
+    loop {
+        let order = ORDER.load(Ordering::Relaxed);
+        let place = (order & 0xFF) as usize;
+        let now = Instant::now();
+        let passed = now - before;
+        before = now;
+        // The floor's frames are this library's, and get its answers.
+        let source = if MASTERS
+            .get(place)
+            .is_some_and(|who| who.starts_with("floor"))
+        {
+            MASTERS.iter().position(|who| *who == "servocrab-block")
+        } else {
+            Some(place)
+        };
+        let Some(source) = source.filter(|at| *at < lines.len()) else {
+            thread::sleep(Duration::from_millis(1));
+            continue;
+        };
+        if order & SIMULATED != 0 {
+            let line = &mut lines[place];
+            line.age += passed;
+            line.segment.advance(line.age);
+            line.simulate(&mut buffer);
+            continue;
+        }
+        // A while without looking at the clock and the orders.
+        for _ in 0..200 {
+            let Ok(Some(length)) = lines[place].socket.receive(&mut buffer) else {
+                continue;
+            };
+            let frame = &mut buffer[..length];
+            let kept = &lines[source].kept;
+            if let Some(kept) = kept.iter().find(|kept| kept.is_for(frame)) {
+                kept.put_into(frame);
+                let _ = lines[place].socket.send(frame);
+            } else {
+                lines[place].answer(length, &mut buffer);
+            }
+        }
+    }
+}
+
+impl Line {
+    fn simulate(&mut self, buffer: &mut [u8]) {
+        while let Ok(Some(length)) = self.socket.receive(buffer) {
+            self.answer(length, buffer);
+        }
+    }
+
+    /// Answers as the segment does, and keeps the answer.
+    fn answer(&mut self, length: usize, buffer: &mut [u8]) {
+        let frame = &mut buffer[..length];
+        let (kind, data) = kind(frame);
+        if self.segment.process(frame, self.age) {
+            let _ = self.socket.send(frame);
+            if let Some(first) = kind {
+                self.kept
+                    .retain(|kept| kept.length != length || kept.first != first);
+                self.kept.push(Kept {
+                    length,
+                    first,
+                    answer: frame.to_vec(),
+                    data,
+                });
+            }
+        }
+    }
+}
+
+impl Kept {
+    fn is_for(&self, frame: &[u8]) -> bool {
+        self.length == frame.len() && Some(self.first) == first(frame)
+    }
+
+    fn put_into(&self, frame: &mut [u8]) {
+        frame[6] |= 2;
+        for range in &self.data {
+            frame[range.clone()].copy_from_slice(&self.answer[range.clone()]);
+        }
+    }
+}
+
+fn first(frame: &[u8]) -> Option<[u8; 5]> {
+    let &[command, _, a, b, c, d, ..] = frame.get(HEADERS..)? else {
+        return None;
+    };
+    Some([command, a, b, c, d])
+}
+
+/// What tells a frame of process data, or of many states, from others; and where data and working counters are.
+fn kind(frame: &[u8]) -> (Option<[u8; 5]>, Vec<Range<usize>>) {
+    let mut data = Vec::new();
+    let (mut at, mut logical) = (HEADERS, false);
+    while let Some(&[command, _, _, _, _, _, low, high]) = frame.get(at..at + 8) {
+        logical |= LOGICAL.contains(&command);
+        let flags = u16::from_le_bytes([low, high]);
+        let end = at + 12 + usize::from(flags & 0x07FF);
+        data.push(at + 10..end);
+        if flags & 0x8000 == 0 {
+            break;
+        }
+        at = end;
+    }
+    let first = first(frame);
+    let states = first.is_some_and(|[command, _, _, low, high]| {
+        command == FPRD && [low, high] == [0x30, 0x01] && data.len() > 1
+    });
+    (first.filter(|_| logical || states), data)
+}
+
+fn take_orders() {
+    for line in io::stdin().lock().lines() {
+        let line = line.expect("text");
+        let (what, place) = line.split_once(' ').expect("what to do with which line");
+        let place: u32 = place.parse().expect("a number");
+        let simulated = if what == "simulate" { SIMULATED } else { 0 };
+        ORDER.store(place | simulated, Ordering::Relaxed);
+        // Longer than a look at the order takes.
+        thread::sleep(Duration::from_millis(5));
+        say("done");
+    }
+    std::process::exit(0);
+}
+
+/// Two-axis drives with 7 bytes of outputs and 7 of inputs for each axis: as free PDOs for the master that writes its mapping,
+/// as what is there at power-up for the others.
+fn segment(axes: usize, master: &str) -> Segment {
+    let mut segment = Segment::new();
+    if master.starts_with("floor") {
+        return segment;
+    }
+    for drive in 0..axes.div_ceil(2) {
+        let both = axes - 2 * drive >= 2;
+        let mut servo = Servo::akd2g();
+        if !master.starts_with("servocrab") {
+            let assigned: &[u16] = if both {
+                &[0x1600, 0x1610, 0x1A00, 0x1A10]
+            } else {
+                &[0x1600, 0x1A00]
+            };
+            servo = servo
+                .with_fixed_pdo(0x1600, &[(0x6040, 0, 16), (0x6060, 0, 8), (0x607A, 0, 32)])
+                .with_fixed_pdo(0x1610, &[(0x6840, 0, 16), (0x6860, 0, 8), (0x687A, 0, 32)])
+                .with_fixed_pdo(0x1A00, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
+                .with_fixed_pdo(0x1A10, &[(0x6841, 0, 16), (0x6861, 0, 8), (0x6864, 0, 32)])
+                .assigned_at_power_up(assigned);
+        }
+        segment.push(servo.build());
+    }
+    segment
+}
