@@ -1,8 +1,13 @@
-//! ethercrab's frames on the link: sent, sent again when they are lost, and checked when they come back.
+//! ethercrab's datagrams on the link: put together into frames, sent, sent again when they are lost, and checked when they
+//! come back.
+//!
+//! ethercrab makes a frame for each datagram. What is queued at the same time shares frames here, and each datagram gets its
+//! own answer back with its own working counter: a line of drives costs hardly more system calls than one.
 //!
 //! ethercrab matches a reply by datagram index and command alone, so that a late one can be taken for a later request's.
-//! Therefore each frame gets a number of its own in its source address, and its datagrams are compared.
-//! What reads a mailbox is sent once: a second reading would bring the next mail in the place of the lost one.
+//! Therefore each frame gets a number of its own in its source address, and all its datagrams are compared.
+//! What reads or writes a mailbox is sent once, in frames of its own: a second reading would bring the next mail in the place
+//! of the lost one, and a second writing might be carried out twice. The mailbox client knows what to do about either.
 
 use std::{io, time::Duration};
 
@@ -11,10 +16,10 @@ use ethercrab::{
     error::{Error, PduError},
 };
 
-use super::frame::{self, Tag, command};
+use super::frame::{self, DATAGRAM_HEADER, ETHERNET_HEADER, HEADERS, Tag, command};
 use super::reactor::SLOTS;
 use super::statistics::Counters;
-use crate::link::Link;
+use crate::link::{LONGEST_FRAME, Link};
 
 /// How long a frame may be away before it is sent again. A segment answers within microseconds; the rest is the
 /// operating system's.
@@ -28,20 +33,56 @@ pub(super) const GIVEN_UP_AFTER: Duration = RESEND_AFTER.saturating_mul(SENDINGS
 /// each, fewer than ethercrab has indices.
 const AHEAD: u32 = 256 - 2 * SLOTS as u32;
 
+/// What a byte takes on a cable of 100 Mbit/s, and how many of them a frame takes beside its own: preamble, checksum, gap
+/// (IEEE 802.3).
+const BYTE: Duration = Duration::from_nanos(80);
+const AROUND_FRAME: usize = 24;
+
 /// The two ends of ethercrab's loop that face the link, and the frames that are on their way.
 pub(super) struct Acyclic {
     tx: PduTx<'static>,
     rx: PduRx<'static>,
+    /// The number of the last frame.
     number: u32,
+    /// How many requests there were.
+    requests: u32,
     away: Vec<Away>,
-    spare: Vec<Vec<u8>>,
+    spare: Vec<Away>,
+    /// An answer to one request, as ethercrab takes it.
+    single: Vec<u8>,
+    gap: Gap,
 }
 
+/// A frame with the requests that share it.
+#[derive(Default)]
 struct Away {
     number: u32,
+    /// The number of its first request.
+    first: u32,
     frame: Vec<u8>,
+    parts: Vec<Part>,
     sent_at: Duration,
     sendings: u8,
+    most_sendings: u8,
+}
+
+/// A request's place in its frame.
+struct Part {
+    start: usize,
+    end: usize,
+    /// Where its last datagram begins.
+    last: usize,
+}
+
+/// The time between two cycles, as far as frames have used it up.
+#[derive(Default)]
+struct Gap {
+    /// The next cycle's start.
+    end: Option<Duration>,
+    /// Until when the cable is busy with what was sent.
+    busy_until: Duration,
+    /// Whether something was sent in this gap.
+    used: bool,
 }
 
 impl Acyclic {
@@ -51,66 +92,97 @@ impl Acyclic {
             tx,
             rx,
             number: 0,
+            requests: 0,
             away: Vec::with_capacity(slots),
             spare: Vec::new(),
+            single: Vec::with_capacity(LONGEST_FRAME),
+            gap: Gap::default(),
         }
     }
 
     /// Sends what ethercrab has queued, and again what is overdue. Gives the number of frames sent.
-    pub(super) fn send(&mut self, link: &mut dyn Link, now: Duration) -> io::Result<usize> {
-        let mut sent = 0;
-        while let Some(sendable) = self.tx.next_sendable_frame() {
-            let mut frame = self.spare.pop().unwrap_or_default();
-            self.number = self.number.wrapping_add(1);
-            let number = self.number;
-            let mut result = Ok(());
-            // An error here leaves the frame with ethercrab, which offers it again.
-            let taken = sendable.send_blocking(|bytes| {
-                frame.clear();
-                frame.extend_from_slice(bytes);
-                set_source(&mut frame, number);
-                result = link.send(&frame);
-                match &result {
-                    Ok(()) => Ok(bytes.len()),
-                    Err(_) => Err(Error::SendFrame),
-                }
-            });
-            result?;
-            if taken.is_ok() {
-                sent += 1;
-                // A mail whose reading is lost is asked for by the mailbox client, which then gets the same one again.
-                let sendings = if frame::reads_memory(&frame) {
-                    SENDINGS
-                } else {
-                    1
-                };
-                self.away.push(Away {
-                    number,
-                    frame,
-                    sent_at: now,
-                    sendings,
-                });
-            }
-        }
+    ///
+    /// With `until`, the next cycle's start, no more is taken than the cable can carry before it; the rest waits for the
+    /// next gap. One request is taken in each gap, however short that is.
+    pub(super) fn send(
+        &mut self,
+        link: &mut dyn Link,
+        now: Duration,
+        until: Option<Duration>,
+    ) -> io::Result<usize> {
+        self.gap.begin(until, now);
+        self.collect(now);
+        let mut sent = Ok(0);
         for away in &mut self.away {
-            if away.sendings < SENDINGS && now >= away.sent_at + RESEND_AFTER {
+            let overdue = now >= away.sent_at + RESEND_AFTER;
+            if away.sendings == 0 || overdue && away.sendings < away.most_sendings {
+                if let Err(error) = link.send(&away.frame) {
+                    sent = Err(error);
+                    break;
+                }
                 away.sent_at = now;
                 away.sendings += 1;
-                link.send(&away.frame)?;
-                sent += 1;
+                sent = sent.map(|sent| sent + 1);
             }
         }
-        let (spare, rx) = (&mut self.spare, &mut self.rx);
-        self.away.retain_mut(|away| {
-            let keep = now < away.sent_at + RESEND_AFTER;
-            if !keep {
-                let mut frame = std::mem::take(&mut away.frame);
-                give_up(&mut frame, rx);
-                spare.push(frame);
+        let mut place = 0;
+        while let Some(away) = self.away.get(place) {
+            if now < away.sent_at + RESEND_AFTER {
+                place += 1;
+                continue;
             }
-            keep
-        });
-        Ok(sent)
+            let mut away = self.away.swap_remove(place);
+            for part in &away.parts {
+                give_up(part, &mut away.frame, &mut self.single, &mut self.rx);
+            }
+            self.spare.push(away);
+        }
+        sent
+    }
+
+    /// Takes what ethercrab has queued into frames that are still to be sent.
+    fn collect(&mut self, now: Duration) {
+        loop {
+            let Some(sendable) = self.tx.next_sendable_frame() else {
+                return;
+            };
+            // An error leaves the request with ethercrab, which offers it again.
+            let taken = sendable.send_blocking(|bytes| {
+                let Some(datagrams) = bytes.get(HEADERS..) else {
+                    return Err(Error::SendFrame);
+                };
+                let once = frame::reaches_memory(bytes);
+                let most_sendings = if once { 1 } else { SENDINGS };
+                let open = self.away.iter().position(|away| {
+                    away.sendings == 0
+                        && away.most_sendings == most_sendings
+                        && away.frame.len() + datagrams.len() <= LONGEST_FRAME
+                });
+                let more = match open {
+                    Some(_) => datagrams.len(),
+                    None => bytes.len() + AROUND_FRAME,
+                };
+                if !self.gap.has_room_for(more) {
+                    return Err(Error::SendFrame);
+                }
+                self.requests = self.requests.wrapping_add(1);
+                let place = open.unwrap_or_else(|| {
+                    self.number = self.number.wrapping_add(1);
+                    let mut away = self.spare.pop().unwrap_or_default();
+                    away.begin(self.number, self.requests, bytes, now);
+                    away.most_sendings = most_sendings;
+                    self.away.push(away);
+                    self.away.len() - 1
+                });
+                if let Some(away) = self.away.get_mut(place) {
+                    away.add(datagrams);
+                }
+                Ok(bytes.len())
+            });
+            if taken.is_err() {
+                return;
+            }
+        }
     }
 
     /// Whether nothing more is to be asked for before the oldest request has had its answer or is given up.
@@ -120,7 +192,7 @@ impl Acyclic {
     pub(super) fn is_ahead(&self) -> bool {
         self.away
             .iter()
-            .any(|away| self.number.wrapping_sub(away.number) >= AHEAD)
+            .any(|away| self.requests.wrapping_sub(away.first) >= AHEAD)
     }
 
     /// When the next frame is overdue.
@@ -128,7 +200,7 @@ impl Acyclic {
         self.away.iter().map(|a| a.sent_at + RESEND_AFTER).min()
     }
 
-    /// Hands a frame with this number to ethercrab, if it is the answer to one that is away.
+    /// Hands the answers in a frame with this number to ethercrab, if it is the answer to one that is away.
     pub(super) fn accept(&mut self, number: u32, answer: &[u8], counters: &Counters) {
         let Some(place) = self.away.iter().position(|a| a.number == number) else {
             counters.late.add();
@@ -142,22 +214,106 @@ impl Acyclic {
             counters.damaged.add();
             return;
         }
-        self.spare.push(self.away.swap_remove(place).frame);
-        // An error means that the request's future was dropped meanwhile: nobody waits for the answer.
-        if self.rx.receive_frame(answer).is_err() {
-            counters.late.add();
+        let away = self.away.swap_remove(place);
+        for part in &away.parts {
+            // An error means that the request's future was dropped meanwhile: nobody waits for the answer.
+            if !part.take_out(answer, &mut self.single)
+                || self.rx.receive_frame(&self.single).is_err()
+            {
+                counters.late.add();
+            }
         }
+        self.spare.push(away);
+    }
+}
+
+impl Away {
+    /// An empty frame with the headers of `model`.
+    fn begin(&mut self, number: u32, first: u32, model: &[u8], now: Duration) {
+        self.number = number;
+        self.first = first;
+        self.frame.clear();
+        self.frame
+            .extend_from_slice(model.get(..HEADERS).unwrap_or_default());
+        let address = Tag::Acyclic(number).source_address();
+        for (to, from) in self.frame.iter_mut().skip(6).zip(address) {
+            *to = from;
+        }
+        self.parts.clear();
+        self.sent_at = now;
+        self.sendings = 0;
+    }
+
+    /// Appends a request's datagrams.
+    fn add(&mut self, datagrams: &[u8]) {
+        if let Some(before) = self.parts.last() {
+            set_more(&mut self.frame, before.last, true);
+        }
+        let start = self.frame.len();
+        self.frame.extend_from_slice(datagrams);
+        set_length(&mut self.frame);
+        let last = frame::datagrams_from(&self.frame, start)
+            .flatten()
+            .last()
+            .map_or(start, |datagram| datagram.offset - DATAGRAM_HEADER);
+        let end = self.frame.len();
+        self.parts.push(Part { start, end, last });
+    }
+}
+
+impl Part {
+    /// Makes a frame of its own of its datagrams in `frame`; false if they are not there.
+    fn take_out(&self, frame: &[u8], single: &mut Vec<u8>) -> bool {
+        single.clear();
+        let (Some(headers), Some(datagrams)) =
+            (frame.get(..HEADERS), frame.get(self.start..self.end))
+        else {
+            return false;
+        };
+        single.extend_from_slice(headers);
+        single.extend_from_slice(datagrams);
+        set_length(single);
+        set_more(single, HEADERS + self.last - self.start, false);
+        true
+    }
+}
+
+impl Gap {
+    fn begin(&mut self, end: Option<Duration>, now: Duration) {
+        if self.end != end {
+            self.end = end;
+            self.used = false;
+        }
+        // Without cycles nothing has to make room for anything.
+        self.busy_until = match end {
+            Some(_) => self.busy_until.max(now),
+            None => now,
+        };
+    }
+
+    /// Whether so many bytes more can be sent in this gap; if so, they count as sent.
+    fn has_room_for(&mut self, bytes: usize) -> bool {
+        let takes = BYTE * u32::try_from(bytes).unwrap_or(u32::MAX);
+        let busy_until = self.busy_until + takes;
+        if self.used && self.end.is_some_and(|end| busy_until > end) {
+            return false;
+        }
+        self.used = true;
+        self.busy_until = busy_until;
+        true
     }
 }
 
 /// Ends a request that has had no answer: as its answer ethercrab gets one with another command, which the request's
 /// future takes for undecodable ([`is_lost`]).
-fn give_up(frame: &mut [u8], rx: &mut PduRx<'static>) {
-    if let Some(command) = frame.get_mut(frame::HEADERS) {
+fn give_up(part: &Part, frame: &mut [u8], single: &mut Vec<u8>, rx: &mut PduRx<'static>) {
+    if let Some(command) = frame.get_mut(part.start) {
         *command = command::NOP;
     }
-    // An error means that its future was dropped meanwhile.
-    let _ = rx.receive_frame(frame);
+    if part.take_out(frame, single) {
+        // An error means that its future was dropped meanwhile.
+        let _ = rx.receive_frame(single);
+    }
 }
 
 /// Whether this is how a request ends that was given up.
@@ -165,9 +321,18 @@ pub(super) fn is_lost(error: &Error) -> bool {
     *error == Error::Pdu(PduError::Decode)
 }
 
-fn set_source(frame: &mut [u8], number: u32) {
-    let address = Tag::Acyclic(number).source_address();
-    for (to, from) in frame.iter_mut().skip(6).zip(address) {
+/// Has the EtherCAT header say how many bytes follow it (eleven bits; type 1 above them).
+fn set_length(frame: &mut [u8]) {
+    let length = u16::try_from(frame.len() - HEADERS).unwrap_or(u16::MAX) & 0x07FF;
+    let header = (0x1000 | length).to_le_bytes();
+    for (to, from) in frame.iter_mut().skip(ETHERNET_HEADER).zip(header) {
         *to = from;
+    }
+}
+
+/// Sets or clears a datagram's mark that another one follows (bit 15 of its length).
+fn set_more(frame: &mut [u8], datagram: usize, more: bool) {
+    if let Some(flags) = frame.get_mut(datagram + 7) {
+        *flags = *flags & 0x7F | u8::from(more) << 7;
     }
 }

@@ -92,6 +92,14 @@ pub(super) struct Datagram<'a> {
 
 /// The datagrams of an Ethernet frame; `None` in the place of one that is cut.
 pub(super) fn datagrams(frame: &[u8]) -> impl Iterator<Item = Option<Datagram<'_>>> {
+    datagrams_from(frame, HEADERS)
+}
+
+/// The same, from the one on that begins at `start`.
+pub(super) fn datagrams_from(
+    frame: &[u8],
+    start: usize,
+) -> impl Iterator<Item = Option<Datagram<'_>>> {
     let end = match *frame {
         [.., _] => frame
             .get(ETHERNET_HEADER..HEADERS)
@@ -101,7 +109,7 @@ pub(super) fn datagrams(frame: &[u8]) -> impl Iterator<Item = Option<Datagram<'_
             }),
         [] => 0,
     };
-    let mut next = Some(HEADERS);
+    let mut next = Some(start);
     core::iter::from_fn(move || {
         let start = next.take()?;
         let Some((datagram, more)) = frame.get(..end).and_then(|whole| parse(whole, start)) else {
@@ -159,14 +167,14 @@ fn same_address(command: u8, asked: [u8; 4], got: [u8; 4]) -> bool {
 /// Where a SubDevice's registers end and its memory with the mailboxes begins (ETG.1000.4, address space).
 const MEMORY: u16 = 0x1000;
 
-/// Whether the frame reads memory of a SubDevice. That empties a mailbox: a second reading would bring the next mail, and
-/// nobody would miss the first.
-pub(super) fn reads_memory(frame: &[u8]) -> bool {
+/// Whether the frame reads or writes memory of a SubDevice by its address, which is how a mailbox is reached. A reading
+/// empties one: a second reading would bring the next mail, and nobody would miss the first. A writing fills one: the
+/// device may have taken the mail already, and take a second one for a further request.
+pub(super) fn reaches_memory(frame: &[u8]) -> bool {
     datagrams(frame).flatten().any(|datagram| {
         let [_, _, low, high] = datagram.address;
-        // APRD, APRW, FPRD, FPRW, BRD, BRW.
-        matches!(datagram.command, 1 | 3 | 4 | 6 | 7 | 9)
-            && u16::from_le_bytes([low, high]) >= MEMORY
+        // APRD to BRW: all commands with a physical address but ARMW and FRMW, which are for the clock.
+        matches!(datagram.command, 1..=9) && u16::from_le_bytes([low, high]) >= MEMORY
     })
 }
 
@@ -228,7 +236,7 @@ impl Composer {
 
 #[cfg(test)]
 mod tests {
-    use super::{Composer, Tag, command, datagrams, is_answer_to, reads_memory};
+    use super::{Composer, Tag, command, datagrams, is_answer_to, reaches_memory};
 
     fn two_datagrams() -> Vec<u8> {
         let mut composer = Composer::new();
@@ -278,17 +286,21 @@ mod tests {
     }
 
     #[test]
-    fn reading_a_mailbox_is_told_from_writing_it_and_from_reading_registers() {
+    fn an_access_to_a_mailbox_is_told_from_one_to_registers_and_to_process_data() {
         let frame = |command, address: [u8; 4]| {
             let mut composer = Composer::new();
             composer.push(command, address, 16);
             composer.finish()
         };
         let (mailbox, register) = ([1, 0x10, 0x00, 0x1C], [1, 0x10, 0x0D, 0x08]);
-        assert!(reads_memory(&frame(4, mailbox)), "FPRD of 1C00h");
-        assert!(!reads_memory(&frame(5, mailbox)), "FPWR of 1C00h");
-        assert!(!reads_memory(&frame(4, register)), "FPRD of 080Dh");
-        assert!(!reads_memory(&frame(command::LRW, [0, 0, 1, 0x1C])), "LRW");
+        assert!(reaches_memory(&frame(4, mailbox)), "FPRD of 1C00h");
+        assert!(reaches_memory(&frame(5, mailbox)), "FPWR of 1C00h");
+        assert!(!reaches_memory(&frame(4, register)), "FPRD of 080Dh");
+        assert!(!reaches_memory(&frame(5, register)), "FPWR of 080Dh");
+        assert!(
+            !reaches_memory(&frame(command::LRW, [0, 0, 1, 0x1C])),
+            "LRW"
+        );
     }
 
     #[test]

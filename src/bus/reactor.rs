@@ -182,7 +182,7 @@ impl Reactor {
         // Futures may have been dropped above, and none will be before ethercrab's frames are sent.
         if self
             .acyclic
-            .send(&mut *self.link, self.context.time.now())
+            .send(&mut *self.link, self.context.time.now(), until)
             .is_err()
         {
             self.context.counters.not_sent.add();

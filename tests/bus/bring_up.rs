@@ -15,7 +15,7 @@ use servocrab::{
 };
 use servocrab_sim::{AlState, Direction, Segment, personality};
 
-use crate::rig::{Line, Rig, akd2g, is_write_to};
+use crate::rig::{Line, Rig, akd2g, datagrams, is_write_to};
 
 #[test]
 fn both_axes_of_an_akd2g_come_up_and_move() {
@@ -168,9 +168,11 @@ fn a_watchdog_that_cannot_be_armed_is_refused_unless_opted_out_in_words() {
     // The drive takes the write to 0420h, but as zero.
     let spoiled = || {
         line.spoiled_wire(|frame| {
-            if is_write_to(frame, 0x0420) {
-                frame[26] = 0;
-                frame[27] = 0;
+            for datagram in datagrams(frame) {
+                if is_write_to(datagram, 0x0420) {
+                    datagram[10] = 0;
+                    datagram[11] = 0;
+                }
             }
         })
     };
@@ -217,8 +219,10 @@ fn a_drive_that_refuses_safe_op_is_quoted_with_its_al_status_code() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     // One byte more in sync manager 2 than the drive has mapped.
     let wire = line.spoiled_wire(|frame| {
-        if is_write_to(frame, 0x0810) {
-            frame[28] += 1;
+        for datagram in datagrams(frame) {
+            if is_write_to(datagram, 0x0810) {
+                datagram[12] += 1;
+            }
         }
     });
     let error = refused(Network::builder().link(wire).drive(0, akd2g()));

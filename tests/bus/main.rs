@@ -14,6 +14,7 @@ mod parameters;
 mod rig;
 mod scan;
 mod sdo;
+mod sharing;
 mod start_up;
 mod stops;
 mod threaded;

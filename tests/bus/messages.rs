@@ -10,7 +10,7 @@ use servocrab::{
 };
 use servocrab_sim::{Segment, personality};
 
-use crate::rig::{Line, Rig, akd2g, is_write_to};
+use crate::rig::{Line, Rig, akd2g, datagrams, is_write_to};
 
 /// How the simulated drive is named in every message about it.
 const DRIVE: &str = "drive 0 \"AKD2G\" (vendor 0000006Ah, product 414B4432h, revision 00000001h, serial 00000000h): ";
@@ -87,8 +87,10 @@ fn a_refused_mapping_with_its_entry_and_its_abort_code() {
 fn an_al_state_that_is_refused_with_its_al_status_code() {
     // One byte more in sync manager 2 than the drive has mapped.
     let wire = Line::new(one_drive()).spoiled_wire(|frame| {
-        if is_write_to(frame, 0x0810) {
-            frame[28] += 1;
+        for datagram in datagrams(frame) {
+            if is_write_to(datagram, 0x0810) {
+                datagram[12] += 1;
+            }
         }
     });
     assert_eq!(

@@ -62,9 +62,30 @@ pub(crate) fn is_cyclic(frame: &[u8]) -> bool {
     (10..=12).contains(&frame[16])
 }
 
-/// Whether a frame's first datagram writes to this register of one SubDevice.
-pub(crate) fn is_write_to(frame: &[u8], register: u16) -> bool {
-    frame[16] == 5 && frame[20..22] == register.to_le_bytes()
+/// The datagrams of a frame, each from its command to its working counter; its data begin at byte 10 (ETG.1000.4).
+pub(crate) fn datagrams(frame: &mut [u8]) -> Vec<&mut [u8]> {
+    let mut found = Vec::new();
+    let mut rest = frame.get_mut(16..).unwrap_or_default();
+    while let &[_, _, _, _, _, _, l0, l1, ..] = &*rest {
+        let flags = u16::from_le_bytes([l0, l1]);
+        let Some((datagram, behind)) = rest.split_at_mut_checked(usize::from(flags & 0x07FF) + 12)
+        else {
+            break;
+        };
+        found.push(datagram);
+        rest = if flags & 0x8000 == 0 { &mut [] } else { behind };
+    }
+    found
+}
+
+/// Whether a datagram writes to this register of one SubDevice.
+pub(crate) fn is_write_to(datagram: &[u8], register: u16) -> bool {
+    datagram[0] == 5 && datagram[4..6] == register.to_le_bytes()
+}
+
+/// Whether a datagram reads or writes a mailbox: memory of one SubDevice by its address.
+pub(crate) fn is_mail(datagram: &[u8]) -> bool {
+    matches!(datagram[0], 4 | 5) && u16::from_le_bytes([datagram[4], datagram[5]]) >= 0x1000
 }
 
 /// An AKD2G with axes `x` and `y`, which are moved without being homed.

@@ -12,7 +12,7 @@ use servocrab::{
 };
 use servocrab_sim::{AlState as SimState, Blueprint, Device, Segment, personality};
 
-use crate::rig::is_write_to;
+use crate::rig::{datagrams, is_write_to};
 
 /// A coupler with alias 7, a drive, a terminal without mailbox, a drive of two axes.
 fn line() -> Arc<Mutex<Segment>> {
@@ -92,9 +92,11 @@ fn a_device_that_refuses_preop_is_told_apart_and_the_others_are_served() {
     let segment = line();
     // The request for PREOP of the second device becomes one for SAFEOP, which it refuses.
     let line = scan(&segment, |frame| {
-        let to_second = frame[18..20] == 0x1001u16.to_le_bytes();
-        if is_write_to(frame, 0x0120) && to_second && frame[26] == 2 {
-            frame[26] = 4;
+        for datagram in datagrams(frame) {
+            let to_second = datagram[2..4] == 0x1001u16.to_le_bytes();
+            if is_write_to(datagram, 0x0120) && to_second && datagram[10] == 2 {
+                datagram[10] = 4;
+            }
         }
     })
     .unwrap();

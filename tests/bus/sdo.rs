@@ -31,7 +31,7 @@ fn rig() -> (Line, Rig) {
 }
 
 /// Runs all futures at once.
-async fn all<T: 'static>(futures: Vec<impl Future<Output = T> + 'static>) -> Vec<T> {
+pub(crate) async fn all<T: 'static>(futures: Vec<impl Future<Output = T> + 'static>) -> Vec<T> {
     let executor = smol::LocalExecutor::new();
     let tasks: Vec<_> = futures.into_iter().map(|one| executor.spawn(one)).collect();
     let results = async {
