@@ -20,8 +20,8 @@ use super::{
 };
 use crate::parameters::Transition;
 
-/// Complete exchanges before OP is asked for, so that every drive has seen valid outputs.
-const GOOD_CYCLES: u32 = 3;
+/// Complete exchanges before OP is asked for: with the first one every drive has taken valid outputs.
+const GOOD_CYCLES: u32 = 1;
 /// How long that may take, beside the cycles themselves.
 const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
 /// How long a drive may take into OP (ETG.1020, default timeout of SAFEOP to OP is 10 s).
@@ -225,7 +225,7 @@ pub(super) fn start_cycles(
         signal: drive.mail.clone(),
     });
     let exchange = Exchange::new(&members, mailboxes.collect());
-    let first = context.time.now() + period;
+    let first = context.time.now();
     *context.cycle.borrow_mut() = Some(Cycle::new(exchange, stepper, period, first));
 }
 
@@ -295,7 +295,7 @@ async fn wait_for_exchange(
     let limit = EXCHANGE_LIMIT + period * GOOD_CYCLES * 4;
     let started = context.time.now();
     loop {
-        context.time.sleep(period).await;
+        context.time.sleep(period / 4).await;
         let cycle = context.cycle.borrow();
         let Some(cycle) = cycle.as_ref() else {
             return Err(NetworkError::Thread("the cycle was ended".into()));

@@ -322,6 +322,9 @@ async fn stop_on_loss(
     ];
     let skip = usize::from(!quick_stop.stops_under_control());
     for choice in preferred.into_iter().skip(skip) {
+        if value == choice.raw() {
+            return Ok(());
+        }
         match sdo.write(object, choice.raw()).await {
             Ok(()) => {}
             Err(error) if error.error.abort_code().is_some() => continue,

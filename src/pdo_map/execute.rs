@@ -9,22 +9,99 @@ use super::mapping::{Direction, Mapping};
 use super::offer::FixedPdo;
 use super::plan::{Plan, Step};
 use super::verify::{self, Differences};
-use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoHandle};
+use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoHandle};
 
-/// Writes `mapping` into a drive in PREOP, reads it back, compares, and gives the places of its objects.
+/// Brings `mapping` into a drive in PREOP, and gives the places of its objects.
+///
+/// What the drive holds is read first, in both directions, and what is as it should be is left as it is: a direction in which
+/// nothing differs is not written at all, a PDO whose entries do not differ is not filled. A direction in which something was
+/// written is read back and compared.
 ///
 /// # Errors
 /// [`ConfigureError`]: the drive refused a step, did not answer, or holds another mapping afterwards.
 pub async fn configure(mapping: &Mapping, sdo: &SdoHandle) -> Result<Layout, ConfigureError> {
-    execute(&mapping.plan(), sdo).await?;
-    let held = read_back(sdo).await?;
-    verify::compare(mapping, &held).map_err(|error| {
+    let outputs = differing(mapping, Direction::Outputs, sdo).await?;
+    let inputs = differing(mapping, Direction::Inputs, sdo).await?;
+    for plan in [&outputs, &inputs].into_iter().flatten() {
+        execute(plan, sdo).await?;
+    }
+    let mut held = Vec::new();
+    for (direction, written) in [(Direction::Outputs, &outputs), (Direction::Inputs, &inputs)] {
+        held.push(match written {
+            Some(_) => read_pdos(direction, sdo).await?,
+            None => mapping.pdos(direction).to_vec(),
+        });
+    }
+    let inputs = held.pop().unwrap_or_default();
+    let outputs = held.pop().unwrap_or_default();
+    verify::compare(mapping, &Mapping::from_pdos(outputs, inputs)).map_err(|error| {
         ConfigureError::Differs(Box::new(DriveError {
             drive: sdo.drive().clone(),
             error,
         }))
     })?;
     Ok(mapping.layout())
+}
+
+/// What is to be written in one direction; `None` where the drive holds what it should.
+///
+/// What the drive does not let be read is written.
+async fn differing(
+    mapping: &Mapping,
+    direction: Direction,
+    sdo: &SdoHandle,
+) -> Result<Option<Plan>, ConfigureError> {
+    let wanted = mapping.pdos(direction);
+    let mut assigned = wanted.iter().map(|pdo| u32::from(pdo.index));
+    let is_assigned = holds::<u16>(direction.assignment(), &mut assigned, sdo).await?;
+    let mut different = Vec::new();
+    for pdo in wanted {
+        let mut entries = pdo.entries.iter().map(|entry| entry.raw());
+        if !holds::<u32>(pdo.index, &mut entries, sdo).await? {
+            different.push(pdo.index);
+        }
+    }
+    if is_assigned && different.is_empty() {
+        return Ok(None);
+    }
+    let is_filled = |pdo| different.contains(&pdo);
+    Ok(Some(Plan::of_direction(mapping, direction, is_filled)))
+}
+
+/// Whether an object holds these elements and no others, read up to the first that differs.
+async fn holds<T: Number>(
+    index: u16,
+    wanted: &mut (dyn ExactSizeIterator<Item = u32> + Send),
+    sdo: &SdoHandle,
+) -> Result<bool, ConfigureError> {
+    let count: Object<u8, ReadOnly> = Object::new(index, 0, "number of entries");
+    let expected = wanted.len();
+    let same = |count| usize::from(count) == expected;
+    if !is(sdo.read(count).await, same)? {
+        return Ok(false);
+    }
+    for (subindex, value) in (1..=u8::MAX).zip(wanted) {
+        let element: Object<T, ReadOnly> = Object::new(index, subindex, "entry");
+        if !is(sdo.read(element).await, |got| got.to_raw() == value)? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Whether what was read is what was expected; what the drive refuses to be read, or has in another width, is not.
+fn is<T>(
+    read: Result<T, DriveError>,
+    expected: impl FnOnce(T) -> bool,
+) -> Result<bool, ConfigureError> {
+    match read {
+        Ok(value) => Ok(expected(value)),
+        Err(DriveError {
+            error: SdoError::Aborted { .. } | SdoError::WrongSize { .. },
+            ..
+        }) => Ok(false),
+        Err(error) => Err(ConfigureError::Unreadable(Box::new(error))),
+    }
 }
 
 /// Makes the writes of `plan`, and stops at the first that fails.

@@ -10,37 +10,49 @@ use crate::coe::ObjectAddress;
 /// Ordered SDO writes, to be made in PREOP and stopped at the first that the drive refuses.
 ///
 /// The order is that of ETG.1000.6: the assignment is emptied, each PDO is emptied, filled and given its
-/// number of entries, then the assignment is filled and given its number of PDOs. Both directions are always
-/// written, so that nothing of a former configuration stays. PDOs with a content of the drive's own are assigned and not filled.
+/// number of entries, then the assignment is filled and given its number of PDOs. Both directions are there, so that
+/// nothing of a former configuration stays. PDOs with a content of the drive's own are assigned and not filled.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
     steps: Vec<Step>,
 }
 
 impl Plan {
+    /// Everything of `mapping`, whatever the drive holds.
     pub(super) fn of(mapping: &Mapping) -> Self {
+        let directions = [Direction::Outputs, Direction::Inputs];
+        let steps = directions.map(|direction| Self::of_direction(mapping, direction, |_| true));
+        Self {
+            steps: steps.into_iter().flat_map(|plan| plan.steps).collect(),
+        }
+    }
+
+    /// The assignment of one direction, with the content of those PDOs that are to be filled.
+    pub(super) fn of_direction(
+        mapping: &Mapping,
+        direction: Direction,
+        is_filled: impl Fn(u16) -> bool,
+    ) -> Self {
         let mut steps = Vec::new();
-        for direction in [Direction::Outputs, Direction::Inputs] {
-            let assignment = direction.assignment();
-            let pdos = mapping.pdos(direction);
-            steps.push(Step::count(assignment, 0, Purpose::EmptyAssignment));
-            for pdo in pdos {
-                if !mapping.is_fixed(pdo.index) {
-                    steps.extend(fill(pdo));
-                }
+        let assignment = direction.assignment();
+        let pdos = mapping.pdos(direction);
+        steps.push(Step::count(assignment, 0, Purpose::EmptyAssignment));
+        for pdo in pdos {
+            if is_filled(pdo.index) && !mapping.is_fixed(pdo.index) {
+                steps.extend(fill(pdo));
             }
-            for (subindex, pdo) in (1..=u8::MAX).zip(pdos) {
-                let [low, high] = pdo.index.to_le_bytes();
-                steps.push(Step {
-                    object: ObjectAddress::new(assignment, subindex),
-                    value: Bytes::new(&[low, high]),
-                    purpose: Purpose::Assign(pdo.index),
-                });
-            }
-            let count = u8::try_from(pdos.len()).unwrap_or(u8::MAX);
-            if count != 0 {
-                steps.push(Step::count(assignment, count, Purpose::CloseAssignment));
-            }
+        }
+        for (subindex, pdo) in (1..=u8::MAX).zip(pdos) {
+            let [low, high] = pdo.index.to_le_bytes();
+            steps.push(Step {
+                object: ObjectAddress::new(assignment, subindex),
+                value: Bytes::new(&[low, high]),
+                purpose: Purpose::Assign(pdo.index),
+            });
+        }
+        let count = u8::try_from(pdos.len()).unwrap_or(u8::MAX);
+        if count != 0 {
+            steps.push(Step::count(assignment, count, Purpose::CloseAssignment));
         }
         Self { steps }
     }

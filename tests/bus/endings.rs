@@ -111,7 +111,7 @@ fn a_bring_up_whose_loop_is_dropped_ends_with_an_error() {
     let builder = Network::builder().link(line.wire()).drive(0, akd2g());
     let (starting, mut bus) = builder.split().unwrap();
     let mut network = pin!(starting.network());
-    for _ in 0..200 {
+    for _ in 0..100 {
         assert!(poll(&mut network).is_pending());
         assert!(bus.turn());
     }

@@ -82,8 +82,8 @@ fn an_emergency_between_any_request_of_a_bring_up_and_its_late_answer_is_deliver
 /// A bring-up for each of its datagrams, with an emergency after it. Gives their number.
 fn after_each_datagram(disturbance: Disturbance) -> u64 {
     let datagrams = recorded(&disturbance);
-    // Reading the SII, the mapping and its reading back, the way to OP: many more than this.
-    assert!(datagrams > 150, "only {datagrams} datagrams were recorded");
+    // The mailbox, the mapping, the parameters, the way to OP: many more than this.
+    assert!(datagrams > 100, "only {datagrams} datagrams were recorded");
     let next = AtomicU64::new(1);
     let workers = thread::available_parallelism().map_or(1, usize::from);
     let work = || {

@@ -150,7 +150,9 @@ impl Counted {
         }
         let datagrams = datagrams(frame);
         let seen = self.seen;
-        let holds = |datagram| (seen + 1..=seen + datagrams.len() as u64).contains(&datagram);
+        let counts = self.counts();
+        let holds =
+            |datagram| counts && (seen + 1..=seen + datagrams.len() as u64).contains(&datagram);
         let (request_lost, answer_lost) = match self.lost {
             Some(Loss::Request(datagram)) => (holds(datagram), false),
             Some(Loss::Answer(datagram)) => (false, holds(datagram)),
@@ -176,9 +178,14 @@ impl Counted {
         comes_back && !answer_lost
     }
 
-    fn count(&mut self, now: Duration) {
+    /// Whether the device is in PREOP or above.
+    fn counts(&self) -> bool {
         let position = self.due.as_ref().map_or(0, |due| due.position);
-        if self.segment.devices()[position].al_state() == AlState::Init {
+        self.segment.devices()[position].al_state() != AlState::Init
+    }
+
+    fn count(&mut self, now: Duration) {
+        if !self.counts() {
             return;
         }
         self.seen += 1;
