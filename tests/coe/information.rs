@@ -116,3 +116,57 @@ fn a_drive_without_the_service_says_so_whether_its_sii_tells_it_or_not() {
         );
     }
 }
+
+#[test]
+fn the_dictionary_of_every_drive_is_read_as_the_drive_has_it() {
+    for servo in [
+        Servo::akd2g(),
+        Servo::pp2010(),
+        Servo::ax2000(),
+        Servo::sigma7(),
+        Servo::generic(),
+    ] {
+        // Lists and most descriptions come in fragments.
+        let mut device = servo.with_sdo_information().mailbox_bytes(40).build();
+        let has = device.dictionary();
+        with_device(device, async |_, handle, _| {
+            let read = handle.dictionary().await?;
+            assert!(read.undescribed.is_empty(), "{:?}", read.undescribed);
+            assert_eq!(read.objects.len(), has.len());
+            for (read, has) in read.objects.iter().zip(&has) {
+                let object = &read.description;
+                assert_eq!(
+                    (object.index, &object.name, object.max_subindex),
+                    (has.index, &has.name, has.last)
+                );
+                assert_eq!(object.data_type, TypeCode(has.data_type), "{}", has.name);
+                assert_eq!(object.code, ObjectCode::from(has.code), "{}", has.name);
+                assert_eq!(read.entries.len(), has.entries.len(), "{}", has.name);
+                for (read, entry) in read.entries.iter().zip(&has.entries) {
+                    assert_eq!(read.address, ObjectAddress::new(has.index, entry.subindex));
+                    assert_eq!(
+                        read.data_type,
+                        TypeCode(entry.data_type),
+                        "{}",
+                        read.address
+                    );
+                    assert_eq!(
+                        (read.bits, read.access.0, &read.name, read.unit),
+                        (entry.bits, entry.access, &entry.name, entry.unit),
+                        "{}",
+                        read.address
+                    );
+                    let (minimum, maximum) = entry.range.clone().unzip();
+                    // A text shorter than it may be leaves open where its default ends: it is asked for without.
+                    let default = entry.default.clone();
+                    let default =
+                        default.filter(|value| 8 * value.len() == usize::from(entry.bits));
+                    assert_eq!(read.default, default, "{}", read.address);
+                    assert_eq!((&read.minimum, &read.maximum), (&minimum, &maximum));
+                }
+            }
+            Ok::<_, DriveError>(())
+        })
+        .unwrap();
+    }
+}

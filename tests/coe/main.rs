@@ -6,6 +6,7 @@
 mod boundaries;
 #[path = "../common/datagrams.rs"]
 mod datagrams;
+mod golden;
 mod information;
 
 use std::future::{Future, poll_fn};

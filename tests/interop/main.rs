@@ -11,12 +11,13 @@ mod programs;
 
 use std::{
     io::{BufRead, BufReader},
+    path::Path,
     process::{Command, ExitStatus, Stdio},
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
-use namespace::{Process, inside_namespace, simulated};
+use namespace::{Process, inside_namespace, simulated, simulated_with};
 
 /// Seconds after which the simulated segment ends by itself, and with it whatever waits for its answers.
 const LONGEST: u32 = 120;
@@ -61,6 +62,9 @@ const SOEM: [&str; 31] = [
 
 /// The checks of `soem/line.py`, in order.
 const LINE: [&str; 4] = ["line_scan", "line_map", "line_clock", "line_operational"];
+
+/// The checks of `soem/transfers.py`, in order.
+const TRANSFERS: [&str; 4] = ["scan", "all_sizes", "complete_sizes", "pinned_mails"];
 
 /// The checks of `etherage/`, in order.
 const ETHERAGE: [&str; 17] = [
@@ -114,11 +118,20 @@ fn turn() -> MutexGuard<'static, ()> {
 
 /// Runs SOEM on a drive, in a namespace of its own.
 fn soem(test: &str, drive: &str) {
-    run_soem(test, drive, "main.py", &[drive], &SOEM);
+    let dictionary = programs::dictionary(drive);
+    run_soem(test, drive, "main.py", &[drive], &[], &[&dictionary], &SOEM);
 }
 
-/// Runs one of the Python programs on a line of devices.
-fn run_soem(test: &str, name: &str, program: &str, devices: &[&str], checks: &[&str]) {
+/// Runs one of the Python programs on a line of devices: with options of the simulator, and with further arguments of its own.
+fn run_soem(
+    test: &str,
+    name: &str,
+    program: &str,
+    devices: &[&str],
+    options: &[String],
+    arguments: &[&Path],
+    checks: &[&str],
+) {
     let Some(python) = programs::python() else {
         return;
     };
@@ -127,7 +140,7 @@ fn run_soem(test: &str, name: &str, program: &str, devices: &[&str], checks: &[&
     if !inside_namespace(test) {
         return;
     }
-    let _simulator = simulated(&simulator, devices, LONGEST, None);
+    let _simulator = simulated_with(&simulator, devices, LONGEST, options);
     let mut command = Command::new(python);
     // Its parts import each other; nothing is to be left beside the sources.
     command
@@ -135,7 +148,8 @@ fn run_soem(test: &str, name: &str, program: &str, devices: &[&str], checks: &[&
         .arg(programs::sources().join("soem").join(program))
         .arg("master0")
         .arg(programs::table())
-        .args(devices);
+        .args(devices)
+        .args(arguments);
     Run::of("soem", name, command).judge(checks);
 }
 
@@ -231,8 +245,45 @@ fn soem_on_a_line_of_devices() {
         "line",
         "line.py",
         &devices,
+        &[],
+        &[],
         &LINE,
     );
+}
+
+/// Runs SOEM's transfers through mailboxes of this many bytes.
+fn transfers(test: &str, drive: &str, mailbox: u16) {
+    let session = programs::sources().join("../vectors/sdo_session.txt");
+    let options = ["--mailbox-bytes".to_owned(), mailbox.to_string()];
+    run_soem(
+        test,
+        &format!("transfers-{mailbox}"),
+        "transfers.py",
+        &[drive],
+        &options,
+        &[&session],
+        &TRANSFERS,
+    );
+}
+
+macro_rules! through {
+    ($($test:ident: $drive:literal $mailbox:literal;)+) => {
+        $(
+            #[test]
+            fn $test() {
+                transfers(stringify!($test), $drive, $mailbox);
+            }
+        )+
+    };
+}
+
+through! {
+    soem_through_mailboxes_of_24_bytes: "generic" 24;
+    soem_through_mailboxes_of_32_bytes: "generic" 32;
+    soem_through_mailboxes_of_48_bytes: "sigma7" 48;
+    soem_through_mailboxes_of_128_bytes: "generic" 128;
+    soem_through_mailboxes_of_256_bytes: "generic" 256;
+    soem_through_mailboxes_of_1024_bytes: "akd2g" 1024;
 }
 
 /// A test for each master on a drive of the table.

@@ -9,6 +9,8 @@ use std::{
     sync::OnceLock,
 };
 
+use servocrab_sim::personality;
+
 use crate::namespace::{INSIDE, say};
 
 /// Where this suite's files are.
@@ -19,6 +21,39 @@ pub(crate) fn sources() -> PathBuf {
 /// What each drive should answer.
 pub(crate) fn table() -> PathBuf {
     sources().join("drives.json")
+}
+
+/// What a drive's dictionary has: a file of a row for each object and each of its subindices, written from the simulated drive
+/// itself, not from its answers.
+pub(crate) fn dictionary(drive: &str) -> PathBuf {
+    let place = target().join("interop/dictionaries");
+    let file = place.join(drive).with_extension("txt");
+    if made_already() {
+        return file;
+    }
+    let mut device = match drive {
+        "akd2g" => personality::akd2g(),
+        "pp2010" => personality::pp2010(),
+        "ax2000" => personality::ax2000(),
+        "sigma7" => personality::sigma7(),
+        "generic" => personality::generic(),
+        other => panic!("no drive {other}"),
+    };
+    let mut rows = String::new();
+    for object in device.dictionary() {
+        let (index, kind, code) = (object.index, object.data_type, object.code);
+        rows += &format!("{index}|{kind}|{code}|{}|{}\n", object.last, object.name);
+        for entry in object.entries {
+            let (subindex, kind, bits) = (entry.subindex, entry.data_type, entry.bits);
+            rows += &format!(
+                "{index}:{subindex}|{kind}|{bits}|{}|{}\n",
+                entry.access, entry.name
+            );
+        }
+    }
+    fs::create_dir_all(&place).expect("the target directory can be written");
+    fs::write(&file, rows).expect("the target directory can be written");
+    file
 }
 
 fn root() -> PathBuf {

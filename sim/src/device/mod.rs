@@ -1,6 +1,7 @@
 //! One SubDevice: its ESC, and the processor behind it with AL state machine, mailbox and process data.
 
 mod checks;
+mod dictionary;
 mod post;
 mod synchronisation;
 
@@ -15,6 +16,7 @@ use crate::esc::{Esc, Place};
 use crate::mailbox::{MailError, Mailbox};
 use crate::sii;
 use checks::CheckedBy;
+pub use dictionary::{ListedEntry, ListedObject};
 use post::SyncManagers;
 use synchronisation::Synchronisation;
 

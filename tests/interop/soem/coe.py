@@ -143,7 +143,30 @@ def object_list(bench):
                 expect(f"the direction of {field.index:04X}h", known.obj_access & direction, direction)
     identity = objects[0x1018]
     expect("the entries of 1018h", [entry.bit_length for entry in identity.entries], [8, 32, 32, 32, 32])
-    return f"{len(objects)} objects, {sum(len(o.entries) for o in objects.values())} entries"
+    compared = dictionary(bench, objects)
+    return f"{len(objects)} objects, {compared} entries, each as the drive has it"
+
+
+def dictionary(bench, objects):
+    """Every object and every entry is listed as the drive has it; how many entries these are."""
+    with open(bench.dictionary) as file:
+        rows = [line.rstrip("\n").split("|") for line in file]
+    # SOEM keeps 40 characters of a name, and shows no entries of an object without subindices, but what its first one is.
+    has = {int(row[0]): row[1:] for row in rows if ":" not in row[0]}
+    expect("the objects", sorted(objects), sorted(has))
+    for index, (kind, code, last, name) in has.items():
+        seen = objects[index]
+        expect(f"{index:04X}h", (seen.data_type, seen.object_code), (int(kind), int(code)))
+        expect(f"the name of {index:04X}h", seen.name.decode(), name[:40])
+        expect(f"the entries of {index:04X}h", len(seen.entries), int(last) + 1 if int(last) else 0)
+    entries = [(*map(int, row[0].split(":")), *row[1:]) for row in rows if ":" in row[0]]
+    for index, subindex, kind, bits, access, name in entries:
+        seen = objects[index] if has[index][2] == "0" else objects[index].entries[subindex]
+        what = f"{index:04X}h:{subindex}"
+        expect(what, (seen.bit_length, seen.obj_access), (int(bits), int(access)))
+        expect(f"the type of {what}", seen.data_type, int(kind))
+        expect(f"the name of {what}", seen.name.decode(), name[:40])
+    return len(entries)
 
 
 def mailbox_errors(bench):

@@ -1,8 +1,8 @@
-"""Runs the SOEM master against one simulated drive: `main.py INTERFACE TABLE DRIVE`.
+"""Runs the SOEM master against one simulated drive: `main.py INTERFACE TABLE DRIVE DICTIONARY`.
 
 What a drive should answer is in the table (drives.json); the program has no case for any of them. Each check prints a line
 `ok NAME: what was seen` or `FAILED NAME: why`; a failure ends the program, because the checks go up the EtherCAT states
-one after the other. Nothing here shares code or constants with the simulated drive or with the library under test.
+one after the other. DICTIONARY has a row for each object and entry that the drive should list. Nothing here shares code or constants with the simulated drive or with the library under test.
 """
 
 import json
@@ -50,9 +50,10 @@ CHECKS = (
 
 
 def main():
-    interface, table, name = sys.argv[1:]
+    interface, table, name, dictionary = sys.argv[1:]
     with open(table) as file:
         bench = Bench(interface, Drive(json.load(file)[name]))
+    bench.dictionary = dictionary
     return report(bench, CHECKS)
 
 

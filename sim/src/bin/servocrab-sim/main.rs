@@ -38,6 +38,9 @@ struct Arguments {
     drive: Vec<Kind>,
     #[command(flatten)]
     machine: MachineArguments,
+    /// Bytes of both mailboxes of each drive; longer ones than a drive's own are not to be had
+    #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(16..))]
+    mailbox_bytes: Option<u16>,
     /// Milliseconds that an EEPROM takes for one access
     #[arg(long, value_name = "MS", default_value_t = 0)]
     sii_ms: u64,
@@ -84,7 +87,7 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let mut segment = Segment::new();
     for kind in &arguments.drive {
-        let mut device = build(*kind, &arguments.machine);
+        let mut device = build(*kind, &arguments.machine, arguments.mailbox_bytes);
         device.set_sii_delay(Duration::from_millis(arguments.sii_ms));
         device.set_mailbox_delay(Duration::from_millis(arguments.mailbox_ms));
         segment.push(device);
@@ -150,7 +153,7 @@ fn lock(trace: &SharedTrace) -> std::sync::MutexGuard<'_, Trace<BufWriter<File>>
     trace.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn build(kind: Kind, machine: &MachineArguments) -> Device {
+fn build(kind: Kind, machine: &MachineArguments, mailbox_bytes: Option<u16>) -> Device {
     let servo = match kind {
         Kind::Akd2g => Servo::akd2g(),
         Kind::Pp2010 => Servo::pp2010(),
@@ -160,9 +163,11 @@ fn build(kind: Kind, machine: &MachineArguments) -> Device {
         Kind::Coupler => return personality::coupler(),
         Kind::Io => return personality::io_terminal(),
     };
-    servo
-        .change(|behaviour| behaviour.machine = machine.machine())
-        .build()
+    let servo = servo.change(|behaviour| behaviour.machine = machine.machine());
+    match mailbox_bytes {
+        Some(bytes) => servo.mailbox_bytes(bytes).build(),
+        None => servo.build(),
+    }
 }
 
 /// The line that says that the program listens, and one for each SubDevice: who it is, as a MainDevice will find it.
