@@ -33,7 +33,7 @@ pub use description::{
     ClockDemand, ClockMode, ClockWidth, Description, Direction, Identity, Mailbox, PdoDescription,
     PdoEntryDescription, SyncManagerDescription, SyncManagerUse,
 };
-pub use device::{Blueprint, Device, ListedEntry, ListedObject};
+pub use device::{Blueprint, Device, Habits, ListedEntry, ListedObject};
 pub use drive::{AxisStatusObject, DriveBlueprint};
 pub use faults::{Fault, FaultyWire};
 pub use pdo::{PdoHabit, PdoLimits};

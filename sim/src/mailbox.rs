@@ -68,13 +68,16 @@ pub(crate) struct Mailbox {
     request: Option<(Duration, u8, Vec<u8>)>,
     /// Time between taking a request and answering it.
     pub(crate) delay: Duration,
+    /// A request, by how many are taken before it, that takes this time in place of the other.
+    pub(crate) late: Option<(u64, Duration)>,
 }
 
 impl Mailbox {
-    /// Forgets everything but the delay: INIT was entered.
+    /// Forgets everything but the delays: INIT was entered.
     pub(crate) fn reset(&mut self) {
         *self = Self {
             delay: self.delay,
+            late: self.late,
             ..Self::default()
         };
     }
@@ -161,13 +164,26 @@ impl Mailbox {
         }
         match mail.get(HEADER..HEADER + usize::from(length)) {
             Some(payload) => {
-                self.request = Some((
-                    now.saturating_add(self.delay),
-                    kind & 0x0F,
-                    payload.to_vec(),
-                ));
+                let delay = self.next_delay();
+                self.request = Some((now.saturating_add(delay), kind & 0x0F, payload.to_vec()));
             }
             None => self.reply_error(MailError::InvalidSize),
+        }
+    }
+
+    /// How long the next request takes.
+    fn next_delay(&mut self) -> Duration {
+        match &mut self.late {
+            Some((0, late)) => {
+                let late = *late;
+                self.late = None;
+                late
+            }
+            Some((before, _)) => {
+                *before -= 1;
+                self.delay
+            }
+            None => self.delay,
         }
     }
 

@@ -146,6 +146,16 @@ pub(super) async fn request(
     if before.error.is_some() {
         acknowledge(registers, station, before.state).await?;
     }
+    ask(registers, station, state, limit).await
+}
+
+/// Asks for a state, and waits until the SubDevice is there or refuses.
+async fn ask(
+    registers: &Registers,
+    station: u16,
+    state: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
     registers
         .write(station, AL_CONTROL, &[state.bits(), 0])
         .await?;
@@ -170,6 +180,25 @@ pub(super) async fn request(
         time.sleep((waited / 4).clamp(SHORTEST_PAUSE, LONGEST_PAUSE))
             .await;
     }
+}
+
+/// Brings a SubDevice that should be in `from` without error one step up into `to`. One that has left `from` meanwhile, or shows an
+/// error, is quoted with its own reason, and not asked.
+pub(super) async fn climb(
+    registers: &Registers,
+    station: u16,
+    from: AlState,
+    to: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
+    let seen = status(registers, station).await?;
+    if seen.error.is_some() {
+        acknowledge(registers, station, seen.state).await?;
+    }
+    if (seen.state, seen.error) != (from, None) {
+        return Err(AlError::Refused(seen));
+    }
+    ask(registers, station, to, limit).await
 }
 
 /// Waits for a state that was asked for by a broadcast; a SubDevice that has not taken it is asked again.

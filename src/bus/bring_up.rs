@@ -266,7 +266,7 @@ pub(super) async fn operate(
                         .await
                         .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
                 }
-                al::request(&registers, station, AlState::Op, OP_LIMIT)
+                al::climb(&registers, station, AlState::SafeOp, AlState::Op, OP_LIMIT)
                     .await
                     .map_err(|error| (BringUpStep::State(AlState::Op), DriveFault::from(error)))
             })

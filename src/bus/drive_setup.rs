@@ -145,9 +145,15 @@ impl Job {
         eeprom::give_away(registers, station)
             .await
             .map_err(|error| (BringUpStep::Sii, error.into()))?;
-        al::request(registers, station, AlState::SafeOp, SAFE_OP_LIMIT)
-            .await
-            .map_err(|error| (BringUpStep::State(AlState::SafeOp), error.into()))?;
+        al::climb(
+            registers,
+            station,
+            AlState::PreOp,
+            AlState::SafeOp,
+            SAFE_OP_LIMIT,
+        )
+        .await
+        .map_err(|error| (BringUpStep::State(AlState::SafeOp), error.into()))?;
         tracing::debug!(drive = %self.found.id, "in SAFEOP");
         done(BringUpStep::State(AlState::SafeOp));
         Ok(ReadyDrive {

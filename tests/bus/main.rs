@@ -5,6 +5,7 @@ mod bring_up_costs;
 mod endings;
 mod expected_line;
 mod faults;
+mod habits;
 mod limits;
 mod log;
 mod mappings;

@@ -7,6 +7,7 @@ mod boundaries;
 #[path = "../common/datagrams.rs"]
 mod datagrams;
 mod golden;
+mod habits;
 mod information;
 
 use std::future::{Future, poll_fn};

@@ -92,6 +92,14 @@ pub(crate) fn emergency_payload(code: u16, register: u8, data: [u8; 5]) -> Vec<u
     payload
 }
 
+/// The refusal of an SDO request; `None` for any other mail, and for a segment, which names no object.
+pub(crate) fn refusal(payload: &[u8], abort: Abort) -> Option<Vec<u8>> {
+    let is_request = read_u16(payload, 0)? >> 12 == SERVICE_SDO_REQUEST;
+    let names_object = matches!(payload.get(2)? >> 5, 1 | 2);
+    let (index, subindex) = (read_u16(payload, 3)?, *payload.get(5)?);
+    (is_request && names_object).then(|| sdo::abort_payload(index, subindex, abort))
+}
+
 /// CoE header and the first byte of a service.
 fn head(service: u16, command: u8) -> Vec<u8> {
     let mut payload = (service << 12).to_le_bytes().to_vec();

@@ -307,7 +307,7 @@ fn initiated(command: u8, target: Target, data: &[u8]) -> Vec<u8> {
 
 /// An abort travels with the service number of a request in both directions, as the open SubDevice stack SOES sends it; not
 /// confirmed on a drive.
-fn abort_payload(index: u16, subindex: u8, abort: Abort) -> Vec<u8> {
+pub(super) fn abort_payload(index: u16, subindex: u8, abort: Abort) -> Vec<u8> {
     let mut payload = head(SERVICE_SDO_REQUEST, 0x80);
     payload.extend(index.to_le_bytes());
     payload.push(subindex);

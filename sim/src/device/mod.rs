@@ -2,6 +2,7 @@
 
 mod checks;
 mod dictionary;
+mod habits;
 mod post;
 mod synchronisation;
 
@@ -17,6 +18,8 @@ use crate::mailbox::{MailError, Mailbox};
 use crate::sii;
 use checks::CheckedBy;
 pub use dictionary::{ListedEntry, ListedObject};
+pub use habits::Habits;
+use habits::Practice;
 use post::SyncManagers;
 use synchronisation::Synchronisation;
 
@@ -61,6 +64,7 @@ pub struct Device {
     /// The clock's begin in nanoseconds, and by how many parts per billion its crystal is too fast.
     crystal: (u64, i32),
     next_cycle: Duration,
+    practice: Practice,
 }
 
 impl Device {
@@ -95,6 +99,7 @@ impl Device {
             synchronisation: Synchronisation::default(),
             crystal: (clock_start, 0),
             next_cycle: Duration::ZERO,
+            practice: Practice::default(),
             blueprint,
         };
         device
@@ -221,9 +226,7 @@ impl Device {
 
     /// Makes the device fall to SAFEOP, or stay below it, with an error, as after a fault of its own.
     pub fn fall_to_safe_op(&mut self, al_status_code: u16) {
-        let before = self.al.state();
-        self.al.fall(AlState::SafeOp, al_status_code);
-        self.after_al(before);
+        self.fall_to(AlState::SafeOp, al_status_code);
     }
 
     /// Stops or restarts the processor behind the ESC. While it stands, registers, memory and the last process data still
@@ -360,7 +363,12 @@ impl Device {
         if let Some(control) = self.esc.take_al_control() {
             let before = self.al.state();
             let mut al = self.al.clone();
-            al.request(control, &CheckedBy(self), now, OUTPUTS_PATIENCE);
+            match self.practice.habits.falls {
+                Some((asked, to, code)) if control & 0x0F == u16::from(asked as u8) => {
+                    al.fall(to, code);
+                }
+                _ => al.request(control, &CheckedBy(self), now, OUTPUTS_PATIENCE),
+            }
             self.al = al;
             self.after_al(before);
         }
@@ -482,12 +490,17 @@ impl Device {
             mailbox,
             server,
             drive,
+            practice,
             ..
         } = self;
         let mut post = SyncManagers { esc, out, input };
         mailbox.poll(&mut post, now, |payload| {
             let drive = drive.as_mut().ok_or(MailError::UnsupportedProtocol)?;
-            server.serve(payload, &mut drive.sdo(is_preop))
+            let replies = match practice.refuse(payload) {
+                Some(refusal) => vec![refusal],
+                None => server.serve(payload, &mut drive.sdo(is_preop))?,
+            };
+            Ok(practice.surround(replies))
         });
     }
 
