@@ -22,9 +22,12 @@ use crate::rig::{Line, Rig, is_cyclic};
 
 const MS: Duration = Duration::from_millis(1);
 
+/// Another mapping than the drive has at power-up, in both directions.
 fn config() -> DriveConfig {
     DriveConfig::new(drives::generic())
         .axis("x")
+        .map_output("x", obj::QUICK_STOP_DECELERATION)
+        .map_input("x", obj::FOLLOWING_ERROR_ACTUAL)
         .referencing("x", Referencing::UnreferencedMovesAllowed)
 }
 
@@ -175,6 +178,9 @@ fn a_drive_without_sdo_information_comes_up_and_moves_and_says_so_in_op() {
 #[test]
 fn each_request_of_a_bring_up_that_the_drive_aborts_is_named_and_nothing_is_written_behind_it() {
     let all = mails_of_a_bring_up();
+    let is_write =
+        |asked: &Asked| matches!(asked, Asked::Sdo(object, true) if is_of_the_mapping(*object));
+    let first_write = all.iter().position(is_write).unwrap();
     let (mut writes, mut reads, mut tolerated) = (0, 0, Vec::new());
     for (number, asked) in all.iter().enumerate() {
         let &Asked::Sdo(object, written) = asked else {
@@ -187,12 +193,18 @@ fn each_request_of_a_bring_up_that_the_drive_aborts_is_named_and_nothing_is_writ
         let bench = Bench::new(personality::generic(), habits);
         let result = bench.start();
         if let Ok(rig) = result {
-            // Three values of 6007h stop an axis: another one is taken then.
+            // Three values of 6007h stop an axis: another one is taken then. What of the mapping cannot be read before it
+            // is written counts as different.
             let another = written && object.index == 0x6007;
+            let before = is_of_the_mapping(object) && number < first_write;
             assert!(
-                another || !is_of_the_mapping(object),
+                another || before || !is_of_the_mapping(object),
                 "{object} was refused"
             );
+            if before {
+                moves(&bench, rig);
+                continue;
+            }
             tolerated.push(object.to_string());
             rig.shutdown();
             continue;
@@ -362,7 +374,7 @@ fn a_drive_that_drops_by_itself_on_its_way_from_safe_op_to_op_is_quoted_with_its
             assert_eq!((status.state, status.error), (seen, Some(CODE)), "{what}");
         }
     }
-    assert!(quoted >= 6 && told >= 6, "{quoted} quoted, {told} told");
+    assert!(quoted >= 3 && told >= 15, "{quoted} quoted, {told} told");
 }
 
 #[test]
