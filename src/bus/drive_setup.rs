@@ -18,8 +18,9 @@ use super::{
 use crate::{
     axis::{AxisConfig, AxisFields, Loss, Tolerances},
     coe::{
-        AbortCode, AxisOffset, Clock, DriveError, Emergencies, EthercrabMailbox, MailSignal,
-        MailboxClient, MailboxSettings, Number, Object, Readable, SdoError, SdoHandle, obj,
+        AbortCode, AxisOffset, Clock, DriveError, Emergencies, ErrorTexts, EthercrabMailbox,
+        MailSignal, MailboxClient, MailboxSettings, Number, Object, Readable, SdoError, SdoHandle,
+        obj,
     },
     ds402::{AbortConnection, QuickStopOption},
     parameters::{StartUpList, Transition},
@@ -88,7 +89,12 @@ impl Job {
             sdo,
             emergencies,
             signal,
-        } = serve_mailbox(context, &self.found).ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
+        } = serve_mailbox(
+            context,
+            &self.found,
+            self.config.description.error_texts.clone(),
+        )
+        .ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
 
         for list in &self.config.start_up {
             list.apply(&sdo, Transition::PreOpToSafeOp)
@@ -274,7 +280,11 @@ pub(super) struct Mailbox {
 }
 
 /// Begins to serve a SubDevice's mailbox; none if it has no CoE.
-pub(super) fn serve_mailbox(context: &Context, found: &Found) -> Option<Mailbox> {
+pub(super) fn serve_mailbox(
+    context: &Context,
+    found: &Found,
+    error_texts: ErrorTexts,
+) -> Option<Mailbox> {
     let mailbox = found
         .sii
         .mailbox
@@ -285,6 +295,9 @@ pub(super) fn serve_mailbox(context: &Context, found: &Found) -> Option<Mailbox>
         MailboxSettings::of(&found.sii, &mailbox),
         found.id.clone(),
     );
+    let client = client
+        .with_error_texts(error_texts)
+        .reporting_to(context.emergencies.0.clone());
     let signal = client.signal();
     context.spawn(client.run())?.detach();
     Some(Mailbox {

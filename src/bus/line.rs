@@ -18,7 +18,7 @@ use super::{
     supervisor,
 };
 use crate::{
-    coe::{DriveId, Emergencies, SdoHandle},
+    coe::{DriveId, Emergencies, ErrorTexts, SdoHandle},
     link::Link,
     sii::Sii,
 };
@@ -231,7 +231,7 @@ async fn device(
             device.problem = Some(found.clone().fault(BringUpStep::Sii, error.into()));
         }
     }
-    if let Some(mailbox) = serve_mailbox(&context, &found) {
+    if let Some(mailbox) = serve_mailbox(&context, &found, ErrorTexts::default()) {
         device.sdo = Some(mailbox.sdo);
         device.emergencies = Some(mailbox.emergencies);
     }

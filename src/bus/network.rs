@@ -26,6 +26,7 @@ use crate::{
 pub struct Network {
     axes: Vec<AxisSource>,
     drives: Vec<StartedDrive>,
+    emergencies: Emergencies,
     control: Arc<Control>,
     over: Receiver<()>,
     thread: Option<JoinHandle<()>>,
@@ -41,6 +42,7 @@ impl Network {
         Self {
             axes: started.axes,
             drives: started.drives,
+            emergencies: started.emergencies,
             control,
             over,
             thread,
@@ -98,12 +100,19 @@ impl Network {
         self.drive(place.into()).map(|drive| drive.sdo.clone())
     }
 
-    /// The emergencies of the drive at this position in the line, or at the place by which it was declared; `None` if no drive
-    /// was declared there.
+    /// The emergencies of the drive at this position in the line, or at the place by which it was declared, from its bring-up
+    /// on; `None` if no drive was declared there. 64 of them are kept for a program that does not take them.
     #[must_use]
     pub fn emergencies(&self, place: impl Into<DevicePlace>) -> Option<Emergencies> {
         self.drive(place.into())
             .map(|drive| drive.emergencies.clone())
+    }
+
+    /// The emergencies of all drives, from the bring-up on, in the order in which they were read: the same ones as of each
+    /// drive, in a queue of their own. 256 of them are kept for a program that does not take them.
+    #[must_use]
+    pub fn all_emergencies(&self) -> Emergencies {
+        self.emergencies.clone()
     }
 
     /// What happens to drives: lost, back, out of OP. Each event is seen once, whoever asks.

@@ -18,7 +18,10 @@ use super::{
     acyclic::Acyclic, cycle::Cycle, frame::Tag, registers::Registers, statistics::Counters,
     tasks::Tasks, time::Time,
 };
-use crate::link::{LONGEST_FRAME, Link};
+use crate::{
+    coe::{Emergencies, EmergencyQueue},
+    link::{LONGEST_FRAME, Link},
+};
 
 /// Frames of ethercrab's that can be on their way at once (a power of two; ethercrab takes 128 at most).
 pub(super) const SLOTS: usize = 64;
@@ -26,6 +29,8 @@ pub(super) const SLOTS: usize = 64;
 const LONGEST_DATAGRAM: usize = 1486;
 /// The longest wait: wakes from other threads reach the executor's tasks, but not the link.
 const LONGEST_WAIT: Duration = Duration::from_millis(1);
+/// Emergencies of all drives together that are kept for a program that has not taken them.
+const EMERGENCIES: usize = 256;
 /// Tasks polled in one turn before the link is looked at again.
 const POLLS_PER_TURN: usize = 64;
 /// Frames received in one turn.
@@ -40,6 +45,8 @@ pub(super) struct Context {
     tasks: Weak<Tasks>,
     pub(super) cycle: Rc<RefCell<Option<Cycle>>>,
     pub(super) counters: Arc<Counters>,
+    /// Those of all drives: where they go in, and where they come out.
+    pub(super) emergencies: (EmergencyQueue, Emergencies),
     over: Rc<Cell<bool>>,
 }
 
@@ -104,6 +111,7 @@ impl Reactor {
                 tasks: Rc::downgrade(&tasks),
                 cycle: Rc::new(RefCell::new(None)),
                 counters,
+                emergencies: EmergencyQueue::new(EMERGENCIES),
                 over: Rc::new(Cell::new(false)),
             },
             tasks,

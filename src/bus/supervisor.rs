@@ -34,6 +34,8 @@ const AL_CONTROL: u16 = 0x0120;
 pub(super) struct Started {
     pub(super) axes: Vec<AxisSource>,
     pub(super) drives: Vec<StartedDrive>,
+    /// Those of all drives.
+    pub(super) emergencies: Emergencies,
 }
 
 /// The mailbox of a drive.
@@ -101,6 +103,7 @@ async fn start(
                 emergencies: drive.emergencies.clone(),
             })
             .collect(),
+        emergencies: context.emergencies.1.clone(),
     };
     Ok((axes, drives, to_program))
 }

@@ -13,8 +13,11 @@ use core::time::Duration;
 use smol::channel::{Receiver, bounded};
 use smol::future::or;
 
+use super::emergencies::{DriveEmergency, Emergencies, EmergencyQueue};
+use super::emergency::Emergency;
 use super::error::{DriveId, SdoError, SdoStep, Transfer, Unsupported};
-use super::handle::{Body, Emergencies, EmergencyQueue, Request, SdoHandle};
+use super::error_texts::ErrorTexts;
+use super::handle::{Body, Request, SdoHandle};
 use super::mail_signal::MailSignal;
 use super::mailbox::{Counter, Mail, SHORTEST_MAILBOX, sdo_mail};
 use super::sdo::{SdoFault, Step, abort_request};
@@ -51,6 +54,9 @@ pub struct MailboxClient<T, C> {
     drive: Arc<DriveId>,
     requests: Receiver<Request>,
     emergencies: EmergencyQueue,
+    /// Where those of all drives of a network go.
+    of_network: Option<EmergencyQueue>,
+    texts: ErrorTexts,
     signal: MailSignal,
     counter: Counter,
     /// What was read last, as long as its mail says.
@@ -89,6 +95,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             settings,
             requests,
             emergencies: queue,
+            of_network: None,
+            texts: ErrorTexts::default(),
             signal: MailSignal::default(),
             counter: Counter::FIRST,
             last: Vec::new(),
@@ -102,6 +110,19 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             timeout: None,
         };
         (client, handle, emergencies)
+    }
+
+    /// The same client for a drive whose error codes mean this.
+    #[must_use]
+    pub fn with_error_texts(mut self, texts: ErrorTexts) -> Self {
+        self.texts = texts;
+        self
+    }
+
+    /// The same client, whose emergencies go into this queue too.
+    pub(crate) fn reporting_to(mut self, of_network: EmergencyQueue) -> Self {
+        self.of_network = Some(of_network);
+        self
     }
 
     /// By which a bus loop tells what it sees of the mailbox: then the client does not look while nothing is due.
@@ -388,8 +409,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         self.last.extend_from_slice(whole);
         match (content, dialogue) {
             (Mail::Emergency(emergency), _) => {
-                tracing::warn!(drive = %self.drive, %emergency, "emergency");
-                self.emergencies.push(self.clock.now(), emergency);
+                self.report(emergency);
                 Ok(Found::Other)
             }
             (content @ (Mail::SdoReply(_) | Mail::SdoInformation(_)), Some(dialogue)) => {
@@ -407,5 +427,20 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 Ok(Found::Other)
             }
         }
+    }
+
+    fn report(&self, emergency: Emergency) {
+        let text = self.texts.text(&emergency);
+        tracing::warn!(drive = %self.drive, %emergency, %text, "emergency");
+        let emergency = DriveEmergency {
+            drive: Arc::clone(&self.drive),
+            at: self.clock.now(),
+            emergency,
+            text,
+        };
+        if let Some(queue) = &self.of_network {
+            queue.push(emergency.clone());
+        }
+        self.emergencies.push(emergency);
     }
 }

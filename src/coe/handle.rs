@@ -1,13 +1,11 @@
-//! What a program holds of a mailbox client: the handle for SDO transfers and the queue of emergencies.
+//! What a program holds of a mailbox client: the handle for SDO transfers.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
-use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;
 
-use smol::channel::{Receiver, Sender, bounded};
+use smol::channel::{Sender, bounded};
 
-use super::emergency::Emergency;
 use super::error::{DriveError, DriveId, SdoError, Transfer};
 use super::information::Question;
 use super::object::{Object, ObjectAddress};
@@ -187,76 +185,5 @@ const fn download(complete_access: bool, data: Vec<u8>) -> Body {
     Body::Download {
         complete_access,
         data,
-    }
-}
-
-/// An emergency message with the moment in which it was read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct TimedEmergency {
-    /// When it was read, on the bus's clock.
-    pub at: Duration,
-    /// What the drive said.
-    pub emergency: Emergency,
-}
-
-/// The emergencies of one drive, in the order in which it sent them.
-///
-/// The queue is bounded. When it is full the oldest stay, since they tell the cause; what came too much is
-/// counted in [`Emergencies::lost`].
-#[derive(Debug, Clone)]
-pub struct Emergencies {
-    queue: Receiver<TimedEmergency>,
-    lost: Arc<AtomicU64>,
-}
-
-impl Emergencies {
-    /// The next emergency; `None` once the bus is gone and all have been taken.
-    pub async fn next(&self) -> Option<TimedEmergency> {
-        self.queue.recv().await.ok()
-    }
-
-    /// The next emergency, if there is one now.
-    #[must_use]
-    pub fn try_next(&self) -> Option<TimedEmergency> {
-        self.queue.try_recv().ok()
-    }
-
-    /// How many found the queue full.
-    #[must_use]
-    pub fn lost(&self) -> u64 {
-        self.lost.load(Ordering::Relaxed)
-    }
-}
-
-/// The client's end of the emergencies.
-#[derive(Debug)]
-pub(super) struct EmergencyQueue {
-    queue: Sender<TimedEmergency>,
-    lost: Arc<AtomicU64>,
-}
-
-impl EmergencyQueue {
-    pub(super) fn new(capacity: usize) -> (Self, Emergencies) {
-        let (sender, receiver) = bounded(capacity.max(1));
-        let lost = Arc::new(AtomicU64::new(0));
-        let queue = Self {
-            queue: sender,
-            lost: Arc::clone(&lost),
-        };
-        let emergencies = Emergencies {
-            queue: receiver,
-            lost,
-        };
-        (queue, emergencies)
-    }
-
-    pub(super) fn push(&self, at: Duration, emergency: Emergency) {
-        if self
-            .queue
-            .try_send(TimedEmergency { at, emergency })
-            .is_err()
-        {
-            self.lost.fetch_add(1, Ordering::Relaxed);
-        }
     }
 }

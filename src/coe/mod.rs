@@ -8,8 +8,11 @@ pub mod abort;
 mod client;
 mod data_type;
 mod dictionary;
+#[cfg(feature = "std")]
+mod emergencies;
 pub mod emergency;
 pub mod error;
+mod error_texts;
 #[cfg(feature = "std")]
 mod handle;
 pub mod information;
@@ -30,10 +33,15 @@ pub use abort::AbortCode;
 pub use client::{Clock, MailboxClient, MailboxSettings};
 pub use data_type::{TypeCode, ValueError};
 pub use dictionary::{DictionaryObject, ObjectDictionary, Undescribed};
+#[cfg(feature = "std")]
+pub(crate) use emergencies::EmergencyQueue;
+#[cfg(feature = "std")]
+pub use emergencies::{DriveEmergency, Emergencies, EmergencyReport};
 pub use emergency::Emergency;
 pub use error::{DriveError, DriveId, SdoError, SdoStep, Transfer, TransferKind, Unsupported};
+pub use error_texts::{DriveNumber, ErrorTexts};
 #[cfg(feature = "std")]
-pub use handle::{Emergencies, SdoHandle, TimedEmergency};
+pub use handle::SdoHandle;
 #[cfg(feature = "std")]
 pub(crate) use mail_signal::MailSignal;
 pub use mailbox::MailboxError;

@@ -1,6 +1,7 @@
 //! Kollmorgen AKD2G with two axes, after its documents "Profile Position Mode" and "6040h, 6840h Controlword".
 
 use super::{AxisDescription, DriveDescription};
+use crate::coe::ErrorTexts;
 use crate::pdo_map::Limits;
 use crate::profile_position::{BufferSignal, LimitsOff, LimitsRule, RelativeBase, Traits};
 
@@ -20,6 +21,7 @@ pub fn akd2g() -> DriveDescription {
             AxisDescription::profile_position(2, 0x1610, 0x1A10),
         ],
         fixed_pdos: alloc::vec::Vec::new(),
+        error_texts: ErrorTexts::default(),
         limits: Limits {
             output_bytes: 64,
             input_bytes: 64,

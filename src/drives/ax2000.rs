@@ -1,7 +1,7 @@
 //! Beckhoff AX2000, after its CANopen manual of 07/2007, section "Profile position mode", pages 101 and 102.
 
 use super::{AxisDescription, DriveDescription};
-use crate::coe::obj;
+use crate::coe::{ErrorTexts, obj};
 use crate::ds402::Controlword;
 use crate::pdo_map::Limits;
 use crate::profile_position::{BufferSignal, StartBits, Traits};
@@ -25,6 +25,7 @@ pub fn ax2000() -> DriveDescription {
         product: None,
         axes: alloc::vec![axis],
         fixed_pdos: alloc::vec::Vec::new(),
+        error_texts: ErrorTexts::default(),
         limits: Limits::default(),
         traits: Traits {
             immediately: StartBits::Unsupported(

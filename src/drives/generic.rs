@@ -1,6 +1,7 @@
 //! A drive of which nothing is known but that it follows the DS402 profile.
 
 use super::{AxisDescription, DriveDescription};
+use crate::coe::ErrorTexts;
 use crate::pdo_map::Limits;
 use crate::profile_position::{RelativeBase, Traits};
 
@@ -18,6 +19,7 @@ pub fn generic() -> DriveDescription {
             ..AxisDescription::profile_position(1, 0x1600, 0x1A00)
         }],
         fixed_pdos: alloc::vec::Vec::new(),
+        error_texts: ErrorTexts::default(),
         limits: Limits {
             // Many drives take eight objects in one PDO and no more.
             entries_per_pdo: 8,

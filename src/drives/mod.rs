@@ -6,7 +6,7 @@
 use alloc::borrow::Cow;
 use alloc::vec::Vec;
 
-use crate::coe::{AnyObject, AxisOffset, obj};
+use crate::coe::{AnyObject, AxisOffset, ErrorTexts, obj};
 use crate::pdo_map::{Demand, Direction, FixedPdo, Limits, Mapping, MappingError, choose};
 use crate::profile_position::Traits;
 
@@ -48,6 +48,8 @@ pub struct DriveDescription {
     pub fixed_pdos: Vec<FixedPdo>,
     /// What a mapping may hold at most.
     pub limits: Limits,
+    /// What its error codes mean, beyond CiA 402: for the texts of its emergencies.
+    pub error_texts: ErrorTexts,
     /// How its Profile Position mode behaves.
     pub traits: Traits,
 }

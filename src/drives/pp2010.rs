@@ -1,7 +1,7 @@
 //! The drive with object 2010h Min_Profile_Velocity, after its page "Profile Position Mode (pp)".
 
 use super::{AxisDescription, DriveDescription};
-use crate::coe::obj;
+use crate::coe::{ErrorTexts, obj};
 use crate::pdo_map::Limits;
 use crate::profile_position::{BufferSignal, StartBits, Traits};
 
@@ -22,6 +22,7 @@ pub fn pp2010() -> DriveDescription {
         product: None,
         axes: alloc::vec![axis],
         fixed_pdos: alloc::vec::Vec::new(),
+        error_texts: ErrorTexts::default(),
         limits: Limits::default(),
         traits: Traits {
             blend: StartBits::Unsupported(

@@ -1,6 +1,9 @@
 //! Yaskawa Σ-7 with EtherCAT, after the section "Profile Position Mode" of its manual's object dictionary.
 
+use alloc::collections::BTreeMap;
+
 use super::{AxisDescription, DriveDescription};
+use crate::coe::{DriveNumber, ErrorTexts};
 use crate::pdo_map::Limits;
 use crate::profile_position::{LimitsActive, LimitsOff, LimitsRule, Traits};
 
@@ -11,7 +14,8 @@ use crate::profile_position::{LimitsActive, LimitsOff, LimitsRule, Traits};
 /// 1600h–1603h and 1A00h–1A03h with at most eight objects each, two PDOs per direction: what
 /// is too much for the first goes into the second. How bits 5, 9 and 12 behave is not in the pages at hand:
 /// taken to be as in CiA 402, with a bit 12 that shows nothing of the buffer. Its product code is not there either; any of the vendor's is
-/// accepted.
+/// accepted. Its emergencies all have the error code FF00h, with the alarm that the drive shows in bytes 4 and 5 of the
+/// message (the manual's section "Emergency Messages"); what each alarm means is in the manual's list, which is not at hand.
 #[must_use]
 pub fn sigma7() -> DriveDescription {
     DriveDescription {
@@ -24,6 +28,15 @@ pub fn sigma7() -> DriveDescription {
             ..AxisDescription::profile_position(1, 0x1600, 0x1A00)
         }],
         fixed_pdos: alloc::vec::Vec::new(),
+        error_texts: ErrorTexts {
+            number: Some(DriveNumber {
+                with_code: 0xFF00,
+                byte: 1,
+                prefix: "alarm A.".into(),
+                texts: BTreeMap::new(),
+            }),
+            ..ErrorTexts::default()
+        },
         limits: Limits {
             entries_per_pdo: 8,
             pdos_per_sync_manager: 2,
@@ -43,10 +56,18 @@ pub fn sigma7() -> DriveDescription {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::coe::Emergency;
 
     #[test]
     fn one_pdo_holds_the_axis() {
         let layout = sigma7().default_mapping().unwrap().layout();
         assert_eq!((layout.output_bytes(), layout.input_bytes()), (19, 11));
+    }
+
+    #[test]
+    fn an_emergency_is_named_by_its_alarm() {
+        // A.D00 in bytes 4 and 5 of the message, byte 3 reserved.
+        let emergency = Emergency::parse(&[0x00, 0xFF, 0x81, 0, 0x00, 0x0D, 0, 0]).unwrap();
+        assert_eq!(sigma7().error_texts.text(&emergency), "alarm A.D00");
     }
 }

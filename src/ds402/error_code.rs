@@ -46,20 +46,35 @@ pub const fn describe(code: u16) -> &'static str {
     }
 }
 
+/// The kind of error, by the code's group.
 const fn group(code: u16) -> &'static str {
-    match code >> 8 {
-        0x10 => "generic error",
-        0x20..=0x2F => "current",
-        0x30..=0x3F => "voltage",
-        0x40..=0x4F => "temperature",
-        0x50..=0x5F => "device hardware",
-        0x60..=0x6F => "device software",
-        0x70..=0x7F => "additional module (motor, brake, sensor)",
-        0x80..=0x8F => "monitoring (communication, control)",
-        0x90..=0x9F => "external error",
-        0xA0 => "EtherCAT state change not successful",
-        0xF0..=0xFE => "additional function",
-        0xFF => "manufacturer specific",
-        _ => "not described by DS402",
+    match code {
+        0xA000 => "transition from PREOP to SAFEOP not successful",
+        0xA001 => "transition from SAFEOP to OP not successful",
+        code => match code >> 8 {
+            0x00 => "no error, or error reset",
+            0x10..=0x1F => "generic error",
+            0x21 => "current on the device's input side",
+            0x22 => "current inside the device",
+            0x23 => "current on the device's output side",
+            0x20..=0x2F => "current",
+            0x31 => "mains voltage",
+            0x32 => "DC link voltage",
+            0x30..=0x3F => "voltage",
+            0x40..=0x4F => "temperature",
+            0x50..=0x5F => "device hardware",
+            0x60..=0x6F => "device software",
+            0x71 => "motor or brake",
+            0x73 => "sensor",
+            0x75 => "communication inside the device",
+            0x70..=0x7F => "additional modules",
+            0x81 | 0x82 => "communication or protocol",
+            0x80..=0x8F => "monitoring and control",
+            0x90..=0x9F => "external error",
+            0xA0 => "EtherCAT state change not successful",
+            0xF0..=0xFE => "additional functions",
+            0xFF => "manufacturer specific",
+            _ => "not described by DS402",
+        },
     }
 }

@@ -335,7 +335,7 @@ fn an_emergency_of_a_running_drive_is_delivered_in_time() {
         .device_mut(0)
         .unwrap()
         .inject_emergency(0x7320, 0x20, [1, 2, 3, 4, 5], now);
-    let got = rig.until(emergencies.next()).unwrap();
+    let got = rig.until(emergencies.next()).unwrap().emergency().unwrap();
     assert_eq!(got.emergency.code, 0x7320);
     assert!(
         got.at - now < Duration::from_millis(50),

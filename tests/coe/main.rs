@@ -218,7 +218,9 @@ fn an_emergency_between_any_two_writes_of_a_mapping_does_no_harm() {
                 .unwrap();
         }
         let seen = std::iter::from_fn(|| emergencies.try_next());
-        let counts: Vec<_> = seen.map(|timed| timed.emergency.data[0]).collect();
+        let counts: Vec<_> = seen
+            .map(|report| report.emergency().unwrap().emergency.data[0])
+            .collect();
         let all: Vec<_> = (0..steps.steps().len() as u8).collect();
         assert_eq!(counts, all, "each delivered once, in order");
     });

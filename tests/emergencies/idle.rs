@@ -77,7 +77,7 @@ fn an_emergency_costs_its_reading_and_a_look_behind_it_at_its_own_drive_alone() 
             assert_eq!((look.command, look.register), (FPRD, STATES));
             assert_eq!(look.station, read.station, "the same drive");
             let emergencies = rig.emergencies(position);
-            let got = emergencies.try_next().unwrap();
+            let got = emergencies.try_next().unwrap().emergency().unwrap();
             assert_eq!(got.emergency, emergency(position.into()));
             assert!(emergencies.try_next().is_none());
             let took = got.at - now;

@@ -8,3 +8,4 @@ mod idle;
 mod line;
 mod moving;
 mod several;
+mod stream;

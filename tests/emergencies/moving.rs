@@ -141,7 +141,7 @@ fn an_emergency_while_nothing_else_goes_through_the_mailbox_is_delivered_within_
         rig.run_for(30 * MS + number as u32 * MS / 5);
         let now = rig.bus.now();
         line.inject(0, &[emergency(number)], now);
-        let got = rig.until(emergencies.next()).unwrap();
+        let got = rig.until(emergencies.next()).unwrap().emergency().unwrap();
         assert_eq!(got.emergency, emergency(number));
         let took = got.at - now;
         assert!(took < 20 * MS, "{took:?}");

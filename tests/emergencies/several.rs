@@ -64,21 +64,3 @@ fn emergencies_of_two_drives_in_op_are_told_apart() {
     rig.expect(1, &first);
     rig.expect(2, &second);
 }
-
-#[test]
-fn more_emergencies_than_are_kept_are_counted_and_the_first_ones_stay() {
-    const SENT: u64 = 80;
-    let line = line();
-    let mut rig = Rig::start(builder(&line));
-    let many: Vec<_> = (0..SENT).map(emergency).collect();
-    let now = rig.bus.now();
-    line.inject(1, &many, now);
-    rig.run_for(1_000 * MS);
-    let emergencies = rig.emergencies(1);
-    let kept: Vec<_> = std::iter::from_fn(|| emergencies.try_next())
-        .map(|timed| timed.emergency)
-        .collect();
-    assert!(kept.len() >= 32, "{}", kept.len());
-    assert_eq!(kept, many[..kept.len()]);
-    assert_eq!(emergencies.lost(), SENT - kept.len() as u64);
-}

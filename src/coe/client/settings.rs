@@ -36,7 +36,8 @@ pub struct MailboxSettings {
     pub reply_timeout: Duration,
     /// The time between two looks at a mailbox while a reply is due.
     pub poll_interval: Duration,
-    /// The time between two looks at the mailbox while nothing is due, for emergencies.
+    /// The time between two looks at the mailbox while nothing is due, for emergencies. Not in the cycles of a `Network`, whose
+    /// frames show what waits.
     pub idle_interval: Duration,
     /// Whether the device may be asked by SDO information: what its SII's CoE details say. If not, such questions fail as
     /// not supported, unasked.
@@ -45,7 +46,7 @@ pub struct MailboxSettings {
     pub attempts: u32,
     /// Requests that may wait.
     pub request_capacity: usize,
-    /// Emergencies that are kept.
+    /// Emergencies that are kept for a program that has not taken them.
     pub emergency_capacity: usize,
 }
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::coe::test_device::{Device, Fault, Rig, emergency, rig, rig_with};
-use crate::coe::{AbortCode, DriveError, Emergencies, obj};
+use crate::coe::{AbortCode, DriveError, Emergencies, EmergencyReport, obj};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 
@@ -22,7 +22,7 @@ fn write_velocity(rig: &Rig, handle: &SdoHandle, value: u32) -> Result<(), Drive
 
 fn codes(emergencies: &Emergencies) -> Vec<u16> {
     std::iter::from_fn(|| emergencies.try_next())
-        .map(|timed| timed.emergency.code)
+        .map(|report| report.emergency().expect("none is lost").emergency.code)
         .collect()
 }
 
@@ -102,20 +102,30 @@ fn emergencies_are_collected_while_nothing_is_asked() {
     let (rig, device, _handle, emergencies) = rig();
     device.post(&emergency(0x4210));
     rig.pass(Duration::from_millis(20));
-    let seen = emergencies.try_next().unwrap();
+    let seen = emergencies.try_next().unwrap().emergency().unwrap();
     assert_eq!(seen.emergency.code, 0x4210);
     assert!(seen.at <= Duration::from_millis(10));
 }
 
 #[test]
-fn a_full_queue_keeps_the_oldest_emergencies_and_counts_the_others() {
+fn a_full_queue_keeps_the_oldest_emergencies_and_tells_how_many_others_there_were() {
     let (rig, device, _handle, emergencies) = rig();
     for code in 1..=5 {
         device.post(&emergency(code));
     }
     rig.pass(Duration::from_millis(20));
-    assert_eq!(codes(&emergencies), [1, 2, 3]);
-    assert_eq!(emergencies.lost(), 2);
+    let kept: Vec<_> = (0..3)
+        .filter_map(|_| emergencies.try_next()?.emergency())
+        .collect();
+    assert_eq!(
+        kept.iter().map(|e| e.emergency.code).collect::<Vec<_>>(),
+        [1, 2, 3]
+    );
+    assert_eq!(
+        emergencies.try_next(),
+        Some(EmergencyReport::Overflow { lost: 2 })
+    );
+    assert_eq!(emergencies.try_next(), None);
 }
 
 #[test]
@@ -124,7 +134,11 @@ fn a_device_that_sends_without_end_costs_the_transfer_and_no_more() {
     device.0.borrow_mut().flood = Some(emergency(0x8611));
     let error = read_statusword(&rig, &handle).unwrap_err().error;
     assert!(matches!(error, SdoError::Timeout { .. }), "{error}");
-    assert!(emergencies.lost() > 0);
+    let reports: Vec<_> = std::iter::from_fn(|| emergencies.try_next()).collect();
+    assert!(
+        matches!(reports[..], [.., EmergencyReport::Overflow { lost }] if lost > 0),
+        "{reports:?}"
+    );
     device.0.borrow_mut().flood = None;
     assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
 }
