@@ -4,7 +4,6 @@
 //! the device knows it; a mail whose reading is lost is asked for again by the repeat request.
 
 use alloc::sync::Arc;
-use alloc::vec;
 use alloc::vec::Vec;
 use core::future::Future;
 use core::pin::pin;
@@ -13,15 +12,14 @@ use core::time::Duration;
 use smol::channel::{Receiver, bounded};
 use smol::future::or;
 
-use super::emergencies::{DriveEmergency, Emergencies, EmergencyQueue};
-use super::emergency::Emergency;
+use super::emergencies::{Emergencies, EmergencyQueue};
 use super::error::{DriveId, SdoError, SdoStep, Transfer, Unsupported};
 use super::error_texts::ErrorTexts;
 use super::handle::{Body, Request, SdoHandle};
 use super::mail_signal::MailSignal;
-use super::mailbox::{Counter, Mail, SHORTEST_MAILBOX, sdo_mail};
+use super::mailbox::{Counter, sdo_mail};
 use super::sdo::{SdoFault, Step, abort_request};
-use super::transport::{LinkFault, MailboxTransport};
+use super::transport::MailboxTransport;
 
 #[cfg(test)]
 mod tests;
@@ -29,6 +27,7 @@ mod tests;
 mod access;
 mod dialogue;
 mod late;
+mod reading;
 mod settings;
 
 use dialogue::{Dialogue, Failure};
@@ -163,26 +162,6 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         false
     }
 
-    /// Reads away what waits while nothing was asked for.
-    async fn collect(&mut self, mut mail_waits: bool) {
-        for _ in 0..MAILS_AT_ONCE {
-            let found = if core::mem::take(&mut mail_waits) {
-                self.read_waiting().await
-            } else {
-                self.look(None).await
-            };
-            match found {
-                Ok(Found::Other) => {}
-                Ok(_) => break,
-                Err(fault) => {
-                    tracing::debug!(?fault, "mailbox could not be read");
-                    break;
-                }
-            }
-        }
-        self.signal.forget();
-    }
-
     async fn serve(&mut self, request: Request) {
         // Nobody waits any more and nothing was sent: withdrawn.
         if request.reply.is_closed() {
@@ -310,137 +289,5 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         let counter = self.counter;
         self.counter = counter.next();
         counter
-    }
-
-    /// Reads one mail, if there is one, and hands it to whom it concerns.
-    async fn look(&mut self, dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
-        let status = match self.access(self.transport.status()).await {
-            Ok(status) => status,
-            Err(fault) => {
-                self.tolerate(fault)?;
-                return Ok(Found::Nothing);
-            }
-        };
-        if !status.mail_waiting {
-            self.failures = 0;
-            return Ok(Found::Nothing);
-        }
-        match self.read().await {
-            Ok(Some(mail)) => self.take(&mail, dialogue),
-            // Empty although a mail waited: a frame that was sent again has read it before.
-            Ok(None) | Err(LinkFault::Lost) => {
-                self.tolerate(LinkFault::Lost)?;
-                self.repeat(status).await?;
-                Ok(Found::Nothing)
-            }
-            Err(fault) => {
-                self.tolerate(fault)?;
-                Ok(Found::Nothing)
-            }
-        }
-    }
-
-    /// Reads the mail that is known to wait while nothing was asked for.
-    async fn read_waiting(&mut self) -> Result<Found, Failure> {
-        match self.read().await {
-            Ok(Some(mail)) => self.take(&mail, None),
-            // Empty although a mail waited: a frame that came twice has read it before.
-            Ok(None) | Err(LinkFault::Lost) => {
-                self.tolerate(LinkFault::Lost)?;
-                self.ask_again().await?;
-                Ok(Found::Nothing)
-            }
-            Err(fault) => {
-                self.tolerate(fault)?;
-                Ok(Found::Nothing)
-            }
-        }
-    }
-
-    /// Reads one mail, where there may be one, and hands it to whom it concerns.
-    async fn read_unasked(&mut self, dialogue: &mut Dialogue) -> Result<Found, Failure> {
-        match self.read().await {
-            Ok(Some(mail)) => self.take(&mail, Some(dialogue)),
-            Ok(None) => Ok(Found::Nothing),
-            // Whether a mail was read by the frame that is lost, nobody knows.
-            Err(LinkFault::Lost) => {
-                self.tolerate(LinkFault::Lost)?;
-                self.ask_again().await?;
-                Ok(Found::Nothing)
-            }
-            Err(fault) => {
-                self.tolerate(fault)?;
-                Ok(Found::Nothing)
-            }
-        }
-    }
-
-    /// Reads the mailbox; `None` if it is empty.
-    async fn read(&mut self) -> Result<Option<Vec<u8>>, LinkFault> {
-        let mut mail = vec![0; self.settings.read_length.max(SHORTEST_MAILBOX)];
-        let reading = self.transport.read_mail(&mut mail);
-        let read = self
-            .access_within(self.settings.mail_timeout, reading)
-            .await?;
-        if read {
-            self.failures = 0;
-        }
-        Ok(read.then_some(mail))
-    }
-
-    fn take(&mut self, mail: &[u8], dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
-        let (header, content) = match Mail::parse(mail) {
-            Ok(parsed) => parsed,
-            Err(cut) if dialogue.is_some() => return Err(Failure::Fault(cut.into())),
-            Err(cut) => {
-                tracing::warn!(drive = %self.drive, %cut, "mail dropped");
-                return Ok(Found::Other);
-            }
-        };
-        let whole = mail
-            .get(..super::mailbox::HEADER_LENGTH + usize::from(header.length))
-            .unwrap_or(mail);
-        let twice = self.repeated && header.counter != 0 && whole == self.last;
-        self.repeated = false;
-        if twice {
-            return Ok(Found::Other);
-        }
-        self.last.clear();
-        self.last.extend_from_slice(whole);
-        match (content, dialogue) {
-            (Mail::Emergency(emergency), _) => {
-                self.report(emergency);
-                Ok(Found::Other)
-            }
-            (content @ (Mail::SdoReply(_) | Mail::SdoInformation(_)), Some(dialogue)) => {
-                match dialogue.feed(content, self.owed.is_empty())? {
-                    Step::Foreign => {
-                        tracing::debug!(?content, "reply of another request dropped");
-                        Ok(Found::Other)
-                    }
-                    step => Ok(Found::Answer(step)),
-                }
-            }
-            (Mail::Error(error), Some(_)) => Err(Failure::Refused(error)),
-            (content, _) => {
-                tracing::debug!(?content, "mail that nobody waits for dropped");
-                Ok(Found::Other)
-            }
-        }
-    }
-
-    fn report(&self, emergency: Emergency) {
-        let text = self.texts.text(&emergency);
-        tracing::warn!(drive = %self.drive, %emergency, %text, "emergency");
-        let emergency = DriveEmergency {
-            drive: Arc::clone(&self.drive),
-            at: self.clock.now(),
-            emergency,
-            text,
-        };
-        if let Some(queue) = &self.of_network {
-            queue.push(emergency.clone());
-        }
-        self.emergencies.push(emergency);
     }
 }

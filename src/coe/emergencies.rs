@@ -269,7 +269,7 @@ mod tests {
     #[test]
     fn an_emergency_says_whose_it_is_what_it_means_and_when_it_was_read() {
         let text = emergency(0x8611).to_string();
-        assert!(text.contains("position 3"), "{text}");
+        assert!(text.starts_with("drive 3 \"x\""), "{text}");
         assert!(
             text.ends_with(
                 ": emergency 8611h (following error), error register 21h, data 00 01 02 03 04, read at 1.500 s"
