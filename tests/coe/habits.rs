@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use servocrab::coe::information::ListKind;
-use servocrab::coe::{AbortCode, DriveError, SdoError, SdoHandle};
+use servocrab::coe::{AbortCode, Clock, DriveError, SdoError, SdoHandle};
 use servocrab_sim::Habits;
 use servocrab_sim::personality::Servo;
 
 use crate::datagrams::Wire;
-use crate::with_device;
+use crate::{Ticks, with_device};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -235,7 +235,16 @@ fn emergencies_around_every_reply_harm_no_transfer_and_are_delivered_in_order() 
                 // The last one comes behind the reply: it is collected while nothing is asked.
                 let sent = wire.segment().device(0).unwrap().habitual_emergencies();
                 while expected < sent {
-                    let next = emergencies.next().await.unwrap().emergency().unwrap();
+                    let end = wire.now() + 100 * MS;
+                    let missing = async {
+                        Ticks(wire.clone()).sleep_until(end).await;
+                        None
+                    };
+                    let next = smol::future::or(emergencies.next(), missing).await;
+                    let next = next.unwrap_or_else(|| panic!("emergency {expected}: {what}"));
+                    let next = next
+                        .emergency()
+                        .unwrap_or_else(|| panic!("some were lost: {what}"));
                     let next = next.emergency;
                     let [zero, a, b, c, d] = next.data;
                     assert_eq!((next.code, next.register, zero), (0xFF00, 0x81, 0));
