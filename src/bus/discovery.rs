@@ -15,6 +15,9 @@ use crate::{
 
 /// The station address of the first SubDevice; the others follow.
 const FIRST_STATION: u16 = 0x1000;
+/// The most SubDevices of a line: the stations 1000h to 1FFFh. A working counter that says more is wrong, and would cost
+/// memory and minutes for each SubDevice that is not there.
+const MOST_SUB_DEVICES: u16 = 0x1000;
 const STATION_ADDRESS: u16 = 0x0010;
 /// How long a SubDevice may take into INIT, and into PREOP (ETG.1020, default timeouts).
 const INIT_LIMIT: Duration = Duration::from_secs(5);
@@ -51,10 +54,14 @@ pub(super) async fn discover(context: &Context) -> Result<Vec<Found>, NetworkErr
     discover_each(context, count).await?.into_iter().collect()
 }
 
-/// How many SubDevices there are: at least one.
+/// How many SubDevices there are: at least one, and not more than have an address.
 pub(super) async fn count(registers: &Registers) -> Result<u16, NetworkError> {
     match registers.count().await {
         Ok(0) | Err(RegisterError::NotAnswered) => Err(NetworkError::NoSubDevice),
+        Ok(count) if count > MOST_SUB_DEVICES => Err(NetworkError::TooManySubDevices {
+            most: MOST_SUB_DEVICES,
+            got: count,
+        }),
         Ok(count) => Ok(count),
         Err(RegisterError::NoFrame) => Err(NetworkError::NoAnswer),
         Err(error) => Err(NetworkError::Line(error)),

@@ -35,6 +35,16 @@ pub enum NetworkError {
     /// Frames come back, but no SubDevice answers.
     #[error("no SubDevice answers on this link")]
     NoSubDevice,
+    /// More SubDevices answer than a line can have: a working counter was changed on its way.
+    #[error(
+        "{got} SubDevices answer, but a line has at most {most}: is another device changing the frames?"
+    )]
+    TooManySubDevices {
+        /// The most that a line can have.
+        most: u16,
+        /// Those that answered by the working counter.
+        got: u16,
+    },
     /// The line as a whole could not be reset or addressed.
     #[error("the line could not be reset and addressed: {0}")]
     Line(RegisterError),

@@ -3,6 +3,10 @@
 //!
 //! One request is answered by one or several fragments. The caller sends [`Inquiry::request`], hands each SDO
 //! information mail to [`Inquiry::feed`] until that says [`Step::Done`], and decodes [`Inquiry::into_data`].
+//!
+//! An inquiry holds at most four times the bytes that came (the doubling of a growing list, and its copy), and never more
+//! than an answer of [`LONGEST_INFORMATION`], or [`LONGEST_DESCRIPTION`] where one object is asked for; what is decoded
+//! from an answer takes at most eight times its bytes. Each fragment says fewer to follow than the one before, so that they end.
 
 use alloc::vec::Vec;
 
@@ -25,6 +29,8 @@ const INCOMPLETE: u8 = 0x80;
 const ERROR: u8 = 7;
 /// The longest answer that is taken: a list with its kind and every index there can be.
 pub const LONGEST_INFORMATION: usize = 2 + 2 * 0x1_0000;
+/// The longest description of an object or an entry that is taken: three values of the greatest width, and a name.
+pub const LONGEST_DESCRIPTION: usize = 0x8000;
 
 /// What is asked of a device's dictionary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -61,6 +67,14 @@ impl Question {
             Self::Counts | Self::List(_) => 1,
             Self::Object { .. } => 3,
             Self::Entry { .. } => 5,
+        }
+    }
+
+    /// The longest answer that is taken.
+    const fn longest(self) -> usize {
+        match self {
+            Self::Counts | Self::List(_) => LONGEST_INFORMATION,
+            Self::Object { .. } | Self::Entry { .. } => LONGEST_DESCRIPTION,
         }
     }
 
@@ -184,11 +198,9 @@ impl Inquiry {
             });
         }
         let got = self.data.len() + data.len();
-        if got > LONGEST_INFORMATION {
-            return Err(SdoFault::Size {
-                expected: LONGEST_INFORMATION,
-                got,
-            });
+        let expected = self.question.longest();
+        if got > expected {
+            return Err(SdoFault::Size { expected, got });
         }
         self.left = Some(left);
         self.data.extend_from_slice(data);

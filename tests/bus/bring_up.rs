@@ -145,6 +145,23 @@ fn a_link_without_answer_and_one_without_subdevice_are_told_apart() {
 }
 
 #[test]
+fn a_working_counter_beyond_what_a_line_can_have_is_believed_by_nobody() {
+    for got in [0x1001_u16, 0xFFFF] {
+        let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame, _| {
+            frame[6] |= 2;
+            // Behind the one byte of the BRD that counts.
+            frame[27..29].copy_from_slice(&got.to_le_bytes());
+            true
+        });
+        let error = refused(Network::builder().link(wire).drive(0, akd2g()));
+        let NetworkError::TooManySubDevices { most, got: told } = error else {
+            panic!("{error}")
+        };
+        assert_eq!((most, told), (0x1000, got));
+    }
+}
+
+#[test]
 fn a_refused_mapping_names_the_entry_and_the_abort_code() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     let unknown: Object<u32, ReadWrite> =

@@ -12,6 +12,9 @@ use crate::coe::information::{
 };
 use crate::coe::sdo::SdoFault;
 
+/// Bytes that a dictionary may take. Drives have up to some thousands of entries, of some hundred bytes each.
+const MOST_BYTES: usize = 16 << 20;
+
 impl SdoHandle {
     /// Reads the drive's whole object dictionary: its list of objects, and what each object and each entry is.
     ///
@@ -20,14 +23,34 @@ impl SdoHandle {
     ///
     /// # Errors
     /// [`SdoError::NotSupported`] if the drive has no SDO information; else as [`SdoHandle::read`], and `Fragments` where
-    /// a part of an answer is missing.
+    /// a part of an answer is missing; `WrongSize` if the descriptions take more than 16 MiB, as no drive's do.
     pub async fn dictionary(&self) -> Result<ObjectDictionary, DriveError> {
+        self.dictionary_within(MOST_BYTES).await
+    }
+
+    pub(in crate::coe) async fn dictionary_within(
+        &self,
+        most: usize,
+    ) -> Result<ObjectDictionary, DriveError> {
         let mut dictionary = ObjectDictionary::default();
+        let mut held = 0;
+        let mut hold = |bytes: usize| {
+            held += bytes;
+            let transfer = Transfer::from(Question::List(ListKind::All));
+            let fault = SdoFault::Size {
+                expected: most,
+                got: held,
+            };
+            (held <= most)
+                .then_some(())
+                .ok_or_else(|| self.error(SdoError::from_fault(transfer, fault)))
+        };
         for index in self.object_list(ListKind::All).await? {
             let object = self.describe_object(index).await;
             let description = match refusal(object)? {
                 Ok(description) => description,
                 Err(code) => {
+                    hold(size_of::<Undescribed>())?;
                     dictionary.undescribed.push(Undescribed {
                         index,
                         subindex: None,
@@ -36,16 +59,23 @@ impl SdoHandle {
                     continue;
                 }
             };
+            hold(size_of::<DictionaryObject>() + description.name.len())?;
             let mut entries = Vec::new();
             for subindex in 0..=description.max_subindex {
                 match refusal(self.describe_entry(index, subindex).await)? {
-                    Ok(entry) => entries.push(entry),
+                    Ok(entry) => {
+                        hold(entry.bytes())?;
+                        entries.push(entry);
+                    }
                     Err(AbortCode::NO_SUBINDEX) => {}
-                    Err(code) => dictionary.undescribed.push(Undescribed {
-                        index,
-                        subindex: Some(subindex),
-                        code,
-                    }),
+                    Err(code) => {
+                        hold(size_of::<Undescribed>())?;
+                        dictionary.undescribed.push(Undescribed {
+                            index,
+                            subindex: Some(subindex),
+                            code,
+                        });
+                    }
                 }
             }
             dictionary.objects.push(DictionaryObject {

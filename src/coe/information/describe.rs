@@ -166,6 +166,14 @@ impl EntryDescription {
             name: text(rest),
         })
     }
+
+    /// The memory that it takes.
+    #[cfg(feature = "std")]
+    pub(in crate::coe) fn bytes(&self) -> usize {
+        let values = [&self.default, &self.minimum, &self.maximum];
+        let values = values.into_iter().flatten().map(Vec::len).sum::<usize>();
+        size_of::<Self>() + values + self.name.len()
+    }
 }
 
 /// In which states an entry can be read and written, and where it can be mapped.

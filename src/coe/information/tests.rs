@@ -215,6 +215,33 @@ fn an_answer_longer_than_any_list_is_refused() {
     assert!(taken <= LONGEST_INFORMATION);
 }
 
+#[test]
+fn a_description_may_be_shorter_than_a_list() {
+    for (question, operation, longest) in [
+        (Question::List(ListKind::All), 2, LONGEST_INFORMATION),
+        (VENDOR, 6, LONGEST_DESCRIPTION),
+    ] {
+        let mut inquiry = Inquiry::new(question);
+        let (mut left, mut got) = (u16::MAX, 0);
+        let fault = loop {
+            let mut mail = vec![operation | 0x80, 0];
+            mail.extend(left.to_le_bytes());
+            let (names, length) = question.names();
+            mail.extend(names.iter().take(if left == u16::MAX { length } else { 0 }));
+            mail.resize(1000, b'x');
+            got += mail.len() - 4;
+            match inquiry.feed(&mail) {
+                Ok(step) => assert_eq!(step, Step::More),
+                Err(fault) => break fault,
+            }
+            left -= 1;
+        };
+        let expected = longest;
+        assert_eq!(fault, SdoFault::Size { expected, got });
+        assert!(got - longest < 1000);
+    }
+}
+
 proptest! {
     #[test]
     fn any_mails_are_decoded_without_panic_and_within_the_bound(

@@ -92,6 +92,45 @@ fn a_dictionary_is_read_with_what_the_drive_refuses_told_apart() {
 }
 
 #[test]
+fn a_dictionary_that_does_not_end_is_given_up_at_its_bound() {
+    let described = |name: &str| {
+        VecDeque::from([
+            whole(2, &[1, 0, 0x18, 0x10]),
+            whole(4, b"\x18\x10\x23\x00\x01\x09Identity"),
+            entry(0x1018, 0, name),
+            refused(0x0800_0000),
+            refused(0x0800_0000),
+        ])
+    };
+    let (rig, device, handle, _) = rig();
+    let mut needed = 0;
+    for (more, name) in [(0, ""), (5, "Count")] {
+        let taken = (0..1000).find(|most| {
+            device.0.borrow_mut().information = described(name);
+            let (asked, most) = (handle.clone(), *most);
+            match rig.run(async move { asked.dictionary_within(most).await }) {
+                Ok(dictionary) => !dictionary.objects.is_empty(),
+                Err(DriveError { error, .. }) => {
+                    let SdoError::WrongSize { expected, got, .. } = error else {
+                        panic!("{error}")
+                    };
+                    assert_eq!(expected, most);
+                    assert!(got > most);
+                    false
+                }
+            }
+        });
+        let taken = taken.unwrap();
+        assert!(
+            taken > 150,
+            "{taken}: an object, an entry, and one that is refused"
+        );
+        assert!(more == 0 || taken == needed + more, "a name counts");
+        needed = taken;
+    }
+}
+
+#[test]
 fn a_device_without_the_service_says_so_and_goes_on() {
     let (rig, device, handle, _) = device_with_statusword();
     let reason = |rig: &Rig| match read_list(rig, &handle) {
