@@ -1,5 +1,7 @@
 //! The SII image of a SubDevice (its EEPROM): identity, mailbox, and the categories that configuration needs
 //! (ETG.1000.6, SII; ETG.2010). Unknown categories are skipped.
+//!
+//! What is read of an image takes at most 32 KiB and 16 times the image: strings, PDOs and FMMUs of no content take their place in a list.
 
 use alloc::string::String;
 use alloc::vec::Vec;

@@ -1,5 +1,5 @@
 //! The EtherCAT mailbox: header, counter, error replies, and what a mail that was read contains
-//! (ETG.1000.4, mailbox; ETG.1000.6, CoE header).
+//! (ETG.1000.4, mailbox; ETG.1000.6, CoE header). The parser allocates nothing: what it gives points into the mail.
 
 use alloc::vec::Vec;
 use core::fmt;

@@ -31,8 +31,11 @@ use super::start_up::{StartUpList, StartUpWrite, Transition, is_controlword};
 use super::value::{ObjectValue, ValueType};
 use crate::coe::{AxisOffset, ObjectAddress, obj};
 
-/// The longest file that is read: far more than the objects of a drive take.
-pub const LONGEST_FILE: usize = 4 << 20;
+/// The longest file that is read or written: some ten thousand parameters, more than any drive has.
+///
+/// Reading one takes about 60 bytes of memory for each of its bytes, and never more than 768, whatever is in it: tables within
+/// tables cost most, and are read before it is known that none belongs there.
+pub const LONGEST_FILE: usize = 1 << 20;
 
 /// A file that could not be used: which, where, and why.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -192,12 +195,16 @@ impl<'a> Source<'a> {
 
     pub(super) fn parse<T: DeserializeOwned>(&self) -> Result<T, FileError> {
         if self.text.len() > LONGEST_FILE {
-            return Err(self.error(None, None, FileFault::TooLong));
+            return Err(self.too_long());
         }
         toml::from_str(self.text).map_err(|error| {
             let kind = FileFault::Toml(error.message().into());
             self.error(error.span(), None, kind)
         })
+    }
+
+    pub(super) fn too_long(&self) -> FileError {
+        self.error(None, None, FileFault::TooLong)
     }
 
     pub(super) fn error(

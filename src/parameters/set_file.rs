@@ -7,7 +7,7 @@ use std::path::Path;
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::file::{FileError, FileFault, Source, io_error, read};
+use super::file::{FileError, FileFault, LONGEST_FILE, Source, io_error, read};
 use super::raw_value::RawValue;
 use super::set::{Parameter, ParameterSet, is_parameter};
 use super::value::{ObjectValue, ValueType, known_name};
@@ -133,13 +133,17 @@ impl ParameterSet {
     /// Writes the set into a TOML file. A file that is there is replaced at once or not at all.
     ///
     /// # Errors
-    /// [`FileError`] with the reason of the operating system.
+    /// [`FileError`] with the reason of the operating system; [`FileFault::TooLong`] for a set that could not be read again.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         let path = path.as_ref();
+        let text = self.to_toml();
+        if text.len() > LONGEST_FILE {
+            return Err(Source::new(&text, &path.display().to_string()).too_long());
+        }
         let mut beside = path.as_os_str().to_owned();
         beside.push(".new");
         let failed = |error: io::Error| io_error(path, &error);
-        std::fs::write(&beside, self.to_toml()).map_err(failed)?;
+        std::fs::write(&beside, text).map_err(failed)?;
         std::fs::rename(&beside, path).map_err(failed)
     }
 }
@@ -201,6 +205,24 @@ mod tests {
             error.to_string(),
             "left.toml:3: drive \"left\": object \"modes of operation\": this object is a command or a record, and no parameter"
         );
+    }
+
+    #[test]
+    fn a_set_that_could_not_be_read_again_is_not_written() {
+        let path = std::env::temp_dir().join(format!("servocrab-long-{}.toml", std::process::id()));
+        let set = |length| ParameterSet {
+            drive: Some("x".repeat(length)),
+            identity: None,
+            parameters: Vec::new(),
+        };
+        let around = set(0).to_toml().len();
+        let longest = LONGEST_FILE - around;
+        let error = set(longest + 1).save(&path).unwrap_err();
+        assert_eq!(error.kind, FileFault::TooLong);
+        assert!(!path.exists());
+        set(longest).save(&path).unwrap();
+        assert_eq!(ParameterSet::load(&path).unwrap(), set(longest));
+        std::fs::remove_file(&path).unwrap();
     }
 
     proptest! {

@@ -14,7 +14,7 @@ pub fn run(data: &[u8]) {
         Ok(text) => text,
         Err(error) => core::str::from_utf8(&text[..error.valid_up_to()]).unwrap_or_default(),
     };
-    let bound = 64 * 1024 + 512 * text.len();
+    let bound = 64 * 1024 + 768 * text.len();
     if kind & 1 == 0 {
         if let Err(error) = within(bound, || StartUpList::from_toml(text, "any")) {
             assert!(error.to_string().starts_with("any"));
