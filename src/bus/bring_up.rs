@@ -8,6 +8,7 @@ use super::{
     AlState, BringUpStep, DevicePlace, DriveFault, Expected, NetworkError, Present, al,
     config::{DriveConfig, Watchdog},
     cycle::{Cycle, Stepper},
+    dc::{self, Clocks},
     discovery::{self, Found, loop_is_gone},
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
@@ -74,6 +75,9 @@ impl LinePlan {
             if let Some(mistake) = drive.mistake() {
                 return wrong(format!("drive at {place}: {mistake}"));
             }
+            if let Some(mistake) = drive.clock.and_then(|clock| clock.mistake(self.cycle)) {
+                return wrong(format!("drive at {place}: {mistake}"));
+            }
             for axis in &drive.axes {
                 if names.contains(&&axis.name) {
                     return wrong(format!("two axes are named `{}`", axis.name));
@@ -137,10 +141,16 @@ pub(super) async fn configure(
     context: &Context,
     plan: LinePlan,
     progress: &Rc<Progress>,
-) -> Result<Vec<ReadyDrive>, NetworkError> {
+) -> Result<(Vec<ReadyDrive>, Option<Rc<Clocks>>), NetworkError> {
     let line = discovery::discover(context).await?;
     tracing::info!(count = line.len(), "SubDevices in PREOP");
     let found = plan.find(context, &line).await?;
+    let uses_clocks = plan.drives.iter().any(|(_, drive)| drive.clock.is_some());
+    let clocks = if uses_clocks {
+        dc::measure(context, &line).await?
+    } else {
+        None
+    };
     let mut jobs = Vec::new();
     for (found, (place, config)) in found.into_iter().zip(plan.drives) {
         let progress = Rc::clone(progress);
@@ -150,6 +160,7 @@ pub(super) async fn configure(
             config,
             &plan.watchdog,
             plan.cycle,
+            clocks.clone(),
             progress,
         )?);
     }
@@ -172,11 +183,18 @@ pub(super) async fn configure(
         })
         .collect();
     let tasks = tasks.ok_or_else(loop_is_gone)?;
+    let teaching = clocks.clone().and_then(|clocks| {
+        let registers = context.registers.clone();
+        context.spawn(async move { clocks.teach(&registers).await })
+    });
     let mut ready = Vec::new();
     for task in tasks {
         ready.push(task.await?);
     }
-    Ok(ready)
+    if let Some(teaching) = teaching {
+        teaching.await;
+    }
+    Ok((ready, clocks))
 }
 
 /// What is to be done with a drive, if its mapping can be made.
@@ -186,6 +204,7 @@ fn checked(
     config: DriveConfig,
     watchdog: &Watchdog,
     cycle: Duration,
+    clocks: Option<Rc<Clocks>>,
     progress: Rc<Progress>,
 ) -> Result<Job, NetworkError> {
     let mapping = match config.mapping() {
@@ -208,25 +227,36 @@ fn checked(
         logical: 0,
         watchdog: watchdog.time(cycle),
         loss: watchdog.loss(cycle),
+        cycle,
+        clocks,
         progress,
     })
 }
 
-/// Starts the cycles.
-pub(super) fn start_cycles(
+/// Starts the cycles, in step with the reference clock where there is one.
+pub(super) async fn start_cycles(
     context: &Context,
     drives: &[ReadyDrive],
+    clocks: Option<&Clocks>,
     stepper: Box<dyn Stepper>,
     period: Duration,
-) {
+) -> Result<(), NetworkError> {
     let members: Vec<_> = drives.iter().map(member).collect();
     let mailboxes = drives.iter().map(|drive| Watched {
         station: drive.found.station,
         signal: drive.mail.clone(),
     });
-    let exchange = Exchange::new(&members, mailboxes.collect());
-    let first = context.time.now();
-    *context.cycle.borrow_mut() = Some(Cycle::new(exchange, stepper, period, first));
+    let distribution = clocks.map(|clocks| clocks.distribution);
+    let exchange = Exchange::new(&members, mailboxes.collect(), distribution);
+    let (first, phase) = match clocks {
+        None => (context.time.now(), None),
+        Some(clocks) => {
+            let (first, phase) = dc::first_cycle(context, clocks, period).await?;
+            (first, Some(phase))
+        }
+    };
+    *context.cycle.borrow_mut() = Some(Cycle::new(exchange, stepper, period, first, phase));
+    Ok(())
 }
 
 /// A drive's part in the exchange.
@@ -254,6 +284,8 @@ pub(super) async fn operate(
     progress: &Progress,
 ) -> Result<(), NetworkError> {
     wait_for_exchange(context, drives, period).await?;
+    let synchronised = drives.iter().filter(|drive| drive.synchronised);
+    dc::wait_for_lock(context, synchronised.map(|drive| &drive.found), period).await?;
     let tasks: Option<Vec<_>> = drives
         .iter()
         .map(|drive| {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::Expected;
+use super::{DistributedClock, Expected};
 use crate::{
     axis::{Deadlines, Loss, Referencing, Tolerances},
     coe::AnyObject,
@@ -29,6 +29,7 @@ pub struct DriveConfig {
     pub(super) start_up: Vec<StartUpList>,
     revision: Option<u32>,
     serial: Option<u32>,
+    pub(super) clock: Option<DistributedClock>,
     mistakes: Vec<String>,
 }
 
@@ -65,6 +66,7 @@ impl DriveConfig {
             start_up: Vec::new(),
             revision: None,
             serial: None,
+            clock: None,
             mistakes: Vec::new(),
         }
     }
@@ -173,6 +175,13 @@ impl DriveConfig {
     #[must_use]
     pub fn start_up(mut self, list: impl Into<StartUpList>) -> Self {
         self.start_up.push(list.into());
+        self
+    }
+
+    /// Synchronises the drive by its distributed clock. Without it the clock stays off.
+    #[must_use]
+    pub const fn dc(mut self, clock: DistributedClock) -> Self {
+        self.clock = Some(clock);
         self
     }
 

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::{
+    dc::Phase,
     exchange::{DriveData, Events, Exchange, receive_deadline},
     frame::Tag,
     statistics::Counters,
@@ -21,6 +22,8 @@ pub(super) trait Stepper {
 pub(super) struct Cycle {
     pub(super) exchange: Exchange,
     stepper: Box<dyn Stepper>,
+    /// Keeps the cycles in step with a reference clock.
+    clock: Option<Phase>,
     period: Duration,
     next_start: Duration,
     receive_until: Duration,
@@ -38,10 +41,12 @@ impl Cycle {
         stepper: Box<dyn Stepper>,
         period: Duration,
         first: Duration,
+        clock: Option<Phase>,
     ) -> Self {
         Self {
             exchange,
             stepper,
+            clock,
             period,
             next_start: first,
             receive_until: first,
@@ -86,14 +91,21 @@ impl Cycle {
         if late > self.period / 2 {
             counters.late_cycles.add();
         }
+        // Cycles that were slept through are not made up for, and the phase stays.
+        let periods = if late < self.period {
+            1
+        } else {
+            let slept_through = late.as_nanos() / self.period.as_nanos().max(1);
+            u32::try_from(slept_through + 1).unwrap_or(u32::MAX)
+        };
+        if let Some(clock) = &mut self.clock {
+            let passes = clock.begin(late, periods);
+            self.exchange.set_reference_time(passes as u32);
+        }
         self.stepper.before_send(now, &mut self.exchange.drives);
         self.exchange.send(link, counters);
         self.receive_until = now + receive_deadline(self.period);
-        self.next_start += self.period;
-        if self.next_start <= now {
-            // Cycles that were slept through are not made up for.
-            self.next_start = now + self.period;
-        }
+        self.next_start += self.period * periods;
     }
 
     fn end(&mut self, now: Duration, counters: &Counters) {
@@ -106,6 +118,18 @@ impl Cycle {
         };
         self.membership_changed |= events.membership;
         self.last = events;
+        if let Some(clock) = &mut self.clock {
+            let (sooner, measured) = clock.end(events.reference_time);
+            self.next_start = if sooner < 0 {
+                self.next_start + Duration::from_nanos(sooner.unsigned_abs())
+            } else {
+                self.next_start
+                    .saturating_sub(Duration::from_nanos(sooner.unsigned_abs()))
+            };
+            if let Some(measured) = measured {
+                counters.clock.record(&measured);
+            }
+        }
         self.stepper.after_receive(now, &mut self.exchange.drives);
     }
 }

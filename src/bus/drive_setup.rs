@@ -8,6 +8,7 @@ use super::{
     AlState, BringUpStep, DevicePlace, DriveFault, NetworkError, al,
     axes::Parameters,
     config::{AxisDeclaration, DriveConfig, Turn},
+    dc::{self, Clocks},
     discovery::Found,
     eeprom,
     progress::Progress,
@@ -42,6 +43,8 @@ pub(super) struct ReadyDrive {
     pub(super) layout: Layout,
     pub(super) logical: u32,
     pub(super) lrw: bool,
+    /// Whether it follows SYNC0.
+    pub(super) synchronised: bool,
     pub(super) axes: Vec<ReadyAxis>,
     /// What is still to be written in SAFEOP.
     pub(super) start_up: Vec<StartUpList>,
@@ -66,6 +69,10 @@ pub(super) struct Job {
     pub(super) watchdog: Option<Duration>,
     /// When an axis counts as lost, where the program does not say.
     pub(super) loss: Loss,
+    /// The network's cycle.
+    pub(super) cycle: Duration,
+    /// The line's clocks, where they are used.
+    pub(super) clocks: Option<Rc<Clocks>>,
     pub(super) progress: Rc<Progress>,
 }
 
@@ -96,6 +103,11 @@ impl Job {
         )
         .ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
 
+        if let Some(clock) = &self.config.clock {
+            dc::set_types(&sdo, clock, self.cycle)
+                .await
+                .map_err(|error| (BringUpStep::Clock, error))?;
+        }
         for list in &self.config.start_up {
             list.apply(&sdo, Transition::PreOpToSafeOp)
                 .await
@@ -148,6 +160,13 @@ impl Job {
             .map_err(|error| process_data(error.into()))?;
         self.arm(context, &outputs).await?;
         done(BringUpStep::Watchdog);
+        if let Some(clock) = &self.config.clock {
+            let position = self.found.id.position;
+            let clocks = self.clocks.as_ref();
+            dc::start(registers, station, position, clocks, clock, self.cycle)
+                .await
+                .map_err(|error| (BringUpStep::Clock, error))?;
+        }
         eeprom::give_away(registers, station)
             .await
             .map_err(|error| (BringUpStep::Sii, error.into()))?;
@@ -171,6 +190,7 @@ impl Job {
             layout,
             logical: self.logical,
             lrw,
+            synchronised: self.config.clock.is_some(),
             axes,
             start_up: self.config.start_up,
         })

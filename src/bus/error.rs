@@ -4,7 +4,7 @@ use std::{fmt, time::Duration};
 
 use super::{
     AlError, AlState, EepromError, LineMismatch, RealTimeError, RegisterError, SyncManagerError,
-    WatchdogState,
+    TopologyError, WatchdogState,
 };
 use crate::{
     axis::FieldError,
@@ -54,6 +54,22 @@ pub enum NetworkError {
     /// Two devices were declared at one place, or one name for two axes, or there is no axis.
     #[error("{0}")]
     Declaration(String),
+    /// The wiring of the line cannot be told, so that the delays of its distributed clocks cannot be measured.
+    #[error("distributed clocks: {0}")]
+    Topology(#[from] TopologyError),
+    /// The cycles did not come into step with the reference clock.
+    #[error(
+        "the cycles did not come into step with the reference clock within {after:?}: the phase error is {phase_error_ns} ns, and \
+         more than {bound:?} is too much. Is another program keeping this thread from waking in time?"
+    )]
+    NotLocked {
+        /// The last cycle's, in nanoseconds.
+        phase_error_ns: i64,
+        /// What it had to keep to.
+        bound: Duration,
+        /// How long it was given.
+        after: Duration,
+    },
     /// A drive could not be configured.
     #[error("{drive}: {step}: {error}")]
     Drive {
@@ -85,6 +101,8 @@ pub enum BringUpStep {
     ProcessData,
     /// The process-data watchdog.
     Watchdog,
+    /// The distributed clock.
+    Clock,
     /// A change of the AL state.
     State(AlState),
 }
@@ -100,6 +118,7 @@ impl fmt::Display for BringUpStep {
             Self::AbortConnection => f.write_str("setting what it does when the process data stop"),
             Self::ProcessData => f.write_str("setting up its process data"),
             Self::Watchdog => f.write_str("arming its process-data watchdog"),
+            Self::Clock => f.write_str("setting its distributed clock"),
             Self::State(state) => write!(f, "bringing it into {state}"),
         }
     }
@@ -187,6 +206,48 @@ pub enum DriveFault {
     /// It did not change its AL state.
     #[error(transparent)]
     Al(#[from] AlError),
+    /// It is to be synchronised by a distributed clock, but has none.
+    #[error("its ESC has no distributed clock (register 0008h, bit 2)")]
+    NoClock,
+    /// Its SYNC unit is not on as it was switched on.
+    #[error("its SYNC unit is on with {got:02X}h in register 0981h instead of {expected:02X}h")]
+    SyncUnit {
+        /// What was written.
+        expected: u8,
+        /// What it holds.
+        got: u8,
+    },
+    /// SYNC0's start had always passed before the unit was on.
+    #[error("the start of SYNC0 had passed before its SYNC unit was on: frames take too long")]
+    Sync0Passed,
+    /// 1C32h:1 or 1C33h:1 does not keep the synchronisation with SYNC0.
+    #[error("{index:04X}h:01 is {value} where 2 (SYNC0) was written")]
+    SyncType {
+        /// The object's index.
+        index: u16,
+        /// The value read back.
+        value: u16,
+    },
+    /// 1C32h:2 or 1C33h:2 does not keep the cycle time.
+    #[error("{index:04X}h:02 is {value} ns where {expected} ns were written")]
+    SyncCycle {
+        /// The object's index.
+        index: u16,
+        /// What was written, in nanoseconds.
+        expected: u32,
+        /// The value read back, in nanoseconds.
+        value: u32,
+    },
+    /// Its clock does not follow the reference clock.
+    #[error(
+        "its clock is {apart:?} away from the reference clock, and more than {bound:?} is too much"
+    )]
+    ClockApart {
+        /// The difference that it shows (register 092Ch).
+        apart: Duration,
+        /// What it had to keep to.
+        bound: Duration,
+    },
     /// The cyclic exchange did not get going.
     #[error("no complete exchange of process data within {0:?}")]
     NoExchange(Duration),

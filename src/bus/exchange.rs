@@ -6,6 +6,7 @@
 
 use std::{ops::Range, time::Duration};
 
+use super::dc::Distribution;
 use super::frame::{self, Tag};
 use super::mailbox_states::{MailboxStates, Watched};
 use super::packing::{Member, Packed, Part, Sign, pack};
@@ -69,6 +70,8 @@ pub(super) struct Events {
     pub(super) al_status: Option<(u8, u16)>,
     /// A working counter was wrong.
     pub(super) wrong: bool,
+    /// The low half of the reference clock's time when the frames passed it, where it is distributed and came back.
+    pub(super) reference_time: Option<u32>,
 }
 
 pub(super) struct Exchange {
@@ -80,7 +83,11 @@ pub(super) struct Exchange {
 }
 
 impl Exchange {
-    pub(super) fn new(members: &[Member], mailboxes: Vec<Watched>) -> Self {
+    pub(super) fn new(
+        members: &[Member],
+        mailboxes: Vec<Watched>,
+        clock: Option<Distribution>,
+    ) -> Self {
         let drives = members.iter().map(|member| DriveData {
             outputs: vec![0; member.outputs],
             inputs: vec![0; member.inputs],
@@ -94,7 +101,7 @@ impl Exchange {
         });
         Self {
             drives: drives.collect(),
-            packed: pack(members, mailboxes.len()),
+            packed: pack(members, mailboxes.len(), clock),
             mailboxes: MailboxStates::new(mailboxes),
             cycle: 0,
             in_flight: false,
@@ -104,6 +111,14 @@ impl Exchange {
     /// Whether frames are on their way.
     pub(super) const fn in_flight(&self) -> bool {
         self.in_flight
+    }
+
+    /// Sets what the next frames carry as the time at which they pass the reference clock.
+    pub(super) fn set_reference_time(&mut self, time: u32) {
+        if let (Some(slot), Some(first)) = (&mut self.packed.clock, self.packed.frames.first_mut())
+        {
+            slot.fill(&mut first.request, time);
+        }
     }
 
     /// Sends all frames of a cycle back to back.
@@ -199,7 +214,14 @@ impl Exchange {
         self.mailboxes
             .judge(&self.packed.mailbox_states, &self.packed.frames);
         events.al_status = self.read_al_status();
+        events.reference_time = self.read_reference_time();
         events
+    }
+
+    fn read_reference_time(&self) -> Option<u32> {
+        let slot = self.packed.clock.as_ref()?;
+        let first = self.packed.frames.first().filter(|frame| frame.back)?;
+        slot.read(&first.answer)
     }
 
     fn read_al_status(&self) -> Option<(u8, u16)> {

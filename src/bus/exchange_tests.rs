@@ -48,7 +48,7 @@ fn two_drives() -> Exchange {
         sign: Sign::Statusword,
         patience: 3,
     };
-    Exchange::new(&[member(0), member(3)], Vec::new())
+    Exchange::new(&[member(0), member(3)], Vec::new(), None)
 }
 
 /// First data byte of the first datagram.
@@ -294,6 +294,7 @@ fn drive_and_inputs() -> Exchange {
     Exchange::new(
         &[member(0, 1, Sign::Statusword), member(3, 0, Sign::AnyBits)],
         Vec::new(),
+        None,
     )
 }
 
@@ -366,6 +367,7 @@ fn a_device_without_inputs_has_a_datagram_of_its_own_whose_counter_tells_whether
     let mut exchange = Exchange::new(
         &[member(0, 0, Sign::AnyBits), member(1, 2, Sign::Statusword)],
         Vec::new(),
+        None,
     );
     let counters = Counters::default();
     // One byte and its working counter, then the header of the drive's datagram.

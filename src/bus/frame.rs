@@ -19,6 +19,7 @@ pub(super) mod command {
     pub(in crate::bus) const LRD: u8 = 10;
     pub(in crate::bus) const LWR: u8 = 11;
     pub(in crate::bus) const LRW: u8 = 12;
+    pub(in crate::bus) const FRMW: u8 = 14;
 }
 
 /// What a frame of ours is for, in its source address.

@@ -2,15 +2,20 @@
 
 use std::ops::Range;
 
+use super::dc::{self, Distribution, Slot};
 use super::frame::{self, Composer, DATAGRAM_OVERHEAD, command};
 use super::mailbox_states::{self, STATUS, STATUS_BYTES};
 
 const AL_STATUS: u16 = 0x0130;
 /// Bytes of data of the AL status broadcast.
 const AL_STATUS_BYTES: usize = 2;
-/// What the process data may use of a frame: the rest is the AL status broadcast's and the mailbox states'.
-const LONGEST_AREA: usize =
-    frame::PAYLOAD - 2 * DATAGRAM_OVERHEAD - AL_STATUS_BYTES - mailbox_states::RESERVED;
+/// What the process data may use of a frame: the rest is the AL status broadcast's, the mailbox states' and the reference
+/// time's.
+const LONGEST_AREA: usize = frame::PAYLOAD
+    - 2 * DATAGRAM_OVERHEAD
+    - AL_STATUS_BYTES
+    - mailbox_states::RESERVED
+    - dc::RESERVED;
 
 /// How a drive takes part.
 #[derive(Debug, Clone, Copy)]
@@ -71,15 +76,21 @@ pub(super) struct Packed {
     /// The frame with the AL status broadcast, and where its data lie.
     pub(super) al_status: Option<(usize, Range<usize>)>,
     pub(super) mailbox_states: Vec<StatusSlot>,
+    /// What distributes the reference time, in the first frame.
+    pub(super) clock: Option<Slot>,
 }
 
-/// Packs the process data of these drives, and the states of so many mailboxes.
-pub(super) fn pack(members: &[Member], mailboxes: usize) -> Packed {
+/// Packs the process data of these drives, the states of so many mailboxes, and the reference time where one is distributed.
+pub(super) fn pack(
+    members: &[Member],
+    mailboxes: usize,
+    distribution: Option<Distribution>,
+) -> Packed {
     let mut packer = Packer::default();
     for (drive, member) in members.iter().enumerate() {
         packer.add(drive, member);
     }
-    packer.finish(mailboxes)
+    packer.finish(mailboxes, distribution)
 }
 
 /// Where each drive lies in the logical address space: one behind the other, outputs before inputs.
@@ -204,7 +215,14 @@ impl Packer {
         }
     }
 
-    fn finish(mut self, mailboxes: usize) -> Packed {
+    fn finish(mut self, mailboxes: usize, distribution: Option<Distribution>) -> Packed {
+        // Before anything else, so that it passes the reference clock as soon as it is sent.
+        let clock = distribution.map(|distribution| {
+            let mut first = Composer::new();
+            let slot = Slot::push(&mut first, distribution);
+            self.frames.push(first);
+            slot
+        });
         let mut parts = Vec::new();
         for (frame, plan) in self.parts {
             while self.frames.len() <= frame {
@@ -249,6 +267,7 @@ impl Packer {
             parts,
             al_status,
             mailbox_states,
+            clock,
         }
     }
 }

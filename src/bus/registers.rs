@@ -127,6 +127,22 @@ impl Registers {
         .await
     }
 
+    /// Has one SubDevice's register read and given to all others (FRMW), four bytes of it.
+    pub(super) async fn distribute(
+        &self,
+        station: u16,
+        register: u16,
+    ) -> Result<(), RegisterError> {
+        self.ask(|| async move {
+            Command::frmw(station, register)
+                .ignore_wkc()
+                .receive_slice(self.main, 4)
+                .await
+                .map(|_| ())
+        })
+        .await
+    }
+
     /// Writes to the SubDevice at this place in the line, whatever its station address.
     pub(super) async fn write_at(
         &self,

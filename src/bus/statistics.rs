@@ -1,6 +1,9 @@
 //! What the bus loop counts.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
+use std::time::Duration;
+
+use super::dc::Measured;
 
 /// What the bus loop has counted since it started.
 ///
@@ -27,6 +30,70 @@ pub struct Statistics {
     pub late_cycles: u64,
     /// Frames that the link did not take.
     pub not_sent: u64,
+    /// How the cycles keep step with the reference clock, where there is one.
+    pub clock: Option<ClockStatistics>,
+}
+
+/// How the cycles keep step with the reference clock of the network's distributed clocks. The phase error is by how much later
+/// than wanted a cycle's frames passed it: at a multiple of the cycle in its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ClockStatistics {
+    /// The phase error of the last cycle, in nanoseconds; negative when it was early.
+    pub phase_error_ns: i64,
+    /// The largest magnitude since the phase was locked first, in nanoseconds.
+    pub worst_ns: i64,
+    /// What a locked phase keeps to: a fiftieth of the cycle.
+    pub bound: Duration,
+    /// Whether the phase is locked.
+    pub locked: bool,
+    /// Cycles beyond the bound since the phase was locked first.
+    pub beyond: u64,
+}
+
+/// The same as it is being written.
+#[derive(Debug, Default)]
+pub(super) struct ClockGauge {
+    bound_ns: AtomicU64,
+    error_ns: AtomicI64,
+    worst_ns: AtomicI64,
+    locked: AtomicBool,
+    ever_locked: AtomicBool,
+    beyond: Count,
+}
+
+impl ClockGauge {
+    /// There is a reference clock from now on, and this bound.
+    pub(super) fn begin(&self, bound: Duration) {
+        let bound = u64::try_from(bound.as_nanos()).unwrap_or(u64::MAX);
+        self.bound_ns.store(bound, Ordering::Relaxed);
+    }
+
+    /// A cycle.
+    pub(super) fn record(&self, measured: &Measured) {
+        self.error_ns.store(measured.error, Ordering::Relaxed);
+        self.locked.store(measured.locked, Ordering::Relaxed);
+        if measured.locked {
+            self.ever_locked.store(true, Ordering::Relaxed);
+        }
+        if self.ever_locked.load(Ordering::Relaxed) {
+            self.worst_ns
+                .fetch_max(measured.error.saturating_abs(), Ordering::Relaxed);
+            if !measured.within {
+                self.beyond.add();
+            }
+        }
+    }
+
+    pub(super) fn read(&self) -> Option<ClockStatistics> {
+        let bound = self.bound_ns.load(Ordering::Relaxed);
+        (bound != 0).then(|| ClockStatistics {
+            phase_error_ns: self.error_ns.load(Ordering::Relaxed),
+            worst_ns: self.worst_ns.load(Ordering::Relaxed),
+            bound: Duration::from_nanos(bound),
+            locked: self.locked.load(Ordering::Relaxed),
+            beyond: self.beyond.get(),
+        })
+    }
 }
 
 #[derive(Debug, Default)]
@@ -57,6 +124,7 @@ pub(super) struct Counters {
     pub(super) wrong_working_counters: Count,
     pub(super) late_cycles: Count,
     pub(super) not_sent: Count,
+    pub(super) clock: ClockGauge,
 }
 
 impl Counters {
@@ -70,6 +138,7 @@ impl Counters {
             wrong_working_counters: self.wrong_working_counters.get(),
             late_cycles: self.late_cycles.get(),
             not_sent: self.not_sent.get(),
+            clock: self.clock.read(),
         }
     }
 }

@@ -9,6 +9,7 @@ use super::{
     axes::Axes,
     bring_up::{self, LinePlan},
     control::{Control, NetworkEvent},
+    dc::LockWatch,
     drive_setup::ReadyDrive,
     progress::Progress,
     reactor::Context,
@@ -87,10 +88,11 @@ async fn start(
 ) -> Result<Running, NetworkError> {
     let period = plan.cycle;
     let progress = Rc::new(Progress::new(plan.listener.clone(), plan.drives.len()));
-    let drives = bring_up::configure(context, plan, &progress).await?;
+    let (drives, clocks) = bring_up::configure(context, plan, &progress).await?;
     let (axes, sources) = Axes::open(&drives, Arc::clone(control));
     let axes = Rc::new(RefCell::new(axes));
-    bring_up::start_cycles(context, &drives, Box::new(Rc::clone(&axes)), period);
+    let stepper = Box::new(Rc::clone(&axes));
+    bring_up::start_cycles(context, &drives, clocks.as_deref(), stepper, period).await?;
     bring_up::operate(context, &drives, period, &progress).await?;
     let to_program = Started {
         axes: sources,
@@ -119,9 +121,11 @@ pub(super) async fn given_up(context: &Context, control: &Control) {
 async fn watch(context: &Context, axes: &RefCell<Axes>, drives: &[ReadyDrive], control: &Control) {
     let mut usual = None;
     let mut lost = vec![false; drives.len()];
+    let mut lock = LockWatch::default();
     while !control.is_shutdown() {
         context.time.sleep(LOOK_EVERY).await;
         axes.borrow_mut().write_log();
+        lock.look(&context.counters);
         let Some((al_status, wrong)) = look(context, drives, &mut lost, control) else {
             return;
         };

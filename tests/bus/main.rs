@@ -2,6 +2,7 @@
 
 mod bring_up;
 mod bring_up_costs;
+mod clocks;
 mod endings;
 mod expected_line;
 mod faults;

@@ -1,0 +1,109 @@
+//! The way into the lock: cycles that begin in step with the reference clock, and OP only when they stay there.
+
+use std::time::Duration;
+
+use super::{
+    measure::Clocks,
+    phase::{Phase, bound},
+    sync::DIFFERENCE,
+};
+use crate::bus::{
+    BringUpStep, ClockStatistics, DriveFault, NetworkError, discovery::Found, reactor::Context,
+    statistics::Counters,
+};
+
+/// How long the lock may take, beside as many cycles as it needs.
+const LIMIT: Duration = Duration::from_secs(2);
+const CYCLES: u32 = 500;
+
+/// When the first cycle is to begin, and its phase.
+pub(in crate::bus) async fn first_cycle(
+    context: &Context,
+    clocks: &Clocks,
+    period: Duration,
+) -> Result<(Duration, Phase), NetworkError> {
+    let now = clocks.now(&context.registers).await;
+    let (time, at) = now.map_err(NetworkError::Line)?;
+    let (phase, later) = Phase::starting_at(time, period);
+    context.counters.clock.begin(bound(period));
+    Ok((at + later, phase))
+}
+
+/// Waits until the cycles are in step, and until these drives' clocks are.
+pub(in crate::bus) async fn wait_for_lock(
+    context: &Context,
+    drives: impl Iterator<Item = &Found>,
+    period: Duration,
+) -> Result<(), NetworkError> {
+    let started = context.time.now();
+    let limit = LIMIT + period * CYCLES;
+    let is_over = || context.time.now().saturating_sub(started) > limit;
+    loop {
+        context.time.sleep(period).await;
+        let Some(seen) = context.counters.clock.read() else {
+            return Ok(());
+        };
+        if seen.locked {
+            tracing::info!(
+                phase_error_ns = seen.phase_error_ns,
+                "in step with the reference clock"
+            );
+            break;
+        }
+        if is_over() {
+            return Err(NetworkError::NotLocked {
+                phase_error_ns: seen.phase_error_ns,
+                bound: seen.bound,
+                after: limit,
+            });
+        }
+    }
+    for found in drives {
+        while let Err(apart) = is_in_step(context, found, period).await {
+            if is_over() {
+                return Err(found.clone().fault(BringUpStep::Clock, apart));
+            }
+            context.time.sleep(period).await;
+        }
+    }
+    Ok(())
+}
+
+async fn is_in_step(context: &Context, found: &Found, period: Duration) -> Result<(), DriveFault> {
+    let shown = context.registers.read(found.station, DIFFERENCE).await?;
+    // Bit 31 is the sign.
+    let apart = Duration::from_nanos((u32::from_le_bytes(shown) & 0x7FFF_FFFF).into());
+    let bound = bound(period);
+    if apart > bound {
+        return Err(DriveFault::ClockApart { apart, bound });
+    }
+    Ok(())
+}
+
+/// Tells when the lock is lost, and when it is there again.
+#[derive(Debug, Default)]
+pub(in crate::bus) struct LockWatch {
+    was_locked: Option<bool>,
+}
+
+impl LockWatch {
+    pub(in crate::bus) fn look(&mut self, counters: &Counters) {
+        let Some(seen) = counters.clock.read() else {
+            return;
+        };
+        let ClockStatistics {
+            locked,
+            phase_error_ns,
+            ..
+        } = seen;
+        match self.was_locked.replace(locked) {
+            Some(true) if !locked => {
+                tracing::warn!(phase_error_ns, "out of step with the reference clock");
+            }
+            Some(false) if locked => {
+                tracing::info!(phase_error_ns, "in step with the reference clock again");
+            }
+            _ => {}
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! SYNC0 of a drive: its synchronisation types in CoE, and the registers of its SYNC unit (ESC data sheet, section I, 9.2).
+
+use std::{rc::Rc, time::Duration};
+
+use super::{
+    delay::Width,
+    distribution::SYSTEM_TIME,
+    measure::{Clocks, write_time},
+    setting::DistributedClock,
+};
+use crate::{
+    bus::{
+        DriveFault,
+        registers::{RegisterError, Registers},
+    },
+    coe::{AbortCode, DriveError, Object, ReadWrite, SdoHandle, obj},
+};
+
+/// Register 0980h: control of the SYNC unit; 0981h: activation.
+const SYNC_CONTROL: u16 = 0x0980;
+const ACTIVATION: u16 = 0x0981;
+const START: u16 = 0x0990;
+/// Register 09A0h, followed by 09A4h for SYNC1.
+const CYCLES: u16 = 0x09A0;
+/// Register 092Ch: bits 0 to 30 are how far the clock is from the reference.
+pub(super) const DIFFERENCE: u16 = 0x092C;
+/// How far ahead the first pulse is set: longer than a few frames can be on their way.
+const AHEAD: Duration = Duration::from_millis(100);
+/// How often the start is set anew when it had passed before the unit was on.
+const TRIES: usize = 3;
+/// 1C32h:1 and 1C33h:1, synchronous with SYNC0 (ETG.1020).
+const WITH_SYNC0: u16 = 2;
+
+/// Sets the synchronisation types of a drive that has them, and reads them back. In PREOP.
+pub(in crate::bus) async fn set_types(
+    sdo: &SdoHandle,
+    clock: &DistributedClock,
+    period: Duration,
+) -> Result<(), DriveFault> {
+    let (cycle, _) = clock.cycles(period);
+    for (kind, time) in [
+        (obj::OUTPUT_SYNC_TYPE, obj::OUTPUT_CYCLE_TIME),
+        (obj::INPUT_SYNC_TYPE, obj::INPUT_CYCLE_TIME),
+    ] {
+        match keeps(sdo, kind, WITH_SYNC0).await? {
+            None => continue,
+            Some(Kept { value, refused }) if value != WITH_SYNC0 => {
+                if !refused {
+                    return Err(DriveFault::SyncType {
+                        index: kind.index(),
+                        value,
+                    });
+                }
+                // Many drives take it from the SYNC unit alone.
+                tracing::warn!(drive = %sdo.drive(), object = %kind, value, "not to be set to SYNC0");
+            }
+            Some(_) => {}
+        }
+        // Where it can be set at all; else the drive takes it from 09A0h.
+        if let Some(Kept {
+            value,
+            refused: false,
+        }) = keeps(sdo, time, cycle).await?
+            && value != cycle
+        {
+            let (index, expected) = (time.index(), cycle);
+            return Err(DriveFault::SyncCycle {
+                index,
+                expected,
+                value,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// What an object holds after something was written to it.
+struct Kept<T> {
+    value: T,
+    refused: bool,
+}
+
+/// Writes and reads back; nothing if the drive has no such object.
+async fn keeps<T: crate::coe::Number>(
+    sdo: &SdoHandle,
+    object: Object<T, ReadWrite>,
+    value: T,
+) -> Result<Option<Kept<T>>, DriveFault> {
+    let aborted = |error: &DriveError| error.error.abort_code();
+    let refused = match sdo.write(object, value).await {
+        Ok(()) => false,
+        Err(error) => match aborted(&error) {
+            Some(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => return Ok(None),
+            Some(_) => true,
+            None => return Err(error.error.into()),
+        },
+    };
+    match sdo.read(object).await {
+        Ok(value) => Ok(Some(Kept { value, refused })),
+        Err(error) if aborted(&error).is_some() => Ok(None),
+        Err(error) => Err(error.error.into()),
+    }
+}
+
+/// Switches SYNC0 on, with its first pulse ahead. The clocks must have been set.
+pub(in crate::bus) async fn start(
+    registers: &Registers,
+    station: u16,
+    position: u16,
+    clocks: Option<&Rc<Clocks>>,
+    clock: &DistributedClock,
+    period: Duration,
+) -> Result<(), DriveFault> {
+    let clocks = clocks.ok_or(DriveFault::NoClock)?;
+    let width = clocks.width(position).ok_or(DriveFault::NoClock)?;
+    clocks.are_taught(registers.time()).await?;
+    let (sync0, sync1) = clock.cycles(period);
+    let [control, activation] = clock.assign_activate.to_le_bytes();
+    let ahead = u64::try_from(AHEAD.as_nanos()).unwrap_or(u64::MAX);
+    for _ in 0..TRIES {
+        registers.write(station, ACTIVATION, &[0]).await?;
+        let (now, _) = clocks.now(registers).await?;
+        let first = clock.first_pulse(now + ahead, period);
+        write_time(registers, station, START, first, width).await?;
+        registers
+            .write(station, CYCLES, &sync0.to_le_bytes())
+            .await?;
+        registers
+            .write(station, CYCLES + 4, &sync1.to_le_bytes())
+            .await?;
+        registers
+            .write(station, SYNC_CONTROL, &[control, activation])
+            .await?;
+        let [got] = registers.read(station, ACTIVATION).await?;
+        if got != activation {
+            return Err(DriveFault::SyncUnit {
+                expected: activation,
+                got,
+            });
+        }
+        // A pulse that was to come in the past does not come for hundreds of years.
+        if is_ahead(first, system_time(registers, station, width).await?, width) {
+            tracing::debug!(station, first, sync0, sync1, "SYNC0 is on");
+            return Ok(());
+        }
+    }
+    Err(DriveFault::Sync0Passed)
+}
+
+async fn system_time(
+    registers: &Registers,
+    station: u16,
+    width: Width,
+) -> Result<u64, RegisterError> {
+    Ok(match width {
+        Width::Bits32 => u32::from_le_bytes(registers.read(station, SYSTEM_TIME).await?).into(),
+        Width::Bits64 => u64::from_le_bytes(registers.read(station, SYSTEM_TIME).await?),
+    })
+}
+
+/// Whether a time is still to come on a clock that shows `now`.
+fn is_ahead(time: u64, now: u64, width: Width) -> bool {
+    match width {
+        Width::Bits32 => (time as u32).wrapping_sub(now as u32).cast_signed() > 0,
+        Width::Bits64 => time > now,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clock_of_32_bits_begins_again_and_its_times_are_still_ahead() {
+        assert!(is_ahead(0x1_0000_0005, 0xFFFF_FFF0, Width::Bits32));
+        assert!(!is_ahead(0xFFFF_FFF0, 5, Width::Bits32));
+        assert!(is_ahead(6, 5, Width::Bits64));
+        assert!(!is_ahead(5, 5, Width::Bits64));
+    }
+}
