@@ -58,7 +58,9 @@ pub struct PdoEntryDescription {
     pub index: u16,
     /// Subindex of the object.
     pub subindex: u8,
-    /// Data type as the SII codes it (2 I8, 3 I16, 4 I32, 5 U8, 6 U16, 7 U32).
+    /// Its name; empty for none.
+    pub name: &'static str,
+    /// Data type as the SII codes it (1 BOOLEAN, 2 I8, 3 I16, 4 I32, 5 U8, 6 U16, 7 U32).
     pub data_type: u8,
     /// Length in bits.
     pub bits: u8,
@@ -69,6 +71,8 @@ pub struct PdoEntryDescription {
 pub struct PdoDescription {
     /// Index of the PDO (16xxh or 1Axxh).
     pub index: u16,
+    /// Its name; empty for none.
+    pub name: &'static str,
     /// Which way its data goes.
     pub direction: Direction,
     /// Sync manager that carries it by default; `None` when it is not assigned.

@@ -35,13 +35,15 @@ pub(crate) fn image(description: &Description) -> Vec<u8> {
         .iter()
         .cloned()
         .partition(|(kind, _)| *kind >= CATEGORY_VENDOR);
+    let tx_pdos = pdos(description, Direction::Inputs, &mut strings);
+    let rx_pdos = pdos(description, Direction::Outputs, &mut strings);
     let mut numbered = vec![
         (CATEGORY_STRINGS, strings.bytes()),
         (CATEGORY_GENERAL, general),
         (CATEGORY_FMMU, description.fmmu_usage.clone()),
         (CATEGORY_SYNC_MANAGER, sync_managers(description)),
-        (CATEGORY_TX_PDO, pdos(description, Direction::Inputs)),
-        (CATEGORY_RX_PDO, pdos(description, Direction::Outputs)),
+        (CATEGORY_TX_PDO, tx_pdos),
+        (CATEGORY_RX_PDO, rx_pdos),
         (CATEGORY_CLOCK, clock),
     ];
     numbered.extend(others);
@@ -144,24 +146,26 @@ fn sync_managers(description: &Description) -> Vec<u8> {
 }
 
 /// Category 50 or 51.
-fn pdos(description: &Description, direction: Direction) -> Vec<u8> {
+fn pdos(description: &Description, direction: Direction, strings: &mut Strings) -> Vec<u8> {
     description
         .pdos
         .iter()
         .filter(|pdo| pdo.direction == direction)
-        .flat_map(pdo)
+        .flat_map(|description| pdo(description, strings))
         .collect()
 }
 
-fn pdo(pdo: &PdoDescription) -> Vec<u8> {
+fn pdo(pdo: &PdoDescription, strings: &mut Strings) -> Vec<u8> {
     let mut bytes = pdo.index.to_le_bytes().to_vec();
     let count = u8::try_from(pdo.entries.len()).unwrap_or(u8::MAX);
     // Flag 10h: fixed content.
     let flags = if pdo.fixed { 0x10 } else { 0 };
-    bytes.extend([count, pdo.sync_manager.unwrap_or(0xFF), 0, 0, flags, 0]);
+    let name = strings.index_if_any(pdo.name);
+    bytes.extend([count, pdo.sync_manager.unwrap_or(0xFF), 0, name, flags, 0]);
     for entry in pdo.entries.iter().take(usize::from(count)) {
         bytes.extend(entry.index.to_le_bytes());
-        bytes.extend([entry.subindex, 0, entry.data_type, entry.bits, 0, 0]);
+        let name = strings.index_if_any(entry.name);
+        bytes.extend([entry.subindex, name, entry.data_type, entry.bits, 0, 0]);
     }
     bytes
 }
@@ -213,6 +217,10 @@ impl Strings {
                 self.0.len() - 1
             });
         u8::try_from(position + 1).unwrap_or(0)
+    }
+
+    fn index_if_any(&mut self, text: &str) -> u8 {
+        if text.is_empty() { 0 } else { self.index(text) }
     }
 
     fn bytes(&self) -> Vec<u8> {

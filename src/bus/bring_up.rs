@@ -5,13 +5,14 @@ use std::{rc::Rc, time::Duration};
 use tracing::Instrument;
 
 use super::{
-    AlState, BringUpStep, DevicePlace, DriveFault, Expected, NetworkError, Present, al,
+    AlState, BringUpStep, DevicePlace, DriveFault, Expected, IoConfig, NetworkError, Present, al,
     config::{DriveConfig, Watchdog},
     cycle::{Cycle, Stepper},
     dc::{self, Clocks},
     discovery::{self, Found, loop_is_gone},
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
+    io::{IoJob, ReadyIo},
     line::ALIAS,
     line_check,
     mailbox_states::Watched,
@@ -37,6 +38,7 @@ pub(super) struct LinePlan {
     pub(super) listener: Listener,
     pub(super) cycle: Duration,
     pub(super) drives: Vec<(DevicePlace, DriveConfig)>,
+    pub(super) ios: Vec<(DevicePlace, IoConfig)>,
     /// Devices that must be there and are left alone.
     pub(super) others: Vec<(DevicePlace, Expected)>,
     /// No other devices may be there.
@@ -48,7 +50,7 @@ impl LinePlan {
     /// What is wrong with the declaration itself.
     pub(super) fn check(&self) -> Result<(), NetworkError> {
         let wrong = |text: String| Err(NetworkError::Declaration(text));
-        if self.drives.is_empty() {
+        if self.drives.is_empty() && self.ios.is_empty() {
             return wrong("no drive was declared".into());
         }
         if self.cycle < Duration::from_micros(50) || self.cycle > Duration::from_secs(1) {
@@ -68,6 +70,15 @@ impl LinePlan {
                 .any(|(other, _)| other == place)
             {
                 return wrong(format!("two devices are declared at {place}"));
+            }
+        }
+        for (number, (place, io)) in self.ios.iter().enumerate() {
+            if let Some(mistake) = io.mistake() {
+                return wrong(format!("io at {place}: {mistake}"));
+            }
+            let mut before = self.ios.iter().take(number);
+            if before.any(|(_, other)| other.name == io.name) {
+                return wrong(format!("two devices are named `{}`", io.name));
             }
         }
         let mut names = Vec::new();
@@ -105,11 +116,16 @@ impl LinePlan {
 }
 
 impl LinePlan {
-    /// All devices that must be there: the drives first.
+    /// All devices that must be there: the drives first, then those with inputs and outputs.
     fn declared(&self) -> Vec<(DevicePlace, Expected)> {
         let drives = self.drives.iter();
         let drives = drives.map(|(place, drive)| (*place, drive.expected()));
-        drives.chain(self.others.iter().cloned()).collect()
+        let ios = self.ios.iter();
+        let ios = ios.map(|(place, io)| (*place, io.expected.clone()));
+        drives
+            .chain(ios)
+            .chain(self.others.iter().cloned())
+            .collect()
     }
 
     /// Which device of the line each declared one is.
@@ -136,15 +152,31 @@ impl LinePlan {
     }
 }
 
-/// Brings all declared drives into SAFEOP; all others stay in PREOP.
+/// The devices of the exchange, in SAFEOP or above. In the exchange the drives are first.
+pub(super) struct Ready {
+    pub(super) drives: Vec<ReadyDrive>,
+    pub(super) ios: Vec<ReadyIo>,
+    /// The distributed clocks, where a drive uses its.
+    clocks: Option<Rc<Clocks>>,
+}
+
+impl Ready {
+    /// All of them, in the order of the exchange.
+    pub(super) fn found(&self) -> impl Iterator<Item = &Found> {
+        let drives = self.drives.iter().map(|drive| &drive.found);
+        drives.chain(self.ios.iter().map(|io| &io.found))
+    }
+}
+
+/// Brings all declared drives and devices with inputs and outputs into SAFEOP; all others stay in PREOP.
 pub(super) async fn configure(
     context: &Context,
     plan: LinePlan,
     progress: &Rc<Progress>,
-) -> Result<(Vec<ReadyDrive>, Option<Rc<Clocks>>), NetworkError> {
+) -> Result<Ready, NetworkError> {
     let line = discovery::discover(context).await?;
     tracing::info!(count = line.len(), "SubDevices in PREOP");
-    let found = plan.find(context, &line).await?;
+    let mut found = plan.find(context, &line).await?.into_iter();
     let uses_clocks = plan.drives.iter().any(|(_, drive)| drive.clock.is_some());
     let clocks = if uses_clocks {
         dc::measure(context, &line).await?
@@ -152,7 +184,7 @@ pub(super) async fn configure(
         None
     };
     let mut jobs = Vec::new();
-    for (found, (place, config)) in found.into_iter().zip(plan.drives) {
+    for ((place, config), found) in plan.drives.into_iter().zip(found.by_ref()) {
         let progress = Rc::clone(progress);
         jobs.push(checked(
             found,
@@ -164,7 +196,7 @@ pub(super) async fn configure(
             progress,
         )?);
     }
-    let sizes: Vec<_> = jobs
+    let mut sizes: Vec<_> = jobs
         .iter()
         .map(|job| {
             let layout = job.mapping.layout();
@@ -187,14 +219,59 @@ pub(super) async fn configure(
         let registers = context.registers.clone();
         context.spawn(async move { clocks.teach(&registers).await })
     });
-    let mut ready = Vec::new();
+    // Meanwhile the others tell what they exchange, and get their place behind the drives.
+    let ios = plan
+        .ios
+        .into_iter()
+        .zip(found)
+        .map(|((place, config), found)| {
+            let job = IoJob {
+                found,
+                place,
+                config,
+                watchdog: plan.watchdog.time(plan.cycle),
+                patience: plan.watchdog.loss(plan.cycle).stale_cycles,
+                progress: Rc::clone(progress),
+            };
+            job.look(context.clone())
+        });
+    let mut ios = all(context, ios).await?;
+    let behind = sizes.len();
+    sizes.extend(ios.iter().map(ReadyIo::sizes));
+    let addresses = logical_addresses(&sizes);
+    for (io, logical) in ios.iter_mut().zip(addresses.into_iter().skip(behind)) {
+        io.logical = logical;
+    }
+    let ios = ios.into_iter().map(|io| io.into_safe_op(context.clone()));
+    let ios = all(context, ios).await?;
+    let mut drives = Vec::new();
     for task in tasks {
-        ready.push(task.await?);
+        drives.push(task.await?);
     }
     if let Some(teaching) = teaching {
         teaching.await;
     }
-    Ok((ready, clocks))
+    Ok(Ready {
+        drives,
+        ios,
+        clocks,
+    })
+}
+
+/// Waits for all of these, which are under way at the same time.
+async fn all<T: 'static, F>(
+    context: &Context,
+    futures: impl Iterator<Item = F>,
+) -> Result<Vec<T>, NetworkError>
+where
+    F: Future<Output = Result<T, NetworkError>> + 'static,
+{
+    let tasks: Option<Vec<_>> = futures.map(|future| context.spawn(future)).collect();
+    let mut results = Vec::new();
+    for task in tasks.ok_or_else(loop_is_gone)? {
+        results.push(task.await?);
+    }
+    Ok(results)
 }
 
 /// What is to be done with a drive, if its mapping can be made.
@@ -236,18 +313,29 @@ fn checked(
 /// Starts the cycles, in step with the reference clock where there is one.
 pub(super) async fn start_cycles(
     context: &Context,
-    drives: &[ReadyDrive],
-    clocks: Option<&Clocks>,
+    ready: &Ready,
     stepper: Box<dyn Stepper>,
     period: Duration,
 ) -> Result<(), NetworkError> {
-    let members: Vec<_> = drives.iter().map(member).collect();
+    let Ready {
+        drives,
+        ios,
+        clocks,
+    } = ready;
+    let members = drives.iter().map(member);
+    let members: Vec<_> = members.chain(ios.iter().map(ReadyIo::member)).collect();
     let mailboxes = drives.iter().map(|drive| Watched {
         station: drive.found.station,
         signal: drive.mail.clone(),
     });
-    let distribution = clocks.map(|clocks| clocks.distribution);
-    let exchange = Exchange::new(&members, mailboxes.collect(), distribution);
+    let further = ios.iter().filter_map(|io| {
+        Some(Watched {
+            station: io.found.station,
+            signal: io.mailbox.as_ref()?.signal.clone(),
+        })
+    });
+    let distribution = clocks.as_ref().map(|clocks| clocks.distribution);
+    let exchange = Exchange::new(&members, mailboxes.chain(further).collect(), distribution);
     let (first, phase) = match clocks {
         None => (context.time.now(), None),
         Some(clocks) => {
@@ -279,21 +367,30 @@ fn member(drive: &ReadyDrive) -> Member {
 /// Brings all drives from SAFEOP into OP, once complete exchanges have given them valid outputs.
 pub(super) async fn operate(
     context: &Context,
-    drives: &[ReadyDrive],
+    ready: &Ready,
     period: Duration,
     progress: &Progress,
 ) -> Result<(), NetworkError> {
-    wait_for_exchange(context, drives, period).await?;
-    let synchronised = drives.iter().filter(|drive| drive.synchronised);
+    wait_for_exchange(context, ready, period).await?;
+    let synchronised = ready.drives.iter().filter(|drive| drive.synchronised);
     dc::wait_for_lock(context, synchronised.map(|drive| &drive.found), period).await?;
+    let drives = ready.drives.iter();
+    let drives = drives.map(|drive| (&drive.found, Some(&drive.sdo), &drive.start_up));
+    let ios = ready.ios.iter().map(|io| {
+        let sdo = io.mailbox.as_ref().map(|mailbox| &mailbox.sdo);
+        (&io.found, sdo, &io.start_up)
+    });
     let tasks: Option<Vec<_>> = drives
-        .iter()
-        .map(|drive| {
+        .chain(ios)
+        .map(|(found, sdo, lists)| {
             let registers = context.registers.clone();
-            let station = drive.found.station;
-            let (sdo, lists) = (drive.sdo.clone(), drive.start_up.clone());
+            let station = found.station;
+            let lists = sdo.map(|sdo| (sdo.clone(), lists.clone()));
             context.spawn(async move {
-                for list in lists {
+                let lists = lists.into_iter().flat_map(|(sdo, lists)| {
+                    lists.into_iter().map(move |list| (sdo.clone(), list))
+                });
+                for (sdo, list) in lists {
                     list.apply(&sdo, Transition::SafeOpToOp)
                         .await
                         .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
@@ -305,23 +402,23 @@ pub(super) async fn operate(
         })
         .collect();
     let tasks = tasks.ok_or_else(loop_is_gone)?;
-    for (place, (task, drive)) in tasks.into_iter().zip(drives).enumerate() {
+    for (place, (task, found)) in tasks.into_iter().zip(ready.found()).enumerate() {
         task.await
-            .map_err(|(step, error)| drive.found.clone().fault(step, error))?;
+            .map_err(|(step, error)| found.clone().fault(step, error))?;
         if let Some(cycle) = &mut *context.cycle.borrow_mut()
             && let Some(data) = cycle.exchange.drives.get_mut(place)
         {
             data.operational = true;
         }
-        tracing::info!(drive = %drive.found.id, "in OP");
-        progress.step(&drive.found.id, BringUpStep::State(AlState::Op));
+        tracing::info!(drive = %found.id, "in OP");
+        progress.step(&found.id, BringUpStep::State(AlState::Op));
     }
     Ok(())
 }
 
 async fn wait_for_exchange(
     context: &Context,
-    drives: &[ReadyDrive],
+    ready: &Ready,
     period: Duration,
 ) -> Result<(), NetworkError> {
     let limit = EXCHANGE_LIMIT + period * GOOD_CYCLES * 4;
@@ -338,9 +435,8 @@ async fn wait_for_exchange(
         if context.time.now().saturating_sub(started) > limit {
             // The one that does not answer, or else the first, whose working counter is wrong with the others'.
             let silent = cycle.exchange.drives.iter().position(|drive| drive.lost);
-            return Err(match drives.get(silent.unwrap_or(0)) {
-                Some(drive) => drive
-                    .found
+            return Err(match ready.found().nth(silent.unwrap_or(0)) {
+                Some(found) => found
                     .clone()
                     .fault(BringUpStep::ProcessData, DriveFault::NoExchange(limit)),
                 None => NetworkError::NoSubDevice,

@@ -9,7 +9,7 @@ use std::{
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    DevicePlace, DriveConfig, Expected, Line, Network, NetworkError, RealTime,
+    DevicePlace, DriveConfig, Expected, IoConfig, Line, Network, NetworkError, RealTime,
     bring_up::LinePlan,
     config::Watchdog,
     control::Control,
@@ -69,6 +69,7 @@ impl Network {
                 listener: Listener::NOBODY,
                 cycle: Duration::from_millis(1),
                 drives: Vec::new(),
+                ios: Vec::new(),
                 others: Vec::new(),
                 complete: false,
                 watchdog: Watchdog::Armed(None),
@@ -113,6 +114,13 @@ impl NetworkBuilder {
     /// ```
     pub fn drive(mut self, place: impl Into<DevicePlace>, drive: DriveConfig) -> Self {
         self.plan.drives.push((place.into(), drive));
+        self
+    }
+
+    /// A device that is no drive, whose inputs and outputs the program uses: [`Network::io`] gives them by the name that it has in
+    /// `io`.
+    pub fn io(mut self, place: impl Into<DevicePlace>, io: IoConfig) -> Self {
+        self.plan.ios.push((place.into(), io));
         self
     }
 

@@ -18,6 +18,19 @@ pub(super) trait Stepper {
     fn after_receive(&mut self, now: Duration, drives: &mut [DriveData]);
 }
 
+/// One, then the other.
+impl<A: Stepper, B: Stepper> Stepper for (A, B) {
+    fn before_send(&mut self, now: Duration, drives: &mut [DriveData]) {
+        self.0.before_send(now, drives);
+        self.1.before_send(now, drives);
+    }
+
+    fn after_receive(&mut self, now: Duration, drives: &mut [DriveData]) {
+        self.0.after_receive(now, drives);
+        self.1.after_receive(now, drives);
+    }
+}
+
 /// The exchange in time.
 pub(super) struct Cycle {
     pub(super) exchange: Exchange,

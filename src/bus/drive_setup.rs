@@ -31,7 +31,7 @@ use crate::{
 };
 
 /// How long a drive may take into SAFEOP (ETG.1020, default timeout of PREOP to SAFEOP is 10 s).
-const SAFE_OP_LIMIT: Duration = Duration::from_secs(10);
+pub(super) const SAFE_OP_LIMIT: Duration = Duration::from_secs(10);
 
 /// A drive in SAFEOP, ready for the exchange.
 pub(super) struct ReadyDrive {
@@ -328,7 +328,7 @@ pub(super) fn serve_mailbox(
 }
 
 /// A step that failed, and how.
-type Failed = (BringUpStep, DriveFault);
+pub(super) type Failed = (BringUpStep, DriveFault);
 
 fn at(step: BringUpStep) -> impl Fn(DriveError) -> Failed {
     move |DriveError { error, .. }| (step, error.into())
@@ -397,7 +397,7 @@ async fn read_if_there<T: Number, A: Readable>(
 }
 
 /// The mapping's fault without the drive, which the error around it names.
-fn mapping_fault(error: ConfigureError) -> DriveFault {
+pub(super) fn mapping_fault(error: ConfigureError) -> DriveFault {
     match error {
         ConfigureError::Refused { step, error } => DriveFault::MappingRefused {
             step,

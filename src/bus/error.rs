@@ -185,6 +185,21 @@ pub enum DriveFault {
         /// What the drive holds.
         got: WatchdogState,
     },
+    /// The watchdog of a device that is no drive is not armed.
+    #[error(
+        "it is not armed (triggered by the outputs: {}, divider {}, {} ticks where {expected} were set): the outputs would stay \
+         as they are when this program dies. To accept that, say why in without_watchdog(\"...\")",
+        .got.triggered, .got.divider, .got.ticks
+    )]
+    OutputsUnwatched {
+        /// Ticks of 100 µs that were set.
+        expected: u16,
+        /// What the device holds.
+        got: WatchdogState,
+    },
+    /// It has neither inputs nor outputs.
+    #[error("it has neither inputs nor outputs: expect it in the line instead of using it")]
+    NoProcessData,
     /// 6007h holds a value that does not stop the axis.
     #[error(
         "6007h of axis {axis} is {value}, which does not stop it, and no stopping value was accepted"

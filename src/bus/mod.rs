@@ -16,6 +16,7 @@ mod error;
 mod exchange;
 mod expected;
 mod frame;
+mod io;
 mod journal;
 mod line;
 mod line_check;
@@ -41,6 +42,10 @@ pub use dc::{DistributedClock, TopologyError};
 pub use eeprom::EepromError;
 pub use error::{BringUpStep, DriveFault, NetworkError};
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict};
+pub use io::{
+    Io, IoConfig, IoError, IoErrorKind, IoInput, IoOutput, IoPoint, IoStatus, IoValue, PointName,
+    Sampled, Stale,
+};
 pub use line::{Line, LineDevice};
 pub use network::{Network, NetworkEvents, NetworkStop};
 pub use progress::BringUpProgress;

@@ -5,7 +5,7 @@ use std::{fmt, sync::Arc, thread::JoinHandle, time::Duration};
 use smol::channel::Receiver;
 
 use super::{
-    DevicePlace, NetworkError,
+    DevicePlace, Io, NetworkError,
     control::{Control, NetworkEvent},
     statistics::Statistics,
     supervisor::{Started, StartedDrive},
@@ -26,6 +26,7 @@ use crate::{
 pub struct Network {
     axes: Vec<AxisSource>,
     drives: Vec<StartedDrive>,
+    ios: Vec<Io>,
     emergencies: Emergencies,
     control: Arc<Control>,
     over: Receiver<()>,
@@ -42,6 +43,7 @@ impl Network {
         Self {
             axes: started.axes,
             drives: started.drives,
+            ios: started.ios,
             emergencies: started.emergencies,
             control,
             over,
@@ -59,6 +61,18 @@ impl Network {
             .find(|source| source.name() == name)
             .map(AxisSource::axis)
             .ok_or_else(|| NetworkError::Declaration(format!("no axis is named `{name}`")))
+    }
+
+    /// The inputs and outputs of the device with this name.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no device that was declared by `io` has this name.
+    pub fn io(&self, name: &str) -> Result<Io, NetworkError> {
+        self.ios
+            .iter()
+            .find(|io| io.name() == name)
+            .cloned()
+            .ok_or_else(|| NetworkError::Declaration(format!("no io is named `{name}`")))
     }
 
     /// Starts moves of several axes in one cycle (and one frame, where their drives share it): every bit 4 rises, or none does.

@@ -18,7 +18,7 @@ pub struct BringUpProgress<'a> {
     pub total: usize,
 }
 
-/// The steps that are reported, of each drive.
+/// The steps that are reported, of each drive. Of a device that is none there are no parameters to read.
 const STEPS: [BringUpStep; 7] = [
     BringUpStep::Identity,
     BringUpStep::StartUpList,
@@ -57,11 +57,11 @@ pub(super) struct Progress {
 }
 
 impl Progress {
-    pub(super) fn new(listener: Listener, drives: usize) -> Self {
+    pub(super) fn new(listener: Listener, drives: usize, ios: usize) -> Self {
         Self {
             listener,
             done: Cell::new(0),
-            total: drives * STEPS.len(),
+            total: drives * STEPS.len() + ios * (STEPS.len() - 1),
         }
     }
 

@@ -10,7 +10,8 @@ use super::{
     bring_up::{self, LinePlan},
     control::{Control, NetworkEvent},
     dc::LockWatch,
-    drive_setup::ReadyDrive,
+    discovery::Found,
+    io::{Io, Ports},
     progress::Progress,
     reactor::Context,
 };
@@ -35,11 +36,12 @@ const AL_CONTROL: u16 = 0x0120;
 pub(super) struct Started {
     pub(super) axes: Vec<AxisSource>,
     pub(super) drives: Vec<StartedDrive>,
+    pub(super) ios: Vec<Io>,
     /// Those of all drives.
     pub(super) emergencies: Emergencies,
 }
 
-/// The mailbox of a drive.
+/// The mailbox of a drive, or of another device that has one.
 pub(super) struct StartedDrive {
     /// Where it stands, and how it was declared.
     pub(super) position: u16,
@@ -64,11 +66,11 @@ pub(super) async fn supervise(
         },
     );
     match bring_up.await {
-        Some(Ok((axes, drives, to_program))) => {
+        Some(Ok((running, to_program))) => {
             if started.send(Ok(to_program)).await.is_ok() {
-                watch(&context, &axes, &drives, &control).await;
+                watch(&context, &running, &control).await;
             }
-            end(&context, &axes, &drives, period).await;
+            end(&context, &running, period).await;
         }
         Some(Err(error)) => {
             leave(&context).await;
@@ -79,35 +81,60 @@ pub(super) async fn supervise(
     context.end();
 }
 
-type Running = (Rc<RefCell<Axes>>, Vec<ReadyDrive>, Started);
+/// What works with the process data, and all devices in the order of the exchange.
+struct Running {
+    axes: Rc<RefCell<Axes>>,
+    ports: Rc<RefCell<Ports>>,
+    devices: Vec<Found>,
+}
 
 async fn start(
     context: &Context,
     plan: LinePlan,
     control: &Arc<Control>,
-) -> Result<Running, NetworkError> {
+) -> Result<(Running, Started), NetworkError> {
     let period = plan.cycle;
-    let progress = Rc::new(Progress::new(plan.listener.clone(), plan.drives.len()));
-    let (drives, clocks) = bring_up::configure(context, plan, &progress).await?;
-    let (axes, sources) = Axes::open(&drives, Arc::clone(control));
+    let progress = Rc::new(Progress::new(
+        plan.listener.clone(),
+        plan.drives.len(),
+        plan.ios.len(),
+    ));
+    let ready = bring_up::configure(context, plan, &progress).await?;
+    let (axes, sources) = Axes::open(&ready.drives, Arc::clone(control));
     let axes = Rc::new(RefCell::new(axes));
-    let stepper = Box::new(Rc::clone(&axes));
-    bring_up::start_cycles(context, &drives, clocks.as_deref(), stepper, period).await?;
-    bring_up::operate(context, &drives, period, &progress).await?;
+    let ports = Ports::open(ready.drives.len(), &ready.ios);
+    let ios = ports.handles();
+    let ports = Rc::new(RefCell::new(ports));
+    let stepper = Box::new((Rc::clone(&axes), Rc::clone(&ports)));
+    bring_up::start_cycles(context, &ready, stepper, period).await?;
+    bring_up::operate(context, &ready, period, &progress).await?;
+    let drives = ready.drives.iter().map(|drive| StartedDrive {
+        position: drive.found.id.position,
+        place: drive.place,
+        sdo: drive.sdo.clone(),
+        emergencies: drive.emergencies.clone(),
+    });
+    let others = ready.ios.iter().filter_map(|io| {
+        let mailbox = io.mailbox.as_ref()?;
+        Some(StartedDrive {
+            position: io.found.id.position,
+            place: io.place,
+            sdo: mailbox.sdo.clone(),
+            emergencies: mailbox.emergencies.clone(),
+        })
+    });
     let to_program = Started {
         axes: sources,
-        drives: drives
-            .iter()
-            .map(|drive| StartedDrive {
-                position: drive.found.id.position,
-                place: drive.place,
-                sdo: drive.sdo.clone(),
-                emergencies: drive.emergencies.clone(),
-            })
-            .collect(),
+        drives: drives.chain(others).collect(),
+        ios,
         emergencies: context.emergencies.1.clone(),
     };
-    Ok((axes, drives, to_program))
+    let running = Running {
+        axes,
+        ports,
+        devices: ready.found().cloned().collect(),
+    };
+    Ok((running, to_program))
 }
 
 /// Resolves when the program wants the end.
@@ -118,15 +145,16 @@ pub(super) async fn given_up(context: &Context, control: &Control) {
 }
 
 /// Watches over the drives until the network is to end.
-async fn watch(context: &Context, axes: &RefCell<Axes>, drives: &[ReadyDrive], control: &Control) {
+async fn watch(context: &Context, running: &Running, control: &Control) {
+    let devices = running.devices.as_slice();
     let mut usual = None;
-    let mut lost = vec![false; drives.len()];
+    let mut lost = vec![false; devices.len()];
     let mut lock = LockWatch::default();
     while !control.is_shutdown() {
         context.time.sleep(LOOK_EVERY).await;
-        axes.borrow_mut().write_log();
+        running.axes.borrow_mut().write_log();
         lock.look(&context.counters);
-        let Some((al_status, wrong)) = look(context, drives, &mut lost, control) else {
+        let Some((al_status, wrong)) = look(context, devices, &mut lost, control) else {
             return;
         };
         let Some(seen) = al_status else { continue };
@@ -142,8 +170,8 @@ async fn watch(context: &Context, axes: &RefCell<Axes>, drives: &[ReadyDrive], c
         if usual == Some(seen) && !wrong && all_operational {
             continue;
         }
-        for (place, drive) in drives.iter().enumerate() {
-            read_state(context, place, drive, control).await;
+        for (place, device) in devices.iter().enumerate() {
+            read_state(context, place, device, control).await;
         }
         context.time.sleep(AL_EVERY).await;
     }
@@ -152,17 +180,17 @@ async fn watch(context: &Context, axes: &RefCell<Axes>, drives: &[ReadyDrive], c
 /// What the last cycle showed; `None` when there are no cycles any more.
 fn look(
     context: &Context,
-    drives: &[ReadyDrive],
+    devices: &[Found],
     lost: &mut [bool],
     control: &Control,
 ) -> Option<(Option<(u8, u16)>, bool)> {
     let mut cycle = context.cycle.borrow_mut();
     let cycle = cycle.as_mut()?;
-    let states = drives.iter().zip(&cycle.exchange.drives).zip(lost);
-    for ((drive, data), lost) in states {
+    let states = devices.iter().zip(&cycle.exchange.drives).zip(lost);
+    for ((device, data), lost) in states {
         if data.lost != *lost {
             *lost = data.lost;
-            let id = drive.found.id.clone();
+            let id = device.id.clone();
             control.report(if data.lost {
                 NetworkEvent::Lost(id)
             } else {
@@ -173,9 +201,9 @@ fn look(
     Some((cycle.last.al_status, cycle.last.wrong))
 }
 
-async fn read_state(context: &Context, place: usize, drive: &ReadyDrive, control: &Control) {
+async fn read_state(context: &Context, place: usize, device: &Found, control: &Control) {
     // A drive that does not answer is reported as lost by its process data.
-    let Ok(status) = al::status(&context.registers, drive.found.station).await else {
+    let Ok(status) = al::status(&context.registers, device.station).await else {
         return;
     };
     let in_op = status.state == AlState::Op && status.error.is_none();
@@ -189,7 +217,7 @@ async fn read_state(context: &Context, place: usize, drive: &ReadyDrive, control
     if data.operational != in_op {
         data.operational = in_op;
         data.fallen = !in_op;
-        let id = drive.found.id.clone();
+        let id = device.id.clone();
         control.report(if in_op {
             NetworkEvent::InOp(id)
         } else {
@@ -198,9 +226,10 @@ async fn read_state(context: &Context, place: usize, drive: &ReadyDrive, control
     }
 }
 
-/// The end in order: axes stopped and disabled, then SAFEOP, no more cycles, PREOP, INIT.
-async fn end(context: &Context, axes: &Rc<RefCell<Axes>>, drives: &[ReadyDrive], period: Duration) {
+/// The end in order: axes stopped and disabled, all other outputs 0, then SAFEOP, no more cycles, PREOP, INIT.
+async fn end(context: &Context, running: &Running, period: Duration) {
     let time = &context.time;
+    let axes = &running.axes;
     axes.borrow_mut().disable();
     let until = time.now() + DISABLE_LIMIT;
     loop {
@@ -215,11 +244,14 @@ async fn end(context: &Context, axes: &Rc<RefCell<Axes>>, drives: &[ReadyDrive],
             break;
         }
     }
+    // A brake or a valve holds what it holds for as long as an axis moves.
+    running.ports.borrow_mut().end();
+    time.sleep(period * 2).await;
     for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
-        for drive in drives {
-            let asked = al::request(&context.registers, drive.found.station, state, DOWN_LIMIT);
+        for device in &running.devices {
+            let asked = al::request(&context.registers, device.station, state, DOWN_LIMIT);
             if let Err(error) = asked.await {
-                tracing::warn!(drive = %drive.found.id, %state, "not on the way down: {error}");
+                tracing::warn!(drive = %device.id, %state, "not on the way down: {error}");
             }
         }
         if state == AlState::SafeOp {

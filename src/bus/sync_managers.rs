@@ -11,6 +11,8 @@ pub(super) const SYNC_MANAGER: u16 = 0x0800;
 pub(super) const ACTIVATE: u16 = 6;
 pub(super) const WATCHDOG_DIVIDER: u16 = 0x0400;
 pub(super) const WATCHDOG_TIME: u16 = 0x0420;
+/// The first address of the process-data memory; below it are registers.
+const MEMORY: u16 = 0x1000;
 /// ESC features, 0008h bit 9: no LRW.
 const FEATURES: u16 = 0x0008;
 const NO_LRW: u16 = 1 << 9;
@@ -110,25 +112,16 @@ pub(super) fn area(
         SyncManagerUsage::Outputs => ("outputs", FmmuUsage::Outputs, 0),
         _ => ("inputs", FmmuUsage::Inputs, 1),
     };
-    let length = u16::try_from(length).map_err(|_| SyncManagerError::TooLong(length))?;
     let managers = (0..).zip(&sii.sync_managers);
-    let (number, manager) = managers
+    let (number, _) = managers
         .into_iter()
         .find(|(_, manager)| manager.usage == usage)
         .ok_or(SyncManagerError::Missing(what))?;
-    no_overlap(&sii.sync_managers, manager, length, what)?;
     let fmmu = (0..)
         .zip(&sii.fmmu_usage)
         .find(|(_, usage)| **usage == wanted)
         .map_or(default, |(number, _)| number);
-    Ok(Area {
-        number,
-        fmmu,
-        start: manager.start,
-        control: manager.control,
-        length,
-        logical,
-    })
+    Area::of_manager(sii, number, fmmu, length, logical, what)
 }
 
 fn no_overlap(
@@ -138,6 +131,10 @@ fn no_overlap(
     what: &'static str,
 ) -> Result<(), SyncManagerError> {
     let start = manager.start;
+    if start < MEMORY {
+        // A register of a digital output terminal: it has no buffers.
+        return Ok(());
+    }
     let next = all
         .iter()
         .map(|other| other.start)
@@ -157,6 +154,31 @@ fn no_overlap(
 }
 
 impl Area {
+    /// The area of the sync manager with this number.
+    pub(super) fn of_manager(
+        sii: &Sii,
+        number: u8,
+        fmmu: u8,
+        length: usize,
+        logical: u32,
+        what: &'static str,
+    ) -> Result<Self, SyncManagerError> {
+        let length = u16::try_from(length).map_err(|_| SyncManagerError::TooLong(length))?;
+        let manager = sii
+            .sync_managers
+            .get(usize::from(number))
+            .ok_or(SyncManagerError::Missing(what))?;
+        no_overlap(&sii.sync_managers, manager, length, what)?;
+        Ok(Self {
+            number,
+            fmmu,
+            start: manager.start,
+            control: manager.control,
+            length,
+            logical,
+        })
+    }
+
     /// Writes sync manager and FMMU; empty process data leave both switched off.
     pub(super) async fn write(
         &self,

@@ -28,7 +28,7 @@ pub async fn configure(mapping: &Mapping, sdo: &SdoHandle) -> Result<Layout, Con
     let mut held = Vec::new();
     for (direction, written) in [(Direction::Outputs, &outputs), (Direction::Inputs, &inputs)] {
         held.push(match written {
-            Some(_) => read_pdos(direction, sdo).await?,
+            Some(_) => read_assigned(direction, sdo).await?,
             None => mapping.pdos(direction).to_vec(),
         });
     }
@@ -126,12 +126,19 @@ pub async fn execute(plan: &Plan, sdo: &SdoHandle) -> Result<(), ConfigureError>
 /// # Errors
 /// [`ConfigureError::Unreadable`] with the object and the drive's reason.
 pub async fn read_back(sdo: &SdoHandle) -> Result<Mapping, ConfigureError> {
-    let outputs = read_pdos(Direction::Outputs, sdo).await?;
-    let inputs = read_pdos(Direction::Inputs, sdo).await?;
+    let outputs = read_assigned(Direction::Outputs, sdo).await?;
+    let inputs = read_assigned(Direction::Inputs, sdo).await?;
     Ok(Mapping::from_pdos(outputs, inputs))
 }
 
-async fn read_pdos(direction: Direction, sdo: &SdoHandle) -> Result<Vec<Pdo>, ConfigureError> {
+/// Reads the PDOs that a drive has assigned in one direction, with what they hold.
+///
+/// # Errors
+/// [`ConfigureError::Unreadable`] with the object and the drive's reason.
+pub async fn read_assigned(
+    direction: Direction,
+    sdo: &SdoHandle,
+) -> Result<Vec<Pdo>, ConfigureError> {
     let mut pdos = Vec::new();
     for index in read_list::<u16>(direction.assignment(), sdo).await? {
         // Some drives fill unused places of the assignment with 0.

@@ -15,7 +15,7 @@ pub mod verify;
 
 pub use entry::{Entry, Pdo};
 #[cfg(feature = "std")]
-pub use execute::{ConfigureError, configure, execute, read_back, read_offered};
+pub use execute::{ConfigureError, configure, execute, read_assigned, read_back, read_offered};
 pub use layout::{Field, Layout, LayoutError, Place};
 pub use mapping::{Direction, Limits, Mapping, MappingBuilder, MappingError};
 pub use offer::{Demand, FixedPdo, choose};

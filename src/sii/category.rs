@@ -211,6 +211,8 @@ pub struct PdoEntry {
     pub index: u16,
     /// The object's subindex.
     pub subindex: u8,
+    /// The number of its name's string.
+    pub name: u8,
     /// The length in bits.
     pub bits: u8,
 }
@@ -251,10 +253,11 @@ pub(super) fn pdos(pdos: &mut Vec<Pdo>, bytes: &mut Bytes<'_>) -> Result<(), Sii
         let [i0, i1, count, sync_manager, _clock, name, f0, f1] = bytes.array()?;
         let mut entries = Vec::new();
         for _ in 0..count {
-            let [i0, i1, subindex, _name, _type, bits, _f0, _f1] = bytes.array()?;
+            let [i0, i1, subindex, name, _type, bits, _f0, _f1] = bytes.array()?;
             entries.push(PdoEntry {
                 index: u16::from_le_bytes([i0, i1]),
                 subindex,
+                name,
                 bits,
             });
         }

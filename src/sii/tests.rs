@@ -107,14 +107,15 @@ fn the_akds_pdos_are_read_with_their_entries() {
     assert_eq!(sii.tx_pdos[0].index, 0x1A00);
     assert_eq!(sii.tx_pdos[0].sync_manager, None);
     assert_eq!(sii.rx_pdos[0].sync_manager, Some(2));
-    let entry = |index, subindex, bits| PdoEntry {
+    let entry = |index, subindex, name, bits| PdoEntry {
         index,
         subindex,
+        name,
         bits,
     };
     assert_eq!(
         sii.rx_pdos[0].entries,
-        [entry(0x60C1, 1, 32), entry(0x6040, 0, 16)]
+        [entry(0x60C1, 1, 0x19, 32), entry(0x6040, 0, 0x18, 16)]
     );
 }
 

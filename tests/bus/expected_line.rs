@@ -9,11 +9,11 @@ use servocrab::{
     bus::{DevicePlace, DriveConfig, Expected, Network, NetworkBuilder, NetworkError, Verdict},
     coe::obj,
     drives,
-    link::{Fate, Wire},
+    link::Wire,
 };
 use servocrab_sim::{AlState, Device, Segment, personality};
 
-use crate::rig::{Line, Rig, akd2g, is_write_to};
+use crate::rig::{Line, Rig, akd2g, datagrams, is_write_to};
 
 const COUPLER: Expected = Expected::new(0, 0x434F_5550);
 const TERMINAL: Expected = Expected::new(0, 0x494F_3136);
@@ -30,11 +30,12 @@ fn line(devices: impl IntoIterator<Item = Device>) -> (Line, Wire, Arc<AtomicBoo
     let line = Line::new(segment);
     let asked = Arc::new(AtomicBool::new(false));
     let noted = Arc::clone(&asked);
-    let wire = line.wire_with(move |_, frame| {
-        if is_write_to(frame, 0x0120) && matches!(frame[26], 4 | 8) {
-            noted.store(true, Ordering::Relaxed);
+    let wire = line.spoiled_wire(move |frame| {
+        for datagram in datagrams(frame) {
+            if is_write_to(datagram, 0x0120) && matches!(datagram[10], 4 | 8) {
+                noted.store(true, Ordering::Relaxed);
+            }
         }
-        Fate::Deliver
     });
     (line, wire, asked)
 }
@@ -89,7 +90,7 @@ fn drives_are_found_by_position_by_alias_and_by_identity() {
         personality::Servo::generic().serial(4).build(),
         personality::generic(),
     ];
-    let (line, wire, _) = line(devices);
+    let (line, wire, asked) = line(devices);
     let fourth = DevicePlace::Identity {
         vendor: 0,
         product: 0x4453_0402,
@@ -109,6 +110,7 @@ fn drives_are_found_by_position_by_alias_and_by_identity() {
         .collect();
     let (up, down) = (AlState::Op, AlState::PreOp);
     assert_eq!(states, [down, up, down, up, up]);
+    assert!(asked.load(Ordering::Relaxed), "seen on the wire");
     // The axis is that of its own drive.
     let axis = rig.net().axis("by identity").unwrap();
     rig.until(axis.enable()).unwrap();

@@ -7,6 +7,7 @@ mod endings;
 mod expected_line;
 mod faults;
 mod habits;
+mod io;
 mod limits;
 mod log;
 mod mappings;

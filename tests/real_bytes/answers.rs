@@ -17,6 +17,7 @@ const MAILBOX_BYTES: usize = 1024;
 fn drive_with_the_akds_mapping() -> Device {
     let pdo = |index: u16, direction, objects: &[(u16, u8, u8)]| PdoDescription {
         index,
+        name: "",
         direction,
         sync_manager: Some(if direction == Direction::Outputs {
             2
@@ -29,6 +30,7 @@ fn drive_with_the_akds_mapping() -> Device {
             .map(|&(index, data_type, bits)| PdoEntryDescription {
                 index,
                 subindex: 0,
+                name: "",
                 data_type,
                 bits,
             })

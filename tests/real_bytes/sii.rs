@@ -115,17 +115,19 @@ fn a_real_akds_eeprom_lists_its_pdos_and_assigns_two_that_coe_does_not() {
     );
     // A preset for Profile Position of which the statusword, 16 bits, comes second.
     let preset = &akd.tx_pdos[9];
-    let entry = |index, bits| PdoEntry {
-        index,
-        subindex: 0,
-        bits,
-    };
-    assert_eq!(preset.entries, [entry(0x6064, 32), entry(0x6041, 16)]);
+    let entry = |entry: &PdoEntry| (entry.index, entry.subindex, entry.bits);
+    let entries: Vec<_> = preset.entries.iter().map(entry).collect();
+    assert_eq!(entries, [(0x6064, 0, 32), (0x6041, 0, 16)]);
+    let names = preset.entries.iter().map(|entry| akd.string(entry.name));
+    assert_eq!(
+        names.collect::<Vec<_>>(),
+        [Some("Position actual value"), Some("Statusword")]
+    );
     assert_eq!((preset.flags, preset.name), (0x0010, 8));
     assert_eq!(akd.string(preset.name), Some("Inputs"));
     assert_eq!(
-        akd.rx_pdos[10].entries[0],
-        entry(0x607A, 32),
+        entry(&akd.rx_pdos[10].entries[0]),
+        (0x607A, 0, 32),
         "target position"
     );
     // By CoE this drive assigns 1600h to 1603h and 1A00h to 1A03h (akd_sdo_mails.txt): the SII is no mapping (pitfall 37).

@@ -143,7 +143,8 @@ impl Device {
         self.drive.as_mut()?.axes_mut().get_mut(axis)
     }
 
-    /// The outputs that the device used in its last cycle in OP.
+    /// The outputs that the device used in its last cycle in OP. Those of a device that is no drive fall to 0 when it leaves
+    /// OP, as the terminals of a digital output do.
     #[must_use]
     pub fn outputs(&self) -> &[u8] {
         &self.outputs
@@ -421,6 +422,9 @@ impl Device {
         self.esc.set_al_status(self.al.status(), self.al.code());
         if state == before {
             return;
+        }
+        if self.drive.is_none() && state != AlState::Op {
+            self.outputs.fill(0);
         }
         if let Some(drive) = &mut self.drive
             && (state == AlState::Op) != (before == AlState::Op)

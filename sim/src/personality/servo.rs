@@ -330,6 +330,7 @@ impl Servo {
             pdos.extend(of_one_axis.iter().map(|pdo| {
                 PdoDescription {
                     index: pdo.index + number * self.model.pdo_increment,
+                    name: "",
                     direction,
                     sync_manager: pdo.assigned.then_some(sync_manager),
                     fixed: false,
@@ -379,6 +380,7 @@ fn entry(axis: &Axis, index: u16, offset: u16) -> Option<PdoEntryDescription> {
     Some(PdoEntryDescription {
         index: index + offset,
         subindex: 0,
+        name: "",
         data_type,
         bits: 8 * entry.kind.size() as u8,
     })

@@ -73,6 +73,7 @@ impl Servo {
         let entry = |&(index, subindex, bits): &(u16, u8, u8)| PdoEntryDescription {
             index,
             subindex,
+            name: "",
             // As the SII codes unsigned numbers; 0 for padding.
             data_type: match (index, bits) {
                 (0, _) => 0,
@@ -84,6 +85,7 @@ impl Servo {
         };
         self.pdos.further.push(PdoDescription {
             index,
+            name: "",
             direction: if index < 0x1A00 {
                 Direction::Outputs
             } else {

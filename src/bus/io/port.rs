@@ -1,0 +1,169 @@
+//! What the handles of a device and the bus thread share: the inputs as published, the outputs as set. Only atomics.
+
+use std::{
+    cell::RefCell,
+    rc::Rc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    time::Duration,
+};
+
+use super::{
+    ReadyIo,
+    cell::{Cell, Head},
+    points::{IoPoint, write_bits},
+};
+use crate::{
+    bus::{
+        cycle::Stepper,
+        exchange::{Answer, DriveData},
+    },
+    coe::DriveId,
+};
+
+/// Set in the value of an output once a program has set it.
+const SET: u64 = 1 << 32;
+
+/// A device, seen from both sides.
+#[derive(Debug)]
+pub(in crate::bus) struct Shared {
+    pub(super) name: String,
+    pub(super) device: DriveId,
+    pub(super) points: Vec<IoPoint>,
+    pub(super) cell: Cell,
+    /// Of each point; those of inputs are never used.
+    outputs: Box<[AtomicU64]>,
+    changed: AtomicBool,
+}
+
+impl Shared {
+    fn new(io: &ReadyIo) -> Self {
+        Self {
+            name: io.name.clone(),
+            device: io.found.id.clone(),
+            points: io.image.points.clone(),
+            cell: Cell::new(io.input_bytes()),
+            outputs: io.image.points.iter().map(|_| AtomicU64::new(0)).collect(),
+            changed: AtomicBool::new(false),
+        }
+    }
+
+    /// Sets an output, which is in the next frame.
+    pub(super) fn set(&self, point: usize, bits: u32) {
+        if let Some(output) = self.outputs.get(point) {
+            output.store(SET | u64::from(bits), Ordering::Release);
+            self.changed.store(true, Ordering::Release);
+        }
+    }
+
+    pub(super) fn was_set(&self, point: usize) -> Option<u32> {
+        let value = self.outputs.get(point)?.load(Ordering::Acquire);
+        (value & SET != 0).then_some(value as u32)
+    }
+
+    /// Merges what was set into the outputs, if anything was since the last time.
+    fn merge(&self, outputs: &mut [u8]) {
+        if !self.changed.swap(false, Ordering::AcqRel) {
+            return;
+        }
+        for (point, value) in self.points.iter().zip(&self.outputs) {
+            let value = value.load(Ordering::Acquire);
+            if value & SET != 0 {
+                write_bits(outputs, point.place, value as u32);
+            }
+        }
+    }
+}
+
+/// All devices of a network that are no drives, in the cycle.
+pub(in crate::bus) struct Ports {
+    /// The place of the first one in the exchange; the others follow.
+    first: usize,
+    ports: Vec<Port>,
+    /// All outputs are 0 from now on.
+    ended: bool,
+}
+
+struct Port {
+    shared: Arc<Shared>,
+    head: Head,
+}
+
+impl Ports {
+    /// The ports of these devices, of which the first has this place in the exchange.
+    pub(in crate::bus) fn open(first: usize, ios: &[ReadyIo]) -> Self {
+        let ports = ios.iter().map(|io| Port {
+            shared: Arc::new(Shared::new(io)),
+            head: Head::default(),
+        });
+        Self {
+            first,
+            ports: ports.collect(),
+            ended: false,
+        }
+    }
+
+    /// The program's side of each.
+    pub(in crate::bus) fn handles(&self) -> Vec<super::Io> {
+        let shared = self.ports.iter().map(|port| Arc::clone(&port.shared));
+        shared.map(super::Io::new).collect()
+    }
+
+    /// From now on all outputs are 0.
+    pub(in crate::bus) const fn end(&mut self) {
+        self.ended = true;
+    }
+}
+
+impl Stepper for Rc<RefCell<Ports>> {
+    fn before_send(&mut self, _: Duration, drives: &mut [DriveData]) {
+        let this = &*self.borrow();
+        for (port, data) in this.ports.iter().zip(drives.iter_mut().skip(this.first)) {
+            if this.ended {
+                data.outputs.fill(0);
+            } else {
+                port.shared.merge(&mut data.outputs);
+            }
+        }
+    }
+
+    fn after_receive(&mut self, _: Duration, drives: &mut [DriveData]) {
+        let this = &mut *self.borrow_mut();
+        let ports = this.ports.iter_mut();
+        for (port, data) in ports.zip(drives.iter().skip(this.first)) {
+            port.publish(data);
+        }
+    }
+}
+
+impl Port {
+    fn publish(&mut self, data: &DriveData) {
+        self.head = Head {
+            cycle: self.head.cycle.wrapping_add(1),
+            age: match data.answer {
+                Answer::Stale => self.head.age.map(|age| age.saturating_add(1)),
+                Answer::Fresh | Answer::Answered => Some(0),
+            },
+            lost: data.lost,
+            operational: data.operational,
+            delivered: data.operational && data.answer == Answer::Fresh,
+        };
+        self.shared.cell.publish(self.head, &data.inputs);
+    }
+}
+
+impl Drop for Port {
+    /// No more cycles: whatever came is old.
+    fn drop(&mut self) {
+        let (_, inputs) = self.shared.cell.read(0);
+        let head = Head {
+            cycle: self.head.cycle,
+            age: self.head.age.map(|_| u32::MAX),
+            lost: true,
+            ..Head::default()
+        };
+        self.shared.cell.publish(head, &inputs);
+    }
+}
