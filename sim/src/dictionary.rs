@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 
 use crate::coe::Abort;
 use crate::coe::info::{EntryInfo, ObjectCode, ObjectInfo, access, data_type};
+use crate::drive::PlainObject;
 
 /// One stored value, as it is put into a dictionary.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Entry {
     data_type: u16,
-    name: &'static str,
+    name: Cow<'static, str>,
     access: u16,
     value: Vec<u8>,
     default: Vec<u8>,
@@ -24,7 +25,7 @@ impl Entry {
     fn new(data_type: u16, value: &[u8]) -> Self {
         Self {
             data_type,
-            name: "",
+            name: "".into(),
             access: access::READ,
             value: value.to_vec(),
             default: value.to_vec(),
@@ -54,8 +55,11 @@ impl Entry {
     }
 
     /// Gives it a name.
-    pub(crate) fn named(self, name: &'static str) -> Self {
-        Self { name, ..self }
+    pub(crate) fn named(self, name: impl Into<Cow<'static, str>>) -> Self {
+        Self {
+            name: name.into(),
+            ..self
+        }
     }
 
     /// Lets it be written with as many bytes as it has.
@@ -120,7 +124,7 @@ impl Entry {
 struct Object {
     code: ObjectCode,
     data_type: u16,
-    name: &'static str,
+    name: Cow<'static, str>,
     entries: BTreeMap<u8, Entry>,
 }
 
@@ -136,7 +140,7 @@ impl Dictionary {
         let object = Object {
             code: ObjectCode::Var,
             data_type: entry.data_type,
-            name,
+            name: name.into(),
             entries: [(0, entry.named(name))].into(),
         };
         self.objects.insert(index, object);
@@ -173,10 +177,48 @@ impl Dictionary {
         let object = Object {
             code: ObjectCode::Record,
             data_type,
-            name,
+            name: name.into(),
             entries,
         };
         self.objects.insert(index, object);
+    }
+
+    /// Adds an object that only keeps what is written to it, unless there is one of this index.
+    pub(crate) fn plain(&mut self, plain: &PlainObject) {
+        let entries = plain.entries.iter().map(|entry| {
+            let mut value = entry.default.clone().unwrap_or_default();
+            if !entry.varies {
+                value.resize(entry.bytes, 0);
+            }
+            let bit = |is: bool, bit: u16| if is { bit } else { 0 };
+            let mut stored = Entry::new(entry.data_type, &value).named(entry.name.clone());
+            stored.access = bit(entry.readable, access::READ)
+                | bit(entry.writable, access::WRITE)
+                | bit(entry.outputs, access::RX)
+                | bit(entry.inputs, access::TX);
+            stored.lengths = if entry.varies {
+                (0, entry.bytes)
+            } else {
+                (entry.bytes, entry.bytes)
+            };
+            (entry.subindex, stored)
+        });
+        let entries: BTreeMap<u8, Entry> = entries.collect();
+        let first = entries.get(&u8::from(plain.is_array));
+        let has_elements = entries.keys().any(|subindex| *subindex > 0);
+        let object = Object {
+            code: match (has_elements, plain.is_array) {
+                (false, _) => ObjectCode::Var,
+                (true, true) => ObjectCode::Array,
+                (true, false) => ObjectCode::Record,
+            },
+            data_type: first
+                .filter(|_| !has_elements || plain.is_array)
+                .map_or(data_type::NONE, |entry| entry.data_type),
+            name: plain.name.clone().into(),
+            entries,
+        };
+        self.objects.entry(plain.index).or_insert(object);
     }
 
     /// The indices of all objects, ascending.
@@ -191,7 +233,7 @@ impl Dictionary {
             data_type: object.data_type,
             last: object.entries.keys().next_back().copied().unwrap_or(0),
             code: object.code,
-            name: Cow::Borrowed(object.name),
+            name: object.name.clone(),
         })
     }
 
@@ -199,7 +241,7 @@ impl Dictionary {
     pub(crate) fn entry(&self, index: u16, subindex: u8) -> Result<EntryInfo, Abort> {
         let entry = self.find(index, subindex)?;
         let bits = u16::try_from(8 * entry.lengths.1.max(entry.value.len())).unwrap_or(u16::MAX);
-        let mut info = EntryInfo::new(entry.data_type, bits, entry.access, entry.name);
+        let mut info = EntryInfo::new(entry.data_type, bits, entry.access, entry.name.clone());
         info.default = entry.is_writable().then(|| entry.default.clone());
         Ok(info)
     }

@@ -16,6 +16,7 @@ mod dictionary;
 mod drive;
 pub mod ds402;
 mod esc;
+mod esi_file;
 mod faults;
 mod frame;
 #[cfg(target_os = "linux")]
@@ -34,7 +35,8 @@ pub use description::{
     PdoEntryDescription, SyncManagerDescription, SyncManagerUse,
 };
 pub use device::{Blueprint, Device, Habits, ListedEntry, ListedObject};
-pub use drive::{AxisStatusObject, DriveBlueprint};
+pub use drive::{AxisStatusObject, DriveBlueprint, PlainEntry, PlainObject};
+pub use esi_file::{EsiDrive, EsiError};
 pub use faults::{Fault, FaultyWire};
 pub use pdo::{PdoHabit, PdoLimits};
 pub use segment::{CycleRecord, Segment};

@@ -35,6 +35,37 @@ fn a_segment_without_devices_and_unknown_devices_are_refused() {
 }
 
 #[test]
+fn an_esi_file_makes_a_device_and_one_that_cannot_be_used_is_named_with_its_line() {
+    let output = run(&["--interface", "lo", "--esi", "no/such.xml"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(errors(&output).starts_with("servocrab-sim: no/such.xml: "));
+    let broken = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("broken.xml");
+    std::fs::write(&broken, "<EtherCATInfo>\n<Vendor>\n</EtherCATInfo>").unwrap();
+    let broken = broken.to_str().unwrap();
+    let output = run(&["--interface", "lo", "--esi", broken]);
+    let expected = format!("servocrab-sim: {broken}:3: ");
+    assert!(
+        errors(&output).starts_with(&expected),
+        "{}",
+        errors(&output)
+    );
+    // The file is read before the interface is opened.
+    let sample = concat!(env!("CARGO_MANIFEST_DIR"), "/esi/akd2g.xml");
+    let output = run(&[
+        "--interface",
+        "nosuchif0",
+        "--drive",
+        "coupler",
+        "--esi",
+        sample,
+    ]);
+    assert_eq!(
+        errors(&output),
+        "servocrab-sim: there is no network interface \"nosuchif0\"\n"
+    );
+}
+
+#[test]
 fn it_runs_for_the_time_asked_for_and_traces_without_frames_or_says_what_right_it_lacks() {
     let trace = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("program-trace.csv");
     let path = trace.to_str().unwrap();

@@ -15,13 +15,16 @@ use servocrab::{
     esi::{Esi, EsiDevice, EsiDifferences},
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{AlState, Device, Segment, personality::Servo};
+use servocrab_sim::{AlState, Device, EsiDrive, Segment, personality::Servo};
+
+fn path(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+        .join("sim/esi")
+        .join(name)
+}
 
 fn sample(name: &str) -> EsiDevice {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("sim/esi")
-        .join(name);
-    let mut esi = Esi::load(path).unwrap_or_else(|error| panic!("{error}"));
+    let mut esi = Esi::load(path(name)).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(esi.devices.len(), 1);
     esi.devices.remove(0)
 }
@@ -46,13 +49,17 @@ fn compared(by: &EsiDevice, device: Device, with: &EsiDevice) -> (Rig, Line, Esi
 
 #[test]
 fn a_drive_described_by_its_esi_file_moves_and_is_as_the_file_says() {
+    // The drives that the files were written of, and drives made of the files.
+    let of_file = |name| EsiDrive::load(path(name)).unwrap().build();
     let drives = [
-        ("generic.xml", Servo::generic(), ["x"].as_slice()),
-        ("akd2g.xml", Servo::akd2g(), ["x", "y"].as_slice()),
+        ("generic.xml", Servo::generic().build(), ["x"].as_slice()),
+        ("akd2g.xml", Servo::akd2g().build(), ["x", "y"].as_slice()),
+        ("generic.xml", of_file("generic.xml"), ["x"].as_slice()),
+        ("akd2g.xml", of_file("akd2g.xml"), ["x", "y"].as_slice()),
     ];
     for (file, drive, axes) in drives {
         let device = sample(file);
-        let (mut rig, line, differences) = compared(&device, drive.build(), &device);
+        let (mut rig, line, differences) = compared(&device, drive, &device);
         assert!(differences.is_empty(), "{file}: {differences}");
         assert_eq!(differences.to_string(), "the drive is as its ESI file says");
         for (number, name) in axes.iter().enumerate() {
@@ -75,6 +82,27 @@ fn a_drive_described_by_its_esi_file_moves_and_is_as_the_file_says() {
         }
         rig.shutdown();
     }
+}
+
+#[test]
+fn a_scan_finds_a_drive_made_of_a_file_as_the_file_says() {
+    let segment = Segment::new()
+        .with(EsiDrive::load(path("generic.xml")).unwrap().build())
+        .with(EsiDrive::load(path("akd2g.xml")).unwrap().build());
+    let segment = std::sync::Mutex::new(segment);
+    let wire =
+        servocrab::link::Wire::new(move |frame, now| segment.lock().unwrap().process(frame, now));
+    let line = smol::block_on(Network::builder().link(wire).scan()).unwrap();
+    for (found, file) in line.devices().iter().zip(["generic.xml", "akd2g.xml"]) {
+        let device = sample(file);
+        assert!(found.problem.is_none(), "{:?}", found.problem);
+        let identity = found.id.identity;
+        assert_eq!(
+            (identity.vendor, identity.product, identity.revision),
+            (device.vendor, device.product, device.revision)
+        );
+    }
+    assert_eq!(line.devices().len(), 2);
 }
 
 #[test]

@@ -65,6 +65,7 @@ fn drive_with_the_akds_mapping() -> Device {
             device_type: 0x0002_0192,
             assigned: None,
             pdo_habits: Vec::new(),
+            objects: Vec::new(),
             saves: false,
             software_version: String::new(),
             hardware_version: String::new(),

@@ -80,12 +80,17 @@ pub(crate) struct EntryInfo {
 
 impl EntryInfo {
     /// An entry with neither unit, default nor range.
-    pub(crate) fn new(data_type: u16, bits: u16, access: u16, name: &'static str) -> Self {
+    pub(crate) fn new(
+        data_type: u16,
+        bits: u16,
+        access: u16,
+        name: impl Into<Cow<'static, str>>,
+    ) -> Self {
         Self {
             data_type,
             bits,
             access,
-            name: Cow::Borrowed(name),
+            name: name.into(),
             unit: None,
             default: None,
             range: None,

@@ -14,6 +14,44 @@ pub struct AxisStatusObject {
     pub subindex: u8,
 }
 
+/// An object of which this simulation knows no behaviour: it keeps what is written to it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlainObject {
+    /// Index.
+    pub index: u16,
+    /// Name.
+    pub name: String,
+    /// Its elements are all of one type.
+    pub is_array: bool,
+    /// Its subindices, with 0.
+    pub entries: Vec<PlainEntry>,
+}
+
+/// A subindex of a [`PlainObject`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlainEntry {
+    /// Subindex.
+    pub subindex: u8,
+    /// Name.
+    pub name: String,
+    /// Number of the data type (ETG.1000.6); 0 for one that has none.
+    pub data_type: u16,
+    /// Length in bytes; of a text the most.
+    pub bytes: usize,
+    /// It is a text, which may be shorter.
+    pub varies: bool,
+    /// Its bytes at power-up; `None` for zeros.
+    pub default: Option<Vec<u8>>,
+    /// It can be read.
+    pub readable: bool,
+    /// It can be written.
+    pub writable: bool,
+    /// It can be mapped into an RxPDO.
+    pub outputs: bool,
+    /// It can be mapped into a TxPDO.
+    pub inputs: bool,
+}
+
 /// What makes one CoE drive different from another, apart from its description.
 #[derive(Clone, Debug)]
 pub struct DriveBlueprint {
@@ -33,6 +71,8 @@ pub struct DriveBlueprint {
     pub assigned: Option<Vec<u16>>,
     /// What it makes of single writes to its PDO lists in place of what the rules say.
     pub pdo_habits: Vec<PdoHabit>,
+    /// Further objects. Where an axis has the object itself, only its values at power-up are taken from here.
+    pub objects: Vec<PlainObject>,
     /// 1010h saves the objects that are kept in the EEPROM, and 1011h empties it.
     pub saves: bool,
     /// Software version (100Ah).

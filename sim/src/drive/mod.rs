@@ -4,18 +4,21 @@ mod blueprint;
 mod communication;
 mod history;
 mod information;
+mod plain;
 mod sdo;
 
 use core::time::Duration;
 
 use crate::coe::Abort;
+use crate::coe::info::access;
 use crate::description::{Description, Direction};
 use crate::dictionary::Dictionary;
 use crate::ds402::{Access, Axis, DataType, Emergency, Entry as AxisEntry, Mapping, SetError};
 use crate::pdo::{Mappable, PdoSet};
-pub use blueprint::{AxisStatusObject, DriveBlueprint};
+pub use blueprint::{AxisStatusObject, DriveBlueprint, PlainEntry, PlainObject};
 use communication::{LOAD, SAVE, communication_objects};
 use history::ErrorHistory;
+use plain::decode;
 pub(crate) use sdo::SdoObjects;
 
 /// First index of the drive profile's area of axis 1.
@@ -70,7 +73,7 @@ impl Drive {
             )
         };
         let axes: Vec<Axis> = blueprint.axes.iter().cloned().map(Axis::new).collect();
-        Self {
+        let mut drive = Self {
             objects: DriveObjects {
                 fresh: axes.clone(),
                 axes,
@@ -82,7 +85,12 @@ impl Drive {
             },
             outputs: pdos(Direction::Outputs),
             inputs: pdos(Direction::Inputs),
+        };
+        for object in &blueprint.objects {
+            drive.objects.add(object);
         }
+        drive.objects.fresh.clone_from(&drive.objects.axes);
+        drive
     }
 
     /// The axes.
@@ -301,10 +309,14 @@ impl DriveObjects {
                 allowed: false,
             }),
             None => {
-                let bits = self.entry(index, subindex)?.bits;
+                let entry = self.entry(index, subindex)?;
+                let way = match direction {
+                    Direction::Outputs => access::RX,
+                    Direction::Inputs => access::TX,
+                };
                 Ok(Mappable {
-                    bits: u8::try_from(bits).unwrap_or(0),
-                    allowed: false,
+                    bits: u8::try_from(entry.bits).unwrap_or(0),
+                    allowed: entry.access & way != 0,
                 })
             }
         }
@@ -330,7 +342,8 @@ impl DriveObjects {
             }));
         }
         match entries.iter().map(|entry| entry.subindex).max() {
-            None => Err(Abort::NoObject),
+            // In the area of an axis, but not of its profile.
+            None => Ok(None),
             Some(last) if subindex == 0 => Ok(Some(AxisObject::Count(last))),
             Some(_) => Err(Abort::NoSubindex),
         }
@@ -376,20 +389,5 @@ impl DriveObjects {
     fn status_bits(&self, axis: usize) -> u32 {
         let word = self.axes.get(axis).map_or(0, Axis::statusword);
         u32::from(word & 0x006F == 0x0027 && word & 0x0400 == 0)
-    }
-}
-
-/// The value of little-endian bytes of a type.
-fn decode(kind: DataType, data: &[u8]) -> i64 {
-    let unsigned = data
-        .iter()
-        .take(8)
-        .rev()
-        .fold(0u64, |value, byte| value << 8 | u64::from(*byte));
-    match kind {
-        DataType::I8 => i64::from(unsigned as i8),
-        DataType::I16 => i64::from(unsigned as i16),
-        DataType::I32 => i64::from(unsigned as i32),
-        DataType::U8 | DataType::U16 | DataType::U32 => unsigned.cast_signed(),
     }
 }

@@ -131,7 +131,9 @@ impl DriveObjects {
             }),
             _ => match self.profile_entries(index) {
                 None => self.stored.object(index),
-                Some((_, entries)) => axis_object_info(entries).ok_or(Abort::NoObject),
+                Some((_, entries)) => {
+                    axis_object_info(entries).map_or_else(|| self.stored.object(index), Ok)
+                }
             },
         }
     }

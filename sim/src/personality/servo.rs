@@ -355,6 +355,7 @@ impl Servo {
             limits: self.model.limits,
             assigned: self.pdos.assigned,
             pdo_habits: self.pdos.habits,
+            objects: Vec::new(),
             saves: self.model.saves,
             software_version: "simulated".to_owned(),
             hardware_version: "simulated".to_owned(),

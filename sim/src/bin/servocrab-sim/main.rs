@@ -16,7 +16,7 @@ use clap::{Parser, ValueEnum};
 use machine::MachineArguments;
 use servocrab_sim::link::{FRAME_CAPACITY, RawSocket};
 use servocrab_sim::personality::Servo;
-use servocrab_sim::{Device, Segment, personality};
+use servocrab_sim::{Device, EsiDrive, EsiError, Segment, personality};
 use trace::Trace;
 
 /// How long the program waits for a frame before it looks at the time again.
@@ -34,11 +34,14 @@ struct Arguments {
     #[arg(long)]
     interface: String,
     /// SubDevice to append to the line; give it once for each, in order
-    #[arg(long, required = true)]
+    #[arg(long, required_unless_present = "esi")]
     drive: Vec<Kind>,
+    /// ESI file whose first device is appended, behind those of --drive; its axes behave as those of the plain drive
+    #[arg(long, value_name = "FILE")]
+    esi: Vec<PathBuf>,
     #[command(flatten)]
     machine: MachineArguments,
-    /// Bytes of both mailboxes of each drive; longer ones than a drive's own are not to be had
+    /// Bytes of both mailboxes of each --drive; longer ones than a drive's own are not to be had
     #[arg(long, value_name = "BYTES", value_parser = clap::value_parser!(u16).range(16..))]
     mailbox_bytes: Option<u16>,
     /// Milliseconds that an EEPROM takes for one access
@@ -86,8 +89,15 @@ fn main() -> ExitCode {
 
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let mut segment = Segment::new();
-    for kind in &arguments.drive {
-        let mut device = build(*kind, &arguments.machine, arguments.mailbox_bytes);
+    let named = arguments.drive.iter();
+    let named = named.map(|kind| Ok(build(*kind, &arguments.machine, arguments.mailbox_bytes)));
+    let of_files = arguments.esi.iter().map(|path| {
+        let drive = EsiDrive::load(path)?;
+        let drive = drive.change(|behaviour| behaviour.machine = arguments.machine.machine());
+        Ok::<_, EsiError>(drive.build())
+    });
+    for device in named.chain(of_files) {
+        let mut device = device?;
         device.set_sii_delay(Duration::from_millis(arguments.sii_ms));
         device.set_mailbox_delay(Duration::from_millis(arguments.mailbox_ms));
         segment.push(device);

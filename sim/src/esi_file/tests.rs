@@ -1,0 +1,160 @@
+use super::*;
+use proptest::prelude::*;
+
+const GENERIC: &str = include_str!("../../esi/generic.xml");
+
+fn file(device: &str) -> String {
+    format!(
+        "<EtherCATInfo>\n<Vendor><Id>1</Id></Vendor>\n<Descriptions><Devices><Device><Type ProductCode=\"2\">D</Type>\n{device}\n</Device></Devices></Descriptions></EtherCATInfo>"
+    )
+}
+
+const MAILBOX: &str = "<Sm StartAddress=\"#x1000\" DefaultSize=\"128\" ControlByte=\"#x26\">MBoxOut</Sm>\
+    <Sm StartAddress=\"#x1100\" DefaultSize=\"128\" ControlByte=\"#x22\">MBoxIn</Sm><Mailbox><CoE/></Mailbox>";
+
+#[test]
+fn a_device_is_what_its_file_says() {
+    let mut device = EsiDrive::from_bytes("generic.xml", GENERIC.as_bytes())
+        .unwrap()
+        .build();
+    let description = device.description();
+    assert_eq!(
+        (description.name.as_str(), description.order.as_str()),
+        ("CiA 402 servo drive", "CiA402")
+    );
+    assert_eq!(
+        (description.identity.product, description.identity.revision),
+        (0x4453_0402, 1)
+    );
+    assert_eq!(description.mailbox.unwrap().coe_details, 0x2F);
+    assert_eq!(description.fmmu_usage, [1, 2, 3]);
+    let lengths: Vec<u16> = description
+        .sync_managers
+        .iter()
+        .map(|sm| sm.length)
+        .collect();
+    assert_eq!(lengths, [256, 256, 19, 11]);
+    assert_eq!(description.pdos.len(), 8);
+    assert_eq!(description.ds402_channels, 1);
+    assert_eq!(device.axes().len(), 1);
+    let object = device
+        .dictionary()
+        .into_iter()
+        .find(|object| object.index == 0x1C12)
+        .unwrap();
+    assert_eq!(object.last, 4);
+}
+
+#[test]
+fn objects_have_their_types_defaults_and_access() {
+    let text = file(&format!(
+        "{MAILBOX}<Profile><Dictionary><DataTypes>\
+         <DataType><Name>A</Name><BaseType>UINT</BaseType><BitSize>32</BitSize><ArrayInfo><LBound>1</LBound><Elements>2</Elements></ArrayInfo></DataType>\
+         <DataType><Name>D</Name><SubItem><SubIdx>0</SubIdx><Type>USINT</Type><BitSize>8</BitSize></SubItem>\
+         <SubItem><Type>A</Type><BitSize>32</BitSize><Flags><Access>rw</Access></Flags></SubItem></DataType></DataTypes><Objects>\
+         <Object><Index>#x2000</Index><Name>Gain</Name><Type>DINT</Type><BitSize>32</BitSize><Info><DefaultValue>-2</DefaultValue></Info><Flags><Access>rw</Access><PdoMapping>R</PdoMapping></Flags></Object>\
+         <Object><Index>#x2001</Index><Name>List</Name><Type>D</Type><Info><SubItem><Info><DefaultData>02</DefaultData></Info></SubItem><SubItem><Info><DefaultData>3412</DefaultData></Info></SubItem></Info></Object>\
+         <Object><Index>#x2002</Index><Name>Text</Name><Type>STRING(8)</Type><BitSize>64</BitSize><Info><DefaultString>abc</DefaultString></Info></Object>\
+         <Object><Index>#x6040</Index><Type>UINT</Type><BitSize>16</BitSize><Info><DefaultData>0F00</DefaultData></Info></Object>\
+         <Object><Index>#x6081</Index><Type>UDINT</Type><BitSize>32</BitSize><Info><DefaultData>39300000</DefaultData></Info></Object>\
+         <Object><Index>#x6FFE</Index><Type>USINT</Type><BitSize>8</BitSize><Info><DefaultData>07</DefaultData></Info></Object>\
+         </Objects></Dictionary></Profile>"
+    ));
+    let mut device = EsiDrive::from_bytes("d.xml", text.as_bytes())
+        .unwrap()
+        .build();
+    let axis = device.axis(0).unwrap();
+    assert_eq!(axis.get(0x6081, 0), Some(12_345));
+    assert_eq!(axis.get(0x6040, 0), Some(0), "no file switches an axis on");
+    let objects = device.dictionary();
+    let entry = |index: u16, subindex: u8| {
+        let object = objects.iter().find(|object| object.index == index).unwrap();
+        let entry = object
+            .entries
+            .iter()
+            .find(|entry| entry.subindex == subindex);
+        (object.code, entry.unwrap().clone())
+    };
+    let (code, gain) = entry(0x2000, 0);
+    assert_eq!(
+        (code, gain.data_type, gain.bits, gain.access),
+        (7, 4, 32, 0x7F)
+    );
+    assert_eq!(gain.default, Some(vec![0xFE, 0xFF, 0xFF, 0xFF]));
+    let (code, first) = entry(0x2001, 1);
+    assert_eq!(
+        (code, first.data_type, first.default),
+        (8, 6, Some(vec![0x34, 0x12]))
+    );
+    assert_eq!(entry(0x2001, 2).1.default, Some(vec![0, 0]));
+    assert_eq!(
+        (entry(0x2002, 0).1.data_type, entry(0x2002, 0).1.bits),
+        (9, 64)
+    );
+    assert_eq!(entry(0x6FFE, 0).1.data_type, 5);
+}
+
+#[test]
+fn errors_name_file_and_line() {
+    for (text, expected) in [
+        (
+            file("<RxPdo><Index>#x16G0</Index></RxPdo>"),
+            "d.xml:4: \"#x16G0\" is no number of 0 to 65535",
+        ),
+        (file("<TxPdo/>"), "d.xml:4: the element Index is missing"),
+        (
+            file("<Sm>Other</Sm>"),
+            "d.xml:4: a sync manager for \"Other\" is not known",
+        ),
+        (
+            file(&format!(
+                "{MAILBOX}<Profile><Dictionary><Objects><Object><Index>1</Index><BitSize>16</BitSize>\n<Info><DefaultData>123456</DefaultData></Info></Object></Objects></Dictionary></Profile>"
+            )),
+            "d.xml:5: \"123456\" is no value of 2 bytes",
+        ),
+        (
+            file(&format!(
+                "{MAILBOX}<Profile><Dictionary><Objects><Object><Index>1</Index><BitSize>4294967295</BitSize></Object></Objects></Dictionary></Profile>"
+            )),
+            "d.xml:4: a value of 4294967295 bits is longer than any here",
+        ),
+        (
+            "<Html/>".to_owned(),
+            "d.xml:1: expected EtherCATInfo as the outermost element",
+        ),
+    ] {
+        let error = EsiDrive::from_bytes("d.xml", text.as_bytes()).unwrap_err();
+        assert_eq!(error.to_string(), expected);
+    }
+    let broken =
+        EsiDrive::from_bytes("d.xml", b"<EtherCATInfo>\n<Vendor>\n</EtherCATInfo>").unwrap_err();
+    assert_eq!(broken.line, Some(3));
+    let absent = EsiDrive::load("no/such.xml").unwrap_err().to_string();
+    assert!(absent.starts_with("no/such.xml: "), "{absent}");
+}
+
+#[test]
+fn a_short_file_does_not_unfold_into_a_long_dictionary() {
+    let types = "<DataType><Name>A</Name><BaseType>UINT</BaseType><ArrayInfo><Elements>255</Elements></ArrayInfo></DataType>\
+        <DataType><Name>D</Name><SubItem><Type>A</Type></SubItem></DataType>";
+    let objects = "<Object><Index>1</Index><Type>D</Type></Object>".repeat(300);
+    let text = file(&format!(
+        "{MAILBOX}<Profile><Dictionary><DataTypes>{types}</DataTypes><Objects>{objects}</Objects></Dictionary></Profile>"
+    ));
+    let error = EsiDrive::from_bytes("d.xml", text.as_bytes()).unwrap_err();
+    assert!(error.reason.contains("65536 entries"), "{error}");
+}
+
+proptest! {
+    #[test]
+    fn a_file_with_anything_put_anywhere_makes_a_device_or_is_refused(
+        at in 0usize..20_000, cut in 0usize..40, put in "[<>/#x&;=\"a-zA-Z0-9 ]{0,12}",
+    ) {
+        let start = at % GENERIC.len();
+        let end = (start + cut).min(GENERIC.len());
+        let text = [&GENERIC.as_bytes()[..start], put.as_bytes(), &GENERIC.as_bytes()[end..]].concat();
+        if let Ok(drive) = EsiDrive::from_bytes("changed", &text) {
+            let _ = drive.build().dictionary();
+        }
+    }
+}
