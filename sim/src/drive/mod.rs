@@ -13,7 +13,7 @@ use crate::coe::Abort;
 use crate::coe::info::access;
 use crate::description::{Description, Direction};
 use crate::dictionary::Dictionary;
-use crate::ds402::{Access, Axis, DataType, Emergency, Entry as AxisEntry, Mapping, SetError};
+use crate::ds402::{Access, Axis, Emergency, Entry as AxisEntry, Mapping, SetError};
 use crate::pdo::{Mappable, PdoSet};
 pub use blueprint::{AxisStatusObject, DriveBlueprint, PlainEntry, PlainObject};
 use communication::{LOAD, SAVE, communication_objects};
