@@ -1,7 +1,9 @@
 //! Cold start to OP of a line of two-axis drives on a veth pair: this library, stock ethercrab and SOEM side by side.
 //!
 //! `cargo bench --bench bring_up` prints a table and writes `target/bench/bring_up.json`. Every start has a simulated line
-//! that was just switched on. Times are of this machine and this run; what counts is how they compare.
+//! that was just switched on. Times are of this machine and this run; what counts is how they compare. Behind each time
+//! stands what the simulated drives counted: accesses to the SII (of eight bytes at most) and mails, of the drive that had
+//! most.
 
 mod masters;
 #[path = "../../tests/common/namespace.rs"]
@@ -13,7 +15,7 @@ mod programs;
 
 use std::{
     env, fs,
-    io::Write as _,
+    io::{Read as _, Write as _},
     path::{Path, PathBuf},
     process::Command,
     time::{Duration, Instant},
@@ -107,7 +109,8 @@ fn measure() {
         run("ip", &["link", "set", interface, "up"]);
     }
     println!(
-        "milliseconds from power-on to OP: median (least to most) of up to {ROUNDS} starts, taken in turns\n"
+        "milliseconds from power-on to OP: median (least to most) of up to {ROUNDS} starts, taken in turns; accesses to \
+         the SII and mails of one drive\n"
     );
     let mut rows: Vec<Row> = Vec::new();
     for (sii_ms, mailbox_ms) in DELAYS {
@@ -115,20 +118,24 @@ fn measure() {
         println!(
             "{:>6}  {}",
             "drives",
-            MASTERS.map(|master| format!("{master:>28}")).join("")
+            MASTERS.map(|master| format!("{master:>40}")).join("")
         );
         for drives in DRIVES {
             let begun = Instant::now();
             let mut times = MASTERS.map(|_| Vec::new());
+            let mut accesses = MASTERS.map(|_| (0, 0));
             for round in 0..ROUNDS {
                 for (at, master) in MASTERS.iter().enumerate() {
                     if round < 3 || begun.elapsed() < LONG {
-                        times[at].push(start(master, drives, sii_ms, mailbox_ms));
+                        let (took, asked) = start(master, drives, sii_ms, mailbox_ms);
+                        times[at].push(took);
+                        accesses[at] = asked.max(accesses[at]);
                     }
                 }
             }
             print!("{drives:>6}  ");
-            for (master, mut times) in MASTERS.into_iter().zip(times) {
+            let results = MASTERS.into_iter().zip(times).zip(accesses);
+            for ((master, mut times), (sii, mails)) in results {
                 times.sort_by(f64::total_cmp);
                 let row = Row {
                     master,
@@ -138,12 +145,12 @@ fn measure() {
                     times,
                 };
                 let spread = format!(
-                    "{:.1} ({:.1} to {:.1})",
+                    "{:.1} ({:.1} to {:.1}) {sii:>5} {mails:>4}",
                     row.median(),
                     row.times[0],
                     row.times[row.times.len() - 1]
                 );
-                print!("{spread:>28}");
+                print!("{spread:>40}");
                 let _ = std::io::stdout().flush();
                 rows.push(row);
             }
@@ -167,9 +174,9 @@ fn output() -> PathBuf {
     target.join("bench/bring_up.json")
 }
 
-/// One start of one master on a line just switched on.
-fn start(master: &str, drives: usize, sii_ms: u32, mailbox_ms: u32) -> f64 {
-    let _line = line(drives, sii_ms, mailbox_ms);
+/// One start of one master on a line just switched on: milliseconds, and what was asked of the drive that was asked most.
+fn start(master: &str, drives: usize, sii_ms: u32, mailbox_ms: u32) -> (f64, Asked) {
+    let line = line(drives, sii_ms, mailbox_ms);
     let mut command = if master == "pysoem" {
         let mut python = Command::new(programs::python().expect("made before"));
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/bring_up/soem.py");
@@ -191,9 +198,29 @@ fn start(master: &str, drives: usize, sii_ms: u32, mailbox_ms: u32) -> f64 {
         output.status,
         String::from_utf8_lossy(&output.stderr)
     );
-    said.trim()
-        .parse()
-        .unwrap_or_else(|_| panic!("{master}: {said}"))
+    let took = said.trim().parse();
+    let took = took.unwrap_or_else(|_| panic!("{master}: {said}"));
+    (took, asked(line))
+}
+
+/// Accesses to a drive's SII, and its mails.
+type Asked = (u32, u32);
+
+/// Ends the simulated line, which then says what each of its drives was asked.
+fn asked(mut line: Process) -> Asked {
+    run("kill", &["-TERM", &line.0.id().to_string()]);
+    let mut said = String::new();
+    let says = line.0.stdout.as_mut().expect("piped");
+    says.read_to_string(&mut said).expect("text");
+    let numbers = said.lines().filter_map(|line| {
+        let (_, accesses) = line.split_once(": ")?;
+        let (sii, mails) = accesses.split_once(" accesses to the SII, ")?;
+        let mails = mails.strip_suffix(" mails")?;
+        Some((sii.parse().ok()?, mails.parse().ok()?))
+    });
+    numbers
+        .max()
+        .unwrap_or_else(|| panic!("no numbers: {said}"))
 }
 
 fn line(drives: usize, sii_ms: u32, mailbox_ms: u32) -> Process {

@@ -1,7 +1,8 @@
 //! The mailbox client: one actor per device, which alone touches its mailbox, on the thread that owns the bus.
 //!
-//! Transfers run one after another. A frame that is lost is sent again with the same mailbox counter, by which
-//! the device knows it; a mail whose reading is lost is asked for again by the repeat request.
+//! Transfers run one after another. A mail whose reading is lost is asked for again by the repeat request. A request whose
+//! frame is lost is sent again with the same mailbox counter, by which the device knows it; but never one that writes an
+//! object, since a device that does not look at the counter would write twice: see `doubt`.
 
 use alloc::sync::Arc;
 use alloc::vec::Vec;
@@ -17,20 +18,22 @@ use super::error::{DriveId, SdoError, SdoStep, Transfer, Unsupported};
 use super::error_texts::ErrorTexts;
 use super::handle::{Body, Request, SdoHandle};
 use super::mail_signal::MailSignal;
-use super::mailbox::{Counter, sdo_mail};
+use super::mailbox::{Counter, MailboxError, sdo_mail};
 use super::sdo::{SdoFault, Step, abort_request};
-use super::transport::MailboxTransport;
+use super::transport::{LinkFault, MailboxTransport};
 
 #[cfg(test)]
 mod tests;
 
 mod access;
 mod dialogue;
+mod doubt;
 mod late;
 mod reading;
 mod settings;
 
 use dialogue::{Dialogue, Failure};
+use doubt::{Doubt, Ending, LOOKED_FOR, Settled};
 pub use settings::MailboxSettings;
 
 /// Mails read in a row before deadlines and requests get their turn: a device may send without end.
@@ -64,6 +67,11 @@ pub struct MailboxClient<T, C> {
     repeated: bool,
     /// Transfers whose replies may still come.
     owed: Vec<Transfer>,
+    /// A request was sent again, so that a second reply may come from a device that does not look at the counter.
+    sent_again: bool,
+    /// An error reply that may be an earlier request's.
+    refusal: Option<MailboxError>,
+    doubt: Doubt,
     /// Accesses that failed in a row.
     failures: u32,
 }
@@ -101,6 +109,9 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             last: Vec::new(),
             repeated: false,
             owed: Vec::new(),
+            sent_again: false,
+            refusal: None,
+            doubt: Doubt::default(),
             failures: 0,
         };
         let handle = SdoHandle {
@@ -184,9 +195,15 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             self.resynchronise(transfer, timeout).await?;
         }
         let mut dialogue = Dialogue::of(request, self.settings.write_length);
-        match self.converse(&mut dialogue, transfer, timeout).await {
-            Ok(()) => Ok(dialogue.into_data()),
-            Err(error) => Err(dialogue.judge(error)),
+        loop {
+            match self.converse(&mut dialogue, transfer, timeout).await {
+                Ok(()) => return Ok(dialogue.into_data()),
+                Err(Ending::Failed(error)) => return Err(dialogue.judge(error)),
+                Err(Ending::Doubtful) => match self.settle(dialogue, transfer, timeout).await? {
+                    Settled::Written => return Ok(Vec::new()),
+                    Settled::NeverArrived(again) => dialogue = again,
+                },
+            }
         }
     }
 
@@ -196,18 +213,19 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         dialogue: &mut Dialogue,
         transfer: Transfer,
         timeout: Duration,
-    ) -> Result<(), SdoError> {
+    ) -> Result<(), Ending> {
         loop {
             match self.exchange(dialogue, transfer, timeout).await {
                 Ok(Step::Done) => {
-                    self.owed.clear();
+                    self.answered(transfer);
                     return Ok(());
                 }
                 Ok(_) => {}
+                Err(Failure::Doubtful) => return Err(Ending::Doubtful),
                 Err(failure) => {
                     let error = failure.describe(transfer, timeout, dialogue.waits_for());
                     match failure {
-                        Failure::Fault(SdoFault::Aborted(_)) => self.owed.clear(),
+                        Failure::Fault(SdoFault::Aborted(_)) => self.answered(transfer),
                         _ => self.remember_owed(transfer),
                     }
                     if dialogue.is_segmented()
@@ -218,7 +236,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                         let mail = sdo_mail(self.next_counter(), &abort);
                         let _ = self.access(self.transport.write_mail(&mail)).await;
                     }
-                    return Err(error);
+                    return Err(Ending::Failed(error));
                 }
             }
         }
@@ -233,6 +251,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     ) -> Result<Step, Failure> {
         let deadline = self.clock.now() + timeout;
         self.failures = 0;
+        self.refusal = None;
+        let mut doubtful_from = None;
         // Further fragments of an answer come unasked.
         let mut sent = dialogue.waits_for() == SdoStep::Fragment;
         let mail = if sent {
@@ -244,7 +264,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         // The mailbox was empty when it was read without a look at its state: a frame that came twice may have read it.
         let mut perhaps_read = false;
         loop {
-            if !sent {
+            if !sent && doubtful_from.is_none() {
                 match self.access(self.transport.write_mail(&mail)).await {
                     // A quick device has answered by now: its mail is read without a look at the state before.
                     Ok(true) => {
@@ -256,7 +276,14 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                         }
                     }
                     Ok(false) => {}
-                    Err(fault) => self.tolerate(fault)?,
+                    Err(fault) => {
+                        self.tolerate(fault)?;
+                        if fault == LinkFault::Lost && dialogue.writes_at_once() {
+                            doubtful_from = Some(self.clock.now() + LOOKED_FOR);
+                        } else if fault == LinkFault::Lost {
+                            self.sent_again = true;
+                        }
+                    }
                 }
             }
             // Also before the request was taken: a device may not take one before its own mail is read, and
@@ -269,15 +296,18 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 }
             }
             let now = self.clock.now();
+            if doubtful_from.is_some_and(|from| now >= from) {
+                return Err(Failure::Doubtful);
+            }
             if now >= deadline && core::mem::take(&mut perhaps_read) {
                 self.ask_again().await?;
                 continue;
             }
             if now >= deadline {
-                return Err(if sent {
-                    Failure::NoReply
-                } else {
-                    Failure::NotTaken
+                return Err(match self.refusal.take() {
+                    Some(error) => Failure::Refused(error),
+                    None if sent => Failure::NoReply,
+                    None => Failure::NotTaken,
                 });
             }
             let next = (now + self.settings.poll_interval).min(deadline);

@@ -101,6 +101,8 @@ pub(crate) struct State {
     pub(crate) flood: Option<Vec<u8>>,
     /// Requests are taken from this moment on.
     pub(crate) takes_from: Duration,
+    /// A request with the counter of the one before is served like any other.
+    pub(crate) ignores_counter: bool,
     request: Option<Vec<u8>>,
     last_counter: u8,
     reply_counter: u8,
@@ -250,6 +252,7 @@ impl State {
             swallow: 0,
             flood: None,
             takes_from: Duration::ZERO,
+            ignores_counter: false,
             request: None,
             last_counter: 0,
             reply_counter: 0,
@@ -315,7 +318,7 @@ impl State {
             return;
         };
         let counter = mail[5] >> 4;
-        if counter == self.last_counter {
+        if counter == self.last_counter && !self.ignores_counter {
             return;
         }
         self.last_counter = counter;

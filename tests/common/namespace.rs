@@ -124,9 +124,10 @@ pub(crate) fn simulated_with(
         .spawn()
         .expect("the simulator starts");
     let mut line = String::new();
-    BufReader::new(child.stdout.take().expect("piped"))
-        .read_line(&mut line)
-        .expect("a line");
+    let mut says = BufReader::new(child.stdout.take().expect("piped"));
+    says.read_line(&mut line).expect("a line");
+    // What it says at its end is for whoever reads on.
+    child.stdout = Some(says.into_inner());
     let listening = format!("listening on slave0: {} SubDevice(s)", devices.len());
     assert_eq!(line.trim(), listening);
     Process(child)

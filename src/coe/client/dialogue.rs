@@ -79,6 +79,15 @@ impl Dialogue {
         step.map_err(Failure::Fault)
     }
 
+    /// Whether the device writes the object when it takes the mail that is due: not where segments follow, whose toggle bit
+    /// tells it one that comes twice.
+    pub(super) fn writes_at_once(&self) -> bool {
+        match self {
+            Self::Download(download) => !download.is_segmented() && download.fits_one_mail(),
+            Self::Upload(_) | Self::Inquiry(..) => false,
+        }
+    }
+
     pub(super) const fn is_segmented(&self) -> bool {
         match self {
             Self::Upload(upload) => upload.is_segmented(),
@@ -138,6 +147,8 @@ pub(super) enum Failure {
     NoService(AbortCode),
     NotTaken,
     NoReply,
+    /// The frame with the mail is lost, and the device must not get it twice.
+    Doubtful,
     Link(LinkFault),
 }
 
@@ -156,7 +167,7 @@ impl Failure {
                 reason: Unsupported::Service(code),
             },
             Self::NotTaken => timeout(SdoStep::Sending),
-            Self::NoReply => timeout(reply),
+            Self::NoReply | Self::Doubtful => timeout(reply),
             Self::Link(fault) => SdoError::Link {
                 transfer,
                 step: reply,
@@ -170,7 +181,7 @@ impl Failure {
         match self {
             Self::Fault(fault) => fault.abort_code(),
             Self::NotTaken | Self::NoReply => Some(AbortCode::TIME_OUT),
-            Self::Refused(_) | Self::NoService(_) | Self::Link(_) => None,
+            Self::Refused(_) | Self::NoService(_) | Self::Doubtful | Self::Link(_) => None,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::{Clock, MailboxClient, dialogue::Dialogue};
+use super::{Clock, MailboxClient, dialogue::Dialogue, doubt::Ending};
 use crate::coe::error::{SdoError, SdoStep, Transfer};
 use crate::coe::obj;
 use crate::coe::object::ObjectAddress;
@@ -25,6 +25,24 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         self.owed.len() >= MOST_OWED || self.owed.iter().any(|owed| owed.is_like(transfer))
     }
 
+    /// An answer to this transfer has come. A device answers in order: nothing earlier is owed any more.
+    pub(super) fn answered(&mut self, transfer: Transfer) {
+        self.owed.clear();
+        if core::mem::take(&mut self.sent_again) {
+            self.owed.push(transfer);
+        }
+    }
+
+    /// An object whose reading is no answer to `transfer` or to what is owed.
+    pub(super) fn another_object(&self, transfer: Transfer) -> ObjectAddress {
+        let others = [obj::DEVICE_TYPE, obj::VENDOR_ID, obj::PRODUCT_CODE].map(|o| o.address());
+        let is_free = |other: &ObjectAddress| {
+            let read = Transfer::read(*other);
+            !read.is_like(transfer) && !self.owed.iter().any(|owed| owed.is_like(read))
+        };
+        others.into_iter().find(is_free).unwrap_or(others[0])
+    }
+
     /// Waits out the late reply of an earlier transfer of the same object, which its address does not tell from
     /// this one's. A device answers in order: once it has answered about another object, nothing late comes.
     pub(super) async fn resynchronise(
@@ -32,18 +50,13 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         transfer: Transfer,
         timeout: Duration,
     ) -> Result<(), SdoError> {
-        let others = [obj::DEVICE_TYPE, obj::VENDOR_ID, obj::PRODUCT_CODE].map(|o| o.address());
-        let is_free = |other: &ObjectAddress| {
-            let read = Transfer::read(*other);
-            !read.is_like(transfer) && !self.owed.iter().any(|owed| owed.is_like(read))
-        };
-        let other = others.into_iter().find(is_free).unwrap_or(others[0]);
+        let other = self.another_object(transfer);
         let mut dialogue = Dialogue::Upload(Upload::new(other));
         match self
             .converse(&mut dialogue, Transfer::read(other), timeout)
             .await
         {
-            Ok(()) | Err(SdoError::Aborted { .. }) => Ok(()),
+            Ok(()) | Err(Ending::Failed(SdoError::Aborted { .. })) => Ok(()),
             Err(_) => Err(SdoError::Timeout {
                 transfer,
                 step: SdoStep::EarlierReply,

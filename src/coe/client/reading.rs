@@ -138,13 +138,18 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             (content @ (Mail::SdoReply(_) | Mail::SdoInformation(_)), Some(dialogue)) => {
                 match dialogue.feed(content, self.owed.is_empty())? {
                     Step::Foreign => {
-                        tracing::debug!(?content, "reply of another request dropped");
+                        self.doubt.feed(content);
                         Ok(Found::Other)
                     }
                     step => Ok(Found::Answer(step)),
                 }
             }
-            (Mail::Error(error), Some(_)) => Err(Failure::Refused(error)),
+            (Mail::Error(error), Some(_)) if self.owed.is_empty() => Err(Failure::Refused(error)),
+            // An error reply does not say which request it is for. If it was this one's, no other answer will come.
+            (Mail::Error(error), Some(_)) => {
+                self.refusal = Some(error);
+                Ok(Found::Other)
+            }
             (content, _) => {
                 tracing::debug!(?content, "mail that nobody waits for dropped");
                 Ok(Found::Other)

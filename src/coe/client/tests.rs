@@ -6,6 +6,7 @@ use crate::coe::{AbortCode, DriveError, Emergencies, EmergencyReport, obj};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 
+mod doubt;
 mod information;
 
 const VELOCITY: (u16, u8) = (0x6081, 0);

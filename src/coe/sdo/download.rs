@@ -52,6 +52,11 @@ impl Download {
         self
     }
 
+    /// Whether the first request carries all data.
+    pub(crate) fn fits_one_mail(&self) -> bool {
+        self.is_expedited() || self.data.len() + SDO_LENGTH <= self.room
+    }
+
     /// The next request; the same one until a reply to it was fed.
     #[must_use]
     pub fn request(&self) -> Vec<u8> {

@@ -144,6 +144,8 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     if let Some(trace) = &trace {
         lock(trace).flush()?;
     }
+    // Whoever started it may have stopped listening.
+    let _ = std::io::stdout().write_all(farewell(&segment).as_bytes());
     Ok(())
 }
 
@@ -197,6 +199,15 @@ fn greeting(interface: &str, segment: &Segment) -> String {
         );
     }
     text
+}
+
+/// A line for each SubDevice: what a MainDevice has asked of it.
+fn farewell(segment: &Segment) -> String {
+    let accesses = segment.devices().iter().enumerate().map(|(place, device)| {
+        let (sii, mails) = (device.sii_accesses(), device.mails_taken());
+        format!("{place}: {sii} accesses to the SII, {mails} mails\n")
+    });
+    accesses.collect()
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
