@@ -29,11 +29,13 @@ mod access;
 mod dialogue;
 mod doubt;
 mod late;
+mod pace;
 mod reading;
 mod settings;
 
 use dialogue::{Dialogue, Failure};
 use doubt::{Doubt, Ending, LOOKED_FOR, Settled};
+use pace::Pace;
 pub use settings::MailboxSettings;
 
 /// Mails read in a row before deadlines and requests get their turn: a device may send without end.
@@ -72,6 +74,7 @@ pub struct MailboxClient<T, C> {
     /// An error reply that may be an earlier request's.
     refusal: Option<MailboxError>,
     doubt: Doubt,
+    pace: Pace,
     /// Accesses that failed in a row.
     failures: u32,
 }
@@ -112,6 +115,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             sent_again: false,
             refusal: None,
             doubt: Doubt::default(),
+            pace: Pace::default(),
             failures: 0,
         };
         let handle = SdoHandle {
@@ -249,7 +253,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         transfer: Transfer,
         timeout: Duration,
     ) -> Result<Step, Failure> {
-        let deadline = self.clock.now() + timeout;
+        let mut asked_at = self.clock.now();
+        let deadline = asked_at + timeout;
         self.failures = 0;
         self.refusal = None;
         let mut doubtful_from = None;
@@ -267,13 +272,20 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             if !sent && doubtful_from.is_none() {
                 match self.access(self.transport.write_mail(&mail)).await {
                     // A quick device has answered by now: its mail is read without a look at the state before.
-                    Ok(true) => {
+                    Ok(true) if self.pace.is_quick() => {
                         sent = true;
+                        asked_at = self.clock.now();
                         match self.read_unasked(dialogue).await? {
                             Found::Answer(step) => return Ok(step),
                             Found::Other => {}
                             Found::Nothing => perhaps_read = true,
                         }
+                    }
+                    Ok(true) => {
+                        sent = true;
+                        asked_at = self.clock.now();
+                        let first = asked_at + self.pace.first_look();
+                        self.clock.sleep_until(first.min(deadline)).await;
                     }
                     Ok(false) => {}
                     Err(fault) => {
@@ -290,7 +302,10 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             // a request whose frame was lost on its way back may have been answered.
             for _ in 0..MAILS_AT_ONCE {
                 match self.look(Some(dialogue)).await? {
-                    Found::Answer(step) => return Ok(step),
+                    Found::Answer(step) => {
+                        self.pace.answered_after(self.clock.now() - asked_at);
+                        return Ok(step);
+                    }
                     Found::Other => {}
                     Found::Nothing => break,
                 }
@@ -310,8 +325,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     None => Failure::NotTaken,
                 });
             }
-            let next = (now + self.settings.poll_interval).min(deadline);
-            self.clock.sleep_until(next).await;
+            let pause = self.pace.pause(now - asked_at, self.settings.poll_interval);
+            self.clock.sleep_until((now + pause).min(deadline)).await;
         }
     }
 

@@ -87,8 +87,9 @@ impl SdoHandle {
 
     /// Writes an object; confirmed by the drive when the future resolves.
     ///
-    /// A write without a reply is not repeated. A mail whose frame is lost is sent again with the same mailbox counter, by
-    /// which the drive knows it for the same one (ETG.1000.4): only a drive that ignores the counter could write it twice.
+    /// A write is never made twice, whether the drive looks at the mailbox counter or not: one without a reply is not
+    /// repeated, and one whose frame is lost is sent again only when the drive has answered another request without
+    /// answering this one, so that it never arrived. Segments are told apart by their toggle bit.
     ///
     /// # Errors
     /// As [`SdoHandle::read`]. After `Timeout` and `Link` the write may have taken effect.

@@ -34,7 +34,7 @@ pub struct MailboxSettings {
     pub mail_timeout: Duration,
     /// After this a request without reply has failed; counted anew for each segment.
     pub reply_timeout: Duration,
-    /// The time between two looks at a mailbox while a reply is due.
+    /// The longest time between two looks at a mailbox while a reply is due; the first ones follow each other sooner.
     pub poll_interval: Duration,
     /// The time between two looks at the mailbox while nothing is due, for emergencies. Not in the cycles of a `Network`, whose
     /// frames show what waits.
