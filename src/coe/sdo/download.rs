@@ -52,8 +52,9 @@ impl Download {
         self
     }
 
-    /// Whether the first request carries all data.
-    pub(crate) fn fits_one_mail(&self) -> bool {
+    /// Whether the first request carries all data, so that the device writes the object when it takes that one.
+    #[must_use]
+    pub fn fits_one_mail(&self) -> bool {
         self.is_expedited() || self.data.len() + SDO_LENGTH <= self.room
     }
 
