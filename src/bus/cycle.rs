@@ -139,8 +139,9 @@ impl Cycle {
                 self.next_start
                     .saturating_sub(Duration::from_nanos(sooner.unsigned_abs()))
             };
-            if let Some(measured) = measured {
-                counters.clock.record(&measured);
+            match measured {
+                Some(measured) => counters.clock.record(&measured),
+                None => counters.clock.hold(clock.is_locked()),
             }
         }
         self.stepper.after_receive(now, &mut self.exchange.drives);

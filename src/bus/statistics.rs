@@ -84,6 +84,11 @@ impl ClockGauge {
         }
     }
 
+    /// A cycle without the reference's time.
+    pub(super) fn hold(&self, locked: bool) {
+        self.locked.store(locked, Ordering::Relaxed);
+    }
+
     pub(super) fn read(&self) -> Option<ClockStatistics> {
         let bound = self.bound_ns.load(Ordering::Relaxed);
         (bound != 0).then(|| ClockStatistics {

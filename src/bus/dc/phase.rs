@@ -14,8 +14,10 @@ const PLACES: u32 = 10;
 const PROPORTIONAL: i64 = 1 << (PLACES - 4);
 /// Crystals that differ by more than this many parts per million are not followed. Two of 100 ppm differ by 200.
 const MOST_PPM: i64 = 500;
-/// Cycles in a row within the bound that make a lock.
+/// Cycles in a row within the bound that make a lock; and so many without the reference's time end it.
 const LOCK_CYCLES: u32 = 64;
+/// What a cycle beyond the bound takes from a lock: some of them end it.
+const BEYOND: u32 = 16;
 
 /// The phase error that a lock keeps: a fiftieth of the cycle.
 pub(in crate::bus) fn bound(period: Duration) -> Duration {
@@ -54,6 +56,7 @@ pub(in crate::bus) struct Phase {
     bound: i64,
     /// Whether the first error has been taken away.
     has_begun: bool,
+    /// Up to twice as many cycles as make a lock.
     within: u32,
 }
 
@@ -96,12 +99,17 @@ impl Phase {
         self.now.0.wrapping_add_signed(late)
     }
 
+    /// Whether the cycles are in step.
+    pub(in crate::bus) const fn is_locked(&self) -> bool {
+        self.within >= LOCK_CYCLES
+    }
+
     /// The frames of the cycle are back, with the low half of the reference clock's time. By how much sooner than planned the
     /// next cycle is to start, in nanoseconds, and what was seen. Without a time the crystals are held as they were.
     pub(in crate::bus) fn end(&mut self, time: Option<u32>) -> (i64, Option<Measured>) {
         let most = (self.period * MOST_PPM / 1_000_000) << PLACES;
         let Some(time) = time else {
-            self.within = 0;
+            self.within = self.within.saturating_sub(1);
             return (self.controller.step(0, most), None);
         };
         let (wanted, late) = self.now;
@@ -109,14 +117,14 @@ impl Phase {
         // Of the plan, without what was late in this cycle alone.
         let of_plan = error - late;
         let is_within = of_plan.abs() <= self.bound;
-        self.within = if is_within {
-            self.within.saturating_add(1)
-        } else {
-            0
+        self.within = match is_within {
+            true => (self.within + 1).min(2 * LOCK_CYCLES),
+            false if self.is_locked() => self.within.saturating_sub(BEYOND),
+            false => 0,
         };
         let measured = Measured {
             error,
-            locked: self.within >= LOCK_CYCLES,
+            locked: self.is_locked(),
             within: error.abs() <= self.bound,
         };
         if !self.has_begun {
@@ -242,6 +250,23 @@ mod tests {
         }
         let seen = run.cycle(0.0);
         assert!(seen.error.abs() < 200 && !seen.locked, "{seen:?}");
+    }
+
+    #[test]
+    fn a_frame_that_is_lost_ends_no_lock_and_errors_that_stay_do() {
+        let mut run = Run::new(drifting(0.0));
+        run.cycles(1_000);
+        run.phase.begin(Duration::ZERO, 1);
+        run.phase.end(None);
+        run.start += 1e6;
+        assert!(run.cycle(0.0).locked);
+        // The reference clock has been set to another time.
+        run.start += 400_000.0;
+        let mut lost = 0;
+        while run.cycle(0.0).locked {
+            lost += 1;
+        }
+        assert!((2..8).contains(&lost), "{lost}");
     }
 
     #[test]
