@@ -1,6 +1,7 @@
 //! The timing diagrams of the drives' documents, drawn from runs of this library on the simulated drives: writes
 //! `target/figures/*.svg`. Virtual time, so the pictures are the same on every machine; `docs/figures/` holds copies.
 
+mod clocks;
 #[path = "../picture/mod.rs"]
 mod picture;
 
@@ -13,7 +14,7 @@ use std::{
     time::Duration,
 };
 
-use picture::{Bit, Panel, Picture, Recorder, Step, Word};
+use picture::{Bit, Panel, Picture, Recorder, Step, Word, lock};
 use servocrab::{
     axis::{AxisError, AxisErrorKind, Failure, Referencing},
     bus::{BusLoop, DriveConfig, Network},
@@ -52,7 +53,8 @@ fn main() -> Result {
     set_of_set_points()?;
     akd2g_bit_5()?;
     akd2g_bit_9()?;
-    ax2000_handshake()
+    ax2000_handshake()?;
+    clocks::phase_after_power_on()
 }
 
 /// The 2010h document's first figure.

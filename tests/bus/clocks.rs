@@ -1,12 +1,21 @@
 //! Distributed clocks: drives that insist on outputs in time against SYNC0, on crystals that drift.
 
-use std::time::Duration;
+use std::{
+    io,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    task::Waker,
+    time::Duration,
+};
 
 use servocrab::bus::{
     BringUpStep, DistributedClock, DriveConfig, DriveFault, Network, NetworkError,
 };
 use servocrab::coe::obj;
 use servocrab::drives;
+use servocrab::link::{Link, Wire};
 use servocrab_sim::personality::{self, Servo};
 use servocrab_sim::{AlState, ClockDemand, ClockWidth, Device, Segment};
 
@@ -120,6 +129,65 @@ fn a_drive_that_insists_never_complains_in_ten_minutes() {
     assert!(statistics.cycles > 60_000);
     let clock = statistics.clock.unwrap();
     assert!(clock.locked && clock.beyond == 0, "{clock:?}");
+    rig.shutdown();
+}
+
+/// A wire whose thread the operating system keeps asleep for longer than it wanted, when it is told to.
+struct Sleepy {
+    wire: Wire,
+    oversleep_us: Arc<AtomicU64>,
+}
+
+impl Link for Sleepy {
+    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
+        self.wire.send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+        self.wire.receive(buffer)
+    }
+
+    fn wait(&mut self, timeout: Duration) {
+        self.wire.wait(timeout);
+        let longer = Duration::from_micros(self.oversleep_us.swap(0, Ordering::Relaxed));
+        let until = self.now() + longer;
+        while self.now() < until {
+            self.wire.wait(until - self.now());
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.wire.now()
+    }
+
+    fn waker(&self) -> Waker {
+        self.wire.waker()
+    }
+}
+
+#[test]
+fn cycles_that_were_slept_through_keep_the_phase() {
+    let mut drive = personality::sigma7();
+    drive.set_clock(0, 20.0);
+    let line = Line::new(Segment::new().with(drive));
+    let oversleep_us = Arc::new(AtomicU64::new(0));
+    let link = Sleepy {
+        wire: line.wire(),
+        oversleep_us: Arc::clone(&oversleep_us),
+    };
+    let builder = Network::builder().link(link).drive(0, named("x"));
+    let mut rig = Rig::start(builder).unwrap();
+    rig.run_for(300 * MS);
+    oversleep_us.store(1_900, Ordering::Relaxed);
+    rig.run_for(4 * MS);
+    let clock = rig.net().statistics().clock.unwrap();
+    assert!(clock.worst_ns > 300_000, "it has slept: {clock:?}");
+    for _ in 0..20 {
+        rig.run_for(MS);
+        let clock = rig.net().statistics().clock.unwrap();
+        assert!(clock.phase_error_ns.abs() < 1_000, "{clock:?}");
+    }
+    assert!(all_in_op(&line));
     rig.shutdown();
 }
 
