@@ -9,6 +9,7 @@
 //! documents, so that one misreading cannot cancel out.
 
 mod al;
+mod cable;
 mod coe;
 mod description;
 mod device;

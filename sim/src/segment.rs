@@ -3,6 +3,7 @@
 use core::time::Duration;
 
 use crate::al::AlState;
+use crate::cable::{self, BadCable};
 use crate::device::Device;
 use crate::ds402::Axis;
 use crate::esc::Esc;
@@ -51,6 +52,7 @@ pub struct Segment {
     reached: Vec<bool>,
     /// The cable in front of this device is pulled.
     unplugged: Option<usize>,
+    bad_cable: Option<BadCable>,
     observer: Option<Observer>,
     started: bool,
 }
@@ -168,13 +170,20 @@ impl Segment {
         self.unplugged = None;
     }
 
+    /// Has the cable in front of the SubDevice at this position damage one of so many frames on their way out, so that they
+    /// do not come back; none with zero. Those in front of it have taken what was in them for them; those at and behind it
+    /// take nothing, and count the damage at their ports.
+    pub fn damage_frames(&mut self, position: usize, every: u32) {
+        self.bad_cable = BadCable::new(position, every);
+    }
+
     /// Has a function called after each drive cycle, once for each axis.
     pub fn observe(&mut self, observer: impl FnMut(&CycleRecord<'_>) + Send + 'static) {
         self.observer = Some(Box::new(observer));
     }
 
     /// Takes a frame through all SubDevices and back, in place. `false`, with the frame unchanged, when it is no EtherCAT
-    /// frame or when no SubDevice is there to return it.
+    /// frame or when no SubDevice is there to return it; `false` also for a frame that was damaged on its way.
     ///
     /// `now` never goes back from call to call.
     pub fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
@@ -183,10 +192,12 @@ impl Segment {
         if !is_ethercat(frame) || self.reached.first() != Some(&true) {
             return false;
         }
+        let damaged_at = self.bad_cable.as_mut().and_then(BadCable::damages);
         mark_source(frame);
         for range in datagrams(frame) {
             if let Some(datagram) = frame.get_mut(range) {
-                let devices = self.devices.iter_mut().zip(&self.reached);
+                let whole = damaged_at.unwrap_or(usize::MAX);
+                let devices = self.devices.iter_mut().zip(&self.reached).take(whole);
                 for (device, _) in devices.filter(|(_, reached)| **reached) {
                     if execute(device.esc(), datagram, now) {
                         device.after_datagram(now);
@@ -194,7 +205,14 @@ impl Segment {
                 }
             }
         }
-        true
+        damaged_at.is_none_or(|at| {
+            let devices = self.devices.iter_mut().zip(&self.reached);
+            cable::count_damage(
+                at,
+                devices.map(|(device, reached)| (device.esc(), *reached)),
+            );
+            false
+        })
     }
 
     /// Runs the processors of all SubDevices up to `now`, cycle by cycle.

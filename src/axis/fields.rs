@@ -210,7 +210,7 @@ impl AxisFields {
     }
 
     /// Reads the axis' objects out of the drive's inputs; nothing where they are too short.
-    pub(super) fn sample(&self, inputs: &[u8], noted_mode: Mode) -> Option<Sample> {
+    pub(crate) fn sample(&self, inputs: &[u8], noted_mode: Mode) -> Option<Sample> {
         let mode = match self.mode_display {
             Some(at) => Mode::from_raw(i8::from_le_bytes(read(inputs, at)?)),
             None => noted_mode,
@@ -233,6 +233,14 @@ impl AxisFields {
             velocity,
             error_code,
         })
+    }
+
+    /// Controlword and target position in the drive's outputs; nothing where they are too short.
+    #[cfg(feature = "std")]
+    pub(crate) fn sent(&self, outputs: &[u8]) -> Option<(Controlword, i32)> {
+        let controlword = u16::from_le_bytes(read(outputs, self.controlword)?);
+        let target = i32::from_le_bytes(read(outputs, self.target)?);
+        Some((Controlword::from_bits_retain(controlword), target))
     }
 
     /// Writes the target velocity, where it is mapped.

@@ -3,6 +3,7 @@
 use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 
 use super::{
+    black_box::{BlackBox, RecordedAxis, RecordedCycle, Trouble},
     control::Control,
     cycle::Stepper,
     drive_setup::ReadyDrive,
@@ -29,6 +30,8 @@ pub(super) struct Axes {
     /// All axes are to be disabled with the next frame.
     disable_asked: bool,
     journal: Journal,
+    /// In the order of `axes`.
+    recorded: Vec<RecordedAxis>,
     control: Arc<Control>,
 }
 
@@ -45,7 +48,7 @@ impl Axes {
         let queue = GroupQueue::new();
         let mut axes = Vec::new();
         let mut sources = Vec::new();
-        let mut identities = Vec::new();
+        let mut recorded = Vec::new();
         for (place, drive) in drives.iter().enumerate() {
             for axis in &drive.axes {
                 let core = AxisCore::new(axis.config.clone());
@@ -53,7 +56,11 @@ impl Axes {
                     axis: axis.name.clone(),
                     drive: drive.found.id.clone(),
                 };
-                identities.push(identity.clone());
+                recorded.push(RecordedAxis {
+                    identity: identity.clone(),
+                    drive: place,
+                    fields: axis.config.fields,
+                });
                 let setup = AxisSetup {
                     identity,
                     offset: axis.offset,
@@ -76,7 +83,8 @@ impl Axes {
             axes,
             groups: queue.groups(),
             watches: Vec::with_capacity(8),
-            journal: Journal::new(identities),
+            journal: Journal::new(recorded.iter().map(|axis| axis.identity.clone()).collect()),
+            recorded,
             control,
             disable_asked: false,
         };
@@ -106,6 +114,26 @@ impl Axes {
     /// Writes to the log what has happened to the axes since it was written last.
     pub(super) fn write_log(&mut self) {
         self.journal.write();
+    }
+
+    /// What came upon which axis since the last time.
+    pub(super) fn take_troubles(&mut self) -> Vec<(usize, Trouble)> {
+        self.journal.take_troubles().collect()
+    }
+
+    /// The last cycles of the axis at this place.
+    pub(super) fn black_box(
+        &self,
+        index: usize,
+        trouble: Option<Trouble>,
+        history: impl Fn(&RecordedAxis) -> Vec<RecordedCycle>,
+    ) -> Option<BlackBox> {
+        let axis = self.recorded.get(index)?;
+        Some(BlackBox {
+            axis: axis.identity.clone(),
+            trouble,
+            cycles: history(axis),
+        })
     }
 
     fn stop(&mut self, now: Duration) -> StopRequest {

@@ -328,6 +328,7 @@ pub(super) async fn start_cycles(
         station: drive.found.station,
         signal: drive.mail.clone(),
     });
+    context.counters.count_drives(members.len());
     let further = ios.iter().filter_map(|io| {
         Some(Watched {
             station: io.found.station,

@@ -9,7 +9,7 @@ use std::task::Waker;
 use crossbeam_queue::SegQueue;
 use smol::channel::{Receiver, Sender};
 
-use super::{AlStatus, statistics::Counters};
+use super::{AlStatus, BlackBox, DevicePorts, RegisterError, statistics::Counters};
 use crate::{
     axis::{LivenessWatch, StopRequest},
     coe::DriveId,
@@ -17,6 +17,18 @@ use crate::{
 
 /// Network events that are kept for a program that does not look.
 const EVENTS: usize = 64;
+/// Of these, how many black boxes may take: what happened is told before how.
+const BLACK_BOXES: usize = 32;
+/// Questions that may wait for the bus thread.
+const QUESTIONS: usize = 16;
+
+/// What a program asks of the bus thread.
+pub(super) enum Question {
+    /// The last cycles of the axis at this place.
+    BlackBox(usize, Sender<BlackBox>),
+    /// The error counters of all ports.
+    Ports(Sender<Result<Vec<DevicePorts>, RegisterError>>),
+}
 
 #[derive(Debug)]
 pub(super) struct Control {
@@ -26,6 +38,7 @@ pub(super) struct Control {
     waker: OnceLock<Waker>,
     pub(super) counters: Arc<Counters>,
     pub(super) events: (Sender<NetworkEvent>, Receiver<NetworkEvent>),
+    pub(super) questions: (Sender<Question>, Receiver<Question>),
 }
 
 impl Control {
@@ -37,6 +50,7 @@ impl Control {
             waker: OnceLock::new(),
             counters: Arc::default(),
             events: smol::channel::bounded(EVENTS),
+            questions: smol::channel::bounded(QUESTIONS),
         })
     }
 
@@ -82,6 +96,12 @@ impl Control {
                 tracing::warn!(%drive, "{event}");
             }
             NetworkEvent::Back(_) | NetworkEvent::InOp(_) => tracing::info!(%drive, "{event}"),
+            // The journal has logged what came upon the axis.
+            NetworkEvent::Trouble(_) => {
+                if self.events.0.len() >= BLACK_BOXES {
+                    return;
+                }
+            }
         }
         drop(self.events.0.try_send(event));
     }
@@ -103,15 +123,19 @@ pub enum NetworkEvent {
     },
     /// It is in OP again.
     InOp(DriveId),
+    /// One of its axes has a fault, or counts as lost: with what its last cycles were. Told some milliseconds later, so that
+    /// they hold what came of it.
+    Trouble(Arc<BlackBox>),
 }
 
 impl NetworkEvent {
     /// The drive that it happened to.
     #[must_use]
-    pub const fn drive(&self) -> &DriveId {
+    pub fn drive(&self) -> &DriveId {
         match self {
             Self::Lost(drive) | Self::Back(drive) | Self::InOp(drive) => drive,
             Self::LeftOp { drive, .. } => drive,
+            Self::Trouble(black_box) => &black_box.axis.drive,
         }
     }
 }
@@ -123,6 +147,7 @@ impl std::fmt::Display for NetworkEvent {
             Self::Back(drive) => write!(f, "{drive} answers again"),
             Self::LeftOp { drive, status } => write!(f, "{drive} has left OP: it is in {status}"),
             Self::InOp(drive) => write!(f, "{drive} is in OP again"),
+            Self::Trouble(black_box) => write!(f, "{black_box}"),
         }
     }
 }

@@ -40,6 +40,9 @@ pub(super) struct Cycle {
     period: Duration,
     next_start: Duration,
     receive_until: Duration,
+    /// When the frames of the last cycle were sent, and when the last of them came back, if all did.
+    sent_at: Duration,
+    back_at: Option<Duration>,
     /// Consecutive cycles in which everything was right.
     pub(super) good: u32,
     /// What the last cycle showed.
@@ -63,6 +66,8 @@ impl Cycle {
             period,
             next_start: first,
             receive_until: first,
+            sent_at: first,
+            back_at: None,
             good: 0,
             last: Events::default(),
             membership_changed: false,
@@ -83,8 +88,9 @@ impl Cycle {
     }
 
     /// Takes a frame of process data.
-    pub(super) fn accept(&mut self, tag: Tag, frame: &[u8], counters: &Counters) {
+    pub(super) fn accept(&mut self, tag: Tag, frame: &[u8], link: &dyn Link, counters: &Counters) {
         if self.exchange.accept(tag, frame, counters) {
+            self.back_at = Some(link.now());
             // All are there: the cycle ends with the turn that received the last one.
             self.receive_until = Duration::ZERO;
         }
@@ -101,6 +107,7 @@ impl Cycle {
 
     fn begin(&mut self, now: Duration, link: &mut dyn Link, counters: &Counters) {
         let late = now.saturating_sub(self.next_start);
+        counters.lateness.record(late);
         if late > self.period / 2 {
             counters.late_cycles.add();
         }
@@ -117,12 +124,22 @@ impl Cycle {
         }
         self.stepper.before_send(now, &mut self.exchange.drives);
         self.exchange.send(link, counters);
+        self.sent_at = now;
         self.receive_until = now + receive_deadline(self.period);
+        if periods > 1 {
+            counters.overruns.add_many(u64::from(periods - 1));
+        }
         self.next_start += self.period * periods;
     }
 
     fn end(&mut self, now: Duration, counters: &Counters) {
         let events = self.exchange.judge(counters);
+        self.exchange.record(self.sent_at);
+        if let Some(back) = self.back_at.take() {
+            counters
+                .round_trip
+                .record(back.saturating_sub(self.sent_at));
+        }
         let complete = !events.wrong && events.al_status.is_some();
         self.good = if complete {
             self.good.saturating_add(1)

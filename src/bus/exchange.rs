@@ -6,6 +6,7 @@
 
 use std::{ops::Range, time::Duration};
 
+use super::black_box::{RecordedAxis, RecordedCycle, Recorder};
 use super::dc::Distribution;
 use super::frame::{self, Tag};
 use super::mailbox_states::{MailboxStates, Watched};
@@ -78,6 +79,7 @@ pub(super) struct Exchange {
     pub(super) drives: Vec<DriveData>,
     packed: Packed,
     mailboxes: MailboxStates,
+    recorder: Recorder,
     cycle: u64,
     in_flight: bool,
 }
@@ -99,9 +101,11 @@ impl Exchange {
             patience: member.patience,
             sign: member.sign,
         });
+        let packed = pack(members, mailboxes.len(), clock);
         Self {
             drives: drives.collect(),
-            packed: pack(members, mailboxes.len(), clock),
+            recorder: Recorder::new(&packed, members.len()),
+            packed,
             mailboxes: MailboxStates::new(mailboxes),
             cycle: 0,
             in_flight: false,
@@ -208,14 +212,33 @@ impl Exchange {
                 events.wrong = true;
             }
         }
-        for drive in &mut self.drives {
+        for (place, drive) in self.drives.iter_mut().enumerate() {
             events.membership |= drive.count_silence();
+            if drive.answer != Answer::Fresh
+                && let Some(counters) = counters.drive(place)
+            {
+                match drive.answer {
+                    Answer::Answered => counters.undelivered.add(),
+                    _ => counters.stale.add(),
+                }
+            }
         }
         self.mailboxes
             .judge(&self.packed.mailbox_states, &self.packed.frames);
         events.al_status = self.read_al_status();
         events.reference_time = self.read_reference_time();
         events
+    }
+
+    /// Keeps the cycle that was just judged, whose frames were sent at `time`.
+    pub(super) fn record(&mut self, time: Duration) {
+        let Packed { frames, .. } = &self.packed;
+        self.recorder.keep(self.cycle, time, frames, &self.drives);
+    }
+
+    /// The last cycles of an axis, the oldest first.
+    pub(super) fn history(&self, axis: &RecordedAxis) -> Vec<RecordedCycle> {
+        self.recorder.read(&self.packed, axis)
     }
 
     fn read_reference_time(&self) -> Option<u32> {

@@ -4,6 +4,7 @@
 //! subscriber that blocks (a paused terminal, a full pipe) stops the cycles, and the drives stop by their watchdog. Programs
 //! that log where that can happen use a subscriber that hands its lines to a thread of its own.
 
+use super::black_box::Trouble;
 use crate::{
     axis::{AxisIdentity, Snapshot, StopRequest},
     ds402::State,
@@ -20,6 +21,8 @@ pub(super) struct Journal {
     /// For how many notes there was no room.
     missed: u64,
     unfed: bool,
+    /// What came upon which axis since somebody asked.
+    troubles: Vec<(usize, Trouble)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,6 +51,7 @@ impl Journal {
             notes: Vec::with_capacity(ROOM),
             missed: 0,
             unfed: false,
+            troubles: Vec::with_capacity(ROOM),
         }
     }
 
@@ -63,6 +67,12 @@ impl Journal {
         };
         let before = seen.replace(new);
         if before != Some(new) {
+            let trouble = before.and_then(|before| new.trouble_since(before));
+            if let Some(trouble) = trouble
+                && self.troubles.len() < ROOM
+            {
+                self.troubles.push((index, trouble));
+            }
             self.note(Note::Axis {
                 index,
                 before,
@@ -84,6 +94,11 @@ impl Journal {
             self.note(Note::Unfed);
         }
         self.unfed = expired;
+    }
+
+    /// What came upon which axis since the last time, in that order.
+    pub(super) fn take_troubles(&mut self) -> impl Iterator<Item = (usize, Trouble)> + '_ {
+        self.troubles.drain(..)
     }
 
     /// Writes the notes to the log. Not while frames are on their way: a subscriber may take its time.
@@ -116,6 +131,18 @@ impl Journal {
             self.notes.push(note);
         } else {
             self.missed += 1;
+        }
+    }
+}
+
+impl Seen {
+    fn trouble_since(self, before: Self) -> Option<Trouble> {
+        if self.lost && !before.lost {
+            Some(Trouble::Lost)
+        } else if self.state.is_fault() && !before.state.is_fault() {
+            Some(Trouble::Fault)
+        } else {
+            None
         }
     }
 }

@@ -3,6 +3,7 @@
 mod acyclic;
 mod al;
 mod axes;
+mod black_box;
 mod bring_up;
 mod builder;
 mod config;
@@ -16,6 +17,7 @@ mod error;
 mod exchange;
 mod expected;
 mod frame;
+mod histogram;
 mod io;
 mod journal;
 mod line;
@@ -23,6 +25,7 @@ mod line_check;
 mod mailbox_states;
 mod network;
 mod packing;
+mod port_errors;
 mod progress;
 mod reactor;
 mod real_time;
@@ -35,6 +38,7 @@ mod time;
 mod watchdog;
 
 pub use al::{AlError, AlState, AlStatus};
+pub use black_box::{Answered, BlackBox, RecordedCycle, Trouble};
 pub use builder::{BusLoop, NetworkBuilder, Starting};
 pub use config::DriveConfig;
 pub use control::NetworkEvent;
@@ -42,15 +46,17 @@ pub use dc::{DistributedClock, TopologyError};
 pub use eeprom::EepromError;
 pub use error::{BringUpStep, DriveFault, NetworkError};
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict};
+pub use histogram::Durations;
 pub use io::{
     Io, IoConfig, IoError, IoErrorKind, IoInput, IoOutput, IoPoint, IoStatus, IoValue, PointName,
     Sampled, Stale,
 };
 pub use line::{Line, LineDevice};
 pub use network::{Network, NetworkEvents, NetworkStop};
+pub use port_errors::{DevicePorts, PortErrors};
 pub use progress::BringUpProgress;
 pub use real_time::{RealTime, RealTimeError, Scheduling};
 pub use registers::RegisterError;
-pub use statistics::{ClockStatistics, Statistics};
+pub use statistics::{ClockStatistics, DriveStatistics, Statistics, Timing};
 pub use sync_managers::{SyncManagerError, WatchdogState};
 pub use watchdog::{WatchdogError, arm_watchdog};

@@ -2,12 +2,12 @@
 
 use std::{fmt, sync::Arc, thread::JoinHandle, time::Duration};
 
-use smol::channel::Receiver;
+use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    DevicePlace, Io, NetworkError,
-    control::{Control, NetworkEvent},
-    statistics::Statistics,
+    BlackBox, DevicePlace, DevicePorts, Io, NetworkError,
+    control::{Control, NetworkEvent, Question},
+    statistics::{DriveStatistics, Statistics, Timing},
     supervisor::{Started, StartedDrive},
 };
 use crate::{
@@ -141,6 +141,67 @@ impl Network {
     #[must_use]
     pub fn statistics(&self) -> Statistics {
         self.control.counters.read()
+    }
+
+    /// How steady the cycles were, as histograms.
+    #[must_use]
+    pub fn timing(&self) -> Timing {
+        self.control.counters.timing()
+    }
+
+    /// What was counted of each declared drive.
+    #[must_use]
+    pub fn drive_statistics(&self) -> Vec<DriveStatistics> {
+        let drives = self.drives.iter().enumerate();
+        drives
+            .map(|(place, drive)| {
+                let counters = self.control.counters.drive(place);
+                DriveStatistics {
+                    drive: drive.sdo.drive().clone(),
+                    stale_cycles: counters.map_or(0, |counters| counters.stale.get()),
+                    undelivered_cycles: counters.map_or(0, |counters| counters.undelivered.get()),
+                }
+            })
+            .collect()
+    }
+
+    /// The last cycles of the axis with this name: words, positions, what was answered. With each fault they come by
+    /// themselves ([`NetworkEvent::Trouble`]).
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no axis has this name; [`NetworkError::Thread`] if the network has ended.
+    pub async fn black_box(&self, axis: &str) -> Result<BlackBox, NetworkError> {
+        let index = self
+            .axes
+            .iter()
+            .position(|source| source.name() == axis)
+            .ok_or_else(|| NetworkError::Declaration(format!("no axis is named `{axis}`")))?;
+        self.ask(|reply| Question::BlackBox(index, reply)).await
+    }
+
+    /// The error counters of all ports of the line, declared or not: which cable or device damages frames. They count from
+    /// when a device was switched on, so what counts is how they change.
+    ///
+    /// # Errors
+    /// [`NetworkError::Line`] if they could not be read; [`NetworkError::Thread`] if the network has ended.
+    pub async fn port_errors(&self) -> Result<Vec<DevicePorts>, NetworkError> {
+        self.ask(Question::Ports).await?.map_err(NetworkError::Line)
+    }
+
+    async fn ask<T>(
+        &self,
+        question: impl FnOnce(Sender<T>) -> Question,
+    ) -> Result<T, NetworkError> {
+        let over = || NetworkError::Thread("the network has ended".into());
+        let (reply, answer) = bounded(1);
+        let asked = self.control.questions.0.send(question(reply)).await;
+        asked.map_err(|_| over())?;
+        // The loop drops what waits when it ends, and says so by this.
+        let ended = async {
+            let _ = self.over.recv().await;
+            Err(over())
+        };
+        smol::future::or(async { answer.recv().await.map_err(|_| over()) }, ended).await
     }
 
     /// Stops and disables all axes, leads the drives out of OP, and ends the thread.

@@ -157,7 +157,7 @@ impl Reactor {
             match Tag::of_answer(frame) {
                 Some(Tag::Acyclic(number)) => self.acyclic.accept(number, frame, counters),
                 Some(tag) => match &mut *self.context.cycle.borrow_mut() {
-                    Some(cycle) => cycle.accept(tag, frame, counters),
+                    Some(cycle) => cycle.accept(tag, frame, &*self.link, counters),
                     None => counters.late.add(),
                 },
                 None => counters.foreign.add(),

@@ -1,9 +1,16 @@
 //! What the bus loop counts.
 
-use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
-use std::time::Duration;
+use std::{
+    sync::{
+        OnceLock,
+        atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering},
+    },
+    time::Duration,
+};
 
 use super::dc::Measured;
+use super::histogram::{Durations, Recorder};
+use crate::coe::DriveId;
 
 /// What the bus loop has counted since it started.
 ///
@@ -28,6 +35,8 @@ pub struct Statistics {
     pub wrong_working_counters: u64,
     /// Cycles that began more than half a cycle late.
     pub late_cycles: u64,
+    /// Cycles that were left out, because the one before had not ended or the bus thread was not awake in time.
+    pub overruns: u64,
     /// Frames that the link did not take.
     pub not_sent: u64,
     /// How the cycles keep step with the reference clock, where there is one.
@@ -101,6 +110,39 @@ impl ClockGauge {
     }
 }
 
+/// How steady the cycles were since the bus loop started.
+///
+/// ```
+/// use servocrab::bus::Timing;
+/// let nothing_yet = Timing::default();
+/// assert_eq!(nothing_yet.round_trip.count(), 0);
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Timing {
+    /// How late each cycle began.
+    pub lateness: Durations,
+    /// From the sending of a cycle's first frame to the receiving of its last; of cycles of which all frames came back.
+    pub round_trip: Durations,
+}
+
+/// What has been counted of one drive since the cycles started.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DriveStatistics {
+    /// The drive.
+    pub drive: DriveId,
+    /// Cycles in which nothing came back from it.
+    pub stale_cycles: u64,
+    /// Cycles in which its inputs came back, and it is not known whether its outputs were delivered.
+    pub undelivered_cycles: u64,
+}
+
+/// The counters of one drive.
+#[derive(Debug, Default)]
+pub(super) struct DriveCounters {
+    pub(super) stale: Count,
+    pub(super) undelivered: Count,
+}
+
 #[derive(Debug, Default)]
 pub(super) struct Count(AtomicU64);
 
@@ -113,7 +155,7 @@ impl Count {
         self.0.fetch_add(n, Ordering::Relaxed);
     }
 
-    fn get(&self) -> u64 {
+    pub(super) fn get(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
 }
@@ -128,11 +170,35 @@ pub(super) struct Counters {
     pub(super) foreign: Count,
     pub(super) wrong_working_counters: Count,
     pub(super) late_cycles: Count,
+    pub(super) overruns: Count,
     pub(super) not_sent: Count,
     pub(super) clock: ClockGauge,
+    pub(super) lateness: Recorder,
+    pub(super) round_trip: Recorder,
+    /// In the order of the exchange, once there is one.
+    pub(super) drives: OnceLock<Box<[DriveCounters]>>,
 }
 
 impl Counters {
+    /// Makes room for this many drives.
+    pub(super) fn count_drives(&self, drives: usize) {
+        // A second exchange of the same loop has the same drives.
+        let _ = self
+            .drives
+            .set((0..drives).map(|_| DriveCounters::default()).collect());
+    }
+
+    pub(super) fn drive(&self, place: usize) -> Option<&DriveCounters> {
+        self.drives.get()?.get(place)
+    }
+
+    pub(super) fn timing(&self) -> Timing {
+        Timing {
+            lateness: self.lateness.read(),
+            round_trip: self.round_trip.read(),
+        }
+    }
+
     pub(super) fn read(&self) -> Statistics {
         Statistics {
             cycles: self.cycles.get(),
@@ -142,6 +208,7 @@ impl Counters {
             foreign: self.foreign.get(),
             wrong_working_counters: self.wrong_working_counters.get(),
             late_cycles: self.late_cycles.get(),
+            overruns: self.overruns.get(),
             not_sent: self.not_sent.get(),
             clock: self.clock.read(),
         }

@@ -7,11 +7,13 @@ use smol::channel::Sender;
 use super::{
     AlState, DevicePlace, NetworkError, al,
     axes::Axes,
+    black_box::{BlackBox, Trouble},
     bring_up::{self, LinePlan},
-    control::{Control, NetworkEvent},
+    control::{Control, NetworkEvent, Question},
     dc::LockWatch,
     discovery::Found,
     io::{Io, Ports},
+    port_errors,
     progress::Progress,
     reactor::Context,
 };
@@ -68,7 +70,9 @@ pub(super) async fn supervise(
     match bring_up.await {
         Some(Ok((running, to_program))) => {
             if started.send(Ok(to_program)).await.is_ok() {
-                watch(&context, &running, &control).await;
+                let watching = watch(&context, &running, &control);
+                let answering = answer(&context, &running.axes, &control);
+                smol::future::or(watching, answering).await;
             }
             end(&context, &running, period).await;
         }
@@ -157,6 +161,14 @@ async fn watch(context: &Context, running: &Running, control: &Control) {
         let Some((al_status, wrong)) = look(context, devices, &mut lost, control) else {
             return;
         };
+        // After what happened to the drives, so that one follows from the other.
+        let axes = &running.axes;
+        let troubles = axes.borrow_mut().take_troubles();
+        for (index, trouble) in troubles {
+            if let Some(black_box) = black_box(context, axes, index, Some(trouble)) {
+                control.report(NetworkEvent::Trouble(Arc::new(black_box)));
+            }
+        }
         let Some(seen) = al_status else { continue };
         // A drive that has fallen before the first look is not taken for usual: SubDevices that nobody has declared are in PREOP.
         if usual.is_none() && !wrong && seen.0 & FALLEN == 0 {
@@ -175,6 +187,36 @@ async fn watch(context: &Context, running: &Running, control: &Control) {
         }
         context.time.sleep(AL_EVERY).await;
     }
+}
+
+/// Answers what the program asks.
+async fn answer(context: &Context, axes: &RefCell<Axes>, control: &Control) {
+    // An asker that went away misses its answer.
+    while let Ok(question) = control.questions.1.recv().await {
+        match question {
+            Question::BlackBox(index, reply) => {
+                if let Some(black_box) = black_box(context, axes, index, None) {
+                    let _ = reply.try_send(black_box);
+                }
+            }
+            Question::Ports(reply) => {
+                let _ = reply.try_send(port_errors::read(&context.registers).await);
+            }
+        }
+    }
+}
+
+/// What the last cycles of an axis were; `None` when there are no cycles any more.
+fn black_box(
+    context: &Context,
+    axes: &RefCell<Axes>,
+    index: usize,
+    trouble: Option<Trouble>,
+) -> Option<BlackBox> {
+    let cycle = context.cycle.borrow();
+    let exchange = &cycle.as_ref()?.exchange;
+    axes.borrow()
+        .black_box(index, trouble, |axis| exchange.history(axis))
 }
 
 /// What the last cycle showed; `None` when there are no cycles any more.

@@ -147,6 +147,10 @@ fn a_drive_that_falls_silent_does_not_blind_the_others() {
     assert!(z.status().lost);
     assert!(!x.status().lost);
     assert!((move_x(&mut rig, 5_000) - 5_000).abs() < 20);
+    assert!(
+        matches!(events.try_next(), Some(NetworkEvent::Trouble(of)) if of.axis.axis == "z"),
+        "what the lost axis did last"
+    );
     assert_eq!(events.try_next(), None, "the first drive is well");
     rig.shutdown();
 }

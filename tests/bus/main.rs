@@ -19,5 +19,6 @@ mod scan;
 mod sdo;
 mod sharing;
 mod start_up;
+mod statistics;
 mod stops;
 mod threaded;

@@ -3,6 +3,7 @@
 
 mod clock;
 mod fmmu;
+mod port_errors;
 mod processor;
 mod register_access;
 pub(crate) mod registers;
@@ -122,6 +123,12 @@ impl Esc {
 
     /// Tells the ESC where in the line it is; the port status follows from that.
     pub(crate) fn set_place(&mut self, place: Place) {
+        let before = self.place.back;
+        for (port, (before, now)) in (0..).zip(before.into_iter().zip(place.back)) {
+            if before.is_some() && now.is_none() {
+                self.count_lost_link(port);
+            }
+        }
         self.place = place;
         // Bit 0: SII loaded. Of each port: link (bits 4 and up), and in pairs from bit 8: closed, or communication. Port 0
         // is where frames come in.

@@ -1,0 +1,219 @@
+//! The last cycles of every axis, kept as the frames that went out and came back, and read when somebody asks.
+//!
+//! Keeping a cycle is one copy for each frame, whatever the number of axes.
+
+use std::{fmt, time::Duration};
+
+use super::{
+    exchange::{Answer, DriveData},
+    packing::{Frame, Packed},
+};
+use crate::{
+    axis::{AxisFields, AxisIdentity},
+    ds402::{Controlword, Mode, Sample},
+};
+
+/// Cycles that are kept: a second at cycles of 1 ms.
+pub(super) const KEPT: usize = 1000;
+
+/// What came back of an axis in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Answered {
+    /// Inputs, and the outputs were delivered.
+    Delivered,
+    /// Inputs; whether the outputs were delivered is not known (a wrong working counter).
+    InputsOnly,
+    /// Nothing.
+    Nothing,
+}
+
+/// One cycle of an axis as it was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RecordedCycle {
+    /// The number of the cycle, from 1.
+    pub number: u64,
+    /// When its frames were sent, in the link's time.
+    pub time: Duration,
+    /// What came back.
+    pub answered: Answered,
+    /// Controlword 6040h as it was sent.
+    pub controlword: Controlword,
+    /// Target position 607Ah as it was sent, position units.
+    pub target: i32,
+    /// Statusword 6041h, position 6064h and what else is mapped, as they came back; `None` if nothing did.
+    pub inputs: Option<Sample>,
+}
+
+/// What came upon an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trouble {
+    /// The drive went into Fault or Fault reaction active.
+    Fault,
+    /// The drive no longer answers: the axis counts as lost.
+    Lost,
+}
+
+/// The last cycles of an axis.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BlackBox {
+    /// The axis and its drive.
+    pub axis: AxisIdentity,
+    /// What they were kept for; `None` where the program asked for them.
+    pub trouble: Option<Trouble>,
+    /// The cycles, the oldest first: up to a thousand, and up to some milliseconds after the trouble.
+    pub cycles: Vec<RecordedCycle>,
+}
+
+impl fmt::Display for BlackBox {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let AxisIdentity { axis, drive } = &self.axis;
+        let what = match self.trouble {
+            Some(Trouble::Fault) => "has a fault",
+            Some(Trouble::Lost) => "counts as lost",
+            None => "was asked about",
+        };
+        write!(
+            f,
+            "axis `{axis}` ({drive}) {what}: its last {} cycles",
+            self.cycles.len()
+        )
+    }
+}
+
+/// An axis of which cycles are read.
+#[derive(Debug, Clone)]
+pub(super) struct RecordedAxis {
+    pub(super) identity: AxisIdentity,
+    /// The place of its drive in the exchange.
+    pub(super) drive: usize,
+    pub(super) fields: AxisFields,
+}
+
+/// Keeps the last cycles of all drives.
+pub(super) struct Recorder {
+    /// For each cycle: of each frame what was sent and what came back, then what was judged of each drive.
+    bytes: Box<[u8]>,
+    heads: Box<[Head]>,
+    /// Bytes of one cycle.
+    stride: usize,
+    /// Where the next cycle goes.
+    next: usize,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Head {
+    /// 0: no cycle yet.
+    number: u64,
+    time: Duration,
+}
+
+impl Recorder {
+    pub(super) fn new(packed: &Packed, drives: usize) -> Self {
+        let frames: usize = packed
+            .frames
+            .iter()
+            .map(|frame| 2 * frame.request.len())
+            .sum();
+        let stride = frames + drives;
+        Self {
+            bytes: vec![0; stride.saturating_mul(KEPT)].into(),
+            heads: vec![Head::default(); KEPT].into(),
+            stride,
+            next: 0,
+        }
+    }
+
+    /// Keeps a cycle that has been judged. A frame that did not come back leaves what an older cycle held, which nobody reads.
+    pub(super) fn keep(
+        &mut self,
+        number: u64,
+        time: Duration,
+        frames: &[Frame],
+        drives: &[DriveData],
+    ) {
+        let from = self.next.wrapping_mul(self.stride);
+        let Some(mut room) = self.bytes.get_mut(from..from.wrapping_add(self.stride)) else {
+            return;
+        };
+        for frame in frames {
+            let length = frame.request.len();
+            let Some((request, rest)) = room.split_at_mut_checked(length) else {
+                return;
+            };
+            let Some((answer, rest)) = rest.split_at_mut_checked(length) else {
+                return;
+            };
+            request.copy_from_slice(&frame.request);
+            if frame.back
+                && let Some(back) = frame.answer.get(..length)
+            {
+                answer.copy_from_slice(back);
+            }
+            room = rest;
+        }
+        for (to, drive) in room.iter_mut().zip(drives) {
+            *to = drive.answer as u8;
+        }
+        if let Some(head) = self.heads.get_mut(self.next) {
+            *head = Head { number, time };
+        }
+        self.next = (self.next + 1) % KEPT;
+    }
+
+    /// The kept cycles of an axis, the oldest first.
+    pub(super) fn read(&self, packed: &Packed, axis: &RecordedAxis) -> Vec<RecordedCycle> {
+        let order = (self.next..KEPT).chain(0..self.next);
+        let kept = order.filter_map(|place| {
+            let head = self.heads.get(place).filter(|head| head.number != 0)?;
+            let from = place.checked_mul(self.stride)?;
+            let bytes = self.bytes.get(from..from + self.stride)?;
+            cycle_of(head, bytes, packed, axis)
+        });
+        kept.collect()
+    }
+}
+
+fn cycle_of(
+    head: &Head,
+    bytes: &[u8],
+    packed: &Packed,
+    axis: &RecordedAxis,
+) -> Option<RecordedCycle> {
+    // The judgements lie behind the frames.
+    let frames: usize = packed
+        .frames
+        .iter()
+        .map(|frame| 2 * frame.request.len())
+        .sum();
+    let answered = match bytes.get(frames + axis.drive)? {
+        byte if *byte == Answer::Fresh as u8 => Answered::Delivered,
+        byte if *byte == Answer::Answered as u8 => Answered::InputsOnly,
+        _ => Answered::Nothing,
+    };
+    let (mut outputs, mut inputs) = (None, None);
+    for part in &packed.parts {
+        let before = packed.frames.get(..part.frame)?;
+        let start: usize = before.iter().map(|frame| 2 * frame.request.len()).sum();
+        let length = packed.frames.get(part.frame)?.request.len();
+        let request = bytes.get(start..start + length)?;
+        let answer = bytes.get(start + length..start + 2 * length)?;
+        for share in part.shares.iter().filter(|share| share.drive == axis.drive) {
+            if let Some(range) = &share.outputs {
+                outputs = request.get(range.clone());
+            }
+            if let Some(range) = &share.inputs {
+                inputs = answer.get(range.clone());
+            }
+        }
+    }
+    let (controlword, target) = axis.fields.sent(outputs?)?;
+    let inputs = inputs.filter(|_| answered != Answered::Nothing);
+    Some(RecordedCycle {
+        number: head.number,
+        time: head.time,
+        answered,
+        controlword,
+        target,
+        inputs: inputs.and_then(|inputs| axis.fields.sample(inputs, Mode::None)),
+    })
+}
