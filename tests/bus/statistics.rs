@@ -48,7 +48,7 @@ fn the_histograms_hold_one_time_for_each_cycle() {
     assert_eq!(timing.lateness.count(), counted.cycles);
     assert_eq!(counted.overruns, 0);
     // In virtual time nothing is late but what waits for a frame that is on its way.
-    assert!(timing.lateness.most().unwrap() <= ROUND_TRIP);
+    assert!(since.most().unwrap() <= ROUND_TRIP, "{:?}", since.most());
     let trips = timing.round_trip.since(&before.round_trip);
     assert!((499..=501).contains(&trips.count()), "{}", trips.count());
     assert_eq!(timing.round_trip.least(), Some(ROUND_TRIP));
@@ -110,7 +110,11 @@ fn a_black_box_holds_the_move_as_it_went_over_the_wire() {
     // One cycle after the other, each millisecond.
     for pair in black_box.cycles.windows(2) {
         assert_eq!(pair[1].number, pair[0].number + 1);
-        assert_eq!(pair[1].time - pair[0].time, MS);
+        // The first begins as soon as it can.
+        assert!(
+            pair[0].number == 1 || pair[1].time - pair[0].time == MS,
+            "{pair:?}"
+        );
     }
     let rise = black_box
         .cycles
