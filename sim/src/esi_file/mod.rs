@@ -1,5 +1,5 @@
 //! A simulated device out of a maker's ESI file (`EtherCATInfo`, ETG.2000): identity, SII, sync managers, PDOs and objects as the file
-//! says; where it has DS402 axes, they behave as those of the plain drive.
+//! says; where it has DS402 axes, they behave as those of the plain drive. The names of PDOs and of their entries are left out.
 
 mod objects;
 #[cfg(test)]
@@ -115,8 +115,6 @@ impl EsiDrive {
             "" => kind.text(),
             name => name,
         };
-        // Strings of the SII have at most 255 bytes.
-        let short = |text: &str| text.chars().take(60).collect::<String>();
         let mut description = Description::new(&short(name), identity);
         description.order = short(kind.text());
         description.group = short(device.text_of("GroupType"));
@@ -154,6 +152,11 @@ impl EsiDrive {
         description.ds402_channels = u8::try_from(axes).unwrap_or(u8::MAX);
         Ok(Self { description, drive })
     }
+}
+
+/// A name for the SII, whose strings have at most 255 bytes.
+fn short(text: &str) -> String {
+    text.chars().take(60).collect()
 }
 
 /// A sync manager with the most bytes that it takes.
@@ -237,6 +240,7 @@ fn pdos(device: &Element<'_>) -> Result<Vec<PdoDescription>, EsiError> {
             let mut entries = Vec::new();
             for entry in pdo.all("Entry") {
                 entries.push(PdoEntryDescription {
+                    name: "",
                     index: entry.need("Index")?.number()?,
                     subindex: entry.number_of("SubIndex")?.unwrap_or(0),
                     data_type: u8::try_from(objects::number_of_type(entry.text_of("DataType")))
@@ -248,6 +252,7 @@ fn pdos(device: &Element<'_>) -> Result<Vec<PdoDescription>, EsiError> {
                 return Err(pdo.error("a PDO has at most 254 entries"));
             }
             pdos.push(PdoDescription {
+                name: "",
                 index: pdo.need("Index")?.number()?,
                 direction,
                 sync_manager: pdo.attribute_number("Sm")?,
