@@ -243,7 +243,6 @@ fn pdos(device: &Element<'_>) -> Result<Vec<PdoDescription>, EsiError> {
                     name: "",
                     index: entry.need("Index")?.number()?,
                     subindex: entry.number_of("SubIndex")?.unwrap_or(0),
-                    name: "",
                     data_type: u8::try_from(objects::number_of_type(entry.text_of("DataType")))
                         .unwrap_or(0),
                     bits: entry.need("BitLen")?.number()?,
@@ -255,7 +254,6 @@ fn pdos(device: &Element<'_>) -> Result<Vec<PdoDescription>, EsiError> {
             pdos.push(PdoDescription {
                 name: "",
                 index: pdo.need("Index")?.number()?,
-                name: "",
                 direction,
                 sync_manager: pdo.attribute_number("Sm")?,
                 fixed: pdo.is_set("Fixed"),
