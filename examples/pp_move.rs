@@ -110,10 +110,21 @@ async fn run(
         }
         None
     };
-    let moved = future::or(interrupt, async { Some(one_move(arguments, &axis).await) }).await;
+    let emergencies = net.all_emergencies();
+    let told = async {
+        while let Some(report) = emergencies.next().await {
+            eprintln!("{report}");
+        }
+        future::pending().await
+    };
+    let moved = async { Some(one_move(arguments, &axis).await) };
+    let moved = future::or(told, future::or(interrupt, moved)).await;
     // Stops the axis by quick stop where it is moving, then disables it.
     axis.disable().await?;
     println!("disabled at {}", axis.status().position);
+    while let Some(report) = emergencies.try_next() {
+        eprintln!("{report}");
+    }
     net.shutdown().await;
     match moved {
         Some(Ok(outcome)) => {

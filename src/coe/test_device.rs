@@ -9,8 +9,8 @@ use std::task::{Poll, Waker};
 use std::time::Duration;
 
 use super::{
-    Clock, DriveId, Emergencies, LinkFault, MailboxClient, MailboxSettings, MailboxStatus,
-    MailboxTransport, SdoHandle,
+    Clock, DriveId, Emergencies, LinkFault, MailSignal, MailboxClient, MailboxSettings,
+    MailboxStatus, MailboxTransport, SdoHandle,
 };
 use crate::sii::{Identity, Mailbox, Protocols};
 
@@ -146,14 +146,22 @@ pub(crate) fn rig_with(
     };
     let (client, handle, emergencies) =
         MailboxClient::new(device.clone(), clock.clone(), settings, drive);
+    let signal = client.signal();
     let executor = smol::LocalExecutor::new();
     executor.spawn(client.run()).detach();
-    (Rig { clock, executor }, device, handle, emergencies)
+    let rig = Rig {
+        clock,
+        signal,
+        executor,
+    };
+    (rig, device, handle, emergencies)
 }
 
 /// Runs futures beside the client in virtual time.
 pub(crate) struct Rig {
     pub(crate) clock: VirtualClock,
+    /// Tells the client what a bus loop sees of the mailbox.
+    pub(crate) signal: MailSignal,
     executor: smol::LocalExecutor<'static>,
 }
 
@@ -285,7 +293,7 @@ impl State {
         Some(mail)
     }
 
-    fn status(&mut self) -> MailboxStatus {
+    pub(crate) fn status(&mut self) -> MailboxStatus {
         self.work();
         let now = self.clock.now();
         MailboxStatus {

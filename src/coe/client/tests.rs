@@ -109,6 +109,56 @@ fn emergencies_are_collected_while_nothing_is_asked() {
 }
 
 #[test]
+fn a_watched_mailbox_is_left_alone_until_a_mail_is_seen_in_it() {
+    let (rig, device, handle, emergencies) = device_with_statusword();
+    rig.signal.observe(false);
+    rig.pass(Duration::from_millis(20));
+    let before = device.0.borrow().accesses;
+    device.post(&emergency(0x7320));
+    for _ in 0..100 {
+        rig.signal.observe(false);
+        rig.pass(Duration::from_millis(1));
+    }
+    assert_eq!(device.0.borrow().accesses, before, "nobody has seen it");
+    rig.signal.observe(true);
+    rig.pass(Duration::from_millis(1));
+    assert_eq!(codes(&emergencies), [0x7320]);
+    let after = before + 2;
+    assert_eq!(device.0.borrow().accesses, after, "a reading and a look");
+    // A request goes on as ever, and takes what waits with it.
+    device.post(&emergency(0x3220));
+    rig.signal.observe(true);
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    rig.pass(Duration::from_millis(20));
+    assert_eq!(codes(&emergencies), [0x3220]);
+    rig.signal.end();
+    device.post(&emergency(0x8611));
+    rig.pass(Duration::from_millis(20));
+    assert_eq!(codes(&emergencies), [0x8611], "the client looks again");
+}
+
+#[test]
+fn a_mail_that_was_seen_is_delivered_once_though_its_reading_is_lost() {
+    for fault in [Fault::LostAfter, Fault::LostBefore, Fault::Twice] {
+        let (rig, device, _handle, emergencies) = rig();
+        rig.signal.observe(false);
+        rig.pass(Duration::from_millis(20));
+        for code in [0x7320, 0x3220] {
+            let mut counted = emergency(code);
+            counted[5] |= if code == 0x7320 { 0x10 } else { 0x20 };
+            device.post(&counted);
+            device.0.borrow_mut().faults = VecDeque::from([Some(fault)]);
+            for _ in 0..300 {
+                let waits = device.0.borrow_mut().status().mail_waiting;
+                rig.signal.observe(waits);
+                rig.pass(Duration::from_millis(1));
+            }
+            assert_eq!(codes(&emergencies), [code], "{fault:?}");
+        }
+    }
+}
+
+#[test]
 fn a_full_queue_keeps_the_oldest_emergencies_and_tells_how_many_others_there_were() {
     let (rig, device, _handle, emergencies) = rig();
     for code in 1..=5 {
@@ -258,9 +308,9 @@ fn an_emergency_is_delivered_once_though_its_mail_was_repeated() {
     let mut counted = emergency(0x7320);
     counted[5] |= 0x50;
     device.0.borrow_mut().before_reply = vec![counted];
-    // The emergency is read (accesses 2 and 3); the reading of the reply is lost before the device.
-    device.0.borrow_mut().faults =
-        VecDeque::from([None, None, None, None, Some(Fault::LostBefore)]);
+    // The emergency is read by the second access, behind the request; the third shows that a mail waits, and the reading
+    // of the reply is lost before the device, which then repeats the emergency.
+    device.0.borrow_mut().faults = VecDeque::from([None, None, None, Some(Fault::LostBefore)]);
     assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
     assert_eq!(codes(&emergencies), [0x7320]);
 }
