@@ -38,6 +38,11 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
             br##"<?xml version="1.0" encoding="ISO-8859-1"?><EtherCATInfo><Vendor><Id>1</Id><Name>x</Name></Vendor><Descriptions><Devices><Device><Type ProductCode="#x2" RevisionNo="1">D</Type><RxPdo Fixed="1" Mandatory="true" Sm="2"><Index>#x1701</Index><Exclude>#x1702</Exclude><Entry><Index>#x6040</Index><SubIndex>0</SubIndex><BitLen>16</BitLen></Entry></RxPdo></Device></Devices></Descriptions></EtherCATInfo>"##.to_vec(),
         ],
         "toml" => vec![
+            // Tables within tables: what takes most memory for each byte.
+            (0..50).fold(b"\0".to_vec(), |mut file, number| {
+                file.extend(format!("[{number}.a.a.a.a.a.a.a.a.a.a.a.a]\n").bytes());
+                file
+            }),
             b"\0drive = \"left\"\n[[write]]\nobject = \"quick stop deceleration\"\naxis = 2\nvalue = 1_000_000\ncomment = \"full load\"\nverify = true\n[[write]]\nobject = \"2345h:0A\"\ntype = \"bytes\"\nvalue = [1, 0xFF]\ntransition = \"SAFEOP-OP\"\n".to_vec(),
             b"\x01drive = \"left\"\n[identity]\nvendor = 0x6A\nproduct = 1\nrevision = 2\nserial = 3\n[[parameter]]\nobject = \"2345h:01\"\nname = \"n\"\ntype = \"i16\"\nvalue = -7\n[[parameter]]\nobject = \"6067h:00\"\nvalue = 50\n[[parameter]]\nobject = \"2346h:01\"\ntype = \"f32\"\nvalue = 1.5\n[[parameter]]\nobject = \"2347h:01\"\ntype = \"string\"\nvalue = 'x'\n".to_vec(),
         ],
