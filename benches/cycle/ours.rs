@@ -11,7 +11,7 @@ use std::{
 };
 
 use servocrab::{
-    bus::{BusLoop, DriveConfig, Network},
+    bus::{BusLoop, DriveConfig, Network, Receiving},
     coe::obj,
     drives,
     link::{Link, RawSocket},
@@ -37,7 +37,12 @@ pub(crate) fn servocrab(interface: &str, axes: usize, spin: bool, frames: &Path)
     let mut builder = Network::builder()
         .link(link)
         .watchdog(Duration::from_secs(6))
-        .cycle(Duration::from_nanos(PERIOD_NS));
+        .cycle(Duration::from_nanos(PERIOD_NS))
+        .receiving(if spin {
+            Receiving::Spin
+        } else {
+            Receiving::Block
+        });
     for drive in 0..axes.div_ceil(2) {
         builder = builder.drive(drive as u16, drive_of(drive, axes - 2 * drive));
     }
@@ -79,11 +84,13 @@ fn drive_of(drive: usize, axes: usize) -> DriveConfig {
 fn run<T>(bus: &mut BusLoop, future: impl Future<Output = T>) -> T {
     let mut future = pin!(future);
     let mut context = Context::from_waker(Waker::noop());
+    let mut goes_on = true;
     loop {
         if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
             return value;
         }
-        assert!(bus.turn(), "the network has ended");
+        assert!(goes_on, "the network has ended");
+        goes_on = bus.turn();
     }
 }
 
@@ -125,6 +132,8 @@ thread_local! {
     static TIMES: RefCell<Vec<u64>> = const { RefCell::new(Vec::new()) };
     /// When the last cycle was sent, or the one under way was due.
     static LAST: Cell<Option<u64>> = const { Cell::new(None) };
+    /// When the cycle was due, as the earliest ones show.
+    static DUE: Cell<u64> = const { Cell::new(0) };
     static FRAMES: RefCell<Option<Vec<Vec<u8>>>> = const { RefCell::new(None) };
 }
 
@@ -140,6 +149,13 @@ struct Watched {
 impl Link for Watched {
     fn send(&mut self, frame: &[u8]) -> io::Result<()> {
         if let [_, _, _, _, _, _, _, PROCESS_DATA, _, _, _, place, ..] = *frame {
+            if self.spin && !FAST.get() && place == 0 {
+                let now = now_ns();
+                let due = DUE.get() + PERIOD_NS;
+                let slept_through = now > due + PERIOD_NS / 2;
+                DUE.set(if slept_through { now } else { due.min(now) });
+                LAST.set(Some(DUE.get()));
+            }
             if FAST.get() && place == 0 {
                 let now = now_ns();
                 if let Some(before) = LAST.replace(Some(now)) {
@@ -180,8 +196,18 @@ impl Link for Watched {
                 TIMES.with_borrow_mut(|times| times.push(now - due));
             }
         }
-        if !self.spin {
-            self.inner.wait(timeout);
+        self.inner.wait(timeout);
+    }
+
+    fn pause(&mut self) {
+        if self.away > 0 {
+            return;
+        }
+        // The cycle has ended. Nobody says here when the next is due: a period after this one was.
+        if FAST.get() {
+            self.skipped += Duration::from_nanos(PERIOD_NS);
+        } else if let Some(due) = LAST.take() {
+            TIMES.with_borrow_mut(|times| times.push(now_ns() - due));
         }
     }
 

@@ -17,6 +17,7 @@ use ethercrab::{
 };
 
 use super::frame::{self, DATAGRAM_HEADER, ETHERNET_HEADER, HEADERS, Tag, command};
+use super::gap::{Gap, on_wire};
 use super::reactor::SLOTS;
 use super::statistics::Counters;
 use crate::link::{LONGEST_FRAME, Link};
@@ -33,11 +34,6 @@ pub(super) const GIVEN_UP_AFTER: Duration = RESEND_AFTER.saturating_mul(SENDINGS
 /// each, fewer than ethercrab has indices.
 const AHEAD: u32 = 256 - 2 * SLOTS as u32;
 
-/// What a byte takes on a cable of 100 Mbit/s, and how many of them a frame takes beside its own: preamble, checksum, gap
-/// (IEEE 802.3).
-const BYTE: Duration = Duration::from_nanos(80);
-const AROUND_FRAME: usize = 24;
-
 /// The two ends of ethercrab's loop that face the link, and the frames that are on their way.
 pub(super) struct Acyclic {
     tx: PduTx<'static>,
@@ -50,7 +46,10 @@ pub(super) struct Acyclic {
     spare: Vec<Away>,
     /// An answer to one request, as ethercrab takes it.
     single: Vec<u8>,
-    gap: Gap,
+    /// Until when the wire is busy with what was sent.
+    busy_until: Duration,
+    /// Something waits for room on the wire, or for the link.
+    held: bool,
 }
 
 /// A frame with the requests that share it.
@@ -74,17 +73,6 @@ struct Part {
     last: usize,
 }
 
-/// The time between two cycles, as far as frames have used it up.
-#[derive(Default)]
-struct Gap {
-    /// The next cycle's start.
-    end: Option<Duration>,
-    /// Until when the cable is busy with what was sent.
-    busy_until: Duration,
-    /// Whether something was sent in this gap.
-    used: bool,
-}
-
 impl Acyclic {
     pub(super) fn new(tx: PduTx<'static>, rx: PduRx<'static>) -> Self {
         let slots = tx.capacity();
@@ -96,38 +84,44 @@ impl Acyclic {
             away: Vec::with_capacity(slots),
             spare: Vec::new(),
             single: Vec::with_capacity(LONGEST_FRAME),
-            gap: Gap::default(),
+            busy_until: Duration::ZERO,
+            held: false,
         }
     }
 
-    /// Sends what ethercrab has queued, and again what is overdue. Gives the number of frames sent.
-    ///
-    /// With `until`, the next cycle's start, no more is taken than the cable can carry before it; the rest waits for the
-    /// next gap. One request is taken in each gap, however short that is.
-    pub(super) fn send(
-        &mut self,
-        link: &mut dyn Link,
-        now: Duration,
-        until: Option<Duration>,
-    ) -> io::Result<usize> {
-        self.gap.begin(until, now);
-        self.collect(now);
-        let mut sent = Ok(0);
+    /// Whether there may be something to send although no future was polled.
+    pub(super) fn has_work(&self, now: Duration) -> bool {
+        self.held || self.next().is_some_and(|next| now >= next)
+    }
+
+    /// Sends what ethercrab has queued, and again what is overdue, as far as it is back before the gap ends; the rest waits for
+    /// the next one. Without cycles there is no gap, and no limit. True when nothing is left.
+    pub(super) fn send(&mut self, link: &mut dyn Link, gap: Option<Gap>) -> io::Result<bool> {
+        let now = link.now();
+        self.held = true;
+        // Without cycles nothing has to make room for anything.
+        self.busy_until = gap.map_or(now, |_| self.busy_until.max(now));
+        let mut all = self.collect(now, gap);
         for away in &mut self.away {
             let overdue = now >= away.sent_at + RESEND_AFTER;
             if away.sendings == 0 || overdue && away.sendings < away.most_sendings {
-                if let Err(error) = link.send(&away.frame) {
-                    sent = Err(error);
-                    break;
+                if overdue {
+                    let takes = on_wire(away.frame.len());
+                    if gap.is_some_and(|gap| !gap.has_room(now, self.busy_until, takes)) {
+                        all = false;
+                        continue;
+                    }
+                    self.busy_until += takes;
                 }
+                link.send(&away.frame)?;
                 away.sent_at = now;
                 away.sendings += 1;
-                sent = sent.map(|sent| sent + 1);
             }
         }
         let mut place = 0;
         while let Some(away) = self.away.get(place) {
-            if now < away.sent_at + RESEND_AFTER {
+            let again = (1..away.most_sendings).contains(&away.sendings);
+            if again || now < away.sent_at + RESEND_AFTER {
                 place += 1;
                 continue;
             }
@@ -137,17 +131,18 @@ impl Acyclic {
             }
             self.spare.push(away);
         }
-        sent
+        self.held = !all;
+        Ok(all)
     }
 
-    /// Takes what ethercrab has queued into frames that are still to be sent.
-    fn collect(&mut self, now: Duration) {
+    /// Takes what ethercrab has queued into frames that are still to be sent, as far as the gap has room. True when it is all.
+    fn collect(&mut self, now: Duration, gap: Option<Gap>) -> bool {
         loop {
             let Some(sendable) = self.tx.next_sendable_frame() else {
-                return;
+                return true;
             };
             // An error leaves the request with ethercrab, which offers it again.
-            let taken = sendable.send_blocking(|bytes| {
+            let collected = sendable.send_blocking(|bytes| {
                 let Some(datagrams) = bytes.get(HEADERS..) else {
                     return Err(Error::SendFrame);
                 };
@@ -158,13 +153,17 @@ impl Acyclic {
                         && away.most_sendings == most_sendings
                         && away.frame.len() + datagrams.len() <= LONGEST_FRAME
                 });
-                let more = match open {
-                    Some(_) => datagrams.len(),
-                    None => bytes.len() + AROUND_FRAME,
+                let more = match open.and_then(|place| self.away.get(place)) {
+                    Some(away) => {
+                        let length = away.frame.len();
+                        on_wire(length + datagrams.len()) - on_wire(length)
+                    }
+                    None => on_wire(bytes.len()),
                 };
-                if !self.gap.has_room_for(more) {
+                if gap.is_some_and(|gap| !gap.has_room(now, self.busy_until, more)) {
                     return Err(Error::SendFrame);
                 }
+                self.busy_until += more;
                 self.requests = self.requests.wrapping_add(1);
                 let place = open.unwrap_or_else(|| {
                     self.number = self.number.wrapping_add(1);
@@ -179,8 +178,8 @@ impl Acyclic {
                 }
                 Ok(bytes.len())
             });
-            if taken.is_err() {
-                return;
+            if collected.is_err() {
+                return false;
             }
         }
     }
@@ -195,13 +194,23 @@ impl Acyclic {
             .any(|away| self.requests.wrapping_sub(away.first) >= AHEAD)
     }
 
-    /// When the next frame is overdue.
+    /// When the next frame is overdue. None while something is held: that ends with the next cycle.
     pub(super) fn next(&self) -> Option<Duration> {
+        if self.held {
+            return None;
+        }
         self.away.iter().map(|a| a.sent_at + RESEND_AFTER).min()
     }
 
     /// Hands the answers in a frame with this number to ethercrab, if it is the answer to one that is away.
-    pub(super) fn accept(&mut self, number: u32, answer: &[u8], counters: &Counters) {
+    /// `cycle` is when the last cycle was sent.
+    pub(super) fn accept(
+        &mut self,
+        number: u32,
+        answer: &[u8],
+        cycle: Option<Duration>,
+        counters: &Counters,
+    ) {
         let Some(place) = self.away.iter().position(|a| a.number == number) else {
             counters.late.add();
             return;
@@ -215,6 +224,9 @@ impl Acyclic {
             return;
         }
         let away = self.away.swap_remove(place);
+        if cycle.is_some_and(|cycle| cycle > away.sent_at) {
+            counters.acyclic_in_cycle.add();
+        }
         for part in &away.parts {
             // An error means that the request's future was dropped meanwhile: nobody waits for the answer.
             if !part.take_out(answer, &mut self.single)
@@ -274,32 +286,6 @@ impl Part {
         single.extend_from_slice(datagrams);
         set_length(single);
         set_more(single, HEADERS + self.last - self.start, false);
-        true
-    }
-}
-
-impl Gap {
-    fn begin(&mut self, end: Option<Duration>, now: Duration) {
-        if self.end != end {
-            self.end = end;
-            self.used = false;
-        }
-        // Without cycles nothing has to make room for anything.
-        self.busy_until = match end {
-            Some(_) => self.busy_until.max(now),
-            None => now,
-        };
-    }
-
-    /// Whether so many bytes more can be sent in this gap; if so, they count as sent.
-    fn has_room_for(&mut self, bytes: usize) -> bool {
-        let takes = BYTE * u32::try_from(bytes).unwrap_or(u32::MAX);
-        let busy_until = self.busy_until + takes;
-        if self.used && self.end.is_some_and(|end| busy_until > end) {
-            return false;
-        }
-        self.used = true;
-        self.busy_until = busy_until;
         true
     }
 }

@@ -9,13 +9,14 @@ use std::{
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    DevicePlace, DriveConfig, Expected, IoConfig, Line, Network, NetworkError, RealTime,
+    DevicePlace, DriveConfig, Expected, IoConfig, Line, Network, NetworkError, RealTime, Receiving,
     bring_up::LinePlan,
     config::Watchdog,
     control::Control,
     line,
     progress::{BringUpProgress, Listener},
     reactor::Reactor,
+    receiving::wake_on_time,
     supervisor::{self, Started},
 };
 use crate::link::{Link, RawSocket};
@@ -40,6 +41,7 @@ use crate::link::{Link, RawSocket};
 pub struct NetworkBuilder {
     link: LinkChoice,
     real_time: RealTime,
+    receiving: Option<Receiving>,
     plan: LinePlan,
 }
 
@@ -65,6 +67,7 @@ impl Network {
         NetworkBuilder {
             link: LinkChoice::None,
             real_time: RealTime::new(),
+            receiving: None,
             plan: LinePlan {
                 listener: Listener::NOBODY,
                 cycle: Duration::from_millis(1),
@@ -100,6 +103,13 @@ impl NetworkBuilder {
     /// What the bus thread gets of the operating system so that its cycles come on time. Without it: nothing.
     pub fn real_time(mut self, real_time: RealTime) -> Self {
         self.real_time = real_time;
+        self
+    }
+
+    /// Whether the bus thread sleeps or spins while it waits. Without it: what [`Receiving::suited_to`] says of the cycle and of this
+    /// machine.
+    pub const fn receiving(mut self, receiving: Receiving) -> Self {
+        self.receiving = Some(receiving);
         self
     }
 
@@ -219,6 +229,7 @@ impl NetworkBuilder {
         let parts = Parts {
             link,
             real_time: self.real_time,
+            receiving: self.receiving,
             plan: self.plan,
             control: Arc::clone(&control),
             started,
@@ -237,6 +248,7 @@ impl NetworkBuilder {
 struct Parts {
     link: Box<dyn Link + Send>,
     real_time: RealTime,
+    receiving: Option<Receiving>,
     plan: LinePlan,
     control: Arc<Control>,
     started: Sender<Result<Started, NetworkError>>,
@@ -254,7 +266,11 @@ impl Parts {
     }
 
     fn into_loop(self) -> BusLoop {
-        let reactor = Reactor::new(self.link, Arc::clone(&self.control.counters));
+        wake_on_time();
+        let receiving = self
+            .receiving
+            .unwrap_or_else(|| Receiving::suited_here(self.plan.cycle));
+        let reactor = Reactor::new(self.link, receiving, Arc::clone(&self.control.counters));
         let context = reactor.context().clone();
         let life = supervisor::supervise(context.clone(), self.plan, self.control, self.started);
         if let Some(task) = context.spawn(life) {

@@ -6,6 +6,7 @@ use super::{
     dc::Phase,
     exchange::{DriveData, Events, Exchange, receive_deadline},
     frame::Tag,
+    gap::{Gap, RoundTrip},
     statistics::Counters,
 };
 use crate::link::Link;
@@ -43,6 +44,7 @@ pub(super) struct Cycle {
     /// When the frames of the last cycle were sent, and when the last of them came back, if all did.
     sent_at: Duration,
     back_at: Option<Duration>,
+    round_trip: RoundTrip,
     /// Consecutive cycles in which everything was right.
     pub(super) good: u32,
     /// What the last cycle showed.
@@ -68,6 +70,7 @@ impl Cycle {
             receive_until: first,
             sent_at: first,
             back_at: None,
+            round_trip: RoundTrip::default(),
             good: 0,
             last: Events::default(),
             membership_changed: false,
@@ -76,6 +79,25 @@ impl Cycle {
 
     pub(super) const fn in_flight(&self) -> bool {
         self.exchange.in_flight()
+    }
+
+    /// When the last cycle was sent.
+    pub(super) const fn sent(&self) -> Duration {
+        self.sent_at
+    }
+
+    /// Whether a cycle is to be sent now, and nothing else before.
+    pub(super) fn is_due(&self, now: Duration) -> bool {
+        !self.in_flight() && now >= self.next_start
+    }
+
+    /// The time for acyclic frames until the next cycle starts.
+    pub(super) fn gap(&self) -> Gap {
+        Gap {
+            end: self.next_start,
+            round_trip: self.round_trip.reckoned(self.period),
+            longest_alone: self.period / 8,
+        }
     }
 
     /// When [`turn`](Self::turn) is to be called at the latest.
@@ -87,20 +109,27 @@ impl Cycle {
         }
     }
 
-    /// Takes a frame of process data.
-    pub(super) fn accept(&mut self, tag: Tag, frame: &[u8], link: &dyn Link, counters: &Counters) {
-        if self.exchange.accept(tag, frame, counters) {
+    /// Takes a frame of process data. True once all of the cycle are there: it ends with the turn that received the last one.
+    pub(super) fn accept(
+        &mut self,
+        tag: Tag,
+        frame: &[u8],
+        link: &dyn Link,
+        counters: &Counters,
+    ) -> bool {
+        let complete = self.exchange.accept(tag, frame, counters);
+        if complete {
             self.back_at = Some(link.now());
-            // All are there: the cycle ends with the turn that received the last one.
             self.receive_until = Duration::ZERO;
         }
+        complete
     }
 
     pub(super) fn turn(&mut self, now: Duration, link: &mut dyn Link, counters: &Counters) {
         if self.in_flight() && now >= self.receive_until {
             self.end(now, counters);
         }
-        if !self.in_flight() && now >= self.next_start {
+        if self.is_due(now) {
             self.begin(now, link, counters);
         }
     }
@@ -136,9 +165,9 @@ impl Cycle {
         let events = self.exchange.judge(counters);
         self.exchange.record(self.sent_at);
         if let Some(back) = self.back_at.take() {
-            counters
-                .round_trip
-                .record(back.saturating_sub(self.sent_at));
+            let took = back.saturating_sub(self.sent_at);
+            self.round_trip.observe(took);
+            counters.round_trip.record(took);
         }
         let complete = !events.wrong && events.al_status.is_some();
         self.good = if complete {

@@ -8,7 +8,7 @@ use std::{
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    AlStatus, BringUpStep, NetworkError, al,
+    AlStatus, BringUpStep, NetworkError, Receiving, al,
     builder::{BusLoop, Guard},
     control::Control,
     discovery::{self, Found},
@@ -116,7 +116,7 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
     let thread = thread::Builder::new()
         .name("servocrab-bus".into())
         .spawn(move || {
-            let reactor = Reactor::new(link, Arc::clone(&shared.counters));
+            let reactor = Reactor::new(link, Receiving::Block, Arc::clone(&shared.counters));
             let context = reactor.context().clone();
             if let Some(task) = context.spawn(life(context.clone(), shared, send_found)) {
                 task.detach();

@@ -15,8 +15,8 @@ use async_task::Task;
 use ethercrab::{MainDevice, MainDeviceConfig, PduStorage, Timeouts};
 
 use super::{
-    acyclic::Acyclic, cycle::Cycle, frame::Tag, registers::Registers, statistics::Counters,
-    tasks::Tasks, time::Time,
+    Receiving, acyclic::Acyclic, cycle::Cycle, frame::Tag, gap::Gap, receiving::Awaited,
+    registers::Registers, statistics::Counters, tasks::Tasks, time::Time,
 };
 use crate::{
     coe::{Emergencies, EmergencyQueue},
@@ -71,12 +71,13 @@ pub(super) struct Reactor {
     acyclic: Acyclic,
     tasks: Rc<Tasks>,
     context: Context,
+    receiving: Receiving,
     buffer: Vec<u8>,
 }
 
 impl Reactor {
     /// Makes the storage that ethercrab needs, which lives as long as the process.
-    pub(super) fn new(link: Box<dyn Link>, counters: Arc<Counters>) -> Self {
+    pub(super) fn new(link: Box<dyn Link>, receiving: Receiving, counters: Arc<Counters>) -> Self {
         type Storage = PduStorage<SLOTS, { PduStorage::element_size(LONGEST_DATAGRAM) }>;
         let storage: &'static Storage = Box::leak(Box::new(PduStorage::new()));
         let time = Rc::new(Time::default());
@@ -115,6 +116,7 @@ impl Reactor {
                 over: Rc::new(Cell::new(false)),
             },
             tasks,
+            receiving,
             buffer: vec![0; LONGEST_FRAME],
         }
     }
@@ -131,12 +133,13 @@ impl Reactor {
     pub(super) fn turn(&mut self) -> bool {
         let now = self.link.now();
         self.context.time.advance(now);
-        self.receive();
+        if !self.is_cycle_due(now) {
+            self.receive();
+        }
         let next = self.exchange(now);
-        let in_flight = next.is_some_and(|next| next.in_flight);
         let mut busy = false;
-        if !in_flight {
-            busy = self.acyclic_work(next.map(|next| next.at));
+        if !next.is_some_and(|next| next.in_flight) {
+            busy = self.acyclic_work(next.map(|next| next.gap));
         }
         if !busy {
             self.wait(next);
@@ -144,6 +147,13 @@ impl Reactor {
         !self.context.over.get()
     }
 
+    /// Whether a cycle is to be sent before anything else is looked at.
+    fn is_cycle_due(&self, now: Duration) -> bool {
+        let cycle = self.context.cycle.borrow();
+        cycle.as_ref().is_some_and(|cycle| cycle.is_due(now))
+    }
+
+    /// Receives until nothing is left, or a cycle is complete: then that comes first.
     fn receive(&mut self) {
         for _ in 0..FRAMES_PER_TURN {
             // What the operating system refuses shows as lost frames.
@@ -154,13 +164,19 @@ impl Reactor {
                 return;
             };
             let counters = &self.context.counters;
-            match Tag::of_answer(frame) {
-                Some(Tag::Acyclic(number)) => self.acyclic.accept(number, frame, counters),
-                Some(tag) => match &mut *self.context.cycle.borrow_mut() {
-                    Some(cycle) => cycle.accept(tag, frame, &*self.link, counters),
-                    None => counters.late.add(),
-                },
-                None => counters.foreign.add(),
+            let mut cycle = self.context.cycle.borrow_mut();
+            match (Tag::of_answer(frame), &mut *cycle) {
+                (Some(Tag::Acyclic(number)), cycle) => {
+                    let sent = cycle.as_ref().map(Cycle::sent);
+                    self.acyclic.accept(number, frame, sent, counters);
+                }
+                (Some(tag), Some(cycle)) => {
+                    if cycle.accept(tag, frame, &*self.link, counters) {
+                        return;
+                    }
+                }
+                (Some(_), None) => counters.late.add(),
+                (None, _) => counters.foreign.add(),
             }
         }
     }
@@ -173,29 +189,40 @@ impl Reactor {
         Some(Next {
             at: cycle.next(),
             in_flight: cycle.in_flight(),
+            sent: cycle.sent(),
+            gap: cycle.gap(),
         })
     }
 
     /// Polls futures, then sends what they queued. True if there may be more to do at once.
-    fn acyclic_work(&mut self, until: Option<Duration>) -> bool {
+    fn acyclic_work(&mut self, gap: Option<Gap>) -> bool {
+        if self.acyclic.has_work(self.context.time.now()) && !self.send_acyclic(gap) {
+            // What futures would ask for now had to wait behind that.
+            return false;
+        }
         let mut polls = 0;
         let mut more = !self.acyclic.is_ahead();
         while more && polls < POLLS_PER_TURN {
-            if polls % 8 == 7 && until.is_some_and(|until| self.link.now() >= until) {
+            if polls % 8 == 7 && gap.is_some_and(|gap| self.link.now() >= gap.end) {
                 break;
             }
             more = self.tasks.poll_one();
-            polls += 1;
+            polls += usize::from(more);
         }
         // Futures may have been dropped above, and none will be before ethercrab's frames are sent.
-        if self
-            .acyclic
-            .send(&mut *self.link, self.context.time.now(), until)
-            .is_err()
-        {
-            self.context.counters.not_sent.add();
+        if polls > 0 {
+            more &= self.send_acyclic(gap);
         }
         more
+    }
+
+    /// False while frames wait for room, or for the link.
+    fn send_acyclic(&mut self, gap: Option<Gap>) -> bool {
+        let sent = self.acyclic.send(&mut *self.link, gap);
+        if sent.is_err() {
+            self.context.counters.not_sent.add();
+        }
+        sent.unwrap_or(false)
     }
 
     fn wait(&mut self, next: Option<Next>) {
@@ -211,8 +238,21 @@ impl Reactor {
                 .min()
         };
         let timeout = until.map_or(LONGEST_WAIT, |until| until.saturating_sub(now));
-        if !timeout.is_zero() {
-            self.link.wait(timeout.min(LONGEST_WAIT));
+        if timeout.is_zero() {
+            return;
+        }
+        let awaited = match next {
+            None => Awaited::Nothing,
+            Some(next) if next.in_flight => Awaited::Frames { sent: next.sent },
+            Some(next) => Awaited::Cycle { start: next.at },
+        };
+        let sleep = self
+            .receiving
+            .sleep(now, timeout.min(LONGEST_WAIT), awaited);
+        if sleep.is_zero() {
+            self.link.pause();
+        } else {
+            self.link.wait(sleep);
         }
     }
 }
@@ -221,4 +261,6 @@ impl Reactor {
 struct Next {
     at: Duration,
     in_flight: bool,
+    sent: Duration,
+    gap: Gap,
 }

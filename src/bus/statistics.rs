@@ -39,6 +39,8 @@ pub struct Statistics {
     pub overruns: u64,
     /// Frames that the link did not take.
     pub not_sent: u64,
+    /// Acyclic frames that came back when the next cycle had begun: they may have held its frames up.
+    pub acyclic_in_cycle: u64,
     /// How the cycles keep step with the reference clock, where there is one.
     pub clock: Option<ClockStatistics>,
 }
@@ -172,6 +174,7 @@ pub(super) struct Counters {
     pub(super) late_cycles: Count,
     pub(super) overruns: Count,
     pub(super) not_sent: Count,
+    pub(super) acyclic_in_cycle: Count,
     pub(super) clock: ClockGauge,
     pub(super) lateness: Recorder,
     pub(super) round_trip: Recorder,
@@ -210,6 +213,7 @@ impl Counters {
             late_cycles: self.late_cycles.get(),
             overruns: self.overruns.get(),
             not_sent: self.not_sent.get(),
+            acyclic_in_cycle: self.acyclic_in_cycle.get(),
             clock: self.clock.read(),
         }
     }

@@ -14,6 +14,8 @@ use std::{
 pub(super) struct Time {
     now: Cell<Duration>,
     next_sleeper: Cell<u64>,
+    /// When the next sleeper is to be woken, or one that is gone would have been.
+    next: Cell<Option<Duration>>,
     sleepers: RefCell<Vec<Sleeper>>,
 }
 
@@ -31,18 +33,25 @@ impl Time {
     /// Moves on to `now` and wakes whose time has come.
     pub(super) fn advance(&self, now: Duration) {
         self.now.set(now);
+        if self.next.get().is_none_or(|next| now < next) {
+            return;
+        }
+        let mut next: Option<Duration> = None;
         self.sleepers.borrow_mut().retain(|sleeper| {
             let asleep = sleeper.until > now;
-            if !asleep {
+            if asleep {
+                next = Some(next.map_or(sleeper.until, |next| next.min(sleeper.until)));
+            } else {
                 sleeper.waker.wake_by_ref();
             }
             asleep
         });
+        self.next.set(next);
     }
 
-    /// When the next sleeper is to be woken.
+    /// When [`advance`](Self::advance) is to be called at the latest.
     pub(super) fn next(&self) -> Option<Duration> {
-        self.sleepers.borrow().iter().map(|s| s.until).min()
+        self.next.get()
     }
 
     pub(super) fn sleep(self: &Rc<Self>, duration: Duration) -> Sleep {
@@ -88,11 +97,15 @@ impl Sleep {
         let mut sleepers = self.time.sleepers.borrow_mut();
         match sleepers.iter_mut().find(|s| s.number == self.number) {
             Some(sleeper) => sleeper.waker.clone_from(context.waker()),
-            None => sleepers.push(Sleeper {
-                number: self.number,
-                until: self.until,
-                waker: context.waker().clone(),
-            }),
+            None => {
+                sleepers.push(Sleeper {
+                    number: self.number,
+                    until: self.until,
+                    waker: context.waker().clone(),
+                });
+                let next = &self.time.next;
+                next.set(Some(next.get().map_or(self.until, |n| n.min(self.until))));
+            }
         }
         Poll::Pending
     }

@@ -37,6 +37,11 @@ pub trait Link {
     /// Waits until a frame has come, the waker was used, or `timeout` is over.
     fn wait(&mut self, timeout: Duration);
 
+    /// Passes the time between two looks of a thread that does not sleep. In virtual time, some time must pass.
+    fn pause(&mut self) {
+        std::hint::spin_loop();
+    }
+
     /// The time since an arbitrary moment. It never goes back.
     fn now(&self) -> Duration;
 
@@ -55,6 +60,10 @@ impl<L: Link + ?Sized> Link for Box<L> {
 
     fn wait(&mut self, timeout: Duration) {
         (**self).wait(timeout);
+    }
+
+    fn pause(&mut self) {
+        (**self).pause();
     }
 
     fn now(&self) -> Duration {

@@ -19,6 +19,9 @@ type Segment = Box<dyn FnMut(&mut [u8], Duration) -> bool + Send>;
 /// Decides a frame's fate: its number (from 0) and its bytes as sent.
 type Plan = Box<dyn FnMut(u64, &[u8]) -> Fate + Send>;
 
+/// What a look without sleeping takes in virtual time.
+const PAUSE: Duration = Duration::from_micros(1);
+
 /// What happens to a frame on a [`Wire`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fate {
@@ -186,6 +189,13 @@ impl Link for Wire {
         match &mut self.clock {
             Clock::Virtual { now, .. } => *now = until.max(*now),
             Clock::Real(start) => self.parked.wait(until.saturating_sub(start.elapsed())),
+        }
+    }
+
+    fn pause(&mut self) {
+        match self.clock {
+            Clock::Virtual { .. } => self.wait(PAUSE),
+            Clock::Real(_) => std::hint::spin_loop(),
         }
     }
 

@@ -22,3 +22,4 @@ mod start_up;
 mod statistics;
 mod stops;
 mod threaded;
+mod timing;
