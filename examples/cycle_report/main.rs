@@ -237,6 +237,7 @@ fn counted_since(now: &Statistics, before: &Statistics) -> Statistics {
         late_cycles: now.late_cycles - before.late_cycles,
         overruns: now.overruns - before.overruns,
         not_sent: now.not_sent - before.not_sent,
+        acyclic_in_cycle: now.acyclic_in_cycle - before.acyclic_in_cycle,
         clock: now.clock,
     }
 }
@@ -261,7 +262,7 @@ fn microseconds(time: Option<Duration>) -> f64 {
 
 impl Report {
     /// What was counted, with its name.
-    fn counts(&self) -> [(&'static str, u64); 9] {
+    fn counts(&self) -> [(&'static str, u64); 10] {
         let counted = &self.counted;
         [
             ("cycles", counted.cycles),
@@ -273,6 +274,7 @@ impl Report {
             ("foreign frames", counted.foreign),
             ("wrong working counters", counted.wrong_working_counters),
             ("frames not sent", counted.not_sent),
+            ("acyclic frames in a cycle", counted.acyclic_in_cycle),
         ]
     }
 
