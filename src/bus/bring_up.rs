@@ -5,7 +5,7 @@ use std::{rc::Rc, time::Duration};
 use tracing::Instrument;
 
 use super::{
-    AlState, BringUpStep, DevicePlace, DriveFault, Expected, IoConfig, NetworkError, Present, al,
+    AlState, BringUpStep, DevicePlace, DriveFault, NetworkError, al,
     config::{DriveConfig, Watchdog},
     cycle::{Cycle, Stepper},
     dc::{self, Clocks},
@@ -13,11 +13,10 @@ use super::{
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
     io::{IoJob, ReadyIo},
-    line::ALIAS,
-    line_check,
     mailbox_states::Watched,
     packing::{Member, Sign, fits_one_frame, logical_addresses},
-    progress::{Listener, Progress},
+    plan::LinePlan,
+    progress::Progress,
     reactor::Context,
 };
 use crate::parameters::Transition;
@@ -28,129 +27,6 @@ const GOOD_CYCLES: u32 = 1;
 const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
 /// How long a drive may take into OP (ETG.1020, default timeout of SAFEOP to OP is 10 s).
 const OP_LIMIT: Duration = Duration::from_secs(10);
-
-/// The longest time after which a silent drive must count as lost: until then, nothing that waits for it resolves.
-const LONGEST_LOSS: Duration = Duration::from_secs(60);
-
-/// What the program wants of the line.
-#[derive(Debug, Clone)]
-pub(super) struct LinePlan {
-    pub(super) listener: Listener,
-    pub(super) cycle: Duration,
-    pub(super) drives: Vec<(DevicePlace, DriveConfig)>,
-    pub(super) ios: Vec<(DevicePlace, IoConfig)>,
-    /// Devices that must be there and are left alone.
-    pub(super) others: Vec<(DevicePlace, Expected)>,
-    /// No other devices may be there.
-    pub(super) complete: bool,
-    pub(super) watchdog: Watchdog,
-}
-
-impl LinePlan {
-    /// What is wrong with the declaration itself.
-    pub(super) fn check(&self) -> Result<(), NetworkError> {
-        let wrong = |text: String| Err(NetworkError::Declaration(text));
-        if self.drives.is_empty() && self.ios.is_empty() {
-            return wrong("no drive was declared".into());
-        }
-        if self.cycle < Duration::from_micros(50) || self.cycle > Duration::from_secs(1) {
-            return wrong(format!(
-                "a cycle of {:?} is not between 50 µs and 1 s",
-                self.cycle
-            ));
-        }
-        let declared = self.declared();
-        for (number, (place, _)) in declared.iter().enumerate() {
-            if *place == DevicePlace::Alias(0) {
-                return wrong("alias 0 is that of devices without one".into());
-            }
-            if declared
-                .iter()
-                .take(number)
-                .any(|(other, _)| other == place)
-            {
-                return wrong(format!("two devices are declared at {place}"));
-            }
-        }
-        for (number, (place, io)) in self.ios.iter().enumerate() {
-            if let Some(mistake) = io.mistake() {
-                return wrong(format!("io at {place}: {mistake}"));
-            }
-            let mut before = self.ios.iter().take(number);
-            if before.any(|(_, other)| other.name == io.name) {
-                return wrong(format!("two devices are named `{}`", io.name));
-            }
-        }
-        let mut names = Vec::new();
-        for (place, drive) in &self.drives {
-            if let Some(mistake) = drive.mistake() {
-                return wrong(format!("drive at {place}: {mistake}"));
-            }
-            if let Some(mistake) = drive.clock.and_then(|clock| clock.mistake(self.cycle)) {
-                return wrong(format!("drive at {place}: {mistake}"));
-            }
-            for axis in &drive.axes {
-                if names.contains(&&axis.name) {
-                    return wrong(format!("two axes are named `{}`", axis.name));
-                }
-                names.push(&axis.name);
-                if let Some(loss) = axis.loss {
-                    let longest = self
-                        .cycle
-                        .saturating_mul(loss.stale_cycles.max(loss.undelivered_cycles));
-                    if loss.stale_cycles == 0
-                        || loss.undelivered_cycles < loss.stale_cycles
-                        || longest > LONGEST_LOSS
-                    {
-                        return wrong(format!(
-                            "axis `{}`: {loss:?} at cycles of {:?} is not at least one stale cycle, at most as many as \
-                             undelivered ones, and at most {LONGEST_LOSS:?}: nobody may wait longer for a silent drive",
-                            axis.name, self.cycle
-                        ));
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
-impl LinePlan {
-    /// All devices that must be there: the drives first, then those with inputs and outputs.
-    fn declared(&self) -> Vec<(DevicePlace, Expected)> {
-        let drives = self.drives.iter();
-        let drives = drives.map(|(place, drive)| (*place, drive.expected()));
-        let ios = self.ios.iter();
-        let ios = ios.map(|(place, io)| (*place, io.expected.clone()));
-        drives
-            .chain(ios)
-            .chain(self.others.iter().cloned())
-            .collect()
-    }
-
-    /// Which device of the line each declared one is.
-    async fn find(&self, context: &Context, line: &[Found]) -> Result<Vec<Found>, NetworkError> {
-        let declared = self.declared();
-        let by_alias = |(place, _): &_| matches!(place, DevicePlace::Alias(_));
-        let needs_alias = declared.iter().any(by_alias);
-        let mut present = Vec::new();
-        for found in line {
-            let alias = if needs_alias {
-                let alias = context.registers.read(found.station, ALIAS).await;
-                let alias = alias
-                    .map_err(|error| found.clone().fault(BringUpStep::Identity, error.into()))?;
-                Some(u16::from_le_bytes(alias))
-            } else {
-                None
-            };
-            let id = found.id.clone();
-            present.push(Present { id, alias });
-        }
-        let places = line_check::compare(&declared, &present, self.complete)?;
-        let found = places.into_iter().filter_map(|place| line.get(place));
-        Ok(found.cloned().collect())
-    }
-}
 
 /// The devices of the exchange, in SAFEOP or above. In the exchange the drives are first.
 pub(super) struct Ready {
@@ -289,6 +165,7 @@ fn checked(
         Err(error) => return Err(found.fault(BringUpStep::Mapping, error.into())),
     };
     let layout = mapping.layout();
+    config.log_what_is_not_mapped(&layout, &found.id);
     let (outputs, inputs) = (layout.output_bytes(), layout.input_bytes());
     if !fits_one_frame(outputs, inputs) {
         return Err(found.fault(

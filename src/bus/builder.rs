@@ -10,10 +10,10 @@ use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
     DevicePlace, DriveConfig, Expected, IoConfig, Line, Network, NetworkError, RealTime, Receiving,
-    bring_up::LinePlan,
     config::Watchdog,
     control::Control,
     line,
+    plan::LinePlan,
     progress::{BringUpProgress, Listener},
     reactor::Reactor,
     receiving::wake_on_time,

@@ -5,11 +5,11 @@ use std::time::Duration;
 use super::{DistributedClock, Expected};
 use crate::{
     axis::{Deadlines, Loss, Referencing, Tolerances},
-    coe::AnyObject,
+    coe::{AnyObject, DriveId},
     drives::DriveDescription,
     ds402::Mode,
     parameters::StartUpList,
-    pdo_map::{Mapping, MappingError},
+    pdo_map::{Direction, Layout, Mapping, MappingError},
     profile_position::{Limits, PositionRange},
 };
 
@@ -226,6 +226,29 @@ impl DriveConfig {
                 self.description.name
             )
         })
+    }
+
+    /// Writes to the log which of the description's objects no PDO of the drive has room for.
+    pub(super) fn log_what_is_not_mapped(&self, layout: &Layout, drive: &DriveId) {
+        for (axis, description) in self.axes.iter().zip(&self.description.axes) {
+            for (direction, objects) in [
+                (Direction::Outputs, &description.outputs),
+                (Direction::Inputs, &description.inputs),
+            ] {
+                for object in objects {
+                    let own = object.offset(description.offset);
+                    if layout.find(direction, own.index, own.subindex).is_none() {
+                        tracing::info!(
+                            axis = axis.name,
+                            %drive,
+                            object = %own.address(),
+                            "{} is in no PDO that can be assigned: it goes by SDO or not at all",
+                            own.name
+                        );
+                    }
+                }
+            }
+        }
     }
 
     /// The mapping of the named axes, with what was mapped beside the description's own objects.

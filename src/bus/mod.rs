@@ -26,6 +26,7 @@ mod line_check;
 mod mailbox_states;
 mod network;
 mod packing;
+mod plan;
 mod port_errors;
 mod progress;
 mod reactor;

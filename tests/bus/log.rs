@@ -190,3 +190,31 @@ fn a_drive_that_falls_silent_is_logged_for_itself_and_for_each_of_its_axes() {
     );
     drop(rig);
 }
+
+#[test]
+fn an_object_that_no_pdo_of_the_drive_holds_is_told() {
+    use servocrab::pdo_map::{Entry, FixedPdo};
+    let mut description = drives::generic();
+    description.axes[0].rx_pdos.clear();
+    // As the simulated drive offers it.
+    let (controlword, target) = (Entry::new(0x6040, 0, 16), Entry::new(0x607A, 0, 32));
+    description.fixed_pdos = vec![FixedPdo::new(0x1601, [controlword, target])];
+    let log = Log::begin();
+    let line = Line::new(Segment::new().with(personality::generic()));
+    let drive = DriveConfig::new(description).axis("x");
+    let rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
+    let lines = log.take();
+    let told = |object: &str| {
+        let parts = [
+            "INFO",
+            "axis=\"x\"",
+            object,
+            "is in no PDO that can be assigned",
+        ];
+        count(&lines, &parts)
+    };
+    let objects = ["6060h:00", "6081h:00", "6083h:00", "6084h:00"];
+    assert_eq!(objects.map(told), [1; 4], "{lines:#?}");
+    assert_eq!(["6040h", "607Ah", "6041h", "6064h"].map(told), [0; 4]);
+    rig.shutdown();
+}

@@ -1,12 +1,14 @@
 //! Devices of the line that are no drives: what they send and take, by name and typed.
 
 mod cell;
+mod error;
 mod handle;
 mod points;
 mod port;
 mod setup;
 
-pub use handle::{Io, IoError, IoErrorKind, IoInput, IoOutput, IoStatus, IoValue, Sampled, Stale};
+pub use error::{IoError, IoErrorKind};
+pub use handle::{Io, IoInput, IoOutput, IoStatus, IoValue, Sampled, Stale};
 pub use points::{IoPoint, PointName};
 pub(super) use port::Ports;
 pub(super) use setup::{IoJob, ReadyIo};
