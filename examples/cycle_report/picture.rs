@@ -60,6 +60,7 @@ fn histogram(area: &DrawingArea<SVGBackend<'_>, Shift>, report: &Report, longest
     }
     chart
         .configure_series_labels()
+        .position(SeriesLabelPosition::UpperLeft)
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
         .draw()?;
@@ -124,6 +125,7 @@ fn time_line(area: &DrawingArea<SVGBackend<'_>, Shift>, report: &Report, longest
     }
     chart
         .configure_series_labels()
+        .position(SeriesLabelPosition::LowerLeft)
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
         .draw()?;
