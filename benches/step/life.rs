@@ -1,0 +1,214 @@
+//! What is counted: a network of many one-axis drives on the simulated segment, in process and in virtual time.
+
+use std::{
+    future::Future,
+    hint, io,
+    pin::{Pin, pin},
+    process,
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+    task::{Context, Poll, Waker},
+    time::Duration,
+};
+
+use servocrab::{
+    axis::{Axis, Referencing},
+    bus::{BusLoop, DriveConfig, Network},
+    drives,
+    link::{Link, Wire},
+    profile_position::{ProfilePosition, SetPoint},
+};
+use servocrab_sim::{Segment, personality};
+
+/// A part of the life that is counted by itself.
+pub(crate) struct Phase {
+    pub(crate) name: &'static str,
+    pub(crate) cycles: usize,
+    /// Instructions of each axis in a cycle that are allowed: a little more than was measured, for another compiler's sake.
+    pub(crate) bound: f64,
+}
+
+/// In the order in which they are lived.
+pub(crate) const PHASES: [Phase; 4] = [
+    // Enabled, at rest, nothing asked for.
+    Phase {
+        name: "standing",
+        cycles: 100,
+        bound: 220.0,
+    },
+    // Every axis on its way; 6064h and 606Ch are others in each cycle.
+    Phase {
+        name: "moving",
+        cycles: 100,
+        bound: 650.0,
+    },
+    // Every axis is given another move, which is acknowledged, and bits 4 and 12 are low again.
+    Phase {
+        name: "handshake",
+        cycles: 10,
+        bound: 1500.0,
+    },
+    // No frame comes back.
+    Phase {
+        name: "stale",
+        cycles: 5,
+        bound: 450.0,
+    },
+];
+
+/// Neither what the link does nor the segment behind it counts.
+struct Outside(Wire);
+
+impl Link for Outside {
+    #[inline(never)]
+    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
+        self.0.send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+        self.0.receive(buffer)
+    }
+
+    fn wait(&mut self, timeout: Duration) {
+        self.0.wait(timeout);
+    }
+
+    #[inline(never)]
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
+    fn waker(&self) -> Waker {
+        self.0.waker()
+    }
+}
+
+struct Bus {
+    net: Network,
+    bus: BusLoop,
+}
+
+pub(crate) fn live(axes: usize) {
+    let mut segment = Segment::new();
+    for _ in 0..axes {
+        segment.push(personality::generic());
+    }
+    let segment = Arc::new(Mutex::new(segment));
+    let silent = Arc::new(AtomicBool::new(false));
+    let unheard = Arc::clone(&silent);
+    let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame: &mut [u8], now| {
+        segment.lock().expect("one thread").process(frame, now) && !unheard.load(Ordering::Relaxed)
+    });
+    let mut builder = Network::builder().link(Outside(wire));
+    for position in 0..axes {
+        let name = position.to_string();
+        let drive = DriveConfig::new(drives::generic())
+            .axis(&name)
+            .referencing(&name, Referencing::AbsoluteEncoder);
+        builder = builder.drive(u16::try_from(position).expect("fewer drives"), drive);
+    }
+    let (starting, mut bus) = builder.split().expect("a network");
+    let net = until(&mut bus, starting.network()).expect("the line comes up");
+    let mut bus = Bus { net, bus };
+    let axes: Vec<Axis> = (0..axes)
+        .map(|position| bus.net.axis(&position.to_string()).expect("an axis"))
+        .collect();
+    let modes = axes.iter().map(|axis| async {
+        axis.enable().await.expect("it is enabled");
+        axis.profile_position().await.expect("its mode")
+    });
+    let modes = bus.all(modes.collect());
+    // Longer than standstill takes to show.
+    bus.cycles(200);
+    bus.counted(0);
+    bus.all(modes.iter().map(|mode| moved(mode, 1_000_000)).collect());
+    bus.cycles(100);
+    bus.counted(1);
+    let mut moves: Vec<_> = modes
+        .iter()
+        .map(|mode| Box::pin(moved(mode, 2_000_000)))
+        .collect();
+    assert!(
+        moves
+            .iter_mut()
+            .all(|sent| poll(sent.as_mut()).is_pending())
+    );
+    bus.counted(2);
+    assert!(
+        moves.iter_mut().all(|sent| poll(sent.as_mut()).is_ready()),
+        "every move was acknowledged"
+    );
+    bus.cycles(20);
+    silent.store(true, Ordering::Relaxed);
+    bus.counted(3);
+    process::exit(0);
+}
+
+async fn moved(mode: &ProfilePosition, target: i32) {
+    let set_point = SetPoint::new()
+        .velocity(100_000)
+        .acceleration(1_000_000)
+        .deceleration(1_000_000);
+    let sent = mode.move_abs(target, set_point).await;
+    drop(sent.expect("the move is acknowledged"));
+}
+/// Callgrind forgets what it has counted when this is called,
+#[inline(never)]
+fn counting_begins() {
+    hint::black_box("begins");
+}
+
+/// and writes it down when this is.
+#[inline(never)]
+fn counting_ends() {
+    hint::black_box("ends");
+}
+
+impl Bus {
+    fn counted(&mut self, phase: usize) {
+        counting_begins();
+        self.cycles(PHASES[phase].cycles);
+        counting_ends();
+    }
+
+    /// Whole cycles, from the sending of one to that of another.
+    fn cycles(&mut self, cycles: usize) {
+        let end = self.net.statistics().cycles + cycles as u64;
+        while self.net.statistics().cycles < end {
+            assert!(self.bus.turn(), "the loop has ended");
+        }
+    }
+
+    /// All of these at once.
+    fn all<T>(&mut self, futures: Vec<impl Future<Output = T>>) -> Vec<T> {
+        let mut futures: Vec<_> = futures.into_iter().map(Box::pin).collect();
+        let mut values: Vec<Option<T>> = futures.iter().map(|_| None).collect();
+        while values.iter().any(Option::is_none) {
+            for (value, future) in values.iter_mut().zip(&mut futures) {
+                if value.is_none()
+                    && let Poll::Ready(ready) = poll(future.as_mut())
+                {
+                    *value = Some(ready);
+                }
+            }
+            assert!(self.bus.turn(), "the loop has ended");
+        }
+        values.into_iter().flatten().collect()
+    }
+}
+
+fn poll<T>(future: Pin<&mut (impl Future<Output = T> + ?Sized)>) -> Poll<T> {
+    future.poll(&mut Context::from_waker(Waker::noop()))
+}
+
+fn until<T>(bus: &mut BusLoop, future: impl Future<Output = T>) -> T {
+    let mut future = pin!(future);
+    loop {
+        if let Poll::Ready(value) = poll(future.as_mut()) {
+            return value;
+        }
+        assert!(bus.turn(), "the loop has ended");
+    }
+}
