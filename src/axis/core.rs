@@ -10,16 +10,40 @@ use crate::{
     ds402::{Controlword, Mode, PowerCommand, Sample, State, Statusword},
     homing::Procedure,
     profile_position::{
-        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Sequencer,
-        Standstill,
+        Bounds, CommandId, Completion, Delivery, Event, Events, Failure, Sequencer, Standstill,
     },
     profile_velocity::Jogging,
 };
 
 use super::{
-    AxisConfig, Inputs, Referencing, Snapshot, StopRequest, modes::ModeChange, power::Power,
+    AxisConfig, Inputs, Referencing, Snapshot, StopRequest,
+    calm::{Calm, News},
+    fields::Sight,
+    modes::ModeChange,
+    power::Power,
     stopping::Stopping,
 };
+
+/// One cycle as the modes see it. A macro, because they change while it is borrowed from the rest of the core.
+macro_rules! cycle {
+    ($core:ident, $now:expr, $sample:expr, $delivered:expr) => {
+        crate::profile_position::Cycle {
+            now: $now,
+            sample: $sample,
+            standstill: &$core.standstill,
+            bounds: &$core.bounds,
+            traits: &$core.config.traits,
+            limits: &$core.config.limits,
+            referenced: $core.is_referenced(),
+            delivered: $delivered,
+            halted: $core.halted,
+            blind: $core.blind_cycles,
+            acknowledge: $core.config.deadlines.acknowledge,
+            controlword: $core.sent,
+        }
+    };
+}
+pub(super) use cycle;
 
 /// One axis, stepped once a cycle.
 ///
@@ -58,23 +82,27 @@ pub struct AxisCore {
     noted_mode: Mode,
     manufacturer: Controlword,
     /// In the outputs now, and sent with the next cycle.
-    outgoing: Controlword,
+    pub(super) outgoing: Controlword,
     /// Sent with the last cycle.
     pub(super) sent: Controlword,
     /// Target velocity in the outputs now, and sent with the last cycle.
-    outgoing_velocity: i32,
+    pub(super) outgoing_velocity: i32,
     pub(super) sent_velocity: i32,
     /// Since when no bit of a mode and no velocity is known to have been delivered.
     pub(super) quiet_since: Option<Duration>,
     /// Whether a homing was attained since the drive was last lost.
     pub(super) homed: bool,
-    answered: bool,
-    lost: bool,
-    stale_cycles: u32,
+    pub(super) answered: bool,
+    pub(super) lost: bool,
+    pub(super) stale_cycles: u32,
     /// How many cycles without inputs there were before the last one with them.
     pub(super) blind_cycles: u32,
-    undelivered_cycles: u32,
-    cycle: u64,
+    pub(super) undelivered_cycles: u32,
+    pub(super) cycle: u64,
+    pub(super) calm: Calm,
+    /// What was shown when it was calm.
+    pub(super) sight: Sight,
+    pub(super) news: News,
 }
 
 impl AxisCore {
@@ -119,6 +147,9 @@ impl AxisCore {
             blind_cycles: 0,
             undelivered_cycles: 0,
             cycle: 0,
+            calm: Calm::No,
+            sight: Sight::default(),
+            news: News::Anything,
         }
     }
 
@@ -126,6 +157,9 @@ impl AxisCore {
     /// sending. A rise of bit 4 that was about to be sent is withdrawn and its move fails as not sent; returns whether
     /// there was one. What was sent before keeps its bit 4.
     pub fn apply_stop(&mut self, now: Duration, stop: StopRequest, outputs: &mut [u8]) -> bool {
+        if stop.is_empty() && self.calm != Calm::No {
+            return false;
+        }
         let rising = self
             .outgoing
             .difference(self.sent)
@@ -147,6 +181,39 @@ impl AxisCore {
     ///
     /// Inputs that did not arrive change nothing, until [`Loss`](super::Loss) says that the drive is lost.
     pub fn step(&mut self, now: Duration, inputs: Inputs<'_>, outputs: &mut [u8]) {
+        self.step_kept(now, inputs, false, outputs);
+        self.write_fields(outputs);
+    }
+
+    /// As [`step`](Self::step), for outputs that are kept from cycle to cycle: it writes to them what has changed, and says
+    /// whether anything has. `unchanged`: these inputs are, bit for bit, those of the last call.
+    #[inline]
+    pub fn step_kept(
+        &mut self,
+        now: Duration,
+        inputs: Inputs<'_>,
+        unchanged: bool,
+        outputs: &mut [u8],
+    ) -> bool {
+        if unchanged && self.stays(&inputs) {
+            return false;
+        }
+        self.step_anew(now, inputs, outputs)
+    }
+
+    #[inline(never)]
+    fn step_anew(&mut self, now: Duration, inputs: Inputs<'_>, outputs: &mut [u8]) -> bool {
+        if let Some(changed) = self.step_calmly(now, inputs, outputs) {
+            return changed;
+        }
+        let delivered = self.take_in(now, inputs);
+        self.write_outputs(outputs);
+        self.judge_calm(delivered);
+        true
+    }
+
+    /// Takes in what a cycle brought. Whether the outputs are known to have been delivered.
+    fn take_in(&mut self, now: Duration, inputs: Inputs<'_>) -> bool {
         self.cycle = self.cycle.wrapping_add(1);
         self.sent = self.outgoing;
         self.sent_velocity = self.outgoing_velocity;
@@ -192,7 +259,7 @@ impl AxisCore {
         {
             self.lose(now);
         }
-        self.write_outputs(outputs);
+        delivered
     }
 
     /// Takes the next report; drain it after every other call.
@@ -224,20 +291,7 @@ impl AxisCore {
     /// [`AxisCore::is_armed`] said so, after `step`.
     pub fn fire(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
         if let Some(sample) = self.sample {
-            let cycle = Cycle {
-                now,
-                sample: &sample,
-                standstill: &self.standstill,
-                bounds: &self.bounds,
-                traits: &self.config.traits,
-                limits: &self.config.limits,
-                referenced: self.is_referenced(),
-                delivered: true,
-                halted: self.halted,
-                blind: self.blind_cycles,
-                acknowledge: self.config.deadlines.acknowledge,
-                controlword: self.sent,
-            };
+            let cycle = cycle!(self, now, &sample, true);
             self.sequencer.fire(id, &cycle, &mut self.events);
             self.write_outputs(outputs);
         }
@@ -268,16 +322,35 @@ impl AxisCore {
     /// Sets bits 11–15 of the controlword, which are the manufacturer's; other bits are ignored.
     pub fn set_manufacturer_bits(&mut self, bits: Controlword) {
         self.manufacturer = bits & Controlword::MANUFACTURER;
+        self.calm = Calm::No;
     }
 
     /// Says what 6061h shows, where it is not mapped and was read by SDO.
     pub fn note_mode(&mut self, mode: Mode) {
         self.noted_mode = mode;
+        self.calm = Calm::No;
         if let Some(sample) = &mut self.sample
             && self.config.fields.mode_display.is_none()
         {
             sample.mode = mode;
         }
+    }
+
+    /// What is new since this was asked last.
+    #[cfg(feature = "std")]
+    #[inline]
+    pub(super) const fn take_news(&mut self) -> News {
+        core::mem::replace(&mut self.news, News::Nothing)
+    }
+
+    /// Position and velocity, as the snapshot has them.
+    #[cfg(feature = "std")]
+    pub(super) fn motion(&self) -> u64 {
+        let velocity = |sample: Sample| sample.velocity.unwrap_or(0);
+        super::status::motion(
+            self.sample.map_or(0, |sample| sample.position),
+            self.sample.map_or(0, velocity),
+        )
     }
 
     pub(super) const fn is_lost(&self) -> bool {
@@ -360,6 +433,12 @@ impl AxisCore {
     pub(super) fn write_outputs(&mut self, outputs: &mut [u8]) {
         self.outgoing = self.compose();
         self.outgoing_velocity = self.target_velocity();
+        self.calm = Calm::No;
+        self.news = News::Anything;
+        self.write_fields(outputs);
+    }
+
+    fn write_fields(&self, outputs: &mut [u8]) {
         let (mode, parameters) = (self.mode, self.parameters());
         let fields = &self.config.fields;
         fields.write(

@@ -243,6 +243,30 @@ impl AxisFields {
         Some((Controlword::from_bits_retain(controlword), target))
     }
 
+    /// Position and velocity out of the drive's inputs, as long as they show nothing else that is new.
+    #[inline]
+    pub(super) fn motion(&self, inputs: &[u8], sight: &Sight) -> Option<(i32, Option<i32>)> {
+        let mode = self
+            .mode_display
+            .is_none_or(|at| read(inputs, at) == Some(sight.mode));
+        let error_code = self
+            .error_code
+            .is_none_or(|at| read(inputs, at) == Some(sight.error_code));
+        if !mode || !error_code || read(inputs, self.statusword)? != sight.statusword {
+            return None;
+        }
+        let velocity = match self.actual_velocity {
+            Some(at) => Some(i32::from_le_bytes(read(inputs, at)?)),
+            None => None,
+        };
+        Some((i32::from_le_bytes(read(inputs, self.position)?), velocity))
+    }
+
+    /// Writes the target position alone.
+    pub(super) fn write_target(&self, outputs: &mut [u8], target: i32) {
+        put(outputs, Some(self.target), Some(target.to_le_bytes()));
+    }
+
     /// Writes the target velocity, where it is mapped.
     pub(super) fn write_velocity(&self, outputs: &mut [u8], velocity: i32) {
         put(outputs, self.target_velocity, Some(velocity.to_le_bytes()));
@@ -292,6 +316,24 @@ impl AxisFields {
     }
 }
 
+/// What inputs show beside the motion, as bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Sight {
+    statusword: [u8; 2],
+    mode: [u8; 1],
+    error_code: [u8; 2],
+}
+
+impl Sight {
+    pub(super) fn of(sample: &Sample) -> Self {
+        Self {
+            statusword: sample.statusword.bits().to_le_bytes(),
+            mode: sample.mode.raw().to_le_bytes(),
+            error_code: sample.error_code.unwrap_or(0).to_le_bytes(),
+        }
+    }
+}
+
 /// A parameter that must not be 0 as it goes into the process data, where it is mapped.
 const fn speed(
     mapped: bool,
@@ -331,6 +373,7 @@ pub enum FieldError {
     },
 }
 
+#[inline]
 fn read<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
     bytes.get(at..at.checked_add(N)?)?.try_into().ok()
 }

@@ -3,6 +3,7 @@
 //! The core joins power sequencing, the active mode and the one composer of controlwords. It is stepped once a cycle,
 //! either by the bus thread of a `Network` or by a program with a cyclic exchange of its own.
 
+mod calm;
 mod check;
 mod command;
 mod config;

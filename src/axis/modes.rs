@@ -5,11 +5,11 @@ use core::time::Duration;
 use crate::{
     ds402::{Controlword, Mode, Sample},
     homing::{HomingCommand, Verdict},
-    profile_position::{CommandId, Completion, Cycle, Delivery, Failure, Parameters, WaitingFor},
+    profile_position::{CommandId, Completion, Delivery, Failure, Parameters, WaitingFor},
     profile_velocity::JogSetPoint,
 };
 
-use super::AxisCore;
+use super::{AxisCore, core::cycle};
 
 /// The bits of the controlword that mean something else in each mode.
 const MODE_BITS: Controlword = Controlword::NEW_SET_POINT
@@ -208,20 +208,7 @@ impl AxisCore {
         }
         // No move of ours is under way: whoever looks at 607Ah finds no jump, not even after a homing has moved the zero.
         self.sequencer.follow_position(sample.position);
-        let cycle = Cycle {
-            now,
-            sample,
-            standstill: &self.standstill,
-            bounds: &self.bounds,
-            traits: &self.config.traits,
-            limits: &self.config.limits,
-            referenced: self.is_referenced(),
-            delivered,
-            halted: self.halted,
-            blind: self.blind_cycles,
-            acknowledge: self.config.deadlines.acknowledge,
-            controlword: self.sent,
-        };
+        let cycle = cycle!(self, now, sample, delivered);
         match self.mode {
             Mode::Homing => match self.homing.step(&cycle, &mut self.events) {
                 Verdict::GoOn => {}

@@ -4,11 +4,12 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Controlword, Sample, State, Statusword},
-    profile_position::{CommandId, Completion, Cycle, Delivery, Failure, WaitingFor},
+    profile_position::{CommandId, Completion, Delivery, Failure, WaitingFor},
 };
 
 use super::{
     AxisCore,
+    core::cycle,
     power::{Power, RESET_EDGES, RESET_PAUSE, ResetPhase},
     stopping::{Stage, Wait},
     submit::is_down,
@@ -337,20 +338,7 @@ impl AxisCore {
     }
 
     pub(super) fn observe_moves(&mut self, now: Duration, sample: &Sample, delivered: bool) {
-        let cycle = Cycle {
-            now,
-            sample,
-            standstill: &self.standstill,
-            bounds: &self.bounds,
-            traits: &self.config.traits,
-            limits: &self.config.limits,
-            referenced: self.is_referenced(),
-            delivered,
-            halted: self.halted,
-            blind: self.blind_cycles,
-            acknowledge: self.config.deadlines.acknowledge,
-            controlword: self.sent,
-        };
+        let cycle = cycle!(self, now, sample, delivered);
         if self.sequencer.step(&cycle, &mut self.events) {
             // A set-point that the drive took while halted is kept as well: whoever asked for it is told.
             self.stopping.halt_reported = false;

@@ -6,8 +6,10 @@ use std::sync::Arc;
 
 use super::{
     AxisCore, Command, Delivery, Event, Failure, Snapshot, StopRequest,
+    calm::News,
     last_stop::{LastStop, StopKind},
     shared::Shared,
+    status::{Head, differs, pack, silent, unpack},
 };
 use crate::ds402::{Controlword, Mode};
 
@@ -23,26 +25,31 @@ use crate::ds402::{Controlword, Mode};
 pub struct AxisPort {
     shared: Arc<Shared>,
     manufacturer: Controlword,
-    published: Option<Snapshot>,
-    inputs: Vec<u8>,
+    published: Head,
     ending: bool,
 }
 
 impl AxisPort {
     pub(super) fn new(shared: Arc<Shared>) -> Self {
-        let inputs = shared.setup.layout.input_bytes();
         Self {
-            shared,
             manufacturer: Controlword::empty(),
-            published: None,
-            inputs: Vec::with_capacity(inputs),
+            published: pack(&shared.status.snapshot()),
             ending: false,
+            shared,
         }
     }
 
-    /// Takes commands and withdrawals in, merges the outputs that the program has set, and last the stop lane.
+    /// Whether [`before_send`](Self::before_send) has anything to do.
+    #[must_use]
+    pub fn is_asked(&self) -> bool {
+        self.shared.is_asked()
+    }
+
+    /// Takes commands and withdrawals in, merges the outputs that the program has set since the last time, and last the stop
+    /// lane.
     pub fn before_send(&mut self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
         let shared = &self.shared;
+        shared.answer();
         if let Some(raw) = shared.take_noted_mode() {
             core.note_mode(Mode::from_raw(raw));
         }
@@ -89,21 +96,49 @@ impl AxisPort {
 
     /// Passes the core's reports to the futures that wait for them and publishes the snapshot.
     ///
-    /// `inputs` are the drive's, or none if none came in this cycle.
+    /// `inputs` are the drive's, or none if none came in this cycle, or the same as in the one before.
     pub fn after_step(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) {
-        if let Some(inputs) = inputs {
-            self.inputs.clear();
-            self.inputs.extend_from_slice(inputs);
+        self.pass(core, inputs);
+    }
+
+    /// As [`after_step`](Self::after_step); gives the snapshot where more in it is new than the motion.
+    #[inline]
+    pub(crate) fn pass(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) -> Option<Snapshot> {
+        let news = core.take_news();
+        if news == News::Nothing && inputs.is_none() {
+            self.shared.status.tick(core.cycle);
+            return None;
         }
-        let snapshot = core.snapshot();
+        self.publish(core, news, inputs)
+    }
+
+    #[inline(never)]
+    fn publish(
+        &mut self,
+        core: &mut AxisCore,
+        news: News,
+        inputs: Option<&[u8]>,
+    ) -> Option<Snapshot> {
+        let [_, flags, words, _] = self.published;
+        let head = match news {
+            News::Nothing | News::Motion => [core.cycle, flags, words, core.motion()],
+            News::Silence => {
+                let flags = silent(flags, core.stale_cycles);
+                [core.cycle, flags, words, core.motion()]
+            }
+            News::Anything => pack(&core.snapshot()),
+        };
         // First the snapshot: a future that is woken by its result reads the status that belongs to it.
-        self.shared.status.publish(&snapshot, &self.inputs);
-        self.pass_events(core);
-        if self.published.is_none_or(|last| differs(&last, &snapshot)) {
+        self.shared.status.publish(head, inputs);
+        if news == News::Anything {
+            self.pass_events(core);
+        }
+        if differs(&self.published, &head) {
             self.shared.changes.fetch_add(1, Ordering::AcqRel);
             self.shared.changed.wake_all();
         }
-        self.published = Some(snapshot);
+        self.published = head;
+        (news == News::Anything).then(|| unpack(head))
     }
 
     /// Ends it all: every future of this axis resolves with [`Failure::BusLost`](super::Failure::BusLost), the last snapshot says that the drive
@@ -112,15 +147,12 @@ impl AxisPort {
         if self.shared.is_closed() {
             return;
         }
-        let last = self
-            .published
-            .unwrap_or_else(|| self.shared.status.snapshot());
         let lost = Snapshot {
             answered: false,
             lost: true,
-            ..last
+            ..self.shared.status.snapshot()
         };
-        self.shared.status.publish(&lost, &self.inputs);
+        self.shared.status.publish(pack(&lost), None);
         self.shared.close();
     }
 
@@ -151,7 +183,7 @@ impl AxisPort {
         }
         match command {
             Command::Move(_) | Command::Home(_) | Command::Jog(_) => {
-                self.shared.stopped_since(asked, core.snapshot().state)
+                self.shared.stopped_since(asked, core.state())
             }
             _ => None,
         }
@@ -179,13 +211,4 @@ impl Drop for AxisPort {
     fn drop(&mut self) {
         self.close();
     }
-}
-
-/// Whether anything changed that a handle may wait for; cycles and their age count for themselves.
-fn differs(last: &Snapshot, new: &Snapshot) -> bool {
-    Snapshot {
-        cycle: new.cycle,
-        age: new.age,
-        ..*last
-    } != *new
 }

@@ -27,8 +27,9 @@ const SLOTS: u8 = 32;
 const WAITERS_PER_COMMAND: usize = 4;
 const WAITERS_PER_AXIS: usize = 32;
 
-/// Set in an output cell once a program has written it.
+/// Set in an output cell once a program has written it, and until that has been taken in.
 const WRITTEN: u64 = 1 << 32;
+const NEW: u64 = 1 << 33;
 /// Set in the demand of a jog as long as it is held.
 const HELD: u64 = 1 << 32;
 /// Set in the noted mode once one was noted.
@@ -45,6 +46,8 @@ pub(crate) struct Shared {
     pub(crate) changes: AtomicU64,
     /// Whether a mode is leased.
     pub(crate) leased: AtomicBool,
+    /// Whether anything of what follows was stored since the bus thread looked: all that it has to look at in a cycle.
+    asked: AtomicBool,
     /// With the stop that was the last one when each was asked for.
     queue: ArrayQueue<(CommandId, Command, LastStop)>,
     withdrawn: ArrayQueue<CommandId>,
@@ -113,6 +116,7 @@ impl Shared {
             changed: Waiters::new(WAITERS_PER_AXIS),
             changes: AtomicU64::new(0),
             leased: AtomicBool::new(false),
+            asked: AtomicBool::new(false),
             queue: ArrayQueue::new(SLOTS.into()),
             // A slot gives at most one withdrawal between two cycles, and one that was there before.
             withdrawn: ArrayQueue::new(2 * usize::from(SLOTS)),
@@ -157,6 +161,7 @@ impl Shared {
         self.stops
             .note(if halt { StopKind::Halt } else { StopKind::Stop });
         self.stop.fetch_or(stop.bits(), Ordering::Release);
+        self.ask();
     }
 
     /// Names the last stop, for a move that is asked for now and submitted later.
@@ -198,6 +203,7 @@ impl Shared {
             let _ = self.free.push(index);
             return Err(AxisErrorKind::QueueFull);
         }
+        self.ask();
         Ok(id)
     }
 
@@ -213,6 +219,7 @@ impl Shared {
         }
         if let Some(slot) = self.slot(id) {
             slot.demand.store(demand(velocity), Ordering::Release);
+            self.ask();
         }
         Ok(())
     }
@@ -221,12 +228,14 @@ impl Shared {
     pub(crate) fn release_jog(&self, id: CommandId) {
         if let Some(slot) = self.slot(id) {
             slot.demand.store(0, Ordering::Release);
+            self.ask();
         }
     }
 
     /// Gives a command up, so far as it was not sent.
     pub(crate) fn withdraw(&self, id: CommandId) {
         let _ = self.withdrawn.push(id);
+        self.ask();
     }
 
     /// Nobody waits for this command any more.
@@ -273,11 +282,13 @@ impl Shared {
     pub(crate) fn set_manufacturer(&self, bits: Controlword) {
         let bits = bits.bits() & Controlword::MANUFACTURER.bits();
         self.manufacturer.store(bits, Ordering::Release);
+        self.ask();
     }
 
     pub(crate) fn note_mode(&self, raw: i8) {
         let noted = NOTED | i16::from(raw.cast_unsigned());
         self.noted_mode.store(noted, Ordering::Release);
+        self.ask();
     }
 
     /// The place among the outputs of an object that is mapped there.
@@ -288,7 +299,8 @@ impl Shared {
     pub(crate) fn write_output(&self, cell: usize, raw: u32) {
         if let Some(cell) = self.outputs.get(cell) {
             cell.value
-                .store(WRITTEN | u64::from(raw), Ordering::Release);
+                .store(NEW | WRITTEN | u64::from(raw), Ordering::Release);
+            self.ask();
         }
     }
 
@@ -297,7 +309,22 @@ impl Shared {
         (value & WRITTEN != 0).then_some(value as u32)
     }
 
+    /// To be called after everything that the bus thread is to take in was stored.
+    fn ask(&self) {
+        self.asked.store(true, Ordering::Release);
+    }
+
     // The bus thread's side.
+
+    /// Whether there is anything to take in.
+    pub(super) fn is_asked(&self) -> bool {
+        self.asked.load(Ordering::Relaxed)
+    }
+
+    /// To be called before anything is taken in: what is stored from now on is seen by the next look.
+    pub(super) fn answer(&self) {
+        self.asked.swap(false, Ordering::AcqRel);
+    }
 
     pub(super) fn take_stop(&self) -> StopRequest {
         StopRequest::from_bits_truncate(self.stop.swap(0, Ordering::AcqRel))
@@ -354,12 +381,11 @@ impl Shared {
         Some(self.noted_mode.swap(0, Ordering::AcqRel) as i8)
     }
 
-    /// Writes what the program has set into the drive's outputs.
+    /// Writes what the program has set since the last time into the drive's outputs.
     pub(super) fn merge_outputs(&self, outputs: &mut [u8]) {
         for cell in &self.outputs {
-            let value = cell.value.load(Ordering::Acquire);
-            if value & WRITTEN != 0 {
-                let raw = value as u32;
+            if cell.value.load(Ordering::Relaxed) & NEW != 0 {
+                let raw = cell.value.fetch_and(!NEW, Ordering::AcqRel) as u32;
                 match cell.place.bits {
                     8 => write(cell.place, raw as u8, outputs),
                     16 => write(cell.place, raw as u16, outputs),

@@ -7,6 +7,9 @@ use crate::ds402::{Controlword, Mode, Statusword};
 
 /// Words before the input bytes.
 const HEAD: usize = 4;
+/// A snapshot in so many words: the cycle; age and flags; statusword, controlword and mode; position and velocity.
+pub(super) type Head = [u64; HEAD];
+const ANSWERED: u64 = 1;
 
 /// Written by one thread, read by any number of others, without a lock: a reader that was overtaken reads again, the
 /// writer never waits. It writes the copy that readers are not pointed to, so a writer that was interrupted holds nobody up.
@@ -20,7 +23,8 @@ pub(crate) struct StatusCell {
 struct Copy {
     /// Odd while it is being written.
     sequence: AtomicU64,
-    words: Box<[AtomicU64]>,
+    head: [AtomicU64; HEAD],
+    inputs: Box<[AtomicU64]>,
 }
 
 impl StatusCell {
@@ -28,7 +32,8 @@ impl StatusCell {
     pub(crate) fn new(snapshot: &Snapshot, input_bytes: usize) -> Self {
         let copy = || Copy {
             sequence: AtomicU64::new(0),
-            words: (0..HEAD + input_bytes.div_ceil(8))
+            head: Default::default(),
+            inputs: (0..input_bytes.div_ceil(8))
                 .map(|_| AtomicU64::new(0))
                 .collect(),
         };
@@ -36,68 +41,89 @@ impl StatusCell {
             copies: [copy(), copy()],
             latest: AtomicUsize::new(0),
         };
-        cell.publish(snapshot, &[]);
+        cell.publish(pack(snapshot), Some(&[]));
         cell
     }
 
-    /// Makes these the latest. Only one thread may do this.
-    pub(crate) fn publish(&self, snapshot: &Snapshot, inputs: &[u8]) {
-        let next = 1 - self.latest.load(Ordering::Relaxed).min(1);
-        let Some(copy) = self.copies.get(next) else {
-            return;
+    /// Makes these the latest; without inputs, those that were published last stay. Only one thread may do this.
+    #[inline]
+    pub(super) fn publish(&self, head: Head, inputs: Option<&[u8]>) {
+        let [first, second] = &self.copies;
+        let (next, copy, latest) = match self.latest.load(Ordering::Relaxed) {
+            0 => (1, second, first),
+            _ => (0, first, second),
         };
         let sequence = copy.sequence.load(Ordering::Relaxed);
         copy.sequence.store(sequence | 1, Ordering::Relaxed);
         fence(Ordering::Release);
-        let bytes = inputs.chunks(8).map(|chunk| {
-            let mut word = [0; 8];
-            for (to, from) in word.iter_mut().zip(chunk) {
-                *to = *from;
-            }
-            u64::from_le_bytes(word)
-        });
-        for (word, value) in copy
-            .words
-            .iter()
-            .zip(pack(snapshot).into_iter().chain(bytes))
-        {
+        for (word, value) in copy.head.iter().zip(head) {
             word.store(value, Ordering::Relaxed);
+        }
+        match inputs {
+            Some(inputs) => {
+                let (chunks, rest) = inputs.as_chunks::<8>();
+                let mut words = copy.inputs.iter();
+                for (chunk, word) in chunks.iter().zip(&mut words) {
+                    word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
+                }
+                if let Some(word) = words.next() {
+                    word.store(last_word(rest), Ordering::Relaxed);
+                }
+            }
+            None => {
+                for (word, last) in copy.inputs.iter().zip(&latest.inputs) {
+                    word.store(last.load(Ordering::Relaxed), Ordering::Relaxed);
+                }
+            }
         }
         copy.sequence
             .store((sequence | 1).wrapping_add(1), Ordering::Release);
         self.latest.store(next, Ordering::Release);
     }
 
+    /// Another cycle that has shown nothing else that is new.
+    #[inline]
+    pub(super) fn tick(&self, cycle: u64) {
+        let [first, second] = &self.copies;
+        let latest = match self.latest.load(Ordering::Relaxed) {
+            0 => first,
+            _ => second,
+        };
+        // The other words of this copy are those of every cycle since it was written.
+        latest.head[0].store(cycle, Ordering::Relaxed);
+    }
+
     /// The latest snapshot.
     pub(crate) fn snapshot(&self) -> Snapshot {
-        self.read(|words| {
-            let mut head = [0; HEAD];
-            for (to, from) in head.iter_mut().zip(words) {
-                *to = from.load(Ordering::Relaxed);
-            }
-            unpack(head)
+        self.read(|copy| {
+            unpack(
+                copy.head
+                    .each_ref()
+                    .map(|word| word.load(Ordering::Relaxed)),
+            )
         })
     }
 
     /// Eight input bytes from `offset` on; those past the end are 0.
     pub(crate) fn inputs(&self, offset: usize) -> [u8; 8] {
-        self.read(|words| {
+        self.read(|copy| {
             core::array::from_fn(|n| {
                 let at = offset + n;
-                let word = words
-                    .get(HEAD + at / 8)
+                let word = copy
+                    .inputs
+                    .get(at / 8)
                     .map_or(0, |word| word.load(Ordering::Relaxed));
                 (word >> (8 * (at % 8))) as u8
             })
         })
     }
 
-    fn read<T>(&self, of: impl Fn(&[AtomicU64]) -> T) -> T {
+    fn read<T>(&self, of: impl Fn(&Copy) -> T) -> T {
         loop {
             let latest = self.latest.load(Ordering::Acquire);
             let copy = &self.copies[latest.min(1)];
             let before = copy.sequence.load(Ordering::Acquire);
-            let value = of(&copy.words);
+            let value = of(copy);
             fence(Ordering::Acquire);
             if before & 1 == 0 && copy.sequence.load(Ordering::Relaxed) == before {
                 return value;
@@ -107,7 +133,30 @@ impl StatusCell {
     }
 }
 
-fn pack(snapshot: &Snapshot) -> [u64; HEAD] {
+/// Fewer than eight bytes, and zeros behind them.
+fn last_word(bytes: &[u8]) -> u64 {
+    bytes
+        .iter()
+        .rev()
+        .fold(0, |word, byte| word << 8 | u64::from(*byte))
+}
+
+/// Position and velocity as a word of a [`Head`].
+pub(super) const fn motion(position: i32, velocity: i32) -> u64 {
+    position.cast_unsigned() as u64 | (velocity.cast_unsigned() as u64) << 32
+}
+
+/// The second word of a [`Head`] after so many cycles without inputs, from that of before.
+pub(super) const fn silent(word: u64, age: u32) -> u64 {
+    (word as u32 as u64) & !ANSWERED | (age as u64) << 32
+}
+
+/// Whether anything changed that a handle may wait for; cycles and their age count for themselves.
+pub(super) const fn differs(last: &Head, new: &Head) -> bool {
+    last[1] as u32 != new[1] as u32 || last[2] != new[2] || last[3] != new[3]
+}
+
+pub(super) fn pack(snapshot: &Snapshot) -> Head {
     let flags = [
         snapshot.answered,
         snapshot.lost,
@@ -124,12 +173,11 @@ fn pack(snapshot: &Snapshot) -> [u64; HEAD] {
         u64::from(snapshot.statusword.bits())
             | u64::from(snapshot.controlword.bits()) << 16
             | u64::from(snapshot.mode.raw().cast_unsigned()) << 32,
-        u64::from(snapshot.position.cast_unsigned())
-            | u64::from(snapshot.velocity.cast_unsigned()) << 32,
+        motion(snapshot.position, snapshot.velocity),
     ]
 }
 
-fn unpack([cycle, ages, words, motion]: [u64; HEAD]) -> Snapshot {
+pub(super) fn unpack([cycle, ages, words, motion]: Head) -> Snapshot {
     let flag = |n: u32| ages >> n & 1 == 1;
     let statusword = Statusword::from_bits_retain(words as u16);
     Snapshot {
@@ -178,7 +226,7 @@ mod tests {
     fn a_snapshot_comes_out_as_it_was_put_in() {
         let cell = StatusCell::new(&snapshot(0), 0);
         for cycle in 0..300 {
-            cell.publish(&snapshot(cycle), &[]);
+            cell.publish(pack(&snapshot(cycle)), Some(&[]));
             assert_eq!(cell.snapshot(), snapshot(cycle));
         }
     }
@@ -186,7 +234,7 @@ mod tests {
     #[test]
     fn inputs_are_read_across_words_and_bytes_that_do_not_exist_are_zero() {
         let cell = StatusCell::new(&snapshot(1), 10);
-        cell.publish(&snapshot(1), &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]);
+        cell.publish(pack(&snapshot(1)), Some(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10]));
         assert_eq!(cell.inputs(6), [7, 8, 9, 10, 0, 0, 0, 0]);
         assert_eq!(cell.inputs(0), [1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(cell.inputs(100), [0; 8]);
@@ -212,7 +260,7 @@ mod tests {
             })
             .collect();
         for cycle in 0..=20_000u64 {
-            cell.publish(&snapshot(cycle), &[cycle as u8; 8]);
+            cell.publish(pack(&snapshot(cycle)), Some(&[cycle as u8; 8]));
         }
         for reader in readers {
             reader.join().unwrap();

@@ -68,6 +68,10 @@ impl Stopping {
         }
     }
 
+    pub(super) fn has_no_waiter(&self) -> bool {
+        self.waiters.iter().all(Option::is_none)
+    }
+
     pub(super) fn pop_waiter(&mut self) -> Option<CommandId> {
         self.take_waiter(|_| true)
     }

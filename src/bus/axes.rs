@@ -7,7 +7,7 @@ use super::{
     control::Control,
     cycle::Stepper,
     drive_setup::ReadyDrive,
-    exchange::{Answer, DriveData},
+    exchange::DriveData,
     journal::Journal,
 };
 use crate::{
@@ -169,11 +169,13 @@ impl Stepper for Rc<RefCell<Axes>> {
             if disable {
                 axis.port.end();
             }
-            axis.port
-                .before_send(&mut axis.core, now, &mut drive.outputs);
+            if axis.port.is_asked() {
+                axis.port
+                    .before_send(&mut axis.core, now, drive.outputs_mut());
+            }
             if disable {
                 axis.core
-                    .submit(now, OWN_COMMAND, Command::Disable, &mut drive.outputs);
+                    .submit(now, OWN_COMMAND, Command::Disable, drive.outputs_mut());
             }
         }
         let mut set = Set {
@@ -189,11 +191,12 @@ impl Stepper for Rc<RefCell<Axes>> {
             let Some(drive) = drives.get_mut(axis.drive) else {
                 continue;
             };
-            let (judged, outputs) = drive.judged();
-            axis.core.step(now, judged, outputs);
-            let inputs = (drive.answer != Answer::Stale).then_some(&drive.inputs[..]);
-            axis.port.after_step(&mut axis.core, inputs);
-            this.journal.look(index, &axis.core.snapshot());
+            drive.step(|inputs, unchanged, outputs| {
+                axis.core.step_kept(now, inputs, unchanged, outputs)
+            });
+            if let Some(snapshot) = axis.port.pass(&mut axis.core, drive.news()) {
+                this.journal.look(index, &snapshot);
+            }
         }
     }
 }
@@ -207,7 +210,7 @@ impl AxisSet for Set<'_> {
     fn axis(&mut self, index: usize) -> Option<(&mut AxisCore, &mut [u8])> {
         let axis = self.axes.get_mut(index)?;
         let drive = self.drives.get_mut(axis.drive)?;
-        Some((&mut axis.core, &mut drive.outputs))
+        Some((&mut axis.core, drive.outputs_mut()))
     }
 }
 

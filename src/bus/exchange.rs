@@ -23,9 +23,13 @@ const PATTERNS: [u8; 2] = [0x55, 0xAA];
 #[derive(Debug, Clone)]
 pub(super) struct DriveData {
     /// What is sent in the next cycle.
-    pub(super) outputs: Vec<u8>,
+    outputs: Vec<u8>,
+    /// Whether that is not in the frame yet.
+    unpacked: bool,
     /// What came back last.
     pub(super) inputs: Vec<u8>,
+    /// Whether the last cycle brought other inputs than the one before.
+    pub(super) changed: bool,
     /// What the last cycle brought.
     pub(super) answer: Answer,
     /// Whether it counts as lost: then nothing is expected of it.
@@ -51,14 +55,32 @@ pub(super) enum Answer {
 }
 
 impl DriveData {
-    /// The inputs as the axis core takes them, and the outputs that it writes.
-    pub(super) fn judged(&mut self) -> (Inputs<'_>, &mut [u8]) {
+    /// What is sent in the next cycle, to be written to.
+    pub(super) fn outputs_mut(&mut self) -> &mut [u8] {
+        self.unpacked = true;
+        &mut self.outputs
+    }
+
+    /// Lets an axis core take the inputs and write the outputs, and say whether it has.
+    pub(super) fn step(&mut self, core: impl FnOnce(Inputs<'_>, bool, &mut [u8]) -> bool) {
+        let unchanged = !self.changed;
+        let (inputs, outputs) = self.judged();
+        let written = core(inputs, unchanged, outputs);
+        self.unpacked |= written;
+    }
+
+    fn judged(&mut self) -> (Inputs<'_>, &mut [u8]) {
         let inputs = match self.answer {
             Answer::Fresh if self.operational => Inputs::Fresh(&self.inputs),
             Answer::Fresh | Answer::Answered => Inputs::Answered(&self.inputs),
             Answer::Stale => Inputs::Stale,
         };
         (inputs, &mut self.outputs)
+    }
+
+    /// The inputs, where they are others than before.
+    pub(super) fn news(&self) -> Option<&[u8]> {
+        self.changed.then_some(&self.inputs)
     }
 }
 
@@ -92,7 +114,9 @@ impl Exchange {
     ) -> Self {
         let drives = members.iter().map(|member| DriveData {
             outputs: vec![0; member.outputs],
+            unpacked: true,
             inputs: vec![0; member.inputs],
+            changed: false,
             answer: Answer::Stale,
             lost: false,
             operational: false,
@@ -101,7 +125,16 @@ impl Exchange {
             patience: member.patience,
             sign: member.sign,
         });
-        let packed = pack(members, mailboxes.len(), clock);
+        let mut packed = pack(members, mailboxes.len(), clock);
+        for part in &packed.parts {
+            for share in &part.shares {
+                if let Some(frame) = packed.frames.get_mut(part.frame)
+                    && let Some(to) = slice_mut(&mut frame.request, share.inputs.as_ref())
+                {
+                    to.fill(PATTERN);
+                }
+            }
+        }
         Self {
             drives: drives.collect(),
             recorder: Recorder::new(&packed, members.len()),
@@ -133,13 +166,19 @@ impl Exchange {
                 continue;
             };
             for share in &part.shares {
-                let Some(drive) = self.drives.get(share.drive) else {
+                let Some(drive) = self.drives.get_mut(share.drive) else {
                     continue;
                 };
-                if let Some(to) = slice_mut(&mut frame.request, share.outputs.as_ref()) {
+                // What was packed into the frame before stays there.
+                if drive.unpacked
+                    && let Some(to) = slice_mut(&mut frame.request, share.outputs.as_ref())
+                {
                     to.copy_from_slice(&drive.outputs);
+                    drive.unpacked = false;
                 }
-                if let Some(to) = slice_mut(&mut frame.request, share.inputs.as_ref()) {
+                if drive.sign == Sign::AnyBits
+                    && let Some(to) = slice_mut(&mut frame.request, share.inputs.as_ref())
+                {
                     to.fill(drive.pattern(self.cycle));
                 }
             }
@@ -198,6 +237,7 @@ impl Exchange {
         counters.lost.add_many(missing as u64);
         for drive in &mut self.drives {
             drive.answer = Answer::Fresh;
+            drive.changed = false;
         }
         for part in &self.packed.parts {
             let answer = self
@@ -293,7 +333,7 @@ fn judge_part(
         .and_then(|answer| answer.get(part.data.end..part.data.end + 2))
         .and_then(|bytes| <[u8; 2]>::try_from(bytes).ok())
         .map(u16::from_le_bytes);
-    let (mut expected, mut closed) = (0, 0);
+    let (mut expected, mut closed, mut undecided) = (0, 0, false);
     for share in &part.shares {
         let Some(drive) = drives.get_mut(share.drive) else {
             continue;
@@ -305,11 +345,12 @@ fn judge_part(
         });
         let answered = match inputs {
             Some(Some(bytes)) => {
-                drive.inputs.copy_from_slice(bytes);
+                drive.changed = take(&mut drive.inputs, bytes);
                 true
             }
             Some(None) => {
                 drive.answer = Answer::Stale;
+                undecided = true;
                 false
             }
             // It has none at all, and the datagram to itself.
@@ -333,7 +374,7 @@ fn judge_part(
             }
         }
     }
-    if counter == Some(expected) {
+    if undecided && counter == Some(expected) {
         take_equal_to_the_pattern(part, answer, drives);
     }
     let right = counter.is_some_and(|counter| (expected - closed..=expected).contains(&counter));
@@ -359,10 +400,34 @@ fn take_equal_to_the_pattern(part: &Part, answer: Option<&[u8]>, drives: &mut [D
             && let Some(inputs) = &share.inputs
             && let Some(bytes) = answer.and_then(|answer| answer.get(inputs.clone()))
         {
-            drive.inputs.copy_from_slice(bytes);
+            drive.changed = take(&mut drive.inputs, bytes);
             drive.answer = Answer::Fresh;
         }
     }
+}
+
+/// Takes bytes of the same length. Whether they are others than before.
+#[inline]
+fn take(to: &mut [u8], from: &[u8]) -> bool {
+    // An axis is seldom more: as two words, which may overlap. A call of a general copy costs more than that.
+    if (8..=16).contains(&from.len())
+        && to.len() == from.len()
+        && let (Some(first), Some(last)) = (from.first_chunk::<8>(), from.last_chunk::<8>())
+    {
+        let changed = to.first_chunk() != Some(first) || to.last_chunk() != Some(last);
+        if changed && let Some(to) = to.first_chunk_mut() {
+            *to = *first;
+        }
+        if changed && let Some(to) = to.last_chunk_mut() {
+            *to = *last;
+        }
+        return changed;
+    }
+    let changed = to != from;
+    if changed {
+        to.copy_from_slice(from);
+    }
+    changed
 }
 
 fn slice_mut<'a>(bytes: &'a mut [u8], range: Option<&Range<usize>>) -> Option<&'a mut [u8]> {

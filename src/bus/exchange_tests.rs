@@ -87,7 +87,7 @@ fn input_areas_are_sent_as_a_pattern_that_is_no_ds402_state() {
     let pattern = Statusword::from_bits_retain(u16::from_le_bytes([PATTERN; 2]));
     assert_eq!(pattern.state(), State::Unknown);
     let mut exchange = two_drives();
-    exchange.drives[0].outputs = vec![0x0F];
+    exchange.drives[0].outputs_mut().copy_from_slice(&[0x0F]);
     let mut link = Sent::default();
     exchange.send(&mut link, &Counters::default());
     assert_eq!(

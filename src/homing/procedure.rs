@@ -113,6 +113,17 @@ impl Procedure {
         matches!(self.stage, Stage::Low { waiting: None, .. })
     }
 
+    /// Whether a cycle like the last one changes nothing. `in_mode`: the drive is enabled and shows mode 6, if it is to.
+    pub(crate) const fn is_calm(&self, in_mode: bool) -> bool {
+        match self.stage {
+            Stage::Low {
+                waiting: None,
+                delivered,
+            } => delivered.is_some() || !in_mode,
+            _ => false,
+        }
+    }
+
     /// Whether bit 4 was sent without an answer: only a stop clears that.
     pub(crate) const fn is_unknown(&self) -> bool {
         matches!(self.stage, Stage::Unknown)

@@ -47,6 +47,11 @@ impl Chain {
         self.held.iter().all(Option::is_none)
     }
 
+    /// Whether at most one is held, and nothing is open about those before it.
+    pub(super) fn is_calm(&self) -> bool {
+        self.over.is_none() && self.held.iter().skip(1).all(Option::is_none)
+    }
+
     /// Takes in a set-point that the drive has acknowledged; with `Immediately` it is the only one from now on.
     pub(super) fn push(&mut self, track: Track, events: &mut Events) {
         if track.start == Start::Immediately {
@@ -125,21 +130,40 @@ impl Chain {
                     self.held[HELD - 1] = None;
                 }
             }
-            [Some(track), None] => {
-                track.note(cycle, true);
-                // What a replacement shows that is taken and not acknowledged yet is not the end of this one; its own end,
-                // where that is known, is.
-                let known = track.end.is_some();
-                let outcome = track
-                    .outcome(cycle)
-                    .filter(|outcome| !replacing || (known && outcome.is_ok()));
-                if !undecided && let Some(outcome) = outcome {
-                    self.last_end = if outcome.is_ok() { track.end } else { None };
-                    events.push(track.id, Event::Done(outcome));
-                    self.held[0] = None;
-                }
+            [Some(_), None] => {
+                self.follow_active(cycle, replacing, undecided, events);
             }
             [None, _] => {}
+        }
+    }
+
+    /// One cycle of the only one that is held. Whether it has ended.
+    #[inline]
+    pub(super) fn follow_active(
+        &mut self,
+        cycle: &Cycle<'_>,
+        replacing: bool,
+        undecided: bool,
+        events: &mut Events,
+    ) -> bool {
+        let [Some(track), _] = &mut self.held else {
+            return false;
+        };
+        track.note(cycle, true);
+        // What a replacement shows that is taken and not acknowledged yet is not the end of this one; its own end,
+        // where that is known, is.
+        let known = track.end.is_some();
+        let outcome = track
+            .outcome(cycle)
+            .filter(|outcome| !replacing || (known && outcome.is_ok()));
+        match outcome {
+            Some(outcome) if !undecided => {
+                self.last_end = if outcome.is_ok() { track.end } else { None };
+                events.push(track.id, Event::Done(outcome));
+                self.held[0] = None;
+                true
+            }
+            _ => false,
         }
     }
 

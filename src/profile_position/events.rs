@@ -40,6 +40,9 @@ impl Events {
     }
 
     pub(crate) fn pop(&mut self) -> Option<(CommandId, Event)> {
+        if self.len == 0 {
+            return None;
+        }
         let event = self.ring.get_mut(self.first)?.take()?;
         self.first = (self.first + 1) % CAPACITY;
         self.len -= 1;

@@ -84,6 +84,30 @@ impl Sequencer {
         !self.has_set_point() && self.waiting.is_empty() && self.bit4.is_low()
     }
 
+    /// Whether a cycle like the last one changes nothing but how far the one set-point has come that the drive may hold.
+    /// `in_mode`: the drive is enabled and shows this mode.
+    pub(crate) fn is_calm(&self, in_mode: bool) -> bool {
+        let low = match self.bit4 {
+            Bit4::Low { delivered, .. } => delivered.is_some() || !in_mode,
+            Bit4::High { .. } | Bit4::Abandoned => false,
+        };
+        low && self.waiting.is_empty()
+            && self.unconfirmed.is_none()
+            && self.armed.is_none()
+            && self.chain.is_calm()
+    }
+
+    /// Whether the drive holds a set-point that it has acknowledged.
+    pub(crate) fn holds_any(&self) -> bool {
+        !self.chain.is_empty()
+    }
+
+    /// One cycle of a calm axis with a set-point under way: whether that has ended.
+    #[inline]
+    pub(crate) fn follow(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
+        self.chain.follow_active(cycle, false, false, events)
+    }
+
     /// The motion profile type 6086h of the move that a new one would follow; none where it would follow none.
     pub(crate) fn last_profile_type(&self) -> Option<i16> {
         match self.waiting.last() {

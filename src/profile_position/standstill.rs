@@ -27,6 +27,7 @@ pub(crate) struct Bounds {
 impl Bounds {
     /// The shorter way from one position to another: of a modulo axis around its turn, of others on the number circle of 32
     /// bits.
+    #[inline]
     pub(crate) fn way(&self, from: i32, to: i32) -> i64 {
         let Some(turn) = self.turn_length() else {
             return to.wrapping_sub(from).into();
@@ -40,6 +41,7 @@ impl Bounds {
     }
 
     /// How far two positions lie apart, the shorter way.
+    #[inline]
     pub(crate) fn distance(&self, a: i32, b: i32) -> u32 {
         // At most 2³¹.
         self.way(a, b).unsigned_abs() as u32
@@ -61,6 +63,7 @@ impl Bounds {
 
 impl Standstill {
     /// Takes in one fresh cycle.
+    #[inline]
     pub(crate) fn observe(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) {
         self.velocity_zero = sample.velocity.map(|v| v.unsigned_abs() <= bounds.velocity);
         match self.anchor {

@@ -111,6 +111,7 @@ impl Track {
     }
 
     /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
+    #[inline]
     pub(super) fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
         self.left_target |= !cycle.sample.statusword.contains(Statusword::TARGET_REACHED);
         let Some(end) = self.end else { return };
@@ -209,6 +210,7 @@ impl Track {
     }
 
     /// When and how it ended, as the last set-point.
+    #[inline]
     pub(super) fn outcome(&self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
         if !cycle.sample.statusword.contains(Statusword::TARGET_REACHED) {
             return None;

@@ -91,6 +91,19 @@ impl Jogging {
         matches!(self.stage, Stage::Idle)
     }
 
+    /// Whether a cycle like the last one changes nothing.
+    pub(crate) const fn is_calm(&self) -> bool {
+        matches!(
+            self.stage,
+            Stage::Idle
+                | Stage::Held {
+                    sent: true,
+                    accepted: true,
+                    ..
+                }
+        )
+    }
+
     /// Takes a checked jog in: its velocity is in the next outputs. It may take over from one that comes to rest, not from one
     /// that is held.
     pub(crate) fn submit(&mut self, id: CommandId, set_point: JogSetPoint, events: &mut Events) {

@@ -2,12 +2,14 @@
 #![allow(missing_docs, unreachable_pub)]
 #![allow(dead_code, reason = "each test file uses its own part of the rig")]
 
+mod twins;
+
 use core::time::Duration;
 use std::collections::VecDeque;
 
 use servocrab::axis::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs,
-    Referencing, StopRequest,
+    AxisConfig, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs, Referencing,
+    StopRequest,
 };
 use servocrab::coe::AxisOffset;
 use servocrab::drives::{self, DriveDescription};
@@ -31,8 +33,11 @@ pub enum Link {
 
 pub const CYCLE: Duration = Duration::from_millis(1);
 
+/// Whatever a test does, it does to an axis that steps cheaply and to one that computes every cycle as a whole.
+pub use twins::Twins;
+
 pub struct Rig {
-    pub core: AxisCore,
+    pub core: Twins,
     pub drive: Axis,
     pub now: Duration,
     pub outputs: Vec<u8>,
@@ -80,7 +85,7 @@ impl Rig {
         };
         change(&mut config);
         Self {
-            core: AxisCore::new(config),
+            core: Twins::new(config),
             drive: Axis::new(behaviour),
             now: Duration::ZERO,
             outputs: vec![0; layout.output_bytes()],

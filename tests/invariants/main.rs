@@ -9,6 +9,8 @@ mod found;
 mod orders;
 mod reports;
 mod scenario;
+#[path = "../common/twins.rs"]
+mod twins;
 mod words;
 mod world;
 
@@ -67,6 +69,28 @@ fn invariant_8_a_stop_request_is_in_the_next_word() {
 #[test]
 fn invariant_9_every_command_ends_once_and_in_time() {
     search(9, Names::Unique, reports::everything_ends);
+}
+
+/// Every life is lived by twins: one core that steps as cheaply as it can, and one that computes each cycle as a whole. They
+/// are compared in words, reports and snapshots whenever anything happens. Here it is shown that they do differ in how.
+#[test]
+fn calm_cycles_come_to_the_same_as_whole_ones() {
+    let (mut cycles, mut calm, mut moving) = (0, 0, 0);
+    for seed in seeds(10) {
+        let _name = OnPanic(seed);
+        let life = live(seed, Names::Unique);
+        cycles += life.world.frames.len();
+        calm += life.world.core.calm_cycles;
+        moving += life.world.core.calm_moving;
+        if cycles >= CYCLES {
+            break;
+        }
+    }
+    println!("{cycles} cycles, {calm} of them calm, {moving} of those in motion");
+    assert!(
+        calm > cycles / 5 && moving > cycles / 20,
+        "{calm} calm cycles of {cycles}, {moving} in motion"
+    );
 }
 
 /// What happens in the lives that are searched: a search where nothing happens finds nothing.

@@ -5,12 +5,13 @@ use core::time::Duration;
 use std::collections::VecDeque;
 
 use servocrab::axis::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs,
-    StopRequest,
+    AxisConfig, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs, StopRequest,
 };
 use servocrab::ds402::Statusword;
 use servocrab::profile_position::MoveCommand;
 use servocrab_sim::ds402::{Axis, Executed};
+
+use crate::twins::Twins;
 
 /// What happens to one cycle's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -150,7 +151,7 @@ const OUTPUT_BYTES: usize = 19;
 pub const DRIVE_CYCLE: Duration = Duration::from_millis(1);
 
 pub struct World {
-    pub core: AxisCore,
+    pub core: Twins,
     pub config: AxisConfig,
     pub drive: Axis,
     pub now: Duration,
@@ -173,7 +174,7 @@ pub struct World {
 impl World {
     pub fn new(drive: Axis, config: AxisConfig, period: Duration, latency: usize) -> Self {
         Self {
-            core: AxisCore::new(config.clone()),
+            core: Twins::new(config.clone()),
             config,
             drive,
             now: Duration::ZERO,

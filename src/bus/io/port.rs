@@ -122,9 +122,9 @@ impl Stepper for Rc<RefCell<Ports>> {
         let this = &*self.borrow();
         for (port, data) in this.ports.iter().zip(drives.iter_mut().skip(this.first)) {
             if this.ended {
-                data.outputs.fill(0);
+                data.outputs_mut().fill(0);
             } else {
-                port.shared.merge(&mut data.outputs);
+                port.shared.merge(data.outputs_mut());
             }
         }
     }
