@@ -223,6 +223,7 @@ fn since(now: &Timing, before: &Timing) -> Timing {
     Timing {
         lateness: now.lateness.since(&before.lateness),
         round_trip: now.round_trip.since(&before.round_trip),
+        phase_error: now.phase_error.since(&before.phase_error),
     }
 }
 
@@ -278,11 +279,16 @@ impl Report {
         ]
     }
 
-    fn histograms(&self) -> [(&'static str, &Durations); 2] {
+    fn histograms(&self) -> impl Iterator<Item = (&'static str, &Durations)> {
+        let timing = &self.timing;
         [
-            ("late by", &self.timing.lateness),
-            ("round trip", &self.timing.round_trip),
+            ("late by", &timing.lateness),
+            ("round trip", &timing.round_trip),
+            ("phase error", &timing.phase_error),
         ]
+        .into_iter()
+        // There is no phase without distributed clocks.
+        .filter(|(_, times)| times.count() > 0)
     }
 
     fn print(&self) -> Result<(), Box<dyn Error>> {
@@ -294,7 +300,6 @@ impl Report {
         put(table(["counted", ""], &rows))?;
         let rows: Vec<_> = self
             .histograms()
-            .into_iter()
             .map(|(name, times)| {
                 let [half, most, nearly] =
                     SHARES.map(|(_, share)| format!("{:.1}", microseconds(times.quantile(share))));
@@ -345,7 +350,6 @@ impl Report {
             .collect();
         let times: serde_json::Map<String, Value> = self
             .histograms()
-            .into_iter()
             .map(|(name, times)| {
                 let [p50, p99, p999] = SHARES.map(|(_, share)| microseconds(times.quantile(share)));
                 let buckets: Vec<_> = times

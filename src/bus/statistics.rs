@@ -70,6 +70,7 @@ pub(super) struct ClockGauge {
     locked: AtomicBool,
     ever_locked: AtomicBool,
     beyond: Count,
+    errors: Recorder,
 }
 
 impl ClockGauge {
@@ -87,6 +88,8 @@ impl ClockGauge {
             self.ever_locked.store(true, Ordering::Relaxed);
         }
         if self.ever_locked.load(Ordering::Relaxed) {
+            let magnitude = measured.error.unsigned_abs();
+            self.errors.record(Duration::from_nanos(magnitude));
             self.worst_ns
                 .fetch_max(measured.error.saturating_abs(), Ordering::Relaxed);
             if !measured.within {
@@ -125,6 +128,9 @@ pub struct Timing {
     pub lateness: Durations,
     /// From the sending of a cycle's first frame to the receiving of its last; of cycles of which all frames came back.
     pub round_trip: Durations,
+    /// How far the cycles' frames were from their phase at the reference clock, either way, since the phase was locked first;
+    /// nothing without distributed clocks.
+    pub phase_error: Durations,
 }
 
 /// What has been counted of one drive since the cycles started.
@@ -199,6 +205,7 @@ impl Counters {
         Timing {
             lateness: self.lateness.read(),
             round_trip: self.round_trip.read(),
+            phase_error: self.clock.errors.read(),
         }
     }
 

@@ -100,6 +100,10 @@ fn the_phase_stays_within_its_bound_with_crystals_100_ppm_apart_each_way() {
         // Far within the bound, and at the end hardly anything is left.
         assert!(clock.worst_ns < 5_000, "{clock:?}");
         assert!(clock.phase_error_ns.abs() < 100, "{clock:?}");
+        let errors = rig.net().timing().phase_error;
+        let worst = Duration::from_nanos(clock.worst_ns.unsigned_abs());
+        assert!(errors.count() > 5_000 && errors.most() == Some(worst));
+        assert!(errors.quantile(0.5) < Some(Duration::from_nanos(200)));
         assert_eq!(mistakes(&line), before, "nobody has complained");
         assert!(all_in_op(&line));
         rig.shutdown();
