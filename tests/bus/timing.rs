@@ -1,13 +1,15 @@
 //! When frames leave: cycles on time, acyclic frames between them, whichever way the thread waits.
 
 use std::{
+    io,
     sync::{Arc, Mutex},
+    task::Waker,
     time::Duration,
 };
 
 use servocrab::{
     bus::{Network, Receiving},
-    link::Wire,
+    link::{Link, Wire},
 };
 use servocrab_sim::{Segment, personality};
 
@@ -38,11 +40,43 @@ fn rig(
         segment.process(frame, at) && (!cyclic || answered(at))
     });
     let builder = Network::builder()
-        .link(wire)
+        .link(Drowsy(wire))
         .cycle(PERIOD)
         .receiving(receiving)
         .drive(0, akd2g());
     (frames, Rig::start(builder).unwrap())
+}
+
+/// How much too long a thread sleeps here at the most.
+const OVERSLEPT: Duration = Duration::from_micros(7);
+
+/// A wire on which waiting for a time ends too late, as it does where other threads run.
+struct Drowsy(Wire);
+
+impl Link for Drowsy {
+    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
+        self.0.send(frame)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+        self.0.receive(buffer)
+    }
+
+    fn wait(&mut self, timeout: Duration) {
+        self.0.wait(timeout + OVERSLEPT);
+    }
+
+    fn pause(&mut self) {
+        self.0.pause();
+    }
+
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
+    fn waker(&self) -> Waker {
+        self.0.waker()
+    }
 }
 
 const ALL: [Receiving; 3] = [
@@ -98,11 +132,10 @@ fn cycles_start_on_the_same_beat_for_ever() {
         let starts: Vec<_> = frames.iter().filter(|f| f.cyclic).map(|f| f.at).collect();
         let first = starts[0];
         for (at, cycle) in starts.iter().zip(0..) {
-            // A look of the thread that spins takes a microsecond here.
             let late = at.saturating_sub(first + PERIOD * cycle);
-            assert!(*at + Duration::from_micros(1) >= first + PERIOD * cycle);
+            assert!(*at + OVERSLEPT >= first + PERIOD * cycle);
             assert!(
-                late <= Duration::from_micros(1),
+                late <= OVERSLEPT,
                 "{receiving:?}: cycle {cycle} was {late:?} late"
             );
         }
@@ -127,10 +160,7 @@ fn what_does_not_come_back_is_waited_for_until_the_receive_deadline_and_no_longe
         for pair in starts.windows(2) {
             let apart = pair[1] - pair[0];
             let error = apart.abs_diff(PERIOD);
-            assert!(
-                error <= Duration::from_micros(1),
-                "{receiving:?}: {apart:?} apart"
-            );
+            assert!(error <= 2 * OVERSLEPT, "{receiving:?}: {apart:?} apart");
         }
         let lost = rig.net().statistics().lost - before.lost;
         assert!((7..=9).contains(&lost), "{receiving:?}: {lost} frames lost");
