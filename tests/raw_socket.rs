@@ -16,7 +16,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use namespace::{Process, inside_namespace, run, say, simulated};
+use namespace::{Process, inside_namespace, run, say, simulated, simulated_on, veth_pair};
+use servocrab::{
+    axis::Referencing,
+    bus::{DriveConfig, Network, NetworkBuilder, Statistics},
+    drives,
+    profile_position::{Outcome, SetPoint},
+};
 
 /// A program of this workspace, as built with the tests.
 fn program(name: &str) -> PathBuf {
@@ -102,6 +108,7 @@ fn fell_from_op(rows: &[Row]) -> Option<usize> {
 #[derive(Debug, Clone)]
 struct Row {
     time_s: f64,
+    drive: usize,
     axis: u8,
     /// 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP.
     al_state: u8,
@@ -112,16 +119,30 @@ struct Row {
 }
 
 /// Ends the simulator in order and reads what it wrote of axis 1.
-fn trace(mut simulator: Process, file: &PathBuf) -> Vec<Row> {
+fn trace(simulator: Process, file: &PathBuf) -> Vec<Row> {
+    let mut rows = whole_trace(simulator, file);
+    rows.retain(|row| row.axis == 1);
+    rows
+}
+
+/// Ends the simulator in order and reads what it wrote.
+fn whole_trace(mut simulator: Process, file: &PathBuf) -> Vec<Row> {
     simulator.signal("TERM");
     assert!(simulator.wait(Duration::from_secs(10)).success());
-    let rows = rows_of_axis_1(file);
+    let rows = rows(file);
     fs::remove_file(file).expect("it is ours");
     rows
 }
 
 /// What the trace holds of axis 1 so far, in whole lines.
 fn rows_of_axis_1(file: &PathBuf) -> Vec<Row> {
+    let mut rows = rows(file);
+    rows.retain(|row| row.axis == 1);
+    rows
+}
+
+/// What the trace holds so far, in whole lines.
+fn rows(file: &PathBuf) -> Vec<Row> {
     let text = fs::read_to_string(file).expect("the trace is there");
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
     let mut lines = whole.lines();
@@ -136,6 +157,7 @@ fn rows_of_axis_1(file: &PathBuf) -> Vec<Row> {
         let fields: Vec<&str> = line.split(',').collect();
         Row {
             time_s: fields[0].parse().expect("time"),
+            drive: fields[1].parse().expect("drive"),
             axis: fields[2].parse().expect("axis"),
             al_state: fields[3].parse().expect("AL state"),
             controlword: fields[4].parse().expect("controlword"),
@@ -144,7 +166,7 @@ fn rows_of_axis_1(file: &PathBuf) -> Vec<Row> {
             velocity: fields[8].parse().expect("velocity"),
         }
     };
-    lines.map(row).filter(|row| row.axis == 1).collect()
+    lines.map(row).collect()
 }
 
 #[test]
@@ -329,4 +351,117 @@ fn another_device_at_the_drives_position_is_an_error_with_both_identities() {
             && text.contains("expected AKD2G (vendor 0000006Ah, product 414B4432h), got vendor"),
         "{text}"
     );
+}
+
+/// A line at `slave{place}`, its trace, and the network of it at `master{place}`.
+fn network(place: usize, devices: &[&str]) -> (Process, PathBuf, NetworkBuilder) {
+    let file = env::temp_dir().join(format!("servocrab-two-{place}-{}.csv", std::process::id()));
+    let trace = ["--trace".to_owned(), file.display().to_string()];
+    let program = program("servocrab-sim");
+    let simulator = simulated_on(&format!("slave{place}"), &program, devices, 60, &trace);
+    // A machine that is busy with other things loses no drive.
+    let builder = Network::builder()
+        .interface(&format!("master{place}"))
+        .watchdog(Duration::from_secs(6));
+    let builder = (0..).zip(devices).fold(builder, |builder, (drive, _)| {
+        let names = [1, 2].map(|axis| format!("{drive}.{axis}"));
+        let config = names
+            .iter()
+            .fold(DriveConfig::new(drives::akd2g()), |config, name| {
+                config
+                    .axis(name)
+                    .referencing(name, Referencing::UnreferencedMovesAllowed)
+            });
+        builder.drive(drive, config)
+    });
+    (simulator, file, builder)
+}
+
+/// The targets of an axis, which no other one has.
+fn targets(place: usize, drive: usize, axis: u8) -> [i32; 5] {
+    let own = 1_000 * (place + 1) as i32 + 100 * drive as i32 + 10 * i32::from(axis);
+    [own, -own, 2 * own, 0, own + 1]
+}
+
+/// Moves all axes of a network at once, each through its targets.
+async fn move_all(builder: NetworkBuilder, place: usize, drives: usize) -> Statistics {
+    let net = builder.start().await.unwrap();
+    let executor = smol::LocalExecutor::new();
+    let axes = (0..drives).flat_map(|drive| [(drive, 1), (drive, 2)]);
+    let tasks: Vec<_> = axes
+        .map(|(drive, number)| {
+            let axis = net.axis(&format!("{drive}.{number}")).unwrap();
+            executor.spawn(async move {
+                let set_point = SetPoint::new()
+                    .velocity(200_000)
+                    .acceleration(5_000_000)
+                    .deceleration(5_000_000);
+                axis.enable().await.unwrap();
+                let mode = axis.profile_position().await.unwrap();
+                for target in targets(place, drive, number) {
+                    let motion = mode.move_abs(target, set_point).await.unwrap();
+                    let outcome = motion.done().await.unwrap();
+                    assert!(matches!(outcome, Outcome::Reached { .. }), "{outcome:?}");
+                }
+            })
+        })
+        .collect();
+    executor
+        .run(async {
+            for task in tasks {
+                task.await;
+            }
+        })
+        .await;
+    let statistics = net.statistics();
+    net.shutdown().await;
+    statistics
+}
+
+#[test]
+fn two_networks_in_one_process_move_their_own_axes_and_see_nothing_of_each_other() {
+    if !inside_namespace(
+        "two_networks_in_one_process_move_their_own_axes_and_see_nothing_of_each_other",
+    ) {
+        return;
+    }
+    veth_pair("master1", "slave1");
+    let lines = [vec!["akd2g"; 1], vec!["akd2g"; 2]];
+    let [one, two] = [0, 1].map(|place| network(place, &lines[place]));
+    let moves = smol::future::zip(
+        move_all(one.2, 0, lines[0].len()),
+        move_all(two.2, 1, lines[1].len()),
+    );
+    let (first, second) = smol::block_on(moves);
+    for statistics in [first, second] {
+        let strange = (
+            statistics.foreign,
+            statistics.damaged,
+            statistics.wrong_working_counters,
+        );
+        assert_eq!(strange, (0, 0, 0), "{statistics:?}");
+        assert!(statistics.cycles > 100, "{statistics:?}");
+    }
+    for (place, (simulator, file, _)) in [(0, (one.0, one.1, ())), (1, (two.0, two.1, ()))] {
+        let rows = whole_trace(simulator, &file);
+        for (drive, axis) in (0..lines[place].len()).flat_map(|drive| [(drive, 1), (drive, 2)]) {
+            let own: Vec<_> = rows
+                .iter()
+                .filter(|row| (row.drive, row.axis) == (drive, axis))
+                .collect();
+            // Bit 12 rises with each set-point that is taken.
+            let taken = own
+                .windows(2)
+                .filter(|rows| !rows[0].statusword & rows[1].statusword & 0x1000 != 0)
+                .count();
+            let targets = targets(place, drive, axis);
+            assert_eq!(
+                taken,
+                targets.len(),
+                "line {place}, drive {drive}, axis {axis}"
+            );
+            let last = own.last().expect("rows").position;
+            assert_eq!(last, f64::from(targets[4]), "line {place}, drive {drive}");
+        }
+    }
 }

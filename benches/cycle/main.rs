@@ -25,7 +25,7 @@ use std::{
 };
 
 use measure::{Measured, Mode};
-use namespace::{INSIDE, Process, run};
+use namespace::{INSIDE, Process, veth_pair};
 use rustix::thread::{CpuSet, sched_getaffinity};
 
 const MASTERS: [&str; 7] = [
@@ -148,13 +148,7 @@ fn all(arguments: &[String]) {
     let cores = cores();
     for place in 0..MASTERS.len() {
         let (near, far) = (format!("m{place}"), slave(place));
-        run(
-            "ip",
-            &["link", "add", &near, "type", "veth", "peer", "name", &far],
-        );
-        for interface in [&near, &far] {
-            run("ip", &["link", "set", interface, "up"]);
-        }
+        veth_pair(&near, &far);
     }
     println!(
         "microseconds, medians of {ROUNDS} rounds; masters on core {}, the reflector on core {}\n",

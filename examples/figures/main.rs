@@ -1,9 +1,12 @@
 //! The timing diagrams of the drives' documents, drawn from runs of this library on the simulated drives: writes
 //! `target/figures/*.svg`. Virtual time, so the pictures are the same on every machine; `docs/figures/` holds copies.
 
+#[path = "../../tests/common/cable.rs"]
+mod cable;
 mod clocks;
 #[path = "../picture/mod.rs"]
 mod picture;
+mod scaling;
 
 use std::{
     error::Error,
@@ -54,7 +57,8 @@ fn main() -> Result {
     akd2g_bit_5()?;
     akd2g_bit_9()?;
     ax2000_handshake()?;
-    clocks::phase_after_power_on()
+    clocks::phase_after_power_on()?;
+    scaling::shortest_cycle()
 }
 
 /// The 2010h document's first figure.

@@ -214,6 +214,7 @@ pub(super) async fn start_cycles(
     });
     let distribution = clocks.as_ref().map(|clocks| clocks.distribution);
     let exchange = Exchange::new(&members, mailboxes.chain(further).collect(), distribution);
+    let exchange = exchange.checked()?;
     let (first, phase) = match clocks {
         None => (context.time.now(), None),
         Some(clocks) => {

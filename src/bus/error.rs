@@ -45,6 +45,16 @@ pub enum NetworkError {
         /// Those that answered by the working counter.
         got: u16,
     },
+    /// All process data together need more frames than a cycle can have.
+    #[error(
+        "the process data need {got} frames, and a cycle has at most {most}: map less, or divide the line into several networks"
+    )]
+    TooManyFrames {
+        /// The most that a cycle can have.
+        most: usize,
+        /// What is needed for this line.
+        got: usize,
+    },
     /// The line as a whole could not be reset or addressed.
     #[error("the line could not be reset and addressed: {0}")]
     Line(RegisterError),

@@ -6,6 +6,7 @@
 
 use std::{ops::Range, time::Duration};
 
+use super::NetworkError;
 use super::black_box::{RecordedAxis, RecordedCycle, Recorder};
 use super::dc::Distribution;
 use super::frame::{self, Tag};
@@ -18,6 +19,9 @@ use crate::{axis::Inputs, link::Link};
 const PATTERN: u8 = 0xFF;
 /// Fill unanswered inputs of other devices, in turn.
 const PATTERNS: [u8; 2] = [0x55, 0xAA];
+
+/// The most frames of a cycle: each has its place in a byte of its source address.
+const MOST_FRAMES: usize = 255;
 
 /// One drive's share of the exchange.
 #[derive(Debug, Clone)]
@@ -145,6 +149,17 @@ impl Exchange {
         }
     }
 
+    /// The exchange, if it can send all of its frames.
+    pub(super) fn checked(self) -> Result<Self, NetworkError> {
+        match self.packed.frames.len() {
+            ..=MOST_FRAMES => Ok(self),
+            got => Err(NetworkError::TooManyFrames {
+                most: MOST_FRAMES,
+                got,
+            }),
+        }
+    }
+
     /// Whether frames are on their way.
     pub(super) const fn in_flight(&self) -> bool {
         self.in_flight
@@ -189,7 +204,7 @@ impl Exchange {
             ..
         } = &mut self.packed;
         self.mailboxes.address(mailbox_states, frames);
-        for (place, frame) in (0..).zip(&mut self.packed.frames) {
+        for (frame, place) in self.packed.frames.iter_mut().zip(0..) {
             let source = Tag::cyclic(self.cycle, place).source_address();
             if let Some(to) = frame.request.get_mut(6..12) {
                 to.copy_from_slice(&source);

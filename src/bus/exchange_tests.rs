@@ -397,3 +397,35 @@ fn a_device_without_inputs_has_a_datagram_of_its_own_whose_counter_tells_whether
     );
     assert!(!exchange.drives[0].lost);
 }
+
+#[test]
+fn each_frame_of_a_cycle_has_a_place_of_its_own_and_more_than_have_one_are_refused() {
+    // Each has a frame to itself.
+    let long = |logical| Member {
+        logical,
+        outputs: 702,
+        inputs: 702,
+        lrw: true,
+        sign: Sign::Statusword,
+        patience: 3,
+    };
+    let exchange = |frames: u32| {
+        let members: Vec<_> = (0..frames).map(|place| long(1404 * place)).collect();
+        Exchange::new(&members, Vec::new(), None).checked()
+    };
+    let mut most = exchange(255).unwrap();
+    let mut link = Sent::default();
+    most.send(&mut link, &Counters::default());
+    for frame in &mut link.0 {
+        frame[6] |= 2;
+    }
+    let tags = link.0.iter().filter_map(|frame| Tag::of_answer(frame));
+    assert!(tags.eq((0..255).map(|place| Tag::cyclic(1, place))));
+    let error = exchange(256).err().map(|error| error.to_string());
+    assert_eq!(
+        error.as_deref(),
+        Some(
+            "the process data need 256 frames, and a cycle has at most 255: map less, or divide the line into several networks"
+        )
+    );
+}

@@ -2,6 +2,8 @@
 
 mod bring_up;
 mod bring_up_costs;
+#[path = "../common/cable.rs"]
+mod cable;
 mod clocks;
 mod endings;
 mod expected_line;
@@ -15,6 +17,7 @@ mod messages;
 mod modes;
 mod parameters;
 mod rig;
+mod scale;
 mod scan;
 mod sdo;
 mod sharing;

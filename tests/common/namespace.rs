@@ -15,15 +15,7 @@ pub(crate) const INSIDE: &str = "SERVOCRAB_TEST_NAMESPACE";
 /// Runs the named test again inside a namespace with a veth pair; true when this process is inside already.
 pub(crate) fn inside_namespace(test: &str) -> bool {
     if env::var_os(INSIDE).is_some() {
-        run(
-            "ip",
-            &[
-                "link", "add", "master0", "type", "veth", "peer", "name", "slave0",
-            ],
-        );
-        for interface in ["master0", "slave0"] {
-            run("ip", &["link", "set", interface, "up"]);
-        }
+        veth_pair("master0", "slave0");
         return true;
     }
     let possible = Command::new("unshare")
@@ -62,6 +54,17 @@ pub(crate) fn inside_namespace(test: &str) -> bool {
         "{test} failed inside its namespace"
     );
     false
+}
+
+/// Makes a cable: two interfaces that are up.
+pub(crate) fn veth_pair(near: &str, far: &str) {
+    run(
+        "ip",
+        &["link", "add", near, "type", "veth", "peer", "name", far],
+    );
+    for interface in [near, far] {
+        run("ip", &["link", "set", interface, "up"]);
+    }
 }
 
 /// Says something past the test's capture, so that a test that passes without having run does not do so unseen.
@@ -113,8 +116,19 @@ pub(crate) fn simulated_with(
     seconds: u32,
     options: &[String],
 ) -> Process {
+    simulated_on("slave0", program, devices, seconds, options)
+}
+
+/// The same on another interface.
+pub(crate) fn simulated_on(
+    interface: &str,
+    program: &Path,
+    devices: &[&str],
+    seconds: u32,
+    options: &[String],
+) -> Process {
     let mut command = Command::new(program);
-    command.args(["--interface", "slave0", "--for", &seconds.to_string()]);
+    command.args(["--interface", interface, "--for", &seconds.to_string()]);
     for device in devices {
         command.args(["--drive", device]);
     }
@@ -128,7 +142,7 @@ pub(crate) fn simulated_with(
     says.read_line(&mut line).expect("a line");
     // What it says at its end is for whoever reads on.
     child.stdout = Some(says.into_inner());
-    let listening = format!("listening on slave0: {} SubDevice(s)", devices.len());
+    let listening = format!("listening on {interface}: {} SubDevice(s)", devices.len());
     assert_eq!(line.trim(), listening);
     Process(child)
 }
