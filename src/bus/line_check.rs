@@ -126,10 +126,16 @@ impl Check<'_> {
         }
     }
 
+    /// Where somebody else's device stands, it is declared twice: one drive would get the set-points of two.
     fn take_what_may_be_anything(&mut self) {
         for (number, at) in self.at.iter().enumerate() {
-            if let Some(taken) = at.and_then(|at| self.taken.get_mut(at)) {
-                taken.get_or_insert(number);
+            let Some(taken) = at.and_then(|at| self.taken.get_mut(at)) else {
+                continue;
+            };
+            let by = *taken.get_or_insert(number);
+            let both_right = [number, by].map(|one| self.verdicts[one] == Some(Verdict::Right));
+            if by != number && both_right == [true, true] {
+                self.verdicts[number] = Some(Verdict::DeclaredTwice);
             }
         }
     }

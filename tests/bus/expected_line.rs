@@ -269,6 +269,20 @@ fn two_declarations_of_one_device_are_refused() {
             .drive(DevicePlace::Alias(7), drive("y"))),
         [Right, Verdict::DeclaredTwice]
     );
+    // Also where one of them may be anything.
+    let any = |axis| DriveConfig::new(drives::generic()).axis(axis);
+    assert_eq!(
+        verdicts([with_alias(7)], |net| net
+            .drive(0, any("x"))
+            .drive(DevicePlace::Alias(7), drive("y"))),
+        [Verdict::DeclaredTwice, Right]
+    );
+    assert_eq!(
+        verdicts([with_alias(7)], |net| net
+            .drive(0, any("x"))
+            .drive(DevicePlace::Alias(7), any("y"))),
+        [Right, Verdict::DeclaredTwice]
+    );
     for (declared, expected) in [
         (
             Network::builder().drive(3, drive("x")).expect(3, COUPLER),
