@@ -76,7 +76,8 @@ impl Phase {
     /// multiple of the period: the phase, and by how much later than `first` that is.
     pub(in crate::bus) fn starting_at(first: u64, period: Duration) -> (Self, Duration) {
         let length = nanoseconds(period).max(1);
-        let next = first.next_multiple_of(length.cast_unsigned());
+        let ahead = to_multiple(first, length.cast_unsigned());
+        let next = first.wrapping_add(ahead);
         let phase = Self {
             period: length,
             next,
@@ -86,7 +87,7 @@ impl Phase {
             has_begun: false,
             within: 0,
         };
-        (phase, Duration::from_nanos(next - first))
+        (phase, Duration::from_nanos(ahead))
     }
 
     /// A cycle begins, so much later than planned, and with the next one the plan goes on after `periods` periods. The
@@ -113,9 +114,10 @@ impl Phase {
             return (self.controller.step(0, most), None);
         };
         let (wanted, late) = self.now;
-        let error = i64::from(time.wrapping_sub(wanted as u32).cast_signed());
-        // Of the plan, without what was late in this cycle alone.
-        let of_plan = error - late;
+        // Of the plan, without what was late in this cycle alone: that may be longer than 32 bits of nanoseconds.
+        let passes = wanted.wrapping_add_signed(late);
+        let of_plan = i64::from(time.wrapping_sub(passes as u32).cast_signed());
+        let error = of_plan.saturating_add(late);
         let is_within = of_plan.abs() <= self.bound;
         self.within = match is_within {
             true => (self.within + 1).min(2 * LOCK_CYCLES),
@@ -137,6 +139,11 @@ impl Phase {
         let correction = self.controller.step(of_plan.clamp(-limit, limit), most);
         (correction, Some(measured))
     }
+}
+
+/// From a time to the next multiple of `length`, which is not 0.
+pub(super) const fn to_multiple(time: u64, length: u64) -> u64 {
+    (length - time % length) % length
 }
 
 /// The time whose low half this is, nearest to an estimate.
@@ -236,6 +243,22 @@ mod tests {
         run.phase.end(Some(time as u32));
         run.start += 3e6;
         assert!(run.cycle(0.0).error.abs() < 5);
+    }
+
+    #[test]
+    fn a_sleep_of_more_than_32_bits_of_nanoseconds_keeps_the_phase() {
+        let mut run = Run::new(drifting(0.0));
+        run.cycles(200);
+        run.phase.begin(Duration::from_millis(5_000), 5_001);
+        let time = (run.reference)(run.start + 5e9) as u64;
+        let (sooner, measured) = run.phase.end(Some(time as u32));
+        assert_eq!((sooner, measured.unwrap().locked), (0, true));
+    }
+
+    #[test]
+    fn a_clock_at_the_end_of_its_64_bits_is_no_reason_to_panic() {
+        let (_, ahead) = Phase::starting_at(u64::MAX - 5, PERIOD);
+        assert!(ahead < PERIOD, "{ahead:?}");
     }
 
     #[test]

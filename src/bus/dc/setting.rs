@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use super::phase::to_multiple;
+
 /// Bits of the assign-activate word's upper byte, register 0981h.
 const UNIT_ON: u16 = 0x0100;
 const SYNC0_ON: u16 = 0x0200;
@@ -111,9 +113,8 @@ impl DistributedClock {
         let (cycle, _) = self.cycles(period);
         let shift = nanoseconds(self.shift_in(period)).unwrap_or(0);
         let earliest = earliest.saturating_sub(shift.into());
-        earliest
-            .next_multiple_of(u64::from(cycle).max(1))
-            .saturating_add(shift.into())
+        let ahead = to_multiple(earliest, u64::from(cycle).max(1));
+        earliest.saturating_add(ahead).saturating_add(shift.into())
     }
 }
 
@@ -137,6 +138,8 @@ mod tests {
         let clock = clock.shift(MS / 4).sync0_cycle(2 * MS);
         assert_eq!(clock.cycles(MS), (2_000_000, 0));
         assert_eq!(clock.first_pulse(7_200_000, MS), 8_250_000);
+        // A clock may show anything.
+        assert_eq!(clock.first_pulse(u64::MAX, MS), u64::MAX);
     }
 
     #[test]

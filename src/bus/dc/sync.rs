@@ -120,7 +120,7 @@ pub(in crate::bus) async fn start(
     for _ in 0..TRIES {
         registers.write(station, ACTIVATION, &[0]).await?;
         let (now, _) = clocks.now(registers).await?;
-        let first = clock.first_pulse(now + ahead, period);
+        let first = clock.first_pulse(now.saturating_add(ahead), period);
         write_time(registers, station, START, first, width).await?;
         registers
             .write(station, CYCLES, &sync0.to_le_bytes())
