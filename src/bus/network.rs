@@ -152,10 +152,10 @@ impl Network {
     /// What was counted of each declared drive.
     #[must_use]
     pub fn drive_statistics(&self) -> Vec<DriveStatistics> {
-        let drives = self.drives.iter().enumerate();
-        drives
-            .map(|(place, drive)| {
-                let counters = self.control.counters.drive(place);
+        self.drives
+            .iter()
+            .map(|drive| {
+                let counters = self.control.counters.drive(drive.in_exchange);
                 DriveStatistics {
                     drive: drive.sdo.drive().clone(),
                     stale_cycles: counters.map_or(0, |counters| counters.stale.get()),
@@ -194,14 +194,17 @@ impl Network {
     ) -> Result<T, NetworkError> {
         let over = || NetworkError::Thread("the network has ended".into());
         let (reply, answer) = bounded(1);
-        let asked = self.control.questions.0.send(question(reply)).await;
-        asked.map_err(|_| over())?;
-        // The loop drops what waits when it ends, and says so by this.
+        let answered = async {
+            let asked = self.control.questions.0.send(question(reply)).await;
+            asked.map_err(|_| over())?;
+            answer.recv().await.map_err(|_| over())
+        };
+        // Nobody takes what waits once the loop has ended, which it says by this.
         let ended = async {
             let _ = self.over.recv().await;
             Err(over())
         };
-        smol::future::or(async { answer.recv().await.map_err(|_| over()) }, ended).await
+        smol::future::or(answered, ended).await
     }
 
     /// Stops and disables all axes, leads the drives out of OP, and ends the thread.

@@ -49,6 +49,8 @@ pub(super) struct StartedDrive {
     /// Where it stands, and how it was declared.
     pub(super) position: u16,
     pub(super) place: DevicePlace,
+    /// Its place in the exchange.
+    pub(super) in_exchange: usize,
     pub(super) sdo: SdoHandle,
     pub(super) emergencies: Emergencies,
 }
@@ -71,7 +73,7 @@ pub(super) async fn supervise(
     match bring_up.await {
         Some(Ok((running, to_program))) => {
             if started.send(Ok(to_program)).await.is_ok() {
-                let watching = watch(&context, &running, &control);
+                let watching = watch(&context, &running, &control, period);
                 let answering = answer(&context, &running.axes, &control);
                 smol::future::or(watching, answering).await;
             }
@@ -113,17 +115,21 @@ async fn start(
     let stepper = Box::new((Rc::clone(&axes), Rc::clone(&ports)));
     bring_up::start_cycles(context, &ready, stepper, period).await?;
     bring_up::operate(context, &ready, period, &progress).await?;
-    let drives = ready.drives.iter().map(|drive| StartedDrive {
+    let drives = (0..).zip(&ready.drives);
+    let drives = drives.map(|(in_exchange, drive)| StartedDrive {
         position: drive.found.id.position,
         place: drive.place,
+        in_exchange,
         sdo: drive.sdo.clone(),
         emergencies: drive.emergencies.clone(),
     });
-    let others = ready.ios.iter().filter_map(|io| {
+    let others = (ready.drives.len()..).zip(&ready.ios);
+    let others = others.filter_map(|(in_exchange, io)| {
         let mailbox = io.mailbox.as_ref()?;
         Some(StartedDrive {
             position: io.found.id.position,
             place: io.place,
+            in_exchange,
             sdo: mailbox.sdo.clone(),
             emergencies: mailbox.emergencies.clone(),
         })
@@ -150,7 +156,7 @@ pub(super) async fn given_up(context: &Context, control: &Control) {
 }
 
 /// Watches over the drives until the network is to end.
-async fn watch(context: &Context, running: &Running, control: &Control) {
+async fn watch(context: &Context, running: &Running, control: &Control, period: Duration) {
     let devices = running.devices.as_slice();
     let mut usual = None;
     let mut lost = vec![false; devices.len()];
@@ -169,6 +175,11 @@ async fn watch(context: &Context, running: &Running, control: &Control) {
             if let Some(black_box) = black_box(context, axes, index, Some(trouble)) {
                 control.report(NetworkEvent::Trouble(Arc::new(black_box)));
             }
+            if control.is_shutdown() {
+                return;
+            }
+            // A thousand cycles are read at once: those of all axes of a machine would keep the next cycle waiting.
+            context.time.sleep(period.min(LOOK_EVERY)).await;
         }
         let Some(seen) = al_status else { continue };
         // A drive that has fallen before the first look is not taken for usual: SubDevices that nobody has declared are in PREOP.

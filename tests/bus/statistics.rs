@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use servocrab::{
-    bus::{Answered, Network, NetworkError, NetworkEvent, PortErrors, Trouble},
+    bus::{Answered, Expected, IoConfig, Network, NetworkError, NetworkEvent, PortErrors, Trouble},
     ds402::State,
     link::Fate,
     profile_position::SetPoint,
@@ -212,6 +212,49 @@ fn a_lost_drive_is_told_first_and_then_each_of_its_axes_with_what_was_sent_to_it
 }
 
 #[test]
+fn the_black_boxes_of_faults_at_the_same_time_are_read_in_different_cycles() {
+    let line = two_drives();
+    let mut rig = start(&line);
+    let events = rig.net().events();
+    run(&mut rig, 50);
+    for axis in [0, 1] {
+        let mut segment = line.segment();
+        segment.axis_mut(1, axis).unwrap().inject_fault(0x8611);
+    }
+    let mut last = || {
+        let Some(NetworkEvent::Trouble(black_box)) = rig.until(events.next()) else {
+            panic!("no black box");
+        };
+        black_box.cycles.last().unwrap().number
+    };
+    let (first, second) = (last(), last());
+    assert!(second > first, "{first} {second}");
+    rig.shutdown();
+}
+
+#[test]
+fn cycles_are_counted_for_the_device_that_they_were_of() {
+    // The buttons have no mailbox, and are declared before the drive.
+    let line = Line::new(
+        Segment::new()
+            .with(personality::generic())
+            .with(personality::digital_inputs()),
+    );
+    let builder = Network::builder()
+        .link(line.wire())
+        .io(1, IoConfig::new("buttons", Expected::any()))
+        .io(0, IoConfig::new("drive", Expected::any()));
+    let mut rig = Rig::start(builder).unwrap();
+    let before = rig.net().drive_statistics();
+    line.segment().unplug(1);
+    run(&mut rig, 20);
+    let after = rig.net().drive_statistics();
+    assert_eq!((after.len(), after[0].drive.position), (1, 0));
+    assert_eq!(after[0].stale_cycles, before[0].stale_cycles);
+    rig.shutdown();
+}
+
+#[test]
 fn the_ports_tell_which_cable_damages_frames() {
     let line = two_drives();
     let mut rig = start(&line);
@@ -268,6 +311,10 @@ fn what_is_asked_of_a_network_that_has_ended_is_an_error_and_no_wait_without_end
     assert!(smol::block_on(smol::future::poll_once(&mut stop)).is_none());
     drop(rig.bus);
     assert!(matches!(smol::block_on(stop), Err(NetworkError::Thread(_))));
-    let ports = smol::block_on(net.port_errors());
-    assert!(matches!(ports, Err(NetworkError::Thread(_))));
+    // Nobody takes the questions any more, and there is room for 16.
+    for _ in 0..20 {
+        let mut ports = std::pin::pin!(net.port_errors());
+        let ports = smol::block_on(smol::future::poll_once(&mut ports));
+        assert!(matches!(ports, Some(Err(NetworkError::Thread(_)))));
+    }
 }
