@@ -268,7 +268,8 @@ async fn read_state(context: &Context, place: usize, device: &Found, control: &C
     else {
         return;
     };
-    if data.operational != in_op {
+    // One that was lost is not operational, and may come back fallen.
+    if data.operational != in_op || data.fallen == in_op {
         data.operational = in_op;
         data.fallen = !in_op;
         let id = device.id.clone();

@@ -1,17 +1,23 @@
 //! Frames that are lost, late, changed or cut; drives that fall silent or leave OP.
 
-use std::time::Duration;
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
 use servocrab::{
     axis::{Liveness, StopRequest},
     bus::{AlState as State, Network, NetworkEvent},
     ds402,
-    link::Fate,
+    link::{Fate, Wire},
     profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{Segment, personality};
 
-use crate::rig::{Line, Rig, akd2g, is_cyclic};
+use crate::rig::{Line, Rig, akd2g, datagrams, is_cyclic};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -192,6 +198,59 @@ fn a_drive_that_leaves_op_at_once_is_not_taken_for_one_in_op() {
         rig.net().events().try_next(),
         Some(NetworkEvent::LeftOp { .. })
     ));
+    rig.shutdown();
+}
+
+#[test]
+fn a_lost_drive_that_comes_back_fallen_says_so_and_does_not_hold_up_the_others() {
+    let line = Line::new(
+        Segment::new()
+            .with(personality::akd2g())
+            .with(personality::akd2g()),
+    );
+    // As many drives do out of OP, it closes its outputs.
+    let (segment, closed) = (Arc::clone(&line.0), Arc::new(AtomicBool::new(false)));
+    let closes = Arc::clone(&closed);
+    let wire = Wire::in_virtual_time(MS / 200, move |frame: &mut [u8], now| {
+        let way = segment.lock().unwrap().process(frame, now);
+        for datagram in datagrams(frame) {
+            if let [12, .., low, _] = datagram
+                && closes.load(Ordering::Relaxed)
+            {
+                *low = low.saturating_sub(2);
+            }
+        }
+        way
+    });
+    let second = servocrab::bus::DriveConfig::new(servocrab::drives::akd2g()).axis("z");
+    let builder = Network::builder()
+        .link(wire)
+        .drive(0, akd2g())
+        .drive(1, second);
+    let mut rig = Rig::start(builder).unwrap();
+    let events = rig.net().events();
+    line.segment().unplug(1);
+    rig.run_for(300 * MS);
+    closed.store(true, Ordering::Relaxed);
+    line.segment().plug();
+    rig.run_for(100 * MS);
+    let told: Vec<_> = std::iter::from_fn(|| events.try_next()).collect();
+    assert!(
+        matches!(
+            &told[..],
+            [
+                NetworkEvent::Lost(_),
+                NetworkEvent::Trouble(_),
+                NetworkEvent::Back(_),
+                NetworkEvent::LeftOp { status, .. }
+            ] if (status.state, status.error) == (State::SafeOp, Some(0x001B))
+        ),
+        "{told:?}"
+    );
+    let before = rig.net().drive_statistics()[0].undelivered_cycles;
+    assert!((move_x(&mut rig, 5_000) - 5_000).abs() < 20);
+    let undelivered = rig.net().drive_statistics()[0].undelivered_cycles - before;
+    assert_eq!(undelivered, 0);
     rig.shutdown();
 }
 

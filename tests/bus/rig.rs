@@ -23,7 +23,7 @@ const LIMIT: Duration = Duration::from_secs(120);
 
 /// A simulated segment that the test and the wire share.
 #[derive(Clone)]
-pub(crate) struct Line(Arc<Mutex<Segment>>);
+pub(crate) struct Line(pub(crate) Arc<Mutex<Segment>>);
 
 impl Line {
     pub(crate) fn new(segment: Segment) -> Self {
