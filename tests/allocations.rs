@@ -136,20 +136,7 @@ fn a_hundred_thousand_cycles_with_moves_allocate_and_free_nothing() {
         let mut done = pin!(moved.done());
         let mut context = Context::from_waker(Waker::noop());
         assert!(done.as_mut().poll(&mut context).is_pending());
-        // Asked for and taken by the program's side, served by the loop.
-        let mut read = pin!(sdo.read(obj::POSITION_ACTUAL));
-        let mut write = pin!(sdo.write(obj::POSITION_WINDOW, 10));
-        assert!(read.as_mut().poll(&mut context).is_pending());
-        assert!(write.as_mut().poll(&mut context).is_pending());
         counted += allocations(&net, &mut bus, 500);
-        let Poll::Ready(Ok(position)) = read.as_mut().poll(&mut context) else {
-            panic!("the position was not read");
-        };
-        assert!((-10..=20_010).contains(&position), "{position}");
-        assert!(matches!(
-            write.as_mut().poll(&mut context),
-            Poll::Ready(Ok(()))
-        ));
         assert!(net.timing().round_trip.count() > 0);
         assert!(net.drive_statistics().len() == 2);
         counted += allocations(&net, &mut bus, 500);
