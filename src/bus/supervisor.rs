@@ -5,7 +5,7 @@ use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 use smol::channel::Sender;
 
 use super::{
-    AlState, DevicePlace, NetworkError, al,
+    AlState, DevicePlace, NetworkError, RegisterError, al,
     axes::Axes,
     black_box::{BlackBox, Trouble},
     bring_up,
@@ -256,11 +256,7 @@ fn look(
 }
 
 async fn read_state(context: &Context, place: usize, device: &Found, control: &Control) {
-    // A drive that does not answer is reported as lost by its process data.
-    let Ok(status) = al::status(&context.registers, device.station).await else {
-        return;
-    };
-    let in_op = status.state == AlState::Op && status.error.is_none();
+    let status = al::status(&context.registers, device.station).await;
     let mut cycle = context.cycle.borrow_mut();
     let Some(data) = cycle
         .as_mut()
@@ -268,6 +264,17 @@ async fn read_state(context: &Context, place: usize, device: &Found, control: &C
     else {
         return;
     };
+    let status = match status {
+        Ok(status) => status,
+        // It is reported as lost by its process data. Of one without inputs a working counter of 0 may be that of outputs
+        // closed since it left OP: but not where nobody is there.
+        Err(RegisterError::NotAnswered) if data.inputs.is_empty() => {
+            data.fallen = false;
+            return;
+        }
+        Err(_) => return,
+    };
+    let in_op = status.state == AlState::Op && status.error.is_none();
     // One that was lost is not operational, and may come back fallen.
     if data.operational != in_op || data.fallen == in_op {
         data.operational = in_op;

@@ -188,6 +188,35 @@ fn inputs_that_do_not_come_any_more_are_stale_and_the_drive_goes_on() {
 }
 
 #[test]
+fn outputs_that_left_op_and_then_fall_silent_are_told_as_lost() {
+    let line = line();
+    let mut rig = Rig::start(network(&line)).unwrap();
+    let events = rig.net().events();
+    rig.run_for(20 * CYCLE);
+    let valves = io(&rig, "valves");
+    let mut segment = line.segment();
+    segment.device_mut(3).unwrap().fall_to_safe_op(0x001B);
+    drop(segment);
+    rig.run_for(100 * CYCLE);
+    assert!(matches!(
+        events.try_next(),
+        Some(NetworkEvent::LeftOp { .. })
+    ));
+    let status = valves.status();
+    assert!(!status.operational && !status.lost, "{status:?}");
+    line.segment().unplug(3);
+    rig.run_for(500 * CYCLE);
+    let status = valves.status();
+    assert!(status.lost && status.age > Some(100), "{status:?}");
+    assert!(
+        matches!(events.try_next(), Some(NetworkEvent::Lost(id)) if id.position == 3),
+        "told once"
+    );
+    assert_eq!(events.try_next(), None);
+    rig.shutdown();
+}
+
+#[test]
 fn a_lost_frame_makes_inputs_stale_for_its_cycle_alone() {
     let line = line();
     let armed = std::sync::Arc::new(std::sync::atomic::AtomicU32::new(0));
