@@ -347,8 +347,11 @@ fn another_device_at_the_drives_position_is_an_error_with_both_identities() {
     drop(simulator);
     fs::remove_file(file).expect("it is ours");
     assert!(
-        text.starts_with("pp_move: drive 0 \"Coupler\" (")
-            && text.contains("expected AKD2G (vendor 0000006Ah, product 414B4432h), got vendor"),
+        text.starts_with(
+            "pp_move: the line is not the expected one, and nothing was configured:\n"
+        ) && text.contains(" AKD2G (0000006Ah:414B4432h) ")
+            && text.contains(" Coupler (00000000h:434F5550h, ")
+            && text.trim_end().ends_with("another device"),
         "{text}"
     );
 }
