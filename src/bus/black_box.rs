@@ -2,7 +2,7 @@
 //!
 //! Keeping a cycle is one copy for each frame, whatever the number of axes.
 
-use std::{fmt, time::Duration};
+use std::{fmt, ops::Range, time::Duration};
 
 use super::{
     exchange::{Answer, DriveData},
@@ -162,50 +162,69 @@ impl Recorder {
 
     /// The kept cycles of an axis, the oldest first.
     pub(super) fn read(&self, packed: &Packed, axis: &RecordedAxis) -> Vec<RecordedCycle> {
+        let place = Place::of(packed, axis.drive);
         let order = (self.next..KEPT).chain(0..self.next);
-        let kept = order.filter_map(|place| {
-            let head = self.heads.get(place).filter(|head| head.number != 0)?;
-            let from = place.checked_mul(self.stride)?;
+        let kept = order.filter_map(|at| {
+            let head = self.heads.get(at).filter(|head| head.number != 0)?;
+            let from = at.checked_mul(self.stride)?;
             let bytes = self.bytes.get(from..from + self.stride)?;
-            cycle_of(head, bytes, packed, axis)
+            cycle_of(head, bytes, &place, axis)
         });
         kept.collect()
+    }
+}
+
+/// Where a drive's bytes lie in the record of a cycle.
+struct Place {
+    outputs: Option<Range<usize>>,
+    inputs: Option<Range<usize>>,
+    /// What was judged of it, behind the frames.
+    judged: usize,
+}
+
+impl Place {
+    fn of(packed: &Packed, drive: usize) -> Self {
+        let record = |frames: &[Frame]| -> usize {
+            frames.iter().map(|frame| 2 * frame.request.len()).sum()
+        };
+        let mut place = Self {
+            outputs: None,
+            inputs: None,
+            judged: record(&packed.frames) + drive,
+        };
+        for part in &packed.parts {
+            let (before, from) = packed.frames.split_at(part.frame.min(packed.frames.len()));
+            // What was sent lies in front of what came back.
+            let request = record(before);
+            let answer = request + from.first().map_or(0, |frame| frame.request.len());
+            let behind =
+                |start: usize| move |range: &Range<usize>| start + range.start..start + range.end;
+            for share in part.shares.iter().filter(|share| share.drive == drive) {
+                place.outputs = share
+                    .outputs
+                    .as_ref()
+                    .map(behind(request))
+                    .or(place.outputs);
+                place.inputs = share.inputs.as_ref().map(behind(answer)).or(place.inputs);
+            }
+        }
+        place
     }
 }
 
 fn cycle_of(
     head: &Head,
     bytes: &[u8],
-    packed: &Packed,
+    place: &Place,
     axis: &RecordedAxis,
 ) -> Option<RecordedCycle> {
-    // The judgements lie behind the frames.
-    let frames: usize = packed
-        .frames
-        .iter()
-        .map(|frame| 2 * frame.request.len())
-        .sum();
-    let answered = match bytes.get(frames + axis.drive)? {
+    let answered = match bytes.get(place.judged)? {
         byte if *byte == Answer::Fresh as u8 => Answered::Delivered,
         byte if *byte == Answer::Answered as u8 => Answered::InputsOnly,
         _ => Answered::Nothing,
     };
-    let (mut outputs, mut inputs) = (None, None);
-    for part in &packed.parts {
-        let before = packed.frames.get(..part.frame)?;
-        let start: usize = before.iter().map(|frame| 2 * frame.request.len()).sum();
-        let length = packed.frames.get(part.frame)?.request.len();
-        let request = bytes.get(start..start + length)?;
-        let answer = bytes.get(start + length..start + 2 * length)?;
-        for share in part.shares.iter().filter(|share| share.drive == axis.drive) {
-            if let Some(range) = &share.outputs {
-                outputs = request.get(range.clone());
-            }
-            if let Some(range) = &share.inputs {
-                inputs = answer.get(range.clone());
-            }
-        }
-    }
+    let outputs = bytes.get(place.outputs.clone()?);
+    let inputs = place.inputs.clone().and_then(|range| bytes.get(range));
     let (controlword, target) = axis.fields.sent(outputs?)?;
     let inputs = inputs.filter(|_| answered != Answered::Nothing);
     Some(RecordedCycle {

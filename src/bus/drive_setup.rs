@@ -13,7 +13,7 @@ use super::{
     eeprom,
     progress::Progress,
     reactor::Context,
-    sync_managers::{self, Area, AreaDirection},
+    sync_managers::{self, Area, AreaDirection, WatchdogState},
     time::Time,
 };
 use crate::{
@@ -158,7 +158,14 @@ impl Job {
         let lrw = sync_managers::takes_lrw(registers, station)
             .await
             .map_err(|error| process_data(error.into()))?;
-        self.arm(context, &outputs).await?;
+        arm(
+            context,
+            station,
+            &outputs,
+            self.watchdog,
+            |expected, got| DriveFault::WatchdogUnarmed { expected, got },
+        )
+        .await?;
         done(BringUpStep::Watchdog);
         if let Some(clock) = &self.config.clock {
             let position = self.found.id.position;
@@ -260,25 +267,6 @@ impl Job {
         }
         Ok(config)
     }
-
-    async fn arm(&self, context: &Context, outputs: &Area) -> Result<(), Failed> {
-        let step = BringUpStep::Watchdog;
-        let ticks = match self.watchdog {
-            None => 0,
-            Some(time) => {
-                sync_managers::watchdog_ticks(time).ok_or((step, DriveFault::WatchdogTime(time)))?
-            }
-        };
-        let got =
-            sync_managers::set_watchdog(&context.registers, self.found.station, outputs, ticks)
-                .await
-                .map_err(|error| (step, error.into()))?;
-        if self.watchdog.is_some() && !got.is_armed_with(ticks) {
-            let expected = ticks;
-            return Err((step, DriveFault::WatchdogUnarmed { expected, got }));
-        }
-        Ok(())
-    }
 }
 
 impl Found {
@@ -332,6 +320,30 @@ pub(super) type Failed = (BringUpStep, DriveFault);
 
 fn at(step: BringUpStep) -> impl Fn(DriveError) -> Failed {
     move |DriveError { error, .. }| (step, error.into())
+}
+
+/// Sets a device's process-data watchdog to this time, or switches it off, and checks what the device holds then.
+pub(super) async fn arm(
+    context: &Context,
+    station: u16,
+    outputs: &Area,
+    time: Option<Duration>,
+    unarmed: impl FnOnce(u16, WatchdogState) -> DriveFault,
+) -> Result<(), Failed> {
+    let step = BringUpStep::Watchdog;
+    let ticks = match time {
+        None => 0,
+        Some(time) => {
+            sync_managers::watchdog_ticks(time).ok_or((step, DriveFault::WatchdogTime(time)))?
+        }
+    };
+    let got = sync_managers::set_watchdog(&context.registers, station, outputs, ticks)
+        .await
+        .map_err(|error| (step, error.into()))?;
+    if time.is_some() && !got.is_armed_with(ticks) {
+        return Err((step, unarmed(ticks, got)));
+    }
+    Ok(())
 }
 
 /// Sets what the axis does when the process data stop to a value that stops it, and checks what the drive holds then.

@@ -10,7 +10,7 @@ use crate::{
     bus::{
         AlState, BringUpStep, DevicePlace, DriveFault, NetworkError, SyncManagerError, al,
         discovery::Found,
-        drive_setup::{Failed, Mailbox, SAFE_OP_LIMIT, mapping_fault, serve_mailbox},
+        drive_setup::{Failed, Mailbox, SAFE_OP_LIMIT, arm, mapping_fault, serve_mailbox},
         eeprom,
         packing::{Member, Sign, fits_one_frame},
         progress::Progress,
@@ -195,7 +195,10 @@ impl ReadyIo {
             .iter()
             .find(|(direction, _)| *direction == Direction::Outputs);
         if let Some((_, outputs)) = outputs {
-            self.arm(context, outputs).await?;
+            arm(context, station, outputs, self.watchdog, |expected, got| {
+                DriveFault::OutputsUnwatched { expected, got }
+            })
+            .await?;
         }
         self.progress.step(&self.found.id, BringUpStep::Watchdog);
         eeprom::give_away(registers, station)
@@ -242,24 +245,5 @@ impl ReadyIo {
             logical = logical.saturating_add(u32::try_from(bytes).unwrap_or(u32::MAX));
         }
         Ok(areas)
-    }
-
-    async fn arm(&self, context: &Context, outputs: &Area) -> Result<(), Failed> {
-        let step = BringUpStep::Watchdog;
-        let ticks = match self.watchdog {
-            None => 0,
-            Some(time) => {
-                sync_managers::watchdog_ticks(time).ok_or((step, DriveFault::WatchdogTime(time)))?
-            }
-        };
-        let got =
-            sync_managers::set_watchdog(&context.registers, self.found.station, outputs, ticks)
-                .await
-                .map_err(|error| (step, error.into()))?;
-        if self.watchdog.is_some() && !got.is_armed_with(ticks) {
-            let expected = ticks;
-            return Err((step, DriveFault::OutputsUnwatched { expected, got }));
-        }
-        Ok(())
     }
 }
