@@ -11,7 +11,7 @@ use servocrab::{
     coe::{Mappable, Object, ReadWrite, obj},
     drives,
     link::Wire,
-    profile_position::{Outcome, SetPoint},
+    profile_position::Outcome,
 };
 use servocrab_sim::{AlState, Direction, Segment, personality};
 
@@ -23,17 +23,7 @@ fn both_axes_of_an_akd2g_come_up_and_move() {
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
     for (number, name) in ["x", "y"].into_iter().enumerate() {
-        let axis = rig.net().axis(name).unwrap();
-        rig.until(axis.enable()).unwrap();
-        let moved = rig.until(async {
-            let mode = axis.profile_position().await.unwrap();
-            let set_point = SetPoint::new()
-                .velocity(100_000)
-                .acceleration(1_000_000)
-                .deceleration(1_000_000);
-            let motion = mode.move_abs(10_000, set_point).await.unwrap();
-            motion.done().await.unwrap()
-        });
+        let moved = rig.moved(name, 10_000);
         assert!(matches!(moved, Outcome::Reached { position } if (position - 10_000).abs() < 20));
         let segment = line.segment();
         let executed = segment.axis(0, number).unwrap().ledger();
@@ -115,17 +105,7 @@ fn pitfall_37_process_data_are_what_coe_says_and_not_what_the_sii_says() {
         .map_output("x", obj::QUICK_STOP_DECELERATION)
         .map_input("x", obj::FOLLOWING_ERROR_ACTUAL);
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
-    let axis = rig.net().axis("x").unwrap();
-    rig.until(axis.enable()).unwrap();
-    let moved = rig.until(async {
-        let mode = axis.profile_position().await.unwrap();
-        let set_point = SetPoint::new()
-            .velocity(100_000)
-            .acceleration(1_000_000)
-            .deceleration(1_000_000);
-        let motion = mode.move_abs(10_000, set_point).await.unwrap();
-        motion.done().await.unwrap()
-    });
+    let moved = rig.moved("x", 10_000);
     assert!(matches!(moved, Outcome::Reached { .. }), "{moved:?}");
     assert_eq!((by_sii, line.segment().last_outputs(0).len()), (19, 23));
 }

@@ -27,17 +27,7 @@ fn one_drive() -> Line {
 
 /// One move of axis `x`, which is enabled for it.
 fn move_x(rig: &mut Rig, target: i32) -> i32 {
-    let axis = rig.net().axis("x").unwrap();
-    rig.until(axis.enable()).unwrap();
-    let outcome = rig.until(async {
-        let mode = axis.profile_position().await.unwrap();
-        let set_point = SetPoint::new()
-            .velocity(100_000)
-            .acceleration(1_000_000)
-            .deceleration(1_000_000);
-        let motion = mode.move_abs(target, set_point).await.unwrap();
-        motion.done().await.unwrap()
-    });
+    let outcome = rig.moved("x", target);
     match outcome {
         Outcome::Reached { position } | Outcome::Passed { position } => position,
     }

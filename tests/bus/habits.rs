@@ -14,7 +14,7 @@ use servocrab::{
     },
     coe::{ObjectAddress, SdoError, obj},
     drives,
-    profile_position::{Outcome, SetPoint},
+    profile_position::Outcome,
 };
 use servocrab_sim::{Abort, AlState, Device, Habits, Segment, personality, personality::Servo};
 
@@ -114,21 +114,7 @@ fn requests(frame: &[u8], (start, length): (u16, u16)) -> Vec<Asked> {
 /// Moves the axis once, and shuts down.
 fn moves(bench: &Bench, mut rig: Rig) {
     assert_eq!(bench.state(), AlState::Op);
-    let axis = rig.net().axis("x").unwrap();
-    rig.until(axis.enable()).unwrap();
-    let moved = rig.until(async {
-        let mode = axis.profile_position().await.unwrap();
-        let set_point = SetPoint::new()
-            .velocity(100_000)
-            .acceleration(1_000_000)
-            .deceleration(1_000_000);
-        mode.move_abs(1_000, set_point)
-            .await
-            .unwrap()
-            .done()
-            .await
-            .unwrap()
-    });
+    let moved = rig.moved("x", 1_000);
     assert!(matches!(moved, Outcome::Reached { .. }), "{moved:?}");
     rig.shutdown();
 }

@@ -6,7 +6,7 @@ use servocrab::{
     coe::obj,
     drives::{self, DriveDescription},
     pdo_map::{Direction, Entry, FixedPdo, MappingError, Step, read_offered},
-    profile_position::{Outcome, SetPoint},
+    profile_position::Outcome,
 };
 use servocrab_sim::{Abort, AlState, Device, Segment, personality::Servo};
 
@@ -37,17 +37,7 @@ fn moves(device: Device, config: DriveConfig, axes: &[&str]) -> usize {
     let mut rig = rig.unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
     for (number, name) in axes.iter().enumerate() {
-        let axis = rig.net().axis(name).unwrap();
-        rig.until(axis.enable()).unwrap();
-        let moved = rig.until(async {
-            let mode = axis.profile_position().await.unwrap();
-            let set_point = SetPoint::new()
-                .velocity(100_000)
-                .acceleration(1_000_000)
-                .deceleration(1_000_000);
-            let motion = mode.move_abs(10_000, set_point).await.unwrap();
-            motion.done().await.unwrap()
-        });
+        let moved = rig.moved(name, 10_000);
         assert!(
             matches!(moved, Outcome::Reached { .. }),
             "{name}: {moved:?}"

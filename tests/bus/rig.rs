@@ -13,6 +13,7 @@ use servocrab::{
     bus::{BusLoop, DriveConfig, Network, NetworkBuilder, NetworkError},
     drives,
     link::{Fate, Wire},
+    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::Segment;
 
@@ -115,6 +116,21 @@ impl Rig {
 
     pub(crate) fn net(&self) -> &Network {
         self.net.as_ref().unwrap()
+    }
+
+    /// Enables the axis and moves it once.
+    pub(crate) fn moved(&mut self, axis: &str, target: i32) -> Outcome {
+        let axis = self.net().axis(axis).unwrap();
+        self.until(axis.enable()).unwrap();
+        self.until(async {
+            let mode = axis.profile_position().await.unwrap();
+            let set_point = SetPoint::new()
+                .velocity(100_000)
+                .acceleration(1_000_000)
+                .deceleration(1_000_000);
+            let motion = mode.move_abs(target, set_point).await.unwrap();
+            motion.done().await.unwrap()
+        })
     }
 
     pub(crate) fn until<T>(&mut self, future: impl Future<Output = T>) -> T {
