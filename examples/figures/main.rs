@@ -3,6 +3,7 @@
 
 #[path = "../../tests/common/cable.rs"]
 mod cable;
+mod chart;
 mod clocks;
 #[path = "../picture/mod.rs"]
 mod picture;

@@ -1,13 +1,8 @@
 //! Selecting a mode from a handle: 6060h and 6061h in the process data, or by SDO where they are not there.
 
-use core::time::Duration;
-
 use crate::{coe::ObjectAddress, ds402::Mode};
 
 use super::{Axis, AxisError, Command};
-
-/// How often 6061h is read by SDO while a mode is awaited there.
-const MODE_POLL: Duration = Duration::from_millis(5);
 
 const MODE_OF_OPERATION: ObjectAddress = ObjectAddress::new(0x6060, 0);
 const MODE_OF_OPERATION_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
@@ -38,7 +33,8 @@ impl Axis {
                 if let Some(raw) = value.first() {
                     handles.shared.note_mode(raw.cast_signed());
                 }
-                smol::Timer::after(MODE_POLL).await;
+                // The mailbox sets the pace: a transfer takes some cycles.
+                smol::future::yield_now().await;
             }
         };
         smol::future::or(async { pending.done().await.map(drop) }, shown).await

@@ -3,7 +3,7 @@
 #![cfg(feature = "esi")]
 
 #[path = "../bus/rig.rs"]
-#[allow(dead_code)]
+#[allow(dead_code, reason = "the tests of the bus use more of it")]
 mod rig;
 
 use std::path::PathBuf;

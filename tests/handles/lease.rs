@@ -1,6 +1,6 @@
 //! The lease of the mode.
 
-use core::{future::Future, sync::atomic::Ordering};
+use core::sync::atomic::Ordering;
 
 use servocrab::axis::{AxisErrorKind, Failure, together};
 use servocrab::ds402::Mode;
@@ -54,38 +54,12 @@ fn a_mode_that_is_not_in_the_process_data_is_selected_and_confirmed_by_sdo() {
     let mut machine = Machine::of(1, &variant);
     let axis = machine.axis(0);
     machine.finish(axis.enable()).unwrap();
-    let pp = {
-        let mut leasing = Task::new(axis.profile_position());
-        // 6061h is read by the program's clock.
-        let mut leased = leasing.poll();
-        for _ in 0..200 {
-            if leased.is_some() {
-                break;
-            }
-            machine.cycle();
-            std::thread::sleep(std::time::Duration::from_millis(1));
-            leased = leasing.poll();
-        }
-        leased.unwrap().unwrap()
-    };
+    let pp = { machine.finish(axis.profile_position()).unwrap() };
     assert_eq!(axis.status().mode, Mode::ProfilePosition);
     let written = machine.stations[0].sdo.written.lock().unwrap().clone();
     assert_eq!(written, [(0x6060, vec![1])]);
     let moved = machine.finish(pp.move_abs(500, SetPoint::new())).unwrap();
     machine.finish(moved.done()).unwrap();
-}
-
-/// Polls a future that reads 6061h by SDO, which it does by the program's clock.
-fn finish_by_sdo<T>(machine: &mut Machine, future: impl Future<Output = T>) -> T {
-    let mut task = Task::new(future);
-    for _ in 0..400 {
-        if let Some(value) = task.poll() {
-            return value;
-        }
-        machine.cycle();
-        std::thread::sleep(std::time::Duration::from_millis(1));
-    }
-    panic!("still not ready");
 }
 
 /// From the moment at which 6060h may be written by SDO to the one at which the mode is shown, no move of the old mode starts,
@@ -136,7 +110,7 @@ fn a_mode_that_was_read_before_a_change_was_given_up_is_read_again() {
     let mut machine = Machine::of(1, &variant);
     let axis = machine.axis(0);
     machine.finish(axis.enable()).unwrap();
-    drop(finish_by_sdo(&mut machine, axis.profile_position()).unwrap());
+    drop(machine.finish(axis.profile_position()).unwrap());
     let mut homing = Task::new(axis.homing());
     while machine.drive().get(0x6060, 0) != Some(6) {
         assert!(homing.poll().is_none());
@@ -147,7 +121,7 @@ fn a_mode_that_was_read_before_a_change_was_given_up_is_read_again() {
     assert_eq!(machine.drive().get(0x6061, 0), Some(6));
     // What was read of mode 1 before is all that there is for a while.
     machine.stations[0].sdo.slow.store(true, Ordering::Relaxed);
-    let pp = finish_by_sdo(&mut machine, axis.profile_position()).unwrap();
+    let pp = machine.finish(axis.profile_position()).unwrap();
     assert_eq!(machine.drive().get(0x6061, 0), Some(1));
     let moved = machine.finish(pp.move_abs(500, SetPoint::new())).unwrap();
     machine.finish(moved.done()).unwrap();
