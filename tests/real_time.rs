@@ -50,12 +50,12 @@ fn start(real_time: RealTime) -> Result<Network, NetworkError> {
     smol::block_on(builder.start())
 }
 
-/// What the system shows of the bus thread: processors, priority, policy (proc(5): `stat`, fields 40 and 41; `status`).
-fn bus_thread() -> (String, u32, u32) {
+/// What the system shows of the thread with this name: processors, priority, policy (proc(5): `stat`, fields 40 and 41; `status`).
+fn thread(name: &str) -> (String, u32, u32) {
     for task in fs::read_dir("/proc/self/task").expect("Linux").flatten() {
         let read = |name| fs::read_to_string(task.path().join(name)).unwrap_or_default();
         // The kernel cuts names after 15 bytes.
-        if read("comm").trim() != "servocrab-bus" {
+        if read("comm").trim() != name {
             continue;
         }
         let stat = read("stat");
@@ -74,7 +74,7 @@ fn bus_thread() -> (String, u32, u32) {
         let number = |field: usize| fields[field - 3].parse().expect("a number");
         return (processors.trim().to_owned(), number(40), number(41));
     }
-    panic!("no bus thread");
+    panic!("no thread {name}");
 }
 
 fn locked_bytes() -> u64 {
@@ -101,7 +101,10 @@ fn a_bus_thread_has_what_was_asked_for_or_the_network_does_not_start() {
         .lock_memory();
     match start(asked) {
         Ok(network) => {
-            assert_eq!(bus_thread(), ("0".into(), 7, 1), "SCHED_FIFO is 1");
+            let bus = thread("servocrab-bus");
+            assert_eq!(bus, ("0".into(), 7, 1), "SCHED_FIFO is 1");
+            let (_, priority, policy) = thread("servocrab-log");
+            assert_eq!((priority, policy), (0, 0), "the log is for later");
             assert!(locked_bytes() > 100_000, "{}", locked_bytes());
             smol::block_on(network.shutdown());
         }
@@ -112,6 +115,26 @@ fn a_bus_thread_has_what_was_asked_for_or_the_network_does_not_start() {
         }
         Err(error) => panic!("{error}"),
     }
+}
+
+#[test]
+fn the_log_of_a_network_that_a_real_time_thread_starts_has_no_real_time() {
+    let name = "the_log_of_a_network_that_a_real_time_thread_starts_has_no_real_time";
+    if let Some(output) = in_a_process(name, &[]) {
+        assert!(output.status.success());
+        return;
+    }
+    if let Err(error) = RealTime::new().scheduling(Scheduling::Fifo(7)).apply() {
+        assert_ne!(env::var("CI").as_deref(), Ok("true"), "{error}");
+        println!("not allowed here: {error}");
+        return;
+    }
+    let network = start(RealTime::new()).unwrap();
+    let (_, priority, policy) = thread("servocrab-bus");
+    assert_eq!((priority, policy), (7, 1), "as its starter");
+    let (_, priority, policy) = thread("servocrab-log");
+    assert_eq!((priority, policy), (0, 0), "not as its starter");
+    smol::block_on(network.shutdown());
 }
 
 #[test]

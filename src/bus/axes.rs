@@ -9,6 +9,7 @@ use super::{
     drive_setup::ReadyDrive,
     exchange::DriveData,
     journal::Journal,
+    log::Log,
 };
 use crate::{
     axis::{
@@ -44,7 +45,11 @@ struct RunningAxis {
 
 impl Axes {
     /// A core, a port and a source of handles for each axis.
-    pub(super) fn open(drives: &[ReadyDrive], control: Arc<Control>) -> (Self, Vec<AxisSource>) {
+    pub(super) fn open(
+        drives: &[ReadyDrive],
+        control: Arc<Control>,
+        log: Log,
+    ) -> (Self, Vec<AxisSource>) {
         let queue = GroupQueue::new();
         let mut axes = Vec::new();
         let mut sources = Vec::new();
@@ -83,7 +88,7 @@ impl Axes {
             axes,
             groups: queue.groups(),
             watches: Vec::with_capacity(8),
-            journal: Journal::new(recorded.iter().map(|axis| axis.identity.clone()).collect()),
+            journal: Journal::new(recorded.iter().map(|axis| axis.identity.clone()), log),
             recorded,
             control,
             disable_asked: false,
@@ -111,11 +116,6 @@ impl Axes {
         })
     }
 
-    /// Writes to the log what has happened to the axes since it was written last.
-    pub(super) fn write_log(&mut self) {
-        self.journal.write();
-    }
-
     /// What came upon which axis since the last time.
     pub(super) fn take_troubles(&mut self) -> Vec<(usize, Trouble)> {
         self.journal.take_troubles().collect()
@@ -141,12 +141,12 @@ impl Axes {
             self.watches.push(watch);
         }
         let mut stop = self.control.take_stop();
-        self.journal.stop_of_all(stop);
+        self.journal.stop_of_all(now, stop);
         let mut expired = false;
         for watch in &mut self.watches {
             expired |= watch.expired(now);
         }
-        self.journal.liveness(expired);
+        self.journal.liveness(now, expired);
         if expired {
             stop |= StopRequest::HALT;
         }
@@ -195,7 +195,7 @@ impl Stepper for Rc<RefCell<Axes>> {
                 axis.core.step_kept(now, inputs, unchanged, outputs)
             });
             if let Some(snapshot) = axis.port.pass(&mut axis.core, drive.news()) {
-                this.journal.look(index, &snapshot);
+                this.journal.look(now, index, &snapshot);
             }
         }
     }

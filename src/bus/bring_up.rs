@@ -1,6 +1,6 @@
 //! The line from power-on to OP, as one future on the bus thread.
 
-use std::{rc::Rc, time::Duration};
+use std::{rc::Rc, sync::Arc, time::Duration};
 
 use tracing::Instrument;
 
@@ -13,6 +13,7 @@ use super::{
     drive_setup::{Job, ReadyDrive},
     exchange::Exchange,
     io::{IoJob, ReadyIo},
+    log::Note,
     mailbox_states::Watched,
     packing::{Member, Sign, fits_one_frame, logical_addresses},
     plan::LinePlan,
@@ -222,6 +223,7 @@ pub(super) async fn start_cycles(
             (first, Some(phase))
         }
     };
+    context.log.begin_cycles();
     *context.cycle.borrow_mut() = Some(Cycle::new(exchange, stepper, period, first, phase));
     Ok(())
 }
@@ -289,7 +291,8 @@ pub(super) async fn operate(
         {
             data.operational = true;
         }
-        tracing::info!(drive = %found.id, "in OP");
+        let note = Note::BroughtUp(Arc::new(found.id.clone()));
+        context.log.note(context.time.now(), note);
         progress.step(&found.id, BringUpStep::State(AlState::Op));
     }
     Ok(())

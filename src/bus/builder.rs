@@ -13,6 +13,7 @@ use super::{
     config::Watchdog,
     control::Control,
     line,
+    log::{Log, Subscriber, Writer},
     plan::LinePlan,
     progress::{BringUpProgress, Listener},
     reactor::Reactor,
@@ -184,13 +185,19 @@ impl NetworkBuilder {
     ///
     /// A caller that drops the future ends the bring-up; the drives are sent to INIT.
     ///
+    /// What happens on the bus is logged to the `tracing` subscriber that is current here. As soon as there are cycles a thread of its
+    /// own, `servocrab-log`, does that, so that a subscriber that blocks stops none. Its events carry the time of the bus as the
+    /// field `at`, and how many found no room while it was behind is an event too. The network's end waits for the last ones, but
+    /// not for longer than a second.
+    ///
     /// # Errors
     /// Everything that can be wrong with the link, the line or a drive: see [`NetworkError`].
     pub async fn start(self) -> Result<Network, NetworkError> {
         let (starting, parts) = self.prepare()?;
+        let subscriber = Subscriber::current();
         let thread = thread::Builder::new()
             .name("servocrab-bus".into())
-            .spawn(move || parts.run())
+            .spawn(move || subscriber.of(|| parts.run()))
             .map_err(|error| NetworkError::Thread(error.to_string()))?;
         starting.finish(Some(thread)).await
     }
@@ -198,6 +205,9 @@ impl NetworkBuilder {
     /// The network and its loop apart, for a program that runs the loop on a thread of its own making (with a real-time
     /// priority, say), or turn by turn in virtual time. The loop stays on the thread on which this is called, which gets
     /// what [`real_time`](Self::real_time) says.
+    ///
+    /// Events are logged as in [`start`](Self::start), by a thread that may run on the processors of the one on which this is called, but
+    /// takes no real-time class from it; in virtual time ([`Link::is_virtual`]) by the turns themselves.
     ///
     /// # Errors
     /// What is wrong with the declaration, or with the link; what the system refuses of real time.
@@ -222,6 +232,12 @@ impl NetworkBuilder {
         if let Watchdog::Off(reason) = &self.plan.watchdog {
             tracing::warn!(reason, "the process-data watchdogs are off");
         }
+        let (log, writer) = if link.is_virtual() {
+            (Log::default(), None)
+        } else {
+            let (log, writer) = Writer::start()?;
+            (log, Some(writer))
+        };
         let control = Control::new();
         control.set_waker(link.waker());
         let (started, starting) = bounded(1);
@@ -231,6 +247,8 @@ impl NetworkBuilder {
             real_time: self.real_time,
             receiving: self.receiving,
             plan: self.plan,
+            log,
+            writer,
             control: Arc::clone(&control),
             started,
             alive,
@@ -250,6 +268,8 @@ struct Parts {
     real_time: RealTime,
     receiving: Option<Receiving>,
     plan: LinePlan,
+    log: Log,
+    writer: Option<Writer>,
     control: Arc<Control>,
     started: Sender<Result<Started, NetworkError>>,
     alive: Sender<()>,
@@ -270,23 +290,22 @@ impl Parts {
         let receiving = self
             .receiving
             .unwrap_or_else(|| Receiving::suited_here(self.plan.cycle));
-        let reactor = Reactor::new(self.link, receiving, Arc::clone(&self.control.counters));
+        let counters = Arc::clone(&self.control.counters);
+        let reactor = Reactor::new(self.link, receiving, counters, self.log);
         let context = reactor.context().clone();
         let life = supervisor::supervise(context.clone(), self.plan, self.control, self.started);
         if let Some(task) = context.spawn(life) {
             task.detach();
         }
-        BusLoop {
-            reactor,
-            alive: Some(self.alive),
-        }
+        BusLoop::new(reactor, self.writer, self.alive)
     }
 }
 
 impl BusLoop {
-    pub(super) const fn new(reactor: Reactor, alive: Sender<()>) -> Self {
+    pub(super) const fn new(reactor: Reactor, writer: Option<Writer>, alive: Sender<()>) -> Self {
         Self {
             reactor,
+            writer,
             alive: Some(alive),
         }
     }
@@ -295,6 +314,8 @@ impl BusLoop {
 /// The loop of a network: everything on the bus happens in its turns.
 pub struct BusLoop {
     reactor: Reactor,
+    /// None in virtual time, and once the network has ended.
+    writer: Option<Writer>,
     /// Dropped at the end, which is what `Network::shutdown` waits for.
     alive: Option<Sender<()>>,
 }
@@ -306,6 +327,9 @@ impl BusLoop {
     pub fn turn(&mut self) -> bool {
         let goes_on = self.reactor.turn();
         if !goes_on {
+            if let Some(writer) = self.writer.take() {
+                writer.end();
+            }
             self.alive = None;
         }
         goes_on

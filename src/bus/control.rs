@@ -90,18 +90,8 @@ impl Control {
 
     /// Keeps the event if there is room; a program that does not look loses the later ones.
     pub(super) fn report(&self, event: NetworkEvent) {
-        let drive = event.drive();
-        match &event {
-            NetworkEvent::Lost(_) | NetworkEvent::LeftOp { .. } => {
-                tracing::warn!(%drive, "{event}");
-            }
-            NetworkEvent::Back(_) | NetworkEvent::InOp(_) => tracing::info!(%drive, "{event}"),
-            // The journal has logged what came upon the axis.
-            NetworkEvent::Trouble(_) => {
-                if self.events.0.len() >= BLACK_BOXES {
-                    return;
-                }
-            }
+        if matches!(event, NetworkEvent::Trouble(_)) && self.events.0.len() >= BLACK_BOXES {
+            return;
         }
         drop(self.events.0.try_send(event));
     }

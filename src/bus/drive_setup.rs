@@ -2,7 +2,7 @@
 //!
 //! The futures of all drives run concurrently.
 
-use std::{rc::Rc, time::Duration};
+use std::{rc::Rc, sync::Arc, time::Duration};
 
 use super::{
     AlState, BringUpStep, DevicePlace, DriveFault, NetworkError, al,
@@ -11,6 +11,7 @@ use super::{
     dc::{self, Clocks},
     discovery::Found,
     eeprom,
+    log::Note,
     progress::Progress,
     reactor::Context,
     sync_managers::{self, Area, AreaDirection, WatchdogState},
@@ -303,9 +304,11 @@ pub(super) fn serve_mailbox(
         MailboxSettings::of(&found.sii, &mailbox),
         found.id.clone(),
     );
+    let log = context.log.clone();
     let client = client
         .with_error_texts(error_texts)
-        .reporting_to(context.emergencies.0.clone());
+        .reporting_to(context.emergencies.0.clone())
+        .noting_to(Arc::new(move |at, note| log.note(at, Note::Mail(note))));
     let signal = client.signal();
     context.spawn(client.run())?.detach();
     Some(Mailbox {

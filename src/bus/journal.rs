@@ -1,25 +1,27 @@
-//! What happens to axes, for the log: also what no handle waits for. Noted in the cycle, written in the gap behind it.
+//! What happens to axes, also what no handle waits for: for the log, and for the black boxes of those that have trouble.
 //!
-//! A cycle in which nothing happens costs a comparison for each axis. The lines are written on the bus thread: a
-//! subscriber that blocks (a paused terminal, a full pipe) stops the cycles, and the drives stop by their watchdog. Programs
-//! that log where that can happen use a subscriber that hands its lines to a thread of its own.
+//! A cycle in which nothing happens costs a comparison for each axis; what has happened is noted and written elsewhere
+//! ([`Log`]).
 
-use super::black_box::Trouble;
+use std::{sync::Arc, time::Duration};
+
+use super::{
+    black_box::Trouble,
+    log::{AxisChange, AxisNote, Log, Note},
+};
 use crate::{
     axis::{AxisIdentity, Snapshot, StopRequest},
     ds402::State,
 };
 
-/// What is kept between two gaps.
+/// How many troubles are kept until somebody asks.
 const ROOM: usize = 64;
 
-/// Notes of what happened to the axes, in the order in which it happened.
+/// Notes what happens to the axes, in the order in which it happens.
 pub(super) struct Journal {
-    axes: Vec<AxisIdentity>,
+    axes: Vec<Arc<AxisIdentity>>,
     seen: Vec<Option<Seen>>,
-    notes: Vec<Note>,
-    /// For how many notes there was no room.
-    missed: u64,
+    log: Log,
     unfed: bool,
     /// What came upon which axis since somebody asked.
     troubles: Vec<(usize, Trouble)>,
@@ -32,31 +34,20 @@ struct Seen {
     lost: bool,
 }
 
-#[derive(Debug, Clone, Copy)]
-enum Note {
-    Axis {
-        index: usize,
-        before: Option<Seen>,
-        snapshot: Snapshot,
-    },
-    StopOfAll(StopRequest),
-    Unfed,
-}
-
 impl Journal {
-    pub(super) fn new(axes: Vec<AxisIdentity>) -> Self {
+    pub(super) fn new(axes: impl Iterator<Item = AxisIdentity>, log: Log) -> Self {
+        let axes: Vec<_> = axes.map(Arc::new).collect();
         Self {
             seen: vec![None; axes.len()],
             axes,
-            notes: Vec::with_capacity(ROOM),
-            missed: 0,
+            log,
             unfed: false,
             troubles: Vec::with_capacity(ROOM),
         }
     }
 
     /// Notes what is new in this axis' snapshot.
-    pub(super) fn look(&mut self, index: usize, snapshot: &Snapshot) {
+    pub(super) fn look(&mut self, now: Duration, index: usize, snapshot: &Snapshot) {
         let Some(seen) = self.seen.get_mut(index) else {
             return;
         };
@@ -73,25 +64,23 @@ impl Journal {
             {
                 self.troubles.push((index, trouble));
             }
-            self.note(Note::Axis {
-                index,
-                before,
-                snapshot: *snapshot,
-            });
+            if let Some(axis) = self.axes.get(index) {
+                note_changes(&self.log, now, axis, before, snapshot);
+            }
         }
     }
 
     /// Notes that the program stopped all axes.
-    pub(super) fn stop_of_all(&mut self, stop: StopRequest) {
+    pub(super) fn stop_of_all(&self, now: Duration, stop: StopRequest) {
         if !stop.is_empty() {
-            self.note(Note::StopOfAll(stop));
+            self.log.note(now, Note::StopOfAll(stop));
         }
     }
 
     /// Notes that the program no longer says that it is alive, once each time.
-    pub(super) fn liveness(&mut self, expired: bool) {
+    pub(super) fn liveness(&mut self, now: Duration, expired: bool) {
         if expired && !self.unfed {
-            self.note(Note::Unfed);
+            self.log.note(now, Note::Unfed);
         }
         self.unfed = expired;
     }
@@ -99,39 +88,6 @@ impl Journal {
     /// What came upon which axis since the last time, in that order.
     pub(super) fn take_troubles(&mut self) -> impl Iterator<Item = (usize, Trouble)> + '_ {
         self.troubles.drain(..)
-    }
-
-    /// Writes the notes to the log. Not while frames are on their way: a subscriber may take its time.
-    pub(super) fn write(&mut self) {
-        for note in self.notes.drain(..) {
-            match note {
-                Note::Axis {
-                    index,
-                    before,
-                    snapshot,
-                } => {
-                    if let Some(axis) = self.axes.get(index) {
-                        write_change(axis, before, &snapshot);
-                    }
-                }
-                Note::StopOfAll(stop) => tracing::warn!(?stop, "all axes are stopped"),
-                Note::Unfed => {
-                    tracing::warn!("the program no longer feeds its liveness: all axes are halted");
-                }
-            }
-        }
-        if self.missed > 0 {
-            tracing::warn!(self.missed, "changes of axes were not logged");
-            self.missed = 0;
-        }
-    }
-
-    fn note(&mut self, note: Note) {
-        if self.notes.len() < ROOM {
-            self.notes.push(note);
-        } else {
-            self.missed += 1;
-        }
     }
 }
 
@@ -147,45 +103,44 @@ impl Seen {
     }
 }
 
-/// An event for each thing that has changed.
-fn write_change(identity: &AxisIdentity, before: Option<Seen>, snapshot: &Snapshot) {
-    let AxisIdentity { axis, drive } = identity;
-    let from = before.map(|seen| seen.state);
-    let to = snapshot.state;
-    // As a macro, because the level of an event is a constant.
-    macro_rules! event {
-        ($level:ident, $text:literal) => {
-            tracing::$level!(
-                axis,
-                %drive,
-                from = from.map(tracing::field::debug),
-                to = ?to,
-                statusword = %format_args!("{:04X}h", snapshot.statusword.bits()),
-                controlword = %format_args!("{:04X}h", snapshot.controlword.bits()),
-                position = snapshot.position,
-                $text
-            )
+/// A note for each thing that has changed.
+fn note_changes(
+    log: &Log,
+    now: Duration,
+    axis: &Arc<AxisIdentity>,
+    before: Option<Seen>,
+    snapshot: &Snapshot,
+) {
+    let note = |change| {
+        let note = AxisNote {
+            axis: Arc::clone(axis),
+            change,
+            from: before.map(|seen| seen.state),
+            to: snapshot.state,
+            statusword: snapshot.statusword,
+            controlword: snapshot.controlword,
+            position: snapshot.position,
         };
-    }
+        log.note(now, Note::Axis(note));
+    };
     if before.map_or(snapshot.lost, |seen| seen.lost != snapshot.lost) {
-        if snapshot.lost {
-            event!(warn, "counts as lost");
+        note(if snapshot.lost {
+            AxisChange::Lost
         } else {
-            event!(info, "is there again");
-        }
+            AxisChange::Back
+        });
     }
-    if from != Some(to) {
-        if matches!(to, State::Fault | State::FaultReactionActive) {
-            event!(error, "fault");
-        } else {
-            event!(info, "state changed");
-        }
+    if before.map(|seen| seen.state) != Some(snapshot.state) {
+        note(match snapshot.state {
+            State::Fault | State::FaultReactionActive => AxisChange::Fault,
+            _ => AxisChange::State,
+        });
     }
     if before.is_some_and(|seen| seen.halted != snapshot.halted) {
-        if snapshot.halted {
-            event!(info, "halted");
+        note(if snapshot.halted {
+            AxisChange::Halted
         } else {
-            event!(info, "no longer halted");
-        }
+            AxisChange::Resumed
+        });
     }
 }

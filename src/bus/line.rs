@@ -14,6 +14,7 @@ use super::{
     discovery::{self, Found},
     drive_setup::serve_mailbox,
     eeprom,
+    log::{Log, Subscriber},
     reactor::{Context, Reactor},
     supervisor,
 };
@@ -111,17 +112,19 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
     let (send_found, found) = bounded(1);
     let (alive, over) = bounded(1);
     let shared = Arc::clone(&control);
+    let subscriber = Subscriber::current();
     // A caller that drops the future ends the scan.
     let mut guard = Guard(Some(Arc::clone(&control)));
     let thread = thread::Builder::new()
         .name("servocrab-bus".into())
         .spawn(move || {
-            let reactor = Reactor::new(link, Receiving::Block, Arc::clone(&shared.counters));
+            let counters = Arc::clone(&shared.counters);
+            let reactor = Reactor::new(link, Receiving::Block, counters, Log::default());
             let context = reactor.context().clone();
             if let Some(task) = context.spawn(life(context.clone(), shared, send_found)) {
                 task.detach();
             }
-            BusLoop::new(reactor, alive).run();
+            subscriber.of(|| BusLoop::new(reactor, None, alive).run());
         })
         .map_err(|error| NetworkError::Thread(error.to_string()))?;
     let devices = found

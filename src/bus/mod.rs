@@ -23,6 +23,7 @@ mod io;
 mod journal;
 mod line;
 mod line_check;
+mod log;
 mod mailbox_states;
 mod network;
 mod packing;

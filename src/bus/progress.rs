@@ -1,8 +1,12 @@
 //! How far the bring-up of a line is, for whoever shows it.
 
-use std::{cell::Cell, fmt, sync::Arc};
+use std::{cell::Cell, fmt, rc::Rc, sync::Arc};
 
-use super::{AlState, BringUpStep};
+use super::{
+    AlState, BringUpStep,
+    log::{Log, Note},
+    time::Time,
+};
 use crate::coe::DriveId;
 
 /// A step of a drive's bring-up that is done.
@@ -52,14 +56,24 @@ impl fmt::Debug for Listener {
 /// Counts the steps of all drives.
 pub(super) struct Progress {
     listener: Listener,
+    log: Log,
+    time: Rc<Time>,
     done: Cell<usize>,
     total: usize,
 }
 
 impl Progress {
-    pub(super) fn new(listener: Listener, drives: usize, ios: usize) -> Self {
+    pub(super) fn new(
+        listener: Listener,
+        log: Log,
+        time: Rc<Time>,
+        drives: usize,
+        ios: usize,
+    ) -> Self {
         Self {
             listener,
+            log,
+            time,
             done: Cell::new(0),
             total: drives * STEPS.len() + ios * (STEPS.len() - 1),
         }
@@ -70,7 +84,13 @@ impl Progress {
         debug_assert!(STEPS.contains(&step), "{step} is not counted");
         let done = self.done.get() + 1;
         self.done.set(done);
-        tracing::debug!(%drive, %step, done, total = self.total, "bring-up step done");
+        let note = Note::Step {
+            drive: Arc::new(drive.clone()),
+            step,
+            done,
+            total: self.total,
+        };
+        self.log.note(self.time.now(), note);
         if let Some(listener) = &self.listener.0 {
             listener(&BringUpProgress {
                 drive,

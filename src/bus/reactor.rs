@@ -15,7 +15,7 @@ use async_task::Task;
 use ethercrab::{MainDevice, MainDeviceConfig, PduStorage, Timeouts};
 
 use super::{
-    Receiving, acyclic::Acyclic, cycle::Cycle, frame::Tag, gap::Gap, receiving::Awaited,
+    Receiving, acyclic::Acyclic, cycle::Cycle, frame::Tag, gap::Gap, log::Log, receiving::Awaited,
     registers::Registers, statistics::Counters, tasks::Tasks, time::Time,
 };
 use crate::{
@@ -45,6 +45,7 @@ pub(super) struct Context {
     tasks: Weak<Tasks>,
     pub(super) cycle: Rc<RefCell<Option<Cycle>>>,
     pub(super) counters: Arc<Counters>,
+    pub(super) log: Log,
     /// Those of all drives: where they go in, and where they come out.
     pub(super) emergencies: (EmergencyQueue, Emergencies),
     over: Rc<Cell<bool>>,
@@ -77,7 +78,12 @@ pub(super) struct Reactor {
 
 impl Reactor {
     /// Makes the storage that ethercrab needs, which lives as long as the process.
-    pub(super) fn new(link: Box<dyn Link>, receiving: Receiving, counters: Arc<Counters>) -> Self {
+    pub(super) fn new(
+        link: Box<dyn Link>,
+        receiving: Receiving,
+        counters: Arc<Counters>,
+        log: Log,
+    ) -> Self {
         type Storage = PduStorage<SLOTS, { PduStorage::element_size(LONGEST_DATAGRAM) }>;
         let storage: &'static Storage = Box::leak(Box::new(PduStorage::new()));
         let time = Rc::new(Time::default());
@@ -112,6 +118,7 @@ impl Reactor {
                 tasks: Rc::downgrade(&tasks),
                 cycle: Rc::new(RefCell::new(None)),
                 counters,
+                log,
                 emergencies: EmergencyQueue::new(EMERGENCIES),
                 over: Rc::new(Cell::new(false)),
             },
@@ -140,6 +147,7 @@ impl Reactor {
         let mut busy = false;
         if !next.is_some_and(|next| next.in_flight) {
             busy = self.acyclic_work(next.map(|next| next.gap));
+            self.context.log.hand_over();
         }
         if !busy {
             self.wait(next);

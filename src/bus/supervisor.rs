@@ -13,6 +13,7 @@ use super::{
     dc::LockWatch,
     discovery::Found,
     io::{Io, Ports},
+    log::{DriveChange, Note},
     plan::LinePlan,
     port_errors,
     progress::Progress,
@@ -20,7 +21,7 @@ use super::{
 };
 use crate::{
     axis::AxisSource,
-    coe::{Emergencies, SdoHandle},
+    coe::{DriveId, Emergencies, SdoHandle},
 };
 
 /// How often the shutdown flag is looked at.
@@ -93,6 +94,8 @@ struct Running {
     axes: Rc<RefCell<Axes>>,
     ports: Rc<RefCell<Ports>>,
     devices: Vec<Found>,
+    /// Who they are, for notes.
+    ids: Vec<Arc<DriveId>>,
 }
 
 async fn start(
@@ -103,11 +106,13 @@ async fn start(
     let period = plan.cycle;
     let progress = Rc::new(Progress::new(
         plan.listener.clone(),
+        context.log.clone(),
+        Rc::clone(&context.time),
         plan.drives.len(),
         plan.ios.len(),
     ));
     let ready = bring_up::configure(context, plan, &progress).await?;
-    let (axes, sources) = Axes::open(&ready.drives, Arc::clone(control));
+    let (axes, sources) = Axes::open(&ready.drives, Arc::clone(control), context.log.clone());
     let axes = Rc::new(RefCell::new(axes));
     let ports = Ports::open(ready.drives.len(), &ready.ios);
     let ios = ports.handles();
@@ -140,10 +145,15 @@ async fn start(
         ios,
         emergencies: context.emergencies.1.clone(),
     };
+    let devices: Vec<_> = ready.found().cloned().collect();
     let running = Running {
         axes,
         ports,
-        devices: ready.found().cloned().collect(),
+        ids: devices
+            .iter()
+            .map(|device| Arc::new(device.id.clone()))
+            .collect(),
+        devices,
     };
     Ok((running, to_program))
 }
@@ -157,15 +167,13 @@ pub(super) async fn given_up(context: &Context, control: &Control) {
 
 /// Watches over the drives until the network is to end.
 async fn watch(context: &Context, running: &Running, control: &Control, period: Duration) {
-    let devices = running.devices.as_slice();
     let mut usual = None;
-    let mut lost = vec![false; devices.len()];
+    let mut lost = vec![false; running.devices.len()];
     let mut lock = LockWatch::default();
     while !control.is_shutdown() {
         context.time.sleep(LOOK_EVERY).await;
-        running.axes.borrow_mut().write_log();
-        lock.look(&context.counters);
-        let Some((al_status, wrong)) = look(context, devices, &mut lost, control) else {
+        lock.look(context);
+        let Some((al_status, wrong)) = look(context, running, &mut lost, control) else {
             return;
         };
         // After what happened to the drives, so that one follows from the other.
@@ -194,8 +202,12 @@ async fn watch(context: &Context, running: &Running, control: &Control, period: 
         if usual == Some(seen) && !wrong && all_operational {
             continue;
         }
-        for (place, device) in devices.iter().enumerate() {
-            read_state(context, place, device, control).await;
+        for (place, device) in running.devices.iter().enumerate() {
+            if let Some(change) = read_state(context, place, device).await
+                && let Some(drive) = running.ids.get(place)
+            {
+                report(context, control, drive, change);
+            }
         }
         context.time.sleep(AL_EVERY).await;
     }
@@ -234,58 +246,63 @@ fn black_box(
 /// What the last cycle showed; `None` when there are no cycles any more.
 fn look(
     context: &Context,
-    devices: &[Found],
+    running: &Running,
     lost: &mut [bool],
     control: &Control,
 ) -> Option<(Option<(u8, u16)>, bool)> {
     let mut cycle = context.cycle.borrow_mut();
     let cycle = cycle.as_mut()?;
-    let states = devices.iter().zip(&cycle.exchange.drives).zip(lost);
-    for ((device, data), lost) in states {
+    let states = running.ids.iter().zip(&cycle.exchange.drives).zip(lost);
+    for ((drive, data), lost) in states {
         if data.lost != *lost {
             *lost = data.lost;
-            let id = device.id.clone();
-            control.report(if data.lost {
-                NetworkEvent::Lost(id)
+            let change = if data.lost {
+                DriveChange::Lost
             } else {
-                NetworkEvent::Back(id)
-            });
+                DriveChange::Back
+            };
+            report(context, control, drive, change);
         }
     }
     Some((cycle.last.al_status, cycle.last.wrong))
 }
 
-async fn read_state(context: &Context, place: usize, device: &Found, control: &Control) {
+/// Notes and tells what happened to a drive.
+fn report(context: &Context, control: &Control, drive: &Arc<DriveId>, change: DriveChange) {
+    let note = Note::Drive(Arc::clone(drive), change);
+    context.log.note(context.time.now(), note);
+    control.report(change.of(drive));
+}
+
+/// Whether a device has left OP, or is back in it.
+async fn read_state(context: &Context, place: usize, device: &Found) -> Option<DriveChange> {
     let status = al::status(&context.registers, device.station).await;
     let mut cycle = context.cycle.borrow_mut();
-    let Some(data) = cycle
+    let data = cycle
         .as_mut()
-        .and_then(|cycle| cycle.exchange.drives.get_mut(place))
-    else {
-        return;
-    };
+        .and_then(|cycle| cycle.exchange.drives.get_mut(place))?;
     let status = match status {
         Ok(status) => status,
         // It is reported as lost by its process data. Of one without inputs a working counter of 0 may be that of outputs
         // closed since it left OP: but not where nobody is there.
         Err(RegisterError::NotAnswered) if data.inputs.is_empty() => {
             data.fallen = false;
-            return;
+            return None;
         }
-        Err(_) => return,
+        Err(_) => return None,
     };
     let in_op = status.state == AlState::Op && status.error.is_none();
     // One that was lost is not operational, and may come back fallen.
-    if data.operational != in_op || data.fallen == in_op {
-        data.operational = in_op;
-        data.fallen = !in_op;
-        let id = device.id.clone();
-        control.report(if in_op {
-            NetworkEvent::InOp(id)
-        } else {
-            NetworkEvent::LeftOp { drive: id, status }
-        });
+    if data.operational == in_op && data.fallen != in_op {
+        return None;
     }
+    data.operational = in_op;
+    data.fallen = !in_op;
+    Some(if in_op {
+        DriveChange::InOp
+    } else {
+        DriveChange::LeftOp(status)
+    })
 }
 
 /// The end in order: axes stopped and disabled, all other outputs 0, then SAFEOP, no more cycles, PREOP, INIT.
@@ -297,12 +314,11 @@ async fn end(context: &Context, running: &Running, period: Duration) {
     loop {
         // The first look is after a cycle, so that what was asked for has been sent.
         time.sleep(period * 2).await;
-        axes.borrow_mut().write_log();
         if axes.borrow().are_disabled() {
             break;
         }
         if time.now() >= until {
-            tracing::warn!("axes did not stop in time; they are left to what 6007h tells them");
+            context.log.note(time.now(), Note::NotStopped);
             break;
         }
     }
@@ -310,14 +326,18 @@ async fn end(context: &Context, running: &Running, period: Duration) {
     running.ports.borrow_mut().end();
     time.sleep(period * 2).await;
     for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
-        for device in &running.devices {
+        for (device, id) in running.devices.iter().zip(&running.ids) {
             let asked = al::request(&context.registers, device.station, state, DOWN_LIMIT);
             if let Err(error) = asked.await {
-                tracing::warn!(drive = %device.id, %state, "not on the way down: {error}");
+                let note = Note::NotOnTheWayDown {
+                    drive: Arc::clone(id),
+                    state,
+                    error,
+                };
+                context.log.note(time.now(), note);
             }
         }
         if state == AlState::SafeOp {
-            axes.borrow_mut().write_log();
             // Dropping the ports tells the handles.
             context.cycle.borrow_mut().take();
         }

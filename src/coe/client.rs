@@ -29,12 +29,15 @@ mod access;
 mod dialogue;
 mod doubt;
 mod late;
+mod notes;
 mod pace;
 mod reading;
 mod settings;
 
 use dialogue::{Dialogue, Failure};
 use doubt::{Doubt, Ending, LOOKED_FOR, Settled};
+use notes::{Excerpt, MailEvent};
+pub(crate) use notes::{MailNote, Notes};
 use pace::Pace;
 pub use settings::MailboxSettings;
 
@@ -61,6 +64,8 @@ pub struct MailboxClient<T, C> {
     /// Where those of all drives of a network go.
     of_network: Option<EmergencyQueue>,
     texts: ErrorTexts,
+    /// Who takes what is to be logged; nobody: then it is written at once.
+    notes: Option<Notes>,
     signal: MailSignal,
     counter: Counter,
     /// What was read last, as long as its mail says.
@@ -107,6 +112,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             emergencies: queue,
             of_network: None,
             texts: ErrorTexts::default(),
+            notes: None,
             signal: MailSignal::default(),
             counter: Counter::FIRST,
             last: Vec::new(),
@@ -136,6 +142,12 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// The same client, whose emergencies go into this queue too.
     pub(crate) fn reporting_to(mut self, of_network: EmergencyQueue) -> Self {
         self.of_network = Some(of_network);
+        self
+    }
+
+    /// The same client, whose notes for the log are taken by this.
+    pub(crate) fn noting_to(mut self, notes: Notes) -> Self {
+        self.notes = Some(notes);
         self
     }
 
@@ -265,7 +277,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         } else {
             dialogue.mail(self.next_counter())
         };
-        tracing::trace!(%transfer, ?mail, "request");
+        self.note(MailEvent::Request(transfer, Excerpt::of(&mail)));
         // The mailbox was empty when it was read without a look at its state: a frame that came twice may have read it.
         let mut perhaps_read = false;
         loop {
@@ -327,6 +339,15 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             }
             let pause = self.pace.pause(now - asked_at, self.settings.poll_interval);
             self.clock.sleep_until((now + pause).min(deadline)).await;
+        }
+    }
+
+    fn note(&self, event: MailEvent) {
+        let drive = Arc::clone(&self.drive);
+        let note = MailNote { drive, event };
+        match &self.notes {
+            Some(notes) => notes(self.clock.now(), note),
+            None => note.write(self.clock.now()),
         }
     }
 

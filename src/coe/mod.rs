@@ -30,6 +30,8 @@ pub mod value;
 
 pub use abort::AbortCode;
 #[cfg(feature = "std")]
+pub(crate) use client::MailNote;
+#[cfg(feature = "std")]
 pub use client::{Clock, MailboxClient, MailboxSettings};
 pub use data_type::{TypeCode, ValueError};
 pub use dictionary::{DictionaryObject, ObjectDictionary, Undescribed};

@@ -45,6 +45,12 @@ pub trait Link {
     /// The time since an arbitrary moment. It never goes back.
     fn now(&self) -> Duration;
 
+    /// Whether time passes in [`wait`](Link::wait) and [`pause`](Link::pause) alone, so that nothing comes late because the thread was
+    /// kept elsewhere. Then what happens on the bus is logged at once, by the thread that turns the loop.
+    fn is_virtual(&self) -> bool {
+        false
+    }
+
     /// Ends a [`wait`](Link::wait) early, from any thread.
     fn waker(&self) -> Waker;
 }
@@ -68,6 +74,10 @@ impl<L: Link + ?Sized> Link for Box<L> {
 
     fn now(&self) -> Duration {
         (**self).now()
+    }
+
+    fn is_virtual(&self) -> bool {
+        (**self).is_virtual()
     }
 
     fn waker(&self) -> Waker {

@@ -206,6 +206,10 @@ impl Link for Wire {
         }
     }
 
+    fn is_virtual(&self) -> bool {
+        matches!(self.clock, Clock::Virtual { .. })
+    }
+
     fn waker(&self) -> Waker {
         Waker::from(Arc::clone(&self.parked))
     }

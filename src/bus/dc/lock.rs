@@ -8,8 +8,8 @@ use super::{
     sync::DIFFERENCE,
 };
 use crate::bus::{
-    BringUpStep, ClockStatistics, DriveFault, NetworkError, discovery::Found, reactor::Context,
-    statistics::Counters,
+    BringUpStep, ClockStatistics, DriveFault, NetworkError, discovery::Found, log::Note,
+    reactor::Context,
 };
 
 /// How long the lock may take, beside as many cycles as it needs.
@@ -44,10 +44,10 @@ pub(in crate::bus) async fn wait_for_lock(
             return Ok(());
         };
         if seen.locked {
-            tracing::info!(
-                phase_error_ns = seen.phase_error_ns,
-                "in step with the reference clock"
-            );
+            let note = Note::InStep {
+                phase_error_ns: seen.phase_error_ns,
+            };
+            context.log.note(context.time.now(), note);
             break;
         }
         if is_over() {
@@ -87,8 +87,8 @@ pub(in crate::bus) struct LockWatch {
 }
 
 impl LockWatch {
-    pub(in crate::bus) fn look(&mut self, counters: &Counters) {
-        let Some(seen) = counters.clock.read() else {
+    pub(in crate::bus) fn look(&mut self, context: &Context) {
+        let Some(seen) = context.counters.clock.read() else {
             return;
         };
         let ClockStatistics {
@@ -96,14 +96,11 @@ impl LockWatch {
             phase_error_ns,
             ..
         } = seen;
-        match self.was_locked.replace(locked) {
-            Some(true) if !locked => {
-                tracing::warn!(phase_error_ns, "out of step with the reference clock");
-            }
-            Some(false) if locked => {
-                tracing::info!(phase_error_ns, "in step with the reference clock again");
-            }
-            _ => {}
-        }
+        let note = match self.was_locked.replace(locked) {
+            Some(true) if !locked => Note::OutOfStep { phase_error_ns },
+            Some(false) if locked => Note::InStepAgain { phase_error_ns },
+            _ => return,
+        };
+        context.log.note(context.time.now(), note);
     }
 }

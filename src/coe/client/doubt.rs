@@ -5,7 +5,7 @@
 
 use core::time::Duration;
 
-use super::{Clock, MailboxClient, dialogue::Dialogue, dialogue::Failure};
+use super::{Clock, MailboxClient, dialogue::Dialogue, dialogue::Failure, notes::MailEvent};
 use crate::coe::error::{SdoError, SdoStep, Transfer};
 use crate::coe::mailbox::Mail;
 use crate::coe::sdo::{Step, Upload};
@@ -36,13 +36,14 @@ pub(super) struct Doubt {
 }
 
 impl Doubt {
-    /// Takes a reply that is not the other object's.
-    pub(super) fn feed(&mut self, reply: Mail<'_>) {
+    /// Takes a reply that is not the other object's. False if it is not the write's either.
+    pub(super) fn feed(&mut self, reply: Mail<'_>) -> bool {
         match self.write.as_mut().map(|write| write.feed(reply, false)) {
-            None | Some(Ok(Step::Foreign)) => {
-                tracing::debug!(?reply, "reply of another request dropped");
+            None | Some(Ok(Step::Foreign)) => false,
+            Some(answer) => {
+                self.answer = Some(answer);
+                true
             }
-            Some(answer) => self.answer = Some(answer),
         }
     }
 }
@@ -55,7 +56,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         transfer: Transfer,
         timeout: Duration,
     ) -> Result<Settled, SdoError> {
-        tracing::debug!(%transfer, "its frame is lost: whether it has arrived is being found out");
+        self.note(MailEvent::Doubtful(transfer));
         let other = self.another_object(transfer);
         self.remember_owed(transfer);
         self.doubt.write = Some(write);

@@ -5,6 +5,7 @@ use alloc::{sync::Arc, vec, vec::Vec};
 use super::{
     Clock, Found, MAILS_AT_ONCE, MailboxClient,
     dialogue::{Dialogue, Failure},
+    notes::MailEvent,
 };
 use crate::coe::{
     emergencies::DriveEmergency,
@@ -27,7 +28,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 Ok(Found::Other) => {}
                 Ok(_) => break,
                 Err(fault) => {
-                    tracing::debug!(?fault, "mailbox could not be read");
+                    self.note(MailEvent::Unreadable(fault));
                     break;
                 }
             }
@@ -116,7 +117,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             Ok(parsed) => parsed,
             Err(cut) if dialogue.is_some() => return Err(Failure::Fault(cut.into())),
             Err(cut) => {
-                tracing::warn!(drive = %self.drive, %cut, "mail dropped");
+                self.note(MailEvent::Cut(cut));
                 return Ok(Found::Other);
             }
         };
@@ -138,7 +139,9 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             (content @ (Mail::SdoReply(_) | Mail::SdoInformation(_)), Some(dialogue)) => {
                 match dialogue.feed(content, self.owed.is_empty())? {
                     Step::Foreign => {
-                        self.doubt.feed(content);
+                        if !self.doubt.feed(content) {
+                            self.note(MailEvent::Foreign(content.into()));
+                        }
                         Ok(Found::Other)
                     }
                     step => Ok(Found::Answer(step)),
@@ -151,7 +154,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 Ok(Found::Other)
             }
             (content, _) => {
-                tracing::debug!(?content, "mail that nobody waits for dropped");
+                self.note(MailEvent::Unawaited(content.into()));
                 Ok(Found::Other)
             }
         }
@@ -159,14 +162,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
     fn report(&self, emergency: Emergency) {
         let text = self.texts.text(&emergency);
-        tracing::warn!(
-            drive = %self.drive,
-            code = %format_args!("{:04X}h", emergency.code),
-            register = %format_args!("{:02X}h", emergency.register),
-            data = %format_args!("{:02X?}", emergency.data),
-            %text,
-            "emergency"
-        );
+        self.note(MailEvent::Emergency(emergency, text.clone()));
         let emergency = DriveEmergency {
             drive: Arc::clone(&self.drive),
             at: self.clock.now(),

@@ -1,0 +1,208 @@
+//! What the bus thread notes for the log, and the events that come of it. `at` is when it happened, by the bus's clock: a line may
+//! come later.
+
+use std::{sync::Arc, time::Duration};
+
+use tracing::Level;
+
+use crate::{
+    axis::{AxisIdentity, StopRequest},
+    bus::{AlError, AlState, AlStatus, BringUpStep, NetworkEvent},
+    coe::{DriveId, MailNote},
+    ds402::{Controlword, State, Statusword},
+};
+
+/// One event to be logged.
+#[derive(Debug)]
+pub(in crate::bus) enum Note {
+    Axis(AxisNote),
+    Drive(Arc<DriveId>, DriveChange),
+    /// A drive is in OP for the first time.
+    BroughtUp(Arc<DriveId>),
+    Mail(MailNote),
+    /// The program stopped all axes.
+    StopOfAll(StopRequest),
+    /// The program no longer says that it is alive.
+    Unfed,
+    /// The cycles are in step with the reference clock, for the first time.
+    InStep {
+        phase_error_ns: i64,
+    },
+    OutOfStep {
+        phase_error_ns: i64,
+    },
+    InStepAgain {
+        phase_error_ns: i64,
+    },
+    /// A step of a drive's bring-up is done.
+    Step {
+        drive: Arc<DriveId>,
+        step: BringUpStep,
+        done: usize,
+        total: usize,
+    },
+    /// At the end, axes still move.
+    NotStopped,
+    /// At the end, a drive did not go into this state.
+    NotOnTheWayDown {
+        drive: Arc<DriveId>,
+        state: AlState,
+        error: AlError,
+    },
+}
+
+/// What has changed of an axis, and what it shows.
+#[derive(Debug)]
+pub(in crate::bus) struct AxisNote {
+    pub(in crate::bus) axis: Arc<AxisIdentity>,
+    pub(in crate::bus) change: AxisChange,
+    pub(in crate::bus) from: Option<State>,
+    pub(in crate::bus) to: State,
+    pub(in crate::bus) statusword: Statusword,
+    pub(in crate::bus) controlword: Controlword,
+    pub(in crate::bus) position: i32,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::bus) enum AxisChange {
+    Lost,
+    Back,
+    Fault,
+    State,
+    Halted,
+    Resumed,
+}
+
+/// What has happened to a drive, or to another device.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::bus) enum DriveChange {
+    Lost,
+    Back,
+    LeftOp(AlStatus),
+    InOp,
+}
+
+impl DriveChange {
+    /// As a program is told it.
+    pub(in crate::bus) fn of(self, drive: &DriveId) -> NetworkEvent {
+        let drive = drive.clone();
+        match self {
+            Self::Lost => NetworkEvent::Lost(drive),
+            Self::Back => NetworkEvent::Back(drive),
+            Self::LeftOp(status) => NetworkEvent::LeftOp { drive, status },
+            Self::InOp => NetworkEvent::InOp(drive),
+        }
+    }
+}
+
+impl Note {
+    /// The level of the event that [`write`](Self::write) makes of it.
+    pub(in crate::bus) fn level(&self) -> Level {
+        match self {
+            Self::Axis(note) => match note.change {
+                AxisChange::Fault => Level::ERROR,
+                AxisChange::Lost => Level::WARN,
+                AxisChange::Back | AxisChange::State | AxisChange::Halted | AxisChange::Resumed => {
+                    Level::INFO
+                }
+            },
+            Self::Drive(_, DriveChange::Lost | DriveChange::LeftOp(_)) => Level::WARN,
+            Self::Drive(..)
+            | Self::BroughtUp(_)
+            | Self::InStep { .. }
+            | Self::InStepAgain { .. } => Level::INFO,
+            Self::Mail(note) => note.level(),
+            Self::Step { .. } => Level::DEBUG,
+            Self::StopOfAll(_)
+            | Self::Unfed
+            | Self::OutOfStep { .. }
+            | Self::NotStopped
+            | Self::NotOnTheWayDown { .. } => Level::WARN,
+        }
+    }
+
+    /// Makes an event of it.
+    pub(in crate::bus) fn write(self, at: Duration) {
+        match self {
+            Self::Axis(note) => note.write(at),
+            Self::Drive(drive, change) => write_drive(&drive, change, at),
+            Self::BroughtUp(drive) => tracing::info!(%drive, ?at, "in OP"),
+            Self::Mail(note) => note.write(at),
+            Self::StopOfAll(stop) => tracing::warn!(?stop, ?at, "all axes are stopped"),
+            Self::Unfed => {
+                tracing::warn!(
+                    ?at,
+                    "the program no longer feeds its liveness: all axes are halted"
+                );
+            }
+            Self::InStep { phase_error_ns } => {
+                tracing::info!(phase_error_ns, ?at, "in step with the reference clock");
+            }
+            Self::OutOfStep { phase_error_ns } => {
+                tracing::warn!(phase_error_ns, ?at, "out of step with the reference clock");
+            }
+            Self::InStepAgain { phase_error_ns } => {
+                tracing::info!(
+                    phase_error_ns,
+                    ?at,
+                    "in step with the reference clock again"
+                );
+            }
+            Self::Step {
+                drive,
+                step,
+                done,
+                total,
+            } => tracing::debug!(%drive, %step, done, total, ?at, "bring-up step done"),
+            Self::NotStopped => {
+                tracing::warn!(
+                    ?at,
+                    "axes did not stop in time; they are left to what 6007h tells them"
+                );
+            }
+            Self::NotOnTheWayDown {
+                drive,
+                state,
+                error,
+            } => tracing::warn!(%drive, %state, ?at, "not on the way down: {error}"),
+        }
+    }
+}
+
+impl AxisNote {
+    fn write(&self, at: Duration) {
+        let AxisIdentity { axis, drive } = &*self.axis;
+        // As a macro, because the level of an event is a constant.
+        macro_rules! event {
+            ($level:ident, $text:literal) => {
+                tracing::$level!(
+                    axis,
+                    %drive,
+                    from = self.from.map(tracing::field::debug),
+                    to = ?self.to,
+                    statusword = %format_args!("{:04X}h", self.statusword.bits()),
+                    controlword = %format_args!("{:04X}h", self.controlword.bits()),
+                    position = self.position,
+                    ?at,
+                    $text
+                )
+            };
+        }
+        match self.change {
+            AxisChange::Lost => event!(warn, "counts as lost"),
+            AxisChange::Back => event!(info, "is there again"),
+            AxisChange::Fault => event!(error, "fault"),
+            AxisChange::State => event!(info, "state changed"),
+            AxisChange::Halted => event!(info, "halted"),
+            AxisChange::Resumed => event!(info, "no longer halted"),
+        }
+    }
+}
+
+fn write_drive(drive: &DriveId, change: DriveChange, at: Duration) {
+    let event = change.of(drive);
+    match change {
+        DriveChange::Lost | DriveChange::LeftOp(_) => tracing::warn!(%drive, ?at, "{event}"),
+        DriveChange::Back | DriveChange::InOp => tracing::info!(%drive, ?at, "{event}"),
+    }
+}

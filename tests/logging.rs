@@ -1,0 +1,253 @@
+//! A subscriber that blocks (a paused terminal, a full pipe, a slow disk) stops neither the cycles nor the handles, nor the
+//! end of a network: in real time, with the threads that a program has.
+#![allow(missing_docs)]
+
+use std::{
+    future::Future,
+    io,
+    sync::{Arc, Condvar, Mutex, MutexGuard},
+    thread,
+    time::Duration,
+};
+
+use servocrab::{
+    axis::{AxisErrorKind, Failure, Referencing, StopRequest},
+    bus::{DriveConfig, Network},
+    drives,
+    link::Wire,
+    profile_position::{Outcome, SetPoint},
+};
+use servocrab_sim::{AlState, Segment, personality};
+use tracing::Level;
+use tracing_subscriber::fmt::MakeWriter;
+
+const MS: Duration = Duration::from_millis(1);
+/// Longer than anything here takes. Only a test that fails waits for it.
+const LIMIT: Duration = Duration::from_secs(30);
+/// Notes that wait for a subscriber (docs/architecture.md).
+const ROOM: usize = 1024;
+
+/// A subscriber's output that takes no line as long as it is shut. Whoever writes one waits, but for the bus thread, which must not
+/// write any: its lines are kept, to be found.
+#[derive(Clone, Default)]
+struct Gate(Arc<(Mutex<Output>, Condvar)>);
+
+#[derive(Default)]
+struct Output {
+    shut: bool,
+    /// A thread waits to write a line.
+    waited_for: bool,
+    /// With the name of the thread that wrote it.
+    lines: Vec<(String, String)>,
+}
+
+impl Gate {
+    fn output(&self) -> MutexGuard<'_, Output> {
+        self.0.0.lock().unwrap()
+    }
+
+    fn set_shut(&self, shut: bool) {
+        self.output().shut = shut;
+        self.0.1.notify_all();
+    }
+
+    fn until(&self, what: &str, is_there: impl Fn(&Output) -> bool) -> MutexGuard<'_, Output> {
+        let condition = |output: &mut Output| !is_there(output);
+        let (output, late) = self
+            .0
+            .1
+            .wait_timeout_while(self.output(), LIMIT, condition)
+            .unwrap();
+        assert!(!late.timed_out(), "no {what}: {:#?}", output.lines);
+        output
+    }
+
+    fn until_line(&self, parts: &[&str]) -> MutexGuard<'_, Output> {
+        self.until(&format!("line with {parts:?}"), |output| {
+            output.place(parts).is_some()
+        })
+    }
+}
+
+impl Output {
+    /// Where the last line is that has all of these parts.
+    fn place(&self, parts: &[&str]) -> Option<usize> {
+        self.lines
+            .iter()
+            .rposition(|(_, line)| parts.iter().all(|part| line.contains(part)))
+    }
+
+    /// Nothing behind so many lines was written by the bus thread.
+    fn assert_silent_bus(&self, before: usize) {
+        let later = self.lines.iter().skip(before);
+        let of_bus: Vec<_> = later
+            .filter(|(thread, _)| thread == "servocrab-bus")
+            .collect();
+        assert!(of_bus.is_empty(), "{of_bus:#?}");
+    }
+
+    fn of_thread(&self, name: &str) -> Vec<&str> {
+        let lines = self.lines.iter().filter(|(thread, _)| thread == name);
+        lines.map(|(_, line)| line.as_str()).collect()
+    }
+}
+
+impl io::Write for Gate {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let thread = thread::current().name().unwrap_or_default().to_owned();
+        let mut output = self.output();
+        while output.shut && thread != "servocrab-bus" {
+            output.waited_for = true;
+            self.0.1.notify_all();
+            output = self.0.1.wait(output).unwrap();
+        }
+        let line = String::from_utf8(bytes.to_vec()).unwrap();
+        output.lines.push((thread, line));
+        self.0.1.notify_all();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl MakeWriter<'_> for Gate {
+    type Writer = Self;
+
+    fn make_writer(&self) -> Self {
+        self.clone()
+    }
+}
+
+/// An axis `x` whose network was started where the gate's subscriber is the default: nobody else's.
+fn start(gate: &Gate) -> (Arc<Mutex<Segment>>, Network) {
+    let segment = Arc::new(Mutex::new(Segment::new().with(personality::generic())));
+    let shared = Arc::clone(&segment);
+    let wire = Wire::new(move |frame: &mut [u8], now| shared.lock().unwrap().process(frame, now));
+    let drive = DriveConfig::new(drives::generic())
+        .axis("x")
+        .referencing("x", Referencing::UnreferencedMovesAllowed);
+    let builder = Network::builder()
+        .link(wire)
+        .cycle(MS)
+        .watchdog(Duration::from_secs(5))
+        .drive(0, drive);
+    let subscriber = tracing_subscriber::fmt()
+        .with_max_level(Level::DEBUG)
+        .with_ansi(false)
+        .with_writer(gate.clone())
+        .finish();
+    let net = tracing::subscriber::with_default(subscriber, || within(builder.start())).unwrap();
+    (segment, net)
+}
+
+fn within<T>(future: impl Future<Output = T>) -> T {
+    smol::block_on(smol::future::or(future, async {
+        smol::Timer::after(LIMIT).await;
+        panic!("not within {LIMIT:?}");
+    }))
+}
+
+fn set_point() -> SetPoint {
+    SetPoint::new()
+        .velocity(1_000_000)
+        .acceleration(10_000_000)
+        .deceleration(10_000_000)
+}
+
+#[test]
+fn a_subscriber_that_blocks_keeps_no_cycle_and_no_handle_waiting_and_what_is_missing_is_told() {
+    let gate = Gate::default();
+    let (segment, net) = start(&gate);
+    drop(gate.until_line(&["in OP"]));
+    gate.set_shut(true);
+    let before = gate.output().lines.len();
+    let axis = net.axis("x").unwrap();
+    within(async {
+        axis.enable().await.unwrap();
+        let mode = axis.profile_position().await.unwrap();
+        let far = mode.move_abs(100_000_000, set_point()).await.unwrap();
+        segment
+            .lock()
+            .unwrap()
+            .axis_mut(0, 0)
+            .unwrap()
+            .inject_fault(0x7320);
+        let fault = far.done().await.unwrap_err();
+        assert!(
+            matches!(fault.kind, AxisErrorKind::Failed(Failure::Fault { .. })),
+            "{fault}"
+        );
+        axis.reset_fault().await.unwrap();
+        axis.enable().await.unwrap();
+        let near = mode.move_rel(1_000, set_point()).await.unwrap();
+        let outcome = near.done().await.unwrap();
+        assert!(matches!(outcome, Outcome::Reached { .. }), "{outcome:?}");
+    });
+    gate.output().assert_silent_bus(before);
+    drop(gate.until("blocked thread", |output| output.waited_for));
+    // More than there is room for: a line in each cycle.
+    for _ in 0..ROOM + 100 {
+        let cycles = net.statistics().cycles;
+        net.stop_all(StopRequest::HALT);
+        within(async {
+            while net.statistics().cycles < cycles + 2 {
+                smol::future::yield_now().await;
+            }
+        });
+    }
+    assert_eq!(gate.output().lines.len(), before, "it blocks");
+    gate.set_shut(false);
+    let output = gate.until_line(&["WARN", "missed=", "found no room"]);
+    let missed = output.place(&["missed="]).unwrap();
+    assert_eq!(
+        missed - before,
+        1 + ROOM,
+        "the line that was waited for, what had room, and then the number"
+    );
+    for event in [
+        ["ERROR", "axis=\"x\"", "to=Fault ", " at="],
+        ["WARN", "emergency", "code=7320h", " at="],
+        ["INFO", "axis=\"x\"", "to=OperationEnabled", " at="],
+    ] {
+        let place = output.place(&event);
+        assert!(
+            place.is_some_and(|place| (before..missed).contains(&place)),
+            "{event:?} at {place:?}"
+        );
+    }
+    drop(output);
+    within(axis.disable()).unwrap();
+    let output = gate.until_line(&["axis=\"x\"", "from=OperationEnabled", "state changed"]);
+    assert!(output.place(&["state changed"]) > Some(missed));
+    // Before its first cycle the bus thread writes its lines itself, and none after it.
+    let of_bus = output.of_thread("servocrab-bus");
+    let of_log = output.of_thread("servocrab-log");
+    assert!(
+        of_bus.iter().any(|line| line.contains("in SAFEOP")),
+        "{of_bus:#?}"
+    );
+    assert!(
+        of_log.iter().any(|line| line.contains("in OP")),
+        "{of_bus:#?}"
+    );
+    output.assert_silent_bus(before);
+    drop(output);
+    within(net.shutdown());
+}
+
+#[test]
+fn a_network_ends_in_order_though_its_subscriber_blocks_and_the_last_lines_come_when_it_goes_on() {
+    let gate = Gate::default();
+    let (segment, net) = start(&gate);
+    within(net.axis("x").unwrap().enable()).unwrap();
+    gate.set_shut(true);
+    within(net.shutdown());
+    let state = segment.lock().unwrap().devices()[0].al_state();
+    assert_eq!(state, AlState::Init);
+    let disabled = ["axis=\"x\"", "from=OperationEnabled", "state changed"];
+    assert_eq!(gate.output().place(&disabled), None, "it blocks");
+    gate.set_shut(false);
+    drop(gate.until_line(&disabled));
+}
