@@ -1,18 +1,22 @@
 //! A subscriber that blocks (a paused terminal, a full pipe, a slow disk) stops neither the cycles nor the handles, nor the
 //! end of a network: in real time, with the threads that a program has.
-#![allow(missing_docs)]
+#![allow(missing_docs, unsafe_code)]
 
 use std::{
+    alloc::{GlobalAlloc, Layout, System},
+    cell::Cell,
     future::Future,
     io,
+    pin::pin,
     sync::{Arc, Condvar, Mutex, MutexGuard},
+    task::{Context, Poll, Waker},
     thread,
     time::Duration,
 };
 
 use servocrab::{
     axis::{AxisErrorKind, Failure, Referencing, StopRequest},
-    bus::{DriveConfig, Network},
+    bus::{BusLoop, DriveConfig, Network, NetworkBuilder},
     drives,
     link::Wire,
     profile_position::{Outcome, SetPoint},
@@ -120,11 +124,51 @@ impl MakeWriter<'_> for Gate {
     }
 }
 
-/// An axis `x` whose network was started where the gate's subscriber is the default: nobody else's.
-fn start(gate: &Gate) -> (Arc<Mutex<Segment>>, Network) {
+thread_local! {
+    /// Allocations and frees of this thread outside the simulated segment, while they are counted.
+    static COUNTED: Cell<u64> = const { Cell::new(0) };
+    static COUNTING: Cell<bool> = const { Cell::new(false) };
+}
+
+struct Counting;
+
+fn count() {
+    // Fails only while the thread ends.
+    let _ = COUNTING.try_with(|counting| {
+        if counting.get() {
+            let _ = COUNTED.try_with(|counted| counted.set(counted.get() + 1));
+        }
+    });
+}
+
+// SAFETY: every call goes to the system's allocator as it came; counting touches only thread-local cells without destructors.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: as the caller promised.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        count();
+        // SAFETY: as the caller promised.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// An axis `x` in real time.
+fn line() -> (Arc<Mutex<Segment>>, NetworkBuilder) {
     let segment = Arc::new(Mutex::new(Segment::new().with(personality::generic())));
     let shared = Arc::clone(&segment);
-    let wire = Wire::new(move |frame: &mut [u8], now| shared.lock().unwrap().process(frame, now));
+    let wire = Wire::new(move |frame: &mut [u8], now| {
+        let counting = COUNTING.replace(false);
+        let back = shared.lock().unwrap().process(frame, now);
+        COUNTING.set(counting);
+        back
+    });
     let drive = DriveConfig::new(drives::generic())
         .axis("x")
         .referencing("x", Referencing::UnreferencedMovesAllowed);
@@ -133,13 +177,34 @@ fn start(gate: &Gate) -> (Arc<Mutex<Segment>>, Network) {
         .cycle(MS)
         .watchdog(Duration::from_secs(5))
         .drive(0, drive);
-    let subscriber = tracing_subscriber::fmt()
+    (segment, builder)
+}
+
+/// Its network, started where the gate's subscriber is the default: nobody else's.
+fn start(gate: &Gate) -> (Arc<Mutex<Segment>>, Network) {
+    let (segment, builder) = line();
+    let start = || within(builder.start());
+    let net = tracing::subscriber::with_default(subscriber(gate), start).unwrap();
+    (segment, net)
+}
+
+fn subscriber(gate: &Gate) -> impl tracing::Subscriber + Send + Sync {
+    tracing_subscriber::fmt()
         .with_max_level(Level::DEBUG)
         .with_ansi(false)
         .with_writer(gate.clone())
-        .finish();
-    let net = tracing::subscriber::with_default(subscriber, || within(builder.start())).unwrap();
-    (segment, net)
+        .finish()
+}
+
+fn turn_until<T>(bus: &mut BusLoop, future: impl Future<Output = T>) -> T {
+    let mut future = pin!(future);
+    let mut context = Context::from_waker(Waker::noop());
+    loop {
+        if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
+            return value;
+        }
+        assert!(bus.turn(), "the loop has ended");
+    }
 }
 
 fn within<T>(future: impl Future<Output = T>) -> T {
@@ -243,11 +308,59 @@ fn a_network_ends_in_order_though_its_subscriber_blocks_and_the_last_lines_come_
     let (segment, net) = start(&gate);
     within(net.axis("x").unwrap().enable()).unwrap();
     gate.set_shut(true);
-    within(net.shutdown());
+    let ended = async {
+        net.shutdown().await;
+        true
+    };
+    let ended = smol::block_on(smol::future::or(ended, async {
+        smol::Timer::after(LIMIT).await;
+        // Or dropping the network would wait for good.
+        gate.set_shut(false);
+        false
+    }));
+    assert!(ended, "not within {LIMIT:?}");
     let state = segment.lock().unwrap().devices()[0].al_state();
     assert_eq!(state, AlState::Init);
     let disabled = ["axis=\"x\"", "from=OperationEnabled", "state changed"];
     assert_eq!(gate.output().place(&disabled), None, "it blocks");
     gate.set_shut(false);
     drop(gate.until_line(&disabled));
+}
+
+#[test]
+fn what_happens_in_cycles_is_neither_formatted_nor_allocated_by_the_loop_that_runs_them() {
+    const STOPS: usize = 200;
+    let gate = Gate::default();
+    let (_segment, builder) = line();
+    // In the place of the bus thread, whose lines are kept by their writer.
+    let default = tracing::subscriber::set_default(subscriber(&gate));
+    let (starting, mut bus) = builder.split().unwrap();
+    let net = turn_until(&mut bus, starting.network()).unwrap();
+    turn_until(&mut bus, net.axis("x").unwrap().enable()).unwrap();
+    let stop = |bus: &mut BusLoop| {
+        let end = net.statistics().cycles + 2;
+        net.stop_all(StopRequest::HALT);
+        COUNTING.set(true);
+        while net.statistics().cycles < end {
+            assert!(bus.turn());
+        }
+        COUNTING.set(false);
+    };
+    // Buffers reach their size.
+    (0..STOPS).for_each(|_| stop(&mut bus));
+    COUNTED.set(0);
+    (0..STOPS).for_each(|_| stop(&mut bus));
+    assert_eq!(COUNTED.get(), 0, "allocations and frees");
+    let own = thread::current().name().unwrap_or_default().to_owned();
+    drop(default);
+    drop(net);
+    bus.run();
+    let output = gate.output();
+    let stops = |name: &str| {
+        let lines = output.of_thread(name).into_iter();
+        lines
+            .filter(|line| line.contains("all axes are stopped"))
+            .count()
+    };
+    assert_eq!((stops("servocrab-log"), stops(&own)), (2 * STOPS, 0));
 }
