@@ -82,7 +82,7 @@ impl Acyclic {
             number: 0,
             requests: 0,
             away: Vec::with_capacity(slots),
-            spare: Vec::new(),
+            spare: (0..slots).map(|_| Away::with_room(slots)).collect(),
             single: Vec::with_capacity(LONGEST_FRAME),
             busy_until: Duration::ZERO,
             held: false,
@@ -240,6 +240,15 @@ impl Acyclic {
 }
 
 impl Away {
+    /// One that takes this many requests without growing.
+    fn with_room(requests: usize) -> Self {
+        Self {
+            frame: Vec::with_capacity(LONGEST_FRAME),
+            parts: Vec::with_capacity(requests),
+            ..Self::default()
+        }
+    }
+
     /// An empty frame with the headers of `model`.
     fn begin(&mut self, number: u32, first: u32, model: &[u8], now: Duration) {
         self.number = number;

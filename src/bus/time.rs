@@ -9,8 +9,10 @@ use std::{
     time::Duration,
 };
 
+/// Room for sleepers, so that none allocates: more than the tasks of a long line.
+const SLEEPERS: usize = 1024;
+
 /// The loop's time and the futures that sleep until a moment of it.
-#[derive(Default)]
 pub(super) struct Time {
     now: Cell<Duration>,
     next_sleeper: Cell<u64>,
@@ -23,6 +25,17 @@ struct Sleeper {
     number: u64,
     until: Duration,
     waker: Waker,
+}
+
+impl Default for Time {
+    fn default() -> Self {
+        Self {
+            now: Cell::default(),
+            next_sleeper: Cell::default(),
+            next: Cell::default(),
+            sleepers: RefCell::new(Vec::with_capacity(SLEEPERS)),
+        }
+    }
 }
 
 impl Time {

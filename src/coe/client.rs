@@ -5,20 +5,19 @@
 //! object, since a device that does not look at the counter would write twice: see `doubt`.
 
 use alloc::sync::Arc;
-use alloc::vec::Vec;
+use alloc::{vec, vec::Vec};
 use core::future::Future;
-use core::pin::pin;
 use core::time::Duration;
 
-use smol::channel::{Receiver, bounded};
 use smol::future::or;
 
+use super::calls::{Answer, Call, Request, Served, calls};
 use super::emergencies::{Emergencies, EmergencyQueue};
-use super::error::{DriveId, SdoError, SdoStep, Transfer, Unsupported};
+use super::error::{DriveId, SdoStep, Transfer, Unsupported};
 use super::error_texts::ErrorTexts;
-use super::handle::{Body, Request, SdoHandle};
+use super::handle::SdoHandle;
 use super::mail_signal::MailSignal;
-use super::mailbox::{Counter, MailboxError, sdo_mail};
+use super::mailbox::{Counter, MailboxError, SHORTEST_MAILBOX, sdo_mail};
 use super::sdo::{SdoFault, Step, abort_request};
 use super::transport::{LinkFault, MailboxTransport};
 
@@ -34,8 +33,9 @@ mod pace;
 mod reading;
 mod settings;
 
-use dialogue::{Dialogue, Failure};
-use doubt::{Doubt, Ending, LOOKED_FOR, Settled};
+pub(super) use dialogue::{Dialogue, Failure};
+use doubt::{Doubt, LOOKED_FOR, Settled};
+use late::MOST_OWED;
 use notes::{Excerpt, MailEvent};
 pub(crate) use notes::{MailNote, Notes};
 use pace::Pace;
@@ -59,17 +59,23 @@ pub struct MailboxClient<T, C> {
     clock: C,
     settings: MailboxSettings,
     drive: Arc<DriveId>,
-    requests: Receiver<Request>,
+    calls: Served,
     emergencies: EmergencyQueue,
     /// Where those of all drives of a network go.
     of_network: Option<EmergencyQueue>,
-    texts: ErrorTexts,
+    texts: Arc<ErrorTexts>,
     /// Who takes what is to be logged; nobody: then it is written at once.
     notes: Option<Notes>,
     signal: MailSignal,
     counter: Counter,
+    /// The mail that is being sent.
+    request: Vec<u8>,
+    /// What was read, as long as the mailbox.
+    reply: Vec<u8>,
     /// What was read last, as long as its mail says.
     last: Vec<u8>,
+    /// The value of an object that was read for the answer's sake.
+    other: Vec<u8>,
     /// A mail was asked for again: the next one may be the last one once more.
     repeated: bool,
     /// Transfers whose replies may still come.
@@ -82,6 +88,14 @@ pub struct MailboxClient<T, C> {
     pace: Pace,
     /// Accesses that failed in a row.
     failures: u32,
+}
+
+/// What the client does next.
+enum Next {
+    /// Serve a call; end, if there can be none any more.
+    Call(Option<Call>),
+    /// Look at the mailbox; whether a mail is known to wait.
+    Due(bool),
 }
 
 /// What a look at the device's mailbox brought.
@@ -100,24 +114,28 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         settings: MailboxSettings,
         drive: DriveId,
     ) -> (Self, SdoHandle, Emergencies) {
-        let (sender, requests) = bounded(settings.request_capacity.max(1));
+        let (callers, calls) = calls(settings);
         let (queue, emergencies) = EmergencyQueue::new(settings.emergency_capacity);
         let drive = Arc::new(drive);
+        let read_length = settings.read_length.max(SHORTEST_MAILBOX);
         let client = Self {
             drive: Arc::clone(&drive),
             transport,
             clock,
             settings,
-            requests,
+            calls,
             emergencies: queue,
             of_network: None,
-            texts: ErrorTexts::default(),
+            texts: Arc::default(),
             notes: None,
             signal: MailSignal::default(),
             counter: Counter::FIRST,
-            last: Vec::new(),
+            request: Vec::with_capacity(settings.write_length.max(SHORTEST_MAILBOX)),
+            reply: vec![0; read_length],
+            last: Vec::with_capacity(read_length),
+            other: Vec::with_capacity(read_length),
             repeated: false,
-            owed: Vec::new(),
+            owed: Vec::with_capacity(MOST_OWED),
             sent_again: false,
             refusal: None,
             doubt: Doubt::default(),
@@ -125,7 +143,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             failures: 0,
         };
         let handle = SdoHandle {
-            requests: sender,
+            calls: Arc::new(callers),
             drive,
             timeout: None,
         };
@@ -135,7 +153,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// The same client for a drive whose error codes mean this.
     #[must_use]
     pub fn with_error_texts(mut self, texts: ErrorTexts) -> Self {
-        self.texts = texts;
+        self.texts = Arc::new(texts);
         self
     }
 
@@ -158,24 +176,18 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
     /// Serves the handles, and collects emergencies, until the last handle is dropped.
     pub async fn run(mut self) {
-        let requests = self.requests.clone();
         loop {
-            // One future over all idle looks: making one allocates.
-            let mut next = pin!(requests.recv());
-            let request = loop {
-                let idle = or(async { Err(next.as_mut().await) }, async {
-                    Ok(self.something_due().await)
-                });
-                match idle.await {
-                    Ok(mail_waits) => self.collect(mail_waits).await,
-                    Err(request) => break request,
+            let next = or(async { Next::Call(self.calls.next().await) }, async {
+                Next::Due(self.something_due().await)
+            });
+            match next.await {
+                Next::Due(mail_waits) => self.collect(mail_waits).await,
+                Next::Call(Some(call)) => {
+                    self.serve(call).await;
+                    self.signal.forget();
                 }
-            };
-            match request {
-                Ok(request) => self.serve(request).await,
-                Err(_) => return,
+                Next::Call(None) => return,
             }
-            self.signal.forget();
         }
     }
 
@@ -189,36 +201,35 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         false
     }
 
-    async fn serve(&mut self, request: Request) {
-        // Nobody waits any more and nothing was sent: withdrawn.
-        if request.reply.is_closed() {
-            return;
-        }
-        let reply = request.reply.clone();
-        let result = self.transfer(request).await;
+    async fn serve(&mut self, call: Call) {
+        let Call { mut request, place } = call;
+        // Nobody waits any more and nothing was sent: withdrawn, and nobody looks at the result.
+        let result = if place.is_left() {
+            Ok(())
+        } else {
+            self.transfer(&mut request).await
+        };
+        let dialogue = request.dialogue;
         // A caller that went away meanwhile misses its result; the mailbox is in order.
-        drop(reply.try_send(result));
+        self.calls.answer(&place, Answer { dialogue, result });
     }
 
-    async fn transfer(&mut self, request: Request) -> Result<Vec<u8>, SdoError> {
-        let transfer = request.transfer;
-        let timeout = request.timeout.unwrap_or(self.settings.reply_timeout);
-        if matches!(request.body, Body::Ask(_)) && !self.settings.sdo_information {
-            let reason = Unsupported::Sii;
-            return Err(SdoError::NotSupported { transfer, reason });
+    async fn transfer(&mut self, request: &mut Request) -> Result<(), Failure> {
+        let (transfer, timeout) = (request.transfer, request.timeout);
+        let dialogue = &mut request.dialogue;
+        if dialogue.is_question() && !self.settings.sdo_information {
+            return Err(Failure::NoService(Unsupported::Sii));
         }
         if self.owes_like(transfer) {
             self.resynchronise(transfer, timeout).await?;
         }
-        let mut dialogue = Dialogue::of(request, self.settings.write_length);
         loop {
-            match self.converse(&mut dialogue, transfer, timeout).await {
-                Ok(()) => return Ok(dialogue.into_data()),
-                Err(Ending::Failed(error)) => return Err(dialogue.judge(error)),
-                Err(Ending::Doubtful) => match self.settle(dialogue, transfer, timeout).await? {
-                    Settled::Written => return Ok(Vec::new()),
-                    Settled::NeverArrived(again) => dialogue = again,
+            match self.converse(dialogue, transfer, timeout).await {
+                Err(Failure::Doubtful) => match self.settle(transfer, timeout).await? {
+                    Settled::Written => return Ok(()),
+                    Settled::NeverArrived => {}
                 },
+                result => return result,
             }
         }
     }
@@ -229,7 +240,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         dialogue: &mut Dialogue,
         transfer: Transfer,
         timeout: Duration,
-    ) -> Result<(), Ending> {
+    ) -> Result<(), Failure> {
         loop {
             match self.exchange(dialogue, transfer, timeout).await {
                 Ok(Step::Done) => {
@@ -237,9 +248,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     return Ok(());
                 }
                 Ok(_) => {}
-                Err(Failure::Doubtful) => return Err(Ending::Doubtful),
+                Err(Failure::Doubtful) => return Err(Failure::Doubtful),
                 Err(failure) => {
-                    let error = failure.describe(transfer, timeout, dialogue.waits_for());
                     match failure {
                         Failure::Fault(SdoFault::Aborted(_)) => self.answered(transfer),
                         _ => self.remember_owed(transfer),
@@ -249,10 +259,13 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     {
                         // A courtesy, so that the device drops its half of the transfer; without reply.
                         let abort = abort_request(transfer.object, code);
-                        let mail = sdo_mail(self.next_counter(), &abort);
-                        let _ = self.access(self.transport.write_mail(&mail)).await;
+                        let counter = self.next_counter();
+                        sdo_mail(&mut self.request, counter, |mail| {
+                            mail.extend_from_slice(&abort);
+                        });
+                        let _ = self.access(self.transport.write_mail(&self.request)).await;
                     }
-                    return Err(Ending::Failed(error));
+                    return Err(failure);
                 }
             }
         }
@@ -272,17 +285,16 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         let mut doubtful_from = None;
         // Further fragments of an answer come unasked.
         let mut sent = dialogue.waits_for() == SdoStep::Fragment;
-        let mail = if sent {
-            Vec::new()
-        } else {
-            dialogue.mail(self.next_counter())
-        };
-        self.note(MailEvent::Request(transfer, Excerpt::of(&mail)));
+        if !sent {
+            let counter = self.next_counter();
+            dialogue.compose(&mut self.request, counter);
+            self.note(MailEvent::Request(transfer, Excerpt::of(&self.request)));
+        }
         // The mailbox was empty when it was read without a look at its state: a frame that came twice may have read it.
         let mut perhaps_read = false;
         loop {
             if !sent && doubtful_from.is_none() {
-                match self.access(self.transport.write_mail(&mail)).await {
+                match self.access(self.transport.write_mail(&self.request)).await {
                     // A quick device has answered by now: its mail is read without a look at the state before.
                     Ok(true) if self.pace.is_quick() => {
                         sent = true;

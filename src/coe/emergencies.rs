@@ -11,6 +11,7 @@ use smol::stream::{Stream, StreamExt, unfold};
 
 use super::emergency::Emergency;
 use super::error::DriveId;
+use super::error_texts::ErrorTexts;
 
 /// An emergency message, whose it is, when it was read, and what it means.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -93,7 +94,7 @@ impl fmt::Display for EmergencyReport {
 /// ```
 #[derive(Debug, Clone)]
 pub struct Emergencies {
-    queue: Receiver<EmergencyReport>,
+    queue: Receiver<Queued>,
     overflow: Arc<Overflow>,
 }
 
@@ -101,8 +102,8 @@ impl Emergencies {
     /// The next report; `None` once the bus is gone and all have been taken.
     pub async fn next(&self) -> Option<EmergencyReport> {
         loop {
-            let report = self.queue.recv().await.ok()?;
-            if let Some(report) = self.overflow.count_into(report) {
+            let queued = self.queue.recv().await.ok()?;
+            if let Some(report) = self.overflow.report(queued) {
                 return Some(report);
             }
         }
@@ -112,8 +113,8 @@ impl Emergencies {
     #[must_use]
     pub fn try_next(&self) -> Option<EmergencyReport> {
         loop {
-            let report = self.queue.try_recv().ok()?;
-            if let Some(report) = self.overflow.count_into(report) {
+            let queued = self.queue.try_recv().ok()?;
+            if let Some(report) = self.overflow.report(queued) {
                 return Some(report);
             }
         }
@@ -129,6 +130,33 @@ impl Emergencies {
     }
 }
 
+/// An emergency as it was read: what it means is told, on the heap where need be, on the program's side.
+#[derive(Debug, Clone)]
+pub(super) struct Received {
+    pub(super) drive: Arc<DriveId>,
+    pub(super) at: Duration,
+    pub(super) emergency: Emergency,
+    pub(super) texts: Arc<ErrorTexts>,
+}
+
+impl From<Received> for DriveEmergency {
+    fn from(received: Received) -> Self {
+        Self {
+            text: received.texts.text(&received.emergency),
+            drive: received.drive,
+            at: received.at,
+            emergency: received.emergency,
+        }
+    }
+}
+
+#[derive(Debug)]
+enum Queued {
+    Emergency(Received),
+    /// The place of what was lost.
+    Overflow,
+}
+
 /// How many were lost since that was told last, and whether the queue holds a place from which it will be told.
 #[derive(Debug, Default)]
 struct Overflow {
@@ -138,9 +166,9 @@ struct Overflow {
 
 impl Overflow {
     /// The report as a program gets it: the place of what was lost gets the number. None if it has been told before.
-    fn count_into(&self, report: EmergencyReport) -> Option<EmergencyReport> {
-        if let EmergencyReport::Emergency(_) = report {
-            return Some(report);
+    fn report(&self, queued: Queued) -> Option<EmergencyReport> {
+        if let Queued::Emergency(received) = queued {
+            return Some(EmergencyReport::Emergency(received.into()));
         }
         // In this order: whoever adds from now on queues a place of its own, or is in the number below.
         self.queued.store(false, Ordering::SeqCst);
@@ -152,7 +180,7 @@ impl Overflow {
 /// The bus's end of [`Emergencies`]: used on one thread.
 #[derive(Debug, Clone)]
 pub(crate) struct EmergencyQueue {
-    queue: Sender<EmergencyReport>,
+    queue: Sender<Queued>,
     capacity: usize,
     overflow: Arc<Overflow>,
 }
@@ -176,15 +204,15 @@ impl EmergencyQueue {
         (queue, emergencies)
     }
 
-    pub(super) fn push(&self, emergency: DriveEmergency) {
+    pub(super) fn push(&self, emergency: Received) {
         if self.queue.len() < self.capacity {
             // It fails only where nobody can ask any more.
-            let _ = self.queue.try_send(EmergencyReport::Emergency(emergency));
+            let _ = self.queue.try_send(Queued::Emergency(emergency));
             return;
         }
         self.overflow.lost.fetch_add(1, Ordering::SeqCst);
         if !self.overflow.queued.swap(true, Ordering::SeqCst) {
-            let _ = self.queue.try_send(EmergencyReport::Overflow { lost: 0 });
+            let _ = self.queue.try_send(Queued::Overflow);
         }
     }
 }
@@ -194,8 +222,8 @@ mod tests {
     use super::*;
     use crate::sii::Identity;
 
-    fn emergency(code: u16) -> DriveEmergency {
-        DriveEmergency {
+    fn emergency(code: u16) -> Received {
+        Received {
             drive: Arc::new(DriveId {
                 position: 3,
                 name: "x".into(),
@@ -207,7 +235,7 @@ mod tests {
                 register: 0x21,
                 data: [0, 1, 2, 3, 4],
             },
-            text: "following error".into(),
+            texts: Arc::default(),
         }
     }
 
@@ -226,7 +254,7 @@ mod tests {
         let (queue, emergencies) = EmergencyQueue::new(3);
         (1..=5).for_each(|code| queue.push(emergency(code)));
         assert_eq!(taken(&emergencies), [1, 2, 3, -2]);
-        assert_eq!(taken(&emergencies), []);
+        assert!(taken(&emergencies).is_empty());
         (6..=8).for_each(|code| queue.push(emergency(code)));
         assert_eq!(taken(&emergencies), [6, 7, 8], "as much room as before");
     }
@@ -268,7 +296,7 @@ mod tests {
 
     #[test]
     fn an_emergency_says_whose_it_is_what_it_means_and_when_it_was_read() {
-        let text = emergency(0x8611).to_string();
+        let text = DriveEmergency::from(emergency(0x8611)).to_string();
         assert!(text.starts_with("drive 3 \"x\""), "{text}");
         assert!(
             text.ends_with(

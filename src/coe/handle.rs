@@ -4,11 +4,11 @@ use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use smol::channel::{Sender, bounded};
-
+use super::calls::{Callers, Request};
+use super::client::Dialogue;
 use super::error::{DriveError, DriveId, SdoError, Transfer};
-use super::information::Question;
 use super::object::{Object, ObjectAddress};
+use super::sdo::{Download, Upload};
 use super::value::{Readable, Value, Writable};
 
 mod information;
@@ -19,33 +19,9 @@ mod information;
 /// that has is completed by the client.
 #[derive(Debug, Clone)]
 pub struct SdoHandle {
-    pub(super) requests: Sender<Request>,
+    pub(super) calls: Arc<Callers>,
     pub(super) drive: Arc<DriveId>,
     pub(super) timeout: Option<Duration>,
-}
-
-/// A transfer on its way to the client.
-#[derive(Debug)]
-pub(super) struct Request {
-    pub(super) transfer: Transfer,
-    pub(super) body: Body,
-    pub(super) timeout: Option<Duration>,
-    pub(super) reply: Sender<Result<Vec<u8>, SdoError>>,
-}
-
-/// What a transfer is to do.
-#[derive(Debug)]
-pub(super) enum Body {
-    Upload {
-        complete_access: bool,
-        /// The object's width in bytes where the program knows it.
-        width: Option<usize>,
-    },
-    Download {
-        complete_access: bool,
-        data: Vec<u8>,
-    },
-    Ask(Question),
 }
 
 impl SdoHandle {
@@ -75,7 +51,11 @@ impl SdoHandle {
             0 => None,
             bits => Some(bits / 8),
         };
-        let data = self.run(transfer, upload(false, width)).await?;
+        let mut upload = Upload::new(transfer.object);
+        if let Some(width) = width {
+            upload = upload.width(width);
+        }
+        let data = self.upload(upload).await?;
         T::decode(&data).ok_or_else(|| {
             self.error(SdoError::WrongSize {
                 transfer,
@@ -98,9 +78,8 @@ impl SdoHandle {
         object: Object<T, A>,
         value: T,
     ) -> Result<(), DriveError> {
-        let transfer = Transfer::write(object.address());
-        self.run(transfer, download(false, value.encode())).await?;
-        Ok(())
+        let download = self.new_download(object.address(), value.encode());
+        self.download(download).await
     }
 
     /// Reads the bytes of `index:subindex`, as many as the drive sends.
@@ -108,8 +87,8 @@ impl SdoHandle {
     /// # Errors
     /// As [`SdoHandle::read`], but for `WrongSize` of a type.
     pub async fn read_bytes(&self, index: u16, subindex: u8) -> Result<Vec<u8>, DriveError> {
-        let transfer = Transfer::read(ObjectAddress::new(index, subindex));
-        self.run(transfer, upload(false, None)).await
+        let object = ObjectAddress::new(index, subindex);
+        self.upload_bytes(Upload::new(object)).await
     }
 
     /// Writes `data` to `index:subindex`.
@@ -122,9 +101,8 @@ impl SdoHandle {
         subindex: u8,
         data: Vec<u8>,
     ) -> Result<(), DriveError> {
-        let transfer = Transfer::write(ObjectAddress::new(index, subindex));
-        self.run(transfer, download(false, data)).await?;
-        Ok(())
+        let object = ObjectAddress::new(index, subindex);
+        self.download(self.new_download(object, data)).await
     }
 
     /// Reads `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access. From
@@ -133,8 +111,9 @@ impl SdoHandle {
     /// # Errors
     /// As [`SdoHandle::read_bytes`]; many drives refuse with abort code 06010004h.
     pub async fn read_complete(&self, index: u16, subindex: u8) -> Result<Vec<u8>, DriveError> {
-        let transfer = Transfer::read(ObjectAddress::new(index, subindex));
-        self.run(transfer, upload(true, None)).await
+        let object = ObjectAddress::new(index, subindex);
+        self.upload_bytes(Upload::new(object).complete_access())
+            .await
     }
 
     /// Writes `index` from `subindex` on (0 or 1) with all subindices that follow, by complete access. From
@@ -148,23 +127,57 @@ impl SdoHandle {
         subindex: u8,
         data: Vec<u8>,
     ) -> Result<(), DriveError> {
-        let transfer = Transfer::write(ObjectAddress::new(index, subindex));
-        self.run(transfer, download(true, data)).await?;
+        let object = ObjectAddress::new(index, subindex);
+        let download = self.new_download(object, data).complete_access();
+        self.download(download).await
+    }
+
+    fn new_download(&self, object: ObjectAddress, data: Vec<u8>) -> Download {
+        Download::new(object, data, self.calls.settings().write_length)
+    }
+
+    async fn download(&self, download: Download) -> Result<(), DriveError> {
+        let transfer = Transfer::write(download.object());
+        self.run(transfer, Dialogue::Download(download)).await?;
         Ok(())
     }
 
-    pub(super) async fn run(&self, transfer: Transfer, body: Body) -> Result<Vec<u8>, DriveError> {
-        let (reply, answer) = bounded(1);
+    async fn upload(&self, upload: Upload) -> Result<Vec<u8>, DriveError> {
+        let transfer = Transfer::read(upload.object());
+        let upload = upload.with_buffer(self.room());
+        self.run(transfer, Dialogue::Upload(upload)).await
+    }
+
+    /// As [`SdoHandle::upload`], and no more room than the bytes take.
+    async fn upload_bytes(&self, upload: Upload) -> Result<Vec<u8>, DriveError> {
+        let mut data = self.upload(upload).await?;
+        data.shrink_to_fit();
+        Ok(data)
+    }
+
+    /// Room for any answer: the client finds none on its thread.
+    fn room(&self) -> Vec<u8> {
+        Vec::with_capacity(self.calls.room())
+    }
+
+    async fn run(&self, transfer: Transfer, dialogue: Dialogue) -> Result<Vec<u8>, DriveError> {
+        let usual = self.calls.settings().reply_timeout;
+        let timeout = self.timeout.unwrap_or(usual);
         let request = Request {
             transfer,
-            body,
-            timeout: self.timeout,
-            reply,
+            dialogue,
+            timeout,
         };
-        let closed = || self.error(SdoError::Closed { transfer });
-        self.requests.send(request).await.map_err(|_| closed())?;
-        let result = answer.recv().await.map_err(|_| closed())?;
-        result.map_err(|error| self.error(error))
+        let answer = self.calls.call(request).await;
+        let answer = answer.ok_or_else(|| self.error(SdoError::Closed { transfer }))?;
+        match answer.result {
+            Ok(()) => Ok(answer.dialogue.into_data()),
+            Err(failure) => {
+                let step = answer.dialogue.waits_for();
+                let error = failure.describe(transfer, timeout, step);
+                Err(self.error(answer.dialogue.judge(error)))
+            }
+        }
     }
 
     pub(super) fn error(&self, error: SdoError) -> DriveError {
@@ -172,19 +185,5 @@ impl SdoHandle {
             drive: DriveId::clone(&self.drive),
             error,
         }
-    }
-}
-
-const fn upload(complete_access: bool, width: Option<usize>) -> Body {
-    Body::Upload {
-        complete_access,
-        width,
-    }
-}
-
-const fn download(complete_access: bool, data: Vec<u8>) -> Body {
-    Body::Download {
-        complete_access,
-        data,
     }
 }

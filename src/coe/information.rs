@@ -1,11 +1,11 @@
 //! SDO information: what a device says about its object dictionary, as a dialogue without I/O (ETG.1000.6, SDO
 //! information; the bytes behind the CoE header of a mail).
 //!
-//! One request is answered by one or several fragments. The caller sends [`Inquiry::request`], hands each SDO
+//! One request is answered by one or several fragments. The caller sends [`Inquiry::append_request`], hands each SDO
 //! information mail to [`Inquiry::feed`] until that says [`Step::Done`], and decodes [`Inquiry::into_data`].
 //!
-//! An inquiry holds at most four times the bytes that came (the doubling of a growing list, and its copy), and never more
-//! than an answer of [`LONGEST_INFORMATION`], or [`LONGEST_DESCRIPTION`] where one object is asked for; what is decoded
+//! An inquiry holds at most four times the bytes that came (the doubling of a growing list, and its copy) beside the buffer that it
+//! was given, and never more than an answer of [`LONGEST_INFORMATION`], or [`LONGEST_DESCRIPTION`] where one object is asked for; what is decoded
 //! from an answer takes at most eight times its bytes. Each fragment says fewer to follow than the one before, so that they end.
 
 use alloc::vec::Vec;
@@ -103,7 +103,9 @@ impl Question {
 /// use servocrab::coe::{information::{Inquiry, ObjectDescription, Question}, sdo::Step};
 ///
 /// let mut inquiry = Inquiry::new(Question::Object { index: 0x1000 });
-/// assert_eq!(inquiry.request(), [3, 0, 0, 0, 0x00, 0x10]);
+/// let mut request = Vec::new();
+/// inquiry.append_request(&mut request);
+/// assert_eq!(request, [3, 0, 0, 0, 0x00, 0x10]);
 /// let step = inquiry.feed(b"\x04\0\0\0\x00\x10\x07\x00\x00\x07Device type")?;
 /// assert_eq!(step, Step::Done);
 /// let object = ObjectDescription::parse(&inquiry.into_data())?;
@@ -129,17 +131,22 @@ impl Inquiry {
         }
     }
 
-    /// The request. It is sent once; further fragments come unasked.
+    /// Puts the answer into `buffer`, in place of what it holds: nothing is allocated as long as it fits.
     #[must_use]
-    pub fn request(&self) -> Vec<u8> {
-        let mut request = Vec::with_capacity(HEADER + 4);
+    pub fn with_buffer(mut self, mut buffer: Vec<u8>) -> Self {
+        buffer.clear();
+        self.data = buffer;
+        self
+    }
+
+    /// Appends the request. It is sent once; further fragments come unasked.
+    pub fn append_request(&self, request: &mut Vec<u8>) {
         request.extend_from_slice(&[self.question.operation(), 0, 0, 0]);
         let (names, length) = self.question.names();
         request.extend(names.iter().take(length));
         if let Question::Entry { wanted, .. } = self.question {
             request.push(wanted);
         }
-        request
     }
 
     /// Whether fragments have come, and more must.
@@ -205,6 +212,12 @@ impl Inquiry {
         self.left = Some(left);
         self.data.extend_from_slice(data);
         Ok(if left == 0 { Step::Done } else { Step::More })
+    }
+
+    /// How many bytes of the answer have come.
+    #[must_use]
+    pub const fn received(&self) -> usize {
+        self.data.len()
     }
 
     /// The answer, complete once [`Inquiry::feed`] said [`Step::Done`].

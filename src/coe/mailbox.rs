@@ -202,25 +202,25 @@ impl<'a> Mail<'a> {
     }
 }
 
-/// A whole mail of the master that carries the SDO request `sdo`.
-#[must_use]
-pub fn sdo_mail(counter: Counter, sdo: &[u8]) -> Vec<u8> {
-    coe_mail(counter, 2, sdo)
+/// Makes of `mail` a whole mail of the master, with the SDO request that `append` appends.
+pub fn sdo_mail(mail: &mut Vec<u8>, counter: Counter, append: impl FnOnce(&mut Vec<u8>)) {
+    coe_mail(mail, counter, 2, append);
 }
 
-/// A whole mail of the master that carries the SDO information request `request`.
-#[must_use]
-pub fn information_mail(counter: Counter, request: &[u8]) -> Vec<u8> {
-    coe_mail(counter, 8, request)
+/// Makes of `mail` a whole mail of the master, with the SDO information request that `append` appends.
+pub fn information_mail(mail: &mut Vec<u8>, counter: Counter, append: impl FnOnce(&mut Vec<u8>)) {
+    coe_mail(mail, counter, 8, append);
 }
 
-fn coe_mail(counter: Counter, service: u16, content: &[u8]) -> Vec<u8> {
-    let length = u16::try_from(COE_HEADER_LENGTH + content.len()).unwrap_or(u16::MAX);
-    let mut mail = Vec::with_capacity(HEADER_LENGTH + COE_HEADER_LENGTH + content.len());
-    mail.extend_from_slice(&Header::coe(length, counter).to_bytes());
+fn coe_mail(mail: &mut Vec<u8>, counter: Counter, service: u16, append: impl FnOnce(&mut Vec<u8>)) {
+    mail.clear();
+    mail.extend_from_slice(&[0; HEADER_LENGTH]);
     mail.extend_from_slice(&(service << 12).to_le_bytes());
-    mail.extend_from_slice(content);
-    mail
+    append(mail);
+    let length = u16::try_from(mail.len().saturating_sub(HEADER_LENGTH)).unwrap_or(u16::MAX);
+    for (to, from) in mail.iter_mut().zip(Header::coe(length, counter).to_bytes()) {
+        *to = from;
+    }
 }
 
 /// Why a device refused a mail for its form.
@@ -300,7 +300,11 @@ mod tests {
     #[test]
     fn a_request_is_written_as_soem_writes_it_to_a_real_akd() {
         let counter = Counter::FIRST.next();
-        assert_eq!(sdo_mail(counter, &REQUEST[8..]), REQUEST);
+        let mut mail = vec![0xEE; 40];
+        sdo_mail(&mut mail, counter, |mail| {
+            mail.extend_from_slice(&REQUEST[8..]);
+        });
+        assert_eq!(mail, REQUEST);
     }
 
     #[test]

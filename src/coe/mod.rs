@@ -5,6 +5,8 @@
 
 pub mod abort;
 #[cfg(feature = "std")]
+mod calls;
+#[cfg(feature = "std")]
 mod client;
 mod data_type;
 mod dictionary;

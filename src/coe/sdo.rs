@@ -1,9 +1,9 @@
 //! SDO transfers as state machines without I/O: expedited, normal and segmented, both ways
 //! (ETG.1000.6 and CiA 301, SDO; the bytes behind the CoE header of a mail).
 //!
-//! The caller sends [`Upload::request`], hands each SDO reply to [`Upload::feed`], and repeats this while
+//! The caller sends [`Upload::request`] or [`Download::append_request`], hands each SDO reply to [`Upload::feed`], and repeats this while
 //! that says [`Step::More`]. Nothing that a device sends makes them panic, go on without end or grow beyond a bound: an upload holds
-//! at most four times the bytes that came, whatever length they announce, and of [`LONGEST_OBJECT`] bytes at most; every segment
+//! at most four times the bytes that came beside the buffer that it was given, whatever length they announce, and of [`LONGEST_OBJECT`] bytes at most; every segment
 //! must bring data. A download holds at most three times what it writes.
 
 use super::abort::AbortCode;

@@ -3,7 +3,7 @@
 use core::future::Future;
 
 use ethercrab::error::{Error, PduError};
-use ethercrab::{Command, MainDevice};
+use ethercrab::{Command, EtherCrabWireWrite, MainDevice};
 
 use crate::sii::Mailbox;
 
@@ -108,7 +108,7 @@ impl<'m> EthercrabMailbox<'m> {
         Ok(())
     }
 
-    async fn write(&self, register: u16, data: &[u8]) -> Result<(), LinkFault> {
+    async fn write(&self, register: u16, data: impl EtherCrabWireWrite) -> Result<(), LinkFault> {
         let answer = Command::fpwr(self.station, register)
             .send_receive_slice(self.main, data)
             .await;
@@ -118,10 +118,11 @@ impl<'m> EthercrabMailbox<'m> {
 
 impl MailboxTransport for EthercrabMailbox<'_> {
     async fn write_mail(&self, mail: &[u8]) -> Result<bool, LinkFault> {
-        // Only a write of the last byte hands the mailbox over to the device.
-        let mut whole = mail.to_vec();
-        whole.resize(usize::from(self.mailbox.receive_length), 0);
-        taken(self.write(self.mailbox.receive_offset, &whole).await)
+        let whole = Padded {
+            mail,
+            length: usize::from(self.mailbox.receive_length),
+        };
+        taken(self.write(self.mailbox.receive_offset, whole).await)
     }
 
     async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
@@ -136,7 +137,28 @@ impl MailboxTransport for EthercrabMailbox<'_> {
 
     async fn request_repeat(&self, toggle: bool) -> Result<(), LinkFault> {
         let activate = 0x01 | u8::from(toggle) << 1;
-        self.write(SYNC_MANAGER_1_ACTIVATE, &[activate]).await
+        self.write(SYNC_MANAGER_1_ACTIVATE, [activate]).await
+    }
+}
+
+/// A mail as long as its mailbox: only a write of the last byte hands the mailbox over to the device.
+struct Padded<'a> {
+    mail: &'a [u8],
+    length: usize,
+}
+
+impl EtherCrabWireWrite for Padded<'_> {
+    fn pack_to_slice_unchecked<'buf>(&self, buf: &'buf mut [u8]) -> &'buf [u8] {
+        let whole = buf.get_mut(..self.length).unwrap_or_default();
+        let zeros = core::iter::repeat(&0);
+        for (to, from) in whole.iter_mut().zip(self.mail.iter().chain(zeros)) {
+            *to = *from;
+        }
+        whole
+    }
+
+    fn packed_len(&self) -> usize {
+        self.length
     }
 }
 

@@ -38,8 +38,11 @@ fn counter_of(mail: &[u8]) -> Counter {
 /// The answer in a row's reply, once its request was encoded as SOEM encoded it.
 fn answer(row: &Exchange, question: Question) -> Vec<u8> {
     let mut inquiry = Inquiry::new(question);
-    let request = information_mail(counter_of(&row.request), &inquiry.request());
-    assert_eq!(request, row.request, "{}", row.what);
+    let mut mail = Vec::new();
+    information_mail(&mut mail, counter_of(&row.request), |mail| {
+        inquiry.append_request(mail);
+    });
+    assert_eq!(mail, row.request, "{}", row.what);
     let (_, Mail::SdoInformation(mail)) = Mail::parse(&row.reply).unwrap() else {
         panic!("{} is answered by another service", row.what);
     };

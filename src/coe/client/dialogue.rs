@@ -6,58 +6,32 @@ use core::time::Duration;
 
 use crate::coe::abort::AbortCode;
 use crate::coe::error::{SdoError, SdoStep, Transfer, Unsupported};
-use crate::coe::handle::{Body, Request};
 use crate::coe::information::{Inquiry, Question};
 use crate::coe::mailbox::{Counter, Mail, MailboxError, information_mail, sdo_mail};
-use crate::coe::object::ObjectAddress;
 use crate::coe::sdo::{Download, SdoFault, Step, Upload};
 use crate::coe::transport::LinkFault;
 
 /// A transfer of either direction, or a question.
-pub(super) enum Dialogue {
+#[derive(Debug)]
+pub(in crate::coe) enum Dialogue {
     Upload(Upload),
     Download(Download),
     Inquiry(Inquiry, Question),
 }
 
 impl Dialogue {
-    pub(super) fn of(request: Request, write_length: usize) -> Self {
-        let object: ObjectAddress = request.transfer.object;
-        match request.body {
-            Body::Upload {
-                complete_access,
-                width,
-            } => {
-                let mut upload = Upload::new(object);
-                if let Some(width) = width {
-                    upload = upload.width(width);
-                }
-                if complete_access {
-                    upload = upload.complete_access();
-                }
-                Self::Upload(upload)
-            }
-            Body::Download {
-                complete_access,
-                data,
-            } => {
-                let download = Download::new(object, data, write_length);
-                Self::Download(if complete_access {
-                    download.complete_access()
-                } else {
-                    download
-                })
-            }
-            Body::Ask(question) => Self::Inquiry(Inquiry::new(question), question),
-        }
-    }
-
-    /// The mail that is due.
-    pub(super) fn mail(&self, counter: Counter) -> Vec<u8> {
+    /// Makes of `mail` the one that is due.
+    pub(super) fn compose(&self, mail: &mut Vec<u8>, counter: Counter) {
         match self {
-            Self::Upload(upload) => sdo_mail(counter, &upload.request()),
-            Self::Download(download) => sdo_mail(counter, &download.request()),
-            Self::Inquiry(inquiry, _) => information_mail(counter, &inquiry.request()),
+            Self::Upload(upload) => sdo_mail(mail, counter, |mail| {
+                mail.extend_from_slice(&upload.request());
+            }),
+            Self::Download(download) => {
+                sdo_mail(mail, counter, |mail| download.append_request(mail));
+            }
+            Self::Inquiry(inquiry, _) => {
+                information_mail(mail, counter, |mail| inquiry.append_request(mail));
+            }
         }
     }
 
@@ -72,7 +46,7 @@ impl Dialogue {
                 if nothing_late =>
             {
                 let code = AbortCode(u32::from_le_bytes([c0, c1, c2, c3]));
-                return Err(Failure::NoService(code));
+                return Err(Failure::NoService(Unsupported::Service(code)));
             }
             _ => Ok(Step::Foreign),
         };
@@ -88,6 +62,10 @@ impl Dialogue {
         }
     }
 
+    pub(super) const fn is_question(&self) -> bool {
+        matches!(self, Self::Inquiry(..))
+    }
+
     pub(super) const fn is_segmented(&self) -> bool {
         match self {
             Self::Upload(upload) => upload.is_segmented(),
@@ -97,7 +75,7 @@ impl Dialogue {
     }
 
     /// What a reply would be now.
-    pub(super) fn waits_for(&self) -> SdoStep {
+    pub(in crate::coe) fn waits_for(&self) -> SdoStep {
         match self {
             Self::Inquiry(inquiry, _) if inquiry.is_under_way() => SdoStep::Fragment,
             _ if self.is_segmented() => SdoStep::Segment,
@@ -105,7 +83,16 @@ impl Dialogue {
         }
     }
 
-    pub(super) fn into_data(self) -> Vec<u8> {
+    /// Bytes that the answer has had.
+    pub(in crate::coe) const fn room_taken(&self) -> usize {
+        match self {
+            Self::Upload(upload) => upload.received(),
+            Self::Download(_) => 0,
+            Self::Inquiry(inquiry, _) => inquiry.received(),
+        }
+    }
+
+    pub(in crate::coe) fn into_data(self) -> Vec<u8> {
         match self {
             Self::Upload(upload) => upload.into_data(),
             Self::Download(_) => Vec::new(),
@@ -114,7 +101,7 @@ impl Dialogue {
     }
 
     /// Tells the refusal of a question from a device without the service.
-    pub(super) fn judge(&self, error: SdoError) -> SdoError {
+    pub(in crate::coe) fn judge(&self, error: SdoError) -> SdoError {
         let Self::Inquiry(_, question) = self else {
             return error;
         };
@@ -139,21 +126,29 @@ impl Dialogue {
 }
 
 /// Why an exchange failed, before it is told with its object.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Failure {
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::coe) enum Failure {
     Fault(SdoFault),
     Refused(MailboxError),
-    /// The device refuses SDO information as such.
-    NoService(AbortCode),
+    /// The device has no SDO information.
+    NoService(Unsupported),
     NotTaken,
     NoReply,
+    /// The late reply of an earlier transfer has not come, nor any other.
+    EarlierReply,
     /// The frame with the mail is lost, and the device must not get it twice.
     Doubtful,
     Link(LinkFault),
 }
 
 impl Failure {
-    pub(super) fn describe(self, transfer: Transfer, after: Duration, reply: SdoStep) -> SdoError {
+    /// The error, where it may allocate: on the caller's thread.
+    pub(in crate::coe) fn describe(
+        self,
+        transfer: Transfer,
+        after: Duration,
+        reply: SdoStep,
+    ) -> SdoError {
         let timeout = |step| SdoError::Timeout {
             transfer,
             step,
@@ -162,10 +157,8 @@ impl Failure {
         match self {
             Self::Fault(fault) => SdoError::from_fault(transfer, fault),
             Self::Refused(error) => SdoError::Mailbox { transfer, error },
-            Self::NoService(code) => SdoError::NotSupported {
-                transfer,
-                reason: Unsupported::Service(code),
-            },
+            Self::NoService(reason) => SdoError::NotSupported { transfer, reason },
+            Self::EarlierReply => timeout(SdoStep::EarlierReply),
             Self::NotTaken => timeout(SdoStep::Sending),
             Self::NoReply | Self::Doubtful => timeout(reply),
             Self::Link(fault) => SdoError::Link {
@@ -181,7 +174,11 @@ impl Failure {
         match self {
             Self::Fault(fault) => fault.abort_code(),
             Self::NotTaken | Self::NoReply => Some(AbortCode::TIME_OUT),
-            Self::Refused(_) | Self::NoService(_) | Self::Doubtful | Self::Link(_) => None,
+            Self::Refused(_)
+            | Self::NoService(_)
+            | Self::EarlierReply
+            | Self::Doubtful
+            | Self::Link(_) => None,
         }
     }
 }

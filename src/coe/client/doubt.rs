@@ -3,34 +3,29 @@
 //! It is not sent again before that is known: a command object must not be carried out twice. A device answers in order, so
 //! another object is read: if the write's own answer does not come before that one's, the write never arrived.
 
+use alloc::vec::Vec;
 use core::time::Duration;
 
 use super::{Clock, MailboxClient, dialogue::Dialogue, dialogue::Failure, notes::MailEvent};
-use crate::coe::error::{SdoError, SdoStep, Transfer};
+use crate::coe::error::Transfer;
 use crate::coe::mailbox::Mail;
-use crate::coe::sdo::{Step, Upload};
+use crate::coe::sdo::{Download, Step};
 use crate::coe::transport::MailboxTransport;
 
 /// How long the answer is looked for before another object is read.
 pub(super) const LOOKED_FOR: Duration = Duration::from_millis(20);
 
-/// How a transfer ends without success.
-pub(super) enum Ending {
-    Failed(SdoError),
-    /// The frame with its mail is lost.
-    Doubtful,
-}
-
 /// What has become of a doubtful write.
 pub(super) enum Settled {
     Written,
     /// It can be sent again.
-    NeverArrived(Dialogue),
+    NeverArrived,
 }
 
 /// A doubtful write while another object is read.
 #[derive(Default)]
 pub(super) struct Doubt {
+    /// In its place, and without its data, which were in the one mail: it takes the same replies.
     write: Option<Dialogue>,
     answer: Option<Result<Step, Failure>>,
 }
@@ -52,32 +47,23 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Finds out whether the device has taken the write.
     pub(super) async fn settle(
         &mut self,
-        write: Dialogue,
         transfer: Transfer,
         timeout: Duration,
-    ) -> Result<Settled, SdoError> {
+    ) -> Result<Settled, Failure> {
         self.note(MailEvent::Doubtful(transfer));
         let other = self.another_object(transfer);
         self.remember_owed(transfer);
-        self.doubt.write = Some(write);
-        let mut dialogue = Dialogue::Upload(Upload::new(other));
-        let read = self
-            .converse(&mut dialogue, Transfer::read(other), timeout)
-            .await;
-        let write = self.doubt.write.take();
-        match (self.doubt.answer.take(), read, write) {
-            (Some(Ok(_)), ..) => Ok(Settled::Written),
-            (Some(Err(failure)), ..) => Err(failure.describe(transfer, timeout, SdoStep::Reply)),
-            (None, Ok(()) | Err(Ending::Failed(SdoError::Aborted { .. })), Some(write)) => {
-                Ok(Settled::NeverArrived(write))
-            }
-            _ => {
+        let write = Download::new(transfer.object, Vec::new(), self.settings.write_length);
+        self.doubt.write = Some(Dialogue::Download(write));
+        let answered = self.read_another(other, timeout).await;
+        self.doubt.write = None;
+        match self.doubt.answer.take() {
+            Some(Ok(_)) => Ok(Settled::Written),
+            Some(Err(failure)) => Err(failure),
+            None if answered => Ok(Settled::NeverArrived),
+            None => {
                 self.remember_owed(transfer);
-                Err(SdoError::Timeout {
-                    transfer,
-                    step: SdoStep::Reply,
-                    after: timeout,
-                })
+                Err(Failure::NoReply)
             }
         }
     }

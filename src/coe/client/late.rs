@@ -2,15 +2,15 @@
 
 use core::time::Duration;
 
-use super::{Clock, MailboxClient, dialogue::Dialogue, doubt::Ending};
-use crate::coe::error::{SdoError, SdoStep, Transfer};
+use super::{Clock, MailboxClient, dialogue::Dialogue, dialogue::Failure};
+use crate::coe::error::Transfer;
 use crate::coe::obj;
 use crate::coe::object::ObjectAddress;
-use crate::coe::sdo::Upload;
+use crate::coe::sdo::{SdoFault, Upload};
 use crate::coe::transport::MailboxTransport;
 
 /// Transfers that are remembered as owed their replies; with more of them any object may be meant.
-const MOST_OWED: usize = 32;
+pub(super) const MOST_OWED: usize = 32;
 
 impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Notes that the reply to this transfer may still come.
@@ -49,19 +49,23 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         &mut self,
         transfer: Transfer,
         timeout: Duration,
-    ) -> Result<(), SdoError> {
+    ) -> Result<(), Failure> {
         let other = self.another_object(transfer);
-        let mut dialogue = Dialogue::Upload(Upload::new(other));
-        match self
-            .converse(&mut dialogue, Transfer::read(other), timeout)
-            .await
-        {
-            Ok(()) | Err(Ending::Failed(SdoError::Aborted { .. })) => Ok(()),
-            Err(_) => Err(SdoError::Timeout {
-                transfer,
-                step: SdoStep::EarlierReply,
-                after: timeout,
-            }),
+        if self.read_another(other, timeout).await {
+            Ok(())
+        } else {
+            Err(Failure::EarlierReply)
         }
+    }
+
+    /// Reads an object whose value does not matter; whether the device answered.
+    pub(super) async fn read_another(&mut self, other: ObjectAddress, timeout: Duration) -> bool {
+        let upload = Upload::new(other).with_buffer(core::mem::take(&mut self.other));
+        let mut dialogue = Dialogue::Upload(upload);
+        let read = self
+            .converse(&mut dialogue, Transfer::read(other), timeout)
+            .await;
+        self.other = dialogue.into_data();
+        matches!(read, Ok(()) | Err(Failure::Fault(SdoFault::Aborted(_))))
     }
 }

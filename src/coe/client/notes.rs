@@ -1,7 +1,7 @@
 //! What a mailbox client notes for the log. It runs on the thread that owns the bus, where a subscriber that blocks would stop the
 //! cycles: whoever runs it may take the notes and write them elsewhere.
 
-use alloc::{borrow::Cow, sync::Arc};
+use alloc::sync::Arc;
 use core::{fmt, time::Duration};
 
 use tracing::Level;
@@ -10,6 +10,7 @@ use super::dialogue::Failure;
 use crate::coe::{
     emergency::Emergency,
     error::{DriveId, Transfer},
+    error_texts::ErrorTexts,
     mailbox::{CutMail, Mail, MailboxError, Protocol},
 };
 
@@ -34,7 +35,7 @@ pub(super) enum MailEvent {
     Foreign(Content),
     /// The frame of a request is lost.
     Doubtful(Transfer),
-    Emergency(Emergency, Cow<'static, str>),
+    Emergency(Emergency, Arc<ErrorTexts>),
 }
 
 /// What a mail contains, of its data as much as an [`Excerpt`] holds.
@@ -112,7 +113,7 @@ impl MailNote {
             MailEvent::Unawaited(Content::Emergency(emergency)),
             MailEvent::Foreign(Content::SdoReply(Excerpt::of(&[2; 8]))),
             MailEvent::Doubtful(transfer),
-            MailEvent::Emergency(emergency, Cow::Borrowed("position")),
+            MailEvent::Emergency(emergency, Arc::default()),
         ];
         let drive = Arc::clone(drive);
         events.into_iter().map(move |event| Self {
@@ -160,12 +161,12 @@ impl MailNote {
                     "its frame is lost: whether it has arrived is being found out"
                 );
             }
-            MailEvent::Emergency(emergency, text) => tracing::warn!(
+            MailEvent::Emergency(emergency, texts) => tracing::warn!(
                 %drive,
                 code = %format_args!("{:04X}h", emergency.code),
                 register = %format_args!("{:02X}h", emergency.register),
                 data = %format_args!("{:02X?}", emergency.data),
-                %text,
+                text = %texts.text(emergency),
                 ?at,
                 "emergency"
             ),

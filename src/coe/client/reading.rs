@@ -1,6 +1,6 @@
 //! Reading of mails: one at a time, to whom it concerns, and what waits while nothing was asked for.
 
-use alloc::{sync::Arc, vec, vec::Vec};
+use alloc::sync::Arc;
 
 use super::{
     Clock, Found, MAILS_AT_ONCE, MailboxClient,
@@ -8,9 +8,9 @@ use super::{
     notes::MailEvent,
 };
 use crate::coe::{
-    emergencies::DriveEmergency,
+    emergencies::Received,
     emergency::Emergency,
-    mailbox::{HEADER_LENGTH, Mail, SHORTEST_MAILBOX},
+    mailbox::{HEADER_LENGTH, Mail},
     sdo::Step,
     transport::{LinkFault, MailboxTransport},
 };
@@ -50,9 +50,9 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             return Ok(Found::Nothing);
         }
         match self.read().await {
-            Ok(Some(mail)) => self.take(&mail, dialogue),
+            Ok(true) => self.take(dialogue),
             // Empty although a mail waited: a frame that was sent again has read it before.
-            Ok(None) | Err(LinkFault::Lost) => {
+            Ok(false) | Err(LinkFault::Lost) => {
                 self.tolerate(LinkFault::Lost)?;
                 self.repeat(status).await?;
                 Ok(Found::Nothing)
@@ -67,9 +67,9 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Reads the mail that is known to wait while nothing was asked for.
     async fn read_waiting(&mut self) -> Result<Found, Failure> {
         match self.read().await {
-            Ok(Some(mail)) => self.take(&mail, None),
+            Ok(true) => self.take(None),
             // Empty although a mail waited: a frame that came twice has read it before.
-            Ok(None) | Err(LinkFault::Lost) => {
+            Ok(false) | Err(LinkFault::Lost) => {
                 self.tolerate(LinkFault::Lost)?;
                 self.ask_again().await?;
                 Ok(Found::Nothing)
@@ -84,8 +84,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Reads one mail, where there may be one, and hands it to whom it concerns.
     pub(super) async fn read_unasked(&mut self, dialogue: &mut Dialogue) -> Result<Found, Failure> {
         match self.read().await {
-            Ok(Some(mail)) => self.take(&mail, Some(dialogue)),
-            Ok(None) => Ok(Found::Nothing),
+            Ok(true) => self.take(Some(dialogue)),
+            Ok(false) => Ok(Found::Nothing),
             // Whether a mail was read by the frame that is lost, nobody knows.
             Err(LinkFault::Lost) => {
                 self.tolerate(LinkFault::Lost)?;
@@ -99,20 +99,30 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
-    /// Reads the mailbox; `None` if it is empty.
-    async fn read(&mut self) -> Result<Option<Vec<u8>>, LinkFault> {
-        let mut mail = vec![0; self.settings.read_length.max(SHORTEST_MAILBOX)];
+    /// Reads the mailbox; false if it is empty.
+    async fn read(&mut self) -> Result<bool, LinkFault> {
+        let mut mail = core::mem::take(&mut self.reply);
+        mail.fill(0);
         let reading = self.transport.read_mail(&mut mail);
         let read = self
             .access_within(self.settings.mail_timeout, reading)
-            .await?;
-        if read {
+            .await;
+        self.reply = mail;
+        if read == Ok(true) {
             self.failures = 0;
         }
-        Ok(read.then_some(mail))
+        read
     }
 
-    fn take(&mut self, mail: &[u8], dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
+    /// Takes the mail that was read.
+    fn take(&mut self, dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
+        let mail = core::mem::take(&mut self.reply);
+        let found = self.pass_on(&mail, dialogue);
+        self.reply = mail;
+        found
+    }
+
+    fn pass_on(&mut self, mail: &[u8], dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
         let (header, content) = match Mail::parse(mail) {
             Ok(parsed) => parsed,
             Err(cut) if dialogue.is_some() => return Err(Failure::Fault(cut.into())),
@@ -161,17 +171,16 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     }
 
     fn report(&self, emergency: Emergency) {
-        let text = self.texts.text(&emergency);
-        self.note(MailEvent::Emergency(emergency, text.clone()));
-        let emergency = DriveEmergency {
+        self.note(MailEvent::Emergency(emergency, Arc::clone(&self.texts)));
+        let received = Received {
             drive: Arc::clone(&self.drive),
             at: self.clock.now(),
             emergency,
-            text,
+            texts: Arc::clone(&self.texts),
         };
         if let Some(queue) = &self.of_network {
-            queue.push(emergency.clone());
+            queue.push(received.clone());
         }
-        self.emergencies.push(emergency);
+        self.emergencies.push(received);
     }
 }

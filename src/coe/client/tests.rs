@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::coe::test_device::{Device, Fault, Rig, emergency, rig, rig_with};
-use crate::coe::{AbortCode, DriveError, Emergencies, EmergencyReport, obj};
+use crate::coe::{AbortCode, DriveError, Emergencies, EmergencyReport, SdoError, obj};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 
@@ -353,6 +353,17 @@ fn any_single_fault_leaves_segmented_transfers_whole() {
             assert_eq!(written, expected, "{fault:?} of access {place}");
         }
     }
+}
+
+#[test]
+fn there_is_room_for_the_longest_answer_from_the_second_time_on() {
+    let (rig, device, handle, _) = rig();
+    device.set(0x1008, 0, &[7; 10_000]);
+    assert!(handle.calls.room() < 10_000);
+    let sdo = handle.clone();
+    let read = rig.run(async move { sdo.read_bytes(0x1008, 0).await });
+    assert_eq!(read, Ok(vec![7; 10_000]));
+    assert_eq!(handle.calls.room(), 10_000);
 }
 
 #[test]

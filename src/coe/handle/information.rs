@@ -2,12 +2,13 @@
 
 use alloc::vec::Vec;
 
-use super::{Body, SdoHandle};
+use super::SdoHandle;
 use crate::coe::abort::AbortCode;
+use crate::coe::client::Dialogue;
 use crate::coe::dictionary::{DictionaryObject, ObjectDictionary, Undescribed};
 use crate::coe::error::{DriveError, SdoError, Transfer};
 use crate::coe::information::{
-    EntryDescription, ListKind, ObjectCounts, ObjectDescription, Question, object_counts,
+    EntryDescription, Inquiry, ListKind, ObjectCounts, ObjectDescription, Question, object_counts,
     object_list,
 };
 use crate::coe::sdo::SdoFault;
@@ -147,7 +148,10 @@ impl SdoHandle {
         parse: impl Fn(&[u8]) -> Result<T, SdoFault>,
     ) -> Result<T, DriveError> {
         let transfer = Transfer::from(question);
-        let answer = self.run(transfer, Body::Ask(question)).await?;
+        let inquiry = Inquiry::new(question).with_buffer(self.room());
+        let answer = self
+            .run(transfer, Dialogue::Inquiry(inquiry, question))
+            .await?;
         parse(&answer).map_err(|fault| self.error(SdoError::from_fault(transfer, fault)))
     }
 }

@@ -28,7 +28,11 @@ fn list_of(words: &[u16]) -> Vec<u8> {
 
 #[test]
 fn questions_are_asked_as_soem_asks_them() {
-    let request = |question| Inquiry::new(question).request();
+    let request = |question| {
+        let mut request = Vec::new();
+        Inquiry::new(question).append_request(&mut request);
+        request
+    };
     assert_eq!(request(Question::List(ListKind::All)), [1, 0, 0, 0, 1, 0]);
     assert_eq!(
         request(Question::Object { index: 0x607D }),

@@ -13,7 +13,9 @@ use crate::coe::object::ObjectAddress;
 /// use servocrab::coe::{ObjectAddress, sdo::{Download, Step}};
 ///
 /// let mut download = Download::new(ObjectAddress::new(0x6068, 0), vec![10, 0], 128);
-/// assert_eq!(download.request(), [0x2B, 0x68, 0x60, 0, 10, 0, 0, 0]);
+/// let mut request = Vec::new();
+/// download.append_request(&mut request);
+/// assert_eq!(request, [0x2B, 0x68, 0x60, 0, 10, 0, 0, 0]);
 /// assert_eq!(download.feed(&[0x60, 0x68, 0x60, 0, 0, 0, 0, 0])?, Step::Done);
 /// # Ok::<(), servocrab::coe::sdo::SdoFault>(())
 /// ```
@@ -45,6 +47,12 @@ impl Download {
         }
     }
 
+    /// The object.
+    #[must_use]
+    pub const fn object(&self) -> ObjectAddress {
+        self.object
+    }
+
     /// Write all subindices from the object's one on in one transfer.
     #[must_use]
     pub const fn complete_access(mut self) -> Self {
@@ -58,28 +66,26 @@ impl Download {
         self.is_expedited() || self.data.len() + SDO_LENGTH <= self.room
     }
 
-    /// The next request; the same one until a reply to it was fed.
-    #[must_use]
-    pub fn request(&self) -> Vec<u8> {
+    /// Appends the next request; the same one until a reply to it was fed.
+    pub fn append_request(&self, request: &mut Vec<u8>) {
         let part = self.part();
         if let Phase::Segments { toggle } = self.phase {
             let last = self.sent + part.len() == self.data.len();
-            let unused = SHORTEST_SEGMENT.saturating_sub(part.len()) as u8;
-            let mut request = Vec::with_capacity(1 + part.len() + usize::from(unused));
-            request.push(u8::from(toggle) << 4 | unused << 1 | u8::from(last));
+            let unused = SHORTEST_SEGMENT.saturating_sub(part.len());
+            request.push(u8::from(toggle) << 4 | (unused as u8) << 1 | u8::from(last));
             request.extend_from_slice(part);
-            request.resize(request.len() + usize::from(unused), 0);
-            return request;
+            request.resize(request.len() + unused, 0);
+            return;
         }
         let complete = u8::from(self.complete_access) << 4;
         let [i0, i1] = self.object.index.to_le_bytes();
         let address = [i0, i1, self.object.subindex];
-        let mut request = Vec::with_capacity(SDO_LENGTH + part.len());
         if self.is_expedited() {
-            request.push(0x23 | complete | ((4 - self.data.len()) as u8) << 2);
+            let unused = 4 - self.data.len();
+            request.push(0x23 | complete | (unused as u8) << 2);
             request.extend_from_slice(&address);
             request.extend_from_slice(&self.data);
-            request.resize(SDO_LENGTH, 0);
+            request.resize(request.len() + unused, 0);
         } else {
             let size = u32::try_from(self.data.len()).unwrap_or(u32::MAX);
             request.push(0x21 | complete);
@@ -87,7 +93,6 @@ impl Download {
             request.extend_from_slice(&size.to_le_bytes());
             request.extend_from_slice(part);
         }
-        request
     }
 
     /// Takes one SDO reply.

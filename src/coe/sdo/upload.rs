@@ -41,6 +41,12 @@ impl Upload {
         }
     }
 
+    /// The object.
+    #[must_use]
+    pub const fn object(&self) -> ObjectAddress {
+        self.object
+    }
+
     /// Read all subindices from the object's one on in one transfer.
     #[must_use]
     pub const fn complete_access(mut self) -> Self {
@@ -52,6 +58,14 @@ impl Upload {
     #[must_use]
     pub const fn width(mut self, bytes: usize) -> Self {
         self.width = Some(bytes);
+        self
+    }
+
+    /// Puts the object's bytes into `buffer`, in place of what it holds: nothing is allocated as long as they fit.
+    #[must_use]
+    pub fn with_buffer(mut self, mut buffer: Vec<u8>) -> Self {
+        buffer.clear();
+        self.data = buffer;
         self
     }
 
@@ -88,6 +102,12 @@ impl Upload {
     #[must_use]
     pub const fn is_segmented(&self) -> bool {
         matches!(self.phase, Phase::Segments { .. })
+    }
+
+    /// How many bytes have come.
+    #[must_use]
+    pub const fn received(&self) -> usize {
+        self.data.len()
     }
 
     /// The object's bytes; complete once [`Upload::feed`] said [`Step::Done`].

@@ -33,7 +33,9 @@ pub fn run(data: &[u8]) {
     let came: usize = script.map(<[u8]>::len).sum();
     let answer = within(64 + 4 * came, || {
         let mut inquiry = Inquiry::new(question);
-        assert!(inquiry.request().len() >= 6);
+        let mut request = Vec::new();
+        inquiry.append_request(&mut request);
+        assert!(request.len() >= 6);
         let mut fragments = 0;
         for mail in script {
             fragments += 1;

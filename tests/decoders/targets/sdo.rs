@@ -67,15 +67,21 @@ fn download(kind: u8, mut script: Script<'_>) {
         }
         let (mut more, mut over) = (0, false);
         for reply in script {
-            let request = download.request();
+            let request = request_of(&download);
             assert!((8..=room).contains(&request.len()), "{}", request.len());
             match download.feed(reply) {
                 _ if over => {}
                 Ok(Step::More) => more += 1,
-                Ok(Step::Foreign) => assert_eq!(download.request(), request),
+                Ok(Step::Foreign) => assert_eq!(request_of(&download), request),
                 Ok(Step::Done) | Err(_) => over = true,
             }
         }
         assert!(more <= 1 + length, "{more} replies for {length} bytes");
     });
+}
+
+fn request_of(download: &Download) -> Vec<u8> {
+    let mut request = Vec::new();
+    download.append_request(&mut request);
+    request
 }
