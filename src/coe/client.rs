@@ -3,6 +3,9 @@
 //! Transfers run one after another. A mail whose reading is lost is asked for again by the repeat request. A request whose
 //! frame is lost is sent again with the same mailbox counter, by which the device knows it; but never one that writes an
 //! object, since a device that does not look at the counter would write twice: see `doubt`.
+//!
+//! Its mails have their memory from the beginning; all else that a transfer takes comes with its call (`calls`) and goes back
+//! with the answer.
 
 use alloc::sync::Arc;
 use alloc::{vec, vec::Vec};

@@ -150,10 +150,11 @@ struct Padded<'a> {
 impl EtherCrabWireWrite for Padded<'_> {
     fn pack_to_slice_unchecked<'buf>(&self, buf: &'buf mut [u8]) -> &'buf [u8] {
         let whole = buf.get_mut(..self.length).unwrap_or_default();
-        let zeros = core::iter::repeat(&0);
-        for (to, from) in whole.iter_mut().zip(self.mail.iter().chain(zeros)) {
+        let (mail, rest) = whole.split_at_mut(self.mail.len().min(whole.len()));
+        for (to, from) in mail.iter_mut().zip(self.mail) {
             *to = *from;
         }
+        rest.fill(0);
         whole
     }
 
