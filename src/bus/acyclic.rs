@@ -9,7 +9,7 @@
 //! What reads or writes a mailbox is sent once, in frames of its own: a second reading would bring the next mail in the place
 //! of the lost one, and a second writing might be carried out twice. The mailbox client knows what to do about either.
 
-use std::{io, time::Duration};
+use std::time::Duration;
 
 use ethercrab::{
     PduRx, PduTx,
@@ -63,6 +63,8 @@ struct Away {
     sent_at: Duration,
     sendings: u8,
     most_sendings: u8,
+    /// Whether the link did not take it at least once.
+    refused: bool,
 }
 
 /// A request's place in its frame.
@@ -95,13 +97,22 @@ impl Acyclic {
     }
 
     /// Sends what ethercrab has queued, and again what is overdue, as far as it is back before the gap ends; the rest waits for
-    /// the next one. Without cycles there is no gap, and no limit. True when nothing is left.
-    pub(super) fn send(&mut self, link: &mut dyn Link, gap: Option<Gap>) -> io::Result<bool> {
+    /// the next one. Without cycles there is no gap, and no limit. True when ethercrab has nothing left.
+    ///
+    /// What the link does not take is tried again with each call, for as long as an answer would be waited for, and counts as lost
+    /// then: whoever waits for it is told, and nothing else waits behind it.
+    pub(super) fn send(
+        &mut self,
+        link: &mut dyn Link,
+        gap: Option<Gap>,
+        counters: &Counters,
+    ) -> bool {
         let now = link.now();
         self.held = true;
         // Without cycles nothing has to make room for anything.
         self.busy_until = gap.map_or(now, |_| self.busy_until.max(now));
         let mut all = self.collect(now, gap);
+        let mut refused = false;
         for away in &mut self.away {
             let overdue = now >= away.sent_at + RESEND_AFTER;
             if away.sendings == 0 || overdue && away.sendings < away.most_sendings {
@@ -113,7 +124,16 @@ impl Acyclic {
                     }
                     self.busy_until += takes;
                 }
-                link.send(&away.frame)?;
+                if link.send(&away.frame).is_err() {
+                    if !away.refused {
+                        away.refused = true;
+                        counters.not_sent.add();
+                    }
+                    if !overdue {
+                        refused = true;
+                        continue;
+                    }
+                }
                 away.sent_at = now;
                 away.sendings += 1;
             }
@@ -131,8 +151,8 @@ impl Acyclic {
             }
             self.spare.push(away);
         }
-        self.held = !all;
-        Ok(all)
+        self.held = !all || refused;
+        all
     }
 
     /// Takes what ethercrab has queued into frames that are still to be sent, as far as the gap has room. True when it is all.
@@ -263,6 +283,7 @@ impl Away {
         self.parts.clear();
         self.sent_at = now;
         self.sendings = 0;
+        self.refused = false;
     }
 
     /// Appends a request's datagrams.

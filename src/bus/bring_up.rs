@@ -5,7 +5,7 @@ use std::{rc::Rc, sync::Arc, time::Duration};
 use tracing::Instrument;
 
 use super::{
-    AlState, BringUpStep, DevicePlace, DriveFault, NetworkError, al,
+    AlState, BringUpStep, CableLoad, DevicePlace, DriveFault, NetworkError, al,
     config::{DriveConfig, Watchdog},
     cycle::{Cycle, Stepper},
     dc::{self, Clocks},
@@ -33,6 +33,8 @@ const OP_LIMIT: Duration = Duration::from_secs(10);
 pub(super) struct Ready {
     pub(super) drives: Vec<ReadyDrive>,
     pub(super) ios: Vec<ReadyIo>,
+    /// How many devices are in the line, declared or not.
+    in_line: usize,
     /// The distributed clocks, where a drive uses its.
     clocks: Option<Rc<Clocks>>,
 }
@@ -131,6 +133,7 @@ pub(super) async fn configure(
     Ok(Ready {
         drives,
         ios,
+        in_line: line.len(),
         clocks,
     })
 }
@@ -198,6 +201,7 @@ pub(super) async fn start_cycles(
     let Ready {
         drives,
         ios,
+        in_line,
         clocks,
     } = ready;
     let members = drives.iter().map(member);
@@ -216,6 +220,21 @@ pub(super) async fn start_cycles(
     let distribution = clocks.as_ref().map(|clocks| clocks.distribution);
     let exchange = Exchange::new(&members, mailboxes.chain(further).collect(), distribution);
     let exchange = exchange.checked()?;
+    let load = CableLoad::of(exchange.lengths(), *in_line);
+    load.check(period)?;
+    if load.is_tight(period) {
+        tracing::warn!(
+            frames = load.frames,
+            bytes = load.bytes,
+            takes = ?load.time(),
+            cycle = ?period,
+            shortest = ?load.shortest_cycle(),
+            "the frames of a cycle take more than the three quarters of it for which they are waited for: on a cable of 100 Mbit/s \
+             they will count as lost"
+        );
+    }
+    // A second exchange of the same loop has the same frames.
+    let _ = context.counters.cable.set(load);
     let (first, phase) = match clocks {
         None => (context.time.now(), None),
         Some(clocks) => {

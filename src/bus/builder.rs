@@ -238,7 +238,7 @@ impl NetworkBuilder {
             let (log, writer) = Writer::start()?;
             (log, Some(writer))
         };
-        let control = Control::new();
+        let control = Control::new(self.plan.drives.len() + self.plan.ios.len());
         control.set_waker(link.waker());
         let (started, starting) = bounded(1);
         let (alive, over) = bounded(1);

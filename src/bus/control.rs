@@ -15,8 +15,9 @@ use crate::{
     coe::DriveId,
 };
 
-/// Network events that are kept for a program that does not look.
+/// Network events that are kept for a program that does not look, beside four for each device: those of a whole line come at once.
 const EVENTS: usize = 64;
+const EVENTS_OF_A_DEVICE: usize = 4;
 /// Of these, how many black boxes may take: what happened is told before how.
 const BLACK_BOXES: usize = 32;
 /// Questions that may wait for the bus thread.
@@ -42,14 +43,15 @@ pub(super) struct Control {
 }
 
 impl Control {
-    pub(super) fn new() -> Arc<Self> {
+    /// For so many devices.
+    pub(super) fn new(devices: usize) -> Arc<Self> {
         Arc::new(Self {
             shutdown: AtomicBool::new(false),
             stop: AtomicU8::new(0),
             watches: SegQueue::new(),
             waker: OnceLock::new(),
             counters: Arc::default(),
-            events: smol::channel::bounded(EVENTS),
+            events: smol::channel::bounded(EVENTS + EVENTS_OF_A_DEVICE * devices),
             questions: smol::channel::bounded(QUESTIONS),
         })
     }

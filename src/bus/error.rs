@@ -3,8 +3,8 @@
 use std::{fmt, time::Duration};
 
 use super::{
-    AlError, AlState, EepromError, LineMismatch, RealTimeError, RegisterError, SyncManagerError,
-    TopologyError, WatchdogState,
+    AlError, AlState, CableLoad, EepromError, LineMismatch, RealTimeError, RegisterError,
+    SyncManagerError, TopologyError, WatchdogState,
 };
 use crate::{
     axis::FieldError,
@@ -54,6 +54,18 @@ pub enum NetworkError {
         most: usize,
         /// What is needed for this line.
         got: usize,
+    },
+    /// The process data's frames alone take longer than a cycle.
+    #[error(
+        "a cycle of {cycle:?} cannot be kept: its {} frames ({} bytes) take {:?} on 100 Mbit/s alone, and their cycle is to be {:?} at \
+         least: make it longer, map less, or divide the line into several networks",
+        load.frames, load.bytes, load.sending, load.shortest_cycle()
+    )]
+    CycleTooShort {
+        /// What was asked for.
+        cycle: Duration,
+        /// What the frames take.
+        load: CableLoad,
     },
     /// The line as a whole could not be reset or addressed.
     #[error("the line could not be reset and addressed: {0}")]

@@ -108,6 +108,8 @@ pub(super) struct Exchange {
     recorder: Recorder,
     cycle: u64,
     in_flight: bool,
+    /// Frames of this cycle that the link did not take.
+    refused: usize,
 }
 
 impl Exchange {
@@ -146,7 +148,13 @@ impl Exchange {
             mailboxes: MailboxStates::new(mailboxes),
             cycle: 0,
             in_flight: false,
+            refused: 0,
         }
+    }
+
+    /// The lengths of a cycle's frames.
+    pub(super) fn lengths(&self) -> impl Iterator<Item = usize> {
+        self.packed.frames.iter().map(|frame| frame.request.len())
     }
 
     /// The exchange, if it can send all of its frames.
@@ -204,6 +212,7 @@ impl Exchange {
             ..
         } = &mut self.packed;
         self.mailboxes.address(mailbox_states, frames);
+        self.refused = 0;
         for (frame, place) in self.packed.frames.iter_mut().zip(0..) {
             let source = Tag::cyclic(self.cycle, place).source_address();
             if let Some(to) = frame.request.get_mut(6..12) {
@@ -212,6 +221,7 @@ impl Exchange {
             frame.back = false;
             if link.send(&frame.request).is_err() {
                 counters.not_sent.add();
+                self.refused += 1;
             }
         }
         self.in_flight = true;
@@ -249,7 +259,8 @@ impl Exchange {
             .iter()
             .filter(|frame| !frame.back)
             .count();
-        counters.lost.add_many(missing as u64);
+        let lost = missing.saturating_sub(self.refused);
+        counters.lost.add_many(lost as u64);
         for drive in &mut self.drives {
             drive.answer = Answer::Fresh;
             drive.changed = false;

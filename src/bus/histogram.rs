@@ -12,6 +12,8 @@ use histogram::{AtomicHistogram, Histogram};
 const GROUPING_POWER: u8 = 5;
 /// The longest time: 2³⁴ nanoseconds are 17 seconds. Longer ones count as this long, and are in the largest.
 const MAX_POWER: u8 = 34;
+/// Where the last bucket ends.
+const LAST: u64 = (1 << MAX_POWER) - 1;
 
 /// Times, as many as were recorded of each length (to 3.2 %), with the shortest and the longest exactly.
 ///
@@ -57,7 +59,16 @@ impl Durations {
     #[must_use]
     pub fn quantile(&self, share: f64) -> Option<Duration> {
         let bucket = self.buckets.quantile_bucket(share).ok()??;
-        Some(Duration::from_nanos(bucket.end().min(self.most)))
+        Some(Duration::from_nanos(self.end_of(bucket.end())))
+    }
+
+    /// The longest time of the bucket that ends here: those beyond all buckets are in the last one.
+    fn end_of(&self, end: u64) -> u64 {
+        if end >= LAST {
+            self.most
+        } else {
+            end.min(self.most)
+        }
     }
 
     /// The buckets that are not empty, the shortest times first: from and to, and how many.
@@ -88,7 +99,7 @@ impl Durations {
         let most = filled
             .last()
             .or(first)
-            .map_or(0, |bucket| bucket.end().min(self.most));
+            .map_or(0, |bucket| self.end_of(bucket.end()));
         Self {
             buckets,
             least,
@@ -131,9 +142,7 @@ impl Recorder {
             self.most.store(nanoseconds, Ordering::Relaxed);
         }
         // It fails only beyond its longest time.
-        let _ = self
-            .buckets
-            .increment(nanoseconds.min((1 << MAX_POWER) - 1));
+        let _ = self.buckets.increment(nanoseconds.min(LAST));
     }
 
     pub(super) fn read(&self) -> Durations {
@@ -170,7 +179,10 @@ mod tests {
         assert_eq!(read.least(), Some(Duration::from_nanos(7)));
         assert_eq!(read.most(), Some(Duration::from_secs(100)));
         assert_eq!(read.quantile(0.5), Some(Duration::from_nanos(7)));
+        assert_eq!(read.quantile(1.0), Some(Duration::from_secs(100)));
         assert_eq!(read.quantile(1.5), None);
+        let later = read.since(&Durations::default());
+        assert_eq!(later.most(), Some(Duration::from_secs(100)));
     }
 
     proptest! {

@@ -14,8 +14,8 @@ use crate::{
     ds402::State,
 };
 
-/// How many troubles are kept until somebody asks.
-const ROOM: usize = 64;
+/// Troubles that are kept until somebody asks, for each axis: all of a line may come in one cycle.
+const TROUBLES_OF_AN_AXIS: usize = 2;
 
 /// Notes what happens to the axes, in the order in which it happens.
 pub(super) struct Journal {
@@ -39,10 +39,10 @@ impl Journal {
         let axes: Vec<_> = axes.map(Arc::new).collect();
         Self {
             seen: vec![None; axes.len()],
+            troubles: Vec::with_capacity(TROUBLES_OF_AN_AXIS * axes.len()),
             axes,
             log,
             unfed: false,
-            troubles: Vec::with_capacity(ROOM),
         }
     }
 
@@ -60,7 +60,7 @@ impl Journal {
         if before != Some(new) {
             let trouble = before.and_then(|before| new.trouble_since(before));
             if let Some(trouble) = trouble
-                && self.troubles.len() < ROOM
+                && self.troubles.len() < self.troubles.capacity()
             {
                 self.troubles.push((index, trouble));
             }

@@ -107,7 +107,7 @@ impl Drop for Line {
 
 /// Looks at the line on this link, on a thread of its own.
 pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkError> {
-    let control = Control::new();
+    let control = Control::new(0);
     control.set_waker(link.waker());
     let (send_found, found) = bounded(1);
     let (alive, over) = bounded(1);

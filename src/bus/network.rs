@@ -5,7 +5,7 @@ use std::{fmt, sync::Arc, thread::JoinHandle, time::Duration};
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    BlackBox, DevicePlace, DevicePorts, Io, NetworkError,
+    BlackBox, CableLoad, DevicePlace, DevicePorts, Io, NetworkError,
     control::{Control, NetworkEvent, Question},
     statistics::{DriveStatistics, Statistics, Timing},
     supervisor::{Started, StartedDrive},
@@ -147,6 +147,13 @@ impl Network {
     #[must_use]
     pub fn timing(&self) -> Timing {
         self.control.counters.timing()
+    }
+
+    /// What the frames of each cycle take on the cable.
+    #[must_use]
+    pub fn cable_load(&self) -> CableLoad {
+        let load = self.control.counters.cable.get();
+        load.copied().unwrap_or_default()
     }
 
     /// What was counted of each declared drive.

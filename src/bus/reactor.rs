@@ -224,13 +224,10 @@ impl Reactor {
         more
     }
 
-    /// False while frames wait for room, or for the link.
+    /// False while frames wait for room.
     fn send_acyclic(&mut self, gap: Option<Gap>) -> bool {
-        let sent = self.acyclic.send(&mut *self.link, gap);
-        if sent.is_err() {
-            self.context.counters.not_sent.add();
-        }
-        sent.unwrap_or(false)
+        let counters = &self.context.counters;
+        self.acyclic.send(&mut *self.link, gap, counters)
     }
 
     fn wait(&mut self, next: Option<Next>) {

@@ -107,7 +107,7 @@ pub enum RealTimeError {
     /// The process may not lock as much memory as it will need.
     #[error(
         "this process may lock only {limit} bytes of memory (RLIMIT_MEMLOCK), and would fail when it needs more: run it as root, \
-         give it the capability (`setcap cap_ipc_lock+ep <program>`), or allow all (`memlock unlimited` in \
+         give it the capability (`setcap cap_net_raw,cap_sys_nice,cap_ipc_lock+ep <program>` with what else it needs: those that are not named are taken away), or allow all (`memlock unlimited` in \
          /etc/security/limits.conf, `LimitMEMLOCK=infinity` of its systemd unit)"
     )]
     MemoryLimit {
@@ -242,7 +242,7 @@ fn scheduling_remedy(priority: u8) -> String {
         .map_or("unlimited".into(), |limit| limit.to_string());
     format!(
         "the limit of its real-time priorities (RLIMIT_RTPRIO) is {limit}: run the program as root, give it the capability \
-         (`setcap cap_sys_nice+ep <program>`), or raise the limit (`rtprio {priority}` in /etc/security/limits.conf, \
+         (`setcap cap_net_raw,cap_sys_nice,cap_ipc_lock+ep <program>` with what else it needs: those that are not named are taken away), or raise the limit (`rtprio {priority}` in /etc/security/limits.conf, \
          `LimitRTPRIO={priority}` of its systemd unit)"
     )
 }

@@ -8,6 +8,7 @@ use std::{
     time::Duration,
 };
 
+use super::cable::CableLoad;
 use super::dc::Measured;
 use super::histogram::{Durations, Recorder};
 use crate::coe::DriveId;
@@ -23,7 +24,7 @@ use crate::coe::DriveId;
 pub struct Statistics {
     /// Cycles of process data.
     pub cycles: u64,
-    /// Frames of process data that did not come back within their cycle.
+    /// Frames of process data that were sent and did not come back within their cycle.
     pub lost: u64,
     /// Frames that came back after their time, or twice; they were used for nothing.
     pub late: u64,
@@ -37,7 +38,7 @@ pub struct Statistics {
     pub late_cycles: u64,
     /// Cycles that were left out, because the one before had not ended or the bus thread was not awake in time.
     pub overruns: u64,
-    /// Frames that the link did not take.
+    /// Frames that the link did not take: its interface is down, or takes only shorter ones.
     pub not_sent: u64,
     /// Acyclic frames that came back when the next cycle had begun: they may have held its frames up.
     pub acyclic_in_cycle: u64,
@@ -184,6 +185,8 @@ pub(super) struct Counters {
     pub(super) clock: ClockGauge,
     pub(super) lateness: Recorder,
     pub(super) round_trip: Recorder,
+    /// What a cycle takes on the cable, once there is one.
+    pub(super) cable: OnceLock<CableLoad>,
     /// In the order of the exchange, once there is one.
     pub(super) drives: OnceLock<Box<[DriveCounters]>>,
 }

@@ -180,14 +180,15 @@ async fn watch(context: &Context, running: &Running, control: &Control, period: 
         let axes = &running.axes;
         let troubles = axes.borrow_mut().take_troubles();
         for (index, trouble) in troubles {
+            // A thousand cycles are read at once: those of all axes of a machine would keep the next cycle waiting. Meanwhile the
+            // program takes what it was told before.
+            context.time.sleep(period.min(LOOK_EVERY)).await;
             if let Some(black_box) = black_box(context, axes, index, Some(trouble)) {
                 control.report(NetworkEvent::Trouble(Arc::new(black_box)));
             }
             if control.is_shutdown() {
                 return;
             }
-            // A thousand cycles are read at once: those of all axes of a machine would keep the next cycle waiting.
-            context.time.sleep(period.min(LOOK_EVERY)).await;
         }
         let Some(seen) = al_status else { continue };
         // A drive that has fallen before the first look is not taken for usual: SubDevices that nobody has declared are in PREOP.

@@ -30,6 +30,17 @@ pub enum RawSocketError {
     /// The interface is there, but down.
     #[error("the network interface `{0}` is down: bring it up (`ip link set {0} up`)")]
     InterfaceDown(String),
+    /// The interface does not take EtherCAT's longest frames.
+    #[error(
+        "the network interface `{interface}` takes frames of up to {mtu} bytes (MTU), and EtherCAT's have up to 1500: \
+         `ip link set {interface} mtu 1500`"
+    )]
+    ShortFrames {
+        /// The interface's name.
+        interface: String,
+        /// The longest payload that it takes.
+        mtu: i32,
+    },
     /// Any other refusal of the operating system.
     #[error("cannot {step} on network interface `{interface}`: {source}")]
     Os {
@@ -87,6 +98,11 @@ impl RawSocket {
         if !is_up(&socket, &name).map_err(os("read the flags"))? {
             return Err(RawSocketError::InterfaceDown(interface.to_owned()));
         }
+        let mtu = mtu(&socket, &name).map_err(os("read the MTU"))?;
+        if mtu < LONGEST_PAYLOAD {
+            let interface = interface.to_owned();
+            return Err(RawSocketError::ShortFrames { interface, mtu });
+        }
         // Without this the socket reads its own frames back before the segment's answer.
         set_option(&socket, PACKET_IGNORE_OUTGOING, &1i32).map_err(os("ignore outgoing frames"))?;
         // Answers carry the destination they were sent with, which is the broadcast address: but a switch or a
@@ -131,7 +147,11 @@ fn open_socket() -> io::Result<OwnedFd> {
     Ok(unsafe { OwnedFd::from_raw_fd(fd) })
 }
 
-fn is_up(socket: &OwnedFd, name: &CString) -> io::Result<bool> {
+/// What an Ethernet frame holds behind its header (IEEE 802.3).
+const LONGEST_PAYLOAD: libc::c_int = 1500;
+
+/// What a question about the interface of this name is put in.
+fn request(name: &CString) -> libc::ifreq {
     // SAFETY: ifreq is plain data, for which all zeros are a value.
     let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
     // One byte is left for the end mark.
@@ -139,6 +159,11 @@ fn is_up(socket: &OwnedFd, name: &CString) -> io::Result<bool> {
     for (to, from) in request.ifr_name.iter_mut().zip(name.as_bytes()).take(room) {
         *to = from.cast_signed() as libc::c_char;
     }
+    request
+}
+
+fn is_up(socket: &OwnedFd, name: &CString) -> io::Result<bool> {
+    let mut request = request(name);
     // SAFETY: SIOCGIFFLAGS reads and writes one ifreq, which lives until the call is over.
     let result = unsafe { libc::ioctl(socket.as_raw_fd(), libc::SIOCGIFFLAGS, &raw mut request) };
     if result < 0 {
@@ -147,6 +172,17 @@ fn is_up(socket: &OwnedFd, name: &CString) -> io::Result<bool> {
     // SAFETY: the call succeeded, so the kernel has filled in this field of the union.
     let flags = unsafe { request.ifr_ifru.ifru_flags };
     Ok(libc::c_int::from(flags) & libc::IFF_UP != 0)
+}
+
+fn mtu(socket: &OwnedFd, name: &CString) -> io::Result<libc::c_int> {
+    let mut request = request(name);
+    // SAFETY: SIOCGIFMTU reads and writes one ifreq, which lives until the call is over.
+    let result = unsafe { libc::ioctl(socket.as_raw_fd(), libc::SIOCGIFMTU, &raw mut request) };
+    if result < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    // SAFETY: the call succeeded, so the kernel has filled in this field of the union.
+    Ok(unsafe { request.ifr_ifru.ifru_mtu })
 }
 
 fn set_option<T>(socket: &OwnedFd, option: libc::c_int, value: &T) -> io::Result<()> {

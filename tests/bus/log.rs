@@ -218,3 +218,29 @@ fn an_object_that_no_pdo_of_the_drive_holds_is_told() {
     assert_eq!(["6040h", "607Ah", "6041h", "6064h"].map(told), [0; 4]);
     rig.shutdown();
 }
+
+#[test]
+fn a_cycle_in_which_frames_will_not_be_back_in_time_is_warned_of() {
+    // 10 drives of 30 bytes: 16 + 12 + 300 + 26 + 14 bytes, 24 around them, 80 ns each, and 1 µs a drive: 41.4 µs, of which 4/3
+    // are 55.1.
+    let start = |cycle_us: u64| {
+        let segment = (0..10).fold(Segment::new(), |line, _| line.with(personality::generic()));
+        let line = Line::new(segment);
+        let builder = Network::builder()
+            .link(line.wire())
+            .cycle(Duration::from_micros(cycle_us));
+        let builder = (0..10).fold(builder, |builder, position: u16| {
+            let drive = DriveConfig::new(drives::generic()).axis(&position.to_string());
+            builder.drive(position, drive)
+        });
+        let log = Log::begin();
+        let rig = Rig::start(builder).unwrap();
+        let lines = log.take();
+        rig.shutdown();
+        count(
+            &lines,
+            &["WARN", "three quarters", "bytes=368", "takes=41.36µs"],
+        )
+    };
+    assert_eq!((start(55), start(56)), (1, 0));
+}
