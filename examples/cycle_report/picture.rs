@@ -5,11 +5,15 @@ use std::{error::Error, path::Path, time::Duration};
 use plotters::{coord::Shift, prelude::*};
 use servocrab::bus::Durations;
 
-use crate::{Interval, Report, microseconds};
+use crate::{
+    measure::{Interval, Report},
+    report::microseconds,
+};
 
 // Blue and orange can be told apart by everybody (after Okabe and Ito).
 const LATE: RGBColor = RGBColor(0, 92, 175);
 const ROUND_TRIP: RGBColor = RGBColor(194, 84, 0);
+const LOST: RGBColor = RGBColor(200, 30, 60);
 const SIZE: (u32, u32) = (1000, 760);
 
 type Result<T = ()> = std::result::Result<T, Box<dyn Error>>;
@@ -112,16 +116,37 @@ fn time_line(area: &DrawingArea<SVGBackend<'_>, Shift>, report: &Report, longest
         let style = colour
             .mix(if width == 1 { 0.5 } else { 1.0 })
             .stroke_width(width);
-        let points = report.intervals.iter().filter_map(|part| {
-            Some((
-                part.until.as_secs_f64(),
-                microseconds(Some(read(part)?)).max(0.1),
-            ))
+        let point = |part: &Interval| {
+            let time = microseconds(Some(read(part)?)).max(0.1);
+            Some((part.until.as_secs_f64(), time))
+        };
+        // Where nothing came back there is no line.
+        let runs = report.intervals.split(|part| point(part).is_none());
+        let mut named = false;
+        for run in runs.filter(|run| !run.is_empty()) {
+            let series = chart.draw_series(LineSeries::new(run.iter().filter_map(point), style))?;
+            if !named {
+                named = true;
+                series
+                    .label(name)
+                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], style));
+            }
+        }
+    }
+    if report.intervals.iter().any(|part| part.lost > 0) {
+        let froms = std::iter::once(0.0)
+            .chain(report.intervals.iter().map(|part| part.until.as_secs_f64()));
+        let parts = froms
+            .zip(&report.intervals)
+            .filter(|(_, part)| part.lost > 0);
+        let marks = parts.map(|(from, part)| {
+            let corners = [(from, 0.1), (part.until.as_secs_f64(), 0.13)];
+            Rectangle::new(corners, LOST.filled())
         });
         chart
-            .draw_series(LineSeries::new(points, style))?
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], style));
+            .draw_series(marks)?
+            .label("frames lost or not sent")
+            .legend(|(x, y)| Rectangle::new([(x, y - 5), (x + 12, y + 5)], LOST.filled()));
     }
     chart
         .configure_series_labels()

@@ -10,13 +10,16 @@ use crate::checks::{Finding, text};
 /// Everything about the interface. `root` is `/`.
 pub(crate) fn look(root: &Path, name: &str) -> Vec<Finding> {
     let directory = root.join("sys/class/net").join(name);
-    // Names of interfaces hold no slashes, and this program opens no other directory.
-    if name.contains('/') || !directory.exists() {
+    // This program opens no other directory.
+    let is_name = !["", ".", ".."].contains(&name) && !name.contains('/');
+    if !is_name || !directory.exists() {
         let change = format!("there is no interface `{name}`: `ip link` lists them");
         return vec![Finding::change("interface", "none", change)];
     }
     let mut findings = vec![
         kind(&directory),
+        owner(&directory, name),
+        longest_frame(&directory, name),
         link(&directory, name),
         speed(&directory, name),
         addresses(root, name),
@@ -30,12 +33,24 @@ fn kind(directory: &Path) -> Finding {
     if directory.join("wireless").exists() {
         return Finding::change(check, "wireless", "EtherCAT needs a cable");
     }
-    let driver = std::fs::read_link(directory.join("device/driver"));
-    let driver = driver.ok().and_then(|path| {
-        let name = path.file_name()?;
-        Some(name.to_string_lossy().into_owned())
-    });
-    match driver {
+    // ARPHRD_ETHER of linux/if_arp.h.
+    if text(directory, "type").is_some_and(|kind| kind != "1") {
+        return Finding::change(check, "not Ethernet", "name an Ethernet interface");
+    }
+    let uevent = text(directory, "uevent").unwrap_or_default();
+    if let Some(kind) = uevent
+        .lines()
+        .find_map(|line| line.strip_prefix("DEVTYPE="))
+        .filter(|kind| ["bridge", "bond", "vlan", "macvlan"].contains(kind))
+    {
+        return Finding::change(
+            check,
+            format!("a {kind}"),
+            "the system's own work with frames stands between it and the cable: name the interface that the cable is plugged into, \
+             and take it out of this one (`ip link set PORT nomaster`)",
+        );
+    }
+    match target(&directory.join("device/driver")) {
         Some(driver) if driver.starts_with("usb") || driver.starts_with("r8152") => {
             Finding::change(
                 check,
@@ -45,6 +60,41 @@ fn kind(directory: &Path) -> Finding {
         }
         Some(driver) => Finding::good(check, format!("driver {driver}")),
         None => Finding::unknown(check, "virtual, without a driver"),
+    }
+}
+
+/// The last part of where a symbolic link of the system leads to.
+fn target(link: &Path) -> Option<String> {
+    let path = std::fs::read_link(link).ok()?;
+    Some(path.file_name()?.to_string_lossy().into_owned())
+}
+
+/// What comes in at a port of a bridge or bond is handed to that, and no socket on the port sees it.
+fn owner(directory: &Path, name: &str) -> Finding {
+    let check = "bridge or bond";
+    match target(&directory.join("master")) {
+        None => Finding::good(check, "a part of none"),
+        Some(owner) => Finding::change(
+            check,
+            format!("a port of {owner}"),
+            format!("{owner} takes the frames that come back: `ip link set {name} nomaster`"),
+        ),
+    }
+}
+
+/// What an Ethernet frame holds behind its header (IEEE 802.3): EtherCAT uses all of it.
+const LONGEST_PAYLOAD: u32 = 1500;
+
+fn longest_frame(directory: &Path, name: &str) -> Finding {
+    let check = "MTU";
+    match text(directory, "mtu").and_then(|mtu| mtu.parse::<u32>().ok()) {
+        None => Finding::unknown(check, "not told"),
+        Some(mtu) if mtu >= LONGEST_PAYLOAD => Finding::good(check, format!("{mtu} bytes")),
+        Some(mtu) => Finding::change(
+            check,
+            format!("{mtu} bytes"),
+            format!("EtherCAT's frames have up to 1500: `ip link set {name} mtu 1500`"),
+        ),
     }
 }
 
@@ -155,23 +205,35 @@ fn told_of_offloads(name: &str, active: &[String]) -> Finding {
     )
 }
 
-/// What a driver waits for before it tells of a frame.
-#[derive(Debug, Default)]
-struct Delay {
-    microseconds: u32,
-    adaptive: bool,
-}
+/// What a driver waits for before it tells of a frame: each setting that it has, by ethtool's name, with its value.
+type Delay = Vec<(&'static str, u32)>;
 
 fn told_of_coalescing(name: &str, delay: &Delay) -> Finding {
     let check = "coalescing";
-    if delay.microseconds == 0 && !delay.adaptive {
+    let on: Vec<_> = delay.iter().filter(|(_, value)| *value != 0).collect();
+    if on.is_empty() {
         return Finding::good(check, "an interrupt for each frame");
     }
-    let adaptive = if delay.adaptive { ", adaptive" } else { "" };
+    let is_switch = |setting: &str| setting.starts_with("adaptive");
+    let found: Vec<_> = on
+        .iter()
+        .map(|(setting, value)| {
+            if is_switch(setting) {
+                (*setting).to_owned()
+            } else {
+                format!("{setting} {value} µs")
+            }
+        })
+        .collect();
+    // A driver refuses all of a command in which there is one setting that it does not have.
+    let off: Vec<_> = on
+        .iter()
+        .map(|(setting, _)| format!("{setting} {}", if is_switch(setting) { "off" } else { "0" }))
+        .collect();
     Finding::change(
         check,
-        format!("up to {} µs{adaptive}", delay.microseconds),
-        format!("`ethtool -C {name} adaptive-rx off adaptive-tx off rx-usecs 0 tx-usecs 0`"),
+        found.join(", "),
+        format!("`ethtool -C {name} {}`", off.join(" ")),
     )
 }
 
@@ -198,12 +260,10 @@ async fn ask(name: &str) -> std::io::Result<Answer> {
         };
         let delay = answer.delay.get_or_insert_default();
         match attribute {
-            EthtoolCoalesceAttr::RxUsecs(time) | EthtoolCoalesceAttr::TxUsecs(time) => {
-                delay.microseconds = delay.microseconds.max(time);
-            }
-            EthtoolCoalesceAttr::UseAdaptiveRx(on) | EthtoolCoalesceAttr::UseAdaptiveTx(on) => {
-                delay.adaptive |= on;
-            }
+            EthtoolCoalesceAttr::UseAdaptiveRx(on) => delay.push(("adaptive-rx", on.into())),
+            EthtoolCoalesceAttr::UseAdaptiveTx(on) => delay.push(("adaptive-tx", on.into())),
+            EthtoolCoalesceAttr::RxUsecs(time) => delay.push(("rx-usecs", time)),
+            EthtoolCoalesceAttr::TxUsecs(time) => delay.push(("tx-usecs", time)),
             _ => {}
         }
     }
@@ -236,4 +296,78 @@ async fn attributes(
         all.extend(message.payload.nlas);
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{fs, os::unix::fs::symlink, path::Path};
+
+    use super::{kind, longest_frame, look, owner, told_of_coalescing};
+    use crate::checks::Verdict;
+
+    fn interface(files: &[(&str, &str)]) -> tempfile::TempDir {
+        let directory = tempfile::tempdir().unwrap();
+        for (file, text) in files {
+            fs::write(directory.path().join(file), text).unwrap();
+        }
+        directory
+    }
+
+    #[test]
+    fn what_is_no_name_of_an_interface_is_none() {
+        for name in ["", ".", "..", "../net", "no-such-if0"] {
+            let found = look(Path::new("/"), name);
+            assert_eq!(found.len(), 1, "{name}");
+            assert_eq!(found[0].found, "none");
+        }
+    }
+
+    #[test]
+    fn a_bridge_its_port_and_what_is_no_ethernet_are_told() {
+        let bridge = interface(&[
+            ("type", "1\n"),
+            ("uevent", "DEVTYPE=bridge\nINTERFACE=br0\n"),
+        ]);
+        assert_eq!(kind(bridge.path()).found, "a bridge");
+        let loopback = interface(&[("type", "772\n"), ("uevent", "INTERFACE=lo\n")]);
+        assert_eq!(kind(loopback.path()).found, "not Ethernet");
+        let port = interface(&[("type", "1\n"), ("uevent", "INTERFACE=eth0\n")]);
+        assert_eq!(owner(port.path(), "eth0").verdict, Verdict::Good);
+        symlink("../br0", port.path().join("master")).unwrap();
+        let found = owner(port.path(), "eth0");
+        assert_eq!(found.found, "a port of br0");
+        assert!(
+            found
+                .change
+                .unwrap()
+                .contains("`ip link set eth0 nomaster`")
+        );
+    }
+
+    #[test]
+    fn an_interface_of_short_frames_is_told() {
+        let short = interface(&[("mtu", "1400\n")]);
+        assert_eq!(longest_frame(short.path(), "eth0").verdict, Verdict::Change);
+        let usual = interface(&[("mtu", "1500\n")]);
+        assert_eq!(longest_frame(usual.path(), "eth0").verdict, Verdict::Good);
+    }
+
+    #[test]
+    fn of_coalescing_only_what_the_driver_has_is_to_be_changed() {
+        let found = told_of_coalescing("eth0", &vec![("rx-usecs", 3), ("tx-usecs", 0)]);
+        assert_eq!(found.found, "rx-usecs 3 µs");
+        assert_eq!(
+            found.change.as_deref(),
+            Some("`ethtool -C eth0 rx-usecs 0`")
+        );
+        let found = told_of_coalescing("eth0", &vec![("adaptive-rx", 1), ("rx-usecs", 50)]);
+        assert_eq!(
+            found.change.as_deref(),
+            Some("`ethtool -C eth0 adaptive-rx off rx-usecs 0`")
+        );
+        assert_eq!(
+            told_of_coalescing("eth0", &vec![("rx-usecs", 0)]).verdict,
+            Verdict::Good
+        );
+    }
 }

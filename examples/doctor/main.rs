@@ -20,6 +20,10 @@ use servocrab::{
 #[allow(dead_code, reason = "the other examples use more of it")]
 mod common;
 
+#[path = "../../tests/common/cable.rs"]
+mod cable;
+
+use cable::Cable;
 use checks::{Finding, Verdict};
 use common::{put, table};
 
@@ -32,6 +36,9 @@ struct Arguments {
     /// The cycle that is wanted, in microseconds.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(50..=1_000_000))]
     cycle_us: u32,
+    /// How many axes the line is to have, one a drive with the default mappings: tells what their frames take of the cycle.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096))]
+    axes: Option<u16>,
     /// How long to measure the timer.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     seconds: u32,
@@ -62,6 +69,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         findings.extend(interface::look(Path::new("/"), name));
     }
     let cycle = Duration::from_micros(arguments.cycle_us.into());
+    findings.extend(arguments.axes.map(|axes| on_the_cable(axes, cycle)));
     let time = Duration::from_secs(arguments.seconds.into());
     findings.extend(latency::measure(cycle, time, PRIORITY));
     let healthy = findings
@@ -106,6 +114,38 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     Ok(healthy)
 }
 
+/// Bytes of an axis with the default mappings: 19 of outputs, 11 of inputs.
+const BYTES_OF_AN_AXIS: usize = 30;
+
+/// What the frames of so many axes take of a cycle, by the formula of docs/scaling.md.
+fn on_the_cable(axes: u16, cycle: Duration) -> Finding {
+    let check = "cable";
+    let drives = usize::from(axes);
+    let cable = Cable {
+        drives,
+        bytes: BYTES_OF_AN_AXIS,
+        clock: true,
+        metres: 2 * drives,
+    };
+    let micros = cable.nanoseconds() as f64 / 1e3;
+    let found = format!(
+        "{axes} axes of {BYTES_OF_AN_AXIS} bytes, one a drive: {micros:.0} µs of a cycle of {cycle:?}"
+    );
+    // The bus loop waits for its frames for three quarters of a cycle.
+    let shortest = micros * 4.0 / 3.0;
+    if shortest <= cycle.as_nanos() as f64 / 1e3 {
+        return Finding::good(check, found);
+    }
+    Finding::change(
+        check,
+        found,
+        format!(
+            "frames are waited for during three quarters of a cycle: choose {shortest:.0} µs at least, map less, or divide the line \
+             into several networks (docs/scaling.md)"
+        ),
+    )
+}
+
 /// What the operating system allows this program, tried.
 fn permissions(interface: Option<&str>) -> Vec<Finding> {
     // The loopback interface is there on every machine; nothing is sent.
@@ -128,5 +168,26 @@ fn tried(real_time: RealTime) -> Result<(), Box<dyn Error + Send + Sync>> {
     match std::thread::spawn(move || real_time.apply()).join() {
         Ok(result) => result.map_err(Into::into),
         Err(_) => Err("the thread has panicked".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::{Verdict, on_the_cable};
+
+    #[test]
+    fn more_axes_than_a_cycle_holds_are_told_with_the_cycle_that_holds_them() {
+        // By the table of docs/scaling.md: 238 µs, and 317 µs of cycle.
+        let cycle = Duration::from_micros;
+        assert_eq!(on_the_cable(64, cycle(318)).verdict, Verdict::Good);
+        let found = on_the_cable(64, cycle(300));
+        assert!(
+            found.found.ends_with("238 µs of a cycle of 300µs"),
+            "{}",
+            found.found
+        );
+        assert!(found.change.unwrap().contains("choose 317 µs at least"));
     }
 }
