@@ -20,7 +20,7 @@ use super::{
     progress::Progress,
     reactor::Context,
 };
-use crate::parameters::Transition;
+use crate::{coe::DriveId, parameters::Transition};
 
 /// Complete exchanges before OP is asked for: with the first one every drive has taken valid outputs.
 const GOOD_CYCLES: u32 = 1;
@@ -40,6 +40,11 @@ pub(super) struct Ready {
 }
 
 impl Ready {
+    /// Whose clock is the reference, where there is one.
+    pub(super) fn reference(&self) -> Option<DriveId> {
+        Some(self.clocks.as_ref()?.reference.clone())
+    }
+
     /// All of them, in the order of the exchange.
     pub(super) fn found(&self) -> impl Iterator<Item = &Found> {
         let drives = self.drives.iter().map(|drive| &drive.found);
@@ -238,6 +243,7 @@ pub(super) async fn start_cycles(
     let (first, phase) = match clocks {
         None => (context.time.now(), None),
         Some(clocks) => {
+            dc::check_shifts(drives, exchange.time_on_cable());
             let (first, phase) = dc::first_cycle(context, clocks, period).await?;
             (first, Some(phase))
         }
@@ -272,7 +278,10 @@ pub(super) async fn operate(
     progress: &Progress,
 ) -> Result<(), NetworkError> {
     wait_for_exchange(context, ready, period).await?;
-    let synchronised = ready.drives.iter().filter(|drive| drive.synchronised);
+    let synchronised = ready
+        .drives
+        .iter()
+        .filter(|drive| drive.sync0_after.is_some());
     dc::wait_for_lock(context, synchronised.map(|drive| &drive.found), period).await?;
     let drives = ready.drives.iter();
     let drives = drives.map(|drive| (&drive.found, Some(&drive.sdo), &drive.start_up));

@@ -118,16 +118,64 @@ pub enum NetworkEvent {
     /// One of its axes has a fault, or counts as lost: with what its last cycles were. Told some milliseconds later, so that
     /// they hold what came of it.
     Trouble(Arc<BlackBox>),
+    /// The cycles and the reference clock of the distributed clocks.
+    Clock {
+        /// The SubDevice whose clock is the reference.
+        reference: DriveId,
+        /// What happened.
+        event: ClockEvent,
+    },
+}
+
+/// What happened between the cycles and the reference clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ClockEvent {
+    /// The phase error is beyond its bound again and again. Drives that cannot live with that say so themselves.
+    OutOfStep {
+        /// The last cycle's, in nanoseconds.
+        phase_error_ns: i64,
+    },
+    /// The cycles are in step again.
+    InStep,
+    /// The clock no longer gives its time. The cycles go on at the speed that it had, and all other clocks follow them. It may
+    /// be lost, or have been switched off and on: then the network is to be started anew.
+    Silent,
+    /// The clock shows a time that it cannot have. All clocks follow the cycles from now on, which go on at the speed that they
+    /// had, and all axes were told to stop and disable, as at the network's end; it is to be started anew.
+    Jumped {
+        /// By how much it jumped, less multiples of 2^32, in nanoseconds.
+        by_ns: i64,
+    },
+}
+
+impl std::fmt::Display for ClockEvent {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::OutOfStep { phase_error_ns } => write!(
+                f,
+                "the cycles are out of step with the reference clock: the phase error is {phase_error_ns} ns"
+            ),
+            Self::InStep => f.write_str("the cycles are in step with the reference clock"),
+            Self::Silent => {
+                f.write_str("the reference clock gives no time: the cycles go on by themselves")
+            }
+            Self::Jumped { by_ns } => write!(
+                f,
+                "the reference clock has jumped by {by_ns} ns: all axes stop and are disabled"
+            ),
+        }
+    }
 }
 
 impl NetworkEvent {
-    /// The drive that it happened to.
+    /// The drive, or other device, that it happened to.
     #[must_use]
     pub fn drive(&self) -> &DriveId {
         match self {
             Self::Lost(drive) | Self::Back(drive) | Self::InOp(drive) => drive,
             Self::LeftOp { drive, .. } => drive,
             Self::Trouble(black_box) => &black_box.axis.drive,
+            Self::Clock { reference, .. } => reference,
         }
     }
 }
@@ -140,6 +188,7 @@ impl std::fmt::Display for NetworkEvent {
             Self::LeftOp { drive, status } => write!(f, "{drive} has left OP: it is in {status}"),
             Self::InOp(drive) => write!(f, "{drive} is in OP again"),
             Self::Trouble(black_box) => write!(f, "{black_box}"),
+            Self::Clock { reference, event } => write!(f, "{reference}: {event}"),
         }
     }
 }

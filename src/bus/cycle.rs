@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::{
+    ReferenceClock,
     dc::Phase,
     exchange::{DriveData, Events, Exchange, receive_deadline},
     frame::Tag,
@@ -152,8 +153,9 @@ impl Cycle {
             u32::try_from(slept_through + 1).unwrap_or(u32::MAX)
         };
         if let Some(clock) = &mut self.clock {
-            let passes = clock.begin(late, periods);
+            let (passes, sooner) = clock.begin(late, periods);
             self.exchange.set_reference_time(passes as u32);
+            self.next_start = earlier(self.next_start, sooner);
         }
         self.stepper.before_send(now, &mut self.exchange.drives);
         self.exchange.send(link, counters);
@@ -183,17 +185,25 @@ impl Cycle {
         self.last = events;
         if let Some(clock) = &mut self.clock {
             let (sooner, measured) = clock.end(events.reference_time);
-            self.next_start = if sooner < 0 {
-                self.next_start + Duration::from_nanos(sooner.unsigned_abs())
-            } else {
-                self.next_start
-                    .saturating_sub(Duration::from_nanos(sooner.unsigned_abs()))
-            };
+            self.next_start = earlier(self.next_start, sooner);
             match measured {
                 Some(measured) => counters.clock.record(&measured),
-                None => counters.clock.hold(clock.is_locked()),
+                None => counters.clock.hold(clock.is_locked(), clock.reference()),
+            }
+            if clock.reference() == ReferenceClock::Jumped {
+                self.exchange.lead_clocks();
             }
         }
         self.stepper.after_receive(now, &mut self.exchange.drives);
+    }
+}
+
+/// So many nanoseconds before, or after with a negative number.
+fn earlier(time: Duration, sooner: i64) -> Duration {
+    let by = Duration::from_nanos(sooner.unsigned_abs());
+    if sooner < 0 {
+        time + by
+    } else {
+        time.saturating_sub(by)
     }
 }

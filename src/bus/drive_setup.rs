@@ -44,8 +44,8 @@ pub(super) struct ReadyDrive {
     pub(super) layout: Layout,
     pub(super) logical: u32,
     pub(super) lrw: bool,
-    /// Whether it follows SYNC0.
-    pub(super) synchronised: bool,
+    /// How long after the frames pass the reference clock its SYNC0 comes, where it follows that.
+    pub(super) sync0_after: Option<Duration>,
     pub(super) axes: Vec<ReadyAxis>,
     /// What is still to be written in SAFEOP.
     pub(super) start_up: Vec<StartUpList>,
@@ -198,7 +198,7 @@ impl Job {
             layout,
             logical: self.logical,
             lrw,
-            synchronised: self.config.clock.is_some(),
+            sync0_after: self.config.clock.map(|clock| clock.shift_in(self.cycle)),
             axes,
             start_up: self.config.start_up,
         })

@@ -275,6 +275,9 @@ pub enum DriveFault {
         /// The value read back, in nanoseconds.
         value: u32,
     },
+    /// The reference clock that it is to follow does not run.
+    #[error("the reference clock, that of {0}, stands still")]
+    ReferenceStands(DriveId),
     /// Its clock does not follow the reference clock.
     #[error(
         "its clock is {apart:?} away from the reference clock, and more than {bound:?} is too much"

@@ -181,6 +181,19 @@ impl Exchange {
         }
     }
 
+    /// From now on all clocks get the time of the cycles.
+    pub(super) fn lead_clocks(&mut self) {
+        if let (Some(slot), Some(first)) = (&self.packed.clock, self.packed.frames.first_mut()) {
+            slot.lead(&mut first.request);
+        }
+    }
+
+    /// How long the frames of a cycle take at one place of the cable.
+    pub(super) fn time_on_cable(&self) -> Duration {
+        let lengths = self.packed.frames.iter().map(|frame| frame.request.len());
+        lengths.map(frame::time_on_cable).sum()
+    }
+
     /// Sends all frames of a cycle back to back.
     pub(super) fn send(&mut self, link: &mut dyn Link, counters: &Counters) {
         self.cycle = self.cycle.wrapping_add(1);
@@ -307,10 +320,10 @@ impl Exchange {
         self.recorder.read(&self.packed, axis)
     }
 
-    fn read_reference_time(&self) -> Option<u32> {
-        let slot = self.packed.clock.as_ref()?;
-        let first = self.packed.frames.first().filter(|frame| frame.back)?;
-        slot.read(&first.answer)
+    fn read_reference_time(&mut self) -> Option<u32> {
+        let slot = self.packed.clock.as_mut()?;
+        let first = self.packed.frames.first().filter(|frame| frame.back);
+        slot.read(first.map(|frame| frame.answer.as_slice()))
     }
 
     fn read_al_status(&self) -> Option<(u8, u16)> {

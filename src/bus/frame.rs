@@ -1,5 +1,7 @@
 //! EtherCAT frames as this library builds and reads them (ETG.1000.4: frame, datagram, working counter).
 
+use std::time::Duration;
+
 /// Bytes of the Ethernet header.
 pub(super) const ETHERNET_HEADER: usize = 14;
 /// Bytes before the first datagram: Ethernet and EtherCAT header.
@@ -11,11 +13,24 @@ pub(super) const DATAGRAM_OVERHEAD: usize = DATAGRAM_HEADER + 2;
 /// What an EtherCAT frame holds beside the EtherCAT header.
 pub(super) const PAYLOAD: usize = 1498;
 
+/// The shortest frame, without its checksum (IEEE 802.3).
+const SHORTEST: usize = 60;
+/// What a frame takes of the cable beside its bytes: preamble 8, checksum 4, gap 12 (IEEE 802.3).
+const AROUND: usize = 24;
+/// A byte at 100 Mbit/s.
+const BYTE: Duration = Duration::from_nanos(80);
+
+/// How long a frame of this length takes at one place of the cable.
+pub(super) fn time_on_cable(length: usize) -> Duration {
+    BYTE * u32::try_from(length.max(SHORTEST) + AROUND).unwrap_or(u32::MAX)
+}
+
 /// Datagram commands.
 pub(super) mod command {
     pub(in crate::bus) const NOP: u8 = 0;
     pub(in crate::bus) const FPRD: u8 = 4;
     pub(in crate::bus) const BRD: u8 = 7;
+    pub(in crate::bus) const BWR: u8 = 8;
     pub(in crate::bus) const LRD: u8 = 10;
     pub(in crate::bus) const LWR: u8 = 11;
     pub(in crate::bus) const LRW: u8 = 12;

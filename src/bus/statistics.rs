@@ -3,7 +3,7 @@
 use std::{
     sync::{
         OnceLock,
-        atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering},
+        atomic::{AtomicBool, AtomicI64, AtomicU8, AtomicU64, Ordering},
     },
     time::Duration,
 };
@@ -60,7 +60,24 @@ pub struct ClockStatistics {
     pub locked: bool,
     /// Cycles beyond the bound since the phase was locked first.
     pub beyond: u64,
+    /// What the reference clock does.
+    pub reference: ReferenceClock,
 }
+
+/// What the reference clock does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ReferenceClock {
+    /// It gives its time.
+    #[default]
+    Heard,
+    /// It has not given its time for 64 cycles: these go on at the speed that it had, and all other clocks follow them.
+    Silent,
+    /// It has shown a time that it cannot have: all clocks follow the cycles from then on, and all axes are stopped and disabled.
+    Jumped,
+}
+
+const SILENT: u8 = ReferenceClock::Silent as u8;
+const JUMPED: u8 = ReferenceClock::Jumped as u8;
 
 /// The same as it is being written.
 #[derive(Debug, Default)]
@@ -69,6 +86,7 @@ pub(super) struct ClockGauge {
     error_ns: AtomicI64,
     worst_ns: AtomicI64,
     locked: AtomicBool,
+    reference: AtomicU8,
     ever_locked: AtomicBool,
     beyond: Count,
     errors: Recorder,
@@ -84,7 +102,7 @@ impl ClockGauge {
     /// A cycle.
     pub(super) fn record(&self, measured: &Measured) {
         self.error_ns.store(measured.error, Ordering::Relaxed);
-        self.locked.store(measured.locked, Ordering::Relaxed);
+        self.hold(measured.locked, measured.reference);
         if measured.locked {
             self.ever_locked.store(true, Ordering::Relaxed);
         }
@@ -100,8 +118,9 @@ impl ClockGauge {
     }
 
     /// A cycle without the reference's time.
-    pub(super) fn hold(&self, locked: bool) {
+    pub(super) fn hold(&self, locked: bool, reference: ReferenceClock) {
         self.locked.store(locked, Ordering::Relaxed);
+        self.reference.store(reference as u8, Ordering::Relaxed);
     }
 
     pub(super) fn read(&self) -> Option<ClockStatistics> {
@@ -112,6 +131,11 @@ impl ClockGauge {
             bound: Duration::from_nanos(bound),
             locked: self.locked.load(Ordering::Relaxed),
             beyond: self.beyond.get(),
+            reference: match self.reference.load(Ordering::Relaxed) {
+                SILENT => ReferenceClock::Silent,
+                JUMPED => ReferenceClock::Jumped,
+                _ => ReferenceClock::Heard,
+            },
         })
     }
 }

@@ -9,7 +9,7 @@ use super::{
     axes::Axes,
     black_box::{BlackBox, Trouble},
     bring_up,
-    control::{Control, NetworkEvent, Question},
+    control::{ClockEvent, Control, NetworkEvent, Question},
     dc::LockWatch,
     discovery::Found,
     io::{Io, Ports},
@@ -96,6 +96,8 @@ struct Running {
     devices: Vec<Found>,
     /// Who they are, for notes.
     ids: Vec<Arc<DriveId>>,
+    /// Whose clock is the reference.
+    reference: Option<Arc<DriveId>>,
 }
 
 async fn start(
@@ -154,6 +156,7 @@ async fn start(
             .map(|device| Arc::new(device.id.clone()))
             .collect(),
         devices,
+        reference: ready.reference().map(Arc::new),
     };
     Ok((running, to_program))
 }
@@ -169,10 +172,21 @@ pub(super) async fn given_up(context: &Context, control: &Control) {
 async fn watch(context: &Context, running: &Running, control: &Control, period: Duration) {
     let mut usual = None;
     let mut lost = vec![false; running.devices.len()];
-    let mut lock = LockWatch::default();
+    let mut lock = LockWatch::new();
     while !control.is_shutdown() {
         context.time.sleep(LOOK_EVERY).await;
-        lock.look(context);
+        if let Some(event) = lock.look(context.counters.clock.read())
+            && let Some(reference) = &running.reference
+        {
+            // Who has moved the clock, and what its drive does now, nobody knows; the others agree still.
+            if matches!(event, ClockEvent::Jumped { .. }) {
+                running.axes.borrow_mut().disable();
+            }
+            let note = Note::Clock(Arc::clone(reference), event);
+            context.log.note(context.time.now(), note);
+            let reference = DriveId::clone(reference);
+            control.report(NetworkEvent::Clock { reference, event });
+        }
         let Some((al_status, wrong)) = look(context, running, &mut lost, control) else {
             return;
         };

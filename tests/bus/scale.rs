@@ -14,7 +14,7 @@ use std::{
 
 use servocrab::{
     axis::Referencing,
-    bus::{DriveConfig, Network, NetworkBuilder},
+    bus::{DistributedClock, DriveConfig, Network, NetworkBuilder},
     drives,
     link::{Fate, Wire},
     profile_position::{Outcome, SetPoint},
@@ -390,4 +390,59 @@ fn the_pages_table_is_what_the_formula_gives() {
         count += 1;
     }
     assert_eq!(count, 11);
+}
+
+/// The formula of docs/scaling.md for the lengths of a cycle's frames, with distributed clocks.
+fn expected_lengths(drives: &Drives) -> Vec<usize> {
+    let mut bytes = vec![0];
+    for axes in drives {
+        let last = bytes.last_mut().unwrap();
+        if *last + axes * BYTES_OF_AN_AXIS > MOST_IN_A_FRAME {
+            bytes.push(axes * BYTES_OF_AN_AXIS);
+        } else {
+            *last += axes * BYTES_OF_AN_AXIS;
+        }
+    }
+    let frames = bytes.len();
+    let states = drives.len().div_ceil(8).min(4 * frames);
+    let lengths = bytes.into_iter().zip(0..).map(|(bytes, place)| {
+        let states = (0..states).filter(|state| state % frames == place).count();
+        let time = if place == 0 { 16 } else { 0 };
+        let al_status = if place + 1 == frames { 14 } else { 0 };
+        14 + 2 + 12 + bytes + 13 * states + al_status + time
+    });
+    lengths.collect()
+}
+
+#[test]
+fn with_distributed_clocks_the_frames_have_the_lengths_that_the_formula_gives() {
+    for drives in [mixed(1), of_two(4), mixed(32), of_two(32), of_two(64)] {
+        let line = line(&drives);
+        let watch = Arc::new(Watch::default());
+        let looks = Arc::clone(&watch);
+        let wire = line.wire_with(move |_, frame| {
+            // By the source address that process data have: FRMW is the first datagram of the first frame.
+            if frame[6..8] == [0x10, 0xC5] {
+                looks.fate(frame)
+            } else {
+                Fate::Deliver
+            }
+        });
+        let mut builder = Network::builder().link(wire);
+        for (position, axes) in (0..).zip(&drives) {
+            let description = if *axes == 2 {
+                drives::akd2g()
+            } else {
+                drives::generic()
+            };
+            let config = (0..*axes).fold(DriveConfig::new(description), |config, axis| {
+                config.axis(&format!("{position}/{axis}"))
+            });
+            builder = builder.drive(position, config.dc(DistributedClock::new(0x0300)));
+        }
+        let mut rig = Rig::start(builder).unwrap();
+        rig.run_for(2 * MS);
+        assert_eq!(watch.lengths(), expected_lengths(&drives), "{drives:?}");
+        rig.shutdown();
+    }
 }

@@ -195,7 +195,8 @@ impl Device {
     }
 
     /// Gives the distributed clock another time at power-up, in nanoseconds, and a crystal that is too fast by so many
-    /// parts per million. Do it before the first frame.
+    /// parts per million; with -1 000 000 it stands still. Later than before the first frame the clock jumps, and forgets
+    /// the speed that it has learned.
     pub fn set_clock(&mut self, start_ns: u64, drift_ppm: f64) {
         self.crystal = (start_ns, (drift_ppm * 1_000.0) as i32);
         self.esc.set_clock(self.crystal.0, self.crystal.1);

@@ -1,6 +1,6 @@
 //! The distributed clock of a device: a local time from a crystal of its own, receive times, and the control loop that
 //! makes the local copy of the system time follow the reference clock. Times are nanoseconds.
-//! Source: ESC data sheet, section I "Technology", 9.1.
+//! Source: ESC data sheet, section I "Technology", 9.1; section II "Register description", 0900h to 0935h.
 
 use core::time::Duration;
 
@@ -8,10 +8,8 @@ use core::time::Duration;
 const PLACES: u32 = 32;
 /// One nanosecond in each.
 const ONE: i128 = 1 << PLACES;
-/// The largest step towards the reference clock on one received time.
-const LARGEST_STEP: i64 = 32;
-/// The control loop changes the speed by at most this much, as it can with the bandwidth of a reset.
-const FASTEST: i64 = (ONE / 50) as i64;
+/// Binary places of the speed counter difference that are kept.
+const COUNTER_PLACES: u32 = 16;
 
 /// Where the device is in the segment, as far as the times of passing frames depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -47,6 +45,27 @@ pub(crate) struct ControlLoop {
     pub(crate) speed_depth: u8,
 }
 
+impl ControlLoop {
+    /// The values that 0930h may have.
+    fn start(self) -> i64 {
+        i64::from(self.start).clamp(0x80, 0x3FFF)
+    }
+
+    /// The largest speed counter difference (0932h): start less 7Fh.
+    fn most(self) -> i64 {
+        (self.start() - 0x7F) << COUNTER_PLACES
+    }
+
+    /// By how much a speed counter difference slows the clock down, in parts of `ONE` · 2^16: difference / (5 (start +
+    /// difference + 2) (start - difference + 2)). With the start of a reset that is 763 ppm at most.
+    fn speed(self, counter: i64) -> i64 {
+        let start = i128::from((self.start() + 2) << COUNTER_PLACES);
+        let counter = i128::from(counter);
+        let shown = counter << (PLACES + 16 + COUNTER_PLACES);
+        (shown / (5 * (start * start - counter * counter))) as i64
+    }
+}
+
 /// The local clock.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clock {
@@ -55,8 +74,10 @@ pub(crate) struct Clock {
     since: u64,
     /// How much faster the crystal is than the simulation's time: this many parts of `ONE`.
     drift: i64,
-    /// What the control loop adds to that, in parts of `ONE` · 2^16.
-    speed: i64,
+    /// The speed counter difference, with its binary places.
+    counter: i64,
+    /// What the control loop takes from the speed by that, in parts of `ONE` · 2^16.
+    slowed: i64,
     /// Mean of the differences, with eight binary places; nothing after a reset.
     mean: Option<i64>,
     /// When the reference time came last, how far the local time was ahead, and the step that was taken then.
@@ -89,6 +110,9 @@ impl Clock {
         let whole = i128::from(local.wrapping_sub(shown).cast_signed()) << PLACES;
         let missing = whole - (self.shown & (ONE - 1));
         let rate = self.rate();
+        if rate <= 0 {
+            return u64::MAX;
+        }
         let elapsed = missing.div_euclid(rate) + i128::from(missing.rem_euclid(rate) != 0);
         self.since.saturating_add_signed(elapsed as i64)
     }
@@ -96,33 +120,38 @@ impl Clock {
     /// Takes a received system time, from which the local copy differs by so many nanoseconds at `at`.
     ///
     /// The data sheet says that the difference is averaged (0934h), that the deviation of the clock period is averaged
-    /// (0935h), and that the local clock is sped up or slowed down by both within a bandwidth (0930h). Assumed, because it
-    /// does not say how: a step of an eighth of the difference, at least one and at most 32 nanoseconds, for a bandwidth of
-    /// 1000h; and a speed that takes up the deviation with the time constant of its filter.
+    /// (0935h) and shown (0932h), and what the speed counter does at most. Assumed, because it does not say how the loop is
+    /// made: a speed counter that takes up the deviation with the time constant of its filter, and a step of an eighth of
+    /// the difference for a start of 1000h, at least one nanosecond, and with that counter never more than it could do alone
+    /// since the time before.
     pub(crate) fn follow(&mut self, difference: i32, at: u64, settings: ControlLoop) {
         self.move_on(at);
         let difference = i64::from(difference);
         let depth = settings.difference_depth.min(15);
         let mean = self.mean.unwrap_or(difference << 8);
         self.mean = Some(mean + (((difference << 8) - mean) >> depth));
-        if let Some((before, then, step)) = self.last {
+        let mut step = 0;
+        if let Some((before, then, step_before)) = self.last {
             let elapsed = at.saturating_sub(before);
             if elapsed == 0 {
                 return;
             }
-            let deviation = (i128::from(difference - then + step) << PLACES) / i128::from(elapsed);
-            let change = (deviation << 16) >> settings.speed_depth.min(15);
-            let most = FASTEST << 16;
-            let speed = i128::from(self.speed) - change;
-            self.speed = speed.clamp((-most).into(), most.into()) as i64;
+            let start = settings.start();
+            let change = difference - then + step_before;
+            let deviation = (i128::from(change) << PLACES) / i128::from(elapsed);
+            // Near zero a count is 1 / (5 (start + 2)^2).
+            let counts = (deviation * i128::from(5 * (start + 2) * (start + 2)))
+                >> (PLACES - COUNTER_PLACES)
+                >> settings.speed_depth.min(15);
+            let most = i128::from(settings.most());
+            self.counter = (i128::from(self.counter) + counts).clamp(-most, most) as i64;
+            self.slowed = settings.speed(self.counter);
+            let sign = difference.signum();
+            let left = settings.speed(settings.most()) - sign * self.slowed;
+            let most = (i128::from(left) * i128::from(elapsed)) >> (PLACES + 16);
+            let part = (difference * 0x200 / start).abs().max(sign.abs());
+            step = sign * part.min(most as i64);
         }
-        let bandwidth = i64::from(settings.start.max(0x80));
-        let part = difference * 0x200 / bandwidth;
-        let step = match difference {
-            0 => 0,
-            _ if part == 0 => difference.signum(),
-            _ => part.clamp(-LARGEST_STEP, LARGEST_STEP),
-        };
         self.shown -= i128::from(step) << PLACES;
         self.last = Some((at, difference, step));
     }
@@ -132,7 +161,14 @@ impl Clock {
         self.move_on(at);
         self.mean = None;
         self.last = None;
-        self.speed = 0;
+        self.counter = 0;
+        self.slowed = 0;
+    }
+
+    /// Register 0932h, two's complement: positive while a crystal that is too fast is slowed down. Which sign is which is
+    /// assumed.
+    pub(crate) fn speed_difference(self) -> i16 {
+        (self.counter >> COUNTER_PLACES) as i16
     }
 
     /// Register 092Ch: magnitude of the mean difference, and bit 31 when the local time is smaller.
@@ -155,7 +191,7 @@ impl Clock {
     }
 
     fn rate(self) -> i128 {
-        ONE + i128::from(self.drift) + i128::from(self.speed >> 16)
+        ONE + i128::from(self.drift) - i128::from(self.slowed >> 16)
     }
 
     fn shown_at(self, at: u64) -> i128 {
@@ -231,8 +267,41 @@ mod tests {
             let mut untaught = Clock::new(0);
             untaught.set_drift(drift, 0);
             let ahead = distribute(&mut untaught, 0, 1_000_000, 1_000);
-            assert!(ahead.abs() > 1_000, "{ahead}");
+            assert!(ahead.abs() > 300, "{ahead}");
         }
+    }
+
+    #[test]
+    fn the_speed_counter_shows_the_deviation_of_the_periods() {
+        // Worked by hand: 3218 / (5 (4096 + 3218 + 2) (4096 - 3218 + 2)) is 100 ppm.
+        let mut clock = Clock::new(0);
+        clock.set_drift(100_000, 0);
+        distribute(&mut clock, 0, 10_000, 60_000);
+        let shown = clock.speed_difference();
+        assert!((3_150..3_290).contains(&shown), "{shown}");
+        assert_eq!(AFTER_A_RESET.speed(3_218 << COUNTER_PLACES) >> 16, 429_357);
+    }
+
+    #[test]
+    fn a_reference_that_jumps_by_a_second_is_followed_with_763_ppm_at_most() {
+        let mut clock = Clock::new(0);
+        distribute(&mut clock, 0, 10_000, 15_000);
+        let mut at = 150_000_000;
+        for _ in 0..1_000 {
+            at += 1_000_000;
+            let difference = clock.local(at).wrapping_sub(at + 1_000_000_000);
+            clock.follow(difference as i32, at, AFTER_A_RESET);
+        }
+        let gained = clock.local(at).wrapping_sub(at);
+        assert!((740_000..780_000).contains(&gained), "{gained}");
+    }
+
+    #[test]
+    fn a_crystal_that_stands_still_shows_nothing_new_and_reaches_no_time() {
+        let mut clock = Clock::new(5);
+        clock.set_drift(-1_000_000_000, 0);
+        assert_eq!(clock.local(1_000_000_000), 5);
+        assert_eq!(clock.when(6), u64::MAX);
     }
 
     #[test]

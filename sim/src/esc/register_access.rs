@@ -126,11 +126,18 @@ impl Esc {
             }
         }
         if shows(0x0910..0x0918) {
-            self.set_clock_value(reg::DC_SYSTEM_TIME, self.system_time(now));
+            // What the MainDevice reads is of when the frame passed the reference clock (data sheet, section I, table 30).
+            let delay = self.double_word(reg::DC_DELAY);
+            let time = self.system_time(now).wrapping_sub(delay.into());
+            self.set_clock_value(reg::DC_SYSTEM_TIME, time);
         }
         if shows(0x092C..0x0930) {
             let mean = self.clock.mean_difference();
             self.set_bytes(reg::DC_DIFFERENCE, &mean.to_le_bytes());
+        }
+        if shows(0x0932..0x0934) {
+            let shown = self.clock.speed_difference();
+            self.set_bytes(reg::DC_SPEED_DIFFERENCE, &shown.to_le_bytes());
         }
         if shows(0x0990..0x0998) {
             self.refresh_next_pulse(now);

@@ -34,6 +34,7 @@ pub(crate) const DC_OFFSET: u16 = 0x0920;
 pub(crate) const DC_DELAY: u16 = 0x0928;
 pub(crate) const DC_DIFFERENCE: u16 = 0x092C;
 pub(crate) const DC_SPEED_COUNTER: u16 = 0x0930;
+pub(crate) const DC_SPEED_DIFFERENCE: u16 = 0x0932;
 pub(crate) const DC_FILTER: u16 = 0x0934;
 /// First address behind the registers of the distributed clock.
 pub(crate) const DC_END: u16 = 0x0A00;

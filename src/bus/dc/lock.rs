@@ -8,13 +8,28 @@ use super::{
     sync::DIFFERENCE,
 };
 use crate::bus::{
-    BringUpStep, ClockStatistics, DriveFault, NetworkError, discovery::Found, log::Note,
-    reactor::Context,
+    BringUpStep, ClockEvent, ClockStatistics, DriveFault, NetworkError, ReferenceClock,
+    discovery::Found, drive_setup::ReadyDrive, log::Note, reactor::Context,
 };
 
 /// How long the lock may take, beside as many cycles as it needs.
 const LIMIT: Duration = Duration::from_secs(2);
 const CYCLES: u32 = 500;
+
+/// Warns of drives whose SYNC0 comes before all frames of a cycle, which take so long, have passed.
+pub(in crate::bus) fn check_shifts(drives: &[ReadyDrive], frames_take: Duration) {
+    for drive in drives {
+        if let Some(sync0_after) = drive.sync0_after.filter(|after| *after <= frames_take) {
+            tracing::warn!(
+                drive = %drive.found.id,
+                ?sync0_after,
+                ?frames_take,
+                "SYNC0 comes while frames of the cycle are still on their way: what they bring may count from the next SYNC0 on, \
+                 or sooner or later in turn"
+            );
+        }
+    }
+}
 
 /// When the first cycle is to begin, and its phase.
 pub(in crate::bus) async fn first_cycle(
@@ -80,27 +95,71 @@ async fn is_in_step(context: &Context, found: &Found, period: Duration) -> Resul
     Ok(())
 }
 
-/// Tells when the lock is lost, and when it is there again.
-#[derive(Debug, Default)]
+/// Tells what happens between the cycles and the reference clock once they were in step.
+#[derive(Debug)]
 pub(in crate::bus) struct LockWatch {
-    was_locked: Option<bool>,
+    seen: (bool, ReferenceClock),
 }
 
 impl LockWatch {
-    pub(in crate::bus) fn look(&mut self, context: &Context) {
-        let Some(seen) = context.counters.clock.read() else {
-            return;
-        };
+    pub(in crate::bus) const fn new() -> Self {
+        Self {
+            seen: (true, ReferenceClock::Heard),
+        }
+    }
+
+    /// What has happened since the look before.
+    pub(in crate::bus) fn look(&mut self, clock: Option<ClockStatistics>) -> Option<ClockEvent> {
+        use ReferenceClock::{Heard, Jumped, Silent};
         let ClockStatistics {
-            locked,
             phase_error_ns,
+            locked,
+            reference,
             ..
-        } = seen;
-        let note = match self.was_locked.replace(locked) {
-            Some(true) if !locked => Note::OutOfStep { phase_error_ns },
-            Some(false) if locked => Note::InStepAgain { phase_error_ns },
-            _ => return,
+        } = clock?;
+        let now = (locked, reference);
+        let before = core::mem::replace(&mut self.seen, now);
+        match (before, now) {
+            _ if before == now => None,
+            ((_, old), (_, new)) if old != new && new != Heard => Some(match new {
+                Jumped => ClockEvent::Jumped {
+                    by_ns: phase_error_ns,
+                },
+                _ => ClockEvent::Silent,
+            }),
+            (_, (true, Heard)) => Some(ClockEvent::InStep),
+            ((true, _), (false, Heard)) => Some(ClockEvent::OutOfStep { phase_error_ns }),
+            (_, (_, Heard | Silent | Jumped)) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_change_is_told_once() {
+        use ReferenceClock::{Heard, Jumped, Silent};
+        let mut watch = LockWatch::new();
+        let mut look = |locked, reference| {
+            watch.look(Some(ClockStatistics {
+                phase_error_ns: 7,
+                locked,
+                reference,
+                ..ClockStatistics::default()
+            }))
         };
-        context.log.note(context.time.now(), note);
+        let out = Some(ClockEvent::OutOfStep { phase_error_ns: 7 });
+        assert_eq!(look(true, Heard), None);
+        assert_eq!(look(false, Heard), out);
+        assert_eq!(look(false, Heard), None);
+        assert_eq!(look(true, Heard), Some(ClockEvent::InStep));
+        assert_eq!(look(true, Silent), Some(ClockEvent::Silent));
+        assert_eq!(look(false, Silent), None);
+        assert_eq!(look(false, Heard), None);
+        assert_eq!(look(true, Heard), Some(ClockEvent::InStep));
+        assert_eq!(look(false, Jumped), Some(ClockEvent::Jumped { by_ns: 7 }));
+        assert_eq!(look(false, Jumped), None);
     }
 }

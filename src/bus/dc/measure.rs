@@ -9,12 +9,15 @@ use super::{
     phase::extend,
     topology::Ports,
 };
-use crate::bus::{
-    BringUpStep, DriveFault, NetworkError,
-    discovery::{Found, loop_is_gone},
-    reactor::Context,
-    registers::{RegisterError, Registers},
-    time::Time,
+use crate::{
+    bus::{
+        BringUpStep, DriveFault, NetworkError,
+        discovery::{Found, loop_is_gone},
+        reactor::Context,
+        registers::{RegisterError, Registers},
+        time::Time,
+    },
+    coe::DriveId,
 };
 
 /// ESC features.
@@ -37,12 +40,16 @@ const LOOK_EVERY: Duration = Duration::from_millis(1);
 #[derive(Debug)]
 pub(in crate::bus) struct Clocks {
     pub(in crate::bus) distribution: Distribution,
+    /// Whose clock is the reference.
+    pub(in crate::bus) reference: DriveId,
     /// The width of each SubDevice's clock, by its place in the line.
     widths: Vec<Option<Width>>,
     /// A time of the reference clock, and when that was: later ones are extended to 64 bits with it.
     known: Cell<(u64, Duration)>,
     /// How the first distributions have ended.
     taught: Cell<Option<Result<(), RegisterError>>>,
+    /// Whether the reference showed the same time before and after them.
+    stands: Cell<bool>,
 }
 
 impl Clocks {
@@ -68,17 +75,26 @@ impl Clocks {
 
     /// Distributes the reference time for the first time, while the drives are being configured.
     pub(in crate::bus) async fn teach(&self, registers: &Registers) {
-        let mut result = Ok(());
-        for _ in 0..DISTRIBUTIONS {
-            result = registers
-                .distribute(self.distribution.station, SYSTEM_TIME)
-                .await;
-            if result.is_err() {
-                break;
-            }
-        }
+        let result = self.distribute(registers).await;
         tracing::debug!(DISTRIBUTIONS, ?result, "the clocks know their speed");
         self.taught.set(Some(result));
+    }
+
+    async fn distribute(&self, registers: &Registers) -> Result<(), RegisterError> {
+        let (before, _) = self.now(registers).await?;
+        for _ in 0..DISTRIBUTIONS {
+            registers
+                .distribute(self.distribution.station, SYSTEM_TIME)
+                .await?;
+        }
+        let (after, _) = self.now(registers).await?;
+        self.stands.set(before as u32 == after as u32);
+        Ok(())
+    }
+
+    /// Whether the reference clock does not run.
+    pub(super) fn stands(&self) -> bool {
+        self.stands.get()
     }
 
     /// Waits until that is over.
@@ -137,11 +153,12 @@ pub(in crate::bus) async fn measure(
     Ok(Some(Rc::new(Clocks {
         distribution: Distribution {
             station: first.station,
-            clocks: u16::try_from(clocks).unwrap_or(u16::MAX),
         },
+        reference: first.id.clone(),
         widths,
         known: Cell::new((clock.local, registers.time().now())),
         taught: Cell::new(None),
+        stands: Cell::new(false),
     })))
 }
 

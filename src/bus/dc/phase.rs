@@ -8,6 +8,8 @@
 
 use std::time::Duration;
 
+use crate::bus::ReferenceClock;
+
 /// Binary places of the integral: it is a gain of 1/1024.
 const PLACES: u32 = 10;
 /// The proportional gain of 1/16, in these places.
@@ -18,6 +20,8 @@ const MOST_PPM: i64 = 500;
 const LOCK_CYCLES: u32 = 64;
 /// What a cycle beyond the bound takes from a lock: some of them end it.
 const BEYOND: u32 = 16;
+/// So many cycles in a row that are more than half a cycle off are no wild values: the reference clock has jumped.
+const JUMP_CYCLES: u32 = 8;
 
 /// The phase error that a lock keeps: a fiftieth of the cycle.
 pub(in crate::bus) fn bound(period: Duration) -> Duration {
@@ -42,6 +46,11 @@ impl Controller {
         self.rest = wanted - (correction << PLACES);
         correction
     }
+
+    /// By how much the crystals differ in so many cycles.
+    fn drift(&self, cycles: i64) -> i64 {
+        self.integral.saturating_mul(cycles) >> PLACES
+    }
 }
 
 /// The phase of the cycles against the reference clock.
@@ -58,6 +67,13 @@ pub(in crate::bus) struct Phase {
     has_begun: bool,
     /// Up to twice as many cycles as make a lock.
     within: u32,
+    /// Whether there has been a lock.
+    has_locked: bool,
+    /// Cycles in a row without the reference's time.
+    silent: u32,
+    /// Cycles in a row that were more than half a cycle off.
+    wild: u32,
+    has_jumped: bool,
 }
 
 /// What one cycle has shown.
@@ -69,6 +85,8 @@ pub(in crate::bus) struct Measured {
     pub(in crate::bus) locked: bool,
     /// Whether the error is within the bound.
     pub(in crate::bus) within: bool,
+    /// What the reference clock does.
+    pub(in crate::bus) reference: ReferenceClock,
 }
 
 impl Phase {
@@ -86,58 +104,101 @@ impl Phase {
             bound: nanoseconds(bound(period)),
             has_begun: false,
             within: 0,
+            has_locked: false,
+            silent: 0,
+            wild: 0,
+            has_jumped: false,
         };
         (phase, Duration::from_nanos(ahead))
     }
 
     /// A cycle begins, so much later than planned, and with the next one the plan goes on after `periods` periods. The
-    /// system time at which its frames pass the reference clock, as far as is known.
-    pub(in crate::bus) fn begin(&mut self, late: Duration, periods: u32) -> u64 {
+    /// system time at which its frames pass the reference clock, as far as is known, and by how much sooner than after
+    /// `periods` periods the next one is to start, in nanoseconds: the crystals differ in those that are left out too.
+    pub(in crate::bus) fn begin(&mut self, late: Duration, periods: u32) -> (u64, i64) {
         let late = nanoseconds(late);
-        self.now = (self.next, late);
-        let periods = self.period.saturating_mul(periods.into());
-        self.next = self.next.wrapping_add_signed(periods);
-        self.now.0.wrapping_add_signed(late)
+        let drift = self.controller.drift(periods.saturating_sub(1).into());
+        self.now = (self.next.wrapping_add_signed(drift), late);
+        let length = self.period.saturating_mul(periods.into());
+        self.next = self.next.wrapping_add_signed(length);
+        (self.now.0.wrapping_add_signed(late), drift)
     }
 
     /// Whether the cycles are in step.
     pub(in crate::bus) const fn is_locked(&self) -> bool {
-        self.within >= LOCK_CYCLES
+        self.within >= LOCK_CYCLES && !self.has_jumped
+    }
+
+    /// What the reference clock does.
+    pub(in crate::bus) const fn reference(&self) -> ReferenceClock {
+        if self.has_jumped {
+            ReferenceClock::Jumped
+        } else if self.silent >= LOCK_CYCLES {
+            ReferenceClock::Silent
+        } else {
+            ReferenceClock::Heard
+        }
     }
 
     /// The frames of the cycle are back, with the low half of the reference clock's time. By how much sooner than planned the
-    /// next cycle is to start, in nanoseconds, and what was seen. Without a time the crystals are held as they were.
+    /// next cycle is to start, in nanoseconds, and what was seen. Without a time, and with one that cannot be, the crystals
+    /// are held as they were; for good once the reference has jumped.
     pub(in crate::bus) fn end(&mut self, time: Option<u32>) -> (i64, Option<Measured>) {
         let most = (self.period * MOST_PPM / 1_000_000) << PLACES;
-        let Some(time) = time else {
+        let Some(time) = time.filter(|_| !self.has_jumped) else {
+            self.silent = self.silent.saturating_add(1);
             self.within = self.within.saturating_sub(1);
             return (self.controller.step(0, most), None);
         };
+        self.silent = 0;
         let (wanted, late) = self.now;
         // Of the plan, without what was late in this cycle alone: that may be longer than 32 bits of nanoseconds.
         let passes = wanted.wrapping_add_signed(late);
         let of_plan = i64::from(time.wrapping_sub(passes as u32).cast_signed());
         let error = of_plan.saturating_add(late);
-        let is_within = of_plan.abs() <= self.bound;
-        self.within = match is_within {
-            true => (self.within + 1).min(2 * LOCK_CYCLES),
-            false if self.is_locked() => self.within.saturating_sub(BEYOND),
-            false => 0,
+        self.within = match of_plan.abs() {
+            error if error <= self.bound => (self.within + 1).min(2 * LOCK_CYCLES),
+            _ if !self.is_locked() => 0,
+            error if error <= self.period / 2 => self.within.saturating_sub(BEYOND),
+            // No news of the phase.
+            _ => self.within.saturating_sub(1),
         };
+        let correction = self.correct(of_plan, most);
         let measured = Measured {
             error,
             locked: self.is_locked(),
             within: error.abs() <= self.bound,
+            reference: self.reference(),
         };
-        if !self.has_begun {
-            // The first plan was made from a time that was read by another frame.
-            self.has_begun = true;
-            return (of_plan, Some(measured));
-        }
-        // A single wild value must not throw the phase about.
-        let limit = self.period / 16;
-        let correction = self.controller.step(of_plan.clamp(-limit, limit), most);
+        self.has_locked |= measured.locked;
         (correction, Some(measured))
+    }
+
+    /// By how much sooner than planned the next cycle is to start, from how much later than planned this one passed.
+    fn correct(&mut self, of_plan: i64, most: i64) -> i64 {
+        if !self.has_begun {
+            // The first plan was made from a time that was read by another frame: whole cycles between do not matter.
+            self.has_begun = true;
+            let half = self.period / 2;
+            let rest = (of_plan + half).rem_euclid(self.period) - half;
+            self.next = self.next.wrapping_add_signed(of_plan - rest);
+            return rest;
+        }
+        if of_plan.abs() <= self.period / 2 {
+            self.wild = 0;
+            // A single wild value must not throw the phase about.
+            let limit = self.period / 16;
+            return self.controller.step(of_plan.clamp(-limit, limit), most);
+        }
+        // No slip of this side's is so long: the time cannot be right, or the clock is another one than it was. SYNC0 of all
+        // drives lies on the grid of the one before.
+        self.wild += 1;
+        if self.wild >= JUMP_CYCLES {
+            self.wild = 0;
+            self.has_jumped = self.has_locked;
+            self.has_begun = self.has_locked;
+        }
+        self.controller.step(0, most)
     }
 }
 
@@ -184,11 +245,26 @@ mod tests {
 
         /// A cycle that wakes so late.
         fn cycle(&mut self, late_ns: f64) -> Measured {
-            self.phase.begin(Duration::from_nanos(late_ns as u64), 1);
+            self.begin(Duration::from_nanos(late_ns as u64), 1);
             let time = (self.reference)(self.start + late_ns) as u64;
             let (sooner, measured) = self.phase.end(Some(time as u32));
             self.start += 1e6 - sooner as f64;
             measured.unwrap()
+        }
+
+        fn begin(&mut self, late: Duration, periods: u32) {
+            let (_, sooner) = self.phase.begin(late, periods);
+            self.start -= sooner as f64;
+        }
+
+        /// Wakes so many whole periods late, and half of one.
+        fn sleep(&mut self, periods: u32) -> i64 {
+            let late = PERIOD * periods + PERIOD / 2;
+            let woken = self.start + late.as_nanos() as f64;
+            self.begin(late, periods + 1);
+            let (sooner, _) = self.phase.end(Some((self.reference)(woken) as u64 as u32));
+            self.start += 1e6 * f64::from(periods + 1) - sooner as f64;
+            self.cycle(0.0).error
         }
 
         fn cycles(&mut self, count: usize) {
@@ -237,19 +313,26 @@ mod tests {
     fn cycles_that_were_slept_through_keep_the_phase() {
         let mut run = Run::new(drifting(0.0));
         run.cycles(100);
-        // The next start is three periods later.
-        run.phase.begin(Duration::from_micros(2_100), 3);
-        let time = (run.reference)(run.start + 2.1e6) as u64;
-        run.phase.end(Some(time as u32));
-        run.start += 3e6;
-        assert!(run.cycle(0.0).error.abs() < 5);
+        let error = run.sleep(2);
+        assert!(error.abs() < 5, "{error}");
+    }
+
+    #[test]
+    fn crystals_differ_in_the_cycles_that_were_slept_through_too() {
+        for ppm in [200.0, -200.0] {
+            let mut run = Run::new(drifting(ppm));
+            run.cycles(2_000);
+            // Without that: 200 us.
+            let error = run.sleep(1_000);
+            assert!(error.abs() < 200, "{error}");
+        }
     }
 
     #[test]
     fn a_sleep_of_more_than_32_bits_of_nanoseconds_keeps_the_phase() {
         let mut run = Run::new(drifting(0.0));
         run.cycles(200);
-        run.phase.begin(Duration::from_millis(5_000), 5_001);
+        run.begin(Duration::from_millis(5_000), 5_001);
         let time = (run.reference)(run.start + 5e9) as u64;
         let (sooner, measured) = run.phase.end(Some(time as u32));
         assert_eq!((sooner, measured.unwrap().locked), (0, true));
@@ -266,20 +349,22 @@ mod tests {
         let mut run = Run::new(drifting(100.0));
         run.cycles(2_000);
         for _ in 0..1_000 {
-            run.phase.begin(Duration::ZERO, 1);
+            run.begin(Duration::ZERO, 1);
             let (sooner, measured) = run.phase.end(None);
             assert_eq!(measured, None);
             run.start += 1e6 - sooner as f64;
         }
+        assert_eq!(run.phase.reference(), ReferenceClock::Silent);
         let seen = run.cycle(0.0);
         assert!(seen.error.abs() < 200 && !seen.locked, "{seen:?}");
+        assert_eq!(seen.reference, ReferenceClock::Heard);
     }
 
     #[test]
     fn a_frame_that_is_lost_ends_no_lock_and_errors_that_stay_do() {
         let mut run = Run::new(drifting(0.0));
         run.cycles(1_000);
-        run.phase.begin(Duration::ZERO, 1);
+        run.begin(Duration::ZERO, 1);
         run.phase.end(None);
         run.start += 1e6;
         assert!(run.cycle(0.0).locked);
@@ -290,6 +375,81 @@ mod tests {
             lost += 1;
         }
         assert!((2..8).contains(&lost), "{lost}");
+    }
+
+    /// A reference clock that jumps by so many nanoseconds two seconds after the begin.
+    fn jumping(by: f64) -> impl Fn(f64) -> f64 {
+        let before = drifting(50.0);
+        move |time| before(time) + if time < 2e9 { 0.0 } else { by }
+    }
+
+    #[test]
+    fn a_reference_that_jumps_is_told_and_not_followed() {
+        // Up to the ends of 32 bits and beyond them, either way.
+        for by in [-7.0e9, -2.2e9, -1.0e9, -0.6e6, 0.6e6, 40.0e6, 2.1e9, 30.0e9] {
+            let mut run = Run::new(jumping(by));
+            while run.start < 2e9 {
+                run.cycle(0.0);
+            }
+            let before = run.start;
+            let told = (1..).find(|_| run.cycle(0.0).reference == ReferenceClock::Jumped);
+            assert_eq!(told, Some(JUMP_CYCLES as i32), "{by}");
+            for _ in 0..100_000 {
+                run.begin(Duration::ZERO, 1);
+                let (sooner, measured) = run
+                    .phase
+                    .end(Some((run.reference)(run.start) as u64 as u32));
+                assert_eq!(measured, None);
+                run.start += 1e6 - sooner as f64;
+            }
+            assert!(!run.phase.is_locked());
+            // The speed of the crystals is held: 50 ppm.
+            let cycles = (run.start - before) / (1e6 * (1.0 - 50e-6));
+            assert!((cycles - cycles.round()).abs() < 0.005, "{by}: {cycles}");
+        }
+    }
+
+    #[test]
+    fn a_few_wild_times_move_nothing() {
+        let mut run = Run::new(drifting(50.0));
+        run.cycles(2_000);
+        for wild in [0, 1, u32::MAX, 0x8000_0000, 77, 0, 12_345] {
+            run.begin(Duration::ZERO, 1);
+            let (sooner, _) = run.phase.end(Some(wild));
+            run.start += 1e6 - sooner as f64;
+        }
+        let seen = run.cycle(0.0);
+        assert!(seen.error.abs() < 10, "{seen:?}");
+        assert_eq!(seen.reference, ReferenceClock::Heard);
+        run.cycles(64);
+        assert!(run.cycle(0.0).locked);
+    }
+
+    #[test]
+    fn a_first_time_that_cannot_be_does_not_make_the_cycles_wait_for_it() {
+        let mut run = Run::new(drifting(0.0));
+        run.begin(Duration::ZERO, 1);
+        let (sooner, _) = run
+            .phase
+            .end(Some(((run.reference)(run.start) - 2e9) as u64 as u32));
+        assert!(sooner.abs() <= 500_000, "{sooner}");
+        run.start += 1e6 - sooner as f64;
+        // The plan begins again from the times that come, and locks.
+        run.cycles(JUMP_CYCLES as usize + LOCK_CYCLES as usize + 1);
+        let seen = run.cycle(0.0);
+        assert!(seen.locked && seen.error.abs() < 5, "{seen:?}");
+    }
+
+    #[test]
+    fn half_a_millisecond_is_made_up_for_within_half_a_second() {
+        for off in [490_000.0, -490_000.0] {
+            let mut run = Run::new(drifting(100.0));
+            run.cycles(2_000);
+            run.start += off;
+            run.cycles(500);
+            let seen = run.cycle(0.0);
+            assert!(seen.locked && seen.error.abs() < 2_000, "{seen:?}");
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::phase::to_multiple;
 /// Bits of the assign-activate word's upper byte, register 0981h.
 const UNIT_ON: u16 = 0x0100;
 const SYNC0_ON: u16 = 0x0200;
+const SYNC1_ON: u16 = 0x0400;
 
 /// A drive's distributed clock in use: its SYNC0 pulses at the same time in every cycle, and the network keeps its cycles in
 /// step with that.
@@ -80,6 +81,11 @@ impl DistributedClock {
                 "SYNC0 each {cycle:?} and SYNC1 {:?} later have no room in registers of 32 bits of nanoseconds",
                 self.sync1_after
             ))
+        } else if !self.sync1_after.is_zero() && word & SYNC1_ON == 0 {
+            Some(format!(
+                "the assign-activate word {word:04X}h does not switch SYNC1 on (bit 10), and it is to come {:?} after SYNC0",
+                self.sync1_after
+            ))
         } else if !divides(cycle, period) && !divides(period, cycle) {
             Some(format!(
                 "SYNC0 each {cycle:?} is neither a multiple nor a whole part of the network's cycle of {period:?}"
@@ -98,7 +104,8 @@ impl DistributedClock {
         self.cycle.unwrap_or(period)
     }
 
-    fn shift_in(&self, period: Duration) -> Duration {
+    /// How long after the network's frames SYNC0 comes.
+    pub(in crate::bus) fn shift_in(&self, period: Duration) -> Duration {
         self.shift.unwrap_or(self.cycle(period).min(period) / 2)
     }
 
@@ -147,6 +154,8 @@ mod tests {
         let clock = DistributedClock::new(0x0300);
         assert_eq!(clock.mistake(MS), None);
         assert_eq!(clock.sync0_cycle(MS / 4).mistake(MS), None);
+        let both = DistributedClock::new(0x0700).sync1_after(MS / 4);
+        assert_eq!(both.mistake(MS), None);
         for (clock, words) in [
             (DistributedClock::new(0), "0000h does not switch SYNC0 on"),
             (DistributedClock::new(0x0100), "0100h does not"),
@@ -154,6 +163,7 @@ mod tests {
             (clock.sync0_cycle(MS * 3 / 2), "neither a multiple"),
             (clock.sync0_cycle(Duration::ZERO), "not less than its cycle"),
             (clock.sync0_cycle(5_000 * MS), "no room"),
+            (clock.sync1_after(MS / 4), "does not switch SYNC1 on"),
         ] {
             let mistake = clock.mistake(MS).unwrap();
             assert!(mistake.contains(words), "{mistake}");

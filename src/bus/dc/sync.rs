@@ -114,6 +114,9 @@ pub(in crate::bus) async fn start(
     let clocks = clocks.ok_or(DriveFault::NoClock)?;
     let width = clocks.width(position).ok_or(DriveFault::NoClock)?;
     clocks.are_taught(registers.time()).await?;
+    if clocks.stands() {
+        return Err(DriveFault::ReferenceStands(clocks.reference.clone()));
+    }
     let (sync0, sync1) = clock.cycles(period);
     let [control, activation] = clock.assign_activate.to_le_bytes();
     let ahead = u64::try_from(AHEAD.as_nanos()).unwrap_or(u64::MAX);

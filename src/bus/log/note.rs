@@ -7,7 +7,7 @@ use tracing::Level;
 
 use crate::{
     axis::{AxisIdentity, StopRequest},
-    bus::{AlError, AlState, AlStatus, BringUpStep, NetworkEvent},
+    bus::{AlError, AlState, AlStatus, BringUpStep, ClockEvent, NetworkEvent},
     coe::{DriveId, MailNote},
     ds402::{Controlword, State, Statusword},
 };
@@ -28,12 +28,8 @@ pub(in crate::bus) enum Note {
     InStep {
         phase_error_ns: i64,
     },
-    OutOfStep {
-        phase_error_ns: i64,
-    },
-    InStepAgain {
-        phase_error_ns: i64,
-    },
+    /// What happened between them after that.
+    Clock(Arc<DriveId>, ClockEvent),
     /// A step of a drive's bring-up is done.
     Step {
         drive: Arc<DriveId>,
@@ -110,12 +106,12 @@ impl Note {
             Self::Drive(..)
             | Self::BroughtUp(_)
             | Self::InStep { .. }
-            | Self::InStepAgain { .. } => Level::INFO,
+            | Self::Clock(_, ClockEvent::InStep) => Level::INFO,
             Self::Mail(note) => note.level(),
             Self::Step { .. } => Level::DEBUG,
             Self::StopOfAll(_)
             | Self::Unfed
-            | Self::OutOfStep { .. }
+            | Self::Clock(..)
             | Self::NotStopped
             | Self::NotOnTheWayDown { .. } => Level::WARN,
         }
@@ -138,16 +134,10 @@ impl Note {
             Self::InStep { phase_error_ns } => {
                 tracing::info!(phase_error_ns, ?at, "in step with the reference clock");
             }
-            Self::OutOfStep { phase_error_ns } => {
-                tracing::warn!(phase_error_ns, ?at, "out of step with the reference clock");
+            Self::Clock(drive, event @ ClockEvent::InStep) => {
+                tracing::info!(%drive, ?at, "{event}");
             }
-            Self::InStepAgain { phase_error_ns } => {
-                tracing::info!(
-                    phase_error_ns,
-                    ?at,
-                    "in step with the reference clock again"
-                );
-            }
+            Self::Clock(drive, event) => tracing::warn!(%drive, ?at, "{event}"),
             Self::Step {
                 drive,
                 step,

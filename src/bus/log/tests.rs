@@ -13,7 +13,7 @@ use tracing::{
 use super::*;
 use crate::{
     axis::{AxisIdentity, StopRequest},
-    bus::{AlError, AlState, AlStatus, BringUpStep},
+    bus::{AlError, AlState, AlStatus, BringUpStep, ClockEvent},
     coe::{DriveId, MailNote},
     ds402::{Controlword, State, Statusword},
     sii::Identity,
@@ -133,8 +133,10 @@ fn the_level_of_a_note_is_that_of_its_event_and_each_says_when_it_happened() {
         Note::StopOfAll(StopRequest::HALT),
         Note::Unfed,
         in_step(-5),
-        Note::OutOfStep { phase_error_ns: 5 },
-        Note::InStepAgain { phase_error_ns: 5 },
+        Note::Clock(drive(), ClockEvent::OutOfStep { phase_error_ns: 5 }),
+        Note::Clock(drive(), ClockEvent::InStep),
+        Note::Clock(drive(), ClockEvent::Silent),
+        Note::Clock(drive(), ClockEvent::Jumped { by_ns: 5 }),
         Note::Step {
             drive: drive(),
             step: BringUpStep::Mapping,
