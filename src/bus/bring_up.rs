@@ -243,7 +243,7 @@ pub(super) async fn start_cycles(
     let (first, phase) = match clocks {
         None => (context.time.now(), None),
         Some(clocks) => {
-            dc::check_shifts(drives, exchange.time_on_cable());
+            check_shifts(drives, exchange.time_on_cable());
             let (first, phase) = dc::first_cycle(context, clocks, period).await?;
             (first, Some(phase))
         }
@@ -251,6 +251,21 @@ pub(super) async fn start_cycles(
     context.log.begin_cycles();
     *context.cycle.borrow_mut() = Some(Cycle::new(exchange, stepper, period, first, phase));
     Ok(())
+}
+
+/// Warns of drives whose SYNC0 comes before all frames of a cycle, which take so long, have passed.
+fn check_shifts(drives: &[ReadyDrive], frames_take: Duration) {
+    for drive in drives {
+        if let Some(sync0_after) = drive.sync0_after.filter(|after| *after <= frames_take) {
+            tracing::warn!(
+                drive = %drive.found.id,
+                ?sync0_after,
+                ?frames_take,
+                "SYNC0 comes while frames of the cycle are still on their way: what they bring may count from the next SYNC0 on, \
+                 or sooner or later in turn"
+            );
+        }
+    }
 }
 
 /// A drive's part in the exchange.

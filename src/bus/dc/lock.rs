@@ -9,27 +9,12 @@ use super::{
 };
 use crate::bus::{
     BringUpStep, ClockEvent, ClockStatistics, DriveFault, NetworkError, ReferenceClock,
-    discovery::Found, drive_setup::ReadyDrive, log::Note, reactor::Context,
+    discovery::Found, log::Note, reactor::Context,
 };
 
 /// How long the lock may take, beside as many cycles as it needs.
 const LIMIT: Duration = Duration::from_secs(2);
 const CYCLES: u32 = 500;
-
-/// Warns of drives whose SYNC0 comes before all frames of a cycle, which take so long, have passed.
-pub(in crate::bus) fn check_shifts(drives: &[ReadyDrive], frames_take: Duration) {
-    for drive in drives {
-        if let Some(sync0_after) = drive.sync0_after.filter(|after| *after <= frames_take) {
-            tracing::warn!(
-                drive = %drive.found.id,
-                ?sync0_after,
-                ?frames_take,
-                "SYNC0 comes while frames of the cycle are still on their way: what they bring may count from the next SYNC0 on, \
-                 or sooner or later in turn"
-            );
-        }
-    }
-}
 
 /// When the first cycle is to begin, and its phase.
 pub(in crate::bus) async fn first_cycle(

@@ -11,7 +11,7 @@ mod sync;
 mod topology;
 
 pub(super) use distribution::{Distribution, RESERVED, Slot};
-pub(super) use lock::{LockWatch, check_shifts, first_cycle, wait_for_lock};
+pub(super) use lock::{LockWatch, first_cycle, wait_for_lock};
 pub(super) use measure::{Clocks, measure};
 pub(super) use phase::{Measured, Phase};
 pub use setting::DistributedClock;
