@@ -130,12 +130,30 @@ async fn builder(arguments: &Arguments) -> Result<NetworkBuilder, Box<dyn Error>
 /// How a device is driven: by its maker's description, or by the profile's objects; `None` if it is no drive.
 async fn description_of(device: &LineDevice) -> Option<DriveDescription> {
     // A drive answers for its statusword, whoever made it; couplers and terminals of the same maker do not.
-    device.sdo.as_ref()?.read(obj::STATUSWORD).await.ok()?;
+    let sdo = device.sdo.as_ref()?;
+    sdo.read(obj::STATUSWORD).await.ok()?;
     let known = [drives::akd2g(), drives::ax2000(), drives::sigma7()];
     let made = known
         .into_iter()
         .find(|description| description.matches(&device.id.identity));
-    Some(made.unwrap_or_else(drives::generic))
+    if made.is_some() {
+        return made;
+    }
+    // Of the profile's objects a drive need not have all.
+    let mut generic = drives::generic();
+    for axis in &mut generic.axes {
+        for objects in [&mut axis.outputs, &mut axis.inputs] {
+            let mut there = Vec::new();
+            for object in std::mem::take(objects) {
+                let read = sdo.read_bytes(object.index, object.subindex);
+                if read.await.is_ok() {
+                    there.push(object);
+                }
+            }
+            *objects = there;
+        }
+    }
+    Some(generic)
 }
 
 /// A drive with names for its axes.
@@ -151,7 +169,7 @@ mod tests {
     use servocrab::{bus::Network, link::Wire};
     use servocrab_sim::{Segment, personality};
 
-    use super::description_of;
+    use super::{DriveDescription, description_of, drives, obj};
 
     #[test]
     fn of_a_mixed_line_the_drives_are_measured_each_by_its_own_description() {
@@ -169,23 +187,29 @@ mod tests {
             let mut names = Vec::new();
             for device in line.devices() {
                 let description = description_of(device).await;
-                names.push(description.map(|description| description.name.to_string()));
+                names.push(description.map(|description| {
+                    let objects = &description.axes[0].inputs;
+                    (
+                        description.name.to_string(),
+                        objects.contains(&obj::VELOCITY_ACTUAL.into()),
+                    )
+                }));
             }
             line.close().await;
             names
         });
-        let generic = servocrab::drives::generic().name.to_string();
-        let names: Vec<_> = names.iter().map(Option::as_deref).collect();
+        let name = |description: DriveDescription| description.name.to_string();
         assert_eq!(
             names,
             [
                 None,
-                Some(generic.as_str()),
-                Some("AKD2G"),
+                // It has no 606Ch.
+                Some((name(drives::generic()), false)),
+                Some((name(drives::akd2g()), true)),
                 None,
-                Some("AX2000"),
-                Some(servocrab::drives::sigma7().name.as_ref()),
-                Some(generic.as_str()),
+                Some((name(drives::ax2000()), true)),
+                Some((name(drives::sigma7()), true)),
+                Some((name(drives::generic()), true)),
             ]
         );
     }
