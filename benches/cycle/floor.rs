@@ -9,25 +9,34 @@ use rustix::{
         sockopt::{Timeout, set_socket_timeout},
     },
 };
-use servocrab::link::RawSocket;
+use servocrab_sim::link::{FRAME_CAPACITY, RawSocket};
 
-use crate::measure::{cycles, serve};
+use crate::measure::{Measured, Mode, cycles, serve};
 
-/// The shortest and the longest Ethernet frame.
+/// The shortest Ethernet frame.
 const SHORTEST: usize = 60;
-const LONGEST: usize = 1514;
 
 /// Sends the frames of the file, waits until as many are back, and so on.
 pub(crate) fn floor(interface: &str, spin: bool, frames: &Path) {
+    serve(exchange(interface, spin, frames));
+}
+
+/// What runs so many of these cycles.
+pub(crate) fn exchange(
+    interface: &str,
+    spin: bool,
+    frames: &Path,
+) -> impl FnMut(Mode, usize) -> Measured + use<> {
     let frames = read_frames(frames);
     let socket = RawSocket::open(interface).expect("the interface is there");
-    let socket = socket.as_fd();
-    ioctl_fionbio(socket, spin).expect("a socket can block");
+    ioctl_fionbio(socket.as_fd(), spin).expect("a socket can block");
     // Longer than any hiccup: then it has failed.
-    set_socket_timeout(socket, Timeout::Recv, Some(Duration::from_secs(5))).expect("a time-out");
-    let mut buffer = [0; LONGEST];
-    serve(|mode, count| {
+    let patient = Some(Duration::from_secs(5));
+    set_socket_timeout(socket.as_fd(), Timeout::Recv, patient).expect("a time-out");
+    let mut buffer = [0; FRAME_CAPACITY];
+    move |mode, count| {
         cycles(mode, count, spin, || {
+            let socket = socket.as_fd();
             for frame in &frames {
                 send(socket, frame, SendFlags::empty()).expect("a frame is taken");
             }
@@ -41,7 +50,7 @@ pub(crate) fn floor(interface: &str, spin: bool, frames: &Path) {
                 }
             }
         })
-    });
+    }
 }
 
 /// One frame behind the other, each with its length in front.

@@ -3,7 +3,9 @@
 //! `cargo bench --bench cycle` prints a table and writes `target/bench/cycle.json`. Each master has a veth pair of its own, all the
 //! same reflector at the other end, on another core. As fast as possible (`fast`) a cycle's time is from the start of one sending to
 //! the start of the next; at 1 kHz (`1kHz`) from when the cycle was due to when it was over, lateness of waking up included. The rows
-//! `fast-simulated` are of one round against the simulated segment. With numbers of axes, masters or modes as arguments only those are measured.
+//! `fast-simulated` are of one round against the simulated segment. The rows `first` and `second` are of two networks in one process, at
+//! 8 axes each and 1 kHz; `alone` of one of them while the other rests; processor time there is of the whole process, for each cycle of
+//! either. With numbers of axes, masters, modes or `two` as arguments only those are measured.
 
 mod floor;
 mod measure;
@@ -16,17 +18,19 @@ mod ours;
 mod programs;
 mod reflector;
 mod stock;
+mod talk;
+mod two;
 
 use std::{
     env, fs,
-    io::{BufRead, BufReader, Write as _},
     path::{Path, PathBuf},
-    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    process::Command,
 };
 
 use measure::{Measured, Mode};
-use namespace::{INSIDE, Process, veth_pair};
+use namespace::{INSIDE, veth_pair};
 use rustix::thread::{CpuSet, sched_getaffinity};
+use talk::Talk;
 
 const MASTERS: [&str; 7] = [
     "floor-block",
@@ -37,6 +41,13 @@ const MASTERS: [&str; 7] = [
     "ethercrab-uring",
     "pysoem",
 ];
+/// Pairs of lines, each in one process.
+const PAIRS: [[&str; 2]; 2] = [
+    ["floor-first", "floor-second"],
+    ["servocrab-first", "servocrab-second"],
+];
+/// Axes of each of two lines.
+const AXES_OF_TWO: usize = 8;
 const AXES: [usize; 4] = [1, 8, 64, 256];
 /// Rounds in which the masters take their turns.
 const ROUNDS: usize = 5;
@@ -57,6 +68,10 @@ fn main() {
             measure::pin(number(core));
             master(who, number(axes), Path::new(frames));
         }
+        ["two", pair, axes, core, frames] => {
+            measure::pin(number(core));
+            both(number(pair), number(axes), Path::new(frames));
+        }
         _ if env::var_os(INSIDE).is_some() => all(&arguments),
         _ => outside(&arguments),
     }
@@ -67,8 +82,7 @@ fn number(text: &str) -> usize {
 }
 
 fn master(who: &str, axes: usize, frames: &Path) {
-    let place = MASTERS.iter().position(|master| *master == who);
-    let interface = format!("m{}", place.expect("one of the masters"));
+    let interface = format!("m{}", place_of(who));
     match who {
         "floor-block" => floor::floor(&interface, false, frames),
         "floor-spin" => floor::floor(&interface, true, frames),
@@ -77,6 +91,31 @@ fn master(who: &str, axes: usize, frames: &Path) {
         "ethercrab-task" => stock::ethercrab(&interface, axes, false),
         _ => stock::ethercrab(&interface, axes, true),
     }
+}
+
+/// Two lines in this process.
+fn both(pair: usize, axes: usize, frames: &Path) {
+    let interfaces = PAIRS[pair].map(|who| format!("m{}", place_of(who)));
+    let interfaces = interfaces.each_ref().map(String::as_str);
+    if pair == 0 {
+        two::two(interfaces, |interface| {
+            floor::exchange(interface, false, frames)
+        });
+    } else {
+        two::two(interfaces, |interface| {
+            let mut line = ours::Line::bring_up(interface, axes, false);
+            move |mode, count| line.measure(mode, count)
+        });
+    }
+}
+
+/// Who is at the near end of each cable.
+fn lines() -> impl Iterator<Item = &'static str> {
+    MASTERS.into_iter().chain(PAIRS.into_iter().flatten())
+}
+
+fn place_of(who: &str) -> usize {
+    lines().position(|line| line == who).expect("one of them")
 }
 
 /// The far end of a master's cable.
@@ -146,7 +185,7 @@ impl Row {
 fn all(arguments: &[String]) {
     let chosen = Chosen::new(arguments);
     let cores = cores();
-    for place in 0..MASTERS.len() {
+    for place in 0..lines().count() {
         let (near, far) = (format!("m{place}"), slave(place));
         veth_pair(&near, &far);
     }
@@ -181,6 +220,7 @@ struct Chosen {
     axes: Vec<usize>,
     masters: Vec<&'static str>,
     modes: Vec<Mode>,
+    two: bool,
 }
 
 impl Chosen {
@@ -199,6 +239,11 @@ impl Chosen {
         }
         let named = |name: &str| arguments.iter().any(|text| text == name);
         let mut masters = among(MASTERS, |who| named(who));
+        let none_named = masters.len() == MASTERS.len();
+        let two = named("two");
+        if two && none_named {
+            masters.clear();
+        }
         // The floor sends the frames of this one.
         if !masters.contains(&"servocrab-block") {
             masters.push("servocrab-block");
@@ -207,6 +252,7 @@ impl Chosen {
             axes: among(AXES, |axes| named(&axes.to_string())),
             masters,
             modes: among(Mode::ALL, |mode| named(mode.name())),
+            two: two || none_named,
         }
     }
 }
@@ -276,6 +322,16 @@ fn with_axes(axes: usize, [core, other]: [usize; 2], chosen: &Chosen) -> Vec<Row
         }
         masters.push((place, master));
     }
+    let mut pairs = Vec::new();
+    if chosen.two && axes == AXES_OF_TWO {
+        for (pair, who) in PAIRS.into_iter().enumerate() {
+            let [first, second] = who.map(place_of);
+            reflector.ask(&format!("simulate {first} {second}"));
+            let mut program = Command::new(&own);
+            program.args(["two", &pair.to_string(), &axes.to_string()]);
+            pairs.push(Talk::start(program.arg(core.to_string()).arg(&frames)));
+        }
+    }
     let _ = fs::remove_file(&frames);
     masters.sort_by_key(|(place, _)| *place);
     let mut measured = Vec::new();
@@ -310,6 +366,9 @@ fn with_axes(axes: usize, [core, other]: [usize; 2], chosen: &Chosen) -> Vec<Row
         }
         println!();
     }
+    if !pairs.is_empty() {
+        rows.extend(two::in_turns(&mut pairs, &mut reflector, axes));
+    }
     rows
 }
 
@@ -320,51 +379,4 @@ fn medians(rounds: impl Iterator<Item = Measured>) -> Measured {
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
     }))
-}
-
-/// A process that answers each line with a line.
-struct Talk {
-    to: ChildStdin,
-    from: BufReader<ChildStdout>,
-    /// Ends with its owner.
-    _process: Process,
-}
-
-impl Talk {
-    /// Starts it and waits until it is ready.
-    fn start(command: &mut Command) -> Self {
-        let mut child: Child = command
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("the program starts");
-        let mut talk = Self {
-            to: child.stdin.take().expect("piped"),
-            from: BufReader::new(child.stdout.take().expect("piped")),
-            _process: Process(child),
-        };
-        assert_eq!(talk.hear(), "ready", "{command:?}");
-        talk
-    }
-
-    fn hear(&mut self) -> String {
-        let mut line = String::new();
-        self.from.read_line(&mut line).expect("text");
-        line.trim().to_owned()
-    }
-
-    fn ask(&mut self, order: &str) -> String {
-        writeln!(self.to, "{order}").expect("it listens");
-        self.hear()
-    }
-
-    fn measure(&mut self, mode: Mode, cycles: usize) -> Measured {
-        let said = self.ask(&format!("{} {cycles}", mode.name()));
-        let values: Vec<f64> = said
-            .split(' ')
-            .filter_map(|text| text.parse().ok())
-            .collect();
-        let values = values.try_into().unwrap_or_else(|_| panic!("{said:?}"));
-        Measured::from_values(values)
-    }
 }

@@ -11,6 +11,7 @@ use std::{
 };
 
 use servocrab::{
+    axis::Axis,
     bus::{BusLoop, DriveConfig, Network, Receiving},
     coe::obj,
     drives,
@@ -27,36 +28,58 @@ const PROCESS_DATA: u8 = 0xC5;
 
 /// Brings the line up, enables every axis, and runs cycles as it is told.
 pub(crate) fn servocrab(interface: &str, axes: usize, spin: bool, frames: &Path) {
-    let link = Watched {
-        inner: RawSocket::open(interface).expect("the interface is there"),
-        skipped: Duration::ZERO,
-        away: 0,
-        spin,
-    };
-    // A machine that is busy with other things loses no drive.
-    let mut builder = Network::builder()
-        .link(link)
-        .watchdog(Duration::from_secs(6))
-        .cycle(Duration::from_nanos(PERIOD_NS))
-        .receiving(if spin {
-            Receiving::Spin
-        } else {
-            Receiving::Block
-        });
-    for drive in 0..axes.div_ceil(2) {
-        builder = builder.drive(drive as u16, drive_of(drive, axes - 2 * drive));
+    let mut line = Line::bring_up(interface, axes, spin);
+    write_frames(frames, &last_frames(&mut line.bus));
+    serve(|mode, count| line.measure(mode, count));
+}
+
+/// A line whose axes are enabled.
+pub(crate) struct Line {
+    bus: BusLoop,
+    _network: Network,
+    /// Without its handle an axis is stopped.
+    _handles: Vec<Axis>,
+}
+
+impl Line {
+    pub(crate) fn bring_up(interface: &str, axes: usize, spin: bool) -> Self {
+        let link = Watched {
+            inner: RawSocket::open(interface).expect("the interface is there"),
+            skipped: Duration::ZERO,
+            away: 0,
+            spin,
+        };
+        // A machine that is busy with other things loses no drive.
+        let mut builder = Network::builder()
+            .link(link)
+            .watchdog(Duration::from_secs(6))
+            .cycle(Duration::from_nanos(PERIOD_NS))
+            .receiving(if spin {
+                Receiving::Spin
+            } else {
+                Receiving::Block
+            });
+        for drive in 0..axes.div_ceil(2) {
+            builder = builder.drive(drive as u16, drive_of(drive, axes - 2 * drive));
+        }
+        let (starting, mut bus) = builder.split().expect("the line is declared well");
+        let network = run(&mut bus, starting.network()).expect("the line comes up");
+        let handles: Vec<_> = (0..axes)
+            .map(|axis| network.axis(&axis.to_string()).expect("it is declared"))
+            .collect();
+        for axis in &handles {
+            run(&mut bus, axis.enable()).expect("the axis is enabled");
+        }
+        Self {
+            bus,
+            _network: network,
+            _handles: handles,
+        }
     }
-    let (starting, mut bus) = builder.split().expect("the line is declared well");
-    let network = run(&mut bus, starting.network()).expect("the line comes up");
-    // Without its handle an axis is stopped.
-    let handles: Vec<_> = (0..axes)
-        .map(|axis| network.axis(&axis.to_string()).expect("it is declared"))
-        .collect();
-    for axis in &handles {
-        run(&mut bus, axis.enable()).expect("the axis is enabled");
+
+    pub(crate) fn measure(&mut self, mode: Mode, count: usize) -> Measured {
+        measure(&mut self.bus, mode, count)
     }
-    write_frames(frames, &last_frames(&mut bus));
-    serve(|mode, count| measure(&mut bus, mode, count));
 }
 
 fn drive_of(drive: usize, axes: usize) -> DriveConfig {
@@ -181,22 +204,23 @@ impl Link for Watched {
         received
     }
 
-    fn wait(&mut self, timeout: Duration) {
+    fn wait(&mut self, until: Duration) {
         let idle = self.away == 0;
         if idle && FAST.get() {
-            self.skipped += timeout;
+            self.skipped += until.saturating_sub(self.now());
             return;
         }
+        let until = until.saturating_sub(self.skipped);
         if idle {
-            // The cycle has ended, and the next is due after this time.
+            // The cycle has ended, and the next is due then. The socket's clock is the one that is measured by.
             let now = now_ns();
-            if let Some(due) = LAST.replace(Some(now + timeout.as_nanos() as u64))
+            if let Some(due) = LAST.replace(Some(until.as_nanos() as u64))
                 && due < now
             {
                 TIMES.with_borrow_mut(|times| times.push(now - due));
             }
         }
-        self.inner.wait(timeout);
+        self.inner.wait(until);
     }
 
     fn pause(&mut self) {

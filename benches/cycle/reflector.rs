@@ -18,16 +18,16 @@ use servocrab_sim::{
     personality::Servo,
 };
 
-use crate::{MASTERS, measure::say, slave};
+use crate::{lines, measure::say, slave};
 
 /// Bytes of the Ethernet and the EtherCAT header.
 const HEADERS: usize = 16;
 const FPRD: u8 = 4;
 const LOGICAL: std::ops::RangeInclusive<u8> = 10..=12;
 
-/// What the main program says last: the line and whether it is simulated.
-static ORDER: AtomicU32 = AtomicU32::new(u32::MAX);
-const SIMULATED: u32 = 1 << 8;
+/// What the main program says last: a bit for each line to be served, and whether they are simulated.
+static ORDER: AtomicU32 = AtomicU32::new(0);
+const SIMULATED: u32 = 1 << 31;
 
 /// A master's line.
 struct Line {
@@ -48,15 +48,22 @@ struct Kept {
     data: Vec<Range<usize>>,
 }
 
-/// Serves the lines of all masters, one at a time as told by the standard input, with this many axes each.
+/// Serves the lines of all masters, as told by the standard input, with this many axes each.
 pub(crate) fn reflect(axes: usize) {
-    let mut lines: Vec<Line> = (0..MASTERS.len())
-        .map(|place| Line {
+    let mut all: Vec<Line> = lines()
+        .enumerate()
+        .map(|(place, who)| Line {
             socket: RawSocket::open(&slave(place)).expect("the interface is there"),
-            segment: segment(axes, MASTERS[place]),
+            segment: segment(axes, who),
             age: Duration::ZERO,
             kept: Vec::new(),
         })
+        .collect();
+    // The floor's frames are this library's, and get its answers.
+    let ours = lines().position(|who| who == "servocrab-block");
+    let source_of: Vec<usize> = lines()
+        .enumerate()
+        .map(|(place, who)| ours.filter(|_| who.starts_with("floor")).unwrap_or(place))
         .collect();
     thread::spawn(take_orders);
     say("ready");
@@ -64,42 +71,37 @@ pub(crate) fn reflect(axes: usize) {
     let mut before = Instant::now();
     loop {
         let order = ORDER.load(Ordering::Relaxed);
-        let place = (order & 0xFF) as usize;
         let now = Instant::now();
         let passed = now - before;
         before = now;
-        // The floor's frames are this library's, and get its answers.
-        let source = if MASTERS
-            .get(place)
-            .is_some_and(|who| who.starts_with("floor"))
-        {
-            MASTERS.iter().position(|who| *who == "servocrab-block")
-        } else {
-            Some(place)
-        };
-        let Some(source) = source.filter(|at| *at < lines.len()) else {
-            thread::sleep(Duration::from_millis(1));
-            continue;
-        };
+        let served = (0..all.len()).filter(|place| order & 1 << place != 0);
         if order & SIMULATED != 0 {
-            let line = &mut lines[place];
-            line.age += passed;
-            line.segment.advance(line.age);
-            line.simulate(&mut buffer);
+            for place in served {
+                let line = &mut all[place];
+                line.age += passed;
+                line.segment.advance(line.age);
+                line.simulate(&mut buffer);
+            }
             continue;
+        }
+        let served: Vec<usize> = served.collect();
+        if served.is_empty() {
+            thread::sleep(Duration::from_millis(1));
         }
         // A while without looking at the clock and the orders.
         for _ in 0..200 {
-            let Ok(Some(length)) = lines[place].socket.receive(&mut buffer) else {
-                continue;
-            };
-            let frame = &mut buffer[..length];
-            let kept = &lines[source].kept;
-            if let Some(kept) = kept.iter().find(|kept| kept.is_for(frame)) {
-                kept.put_into(frame);
-                let _ = lines[place].socket.send(frame);
-            } else {
-                lines[place].answer(length, &mut buffer);
+            for &place in &served {
+                let Ok(Some(length)) = all[place].socket.receive(&mut buffer) else {
+                    continue;
+                };
+                let frame = &mut buffer[..length];
+                let kept = &all[source_of[place]].kept;
+                if let Some(kept) = kept.iter().find(|kept| kept.is_for(frame)) {
+                    kept.put_into(frame);
+                    let _ = all[place].socket.send(frame);
+                } else {
+                    all[place].answer(length, &mut buffer);
+                }
             }
         }
     }
@@ -176,10 +178,11 @@ fn kind(frame: &[u8]) -> (Option<[u8; 5]>, Vec<Range<usize>>) {
 fn take_orders() {
     for line in io::stdin().lock().lines() {
         let line = line.expect("text");
-        let (what, place) = line.split_once(' ').expect("what to do with which line");
-        let place: u32 = place.parse().expect("a number");
-        let simulated = if what == "simulate" { SIMULATED } else { 0 };
-        ORDER.store(place | simulated, Ordering::Relaxed);
+        let mut words = line.split(' ');
+        let simulated = words.next() == Some("simulate");
+        let places = words.map(|place| 1 << place.parse::<u32>().expect("a number"));
+        let order = if simulated { SIMULATED } else { 0 } | places.sum::<u32>();
+        ORDER.store(order, Ordering::Relaxed);
         // Longer than a look at the order takes.
         thread::sleep(Duration::from_millis(5));
         say("done");

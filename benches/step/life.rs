@@ -71,8 +71,8 @@ impl Link for Outside {
         self.0.receive(buffer)
     }
 
-    fn wait(&mut self, timeout: Duration) {
-        self.0.wait(timeout);
+    fn wait(&mut self, until: Duration) {
+        self.0.wait(until);
     }
 
     #[inline(never)]

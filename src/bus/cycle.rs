@@ -46,6 +46,8 @@ pub(super) struct Cycle {
     sent_at: Duration,
     back_at: Option<Duration>,
     round_trip: RoundTrip,
+    /// Whether the frames of the last cycle were all back before its deadline.
+    calm: bool,
     /// Consecutive cycles in which everything was right.
     pub(super) good: u32,
     /// What the last cycle showed.
@@ -72,6 +74,7 @@ impl Cycle {
             sent_at: first,
             back_at: None,
             round_trip: RoundTrip::default(),
+            calm: false,
             good: 0,
             last: Events::default(),
             membership_changed: false,
@@ -101,9 +104,10 @@ impl Cycle {
         }
     }
 
-    /// When [`turn`](Self::turn) is to be called at the latest.
+    /// When [`turn`](Self::turn) is to be called at the latest. For a frame that is lost when all was well before that is the next
+    /// start: the time that the thread is woken at in any case, so that it sets its timer once a cycle and not twice.
     pub(super) const fn next(&self) -> Duration {
-        if self.in_flight() {
+        if self.in_flight() && !self.calm {
             self.receive_until
         } else {
             self.next_start
@@ -170,8 +174,10 @@ impl Cycle {
     fn end(&mut self, now: Duration, counters: &Counters) {
         let events = self.exchange.judge(counters);
         self.exchange.record(self.sent_at);
+        self.calm = false;
         if let Some(back) = self.back_at.take() {
             let took = back.saturating_sub(self.sent_at);
+            self.calm = took <= receive_deadline(self.period);
             self.round_trip.observe(took);
             counters.round_trip.record(took);
         }

@@ -150,7 +150,7 @@ impl Reactor {
             self.context.log.hand_over();
         }
         if !busy {
-            self.wait(next);
+            self.wait(now, next);
         }
         !self.context.over.get()
     }
@@ -230,8 +230,8 @@ impl Reactor {
         self.acyclic.send(&mut *self.link, gap, counters)
     }
 
-    fn wait(&mut self, next: Option<Next>) {
-        let now = self.link.now();
+    /// `now` is when the turn began: what has become due since then ends the sleep at once.
+    fn wait(&mut self, now: Duration, next: Option<Next>) {
         let cycle = next.map(|next| next.at);
         let until = if next.is_some_and(|next| next.in_flight) {
             // Nothing else is served before the cycle is over.
@@ -242,8 +242,9 @@ impl Reactor {
                 .flatten()
                 .min()
         };
-        let timeout = until.map_or(LONGEST_WAIT, |until| until.saturating_sub(now));
-        if timeout.is_zero() {
+        let longest = now + LONGEST_WAIT;
+        let until = until.map_or(longest, |until| until.min(longest));
+        if until <= now {
             return;
         }
         let awaited = match next {
@@ -251,13 +252,9 @@ impl Reactor {
             Some(next) if next.in_flight => Awaited::Frames { sent: next.sent },
             Some(next) => Awaited::Cycle { start: next.at },
         };
-        let sleep = self
-            .receiving
-            .sleep(now, timeout.min(LONGEST_WAIT), awaited);
-        if sleep.is_zero() {
-            self.link.pause();
-        } else {
-            self.link.wait(sleep);
+        match self.receiving.sleep(now, until, awaited) {
+            None => self.link.pause(),
+            Some(until) => self.link.wait(until),
         }
     }
 }

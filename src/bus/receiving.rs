@@ -63,22 +63,27 @@ impl Receiving {
         Self::suited_to(period, cores)
     }
 
-    /// How long the thread may sleep now, which it would for `wait`: not at all where it is to spin.
-    pub(super) fn sleep(self, now: Duration, wait: Duration, awaited: Awaited) -> Duration {
-        match (self, awaited) {
-            (Self::Block, _) | (_, Awaited::Nothing) => wait,
-            (Self::Spin, _) => Duration::ZERO,
+    /// Until when the thread may sleep now, where nothing is to be done before `until`; none where it is to spin.
+    pub(super) fn sleep(
+        self,
+        now: Duration,
+        until: Duration,
+        awaited: Awaited,
+    ) -> Option<Duration> {
+        let until = match (self, awaited) {
+            (Self::Block, _) | (_, Awaited::Nothing) => until,
+            (Self::Spin, _) => return None,
             (Self::SpinThenBlock { spin }, Awaited::Frames { sent }) => {
                 if now < sent + spin {
-                    Duration::ZERO
-                } else {
-                    wait
+                    return None;
                 }
+                until
             }
             (Self::SpinThenBlock { spin }, Awaited::Cycle { start }) => {
-                wait.min(start.saturating_sub(now + spin))
+                until.min(start.saturating_sub(spin))
             }
-        }
+        };
+        (now < until).then_some(until)
     }
 }
 
@@ -123,17 +128,18 @@ mod tests {
     fn a_thread_spins_before_a_cycle_and_after_its_frames_and_sleeps_between() {
         let receiving = Receiving::SpinThenBlock { spin: us(30) };
         let frames = Awaited::Frames { sent: us(100) };
-        assert_eq!(receiving.sleep(us(129), us(700), frames), us(0));
-        assert_eq!(receiving.sleep(us(130), us(700), frames), us(700));
+        assert_eq!(receiving.sleep(us(129), us(829), frames), None);
+        assert_eq!(receiving.sleep(us(130), us(830), frames), Some(us(830)));
         let cycle = Awaited::Cycle { start: us(1000) };
-        assert_eq!(receiving.sleep(us(400), us(600), cycle), us(570));
-        assert_eq!(receiving.sleep(us(400), us(90), cycle), us(90), "a timer");
-        assert_eq!(receiving.sleep(us(971), us(29), cycle), us(0));
+        assert_eq!(receiving.sleep(us(400), us(1000), cycle), Some(us(970)));
+        let timer = receiving.sleep(us(400), us(490), cycle);
+        assert_eq!(timer, Some(us(490)));
+        assert_eq!(receiving.sleep(us(970), us(1000), cycle), None);
     }
 
     #[test]
     fn nobody_spins_while_there_are_no_cycles() {
-        let sleep = Receiving::Spin.sleep(us(5), us(700), Awaited::Nothing);
-        assert_eq!(sleep, us(700));
+        let sleep = Receiving::Spin.sleep(us(5), us(705), Awaited::Nothing);
+        assert_eq!(sleep, Some(us(705)));
     }
 }

@@ -3,6 +3,7 @@
 //! A link also owns the time that the bus loop lives in, so that a wire can run in virtual time.
 
 mod raw;
+mod ring;
 mod waiting;
 mod wire;
 
@@ -34,8 +35,8 @@ pub trait Link {
     /// What the operating system says.
     fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>>;
 
-    /// Waits until a frame has come, the waker was used, or `timeout` is over.
-    fn wait(&mut self, timeout: Duration);
+    /// Waits until a frame has come, the waker was used, or [`now`](Link::now) is `until`. It may return before that.
+    fn wait(&mut self, until: Duration);
 
     /// Passes the time between two looks of a thread that does not sleep. In virtual time, some time must pass.
     fn pause(&mut self) {
@@ -64,8 +65,8 @@ impl<L: Link + ?Sized> Link for Box<L> {
         (**self).receive(buffer)
     }
 
-    fn wait(&mut self, timeout: Duration) {
-        (**self).wait(timeout);
+    fn wait(&mut self, until: Duration) {
+        (**self).wait(until);
     }
 
     fn pause(&mut self) {

@@ -4,15 +4,17 @@
 use std::{
     ffi::CString,
     io,
-    os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd},
-    sync::Arc,
+    os::fd::{AsRawFd, FromRawFd, OwnedFd},
     task::Waker,
-    time::{Duration, Instant},
+    time::Duration,
 };
+
+use rustix::net::{SendFlags, send};
 
 use super::{
     ETHERTYPE, Link, SHORTEST_FRAME,
-    waiting::{self, Event},
+    ring::Ring,
+    waiting::{self, Sleeper},
 };
 
 /// Why a raw socket could not be opened.
@@ -64,8 +66,8 @@ pub enum RawSocketError {
 /// ```
 pub struct RawSocket {
     socket: OwnedFd,
-    event: Arc<Event>,
-    start: Instant,
+    ring: Ring,
+    sleeper: Sleeper,
     padded: [u8; SHORTEST_FRAME],
 }
 
@@ -115,11 +117,12 @@ impl RawSocket {
         };
         set_option(&socket, libc::PACKET_ADD_MEMBERSHIP, &membership)
             .map_err(os("receive all frames"))?;
+        let ring = Ring::new(&socket).map_err(os("make a ring for received frames"))?;
         bind(&socket, index).map_err(os("bind"))?;
         Ok(Self {
+            ring,
+            sleeper: Sleeper::new(&socket).map_err(os("prepare to sleep"))?,
             socket,
-            event: Event::new().map_err(os("make a waker"))?,
-            start: Instant::now(),
             padded: [0; SHORTEST_FRAME],
         })
     }
@@ -185,7 +188,7 @@ fn mtu(socket: &OwnedFd, name: &CString) -> io::Result<libc::c_int> {
     Ok(unsafe { request.ifr_ifru.ifru_mtu })
 }
 
-fn set_option<T>(socket: &OwnedFd, option: libc::c_int, value: &T) -> io::Result<()> {
+pub(super) fn set_option<T>(socket: &OwnedFd, option: libc::c_int, value: &T) -> io::Result<()> {
     let length = libc::socklen_t::try_from(size_of::<T>()).map_err(io::Error::other)?;
     // SAFETY: the value lives until the call is over and its own length is passed.
     let result = unsafe {
@@ -230,63 +233,27 @@ impl Link for RawSocket {
         } else {
             frame
         };
-        // SAFETY: reads as many bytes as the slice has, which lives until the call is over.
-        let sent = unsafe {
-            libc::send(
-                self.socket.as_raw_fd(),
-                frame.as_ptr().cast(),
-                frame.len(),
-                0,
-            )
-        };
-        match usize::try_from(sent) {
-            Err(_) => Err(io::Error::last_os_error()),
-            Ok(sent) if sent == frame.len() => Ok(()),
-            Ok(_) => Err(io::ErrorKind::WriteZero.into()),
+        let sent = send(&self.socket, frame, SendFlags::empty())?;
+        if sent != frame.len() {
+            return Err(io::ErrorKind::WriteZero.into());
         }
+        Ok(())
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-        loop {
-            // SAFETY: writes at most as many bytes as the slice has, which lives until the call is over. With MSG_TRUNC
-            // the result is the frame's whole length.
-            let length = unsafe {
-                libc::recv(
-                    self.socket.as_raw_fd(),
-                    buffer.as_mut_ptr().cast(),
-                    buffer.len(),
-                    libc::MSG_TRUNC,
-                )
-            };
-            return match usize::try_from(length) {
-                Ok(length) if length <= buffer.len() => Ok(Some(length)),
-                Ok(_) => continue,
-                Err(_) => match io::Error::last_os_error() {
-                    error if error.kind() == io::ErrorKind::WouldBlock => Ok(None),
-                    error if error.kind() == io::ErrorKind::Interrupted => continue,
-                    error => Err(error),
-                },
-            };
-        }
+        Ok(self.ring.take(buffer))
     }
 
-    fn wait(&mut self, timeout: Duration) {
-        waiting::wait(Some(self.socket.as_raw_fd()), &self.event, timeout);
+    fn wait(&mut self, until: Duration) {
+        self.sleeper.wait(&self.socket, until);
     }
 
     fn now(&self) -> Duration {
-        self.start.elapsed()
+        waiting::now()
     }
 
     fn waker(&self) -> Waker {
-        self.event.waker()
-    }
-}
-
-/// For socket options of a program's own.
-impl AsFd for RawSocket {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.socket.as_fd()
+        self.sleeper.waker()
     }
 }
 

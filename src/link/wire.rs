@@ -180,8 +180,7 @@ impl Link for Wire {
         Ok(None)
     }
 
-    fn wait(&mut self, timeout: Duration) {
-        let until = self.now() + timeout;
+    fn wait(&mut self, until: Duration) {
         let until = self
             .returning
             .front()
@@ -194,7 +193,7 @@ impl Link for Wire {
 
     fn pause(&mut self) {
         match self.clock {
-            Clock::Virtual { .. } => self.wait(PAUSE),
+            Clock::Virtual { .. } => self.wait(self.now() + PAUSE),
             Clock::Real(_) => std::hint::spin_loop(),
         }
     }
@@ -270,7 +269,7 @@ mod tests {
         assert_eq!(wire.now(), LATENCY);
         assert_eq!(wire.receive(&mut buffer).unwrap(), Some(64));
         wire.wait(Duration::from_secs(1));
-        assert_eq!(wire.now(), LATENCY + Duration::from_secs(1));
+        assert_eq!(wire.now(), Duration::from_secs(1));
     }
 
     #[test]
@@ -300,7 +299,7 @@ mod tests {
             while let Some(length) = wire.receive(&mut buffer).unwrap() {
                 come_back.push((buffer[0], buffer[14], length));
             }
-            wire.wait(Duration::from_millis(1));
+            wire.wait(wire.now() + Duration::from_millis(1));
         }
         assert_eq!(
             come_back,

@@ -164,12 +164,12 @@ impl Link for Sleepy {
         self.wire.receive(buffer)
     }
 
-    fn wait(&mut self, timeout: Duration) {
-        self.wire.wait(timeout);
+    fn wait(&mut self, until: Duration) {
+        self.wire.wait(until);
         let longer = Duration::from_micros(self.oversleep_us.swap(0, Ordering::Relaxed));
         let until = self.now() + longer;
         while self.now() < until {
-            self.wire.wait(until - self.now());
+            self.wire.wait(until);
         }
     }
 

@@ -47,8 +47,8 @@ impl Link for Broken {
         self.wire.receive(buffer)
     }
 
-    fn wait(&mut self, timeout: Duration) {
-        self.wire.wait(timeout);
+    fn wait(&mut self, until: Duration) {
+        self.wire.wait(until);
     }
 
     fn now(&self) -> Duration {

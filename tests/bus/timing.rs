@@ -31,6 +31,14 @@ fn rig(
     receiving: Receiving,
     answered: impl Fn(Duration) -> bool + Send + 'static,
 ) -> (Arc<Mutex<Vec<Sent>>>, Rig) {
+    rig_with(PERIOD, receiving, answered)
+}
+
+fn rig_with(
+    period: Duration,
+    receiving: Receiving,
+    answered: impl Fn(Duration) -> bool + Send + 'static,
+) -> (Arc<Mutex<Vec<Sent>>>, Rig) {
     let frames = Arc::new(Mutex::new(Vec::new()));
     let note = Arc::clone(&frames);
     let mut segment = Segment::new().with(personality::akd2g());
@@ -41,7 +49,7 @@ fn rig(
     });
     let builder = Network::builder()
         .link(Drowsy(wire))
-        .cycle(PERIOD)
+        .cycle(period)
         .receiving(receiving)
         .drive(0, akd2g());
     (frames, Rig::start(builder).unwrap())
@@ -62,8 +70,8 @@ impl Link for Drowsy {
         self.0.receive(buffer)
     }
 
-    fn wait(&mut self, timeout: Duration) {
-        self.0.wait(timeout + OVERSLEPT);
+    fn wait(&mut self, until: Duration) {
+        self.0.wait(until + OVERSLEPT);
     }
 
     fn pause(&mut self) {
@@ -164,6 +172,22 @@ fn what_does_not_come_back_is_waited_for_until_the_receive_deadline_and_no_longe
         }
         let lost = rig.net().statistics().lost - before.lost;
         assert!((7..=9).contains(&lost), "{receiving:?}: {lost} frames lost");
+    }
+}
+
+#[test]
+fn requests_have_their_time_between_cycles_that_are_all_lost() {
+    for receiving in ALL {
+        let silence = Arc::new(Mutex::new(None));
+        let since = Arc::clone(&silence);
+        // Long enough for every frame in the quarter that is left of it.
+        let (_, mut rig) = rig_with(4 * PERIOD, receiving, move |at| {
+            since.lock().unwrap().is_none_or(|since| at < since)
+        });
+        *silence.lock().unwrap() = Some(rig.bus.now());
+        let sdo = rig.net().sdo(0).unwrap();
+        let vendor = rig.until(async { sdo.read_bytes(0x1018, 1).await.unwrap() });
+        assert_eq!(vendor.len(), 4, "{receiving:?}");
     }
 }
 

@@ -5,7 +5,7 @@
 use core::time::Duration;
 use std::ffi::CString;
 use std::io;
-use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 
 /// Ethertype of EtherCAT.
 const ETHERTYPE: u16 = 0x88A4;
@@ -183,6 +183,13 @@ impl RawSocket {
         } else {
             Ok(())
         }
+    }
+}
+
+/// For socket options and system calls of a program's own.
+impl AsFd for RawSocket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
     }
 }
 
