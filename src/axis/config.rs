@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Mode, QuickStopOption},
-    profile_position::{Limits, Parameters, PositionRange, Traits},
+    profile_position::{Bounds, Limits, Parameters, PositionRange, Traits},
 };
 
 use super::{AxisFields, Referencing};
@@ -82,6 +82,16 @@ impl AxisConfig {
                 ..limits
             },
             None => limits,
+        }
+    }
+
+    /// The bounds within which this axis counts as standing.
+    pub(super) const fn bounds(&self) -> Bounds {
+        Bounds {
+            position: self.tolerances.position,
+            velocity: self.tolerances.velocity,
+            settle: self.tolerances.settle,
+            turn: self.modulo,
         }
     }
 }

@@ -65,7 +65,7 @@ pub struct AxisCore {
     pub(super) sample: Option<Sample>,
     pub(super) standstill: Standstill,
     /// Whether the axis was standing in the last cycle with inputs.
-    standing: bool,
+    pub(super) standing: bool,
     pub(super) sequencer: Sequencer,
     pub(super) homing: Procedure,
     pub(super) jogging: Jogging,
@@ -79,7 +79,7 @@ pub struct AxisCore {
     pub(super) mode: Mode,
     pub(super) mode_change: Option<ModeChange>,
     /// 6061h where it is read by SDO.
-    noted_mode: Mode,
+    pub(super) noted_mode: Mode,
     manufacturer: Controlword,
     /// In the outputs now, and sent with the next cycle.
     pub(super) outgoing: Controlword,
@@ -92,6 +92,8 @@ pub struct AxisCore {
     pub(super) quiet_since: Option<Duration>,
     /// Whether a homing was attained since the drive was last lost.
     pub(super) homed: bool,
+    /// Whether one was when the drive was lost last: it is still true of a drive that has kept its power.
+    pub(super) homed_before_loss: bool,
     pub(super) answered: bool,
     pub(super) lost: bool,
     pub(super) stale_cycles: u32,
@@ -111,14 +113,8 @@ impl AxisCore {
     #[must_use]
     pub fn new(mut config: AxisConfig) -> Self {
         config.limits = config.limits_with(config.limits);
-        let tolerances = config.tolerances;
         Self {
-            bounds: Bounds {
-                position: tolerances.position,
-                velocity: tolerances.velocity,
-                settle: tolerances.settle,
-                turn: config.modulo,
-            },
+            bounds: config.bounds(),
             sequencer: Sequencer::new(config.defaults),
             homing: Procedure::new(config.deadlines.standstill),
             jogging: Jogging::new(),
@@ -141,6 +137,7 @@ impl AxisCore {
             sent_velocity: 0,
             quiet_since: None,
             homed: false,
+            homed_before_loss: false,
             answered: false,
             lost: false,
             stale_cycles: 0,
@@ -381,8 +378,9 @@ impl AxisCore {
     }
 
     /// The drive does not answer: everything ends, and what still reaches it is a quick stop.
-    fn lose(&mut self, now: Duration) {
+    pub(super) fn lose(&mut self, now: Duration) {
         self.lost = true;
+        self.homed_before_loss = self.homed;
         self.homed = false;
         let driven = self.power.is_driving();
         self.fail_motions(|delivery| Failure::BusLost { delivery });

@@ -3,7 +3,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use super::{Command, Failure};
+use super::{Command, Delivery, Failure};
 use crate::ds402::State;
 
 /// What kind of stop.
@@ -13,6 +13,8 @@ pub(super) enum StopKind {
     Stop,
     Halt,
     Disable,
+    /// The drive was led back after it had been away.
+    Restart,
 }
 
 /// Names a stop: a number, and below it the kind in two bits.
@@ -64,6 +66,9 @@ impl StopCount {
         (last != asked.0).then_some(match last & 3 {
             kind if kind == StopKind::Halt as u32 => Failure::Halted,
             kind if kind == StopKind::Disable as u32 => Failure::Disabled { state },
+            kind if kind == StopKind::Restart as u32 => Failure::BusLost {
+                delivery: Delivery::NotSent,
+            },
             _ => Failure::QuickStopped,
         })
     }
@@ -83,6 +88,12 @@ mod tests {
             (StopKind::Disable, Failure::Disabled { state }),
             (StopKind::Stop, Failure::QuickStopped),
             (StopKind::Stop, Failure::QuickStopped),
+            (
+                StopKind::Restart,
+                Failure::BusLost {
+                    delivery: Delivery::NotSent,
+                },
+            ),
         ];
         for (kind, failure) in kinds {
             let asked = stops.last();

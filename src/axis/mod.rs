@@ -36,6 +36,8 @@ mod port;
 #[cfg(feature = "std")]
 mod reading;
 #[cfg(feature = "std")]
+mod restart;
+#[cfg(feature = "std")]
 mod select;
 #[cfg(feature = "std")]
 mod setup;
@@ -74,6 +76,8 @@ pub use liveness::{Liveness, LivenessWatch};
 pub(crate) use pending::Pending;
 #[cfg(feature = "std")]
 pub use port::AxisPort;
+#[cfg(feature = "std")]
+pub(crate) use restart::Again;
 #[cfg(feature = "std")]
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
 #[cfg(feature = "std")]

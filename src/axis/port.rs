@@ -8,6 +8,7 @@ use super::{
     AxisCore, Command, Delivery, Event, Failure, Snapshot, StopRequest,
     calm::News,
     last_stop::{LastStop, StopKind},
+    restart::Again,
     shared::Shared,
     status::{Head, differs, pack, silent, unpack},
 };
@@ -92,6 +93,21 @@ impl AxisPort {
     /// From now on only what stops is taken from the handles: nothing is enabled or moved any more.
     pub const fn end(&mut self) {
         self.ending = true;
+    }
+
+    /// Begins again with its core, which it restarts: whatever handles have asked for or set before does not come into effect
+    /// any more.
+    pub(crate) fn restart(
+        &mut self,
+        core: &mut AxisCore,
+        now: Duration,
+        again: Again,
+        outputs: &mut [u8],
+    ) {
+        self.shared.restart(matches!(again, Again::Anew(_)));
+        self.manufacturer = Controlword::empty();
+        core.restart(now, again, outputs);
+        self.pass_events(core);
     }
 
     /// Passes the core's reports to the futures that wait for them and publishes the snapshot.

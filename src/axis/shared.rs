@@ -60,6 +60,8 @@ pub(crate) struct Shared {
     /// Max profile velocity 607Fh as the core checks it; 0 is no limit.
     max_velocity: AtomicU32,
     closed: AtomicBool,
+    /// How often the drive was attached anew since its axis was made: what was known of it before is not true any more.
+    attached: AtomicU32,
     outputs: Box<[OutputCell]>,
 }
 
@@ -128,6 +130,7 @@ impl Shared {
             noted_mode: AtomicI16::new(0),
             max_velocity: AtomicU32::new(0),
             closed: AtomicBool::new(false),
+            attached: AtomicU32::new(0),
             outputs,
             setup,
         }
@@ -393,6 +396,25 @@ impl Shared {
                 }
             }
         }
+    }
+
+    /// The axis begins again: nothing that was asked for or set before comes into effect any more. `anew`: its drive has
+    /// forgotten what was written to it.
+    pub(super) fn restart(&self, anew: bool) {
+        self.stops.note(StopKind::Restart);
+        self.manufacturer.store(0, Ordering::Release);
+        for cell in &self.outputs {
+            cell.value.store(0, Ordering::Release);
+        }
+        if anew {
+            self.noted_mode.store(0, Ordering::Release);
+            self.attached.fetch_add(1, Ordering::AcqRel);
+        }
+    }
+
+    /// How often the drive was attached anew.
+    pub(crate) fn attached(&self) -> u32 {
+        self.attached.load(Ordering::Acquire)
     }
 
     /// Passes an event to the command's future.

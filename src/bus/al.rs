@@ -215,6 +215,19 @@ pub(super) async fn reach(
     request(registers, station, state, limit).await
 }
 
+/// Brings a SubDevice down into `state`; one that is there, or lower, stays where it is.
+pub(super) async fn lower(
+    registers: &Registers,
+    station: u16,
+    state: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
+    if status(registers, station).await?.state.bits() <= state.bits() {
+        return Ok(());
+    }
+    request(registers, station, state, limit).await
+}
+
 /// Takes the error indication away.
 pub(super) async fn acknowledge(
     registers: &Registers,

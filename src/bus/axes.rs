@@ -13,8 +13,8 @@ use super::{
 };
 use crate::{
     axis::{
-        AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, BoxFuture, Command,
-        CommandId, GroupQueue, Groups, LivenessWatch, ParameterAccess, StopRequest,
+        Again, AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, BoxFuture,
+        Command, CommandId, GroupQueue, Groups, LivenessWatch, ParameterAccess, StopRequest,
     },
     coe::{ObjectAddress, SdoError, SdoHandle},
     ds402::State,
@@ -94,6 +94,36 @@ impl Axes {
             disable_asked: false,
         };
         (running, sources)
+    }
+
+    /// The axes of the drive at this place begin again, with what was read of each where their drive holds that anew.
+    pub(super) fn restart(
+        &mut self,
+        now: Duration,
+        place: usize,
+        mut again: impl FnMut(usize) -> Again,
+        drive: &mut DriveData,
+    ) {
+        // As at the beginning: also what no axis writes is 0 until it is set.
+        drive.outputs_mut().fill(0);
+        let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
+        for (number, axis) in axes.enumerate() {
+            axis.port
+                .restart(&mut axis.core, now, again(number), drive.outputs_mut());
+        }
+    }
+
+    /// The drive at this place was without power: its axes do not know where they are.
+    pub(super) fn forget(&mut self, place: usize) {
+        let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
+        axes.for_each(|axis| axis.core.forget());
+    }
+
+    /// Whether the drive at this place takes what its axes are told, and none of them is enabled.
+    pub(super) fn are_back(&self, place: usize) -> bool {
+        let axes = self.axes.iter().filter(|axis| axis.drive == place);
+        axes.map(|axis| axis.core.snapshot())
+            .all(|axis| !axis.lost && axis.state != State::OperationEnabled)
     }
 
     /// Disables all axes; moving ones are stopped by quick stop before.

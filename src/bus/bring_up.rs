@@ -10,7 +10,7 @@ use super::{
     cycle::{Cycle, Stepper},
     dc::{self, Clocks},
     discovery::{self, Found, loop_is_gone},
-    drive_setup::{Job, ReadyDrive},
+    drive_setup::{Failed, Job, ReadyDrive},
     exchange::Exchange,
     io::{IoJob, ReadyIo},
     log::Note,
@@ -19,22 +19,26 @@ use super::{
     plan::LinePlan,
     progress::Progress,
     reactor::Context,
+    registers::Registers,
 };
-use crate::{coe::DriveId, parameters::Transition};
+use crate::{
+    coe::{DriveId, SdoHandle},
+    parameters::{StartUpList, Transition},
+};
 
 /// Complete exchanges before OP is asked for: with the first one every drive has taken valid outputs.
 const GOOD_CYCLES: u32 = 1;
 /// How long that may take, beside the cycles themselves.
-const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
+pub(super) const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
 /// How long a drive may take into OP (ETG.1020, default timeout of SAFEOP to OP is 10 s).
 const OP_LIMIT: Duration = Duration::from_secs(10);
 
 /// The devices of the exchange, in SAFEOP or above. In the exchange the drives are first.
 pub(super) struct Ready {
+    /// All SubDevices of the line, also those that are not in the exchange.
+    pub(super) line: Vec<DriveId>,
     pub(super) drives: Vec<ReadyDrive>,
     pub(super) ios: Vec<ReadyIo>,
-    /// How many devices are in the line, declared or not.
-    in_line: usize,
     /// The distributed clocks, where a drive uses its.
     clocks: Option<Rc<Clocks>>,
 }
@@ -49,6 +53,12 @@ impl Ready {
     pub(super) fn found(&self) -> impl Iterator<Item = &Found> {
         let drives = self.drives.iter().map(|drive| &drive.found);
         drives.chain(self.ios.iter().map(|io| &io.found))
+    }
+
+    /// How they were declared, likewise.
+    pub(super) fn places(&self) -> impl Iterator<Item = DevicePlace> {
+        let drives = self.drives.iter().map(|drive| drive.place);
+        drives.chain(self.ios.iter().map(|io| io.place))
     }
 }
 
@@ -115,6 +125,7 @@ pub(super) async fn configure(
                 config,
                 watchdog: plan.watchdog.time(plan.cycle),
                 patience: plan.watchdog.loss(plan.cycle).stale_cycles,
+                mailbox: None,
                 progress: Rc::clone(progress),
             };
             job.look(context.clone())
@@ -136,9 +147,9 @@ pub(super) async fn configure(
         teaching.await;
     }
     Ok(Ready {
+        line: line.into_iter().map(|found| found.id).collect(),
         drives,
         ios,
-        in_line: line.len(),
         clocks,
     })
 }
@@ -192,6 +203,7 @@ fn checked(
         loss: watchdog.loss(cycle),
         cycle,
         clocks,
+        mailbox: None,
         progress,
     })
 }
@@ -206,7 +218,7 @@ pub(super) async fn start_cycles(
     let Ready {
         drives,
         ios,
-        in_line,
+        line,
         clocks,
     } = ready;
     let members = drives.iter().map(member);
@@ -225,7 +237,7 @@ pub(super) async fn start_cycles(
     let distribution = clocks.as_ref().map(|clocks| clocks.distribution);
     let exchange = Exchange::new(&members, mailboxes.chain(further).collect(), distribution);
     let exchange = exchange.checked()?;
-    let load = CableLoad::of(exchange.lengths(), *in_line);
+    let load = CableLoad::of(exchange.lengths(), line.len());
     load.check(period)?;
     if load.is_tight(period) {
         tracing::warn!(
@@ -269,7 +281,7 @@ fn check_shifts(drives: &[ReadyDrive], frames_take: Duration) {
 }
 
 /// A drive's part in the exchange.
-fn member(drive: &ReadyDrive) -> Member {
+pub(super) fn member(drive: &ReadyDrive) -> Member {
     let patience = drive
         .axes
         .iter()
@@ -310,19 +322,7 @@ pub(super) async fn operate(
             let registers = context.registers.clone();
             let station = found.station;
             let lists = sdo.map(|sdo| (sdo.clone(), lists.clone()));
-            context.spawn(async move {
-                let lists = lists.into_iter().flat_map(|(sdo, lists)| {
-                    lists.into_iter().map(move |list| (sdo.clone(), list))
-                });
-                for (sdo, list) in lists {
-                    list.apply(&sdo, Transition::SafeOpToOp)
-                        .await
-                        .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
-                }
-                al::climb(&registers, station, AlState::SafeOp, AlState::Op, OP_LIMIT)
-                    .await
-                    .map_err(|error| (BringUpStep::State(AlState::Op), DriveFault::from(error)))
-            })
+            context.spawn(async move { into_op(&registers, station, lists.as_ref()).await })
         })
         .collect();
     let tasks = tasks.ok_or_else(loop_is_gone)?;
@@ -339,6 +339,24 @@ pub(super) async fn operate(
         progress.step(&found.id, BringUpStep::State(AlState::Op));
     }
     Ok(())
+}
+
+/// Brings one device from SAFEOP into OP, with what its start-up lists write there.
+pub(super) async fn into_op(
+    registers: &Registers,
+    station: u16,
+    lists: Option<&(SdoHandle, Vec<StartUpList>)>,
+) -> Result<(), Failed> {
+    if let Some((sdo, lists)) = lists {
+        for list in lists {
+            list.apply(sdo, Transition::SafeOpToOp)
+                .await
+                .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
+        }
+    }
+    al::climb(registers, station, AlState::SafeOp, AlState::Op, OP_LIMIT)
+        .await
+        .map_err(|error| (BringUpStep::State(AlState::Op), error.into()))
 }
 
 async fn wait_for_exchange(

@@ -9,7 +9,9 @@ use std::task::Waker;
 use crossbeam_queue::SegQueue;
 use smol::channel::{Receiver, Sender};
 
-use super::{AlStatus, BlackBox, DevicePorts, RegisterError, statistics::Counters};
+use super::{
+    AlStatus, BlackBox, DevicePorts, NetworkError, Recovered, RegisterError, statistics::Counters,
+};
 use crate::{
     axis::{LivenessWatch, StopRequest},
     coe::DriveId,
@@ -29,6 +31,8 @@ pub(super) enum Question {
     BlackBox(usize, Sender<BlackBox>),
     /// The error counters of all ports.
     Ports(Sender<Result<Vec<DevicePorts>, RegisterError>>),
+    /// That the device at this place of the exchange be led back into OP.
+    Recover(usize, Sender<Result<Recovered, NetworkError>>),
 }
 
 #[derive(Debug)]

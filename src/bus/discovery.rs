@@ -3,7 +3,7 @@
 use std::{rc::Rc, time::Duration};
 
 use super::{
-    AlState, BringUpStep, NetworkError, al, eeprom,
+    AlError, AlState, BringUpStep, NetworkError, al, eeprom,
     reactor::Context,
     registers::{RegisterError, Registers},
     sync_managers,
@@ -14,11 +14,11 @@ use crate::{
 };
 
 /// The station address of the first SubDevice; the others follow.
-const FIRST_STATION: u16 = 0x1000;
+pub(super) const FIRST_STATION: u16 = 0x1000;
 /// The most SubDevices of a line: the stations 1000h to 1FFFh. A working counter that says more is wrong, and would cost
 /// memory and minutes for each SubDevice that is not there.
 const MOST_SUB_DEVICES: u16 = 0x1000;
-const STATION_ADDRESS: u16 = 0x0010;
+pub(super) const STATION_ADDRESS: u16 = 0x0010;
 /// How long a SubDevice may take into INIT, and into PREOP (ETG.1020, default timeouts).
 const INIT_LIMIT: Duration = Duration::from_secs(5);
 const PRE_OP_LIMIT: Duration = Duration::from_secs(3);
@@ -106,9 +106,7 @@ async fn reset(context: &Context) -> Result<(), NetworkError> {
         .broadcast(al::AL_CONTROL, &al::RESET)
         .await
         .map_err(NetworkError::Line)?;
-    let fmmus = (0..MOST).map(|fmmu| (sync_managers::FMMU + 16 * fmmu, 16));
-    let managers = (0..MOST).map(|manager| (sync_managers::SYNC_MANAGER + 8 * manager, 8));
-    let zeros = fmmus.chain(managers).chain(ZEROS).map(|(register, zeros)| {
+    let zeros = zeros().map(|(register, zeros)| {
         let registers = registers.clone();
         async move {
             let bytes = [0; 16];
@@ -117,6 +115,29 @@ async fn reset(context: &Context) -> Result<(), NetworkError> {
         }
     });
     all(context, zeros).await
+}
+
+/// Sets one SubDevice back into INIT, with nothing configured.
+pub(super) async fn set_back(registers: &Registers, station: u16) -> Result<(), AlError> {
+    registers.write(station, al::AL_CONTROL, &al::RESET).await?;
+    al::reach(registers, station, AlState::Init, INIT_LIMIT).await?;
+    for (register, zeros) in zeros() {
+        let bytes = [0; 16];
+        let bytes = bytes.get(..zeros).unwrap_or(&bytes);
+        match registers.write(station, register, bytes).await {
+            // It has no such register.
+            Ok(()) | Err(RegisterError::NotAnswered) => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(())
+}
+
+/// All registers that are set back, each with its length.
+fn zeros() -> impl Iterator<Item = (u16, usize)> {
+    let fmmus = (0..MOST).map(|fmmu| (sync_managers::FMMU + 16 * fmmu, 16));
+    let managers = (0..MOST).map(|manager| (sync_managers::SYNC_MANAGER + 8 * manager, 8));
+    fmmus.chain(managers).chain(ZEROS)
 }
 
 /// Waits for all of these, which are under way at the same time.
@@ -136,7 +157,11 @@ pub(super) fn loop_is_gone() -> NetworkError {
 }
 
 /// One SubDevice from INIT to PREOP.
-async fn find(registers: Registers, position: u16, station: u16) -> Result<Found, NetworkError> {
+pub(super) async fn find(
+    registers: Registers,
+    position: u16,
+    station: u16,
+) -> Result<Found, NetworkError> {
     let mut id = DriveId {
         position,
         name: String::new(),

@@ -49,6 +49,8 @@ pub(super) struct ReadyDrive {
     pub(super) axes: Vec<ReadyAxis>,
     /// What is still to be written in SAFEOP.
     pub(super) start_up: Vec<StartUpList>,
+    /// How it is set up once more, by the same mailbox.
+    pub(super) again: Job,
 }
 
 /// An axis with what was read from its drive.
@@ -59,6 +61,7 @@ pub(super) struct ReadyAxis {
 }
 
 /// What is to be done with one drive.
+#[derive(Clone)]
 pub(super) struct Job {
     pub(super) found: Found,
     pub(super) place: DevicePlace,
@@ -74,6 +77,8 @@ pub(super) struct Job {
     pub(super) cycle: Duration,
     /// The line's clocks, where they are used.
     pub(super) clocks: Option<Rc<Clocks>>,
+    /// Its mailbox, where that is served already.
+    pub(super) mailbox: Option<Mailbox>,
     pub(super) progress: Rc<Progress>,
 }
 
@@ -89,20 +94,16 @@ impl Job {
     async fn steps(self, context: &Context) -> Result<ReadyDrive, Failed> {
         let registers = &context.registers;
         let station = self.found.station;
-        tracing::debug!(drive = %self.found.id, "configuring");
+        self.found.note(context, "configuring");
         let done = |step| self.progress.step(&self.found.id, step);
         done(BringUpStep::Identity);
         let sii = Rc::clone(&self.found.sii);
-        let Mailbox {
-            sdo,
-            emergencies,
-            signal,
-        } = serve_mailbox(
-            context,
-            &self.found,
-            self.config.description.error_texts.clone(),
-        )
-        .ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
+        let error_texts = &self.config.description.error_texts;
+        let mailbox = self.mailbox.clone();
+        let mailbox = mailbox
+            .or_else(|| serve_mailbox(context, &self.found, error_texts.clone()))
+            .ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
+        let sdo = mailbox.sdo.clone();
 
         if let Some(clock) = &self.config.clock {
             dc::set_types(&sdo, clock, self.cycle)
@@ -126,7 +127,7 @@ impl Job {
             let config = self
                 .axis_config(&sdo, axis, fields, description.offset)
                 .await?;
-            stop_on_loss(&sdo, axis, description.offset, config.quick_stop).await?;
+            stop_on_loss(context, &sdo, axis, description.offset, config.quick_stop).await?;
             axes.push(ReadyAxis {
                 name: axis.name.clone(),
                 offset: description.offset,
@@ -187,20 +188,24 @@ impl Job {
         )
         .await
         .map_err(|error| (BringUpStep::State(AlState::SafeOp), error.into()))?;
-        tracing::debug!(drive = %self.found.id, "in SAFEOP");
+        self.found.note(context, "in SAFEOP");
         done(BringUpStep::State(AlState::SafeOp));
         Ok(ReadyDrive {
-            found: self.found,
+            found: self.found.clone(),
             place: self.place,
             sdo,
-            emergencies,
-            mail: signal,
+            emergencies: mailbox.emergencies.clone(),
+            mail: mailbox.signal.clone(),
             layout,
             logical: self.logical,
             lrw,
             sync0_after: self.config.clock.map(|clock| clock.shift_in(self.cycle)),
             axes,
-            start_up: self.config.start_up,
+            start_up: self.config.start_up.clone(),
+            again: Self {
+                mailbox: Some(mailbox),
+                ..self
+            },
         })
     }
 
@@ -271,6 +276,12 @@ impl Job {
 }
 
 impl Found {
+    /// Notes how far its set-up is.
+    pub(super) fn note(&self, context: &Context, what: &'static str) {
+        let note = Note::SetUp(Arc::new(self.id.clone()), what);
+        context.log.note(context.time.now(), note);
+    }
+
     /// The error of a step, with the drive.
     pub(super) fn fault(self, step: BringUpStep, error: DriveFault) -> NetworkError {
         NetworkError::Drive {
@@ -282,6 +293,7 @@ impl Found {
 }
 
 /// A SubDevice's mailbox that is served.
+#[derive(Clone)]
 pub(super) struct Mailbox {
     pub(super) sdo: SdoHandle,
     pub(super) emergencies: Emergencies,
@@ -351,6 +363,7 @@ pub(super) async fn arm(
 
 /// Sets what the axis does when the process data stop to a value that stops it, and checks what the drive holds then.
 async fn stop_on_loss(
+    context: &Context,
     sdo: &SdoHandle,
     axis: &AxisDeclaration,
     offset: AxisOffset,
@@ -362,10 +375,9 @@ async fn stop_on_loss(
         .await
         .map_err(|(_, error)| (step, error))?
     else {
-        tracing::warn!(
-            axis = axis.name,
-            "no object 6007h: the drive alone decides what it does when the process data stop"
-        );
+        let axis = axis.name.clone();
+        let note = Note::NoAbortConnection { axis };
+        context.log.note(context.time.now(), note);
         return Ok(());
     };
     // A quick stop that only switches off would let the axis coast: then a fault, which has a reaction of its own.

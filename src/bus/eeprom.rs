@@ -3,7 +3,7 @@
 use std::{ops::Range, time::Duration};
 
 use super::registers::{RegisterError, Registers};
-use crate::sii::{Sii, SiiError};
+use crate::sii::{Identity, Sii, SiiError};
 
 pub(super) const CONFIGURATION: u16 = 0x0500;
 const CONTROL: u16 = 0x0502;
@@ -72,13 +72,7 @@ pub(super) async fn read(
         bytes: Vec::new(),
     };
     // An image of the same form with nothing but those.
-    let mut wanted = vec![0; CATEGORIES];
-    for part in HEADER {
-        let bytes = image.get(part.clone()).await?;
-        if let Some(place) = wanted.get_mut(part) {
-            place.copy_from_slice(&bytes);
-        }
-    }
+    let mut wanted = image.header(HEADER).await?;
     let mut strings = None;
     let mut at = CATEGORIES;
     while at < LONGEST {
@@ -108,6 +102,21 @@ pub(super) async fn read(
         _ => String::new(),
     };
     Ok((sii, name))
+}
+
+/// Reads who a SubDevice is.
+pub(super) async fn identity(registers: &Registers, station: u16) -> Result<Identity, EepromError> {
+    registers.write(station, CONFIGURATION, &[0]).await?;
+    settled(registers, station, 0).await?;
+    let mut image = Image {
+        registers,
+        station,
+        bytes: Vec::new(),
+    };
+    let [identity, _] = HEADER;
+    let mut wanted = image.header([identity]).await?;
+    wanted.extend(END.to_le_bytes());
+    Ok(Sii::parse(&wanted)?.identity)
 }
 
 /// Reads a SubDevice's whole SII. The EEPROM must belong to the master (0500h).
@@ -147,6 +156,21 @@ struct Image<'a> {
 }
 
 impl Image<'_> {
+    /// What is before the categories, of which only these parts are read.
+    async fn header(
+        &mut self,
+        parts: impl IntoIterator<Item = Range<usize>>,
+    ) -> Result<Vec<u8>, EepromError> {
+        let mut header = vec![0; CATEGORIES];
+        for part in parts {
+            let bytes = self.get(part.clone()).await?;
+            if let Some(place) = header.get_mut(part) {
+                place.copy_from_slice(&bytes);
+            }
+        }
+        Ok(header)
+    }
+
     /// Bytes of the image, of which those are read that are not known yet.
     async fn get(&mut self, range: Range<usize>) -> Result<Vec<u8>, EepromError> {
         let mut got = Vec::with_capacity(range.len());

@@ -1,4 +1,4 @@
-//! Why a network could not be started: which drive, which step, what was expected and what came.
+//! Why a network could not be started, or a device not be led back: which one, which step, what was expected and what came.
 
 use std::{fmt, time::Duration};
 
@@ -14,7 +14,7 @@ use crate::{
     pdo_map::{MappingError, Step, verify::Differences},
 };
 
-/// Why a network could not be started.
+/// Why a network could not be started, or a device of it not be led back.
 #[derive(Debug, thiserror::Error)]
 pub enum NetworkError {
     /// The raw socket could not be opened.
@@ -219,6 +219,17 @@ pub enum DriveFault {
         /// What the device holds.
         got: WatchdogState,
     },
+    /// Led back, it exchanges other process data than at the start.
+    #[error(
+        "it exchanges other process data than at the start: {got:?} bytes of outputs and inputs in place of {expected:?}, or \
+         others of the same length. Shut the network down and start it again"
+    )]
+    OtherProcessData {
+        /// Bytes of outputs and of inputs at the start.
+        expected: (usize, usize),
+        /// Now.
+        got: (usize, usize),
+    },
     /// It has neither inputs nor outputs.
     #[error("it has neither inputs nor outputs: expect it in the line instead of using it")]
     NoProcessData,
@@ -246,6 +257,11 @@ pub enum DriveFault {
     /// It is to be synchronised by a distributed clock, but has none.
     #[error("its ESC has no distributed clock (register 0008h, bit 2)")]
     NoClock,
+    /// It follows its distributed clock, and would have to be given the time of the running line.
+    #[error(
+        "it follows its distributed clock, which cannot be set anew while the network runs: shut the network down and start it again"
+    )]
+    ClockOfRunningLine,
     /// Its SYNC unit is not on as it was switched on.
     #[error("its SYNC unit is on with {got:02X}h in register 0981h instead of {expected:02X}h")]
     SyncUnit {

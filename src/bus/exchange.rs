@@ -42,6 +42,8 @@ pub(super) struct DriveData {
     pub(super) operational: bool,
     /// Whether it was seen to have left OP: it may close its outputs then, and counts for its inputs alone.
     pub(super) fallen: bool,
+    /// Whether it is being set up anew: it counts as lost, and what it adds to a working counter meanwhile is nobody's loss.
+    pub(super) away: bool,
     stale_cycles: u32,
     patience: u32,
     sign: Sign,
@@ -80,6 +82,19 @@ impl DriveData {
             Answer::Stale => Inputs::Stale,
         };
         (inputs, &mut self.outputs)
+    }
+
+    /// It is being set up anew from now on: nothing of it is taken.
+    pub(super) const fn take_away(&mut self) {
+        self.away = true;
+        self.lost = true;
+        self.operational = false;
+    }
+
+    /// It is set up, and not yet in OP.
+    pub(super) const fn put_back(&mut self) {
+        self.away = false;
+        self.fallen = true;
     }
 
     /// The inputs, where they are others than before.
@@ -127,6 +142,7 @@ impl Exchange {
             lost: false,
             operational: false,
             fallen: false,
+            away: false,
             stale_cycles: 0,
             patience: member.patience,
             sign: member.sign,
@@ -377,6 +393,12 @@ fn judge_part(
         let Some(drive) = drives.get_mut(share.drive) else {
             continue;
         };
+        if drive.away {
+            drive.answer = Answer::Stale;
+            expected += share.counts;
+            closed += share.counts;
+            continue;
+        }
         let inputs = share.inputs.as_ref().map(|inputs| {
             let bytes = answer.and_then(|answer| answer.get(inputs.clone()));
             let pattern = drive.pattern(cycle);

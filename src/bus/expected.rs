@@ -36,6 +36,13 @@ impl From<u16> for DevicePlace {
     }
 }
 
+/// Where a device was found at the start.
+impl From<&DriveId> for DevicePlace {
+    fn from(device: &DriveId) -> Self {
+        Self::Position(device.position)
+    }
+}
+
 impl fmt::Display for DevicePlace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -5,7 +5,7 @@ use std::{fmt, sync::Arc, thread::JoinHandle, time::Duration};
 use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
-    BlackBox, CableLoad, DevicePlace, DevicePorts, Io, NetworkError,
+    BlackBox, CableLoad, DevicePlace, DevicePorts, Io, NetworkError, Recovered,
     control::{Control, NetworkEvent, Question},
     statistics::{DriveStatistics, Statistics, Timing},
     supervisor::{Started, StartedDrive},
@@ -18,8 +18,8 @@ use crate::{
 
 /// Drives in OP, exchanging process data on a thread of their own.
 ///
-/// A drive that has left OP, or was switched off and on, is reported ([`NetworkEvent`]) and not taken back: shut the network
-/// down and start it again.
+/// A device that has left OP, or was lost, is reported ([`NetworkEvent`]) and stays as it is until the program has it led back
+/// ([`recover`](Self::recover)); all others go on.
 ///
 /// Made by [`Network::builder`](Network::builder). When it is dropped all axes are stopped and disabled, the drives
 /// leave OP in order, and the thread ends; [`shutdown`](Self::shutdown) does the same and is awaited.
@@ -27,6 +27,8 @@ pub struct Network {
     axes: Vec<AxisSource>,
     drives: Vec<StartedDrive>,
     ios: Vec<Io>,
+    /// Where all devices of the exchange stand, in its order, and how they were declared.
+    places: Vec<(u16, DevicePlace)>,
     emergencies: Emergencies,
     control: Arc<Control>,
     over: Receiver<()>,
@@ -44,6 +46,7 @@ impl Network {
             axes: started.axes,
             drives: started.drives,
             ios: started.ios,
+            places: started.places,
             emergencies: started.emergencies,
             control,
             over,
@@ -193,6 +196,51 @@ impl Network {
     /// [`NetworkError::Line`] if they could not be read; [`NetworkError::Thread`] if the network has ended.
     pub async fn port_errors(&self) -> Result<Vec<DevicePorts>, NetworkError> {
         self.ask(Question::Ports).await?.map_err(NetworkError::Line)
+    }
+
+    /// Leads the device at this position in the line, or at the place by which it was declared, back into OP: a drive, or a device
+    /// with inputs and outputs, that [`NetworkEvent::LeftOp`] or [`NetworkEvent::Lost`] has told of. All others go on meanwhile.
+    ///
+    /// Nothing moves by it, and nothing is switched on. What was pending on the axes of the drive ends as
+    /// [`BusLost`](crate::axis::Failure::BusLost) before it is in OP, if it had not ended by then; its outputs are those of
+    /// an axis that is switched off, and whatever the program sets in them beside is 0 until it is set again. Handles stay
+    /// valid; the axes are enabled by [`Axis::enable`]. Outputs of a device that is no drive are 0 until they are set again.
+    ///
+    /// How far it is is told as at the start ([`NetworkBuilder::on_progress`](super::NetworkBuilder::on_progress)). Several
+    /// devices can be led back at the same time; of one device, one call comes after the other. When the future is dropped
+    /// the attempt ends, and the device stays out of OP.
+    ///
+    /// ```no_run
+    /// # async fn example(net: servocrab::bus::Network) -> Result<(), Box<dyn std::error::Error>> {
+    /// use servocrab::bus::NetworkEvent;
+    /// let events = net.events();
+    /// while let Some(event) = events.next().await {
+    ///     if let NetworkEvent::LeftOp { drive, status } = event {
+    ///         eprintln!("{drive} is in {status}: somebody looks after the machine, then");
+    ///         let recovered = net.recover(&drive).await?;
+    ///         eprintln!("{drive}: {recovered}");
+    ///     }
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`NetworkError::Drive`] with the step that failed; [`NetworkError::Declaration`] if no drive and no device with inputs
+    /// and outputs was declared there; [`NetworkError::Thread`] if the network has ended. After an error the device is out of
+    /// OP, as before.
+    pub async fn recover(&self, place: impl Into<DevicePlace>) -> Result<Recovered, NetworkError> {
+        let place = place.into();
+        let index = self
+            .places
+            .iter()
+            .position(|(at, declared)| place == *declared || place == DevicePlace::Position(*at))
+            .ok_or_else(|| {
+                NetworkError::Declaration(format!(
+                    "no drive and no device with inputs and outputs was declared at {place}"
+                ))
+            })?;
+        self.ask(|reply| Question::Recover(index, reply)).await?
     }
 
     async fn ask<T>(

@@ -79,6 +79,17 @@ impl Progress {
         }
     }
 
+    /// Counts so many steps of one device that is led back.
+    pub(super) const fn of_one(listener: Listener, log: Log, time: Rc<Time>, total: usize) -> Self {
+        Self {
+            listener,
+            log,
+            time,
+            done: Cell::new(0),
+            total,
+        }
+    }
+
     /// A drive has done a step, which is one of [`STEPS`].
     pub(super) fn step(&self, drive: &DriveId, step: BringUpStep) {
         debug_assert!(STEPS.contains(&step), "{step} is not counted");

@@ -2,22 +2,26 @@
 
 use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 
-use smol::channel::Sender;
+use async_task::Task;
+use smol::{channel::Sender, lock::Mutex};
 
 use super::{
-    AlState, DevicePlace, NetworkError, RegisterError, al,
+    AlState, AlStatus, DevicePlace, NetworkError, RegisterError, al,
     axes::Axes,
     black_box::{BlackBox, Trouble},
     bring_up,
     control::{ClockEvent, Control, NetworkEvent, Question},
+    cycle::Cycle,
     dc::LockWatch,
     discovery::Found,
+    exchange::DriveData,
     io::{Io, Ports},
     log::{DriveChange, Note},
     plan::LinePlan,
     port_errors,
     progress::Progress,
     reactor::Context,
+    recovery::{self, Recovery},
 };
 use crate::{
     axis::AxisSource,
@@ -41,6 +45,8 @@ pub(super) struct Started {
     pub(super) axes: Vec<AxisSource>,
     pub(super) drives: Vec<StartedDrive>,
     pub(super) ios: Vec<Io>,
+    /// Where all devices of the exchange stand, in its order, and how they were declared.
+    pub(super) places: Vec<(u16, DevicePlace)>,
     /// Those of all drives.
     pub(super) emergencies: Emergencies,
 }
@@ -75,7 +81,7 @@ pub(super) async fn supervise(
         Some(Ok((running, to_program))) => {
             if started.send(Ok(to_program)).await.is_ok() {
                 let watching = watch(&context, &running, &control, period);
-                let answering = answer(&context, &running.axes, &control);
+                let answering = answer(&context, &running, &control);
                 smol::future::or(watching, answering).await;
             }
             end(&context, &running, period).await;
@@ -98,6 +104,7 @@ struct Running {
     ids: Vec<Arc<DriveId>>,
     /// Whose clock is the reference.
     reference: Option<Arc<DriveId>>,
+    recovery: Rc<Recovery>,
 }
 
 async fn start(
@@ -106,8 +113,9 @@ async fn start(
     control: &Arc<Control>,
 ) -> Result<(Running, Started), NetworkError> {
     let period = plan.cycle;
+    let listener = plan.listener.clone();
     let progress = Rc::new(Progress::new(
-        plan.listener.clone(),
+        listener.clone(),
         context.log.clone(),
         Rc::clone(&context.time),
         plan.drives.len(),
@@ -145,18 +153,37 @@ async fn start(
         axes: sources,
         drives: drives.chain(others).collect(),
         ios,
+        places: ready
+            .found()
+            .zip(ready.places())
+            .map(|(found, place)| (found.id.position, place))
+            .collect(),
         emergencies: context.emergencies.1.clone(),
     };
     let devices: Vec<_> = ready.found().cloned().collect();
+    let ids: Vec<_> = devices
+        .iter()
+        .map(|device| Arc::new(device.id.clone()))
+        .collect();
+    let reference = ready.reference().map(Arc::new);
+    let recovery = Recovery {
+        context: context.clone(),
+        control: Arc::clone(control),
+        listener,
+        period,
+        axes: Rc::clone(&axes),
+        ports: Rc::clone(&ports),
+        line: ready.line.clone(),
+        devices: recovery::devices(ready),
+        search: Mutex::new(()),
+    };
     let running = Running {
         axes,
         ports,
-        ids: devices
-            .iter()
-            .map(|device| Arc::new(device.id.clone()))
-            .collect(),
+        ids,
         devices,
-        reference: ready.reference().map(Arc::new),
+        reference,
+        recovery: Rc::new(recovery),
     };
     Ok((running, to_program))
 }
@@ -217,29 +244,33 @@ async fn watch(context: &Context, running: &Running, control: &Control, period: 
         if usual == Some(seen) && !wrong && all_operational {
             continue;
         }
-        for (place, device) in running.devices.iter().enumerate() {
-            if let Some(change) = read_state(context, place, device).await
-                && let Some(drive) = running.ids.get(place)
-            {
-                report(context, control, drive, change);
-            }
+        for (place, (device, id)) in running.devices.iter().zip(&running.ids).enumerate() {
+            read_state(context, control, place, device, id).await;
         }
         context.time.sleep(AL_EVERY).await;
     }
 }
 
 /// Answers what the program asks.
-async fn answer(context: &Context, axes: &RefCell<Axes>, control: &Control) {
+async fn answer(context: &Context, running: &Running, control: &Control) {
+    // They end with the network.
+    let mut recoveries = Vec::new();
     // An asker that went away misses its answer.
     while let Ok(question) = control.questions.1.recv().await {
         match question {
             Question::BlackBox(index, reply) => {
-                if let Some(black_box) = black_box(context, axes, index, None) {
+                if let Some(black_box) = black_box(context, &running.axes, index, None) {
                     let _ = reply.try_send(black_box);
                 }
             }
             Question::Ports(reply) => {
                 let _ = reply.try_send(port_errors::read(&context.registers).await);
+            }
+            Question::Recover(place, reply) => {
+                recoveries.retain(|task: &Task<()>| !task.is_finished());
+                let recovery = Rc::clone(&running.recovery);
+                recoveries
+                    .extend(context.spawn(async move { recovery.serve(place, &reply).await }));
             }
         }
     }
@@ -289,35 +320,60 @@ fn report(context: &Context, control: &Control, drive: &Arc<DriveId>, change: Dr
     control.report(change.of(drive));
 }
 
-/// Whether a device has left OP, or is back in it.
-async fn read_state(context: &Context, place: usize, device: &Found) -> Option<DriveChange> {
-    let status = al::status(&context.registers, device.station).await;
-    let mut cycle = context.cycle.borrow_mut();
-    let data = cycle
-        .as_mut()
-        .and_then(|cycle| cycle.exchange.drives.get_mut(place))?;
-    let status = match status {
-        Ok(status) => status,
+/// Looks whether a device has left OP, or is back in it.
+async fn read_state(
+    context: &Context,
+    control: &Control,
+    place: usize,
+    device: &Found,
+    id: &Arc<DriveId>,
+) {
+    match al::status(&context.registers, device.station).await {
+        Ok(status) => note_state(context, control, place, id, status),
         // It is reported as lost by its process data. Of one without inputs a working counter of 0 may be that of outputs
         // closed since it left OP: but not where nobody is there.
-        Err(RegisterError::NotAnswered) if data.inputs.is_empty() => {
-            data.fallen = false;
-            return None;
+        Err(RegisterError::NotAnswered) => {
+            let mut cycle = context.cycle.borrow_mut();
+            if let Some(data) = data_of(&mut cycle, place)
+                && data.inputs.is_empty()
+            {
+                data.fallen = false;
+            }
         }
-        Err(_) => return None,
+        Err(_) => {}
+    }
+}
+
+/// The share of the exchange that the device at this place has; `None` when there are no cycles any more.
+pub(super) fn data_of(cycle: &mut Option<Cycle>, place: usize) -> Option<&mut DriveData> {
+    cycle.as_mut()?.exchange.drives.get_mut(place)
+}
+
+/// Takes in what AL state a device was seen in, and reports it if it has left OP or is back.
+pub(super) fn note_state(
+    context: &Context,
+    control: &Control,
+    place: usize,
+    device: &Arc<DriveId>,
+    status: AlStatus,
+) {
+    let mut cycle = context.cycle.borrow_mut();
+    let Some(data) = data_of(&mut cycle, place).filter(|data| !data.away) else {
+        return;
     };
     let in_op = status.state == AlState::Op && status.error.is_none();
     // One that was lost is not operational, and may come back fallen.
     if data.operational == in_op && data.fallen != in_op {
-        return None;
+        return;
     }
     data.operational = in_op;
     data.fallen = !in_op;
-    Some(if in_op {
+    let change = if in_op {
         DriveChange::InOp
     } else {
         DriveChange::LeftOp(status)
-    })
+    };
+    report(context, control, device, change);
 }
 
 /// The end in order: axes stopped and disabled, all other outputs 0, then SAFEOP, no more cycles, PREOP, INIT.
@@ -342,7 +398,7 @@ async fn end(context: &Context, running: &Running, period: Duration) {
     time.sleep(period * 2).await;
     for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
         for (device, id) in running.devices.iter().zip(&running.ids) {
-            let asked = al::request(&context.registers, device.station, state, DOWN_LIMIT);
+            let asked = al::lower(&context.registers, device.station, state, DOWN_LIMIT);
             if let Err(error) = asked.await {
                 let note = Note::NotOnTheWayDown {
                     drive: Arc::clone(id),

@@ -25,7 +25,11 @@ pub(crate) struct BySdo {
 
 /// The objects that moves of an axis have written by SDO.
 #[derive(Debug, Default)]
-pub(crate) struct WrittenParameters(Vec<Written>);
+pub(crate) struct WrittenParameters {
+    written: Vec<Written>,
+    /// How often the drive had been attached anew by then: it has forgotten what was written before.
+    attached: u32,
+}
 
 #[derive(Debug)]
 struct Written {
@@ -123,12 +127,16 @@ impl BySdo {
 impl WrittenParameters {
     /// Whether the drive may hold a parameter of an earlier move.
     fn any_changed(&self) -> bool {
-        self.0.iter().any(|written| written.changed)
+        self.written.iter().any(|written| written.changed)
     }
 
     /// Those that a move names are as it names them; those that it leaves out are again what the drive held.
     async fn write(&mut self, by_sdo: BySdo, handles: &Handles) -> Result<(), AxisError> {
-        for written in &mut self.0 {
+        let attached = handles.shared.attached();
+        if core::mem::replace(&mut self.attached, attached) != attached {
+            self.written.clear();
+        }
+        for written in &mut self.written {
             if written.changed && by_sdo.left_out.contains(&written.object) {
                 handles
                     .write_parameter(written.object, written.before.clone())
@@ -137,11 +145,15 @@ impl WrittenParameters {
             }
         }
         for (object, value) in by_sdo.writes {
-            match self.0.iter_mut().find(|written| written.object == object) {
+            match self
+                .written
+                .iter_mut()
+                .find(|written| written.object == object)
+            {
                 Some(written) => written.changed = true,
                 None => {
                     let before = handles.read_parameter(object).await?;
-                    self.0.push(Written {
+                    self.written.push(Written {
                         object,
                         before,
                         changed: true,

@@ -18,6 +18,7 @@ mod mappings;
 mod messages;
 mod modes;
 mod parameters;
+mod recovery;
 mod refused;
 mod rig;
 mod scale;

@@ -63,6 +63,13 @@ impl Shared {
         (value & SET != 0).then_some(value as u32)
     }
 
+    /// Nothing is set any more.
+    fn forget(&self) {
+        for output in &self.outputs {
+            output.store(0, Ordering::Release);
+        }
+    }
+
     /// Merges what was set into the outputs, if anything was since the last time.
     fn merge(&self, outputs: &mut [u8]) {
         if !self.changed.swap(false, Ordering::AcqRel) {
@@ -89,6 +96,8 @@ pub(in crate::bus) struct Ports {
 struct Port {
     shared: Arc<Shared>,
     head: Head,
+    /// Its outputs are 0 while it is led back.
+    held: bool,
 }
 
 impl Ports {
@@ -97,6 +106,7 @@ impl Ports {
         let ports = ios.iter().map(|io| Port {
             shared: Arc::new(Shared::new(io)),
             head: Head::default(),
+            held: false,
         });
         Self {
             first,
@@ -111,6 +121,25 @@ impl Ports {
         shared.map(super::Io::new).collect()
     }
 
+    /// The outputs of the device at this place of the exchange are 0 until it has been led back.
+    pub(in crate::bus) fn hold(&mut self, place: usize) {
+        if let Some(port) = self.port(place) {
+            port.held = true;
+        }
+    }
+
+    /// The device at this place has been led back: what is set from now on comes into effect, and nothing from before.
+    pub(in crate::bus) fn release(&mut self, place: usize) {
+        if let Some(port) = self.port(place) {
+            port.shared.forget();
+            port.held = false;
+        }
+    }
+
+    fn port(&mut self, place: usize) -> Option<&mut Port> {
+        self.ports.get_mut(place.checked_sub(self.first)?)
+    }
+
     /// From now on all outputs are 0.
     pub(in crate::bus) const fn end(&mut self) {
         self.ended = true;
@@ -121,7 +150,7 @@ impl Stepper for Rc<RefCell<Ports>> {
     fn before_send(&mut self, _: Duration, drives: &mut [DriveData]) {
         let this = &*self.borrow();
         for (port, data) in this.ports.iter().zip(drives.iter_mut().skip(this.first)) {
-            if this.ended {
+            if this.ended || port.held {
                 data.outputs_mut().fill(0);
             } else {
                 port.shared.merge(data.outputs_mut());

@@ -24,6 +24,7 @@ use crate::{
 };
 
 /// What is to be done with one device.
+#[derive(Clone)]
 pub(in crate::bus) struct IoJob {
     pub(in crate::bus) found: Found,
     pub(in crate::bus) place: DevicePlace,
@@ -32,6 +33,8 @@ pub(in crate::bus) struct IoJob {
     pub(in crate::bus) watchdog: Option<Duration>,
     /// Silent cycles after which it counts as lost.
     pub(in crate::bus) patience: u32,
+    /// Its mailbox, where that is served already.
+    pub(in crate::bus) mailbox: Option<Mailbox>,
     pub(in crate::bus) progress: Rc<Progress>,
 }
 
@@ -51,6 +54,8 @@ pub(in crate::bus) struct ReadyIo {
     /// What is still to be written in SAFEOP.
     pub(in crate::bus) start_up: Vec<StartUpList>,
     progress: Rc<Progress>,
+    /// How it is set up once more, by the same mailbox.
+    pub(in crate::bus) again: IoJob,
 }
 
 impl IoJob {
@@ -64,14 +69,16 @@ impl IoJob {
 
     async fn steps(self, context: &Context) -> Result<ReadyIo, Failed> {
         let id = &self.found.id;
-        tracing::debug!(device = %id, io = self.config.name, "configuring");
+        self.found.note(context, "configuring");
         let done = |step| self.progress.step(id, step);
         done(BringUpStep::Identity);
         // The names, which configuration needs of no other device.
         let sii = eeprom::read_whole(&context.registers, self.found.station)
             .await
             .map_err(|error| (BringUpStep::Sii, error.into()))?;
-        let mailbox = serve_mailbox(context, &self.found, ErrorTexts::default());
+        let mailbox = self.mailbox.clone();
+        let mailbox =
+            mailbox.or_else(|| serve_mailbox(context, &self.found, ErrorTexts::default()));
         if mailbox.is_none() && !self.config.start_up.is_empty() {
             return Err((BringUpStep::StartUpList, DriveFault::NoMailbox));
         }
@@ -105,17 +112,18 @@ impl IoJob {
         }
         done(BringUpStep::Mapping);
         Ok(ReadyIo {
-            found: self.found,
+            found: self.found.clone(),
             place: self.place,
-            name: self.config.name,
-            mailbox,
+            name: self.config.name.clone(),
+            mailbox: mailbox.clone(),
             image,
             logical: 0,
             lrw: true,
             patience: self.patience,
             watchdog: self.watchdog,
-            start_up: self.config.start_up,
-            progress: self.progress,
+            start_up: self.config.start_up.clone(),
+            progress: Rc::clone(&self.progress),
+            again: Self { mailbox, ..self },
         })
     }
 }
@@ -135,6 +143,11 @@ async fn assigned(direction: Direction, sdo: &SdoHandle) -> Result<Vec<Pdo>, Fai
 }
 
 impl ReadyIo {
+    /// Whether it exchanges the same, in the same places, as `other`.
+    pub(in crate::bus) fn exchanges_as(&self, other: &Self) -> bool {
+        self.image == other.image
+    }
+
     /// Bytes of outputs and of inputs.
     pub(in crate::bus) fn sizes(&self) -> (usize, usize) {
         let bytes = |direction| self.image.bytes(direction);
@@ -208,7 +221,7 @@ impl ReadyIo {
         al::request(registers, station, AlState::SafeOp, SAFE_OP_LIMIT)
             .await
             .map_err(|error| (safe_op, error.into()))?;
-        tracing::debug!(device = %self.found.id, "in SAFEOP");
+        self.found.note(context, "in SAFEOP");
         self.progress.step(&self.found.id, safe_op);
         Ok(lrw)
     }

@@ -7,7 +7,7 @@ use tracing::Level;
 
 use crate::{
     axis::{AxisIdentity, StopRequest},
-    bus::{AlError, AlState, AlStatus, BringUpStep, ClockEvent, NetworkEvent},
+    bus::{AlError, AlState, AlStatus, BringUpStep, ClockEvent, NetworkEvent, Recovered},
     coe::{DriveId, MailNote},
     ds402::{Controlword, State, Statusword},
 };
@@ -36,6 +36,16 @@ pub(in crate::bus) enum Note {
         step: BringUpStep,
         done: usize,
         total: usize,
+    },
+    /// How far the set-up of a device is.
+    SetUp(Arc<DriveId>, &'static str),
+    /// A device is in OP again because the program asked for it.
+    Recovered(Arc<DriveId>, Recovered),
+    /// It is not, for this reason, or because nobody waits for it any more.
+    NotRecovered(Arc<DriveId>, Option<String>),
+    /// A drive has no object 6007h.
+    NoAbortConnection {
+        axis: String,
     },
     /// At the end, axes still move.
     NotStopped,
@@ -105,11 +115,14 @@ impl Note {
             Self::Drive(_, DriveChange::Lost | DriveChange::LeftOp(_)) => Level::WARN,
             Self::Drive(..)
             | Self::BroughtUp(_)
+            | Self::Recovered(..)
             | Self::InStep { .. }
             | Self::Clock(_, ClockEvent::InStep) => Level::INFO,
             Self::Mail(note) => note.level(),
-            Self::Step { .. } => Level::DEBUG,
+            Self::Step { .. } | Self::SetUp(..) => Level::DEBUG,
             Self::StopOfAll(_)
+            | Self::NotRecovered(..)
+            | Self::NoAbortConnection { .. }
             | Self::Unfed
             | Self::Clock(..)
             | Self::NotStopped
@@ -144,6 +157,21 @@ impl Note {
                 done,
                 total,
             } => tracing::debug!(%drive, %step, done, total, ?at, "bring-up step done"),
+            Self::SetUp(drive, what) => tracing::debug!(%drive, ?at, "{what}"),
+            Self::Recovered(drive, recovered) => tracing::info!(%drive, ?at, "{recovered}"),
+            Self::NotRecovered(drive, Some(reason)) => {
+                tracing::warn!(%drive, ?at, "not led back into OP: {reason}");
+            }
+            Self::NotRecovered(drive, None) => {
+                tracing::warn!(%drive, ?at, "not led back into OP: nobody waits for it any more");
+            }
+            Self::NoAbortConnection { axis } => {
+                tracing::warn!(
+                    axis,
+                    ?at,
+                    "no object 6007h: the drive alone decides what it does when the process data stop"
+                );
+            }
             Self::NotStopped => {
                 tracing::warn!(
                     ?at,

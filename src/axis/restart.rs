@@ -1,0 +1,78 @@
+//! An axis whose drive is led back after it has left OP or was without power: it begins again, disabled.
+
+use core::time::Duration;
+
+use crate::{
+    ds402::{Controlword, Mode, State},
+    homing::Procedure,
+    profile_position::{Sequencer, Standstill},
+    profile_velocity::Jogging,
+};
+
+use super::{AxisConfig, AxisCore, power::Power, stopping::Stopping};
+
+/// What is known of the drive of an axis that begins again.
+#[derive(Debug)]
+pub(crate) enum Again {
+    /// Nothing yet: its outputs must be harmless, whatever comes.
+    Unknown,
+    /// It has kept its power, and with it what it knows.
+    Kept,
+    /// It was without power, or was set back: this is what it holds now.
+    Anew(Box<AxisConfig>),
+}
+
+impl AxisCore {
+    /// Begins again as if it had just been made, for a drive that does not act on its outputs now: everything that is
+    /// pending ends as lost, and no enable, set-point or velocity is left in the outputs. The axis counts as lost until its
+    /// drive takes outputs again.
+    pub(crate) fn restart(&mut self, now: Duration, again: Again, outputs: &mut [u8]) {
+        if !self.lost {
+            self.lose(now);
+        }
+        match again {
+            Again::Unknown => {}
+            Again::Kept => self.homed = self.homed_before_loss,
+            Again::Anew(config) => self.attach(*config),
+        }
+        // Where it may still be moving, switching off would let it coast.
+        let may_move = matches!(
+            self.state(),
+            State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
+        );
+        self.power = if may_move { Power::Holding } else { Power::Off };
+        self.sequencer = Sequencer::new(self.config.defaults);
+        if let Some(sample) = self.sample {
+            self.sequencer.follow_position(sample.position);
+        }
+        self.homing = Procedure::new(self.config.deadlines.standstill);
+        self.jogging = Jogging::new();
+        self.stopping = Stopping::default();
+        self.halted = false;
+        self.halt_delivered = None;
+        self.mode_change = None;
+        self.set_manufacturer_bits(Controlword::empty());
+        self.sent = Controlword::empty();
+        self.sent_velocity = 0;
+        self.quiet_since = None;
+        self.write_outputs(outputs);
+    }
+
+    /// The drive's power was off: what it knew before is gone, its position among it.
+    pub(crate) const fn forget(&mut self) {
+        self.homed = false;
+        self.homed_before_loss = false;
+    }
+
+    /// What the drive holds now, of which nothing has been seen yet.
+    fn attach(&mut self, mut config: AxisConfig) {
+        self.forget();
+        config.limits = config.limits_with(config.limits);
+        self.bounds = config.bounds();
+        self.config = config;
+        self.sample = None;
+        self.standstill = Standstill::default();
+        self.standing = false;
+        self.noted_mode = Mode::None;
+    }
+}

@@ -1,0 +1,198 @@
+//! Drives that were without power: brought up anew, as at the start.
+
+use std::sync::{Arc, Mutex};
+
+use servocrab::{
+    axis::{Failure, Referencing},
+    bus::{
+        AlState as State, AlStatus, BringUpStep, DistributedClock, DriveConfig, Network, Recovered,
+    },
+    coe::obj,
+    drives,
+    homing::{HomingMethod, HomingParameters},
+    parameters::StartUpWrite,
+};
+use servocrab_sim::{AlState, personality};
+
+use super::{MIDDLE, MS, Yard, config, is_over, kinds};
+
+const ANEW: Recovered = Recovered::BroughtUp {
+    position: 1,
+    from: None,
+};
+
+#[test]
+fn a_drive_that_lost_its_power_while_its_axes_moved_is_brought_up_and_nothing_moves_by_it() {
+    for (device, description, axes) in kinds() {
+        let name = description.name.clone();
+        let mut yard = Yard::new(device, config(description, axes));
+        let moves: Vec<_> = axes.iter().map(|axis| yard.start(axis)).collect();
+        yard.loses_power(300 * MS);
+        let mut modes = Vec::new();
+        for (mode, motion) in moves {
+            let outcome = yard.rig.until(motion.done());
+            assert!(is_over(&outcome), "{name}: {outcome:?}");
+            modes.push(mode);
+        }
+        assert_eq!(yard.state(MIDDLE), AlState::Init);
+        yard.nothing_may_happen();
+        assert_eq!(yard.recover(1).unwrap(), ANEW, "{name}");
+        assert_eq!(yard.state(MIDDLE), AlState::Op);
+        yard.nothing_has_happened();
+        // What stood behind it was cut off, and has fallen by its watchdog.
+        yard.undisturbed = yard.counters();
+        let rear = yard.recover(2).unwrap();
+        assert!(
+            matches!(rear, Recovered::LedBack { from } if from.error == Some(0x001B)),
+            "{name}: {rear}"
+        );
+        assert_eq!(yard.undisturbed, yard.counters());
+        drop(modes);
+        for axis in axes {
+            yard.works_again(axis);
+        }
+        yard.rig.moved("a", 500);
+        yard.ends();
+    }
+}
+
+#[test]
+fn what_was_homed_is_not_known_any_more_and_what_an_absolute_encoder_tells_is() {
+    for (referencing, known) in [
+        (Referencing::ByHoming, false),
+        (Referencing::AbsoluteEncoder, true),
+    ] {
+        let drive = DriveConfig::new(drives::akd2g())
+            .axis("z")
+            .referencing("z", referencing);
+        let mut yard = Yard::new(personality::akd2g(), drive);
+        let z = yard.axis("z");
+        yard.rig.until(async {
+            z.enable().await.unwrap();
+            let homing = z.homing().await.unwrap();
+            let here = HomingParameters::new(HomingMethod::CURRENT_POSITION).offset(700);
+            homing.home(here).await.unwrap();
+        });
+        assert!(z.status().referenced);
+        yard.loses_power(300 * MS);
+        yard.recover(1).unwrap();
+        assert_eq!(z.status().referenced, known);
+        if !known {
+            let refused = yard.rig.until(async {
+                z.enable().await.unwrap();
+                let mode = z.profile_position().await.unwrap();
+                mode.move_abs(700, super::set_point()).await.unwrap_err()
+            });
+            assert_eq!(refused.failure(), Some(Failure::NotReferenced));
+        }
+        yard.ends();
+    }
+}
+
+#[test]
+fn start_up_lists_are_written_again_and_what_the_program_wrote_later_is_gone() {
+    let drive = config(drives::generic(), &["z"])
+        .start_up(StartUpWrite::new(obj::POSITION_WINDOW, 33))
+        .start_up(StartUpWrite::new(obj::QUICK_STOP_DECELERATION, 77_000));
+    let mut yard = Yard::new(personality::generic(), drive);
+    let sdo = yard.rig.net().sdo(1).unwrap();
+    yard.rig.until(async {
+        sdo.write(obj::POSITION_WINDOW, 44).await.unwrap();
+        sdo.write(obj::PROFILE_VELOCITY, 4_321).await.unwrap();
+    });
+    yard.loses_power(300 * MS);
+    yard.recover(1).unwrap();
+    let (window, ramp, velocity) = yard.rig.until(async {
+        (
+            sdo.read(obj::POSITION_WINDOW).await.unwrap(),
+            sdo.read(obj::QUICK_STOP_DECELERATION).await.unwrap(),
+            sdo.read(obj::PROFILE_VELOCITY).await.unwrap(),
+        )
+    });
+    assert_eq!((window, ramp), (33, 77_000));
+    assert_ne!(velocity, 4_321);
+    yard.works_again("z");
+    yard.ends();
+}
+
+#[test]
+fn each_step_is_told_as_at_the_start() {
+    let told = Arc::new(Mutex::new(Vec::new()));
+    let telling = Arc::clone(&told);
+    let mut yard = Yard::with(
+        personality::generic(),
+        config(drives::generic(), &["z"]),
+        move |line| {
+            Network::builder().link(line.wire()).on_progress(move |at| {
+                let step = (at.drive.position, at.step, at.done, at.total);
+                telling.lock().unwrap().push(step);
+            })
+        },
+    );
+    told.lock().unwrap().clear();
+    yard.loses_power(300 * MS);
+    yard.recover(1).unwrap();
+    let steps = [
+        BringUpStep::Identity,
+        BringUpStep::StartUpList,
+        BringUpStep::Mapping,
+        BringUpStep::Parameters,
+        BringUpStep::Watchdog,
+        BringUpStep::State(State::SafeOp),
+        BringUpStep::State(State::Op),
+    ];
+    let expected = steps.into_iter().zip(1..);
+    let expected: Vec<_> = expected.map(|(step, done)| (1, step, done, 7)).collect();
+    assert_eq!(*told.lock().unwrap(), expected);
+    yard.ends();
+}
+
+#[test]
+fn a_drive_that_went_back_to_init_or_preop_by_itself_is_brought_up_from_there() {
+    for (falls_to, seen) in [(AlState::Init, State::Init), (AlState::PreOp, State::PreOp)] {
+        let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+        let (mode, motion) = yard.start("z");
+        let mut segment = yard.line.segment();
+        segment
+            .device_mut(MIDDLE)
+            .unwrap()
+            .fall_to(falls_to, 0x8001);
+        drop(segment);
+        yard.rig.run_for(700 * MS);
+        assert!(is_over(&yard.rig.until(motion.done())));
+        drop(mode);
+        yard.nothing_may_happen();
+        let recovered = yard.recover(1).unwrap();
+        let from = Some(AlStatus {
+            state: seen,
+            error: Some(0x8001),
+        });
+        assert_eq!(recovered, Recovered::BroughtUp { position: 1, from });
+        yard.nothing_has_happened();
+        yard.works_again("z");
+        yard.works_again("w");
+        yard.ends();
+    }
+}
+
+#[test]
+fn a_drive_that_follows_its_clock_is_refused_before_anything_is_done_and_led_back_after_a_fall() {
+    let drive = config(drives::sigma7(), &["z"]).dc(DistributedClock::new(0x0300));
+    let mut yard = Yard::new(personality::sigma7(), drive);
+    yard.falls(0x001B);
+    yard.nothing_may_happen();
+    let recovered = yard.recover(1).unwrap();
+    assert!(
+        matches!(recovered, Recovered::LedBack { .. }),
+        "{recovered}"
+    );
+    yard.nothing_has_happened();
+    yard.works_again("z");
+    yard.loses_power(300 * MS);
+    yard.nothing_may_happen();
+    let error = yard.recover(1).unwrap_err().to_string();
+    assert!(error.contains("setting its distributed clock"), "{error}");
+    yard.nothing_has_happened();
+    assert_eq!(yard.state(MIDDLE), AlState::Init);
+    yard.ends();
+}

@@ -1,0 +1,287 @@
+//! Drives that have left OP and kept their power.
+
+use std::{future::poll_fn, task::Poll};
+
+use servocrab::{
+    axis::{Delivery, Failure, Referencing},
+    bus::{AlState as State, AlStatus, DriveConfig, NetworkEvent, Recovered},
+    drives,
+    homing::{HomingMethod, HomingParameters},
+    pdo_map::FixedPdo,
+    profile_position::SetPoint,
+};
+use servocrab_sim::{AlState, Habits, personality, personality::Servo};
+
+use super::{MIDDLE, MS, Yard, config, events, fall, is_over, kinds};
+
+const FALLEN: AlStatus = AlStatus {
+    state: State::SafeOp,
+    error: Some(0x001B),
+};
+
+#[test]
+fn a_drive_that_fell_while_its_axes_moved_is_led_back_and_nothing_moves_by_it() {
+    for (device, description, axes) in kinds() {
+        let name = description.name.clone();
+        let mut yard = Yard::new(device, config(description, axes));
+        let moves: Vec<_> = axes.iter().map(|axis| yard.start(axis)).collect();
+        yard.falls(0x001B);
+        let told = events(&yard.rig);
+        assert!(
+            told.iter().any(|event| matches!(event,
+                NetworkEvent::LeftOp { drive, status } if drive.position == 1 && *status == FALLEN)),
+            "{name}: {told:?}"
+        );
+        let mut modes = Vec::new();
+        for (mode, motion) in moves {
+            let outcome = yard.rig.until(motion.done());
+            assert!(is_over(&outcome), "{name}: {outcome:?}");
+            modes.push(mode);
+        }
+        yard.nothing_may_happen();
+        let recovered = yard.recover(1).unwrap();
+        assert_eq!(recovered, Recovered::LedBack { from: FALLEN }, "{name}");
+        assert_eq!(yard.state(MIDDLE), AlState::Op);
+        yard.nothing_has_happened();
+        assert!(
+            events(&yard.rig)
+                .iter()
+                .any(|event| matches!(event, NetworkEvent::InOp(drive) if drive.position == 1)),
+            "{name}"
+        );
+        // The mode was leased all the while.
+        drop(modes);
+        for axis in axes {
+            yard.works_again(axis);
+        }
+        yard.ends();
+    }
+}
+
+#[test]
+fn a_drive_is_led_back_before_anybody_has_noticed_that_it_fell() {
+    let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+    let (mode, motion) = yard.start("z");
+    fall(&yard.line, 0x001B);
+    yard.undisturbed = yard.counters();
+    let recovered = yard.recover(1).unwrap();
+    assert_eq!(recovered, Recovered::LedBack { from: FALLEN });
+    let outcome = yard.rig.until(motion.done());
+    assert!(is_over(&outcome), "{outcome:?}");
+    drop(mode);
+    // The drive has stopped by itself, on its ramp.
+    yard.rig.run_for(700 * MS);
+    yard.watched.arm();
+    yard.nothing_has_happened();
+    yard.works_again("z");
+    yard.works_again("w");
+    yard.ends();
+}
+
+#[test]
+fn to_a_drive_that_is_in_op_nothing_is_done() {
+    let mut yard = Yard::new(personality::generic(), config(drives::generic(), &["z"]));
+    let (mode, motion) = yard.start("z");
+    assert_eq!(yard.recover(1).unwrap(), Recovered::WasInOp);
+    assert_eq!(yard.recover(0).unwrap(), Recovered::WasInOp);
+    yard.rig.run_for(100 * MS);
+    assert_eq!(yard.axis("z").status().velocity, 10_000, "it moves on");
+    assert!(
+        yard.recover(7)
+            .unwrap_err()
+            .to_string()
+            .contains("position 7")
+    );
+    drop((mode, motion));
+    yard.ends();
+}
+
+#[test]
+fn what_was_homed_is_still_where_it_was() {
+    let drive = DriveConfig::new(drives::akd2g())
+        .axis("z")
+        .referencing("z", Referencing::ByHoming);
+    let mut yard = Yard::new(personality::akd2g(), drive);
+    let z = yard.axis("z");
+    yard.rig.until(async {
+        z.enable().await.unwrap();
+        let homing = z.homing().await.unwrap();
+        let here = HomingParameters::new(HomingMethod::CURRENT_POSITION).offset(700);
+        homing.home(here).await.unwrap();
+    });
+    assert!(z.status().referenced);
+    yard.falls(0x001B);
+    assert!(!z.status().referenced, "as long as nobody has looked");
+    yard.nothing_may_happen();
+    yard.recover(1).unwrap();
+    yard.nothing_has_happened();
+    assert!(z.status().referenced);
+    assert_eq!(z.status().position, 700);
+    yard.ends();
+}
+
+#[test]
+fn a_drive_that_falls_again_on_the_way_says_why_and_can_be_led_back_later() {
+    let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+    let (mode, motion) = yard.start("z");
+    yard.falls(0x001B);
+    assert!(is_over(&yard.rig.until(motion.done())));
+    let habits = |falls| Habits {
+        falls,
+        ..Habits::default()
+    };
+    let set = |yard: &Yard, falls| {
+        let mut segment = yard.line.segment();
+        segment
+            .device_mut(MIDDLE)
+            .unwrap()
+            .set_habits(habits(falls));
+    };
+    set(&yard, Some((AlState::Op, AlState::SafeOp, 0x8001)));
+    yard.nothing_may_happen();
+    let error = yard.recover(1).unwrap_err().to_string();
+    for part in ["drive 1", "bringing it into OP", "SAFEOP", "8001h"] {
+        assert!(error.contains(part), "{part} is not in: {error}");
+    }
+    yard.nothing_has_happened();
+    assert_eq!(yard.state(MIDDLE), AlState::SafeOp);
+    assert!(yard.axis("z").status().lost);
+    set(&yard, None);
+    yard.nothing_may_happen();
+    let recovered = yard.recover(1).unwrap();
+    assert!(
+        matches!(recovered, Recovered::LedBack { .. }),
+        "{recovered}"
+    );
+    yard.nothing_has_happened();
+    drop(mode);
+    yard.works_again("z");
+    yard.ends();
+}
+
+#[test]
+fn an_axis_that_was_halted_or_stopped_is_neither_afterwards_and_what_was_asked_for_meanwhile_is_refused()
+ {
+    let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+    let (z_mode, z_motion) = yard.start("z");
+    let (z, w) = (yard.axis("z"), yard.axis("w"));
+    yard.rig.until(z.halt()).unwrap();
+    yard.rig.until(w.enable()).unwrap();
+    yard.falls(0x001B);
+    assert!(is_over(&yard.rig.until(z_motion.done())));
+    let refused = yard.rig.until(z_mode.move_abs(0, super::set_point()));
+    let failure = refused.unwrap_err();
+    assert!(
+        matches!(failure.failure(), Some(Failure::BusLost { .. })),
+        "{failure}"
+    );
+    yard.nothing_may_happen();
+    yard.recover(1).unwrap();
+    yard.nothing_has_happened();
+    drop(z_mode);
+    yard.works_again("z");
+    yard.works_again("w");
+    yard.ends();
+}
+
+#[test]
+fn a_move_that_was_still_writing_its_parameters_when_its_drive_fell_does_not_start_after_all() {
+    // 6081h is in no PDO of this drive: it goes by SDO before bit 4 rises.
+    let entry = |index, bits| servocrab::pdo_map::Entry::new(index, 0, bits);
+    let mut description = drives::generic();
+    description.axes[0].rx_pdos.clear();
+    description.axes[0].tx_pdos.clear();
+    description.fixed_pdos = vec![
+        FixedPdo::new(
+            0x1701,
+            [entry(0x6040, 16), entry(0x6060, 8), entry(0x607A, 32)],
+        ),
+        FixedPdo::new(
+            0x1B01,
+            [entry(0x6041, 16), entry(0x6061, 8), entry(0x6064, 32)],
+        ),
+    ];
+    let drive = Servo::generic()
+        .with_fixed_pdo(0x1701, &[(0x6040, 0, 16), (0x6060, 0, 8), (0x607A, 0, 32)])
+        .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
+        .fixed_mapping();
+    let mut yard = Yard::new(drive.build(), config(description, &["z"]));
+    let z = yard.axis("z");
+    let mode = yard.rig.until(async {
+        z.enable().await.unwrap();
+        z.profile_position().await.unwrap()
+    });
+    let line = yard.line.clone();
+    let taken = move || line.segment().device(MIDDLE).unwrap().mails_taken();
+    let before = taken();
+    // Each of its answers takes half a second.
+    let mut segment = yard.line.segment();
+    segment
+        .device_mut(MIDDLE)
+        .unwrap()
+        .set_mailbox_delay(500 * MS);
+    drop(segment);
+    let net = yard.rig.net.take().unwrap();
+    let line = yard.line.clone();
+    let meanwhile = async {
+        poll_fn(|_| {
+            if taken() > before {
+                Poll::Ready(())
+            } else {
+                Poll::Pending
+            }
+        })
+        .await;
+        fall(&line, 0x001B);
+        net.recover(1).await.unwrap();
+        z.enable().await.unwrap();
+    };
+    let set_point = SetPoint::new().velocity(5_000);
+    let both = smol::future::zip(mode.move_abs(9_000, set_point), meanwhile);
+    let (moved, ()) = yard.rig.until(both);
+    yard.rig.net = Some(net);
+    let refused = moved.unwrap_err();
+    assert!(
+        matches!(
+            refused.failure(),
+            Some(Failure::BusLost {
+                delivery: Delivery::NotSent
+            })
+        ),
+        "{refused}"
+    );
+    assert!(
+        yard.line
+            .segment()
+            .axis(MIDDLE, 0)
+            .unwrap()
+            .ledger()
+            .is_empty()
+    );
+    drop(mode);
+    yard.ends();
+}
+
+#[test]
+fn an_axis_that_its_drive_did_not_stop_is_stopped_on_the_way_back_and_does_not_move_on() {
+    let mut yard = Yard::new(personality::generic(), config(drives::generic(), &["z"]));
+    let (mode, motion) = yard.start("z");
+    let mut segment = yard.line.segment();
+    // Somebody has told it to do nothing when it loses its connection.
+    let axis = segment.axis_mut(MIDDLE, 0).unwrap();
+    axis.set(0x6007, 0, 0).unwrap();
+    segment.device_mut(MIDDLE).unwrap().fall_to_safe_op(0x001B);
+    drop(segment);
+    yard.rig.run_for(300 * MS);
+    let z = yard.axis("z");
+    assert_eq!(z.status().velocity, 10_000, "it moves on");
+    assert!(is_over(&yard.rig.until(motion.done())));
+    yard.recover(1).unwrap();
+    yard.rig.run_for(300 * MS);
+    assert_eq!(z.status().velocity, 0);
+    yard.nothing_may_happen();
+    yard.nothing_has_happened();
+    drop(mode);
+    yard.works_again("z");
+    yard.ends();
+}

@@ -1,0 +1,150 @@
+//! Devices that are no drives.
+
+use std::time::Duration;
+
+use servocrab::bus::{Expected, IoConfig, Network, NetworkBuilder, Recovered};
+use servocrab_sim::{AlState, Segment, personality};
+
+use super::{MS, config};
+use crate::rig::{Line, Rig};
+
+const VALVES: usize = 2;
+
+/// A drive, eight inputs, eight outputs, and another drive behind them.
+fn line() -> (Line, NetworkBuilder) {
+    let line = Line::new(
+        Segment::new()
+            .with(personality::akd2g())
+            .with(personality::digital_inputs())
+            .with(personality::digital_outputs())
+            .with(personality::akd2g()),
+    );
+    let buttons = IoConfig::new("buttons", Expected::new(0, 0x4449_3038));
+    let valves = IoConfig::new("valves", Expected::new(0, 0x444F_3038));
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(0, config(servocrab::drives::akd2g(), &["x"]))
+        .io(1, buttons)
+        .io(2, valves)
+        .drive(3, config(servocrab::drives::akd2g(), &["y"]));
+    (line, builder)
+}
+
+fn recover(rig: &mut Rig, position: u16) -> Recovered {
+    let net = rig.net.take().unwrap();
+    let recovered = rig.until(net.recover(position)).unwrap();
+    rig.net = Some(net);
+    recovered
+}
+
+fn outputs(line: &Line) -> u8 {
+    let segment = line.segment();
+    let outputs = segment.device(VALVES).unwrap().outputs();
+    // None before its first cycle in OP.
+    outputs.first().copied().unwrap_or(0)
+}
+
+/// That no output is on for this long.
+fn stays_off(line: &Line, rig: &mut Rig, time: Duration) {
+    let end = rig.bus.now() + time;
+    while rig.bus.now() < end {
+        assert!(rig.bus.turn());
+        assert_eq!(outputs(line), 0);
+    }
+}
+
+#[test]
+fn outputs_of_a_device_that_fell_are_0_when_it_is_back_until_they_are_set_again() {
+    let (line, builder) = line();
+    let mut rig = Rig::start(builder).unwrap();
+    let (first, second) = {
+        let valves = rig.net().io("valves").unwrap();
+        let output = |name| valves.output::<bool>(name).unwrap();
+        (output("Channel 1.Output"), output("Channel 2.Output"))
+    };
+    first.set(true);
+    rig.run_for(5 * MS);
+    assert_eq!(outputs(&line), 1);
+    let mut segment = line.segment();
+    segment.device_mut(VALVES).unwrap().fall_to_safe_op(0x001B);
+    drop(segment);
+    rig.run_for(50 * MS);
+    // What is set while it is out of OP is as old as the rest.
+    second.set(true);
+    rig.run_for(50 * MS);
+    let recovered = recover(&mut rig, 2);
+    assert!(
+        matches!(recovered, Recovered::LedBack { .. }),
+        "{recovered}"
+    );
+    assert_eq!((first.get(), second.get()), (None, None));
+    stays_off(&line, &mut rig, 100 * MS);
+    assert!(rig.net().io("valves").unwrap().status().operational);
+    second.set(true);
+    rig.run_for(5 * MS);
+    assert_eq!(outputs(&line), 2);
+    rig.shutdown();
+}
+
+#[test]
+fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_switched_on_by_it() {
+    let (line, builder) = line();
+    let mut rig = Rig::start(builder).unwrap();
+    let button = {
+        let buttons = rig.net().io("buttons").unwrap();
+        buttons.input::<bool>("Channel 3.Input").unwrap()
+    };
+    let valve = {
+        let valves = rig.net().io("valves").unwrap();
+        valves.output::<bool>("Channel 1.Output").unwrap()
+    };
+    valve.set(true);
+    rig.run_for(5 * MS);
+    for position in [1, VALVES] {
+        let mut segment = line.segment();
+        segment.device_mut(position).unwrap().power_off();
+    }
+    rig.run_for(300 * MS);
+    let now = rig.bus.now();
+    for position in [1, VALVES] {
+        let mut segment = line.segment();
+        segment.device_mut(position).unwrap().power_on(now);
+    }
+    rig.run_for(50 * MS);
+    assert!(button.get().is_err(), "nothing has come of it");
+    let before = rig.net().drive_statistics()[0].clone();
+    for position in [1, 2] {
+        let recovered = recover(&mut rig, position);
+        let anew = Recovered::BroughtUp {
+            position,
+            from: None,
+        };
+        assert_eq!(recovered, anew);
+        stays_off(&line, &mut rig, 50 * MS);
+    }
+    let recovered = recover(&mut rig, 3);
+    assert!(
+        matches!(recovered, Recovered::LedBack { .. }),
+        "{recovered}"
+    );
+    assert_eq!(
+        rig.net().drive_statistics()[0],
+        before,
+        "of the first drive"
+    );
+    let mut segment = line.segment();
+    segment.device_mut(1).unwrap().set_inputs(&[0b0000_0100]);
+    drop(segment);
+    valve.set(true);
+    rig.run_for(5 * MS);
+    assert_eq!(button.get(), Ok(true));
+    assert_eq!(outputs(&line), 1);
+    let states = line
+        .segment()
+        .devices()
+        .iter()
+        .map(servocrab_sim::Device::al_state)
+        .collect::<Vec<_>>();
+    assert_eq!(states, [AlState::Op; 4]);
+    rig.shutdown();
+}

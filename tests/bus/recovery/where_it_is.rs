@@ -1,0 +1,158 @@
+//! Devices that have lost their station address, in lines of which others are missing, or have changed.
+
+use servocrab::{
+    bus::{Network, NetworkError, Recovered, Verdict},
+    drives,
+};
+use servocrab_sim::{AlState, Device, Segment, personality, personality::Servo};
+
+use super::{MS, config};
+use crate::rig::{Line, Rig};
+
+/// A coupler with a branch of two drives, `a` and `b`, and drive `c` behind it.
+fn started(drives: [Device; 3]) -> (Line, Rig) {
+    let mut segment = Segment::new().with(personality::coupler());
+    let [a, b, c] = drives;
+    segment.push(c);
+    assert_eq!(segment.attach(0, 3, a), Some(1));
+    assert_eq!(segment.attach(1, 1, b), Some(2));
+    let line = Line::new(segment);
+    let drive = |axis| config(drives::akd2g(), &[axis]);
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(1, drive("a"))
+        .drive(2, drive("b"))
+        .drive(3, drive("c"));
+    let rig = Rig::start(builder).unwrap();
+    (line, rig)
+}
+
+fn serial(number: u32) -> Device {
+    Servo::akd2g().serial(number).build()
+}
+
+fn off(line: &Line, rig: &mut Rig, positions: &[usize]) {
+    for position in positions {
+        let mut segment = line.segment();
+        segment.device_mut(*position).unwrap().power_off();
+    }
+    rig.run_for(300 * MS);
+}
+
+fn on(line: &Line, rig: &mut Rig, positions: &[usize]) {
+    let now = rig.bus.now();
+    for position in positions {
+        let mut segment = line.segment();
+        segment.device_mut(*position).unwrap().power_on(now);
+    }
+    rig.run_for(50 * MS);
+}
+
+fn recover(rig: &mut Rig, position: u16) -> Result<Recovered, NetworkError> {
+    let net = rig.net.take().unwrap();
+    let recovered = rig.until(net.recover(position));
+    rig.net = Some(net);
+    recovered
+}
+
+/// The verdict of the table that the error shows.
+fn verdict(error: NetworkError) -> Verdict {
+    let text = error.to_string();
+    match error {
+        NetworkError::WrongLine(table) => table.0[0].verdict.clone(),
+        _ => panic!("{text}"),
+    }
+}
+
+#[test]
+fn behind_others_that_are_missing_it_is_found_where_it_is_now() {
+    let (line, mut rig) = started([serial(1), serial(2), serial(3)]);
+    off(&line, &mut rig, &[1, 2, 3]);
+    on(&line, &mut rig, &[3]);
+    let expected = Recovered::BroughtUp {
+        position: 1,
+        from: None,
+    };
+    assert_eq!(recover(&mut rig, 3).unwrap(), expected);
+    assert_eq!(verdict(recover(&mut rig, 1).unwrap_err()), Verdict::Missing);
+    on(&line, &mut rig, &[1, 2]);
+    for position in [2, 1] {
+        let expected = Recovered::BroughtUp {
+            position,
+            from: None,
+        };
+        assert_eq!(recover(&mut rig, position).unwrap(), expected);
+    }
+    for (position, axis) in [(1, "a"), (2, "b"), (3, "c")] {
+        rig.moved(axis, 100 * position as i32);
+        let segment = line.segment();
+        let ledger = segment.axis(position, 0).unwrap().ledger();
+        assert_eq!(ledger.len(), 1, "each has its own address and its own data");
+        assert_eq!(ledger[0].value, 100 * position as i32);
+    }
+    rig.shutdown();
+}
+
+#[test]
+fn one_that_may_be_either_of_two_that_are_alike_is_not_taken_for_one_of_them() {
+    let (line, mut rig) = started([serial(0), serial(0), serial(0)]);
+    off(&line, &mut rig, &[1, 2, 3]);
+    on(&line, &mut rig, &[3]);
+    let unclear = verdict(recover(&mut rig, 3).unwrap_err());
+    assert!(matches!(unclear, Verdict::NotUnique { .. }), "{unclear}");
+    assert_eq!(line.segment().devices()[3].al_state(), AlState::Init);
+    // All together are told apart by their order.
+    on(&line, &mut rig, &[1, 2]);
+    for position in [3, 1, 2] {
+        assert!(recover(&mut rig, position).is_ok());
+    }
+    rig.moved("c", 1_000);
+    assert_eq!(line.segment().axis(3, 0).unwrap().ledger().len(), 1);
+    rig.shutdown();
+}
+
+#[test]
+fn another_device_in_its_place_is_named_and_left_alone() {
+    for other in [serial(7), personality::generic(), personality::coupler()] {
+        let (line, mut rig) = started([serial(1), serial(2), serial(3)]);
+        off(&line, &mut rig, &[3]);
+        *line.segment().device_mut(3).unwrap() = other;
+        rig.run_for(50 * MS);
+        let error = recover(&mut rig, 3).unwrap_err();
+        let text = error.to_string();
+        assert!(text.contains("serial 00000003h"), "{text}");
+        assert_eq!(verdict(error), Verdict::Different, "{text}");
+        assert_eq!(line.segment().devices()[3].al_state(), AlState::Init);
+        rig.moved("a", 1_000);
+        rig.shutdown();
+    }
+}
+
+#[test]
+fn two_that_are_led_back_at_the_same_time_each_get_what_is_theirs() {
+    let (line, mut rig) = started([serial(1), serial(2), serial(3)]);
+    off(&line, &mut rig, &[1, 2, 3]);
+    on(&line, &mut rig, &[1, 2, 3]);
+    let net = rig.net.take().unwrap();
+    let all = rig.until(async {
+        let both = smol::future::zip(net.recover(3), net.recover(1));
+        // And one of them asked for twice.
+        smol::future::zip(both, smol::future::zip(net.recover(2), net.recover(3))).await
+    });
+    rig.net = Some(net);
+    let ((three, one), (two, again)) = all;
+    for (recovered, position) in [(one, 1), (two, 2), (three, 3)] {
+        let expected = Recovered::BroughtUp {
+            position,
+            from: None,
+        };
+        assert_eq!(recovered.unwrap(), expected);
+    }
+    assert_eq!(again.unwrap(), Recovered::WasInOp, "by then");
+    for (position, axis) in [(1, "a"), (2, "b"), (3, "c")] {
+        rig.moved(axis, 1_000);
+        let segment = line.segment();
+        assert_eq!(segment.axis(position, 0).unwrap().ledger().len(), 1);
+    }
+    rig.shutdown();
+}
