@@ -7,8 +7,8 @@ mod common;
 use common::{Link, Rig};
 use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::drives;
-use servocrab::profile_position::{Delivery, SetPoint, Start};
-use servocrab_sim::ds402::{AckFault, Behaviour, Bit5, Executed, Outcome};
+use servocrab::profile_position::{Delivery, MoveCommand, Reference, SetPoint, Start};
+use servocrab_sim::ds402::{AckFault, Behaviour, Bit5, Executed, FullBuffer, Outcome};
 
 /// The drive with 2010h: two set-points, a bit 12 that stays high while both are there.
 fn pp2010() -> Rig {
@@ -317,4 +317,71 @@ fn a_replacement_waits_for_the_handshake_before_where_bit_12_follows_bit_4() {
             assert_eq!(rig.outcome(replaced), Some(Err(Failure::Superseded)));
         }
     }
+}
+
+#[test]
+fn a_way_that_is_longer_than_half_the_number_circle_is_not_over_on_its_way() {
+    for (from, to) in [
+        (-2_000_000_000, 2_000_000_000),
+        (2_000_000_000, -2_000_000_000),
+    ] {
+        let behaviour = Behaviour {
+            full_buffer: FullBuffer::OverwritePending,
+            ..Behaviour::akd2g()
+        };
+        let mut rig = Rig::new(behaviour, |_| {});
+        rig.drive.place(from);
+        rig.enable();
+        let fast = |start| {
+            SetPoint::new()
+                .velocity(2_000_000_000)
+                .acceleration(4_000_000_000)
+                .deceleration(4_000_000_000)
+                .start(start)
+        };
+        let first = rig.abs(to as i32, fast(Start::Immediately));
+        let second = rig.abs(to as i32 / 2, fast(Start::AfterCurrent));
+        let third = rig.abs(to as i32 / 4, fast(Start::AfterCurrent));
+        let reached = |position: i64| {
+            Ok(Completion::Reached {
+                position: position as i32,
+            })
+        };
+        assert_eq!(rig.finish(first), reached(to));
+        assert_eq!(rig.finish(second), reached(to / 2));
+        assert_eq!(rig.finish(third), reached(to / 4));
+        let ends: Vec<_> = executed(&rig);
+        assert_eq!(
+            ends,
+            [to, to / 2, to / 4].map(|end| (end, Outcome::Reached)),
+            "each was executed, in order"
+        );
+    }
+}
+
+#[test]
+fn a_move_that_waits_for_others_to_start_with_does_not_fail_by_one_cycle_that_is_not_delivered() {
+    let mut rig = Rig::akd2g();
+    rig.enable();
+    let gated = |target: i32| {
+        Command::Move(MoveCommand {
+            reference: Reference::Absolute,
+            target,
+            set_point: SetPoint::new(),
+            gated: true,
+        })
+    };
+    // The handshake before is not over yet: it waits for that for a moment.
+    let before = rig.abs(0, SetPoint::new());
+    rig.wait_accepted(before);
+    let id = rig.send(gated(1_000));
+    // Then it has all that it needs, for much longer than any deadline of a handshake.
+    rig.run(5_000);
+    assert!(rig.core.is_armed(id));
+    rig.cycle_over(Link::Miscounted);
+    assert_eq!(rig.outcome(id), None);
+    rig.cycle();
+    assert!(rig.core.is_armed(id));
+    rig.core.fire(rig.now, id, &mut rig.outputs);
+    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 1_000 }));
 }

@@ -29,11 +29,16 @@ fn lagging(ack: AckPolicy, actual_lag_cycles: u32) -> Rig {
             _ => BufferSignal::None,
         };
     });
-    for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
-        rig.drive.set(0x607D, subindex, limit).unwrap();
-    }
+    set_limits(&mut rig, -5_000, 5_000);
     rig.enable();
     rig
+}
+
+/// 607Dh; 0 and 0 are no limits.
+fn set_limits(rig: &mut Rig, min: i64, max: i64) {
+    for (subindex, limit) in [(1, min), (2, max)] {
+        rig.drive.set(0x607D, subindex, limit).unwrap();
+    }
 }
 
 const POLICIES: [AckPolicy; 2] = [AckPolicy::FollowsBit4, AckPolicy::BufferFree];
@@ -142,6 +147,34 @@ fn a_target_that_the_axis_reaches_late_behind_its_demand_is_not_missed() {
             let outcome = rig.finish(first);
             assert!(outcome.is_ok(), "{ack:?} {start:?} {next}: {outcome:?}");
             assert!(rig.finish(second).is_ok());
+        }
+    }
+}
+
+#[test]
+fn a_target_that_is_passed_on_the_way_to_the_drives_limit_is_not_reached() {
+    // The axis stands beyond a limit that was set since: whatever the target, the drive goes to the limit, and shows bit 11.
+    for ack in POLICIES {
+        for start in [Start::AfterCurrent, Start::Blend] {
+            let mut rig = clamping(ack);
+            set_limits(&mut rig, 0, 0);
+            let out = rig.abs(9_000, SetPoint::new());
+            assert!(rig.finish(out).is_ok());
+            set_limits(&mut rig, -5_000, 5_000);
+            let first = rig.abs(7_000, SetPoint::new());
+            let second = rig.abs(0, SetPoint::new().start(start));
+            let third = rig.abs(4_000, SetPoint::new().start(Start::AfterCurrent));
+            let outcome = rig.finish(first);
+            assert!(
+                matches!(outcome, Err(Failure::MissedTarget { target: 7_000, .. })),
+                "{ack:?} {start:?}: {outcome:?}"
+            );
+            assert!(rig.finish(second).is_ok());
+            assert_eq!(
+                rig.finish(third),
+                Ok(Completion::Reached { position: 4_000 })
+            );
+            assert_eq!(rig.ledger().len(), 4);
         }
     }
 }

@@ -7,7 +7,7 @@ use common::Rig;
 use servocrab::axis::{Command, Completion, Event, Failure, Referencing};
 use servocrab::ds402::State;
 use servocrab::profile_position::{SetPoint, Start};
-use servocrab_sim::ds402::{Behaviour, Outcome};
+use servocrab_sim::ds402::{Behaviour, Executed, FullBuffer, Outcome};
 
 #[test]
 fn an_axis_is_enabled_step_by_step_and_nothing_moves() {
@@ -230,4 +230,59 @@ fn a_fault_ends_the_move_and_its_reset_enables_nothing() {
     rig.run(500);
     assert_eq!(rig.core.snapshot().state, State::SwitchOnDisabled);
     assert_eq!(rig.drive.position(), stood);
+}
+
+/// Whether every set-point was executed once and in this order, with none lost in a buffer that was still full.
+fn ends(rig: &Rig) -> Vec<(Option<i64>, Outcome)> {
+    let of = |e: &Executed| (e.target, e.outcome);
+    rig.ledger().iter().map(of).collect()
+}
+
+#[test]
+fn a_move_that_comes_back_to_its_end_makes_room_only_when_it_has_ended() {
+    // Too fast to stop at 3000, it overshoots: nothing but the end of what waits behind it shows its own.
+    for full_buffer in [FullBuffer::Ignore, FullBuffer::OverwritePending] {
+        let mut rig = Rig::new(
+            Behaviour {
+                full_buffer,
+                ..Behaviour::akd2g()
+            },
+            |_| {},
+        );
+        rig.enable();
+        rig.abs(100_000, SetPoint::new());
+        rig.run_until(1_000, |rig| rig.drive.position() > 2_000);
+        let gentle = SetPoint::new().deceleration(200_000);
+        let first = rig.abs(3_000, gentle);
+        rig.wait_accepted(first);
+        let second = rig.abs(-4_000, SetPoint::new().start(Start::Blend));
+        rig.wait_accepted(second);
+        let third = rig.abs(500, SetPoint::new().start(Start::AfterCurrent));
+        rig.run_until(1_000, |rig| rig.drive.position() > 4_000);
+        assert_eq!(rig.outcome(first), None, "it is on its way back to 3000");
+        assert!(rig.finish(first).is_ok());
+        assert!(rig.finish(second).is_ok());
+        assert_eq!(rig.finish(third), Ok(Completion::Reached { position: 500 }));
+        assert_eq!(
+            ends(&rig)[1..],
+            [
+                (Some(3_000), Outcome::Reached),
+                (Some(-4_000), Outcome::Reached),
+                (Some(500), Outcome::Reached)
+            ]
+        );
+    }
+}
+
+#[test]
+fn a_queued_move_that_is_executed_before_its_late_acknowledge_is_seen_is_not_the_end_of_the_one_before()
+ {
+    // It executes at once and acknowledges late.
+    let mut rig = Rig::enabled();
+    rig.drive.disturbances().ack_delay_cycles = 400;
+    let first = rig.abs(696, SetPoint::new());
+    rig.wait_accepted(first);
+    let second = rig.abs(711, SetPoint::new().start(Start::AfterCurrent));
+    assert!(rig.finish(second).is_ok());
+    assert!(rig.finish(first).is_ok(), "{:?}", rig.outcome(first));
 }

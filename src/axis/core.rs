@@ -74,6 +74,8 @@ pub struct AxisCore {
     pub(super) events: Events,
     /// Bit 8.
     pub(super) halted: bool,
+    /// Whether a stop was asked for since the last frame: nothing takes it back before it is sent.
+    pub(super) stop_unsent: bool,
     /// Since when bit 8 is known to have been delivered.
     pub(super) halt_delivered: Option<Duration>,
     pub(super) mode: Mode,
@@ -127,6 +129,7 @@ impl AxisCore {
             stopping: Stopping::default(),
             events: Events::new(),
             halted: false,
+            stop_unsent: false,
             halt_delivered: None,
             mode_change: None,
             noted_mode: Mode::None,
@@ -214,6 +217,7 @@ impl AxisCore {
         self.cycle = self.cycle.wrapping_add(1);
         self.sent = self.outgoing;
         self.sent_velocity = self.outgoing_velocity;
+        self.stop_unsent = false;
         self.mark_sent(now);
         self.sequencer.disarm();
         let (bytes, delivered) = match inputs {

@@ -140,6 +140,7 @@ impl Axis {
     /// Goes on after a halt.
     ///
     /// # Errors
+    /// [`Failure::Busy`](super::Failure::Busy) while the halt is not sent yet: it is in the next frame all the same.
     /// [`Failure::ResumeUnsupported`](super::Failure::ResumeUnsupported) if the drive has forgotten its set-point; in
     /// Fault, while moving, or when the bus is lost.
     pub async fn resume(&self) -> Result<(), AxisError> {

@@ -261,7 +261,7 @@ impl AxisCore {
 
     /// Whether bit 8 has brought the axis to rest: by bit 10 and the velocity, or by a position that stays, both seen
     /// only after the drive has had the time to take bit 8 in.
-    fn stands_halted(&self, now: Duration, sample: &Sample) -> bool {
+    pub(super) fn stands_halted(&self, now: Duration, sample: &Sample) -> bool {
         let Some(since) = self.halt_delivered else {
             return false;
         };
@@ -279,8 +279,10 @@ impl AxisCore {
                 }
             }
             Stage::Quick { until } => {
+                // A drive that stays there although 605Ah said otherwise when it was read is believed in the end.
+                let late = until.is_none_or(|until| now >= until);
                 let holds = state == State::QuickStopActive
-                    && self.config.quick_stop.stays_in_quick_stop_active()
+                    && (self.config.quick_stop.stays_in_quick_stop_active() || late)
                     && self.is_standing(now);
                 if holds || matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled) {
                     self.finish_quick_stop(now, state);

@@ -68,7 +68,7 @@ impl AxisCore {
         let state = self.state();
         let refused = if let Some(fault) = self.fault() {
             Some(fault)
-        } else if self.stopping.is_active() {
+        } else if self.stopping.is_active() || self.stop_unsent {
             Some(Failure::Busy)
         } else {
             match self.power {
@@ -195,6 +195,8 @@ impl AxisCore {
             } else {
                 Ok(Completion::Done)
             }
+        } else if self.stop_unsent && (self.has_motion() || !self.is_standing(now)) {
+            Err(Failure::Busy)
         } else if self.sequencer.is_unknown() || self.homing.is_unknown() {
             Err(Failure::NeedsStop)
         } else if self.homing.has_motion() {
@@ -203,7 +205,8 @@ impl AxisCore {
             Err(Failure::ResumeUnsupported)
         } else {
             self.halted = false;
-            self.sequencer.resumed(now);
+            let from_rest = self.sample.is_some_and(|s| self.stands_halted(now, &s));
+            self.sequencer.resumed(now, from_rest);
             while let Some(waiter) = self.stopping.pop_waiter() {
                 self.done(waiter, Err(Failure::Superseded));
             }
@@ -251,6 +254,7 @@ impl AxisCore {
             return;
         }
         self.withdraw_unsent(Failure::Halted);
+        self.stop_unsent = true;
         if !self.halted {
             self.halted = true;
             self.halt_delivered = None;
@@ -298,6 +302,7 @@ impl AxisCore {
     fn cancel_enabling(&mut self, failure: Failure) {
         if let Power::Enabling { id, .. } = self.power {
             self.power = Power::Off;
+            self.stop_unsent = true;
             self.done(id, Err(failure));
         }
     }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::{CommandId, Cycle, Start, waiting::Request};
+use super::{CommandId, Cycle, waiting::Request};
 
 /// Where bit 4 is.
 #[derive(Debug, Clone, Copy)]
@@ -66,12 +66,9 @@ impl Bit4 {
         matches!(self, &Self::Low { delivered: Some(at), .. } if cycle.is_seen(at))
     }
 
-    /// Whether a set-point is on its way that will replace all others.
-    pub(super) fn is_replacing(&self) -> bool {
-        matches!(
-            self,
-            Self::High { raised, sent: true, .. } if raised.request.command.set_point.start == Start::Immediately
-        )
+    /// Whether a set-point is on its way: the drive may have taken it already, and its acknowledge is still to come.
+    pub(super) const fn is_on_its_way(&self) -> bool {
+        matches!(self, Self::High { sent: true, .. })
     }
 
     /// The move whose bit 4 has risen in the outputs and has not been sent.

@@ -86,33 +86,37 @@ impl Chain {
     }
 
     /// Bit 8 falls.
-    pub(super) fn resumed(&mut self, now: Duration) {
-        for track in self.held.iter_mut().flatten() {
-            track.goes_on(now);
+    pub(super) fn resumed(&mut self, now: Duration, from_rest: bool) {
+        for (place, track) in self.held.iter_mut().flatten().enumerate() {
+            track.goes_on(now, from_rest, place == 0);
         }
         if let Some(over) = &mut self.over {
             over.since = now;
         }
     }
 
-    /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point. `replacing`: a set-point that
-    /// replaces all of them may have been taken already, and the position shows its way.
+    /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point. `next_comes`: a set-point may
+    /// have been taken already that is not acknowledged yet, and the position shows its way.
     pub(super) fn follow(
         &mut self,
         cycle: &Cycle<'_>,
         room_shown: bool,
-        replacing: bool,
+        next_comes: bool,
         events: &mut Events,
     ) {
         let undecided = self.follow_over(cycle, events);
         match &mut self.held {
             [Some(first), Some(second)] => {
                 first.note(cycle, false);
+                // When bit 12 has fallen, the next one has taken over, and bit 11 is of that.
+                if cycle.is_acknowledging() {
+                    first.note_limit(cycle);
+                }
                 let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
                 let left = cycle.traits.buffer_signal != BufferSignal::Acknowledge
                     && first.is_left_behind(cycle);
                 let over = shown || left || first.is_over_with(second, cycle);
-                if over && !replacing && !undecided {
+                if over && !next_comes && !undecided {
                     if shown && !first.was_at_end(cycle) {
                         self.over = Some(Over {
                             track: *first,
@@ -131,7 +135,7 @@ impl Chain {
                 }
             }
             [Some(_), None] => {
-                self.follow_active(cycle, replacing, undecided, events);
+                self.follow_active(cycle, next_comes, undecided, events);
             }
             [None, _] => {}
         }
@@ -142,7 +146,7 @@ impl Chain {
     pub(super) fn follow_active(
         &mut self,
         cycle: &Cycle<'_>,
-        replacing: bool,
+        next_comes: bool,
         undecided: bool,
         events: &mut Events,
     ) -> bool {
@@ -150,12 +154,13 @@ impl Chain {
             return false;
         };
         track.note(cycle, true);
-        // What a replacement shows that is taken and not acknowledged yet is not the end of this one; its own end,
-        // where that is known, is.
+        track.note_limit(cycle);
+        // What one shows that is taken and not acknowledged yet is not the end of this one; its own end, where that is
+        // known, is.
         let known = track.end.is_some();
         let outcome = track
             .outcome(cycle)
-            .filter(|outcome| !replacing || (known && outcome.is_ok()));
+            .filter(|outcome| !next_comes || (known && outcome.is_ok()));
         match outcome {
             Some(outcome) if !undecided => {
                 self.last_end = if outcome.is_ok() { track.end } else { None };

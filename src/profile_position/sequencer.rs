@@ -192,9 +192,9 @@ impl Sequencer {
         self.chain.report_halted(events);
     }
 
-    /// Bit 8 falls.
-    pub(crate) fn resumed(&mut self, now: Duration) {
-        self.chain.resumed(now);
+    /// Bit 8 falls, and the axis goes on from where it stands, or from its way to standstill.
+    pub(crate) fn resumed(&mut self, now: Duration, from_rest: bool) {
+        self.chain.resumed(now, from_rest);
     }
 
     /// Whether this gated move has everything it needs but its release.
@@ -221,8 +221,8 @@ impl Sequencer {
         let accepted = self.follow_bit4(cycle, events);
         if !cycle.halted {
             let room_shown = self.bit4.is_low_acknowledged(cycle);
-            let replacing = self.bit4.is_replacing() || self.unconfirmed.is_some();
-            self.chain.follow(cycle, room_shown, replacing, events);
+            let next_comes = self.bit4.is_on_its_way() || self.unconfirmed.is_some();
+            self.chain.follow(cycle, room_shown, next_comes, events);
             self.start_next(cycle, events);
         }
         accepted
@@ -290,15 +290,7 @@ impl Sequencer {
 
     /// The drive has taken a set-point. `confirmed`: by an edge of bit 12.
     fn accept(&mut self, raised: Raised, confirmed: bool, cycle: &Cycle<'_>, events: &mut Events) {
-        let track = Track::new(
-            raised.request.id,
-            raised.request.command.set_point.start,
-            raised.end,
-            raised.from_rest,
-            confirmed,
-            raised.position,
-            cycle,
-        );
+        let track = Track::new(&raised, confirmed, cycle);
         events.push(track.id, Event::Accepted);
         self.chain.push(track, events);
     }
@@ -329,7 +321,10 @@ impl Sequencer {
         let ready = match self.chain.place_for(&request.command, cycle.traits) {
             Place::Free => self.bit4.is_low_acknowledged(cycle),
             Place::Full => self.bit4.is_low_acknowledged(cycle) || self.bit4.is_low_seen(cycle),
-            Place::Later => return,
+            Place::Later => {
+                self.waiting.first_is_free();
+                return;
+            }
             Place::Never(reason) => {
                 let start = request.command.set_point.start;
                 self.waiting.remove(request.id);
@@ -340,7 +335,11 @@ impl Sequencer {
                 return;
             }
         };
-        if ready && cycle.delivered {
+        if ready {
+            self.waiting.first_is_free();
+            if !cycle.delivered {
+                return;
+            }
             if let Err(failure) = self.chain.check_limits(&request.command, cycle) {
                 self.waiting.remove(request.id);
                 events.push(request.id, Event::Done(Err(failure)));

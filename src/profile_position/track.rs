@@ -4,7 +4,10 @@ use core::time::Duration;
 
 use crate::ds402::Statusword;
 
-use super::{CommandId, Completion, Cycle, Delivery, Failure, Start, standstill::Bounds};
+use super::{
+    CommandId, Completion, Cycle, Delivery, Failure, Reference, Start, bit4::Raised,
+    standstill::Bounds, waiting::Request,
+};
 
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy)]
@@ -16,8 +19,20 @@ pub(super) struct Track {
     pub(super) end: Option<i32>,
     /// Whether it begins at rest: then the axis goes to its end without passing it before.
     pub(super) from_rest: bool,
+    /// Whether it was begun by a drive in motion, which may be too fast to stop at its end, and come back to it.
+    overshoots: bool,
     /// Whether it is one of a modulo axis: the position alone does not say which way round it goes to its end, and how often.
     pub(super) turns: bool,
+    absolute: bool,
+    /// Whether the way to an absolute target is longer than half the circle of 32 bits: then the position does not say which
+    /// way the drive goes there.
+    far: bool,
+    /// Whether its end was near when it became active: then what is left of the motion before, within the window, looks like
+    /// leaving or passing it.
+    short: bool,
+    /// Whether bit 11 (internal limit active) was seen low since it became active. A drive that shows it all the time may have
+    /// limited the move, and the axis may pass the end that was asked for on its way to another.
+    unlimited: bool,
     /// Whether an edge of bit 12 has acknowledged it; else its own motion has to show that the drive has taken it.
     confirmed: bool,
     /// Whether whoever waits has been told that the axis stands halted.
@@ -46,23 +61,27 @@ pub(super) struct Track {
 }
 
 impl Track {
-    pub(super) fn new(
-        id: CommandId,
-        start: Start,
-        end: Option<i32>,
-        from_rest: bool,
-        confirmed: bool,
-        position: i32,
-        cycle: &Cycle<'_>,
-    ) -> Self {
-        let mut track = Self {
-            id,
-            start,
+    pub(super) fn new(raised: &Raised, confirmed: bool, cycle: &Cycle<'_>) -> Self {
+        let &Raised {
+            request: Request { id, command, .. },
+            position,
             end,
             from_rest,
+            ..
+        } = raised;
+        let mut track = Self {
+            id,
+            start: command.set_point.start,
+            end,
+            from_rest,
+            overshoots: !from_rest && command.set_point.start == Start::Immediately,
             confirmed,
             halt_told: false,
             turns: cycle.bounds.turn_length().is_some(),
+            absolute: command.reference == Reference::Absolute,
+            far: false,
+            short: false,
+            unlimited: false,
             since: cycle.now,
             left_target: false,
             arrived: None,
@@ -94,29 +113,40 @@ impl Track {
         self.since = now;
         self.left_target = false;
         self.arrived = None;
+        self.unlimited = false;
         self.near = false;
         self.fastest = 0;
         self.turn(position, bounds);
     }
 
-    /// It goes on after a halt, from rest: what bit 10 showed before is of no meaning for it.
-    pub(super) fn goes_on(&mut self, now: Duration) {
+    /// It goes on after a halt: what bit 10 showed before is of no meaning for it.
+    pub(super) const fn goes_on(&mut self, now: Duration, from_rest: bool, active: bool) {
         self.since = now;
         self.left_target = false;
         self.halt_told = false;
-        self.from_rest = true;
+        self.from_rest = from_rest && (active || self.from_rest);
+        self.overshoots = !from_rest;
         // The halt may have carried the axis past the end, to which the drive goes back.
         self.arrived = None;
         self.resumed = true;
     }
 
+    /// Takes in bit 11 of a cycle in which it is surely the active one.
+    #[inline]
+    pub(super) fn note_limit(&mut self, cycle: &Cycle<'_>) {
+        let statusword = cycle.sample.statusword;
+        self.unlimited |= !statusword.contains(Statusword::INTERNAL_LIMIT);
+    }
+
     /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
     #[inline]
     pub(super) fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
-        self.left_target |= !cycle.sample.statusword.contains(Statusword::TARGET_REACHED);
+        let statusword = cycle.sample.statusword;
+        self.left_target |= !statusword.contains(Statusword::TARGET_REACHED);
         let Some(end) = self.end else { return };
         let position = cycle.sample.position;
-        if core::mem::take(&mut self.resumed) {
+        if core::mem::take(&mut self.resumed) || (self.far && !self.is_far(position, cycle.bounds))
+        {
             self.turn(position, cycle.bounds);
         }
         let remaining = cycle.bounds.distance(end, position);
@@ -158,31 +188,43 @@ impl Track {
 
     /// Whether the position has shown that the axis was at the end, or may have been there unseen.
     pub(super) fn was_at_end(&self, cycle: &Cycle<'_>) -> bool {
-        self.end.is_none()
-            || self.near
-            || self.arrived.is_some()
-            || self.passed(cycle.sample.position)
+        let position = cycle.sample.position;
+        self.end.is_none_or(|end| {
+            if self.unlimited {
+                self.near || self.arrived.is_some() || self.passed(position)
+            } else {
+                cycle.bounds.distance(end, position) <= cycle.bounds.position
+            }
+        })
     }
 
     /// Whether a set-point that stops at this one's end may be queued behind it: the position will show without doubt
     /// when that has taken over.
     pub(super) const fn shows_its_stop(&self) -> bool {
-        self.end.is_some() && self.from_rest && !self.turns
+        self.shows_its_end() && self.from_rest
     }
 
     /// Whether a set-point may be blended onto this one: the position will show when the end is passed.
     pub(super) const fn shows_its_passing(&self) -> bool {
-        self.end.is_some() && (self.from_rest || self.approaching) && !self.turns
+        self.shows_its_end() && (self.from_rest || self.approaching)
+    }
+
+    /// Whether a position beyond its end means that the axis was there.
+    const fn shows_its_end(&self) -> bool {
+        self.end.is_some() && !self.turns && !self.far && !self.short && self.unlimited
     }
 
     /// Whether the position shows that it has ended and the next one is under way: the axis was at the end, or has
     /// passed it, and is away from it again. Being at the end is not enough: the drive may still be finishing this one,
-    /// and has no place for another before that.
+    /// and has no place for another before that. One that may come back to its end is not over beyond it.
     pub(super) fn is_left_behind(&self, cycle: &Cycle<'_>) -> bool {
         let position = cycle.sample.position;
+        let passed = self.passed(position);
         self.end.is_some_and(|end| {
             cycle.bounds.distance(end, position) > cycle.bounds.position
-                && (self.passed(position) || self.arrived.is_some())
+                && !self.short
+                && !(self.overshoots && passed)
+                && (passed || self.arrived.is_some())
         })
     }
 
@@ -247,11 +289,25 @@ impl Track {
         self.crossed = false;
         self.remaining = self.end.map_or(0, |end| bounds.distance(end, position));
         self.approaching = false;
+        self.far = self.is_far(position, bounds);
+        self.short = self.remaining <= bounds.position.saturating_mul(3);
+    }
+
+    fn is_far(&self, position: i32, bounds: &Bounds) -> bool {
+        let linear = |end: i32| i64::from(end) - i64::from(position);
+        self.absolute
+            && !self.turns
+            && self
+                .end
+                .is_some_and(|end| bounds.way(position, end) != linear(end))
     }
 
     fn passed(&self, position: i32) -> bool {
         if self.turns {
             return self.crossed;
+        }
+        if self.far {
+            return false;
         }
         let way = |end: i32| i64::from(end.wrapping_sub(position));
         self.side != 0 && self.end.is_some_and(|end| way(end).signum() == -self.side)

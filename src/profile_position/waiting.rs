@@ -52,13 +52,20 @@ impl Waiting {
         self.places.iter().flatten().last()
     }
 
-    /// Since when the move whose turn it is has nothing but bit 12 in its way: since `now`, if it is asked for the first
-    /// time.
+    /// Since when the move whose turn it is has nothing but bit 12 in its way: since `now`, if it had not before.
     pub(super) fn first_blocked_since(&mut self, now: Duration) -> Duration {
         let turn = self.turn();
         match self.places.get_mut(turn) {
             Some(Some(first)) => *first.blocked_since.get_or_insert(now),
             _ => now,
+        }
+    }
+
+    /// Bit 12 is not in the way of the move whose turn it is.
+    pub(super) fn first_is_free(&mut self) {
+        let turn = self.turn();
+        if let Some(Some(first)) = self.places.get_mut(turn) {
+            first.blocked_since = None;
         }
     }
 

@@ -157,7 +157,7 @@ fn every_future_resolves_and_the_ledger_agrees_whatever_is_asked_dropped_or_lost
         reached += arrived;
     }
     assert!(
-        asked > 10_000 && reached > 500,
+        asked > 10_000 && reached > 400,
         "{asked} asked, {reached} reached: too little to prove anything"
     );
 }

@@ -237,3 +237,73 @@ fn pitfall_19_a_stop_withdraws_a_set_point_that_has_not_been_sent() {
         ));
     }
 }
+
+#[test]
+fn pitfall_19_a_resume_does_not_take_back_a_halt_that_was_not_sent_yet() {
+    let (mut rig, id) = moving();
+    // Two programs, in the time of one cycle.
+    let halt = rig.send(Command::Halt);
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.outcome(resume), Some(Err(Failure::Busy)));
+    rig.cycle();
+    assert_eq!(rig.words.last().map(|word| word & BIT_8), Some(BIT_8));
+    assert!(rig.finish(halt).is_ok());
+    // The same while it is halted already.
+    let halt = rig.send(Command::Halt);
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.outcome(resume), Some(Err(Failure::Busy)));
+    rig.cycle();
+    assert_eq!(rig.words.last().map(|word| word & BIT_8), Some(BIT_8));
+    assert!(rig.finish(halt).is_ok());
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
+    assert!(rig.finish(id).is_ok());
+}
+
+#[test]
+fn pitfall_17_a_quick_stop_whose_drive_stays_where_605ah_does_not_say_is_left_all_the_same() {
+    // Somebody has changed 605Ah since it was read.
+    let mut rig = Rig::new(
+        Behaviour {
+            quick_stop_option: 6,
+            ..Behaviour::akd2g()
+        },
+        |config| config.quick_stop = QuickStopOption(2),
+    );
+    rig.enable();
+    let id = rig.abs(1_000_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(200);
+    let stop = rig.send(Command::QuickStop);
+    assert_eq!(
+        rig.finish(stop),
+        Ok(Completion::Stopped {
+            state: State::QuickStopActive
+        })
+    );
+    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    rig.enable();
+    let back = rig.abs(0, SetPoint::new());
+    assert_eq!(rig.finish(back), Ok(Completion::Reached { position: 0 }));
+}
+
+#[test]
+fn pitfall_19_an_enable_does_not_go_on_where_a_stop_has_just_ended_another() {
+    let mut rig = Rig::new(
+        Behaviour {
+            power_on_cycles: 20,
+            ..Behaviour::akd2g()
+        },
+        |_| {},
+    );
+    let first = rig.send(Command::Enable);
+    rig.run_until(100, |rig| rig.core.snapshot().state == State::SwitchedOn);
+    let stop = rig.send(Command::QuickStop);
+    let second = rig.send(Command::Enable);
+    assert_eq!(rig.outcome(first), Some(Err(Failure::QuickStopped)));
+    assert!(rig.outcome(stop).is_some());
+    assert_eq!(rig.outcome(second), Some(Err(Failure::Busy)));
+    rig.cycle();
+    assert_eq!(rig.words.last(), Some(&0), "voltage disabled");
+    rig.enable();
+}

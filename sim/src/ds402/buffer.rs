@@ -41,6 +41,11 @@ impl Buffer {
         self.active.is_some() && self.waiting.len() >= waiting
     }
 
+    /// Whether the axis goes to a limit, or the last target was outside the limits.
+    pub(super) fn is_limited(&self) -> bool {
+        self.limited || self.active.as_ref().is_some_and(|active| active.limited)
+    }
+
     /// Takes out everything, in order.
     pub(super) fn drain(&mut self) -> Vec<SetPoint> {
         self.active

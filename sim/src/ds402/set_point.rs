@@ -20,6 +20,8 @@ pub(super) struct SetPoint {
     junction: Option<f64>,
     /// Passes the target before it without stopping.
     blend: bool,
+    /// Its target was outside the limits.
+    pub(super) limited: bool,
     pub(super) started: bool,
 }
 
@@ -70,7 +72,8 @@ impl Axis {
             shape: self.shape(),
         };
         let allowed = asked.map(|asked| self.limited(asked));
-        self.buffer.limited = allowed.is_some() && allowed != asked;
+        let limited = allowed.is_some() && allowed != asked;
+        self.buffer.limited = limited;
         let target = allowed.map(|allowed| self.turned(allowed));
         self.ledger.push(Executed {
             latched_at: self.now,
@@ -99,6 +102,7 @@ impl Axis {
             bounds,
             junction: None,
             blend,
+            limited,
             started: false,
         })
     }
@@ -135,7 +139,8 @@ impl Axis {
             };
             let asked = self.turned(base).saturating_add(active.value);
             let allowed = self.limited(asked);
-            self.buffer.limited = allowed != asked;
+            active.limited = allowed != asked;
+            self.buffer.limited = active.limited;
             self.turned(allowed)
         });
         active.target = Some(target);

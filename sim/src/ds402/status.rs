@@ -185,7 +185,7 @@ impl Axis {
             && self.switches() & (NEGATIVE_LIMIT | POSITIVE_LIMIT) != 0;
         let (limited, bit_12, bit_13) = match self.objects.value(objects::MODE_DISPLAY) {
             PROFILE_POSITION => (
-                self.buffer.limited,
+                self.buffer.is_limited(),
                 self.acknowledge(),
                 self.reached.following_error,
             ),
@@ -195,7 +195,7 @@ impl Axis {
                 let (attained, failed) = self.homing_bits(stale);
                 (false, attained, failed)
             }
-            _ => (self.buffer.limited, false, false),
+            _ => (self.buffer.is_limited(), false, false),
         };
         let bits = [
             (4, self.voltage),
