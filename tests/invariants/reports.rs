@@ -75,7 +75,11 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                 if command.reference == Reference::Relative || told {
                     continue;
                 }
-                if line.target != Some(i64::from(command.target)) {
+                let asked = i64::from(command.target);
+                if line
+                    .target
+                    .is_none_or(|end| end.abs_diff(asked) > u64::from(tolerance))
+                {
                     return fail("of another target than the one asked for");
                 }
                 if !followed && !there(i64::from(command.target)) {

@@ -10,6 +10,7 @@ use servocrab::profile_position::{
 };
 use servocrab_sim::ds402::{AckFault, AckPolicy, Axis, Behaviour, ReachedPolicy, State};
 
+use super::wider::Wider;
 use super::world::{Link, World};
 
 /// SplitMix64.
@@ -104,8 +105,10 @@ pub fn live(seed: u64, names: Names) -> Life {
         2 => Starts::Ax2000,
         _ => Starts::Cia402,
     };
-    let world = build(&mut random, lag_cycles, starts);
+    let mut wider = Wider::of(seed);
+    let world = build(&mut random, lag_cycles, starts, wider.as_mut());
     let mut player = Player {
+        wider,
         world,
         starts,
         names,
@@ -126,7 +129,12 @@ pub fn live(seed: u64, names: Names) -> Life {
     player.end()
 }
 
-fn build(random: &mut Random, lag_cycles: u32, starts: Starts) -> World {
+fn build(
+    random: &mut Random,
+    lag_cycles: u32,
+    starts: Starts,
+    mut wider: Option<&mut Wider>,
+) -> World {
     let akd2g = !random.one_in(4) && starts == Starts::Cia402;
     let base = match starts {
         Starts::Cia402 if akd2g => Behaviour::akd2g(),
@@ -144,7 +152,7 @@ fn build(random: &mut Random, lag_cycles: u32, starts: Starts) -> World {
     };
     let option = random.pick(&[1, 2, 5, 6]);
     let sticky = akd2g && random.one_in(12);
-    let behaviour = Behaviour {
+    let mut behaviour = Behaviour {
         quick_stop_option: option,
         power_on_cycles: random.pick(&[0, 0, 5]),
         mode_change_cycles: random.pick(&[0, 3, 20]),
@@ -198,7 +206,13 @@ fn build(random: &mut Random, lag_cycles: u32, starts: Starts) -> World {
     config.deadlines.standstill = Duration::from_millis(800);
     config.deadlines.mode = Duration::from_millis(100);
     config.deadlines.fault_reset = Duration::from_millis(40);
+    if let Some(wider) = &mut wider {
+        wider.change(&mut behaviour, &mut config);
+    }
     let mut drive = Axis::new(behaviour);
+    if let Some(wider) = wider {
+        wider.set_up(&mut drive);
+    }
     drive
         .set(0x6085, 0, random.pick(&[300_000, 2_000_000]))
         .expect("a ramp");
@@ -232,6 +246,7 @@ struct Player {
     world: World,
     starts: Starts,
     names: Names,
+    wider: Option<Wider>,
     lag_cycles: usize,
     random: Random,
     lies: Lies,
@@ -272,6 +287,9 @@ impl Player {
     fn cycle(&mut self) {
         if self.random.one_in(self.busy) {
             self.command();
+            for _ in 0..self.wider.as_mut().map_or(0, Wider::volley) {
+                self.command();
+            }
         }
         if self.random.one_in(60)
             && let Some(issued) = self.world.pending().last()
@@ -289,6 +307,13 @@ impl Player {
             StopRequest::empty()
         };
         self.disturb();
+        let hit = match &mut self.wider {
+            Some(wider) => wider.hit(&mut self.world),
+            None => None,
+        };
+        if let Some((link, more)) = hit {
+            self.burst = Some((link, more));
+        }
         let link = self.link();
         let fire = !self.random.one_in(4);
         self.world.cycle(lane, fire, link);
@@ -388,12 +413,12 @@ impl Player {
     }
 
     fn link(&mut self) -> Link {
-        if self.loss == 0 {
-            return Link::Good;
-        }
         if let Some((link, left)) = self.burst {
             self.burst = (left > 0).then(|| (link, left - 1));
             return link;
+        }
+        if self.loss == 0 {
+            return Link::Good;
         }
         if !self.random.one_in(self.loss) {
             return Link::Good;
@@ -480,7 +505,10 @@ impl Player {
     fn undo(&mut self, trouble: Trouble) {
         let drive = &mut self.world.drive;
         match trouble {
-            Trouble::AckDelay => drive.disturbances().ack_delay_cycles = 0,
+            Trouble::AckDelay => {
+                let late = self.wider.as_ref().map_or(0, Wider::late);
+                drive.disturbances().ack_delay_cycles = late;
+            }
             Trouble::AckNever | Trouble::AckStuck => drive.disturbances().ack = AckFault::None,
             Trouble::StaleReached => drive.disturbances().stale_reached_cycles = 0,
             Trouble::Deaf => drive.disturbances().deaf_to_bit_4 = false,

@@ -241,7 +241,15 @@ pub fn stops_come_first(life: &Life) -> Result<(), String> {
             });
         // On its way down already, standing: shutdown leads out of Operation enabled as well.
         let down = sent.word & 0x000F != 0x000F && idle;
-        let ok = if down {
+        // A resume takes back a halt of an axis that stands and has nothing to go on with.
+        let resumed = world.issued.iter().any(|issued| {
+            issued.frame == at
+                && issued.command == Command::Resume
+                && world
+                    .done(issued.id)
+                    .is_some_and(|(_, result)| result == Ok(Completion::Done))
+        });
+        let ok = if down || (idle && resumed && frame.lane.is_empty()) {
             true
         } else if asked.contains(StopRequest::QUICK_STOP) {
             quick
