@@ -38,6 +38,8 @@ async fn run() -> Result<(), Box<dyn Error>> {
     let net = Network::builder()
         .link(wire(&line))
         .cycle(Duration::from_millis(1))
+        // Longer than a computer without real time keeps this thread waiting when it is busy.
+        .watchdog(Duration::from_millis(500))
         .drive(0, DriveConfig::new(drives::generic()).axis("belt"))
         .drive(1, DriveConfig::new(drives::generic()).axis("lift"))
         .start()
