@@ -19,6 +19,7 @@ use servocrab::{
 use servocrab_sim::{Abort, AlState, Habits, personality};
 
 use super::{MIDDLE, MS, Yard, config};
+use crate::rig::is_cyclic;
 
 #[test]
 fn one_that_is_given_up_at_any_time_leaves_its_drive_out_of_op_and_harmless() {
@@ -183,4 +184,34 @@ fn a_recovery_of_a_network_that_has_ended_says_so() {
         panic!("it still waits");
     };
     assert!(error.to_string().contains("ended"), "{error}");
+}
+
+#[test]
+fn while_each_access_to_the_drive_takes_some_cycles_the_working_counters_of_the_others_stay_right()
+{
+    let slow = Arc::new(AtomicBool::new(false));
+    let is_slow = Arc::clone(&slow);
+    let mut yard = Yard::with(
+        personality::akd2g(),
+        config(drives::akd2g(), &["z", "w"]),
+        move |line| {
+            let wire = line.wire_with(move |_, frame| {
+                if is_slow.load(Ordering::Relaxed) && !is_cyclic(frame) {
+                    Fate::Delay(3 * MS)
+                } else {
+                    Fate::Deliver
+                }
+            });
+            Network::builder().link(wire)
+        },
+    );
+    yard.loses_power(300 * MS);
+    yard.nothing_may_happen();
+    slow.store(true, Ordering::Relaxed);
+    let recovered = yard.recover(1);
+    slow.store(false, Ordering::Relaxed);
+    assert!(recovered.is_ok(), "{recovered:?}");
+    yard.nothing_has_happened();
+    yard.works_again("z");
+    yard.ends();
 }
