@@ -7,7 +7,7 @@ use std::{
     process,
     sync::{
         Arc, Mutex,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicUsize, Ordering},
     },
     task::{Context, Poll, Waker},
     time::Duration,
@@ -18,6 +18,7 @@ use servocrab::{
     bus::{BusLoop, DriveConfig, Network},
     drives,
     link::{Link, Wire},
+    pdo_map::Direction,
     profile_position::{ProfilePosition, SetPoint},
 };
 use servocrab_sim::{Segment, personality};
@@ -31,30 +32,42 @@ pub(crate) struct Phase {
 }
 
 /// In the order in which they are lived.
-pub(crate) const PHASES: [Phase; 4] = [
-    // Enabled, at rest, nothing asked for.
+pub(crate) const PHASES: [Phase; 6] = [
+    // Enabled, at rest, nothing asked for; the inputs are the same in each cycle, bit for bit.
     Phase {
         name: "standing",
         cycles: 100,
-        bound: 220.0,
+        bound: 90.0,
+    },
+    // The same, but the position of one axis in eight dithers: it is another by an increment in each cycle.
+    Phase {
+        name: "some dither",
+        cycles: 100,
+        bound: 155.0,
+    },
+    // The position of each of them does.
+    Phase {
+        name: "all dither",
+        cycles: 100,
+        bound: 450.0,
     },
     // Every axis on its way; 6064h and 606Ch are others in each cycle.
     Phase {
         name: "moving",
         cycles: 100,
-        bound: 650.0,
+        bound: 600.0,
     },
     // Every axis is given another move, which is acknowledged, and bits 4 and 12 are low again.
     Phase {
         name: "handshake",
         cycles: 10,
-        bound: 1500.0,
+        bound: 1350.0,
     },
     // No frame comes back.
     Phase {
         name: "stale",
         cycles: 5,
-        bound: 450.0,
+        bound: 430.0,
     },
 ];
 
@@ -98,8 +111,18 @@ pub(crate) fn live(axes: usize) {
     let segment = Arc::new(Mutex::new(segment));
     let silent = Arc::new(AtomicBool::new(false));
     let unheard = Arc::clone(&silent);
+    // One axis in so many dithers; 0: none.
+    let dithering = Arc::new(AtomicUsize::new(0));
+    let every = Arc::clone(&dithering);
+    let place = place();
     let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame: &mut [u8], now| {
-        segment.lock().expect("one thread").process(frame, now) && !unheard.load(Ordering::Relaxed)
+        let heard = segment.lock().expect("one thread").process(frame, now)
+            && !unheard.load(Ordering::Relaxed);
+        let every = every.load(Ordering::Relaxed);
+        if every != 0 {
+            dither(frame, every, &place);
+        }
+        heard
     });
     let mut builder = Network::builder().link(Outside(wire));
     for position in 0..axes {
@@ -123,9 +146,15 @@ pub(crate) fn live(axes: usize) {
     // Longer than standstill takes to show.
     bus.cycles(200);
     bus.counted(0);
+    for (phase, every) in [(1, 8), (2, 1)] {
+        dithering.store(every, Ordering::Relaxed);
+        bus.cycles(10);
+        bus.counted(phase);
+    }
+    dithering.store(0, Ordering::Relaxed);
     bus.all(modes.iter().map(|mode| moved(mode, 1_000_000)).collect());
     bus.cycles(100);
-    bus.counted(1);
+    bus.counted(3);
     let mut moves: Vec<_> = modes
         .iter()
         .map(|mode| Box::pin(moved(mode, 2_000_000)))
@@ -135,15 +164,59 @@ pub(crate) fn live(axes: usize) {
             .iter_mut()
             .all(|sent| poll(sent.as_mut()).is_pending())
     );
-    bus.counted(2);
+    bus.counted(4);
     assert!(
         moves.iter_mut().all(|sent| poll(sent.as_mut()).is_ready()),
         "every move was acknowledged"
     );
     bus.cycles(20);
     silent.store(true, Ordering::Relaxed);
-    bus.counted(3);
+    bus.counted(5);
     process::exit(0);
+}
+
+/// Where a drive's process data are in the image, of all that follow one another: bytes of each, and the position's first.
+struct Place {
+    stride: usize,
+    position: usize,
+}
+
+fn place() -> Place {
+    let mapping = drives::generic().default_mapping().expect("a mapping");
+    let layout = mapping.layout();
+    let position = layout
+        .find(Direction::Inputs, 0x6064, 0)
+        .expect("a position");
+    Place {
+        stride: layout.output_bytes() + layout.input_bytes(),
+        position: layout.output_bytes() + position.byte,
+    }
+}
+
+/// Makes the position of one drive in so many another one in every other cycle, in a frame that comes back.
+fn dither(frame: &mut [u8], every: usize, place: &Place) {
+    const LRW: u8 = 12;
+    // The low bit of the cycle's number, which is in the source address (with the frame's place behind it).
+    let bit = frame[10] & 1;
+    let mut at = 16;
+    loop {
+        let number = |at: usize| usize::from(u16::from_le_bytes([frame[at], frame[at + 1]]));
+        let (command, logical, length) = (frame[at], number(at + 2), number(at + 6));
+        let data = at + 10;
+        let end = data + (length & 0x07FF);
+        if command == LRW {
+            for first in (data..end).step_by(place.stride) {
+                let drive = (logical + first - data) / place.stride;
+                if drive.is_multiple_of(every) {
+                    frame[first + place.position] ^= bit;
+                }
+            }
+        }
+        if length & 0x8000 == 0 {
+            return;
+        }
+        at = end + 2;
+    }
 }
 
 async fn moved(mode: &ProfilePosition, target: i32) {

@@ -77,7 +77,7 @@ fn measure() {
         }
     }
     println!("instructions per axis and cycle (whole cycle), the exchange's own share included\n");
-    print!("{:>10}", "axes");
+    print!("{:>12}", "axes");
     for axes in AXES {
         print!("{axes:>22}");
     }
@@ -89,7 +89,7 @@ fn measure() {
                 .find(|row| row.phase == phase.name && row.axes == axes)
                 .expect("measured")
         };
-        print!("{:>10}", phase.name);
+        print!("{:>12}", phase.name);
         for axes in AXES {
             let row = of(axes);
             print!(

@@ -10,7 +10,7 @@ use crate::{
     ds402::{Controlword, Mode, PowerCommand, Sample, State, Statusword},
     homing::Procedure,
     profile_position::{
-        Bounds, CommandId, Completion, Delivery, Event, Events, Failure, Sequencer, Standstill,
+        Bounds, CommandId, Completion, Event, Events, Failure, Sequencer, Standstill,
     },
     profile_velocity::Jogging,
 };
@@ -212,57 +212,6 @@ impl AxisCore {
         true
     }
 
-    /// Takes in what a cycle brought. Whether the outputs are known to have been delivered.
-    fn take_in(&mut self, now: Duration, inputs: Inputs<'_>) -> bool {
-        self.cycle = self.cycle.wrapping_add(1);
-        self.sent = self.outgoing;
-        self.sent_velocity = self.outgoing_velocity;
-        self.stop_unsent = false;
-        self.mark_sent(now);
-        self.sequencer.disarm();
-        let (bytes, delivered) = match inputs {
-            Inputs::Fresh(bytes) => (Some(bytes), true),
-            Inputs::Answered(bytes) => (Some(bytes), false),
-            Inputs::Stale => (None, false),
-        };
-        let sample = bytes
-            .and_then(|bytes| self.config.fields.sample(bytes, self.noted_mode))
-            .filter(|sample| sample.state() != State::Unknown);
-        let delivered = delivered && sample.is_some();
-        self.answered = sample.is_some();
-        if self.answered {
-            self.blind_cycles = self.stale_cycles;
-        }
-        self.stale_cycles = if self.answered {
-            0
-        } else {
-            self.stale_cycles.saturating_add(1)
-        };
-        self.undelivered_cycles = if delivered {
-            0
-        } else {
-            self.undelivered_cycles.saturating_add(1)
-        };
-        if delivered {
-            self.lost = false;
-        }
-        self.observe_quiet(now, delivered);
-        if let Some(sample) = sample {
-            self.sample = Some(sample);
-            self.standstill.observe(now, &sample, &self.bounds);
-            self.standing = self.is_standing(now);
-            self.observe(now, &sample, delivered);
-        }
-        let loss = self.config.loss;
-        if !self.lost
-            && (self.stale_cycles >= loss.stale_cycles
-                || self.undelivered_cycles >= loss.undelivered_cycles)
-        {
-            self.lose(now);
-        }
-        delivered
-    }
-
     /// Takes the next report; drain it after every other call.
     pub fn poll_event(&mut self) -> Option<(CommandId, Event)> {
         self.events.pop()
@@ -379,21 +328,6 @@ impl AxisCore {
     /// Whether the axis' positions are known to mean what the program means.
     pub(super) fn is_referenced(&self) -> bool {
         self.homed || self.config.referencing == Referencing::AbsoluteEncoder
-    }
-
-    /// The drive does not answer: everything ends, and what still reaches it is a quick stop.
-    pub(super) fn lose(&mut self, now: Duration) {
-        self.lost = true;
-        self.homed_before_loss = self.homed;
-        self.homed = false;
-        let driven = self.power.is_driving();
-        self.fail_motions(|delivery| Failure::BusLost { delivery });
-        self.fail_commands(Failure::BusLost {
-            delivery: Delivery::NotSent,
-        });
-        if driven && !self.begin_quick_stop(now) {
-            self.power = Power::Off;
-        }
     }
 
     /// Every pending command but moves ends with `failure`, and what they were doing ends with them.

@@ -9,6 +9,7 @@ mod command;
 mod config;
 mod core;
 mod fields;
+mod intake;
 mod modes;
 #[cfg(test)]
 mod modes_tests;

@@ -315,6 +315,8 @@ impl Shared {
     /// To be called after everything that the bus thread is to take in was stored.
     fn ask(&self) {
         self.asked.store(true, Ordering::Release);
+        // In this order: who is told that somebody was asked finds who.
+        self.setup.groups.ask();
     }
 
     // The bus thread's side.

@@ -19,6 +19,7 @@ use super::{
 const GROUPS: usize = 16;
 
 /// Where moves are asked to start together: one queue for all axes of a network, a clone in each [`AxisSetup`](super::AxisSetup).
+/// With it goes the word that anything was asked of any of these axes.
 ///
 /// ```
 /// use servocrab::axis::GroupQueue;
@@ -34,6 +35,8 @@ pub struct GroupQueue {
 
 #[derive(Debug)]
 struct Queues {
+    /// Whether anything was stored for the bus thread with any of the axes, since it looked.
+    asked: AtomicBool,
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
@@ -64,10 +67,16 @@ impl GroupQueue {
     pub fn new() -> Self {
         Self {
             queues: Arc::new(Queues {
+                asked: AtomicBool::new(false),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
             }),
         }
+    }
+
+    /// To be called after an axis was told that it is asked for something.
+    pub(super) fn ask(&self) {
+        self.queues.asked.store(true, Ordering::Release);
     }
 
     /// The bus thread's end. There is to be one.
@@ -94,6 +103,12 @@ pub struct Groups {
 }
 
 impl Groups {
+    /// Whether any of the axes has been asked for anything since this was called last: else none of their ports needs to be
+    /// looked at before sending.
+    pub(crate) fn take_asked(&self) -> bool {
+        self.queues.asked.swap(false, Ordering::AcqRel)
+    }
+
     /// Starts the groups of which every move has what it needs, and gives up those of which one has failed.
     ///
     /// To be called after [`AxisPort::before_send`](super::AxisPort::before_send) of every axis and right before

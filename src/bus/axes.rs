@@ -6,15 +6,16 @@ use super::{
     black_box::{BlackBox, RecordedAxis, RecordedCycle, Trouble},
     control::Control,
     cycle::Stepper,
+    drive_data::Drives,
     drive_setup::ReadyDrive,
-    exchange::DriveData,
     journal::Journal,
     log::Log,
 };
 use crate::{
     axis::{
         Again, AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, BoxFuture,
-        Command, CommandId, GroupQueue, Groups, LivenessWatch, ParameterAccess, StopRequest,
+        Command, CommandId, GroupQueue, Groups, Inputs, LivenessWatch, ParameterAccess,
+        StopRequest,
     },
     coe::{ObjectAddress, SdoError, SdoHandle},
     ds402::State,
@@ -102,14 +103,17 @@ impl Axes {
         now: Duration,
         place: usize,
         mut again: impl FnMut(usize) -> Again,
-        drive: &mut DriveData,
+        drives: &mut Drives,
     ) {
+        let Some(outputs) = drives.outputs_mut(place) else {
+            return;
+        };
         // As at the beginning: also what no axis writes is 0 until it is set.
-        drive.outputs_mut().fill(0);
+        outputs.fill(0);
         let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
         for (number, axis) in axes.enumerate() {
             axis.port
-                .restart(&mut axis.core, now, again(number), drive.outputs_mut());
+                .restart(&mut axis.core, now, again(number), outputs);
         }
     }
 
@@ -185,27 +189,14 @@ impl Axes {
 }
 
 impl Stepper for Rc<RefCell<Axes>> {
-    fn before_send(&mut self, now: Duration, drives: &mut [DriveData]) {
+    fn before_send(&mut self, now: Duration, drives: &mut Drives) {
         let this = &mut *self.borrow_mut();
         let stop = this.stop(now);
         let disable = core::mem::take(&mut this.disable_asked);
-        for axis in &mut this.axes {
-            let Some(drive) = drives.get_mut(axis.drive) else {
-                continue;
-            };
-            if !stop.is_empty() {
-                axis.port.request_stop(stop);
-            }
-            if disable {
-                axis.port.end();
-            }
-            if axis.port.is_asked() {
-                axis.port
-                    .before_send(&mut axis.core, now, drive.outputs_mut());
-            }
-            if disable {
-                axis.core
-                    .submit(now, OWN_COMMAND, Command::Disable, drive.outputs_mut());
+        // Else there is nothing to take in for any axis.
+        if this.groups.take_asked() || disable || !stop.is_empty() {
+            for axis in &mut this.axes {
+                axis.take_in(now, stop, disable, drives);
             }
         }
         let mut set = Set {
@@ -215,32 +206,57 @@ impl Stepper for Rc<RefCell<Axes>> {
         this.groups.advance(now, &mut set);
     }
 
-    fn after_receive(&mut self, now: Duration, drives: &mut [DriveData]) {
+    fn after_receive(&mut self, now: Duration, drives: &mut Drives) {
         let this = &mut *self.borrow_mut();
         for (index, axis) in this.axes.iter_mut().enumerate() {
-            let Some(drive) = drives.get_mut(axis.drive) else {
+            let core = &mut axis.core;
+            let step = |inputs: Inputs<'_>, unchanged, outputs: &mut [u8]| {
+                core.step_kept(now, inputs, unchanged, outputs)
+            };
+            let Some(news) = drives.step(axis.drive, step) else {
                 continue;
             };
-            drive.step(|inputs, unchanged, outputs| {
-                axis.core.step_kept(now, inputs, unchanged, outputs)
-            });
-            if let Some(snapshot) = axis.port.pass(&mut axis.core, drive.news()) {
+            if let Some(snapshot) = axis.port.pass(&mut axis.core, news) {
                 this.journal.look(now, index, &snapshot);
             }
         }
     }
 }
 
+impl RunningAxis {
+    /// Lets the core take in what was asked of the axis, and what is asked of all.
+    fn take_in(&mut self, now: Duration, stop: StopRequest, disable: bool, drives: &mut Drives) {
+        if !stop.is_empty() {
+            self.port.request_stop(stop);
+        }
+        if disable {
+            self.port.end();
+        }
+        if !(disable || self.port.is_asked()) {
+            return;
+        }
+        let Some(outputs) = drives.outputs_mut(self.drive) else {
+            return;
+        };
+        if self.port.is_asked() {
+            self.port.before_send(&mut self.core, now, outputs);
+        }
+        if disable {
+            self.core
+                .submit(now, OWN_COMMAND, Command::Disable, outputs);
+        }
+    }
+}
+
 struct Set<'a> {
     axes: &'a mut [RunningAxis],
-    drives: &'a mut [DriveData],
+    drives: &'a mut Drives,
 }
 
 impl AxisSet for Set<'_> {
     fn axis(&mut self, index: usize) -> Option<(&mut AxisCore, &mut [u8])> {
         let axis = self.axes.get_mut(index)?;
-        let drive = self.drives.get_mut(axis.drive)?;
-        Some((&mut axis.core, drive.outputs_mut()))
+        Some((&mut axis.core, self.drives.outputs_mut(axis.drive)?))
     }
 }
 

@@ -5,7 +5,7 @@
 use std::{fmt, ops::Range, time::Duration};
 
 use super::{
-    exchange::{Answer, DriveData},
+    drive_data::{Answer, DriveData},
     packing::{Frame, Packed},
 };
 use crate::{

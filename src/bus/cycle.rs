@@ -5,7 +5,8 @@ use std::time::Duration;
 use super::{
     ReferenceClock,
     dc::Phase,
-    exchange::{DriveData, Events, Exchange, receive_deadline},
+    drive_data::Drives,
+    exchange::{Events, Exchange, receive_deadline},
     frame::Tag,
     gap::{Gap, RoundTrip},
     statistics::Counters,
@@ -15,19 +16,19 @@ use crate::link::Link;
 /// Who works with the process data, on the bus thread.
 pub(super) trait Stepper {
     /// Last thing before the outputs are sent.
-    fn before_send(&mut self, now: Duration, drives: &mut [DriveData]);
+    fn before_send(&mut self, now: Duration, drives: &mut Drives);
     /// After the inputs came in, or did not.
-    fn after_receive(&mut self, now: Duration, drives: &mut [DriveData]);
+    fn after_receive(&mut self, now: Duration, drives: &mut Drives);
 }
 
 /// One, then the other.
 impl<A: Stepper, B: Stepper> Stepper for (A, B) {
-    fn before_send(&mut self, now: Duration, drives: &mut [DriveData]) {
+    fn before_send(&mut self, now: Duration, drives: &mut Drives) {
         self.0.before_send(now, drives);
         self.1.before_send(now, drives);
     }
 
-    fn after_receive(&mut self, now: Duration, drives: &mut [DriveData]) {
+    fn after_receive(&mut self, now: Duration, drives: &mut Drives) {
         self.0.after_receive(now, drives);
         self.1.after_receive(now, drives);
     }

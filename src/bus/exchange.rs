@@ -9,99 +9,16 @@ use std::{ops::Range, time::Duration};
 use super::NetworkError;
 use super::black_box::{RecordedAxis, RecordedCycle, Recorder};
 use super::dc::Distribution;
+use super::drive_data::{Answer, Drives, PATTERN, alternating};
 use super::frame::{self, Tag};
+use super::judging::{judge_calmly, judge_part};
 use super::mailbox_states::{MailboxStates, Watched};
-use super::packing::{Member, Packed, Part, Sign, pack};
+use super::packing::{Frame, Member, Packed, Sign, pack};
 use super::statistics::Counters;
-use crate::{axis::Inputs, link::Link};
-
-/// Fills unanswered input areas. As a statusword it decodes to no state (CiA DSP 402 v2.0, table 7).
-const PATTERN: u8 = 0xFF;
-/// Fill unanswered inputs of other devices, in turn.
-const PATTERNS: [u8; 2] = [0x55, 0xAA];
+use crate::link::Link;
 
 /// The most frames of a cycle: each has its place in a byte of its source address.
 const MOST_FRAMES: usize = 255;
-
-/// One drive's share of the exchange.
-#[derive(Debug, Clone)]
-pub(super) struct DriveData {
-    /// What is sent in the next cycle.
-    outputs: Vec<u8>,
-    /// Whether that is not in the frame yet.
-    unpacked: bool,
-    /// What came back last.
-    pub(super) inputs: Vec<u8>,
-    /// Whether the last cycle brought other inputs than the one before.
-    pub(super) changed: bool,
-    /// What the last cycle brought.
-    pub(super) answer: Answer,
-    /// Whether it counts as lost: then nothing is expected of it.
-    pub(super) lost: bool,
-    /// Whether it is in OP, so that it acts on its outputs.
-    pub(super) operational: bool,
-    /// Whether it was seen to have left OP: it may close its outputs then, and counts for its inputs alone.
-    pub(super) fallen: bool,
-    /// Whether it is being set up anew: it counts as lost, and what it adds to a working counter meanwhile is nobody's loss.
-    pub(super) away: bool,
-    stale_cycles: u32,
-    patience: u32,
-    sign: Sign,
-}
-
-/// What a cycle brought from a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Answer {
-    /// Inputs, and the outputs were delivered.
-    Fresh,
-    /// Inputs; whether the outputs were delivered is not known.
-    Answered,
-    /// Nothing.
-    Stale,
-}
-
-impl DriveData {
-    /// What is sent in the next cycle, to be written to.
-    pub(super) fn outputs_mut(&mut self) -> &mut [u8] {
-        self.unpacked = true;
-        &mut self.outputs
-    }
-
-    /// Lets an axis core take the inputs and write the outputs, and say whether it has.
-    pub(super) fn step(&mut self, core: impl FnOnce(Inputs<'_>, bool, &mut [u8]) -> bool) {
-        let unchanged = !self.changed;
-        let (inputs, outputs) = self.judged();
-        let written = core(inputs, unchanged, outputs);
-        self.unpacked |= written;
-    }
-
-    fn judged(&mut self) -> (Inputs<'_>, &mut [u8]) {
-        let inputs = match self.answer {
-            Answer::Fresh if self.operational => Inputs::Fresh(&self.inputs),
-            Answer::Fresh | Answer::Answered => Inputs::Answered(&self.inputs),
-            Answer::Stale => Inputs::Stale,
-        };
-        (inputs, &mut self.outputs)
-    }
-
-    /// It is being set up anew from now on: nothing of it is taken.
-    pub(super) const fn take_away(&mut self) {
-        self.away = true;
-        self.lost = true;
-        self.operational = false;
-    }
-
-    /// It is set up, and not yet in OP.
-    pub(super) const fn put_back(&mut self) {
-        self.away = false;
-        self.fallen = true;
-    }
-
-    /// The inputs, where they are others than before.
-    pub(super) fn news(&self) -> Option<&[u8]> {
-        self.changed.then_some(&self.inputs)
-    }
-}
 
 /// What happened to the drives in a cycle, beyond their data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -117,8 +34,14 @@ pub(super) struct Events {
 }
 
 pub(super) struct Exchange {
-    pub(super) drives: Vec<DriveData>,
+    pub(super) drives: Drives,
     packed: Packed,
+    /// Where inputs lie that can hold any bits: frame and place.
+    any_bits: Vec<(usize, Range<usize>)>,
+    /// Whether the last cycle brought inputs from every drive, and all outputs were delivered.
+    all_fresh: bool,
+    /// Whether it brought other inputs than the one before from any of them.
+    changed: bool,
     mailboxes: MailboxStates,
     recorder: Recorder,
     cycle: u64,
@@ -133,34 +56,30 @@ impl Exchange {
         mailboxes: Vec<Watched>,
         clock: Option<Distribution>,
     ) -> Self {
-        let drives = members.iter().map(|member| DriveData {
-            outputs: vec![0; member.outputs],
-            unpacked: true,
-            inputs: vec![0; member.inputs],
-            changed: false,
-            answer: Answer::Stale,
-            lost: false,
-            operational: false,
-            fallen: false,
-            away: false,
-            stale_cycles: 0,
-            patience: member.patience,
-            sign: member.sign,
-        });
         let mut packed = pack(members, mailboxes.len(), clock);
+        let mut any_bits = Vec::new();
         for part in &packed.parts {
             for share in &part.shares {
-                if let Some(frame) = packed.frames.get_mut(part.frame)
-                    && let Some(to) = slice_mut(&mut frame.request, share.inputs.as_ref())
+                let Some(inputs) = &share.inputs else {
+                    continue;
+                };
+                let sign = members.get(share.drive).map(|member| member.sign);
+                if sign == Some(Sign::AnyBits) {
+                    any_bits.push((part.frame, inputs.clone()));
+                } else if let Some(frame) = packed.frames.get_mut(part.frame)
+                    && let Some(to) = frame.request.get_mut(inputs.clone())
                 {
                     to.fill(PATTERN);
                 }
             }
         }
         Self {
-            drives: drives.collect(),
+            drives: Drives::new(members),
             recorder: Recorder::new(&packed, members.len()),
             packed,
+            any_bits,
+            all_fresh: false,
+            changed: false,
             mailboxes: MailboxStates::new(mailboxes),
             cycle: 0,
             in_flight: false,
@@ -213,26 +132,14 @@ impl Exchange {
     /// Sends all frames of a cycle back to back.
     pub(super) fn send(&mut self, link: &mut dyn Link, counters: &Counters) {
         self.cycle = self.cycle.wrapping_add(1);
-        for part in &self.packed.parts {
-            let Some(frame) = self.packed.frames.get_mut(part.frame) else {
-                continue;
-            };
-            for share in &part.shares {
-                let Some(drive) = self.drives.get_mut(share.drive) else {
-                    continue;
-                };
-                // What was packed into the frame before stays there.
-                if drive.unpacked
-                    && let Some(to) = slice_mut(&mut frame.request, share.outputs.as_ref())
-                {
-                    to.copy_from_slice(&drive.outputs);
-                    drive.unpacked = false;
-                }
-                if drive.sign == Sign::AnyBits
-                    && let Some(to) = slice_mut(&mut frame.request, share.inputs.as_ref())
-                {
-                    to.fill(drive.pattern(self.cycle));
-                }
+        if self.drives.take_written() {
+            self.pack_outputs();
+        }
+        for (frame, area) in &self.any_bits {
+            if let Some(frame) = self.packed.frames.get_mut(*frame)
+                && let Some(to) = frame.request.get_mut(area.clone())
+            {
+                to.fill(alternating(self.cycle));
             }
         }
         let Packed {
@@ -266,6 +173,7 @@ impl Exchange {
         match self.packed.frames.get_mut(usize::from(place)) {
             Some(frame) if current && !frame.back => {
                 if frame::is_answer_to(answer, &frame.request) {
+                    core::mem::swap(&mut frame.answer, &mut frame.before);
                     frame.answer.clear();
                     frame.answer.extend_from_slice(answer);
                     frame.back = true;
@@ -290,23 +198,64 @@ impl Exchange {
             .count();
         let lost = missing.saturating_sub(self.refused);
         counters.lost.add_many(lost as u64);
-        for drive in &mut self.drives {
-            drive.answer = Answer::Fresh;
-            drive.changed = false;
+        let is_disturbed = self.drives.take_disturbed();
+        let (were_fresh, changed) = (self.all_fresh && !is_disturbed, self.changed);
+        if !were_fresh || changed {
+            for drive in self.drives.iter_mut() {
+                drive.answer = Answer::Fresh;
+                drive.changed = false;
+            }
         }
-        for part in &self.packed.parts {
-            let answer = self
-                .packed
-                .frames
-                .get(part.frame)
-                .filter(|frame| frame.back)
-                .map(|frame| frame.answer.as_slice());
-            let right = judge_part(part, answer, self.cycle, &mut self.drives, &mut events);
-            if !right && answer.is_some() {
+        (self.all_fresh, self.changed) = (true, false);
+        for part in &mut self.packed.parts {
+            let frame = self.packed.frames.get(part.frame);
+            let frame = frame.filter(|frame| frame.back);
+            let calmly = frame.filter(|_| were_fresh && part.calm).and_then(|frame| {
+                let Frame { answer, before, .. } = frame;
+                judge_calmly(part, answer, before, self.cycle, &mut self.drives)
+            });
+            let verdict = calmly.unwrap_or_else(|| {
+                let answer = frame.map(|frame| frame.answer.as_slice());
+                judge_part(part, answer, self.cycle, &mut self.drives, &mut events)
+            });
+            part.calm = verdict.calm;
+            self.all_fresh &= verdict.fresh;
+            self.changed |= verdict.changed;
+            if !verdict.right && frame.is_some() {
                 counters.wrong_working_counters.add();
                 events.wrong = true;
             }
         }
+        if !(were_fresh && self.all_fresh) {
+            self.count_silence(counters, &mut events);
+        }
+        self.mailboxes
+            .judge(&self.packed.mailbox_states, &self.packed.frames);
+        events.al_status = self.read_al_status();
+        events.reference_time = self.read_reference_time();
+        events
+    }
+
+    /// Packs the outputs that were written since the last time: what was packed into the frame before stays there.
+    fn pack_outputs(&mut self) {
+        for part in &self.packed.parts {
+            let Some(frame) = self.packed.frames.get_mut(part.frame) else {
+                continue;
+            };
+            for share in &part.shares {
+                if let Some(outputs) = &share.outputs
+                    && let Some(drive) = self.drives.get_mut(share.drive)
+                    && let Some(from) = drive.take_unpacked()
+                    && let Some(to) = frame.request.get_mut(outputs.clone())
+                {
+                    to.copy_from_slice(from);
+                }
+            }
+        }
+    }
+
+    /// Counts who was silent and whose outputs are in doubt.
+    fn count_silence(&mut self, counters: &Counters, events: &mut Events) {
         for (place, drive) in self.drives.iter_mut().enumerate() {
             events.membership |= drive.count_silence();
             if drive.answer != Answer::Fresh
@@ -318,11 +267,6 @@ impl Exchange {
                 }
             }
         }
-        self.mailboxes
-            .judge(&self.packed.mailbox_states, &self.packed.frames);
-        events.al_status = self.read_al_status();
-        events.reference_time = self.read_reference_time();
-        events
     }
 
     /// Keeps the cycle that was just judged, whose frames were sent at `time`.
@@ -352,149 +296,6 @@ impl Exchange {
     }
 }
 
-impl DriveData {
-    /// What its inputs are filled with before they are sent.
-    const fn pattern(&self, cycle: u64) -> u8 {
-        match self.sign {
-            Sign::Statusword => PATTERN,
-            Sign::AnyBits => PATTERNS[(cycle % 2) as usize],
-        }
-    }
-
-    /// True when it is lost from now on, or no longer.
-    fn count_silence(&mut self) -> bool {
-        let before = self.lost;
-        if self.answer == Answer::Stale {
-            self.stale_cycles = self.stale_cycles.saturating_add(1);
-            self.lost |= self.stale_cycles >= self.patience;
-            // What state it comes back in is to be read anew.
-            self.operational &= !self.lost;
-        } else {
-            self.stale_cycles = 0;
-        }
-        self.lost != before
-    }
-}
-
-/// Takes the inputs of the drives that share a datagram. Whether its working counter was right.
-fn judge_part(
-    part: &Part,
-    answer: Option<&[u8]>,
-    cycle: u64,
-    drives: &mut [DriveData],
-    events: &mut Events,
-) -> bool {
-    let counter = answer
-        .and_then(|answer| answer.get(part.data.end..part.data.end + 2))
-        .and_then(|bytes| <[u8; 2]>::try_from(bytes).ok())
-        .map(u16::from_le_bytes);
-    let (mut expected, mut closed, mut undecided) = (0, 0, false);
-    for share in &part.shares {
-        let Some(drive) = drives.get_mut(share.drive) else {
-            continue;
-        };
-        if drive.away {
-            drive.answer = Answer::Stale;
-            expected += share.counts;
-            closed += share.counts;
-            continue;
-        }
-        let inputs = share.inputs.as_ref().map(|inputs| {
-            let bytes = answer.and_then(|answer| answer.get(inputs.clone()));
-            let pattern = drive.pattern(cycle);
-            bytes.filter(|bytes| bytes.iter().any(|byte| *byte != pattern))
-        });
-        let answered = match inputs {
-            Some(Some(bytes)) => {
-                drive.changed = take(&mut drive.inputs, bytes);
-                true
-            }
-            Some(None) => {
-                drive.answer = Answer::Stale;
-                undecided = true;
-                false
-            }
-            // It has none at all, and the datagram to itself.
-            None if drive.inputs.is_empty() => {
-                let there = counter.is_some_and(|counter| counter != 0);
-                if !there && !drive.fallen {
-                    drive.answer = Answer::Stale;
-                }
-                there
-            }
-            None => false,
-        };
-        if answered {
-            events.membership |= drive.lost;
-            drive.lost = false;
-        }
-        if !drive.lost {
-            expected += share.counts;
-            if drive.fallen && share.outputs.is_some() {
-                closed += share.counts - u16::from(share.inputs.is_some());
-            }
-        }
-    }
-    if undecided && counter == Some(expected) {
-        take_equal_to_the_pattern(part, answer, drives);
-    }
-    let right = counter.is_some_and(|counter| (expected - closed..=expected).contains(&counter));
-    if !right {
-        for share in &part.shares {
-            if let Some(drive) = drives.get_mut(share.drive)
-                && drive.answer == Answer::Fresh
-            {
-                drive.answer = Answer::Answered;
-            }
-        }
-    }
-    right
-}
-
-/// Everybody has answered: whose inputs are equal to the pattern, has them so.
-fn take_equal_to_the_pattern(part: &Part, answer: Option<&[u8]>, drives: &mut [DriveData]) {
-    for share in &part.shares {
-        if let Some(drive) = drives.get_mut(share.drive)
-            && drive.sign == Sign::AnyBits
-            && drive.answer == Answer::Stale
-            && !drive.lost
-            && let Some(inputs) = &share.inputs
-            && let Some(bytes) = answer.and_then(|answer| answer.get(inputs.clone()))
-        {
-            drive.changed = take(&mut drive.inputs, bytes);
-            drive.answer = Answer::Fresh;
-        }
-    }
-}
-
-/// Takes bytes of the same length. Whether they are others than before.
-#[inline]
-fn take(to: &mut [u8], from: &[u8]) -> bool {
-    // An axis is seldom more: as two words, which may overlap. A call of a general copy costs more than that.
-    if (8..=16).contains(&from.len())
-        && to.len() == from.len()
-        && let (Some(first), Some(last)) = (from.first_chunk::<8>(), from.last_chunk::<8>())
-    {
-        let changed = to.first_chunk() != Some(first) || to.last_chunk() != Some(last);
-        if changed && let Some(to) = to.first_chunk_mut() {
-            *to = *first;
-        }
-        if changed && let Some(to) = to.last_chunk_mut() {
-            *to = *last;
-        }
-        return changed;
-    }
-    let changed = to != from;
-    if changed {
-        to.copy_from_slice(from);
-    }
-    changed
-}
-
-fn slice_mut<'a>(bytes: &'a mut [u8], range: Option<&Range<usize>>) -> Option<&'a mut [u8]> {
-    bytes.get_mut(range?.clone())
-}
-
 /// How long the frames of a cycle may be away.
 pub(super) fn receive_deadline(cycle: Duration) -> Duration {
     // The rest of the cycle is for the axis cores and for acyclic frames.
@@ -504,3 +305,7 @@ pub(super) fn receive_deadline(cycle: Duration) -> Duration {
 #[cfg(test)]
 #[path = "exchange_tests.rs"]
 mod tests;
+
+#[cfg(test)]
+#[path = "exchange_twins.rs"]
+mod twins;

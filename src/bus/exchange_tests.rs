@@ -2,10 +2,11 @@
 
 use std::{io, task::Waker, time::Duration};
 
-use super::{Answer, Exchange, PATTERN, PATTERNS};
+use super::{Answer, Exchange, PATTERN};
 use crate::{
     axis::Inputs,
     bus::{
+        drive_data::PATTERNS,
         frame::Tag,
         packing::{Member, Sign},
         statistics::Counters,
@@ -15,7 +16,7 @@ use crate::{
 
 /// Keeps what was sent.
 #[derive(Default)]
-struct Sent(Vec<Vec<u8>>);
+pub(super) struct Sent(pub(super) Vec<Vec<u8>>);
 
 impl Link for Sent {
     fn send(&mut self, frame: &[u8]) -> io::Result<()> {
@@ -87,7 +88,7 @@ fn input_areas_are_sent_as_a_pattern_that_is_no_ds402_state() {
     let pattern = Statusword::from_bits_retain(u16::from_le_bytes([PATTERN; 2]));
     assert_eq!(pattern.state(), State::Unknown);
     let mut exchange = two_drives();
-    exchange.drives[0].outputs_mut().copy_from_slice(&[0x0F]);
+    exchange.drives.outputs_mut(0).unwrap()[0] = 0x0F;
     let mut link = Sent::default();
     exchange.send(&mut link, &Counters::default());
     assert_eq!(
@@ -100,7 +101,7 @@ fn input_areas_are_sent_as_a_pattern_that_is_no_ds402_state() {
 fn all_is_fresh_when_the_working_counter_is_right() {
     let (mut exchange, counters) = (two_drives(), Counters::default());
     assert_eq!(cycle(&mut exchange, &counters, both), [Answer::Fresh; 2]);
-    assert_eq!(exchange.drives[1].inputs, [0x37, 0x06]);
+    assert_eq!(*exchange.drives[1].inputs, [0x37, 0x06]);
     assert_eq!(counters.read().wrong_working_counters, 0);
 }
 
@@ -115,7 +116,7 @@ fn a_silent_drive_leaves_the_others_answered_and_its_own_inputs_stale() {
         );
     }
     assert_eq!(
-        exchange.drives[1].inputs,
+        *exchange.drives[1].inputs,
         [0x37, 0x06],
         "the pattern is never passed on as inputs"
     );
@@ -214,7 +215,7 @@ fn a_doubled_frame_is_taken_once_and_counted_as_late() {
     second[DATA + 1] = 0x40;
     exchange.accept(tag, &second, &counters);
     exchange.judge(&counters);
-    assert_eq!(exchange.drives[0].inputs, [0x31, 0x02]);
+    assert_eq!(*exchange.drives[0].inputs, [0x31, 0x02]);
     assert_eq!(counters.read().late, 1);
     exchange.accept(tag, &second, &counters);
     assert_eq!(counters.read().late, 2, "after the cycle as well");
@@ -242,7 +243,7 @@ fn inputs_of_which_one_bit_differs_from_the_pattern_are_an_answer() {
 #[test]
 fn a_drive_that_comes_back_is_not_taken_to_be_in_op_before_its_state_was_read() {
     let (mut exchange, counters) = (two_drives(), Counters::default());
-    for drive in &mut exchange.drives {
+    for drive in exchange.drives.iter_mut() {
         drive.operational = true;
     }
     cycle(&mut exchange, &counters, both);
@@ -258,7 +259,7 @@ fn a_drive_that_comes_back_is_not_taken_to_be_in_op_before_its_state_was_read() 
 #[test]
 fn a_drive_that_has_left_op_and_closes_its_outputs_does_not_hold_up_the_others() {
     let (mut exchange, counters) = (two_drives(), Counters::default());
-    for drive in &mut exchange.drives {
+    for drive in exchange.drives.iter_mut() {
         drive.operational = true;
     }
     let closed = |frame: &mut [u8]| {
@@ -308,7 +309,7 @@ fn any_inputs_are_taken_where_the_working_counter_is_right() {
             frame[DATA + 5] = 4;
         });
         assert_eq!(answers, [Answer::Fresh; 2], "{value:02X}h");
-        assert_eq!(exchange.drives[1].inputs, [value; 2]);
+        assert_eq!(*exchange.drives[1].inputs, [value; 2]);
     }
 }
 
@@ -349,7 +350,7 @@ fn inputs_that_did_not_come_are_stale_in_every_cycle_and_the_pattern_is_never_pa
         if cycles != 3 {
             assert_eq!(answers, [drive, Answer::Stale], "{cycles}");
         }
-        assert_eq!(exchange.drives[1].inputs, [0, 0]);
+        assert_eq!(*exchange.drives[1].inputs, [0, 0]);
     }
     assert!(exchange.drives[1].lost);
 }

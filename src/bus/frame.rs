@@ -159,24 +159,47 @@ fn parse(frame: &[u8], start: usize) -> Option<(Datagram<'_>, bool)> {
 
 /// Whether `answer` holds the datagrams of `request`: commands, indices, addresses and lengths.
 pub(super) fn is_answer_to(answer: &[u8], request: &[u8]) -> bool {
-    let mut answers = datagrams(answer);
-    let same = datagrams(request).all(|asked| match (asked, answers.next()) {
-        (Some(asked), Some(Some(got))) => {
-            asked.command == got.command
-                && asked.index == got.index
-                && asked.data.len() == got.data.len()
-                && same_address(asked.command, asked.address, got.address)
+    let (Some(answer), Some(request)) = (ether_cat(answer), ether_cat(request)) else {
+        return false;
+    };
+    let mut at = HEADERS;
+    loop {
+        let (Some(asked), Some(got)) = (header(request, at), header(answer, at)) else {
+            return false;
+        };
+        if (asked ^ got) & repeated(asked as u8) != 0 {
+            return false;
         }
-        _ => false,
-    });
-    same && answers.next().is_none()
+        let length = (asked >> 48) as usize & 0x07FF;
+        let end = at + DATAGRAM_OVERHEAD + length;
+        if end > request.len().min(answer.len()) {
+            return false;
+        }
+        if asked >> 63 == 0 {
+            return true;
+        }
+        at = end;
+    }
 }
 
-/// SubDevices count up the device part of position and broadcast addresses.
-fn same_address(command: u8, asked: [u8; 4], got: [u8; 4]) -> bool {
+/// The frame as far as its EtherCAT header says; none if it is shorter.
+fn ether_cat(frame: &[u8]) -> Option<&[u8]> {
+    let header = frame.get(ETHERNET_HEADER..)?.first_chunk()?;
+    frame.get(..HEADERS + usize::from(u16::from_le_bytes(*header) & 0x07FF))
+}
+
+/// The first eight bytes of a datagram as a number: command, index, address, length and whether another follows.
+fn header(frame: &[u8], at: usize) -> Option<u64> {
+    let bytes = frame.get(at..)?.first_chunk()?;
+    Some(u64::from_le_bytes(*bytes))
+}
+
+/// What of these an answer repeats. SubDevices count up the device part of position and broadcast addresses, and mark frames
+/// that circulate.
+const fn repeated(command: u8) -> u64 {
     match command {
-        1..=3 | 7..=9 | 13 => asked.get(2..) == got.get(2..),
-        _ => asked == got,
+        1..=3 | 7..=9 | 13 => 0x87FF_FFFF_0000_FFFF,
+        _ => 0x87FF_FFFF_FFFF_FFFF,
     }
 }
 
@@ -252,6 +275,8 @@ impl Composer {
 
 #[cfg(test)]
 mod tests {
+    use proptest::{collection::vec, prelude::*};
+
     use super::{Composer, Tag, command, datagrams, is_answer_to, reaches_memory};
 
     fn two_datagrams() -> Vec<u8> {
@@ -281,6 +306,54 @@ mod tests {
         assert!(is_answer_to(&request, &request));
         for length in 0..request.len() {
             assert!(!is_answer_to(&request[..length], &request), "{length}");
+        }
+    }
+
+    /// By their datagrams, one by one.
+    fn holds_the_datagrams_of(answer: &[u8], request: &[u8]) -> bool {
+        let fields = |frame| -> Option<Vec<_>> {
+            let fields = datagrams(frame).map(|datagram| {
+                let datagram = datagram?;
+                let [a, b, c, d] = datagram.address;
+                let counted = matches!(datagram.command, 1..=3 | 7..=9 | 13);
+                let device = (!counted).then_some([a, b]);
+                let rest = (datagram.index, device, [c, d], datagram.data.len());
+                Some((datagram.command, rest))
+            });
+            fields.collect()
+        };
+        fields(request).is_some() && fields(answer) == fields(request)
+    }
+
+    proptest! {
+        #[test]
+        fn an_answer_is_one_by_the_fields_of_its_datagrams(
+            asked in vec((0..16u8, any::<[u8; 4]>(), 0..6usize), 1..5),
+            changes in vec((any::<prop::sample::Index>(), 0..8u32), 0..4),
+            length in any::<prop::sample::Index>(),
+            cut in any::<bool>(),
+        ) {
+            let mut composer = Composer::new();
+            for (command, address, length) in asked {
+                composer.push(command, address, length);
+            }
+            let request = composer.finish();
+            let mut answer = request.clone();
+            answer.extend([0; 8]);
+            for (at, bit) in changes {
+                // From the EtherCAT header on.
+                let at = 14 + at.index(answer.len() - 14);
+                answer[at] ^= 1 << bit;
+            }
+            if cut {
+                answer.truncate(length.index(answer.len()));
+            }
+            prop_assert_eq!(
+                is_answer_to(&answer, &request),
+                holds_the_datagrams_of(&answer, &request)
+            );
+            let request_itself = is_answer_to(&request, &request);
+            prop_assert!(request_itself);
         }
     }
 

@@ -40,10 +40,11 @@ pub(super) enum Sign {
     AnyBits,
 }
 
-/// A frame of the exchange: what is sent, and what came back in this cycle.
+/// A frame of the exchange: what is sent, what came back in this cycle, and what came back last before.
 pub(super) struct Frame {
     pub(super) request: Vec<u8>,
     pub(super) answer: Vec<u8>,
+    pub(super) before: Vec<u8>,
     pub(super) back: bool,
 }
 
@@ -52,6 +53,8 @@ pub(super) struct Part {
     pub(super) frame: usize,
     pub(super) data: Range<usize>,
     pub(super) shares: Vec<Share>,
+    /// Whether it was judged as calm in the last cycle.
+    pub(super) calm: bool,
 }
 
 /// A drive's place in a datagram, with what it adds to the working counter.
@@ -242,6 +245,7 @@ impl Packer {
                 frame,
                 shares: shares.collect(),
                 data,
+                calm: false,
             });
         }
         let [r0, r1] = AL_STATUS.to_le_bytes();
@@ -258,6 +262,7 @@ impl Packer {
             let request = composer.finish();
             Frame {
                 answer: Vec::with_capacity(crate::link::LONGEST_FRAME),
+                before: Vec::with_capacity(crate::link::LONGEST_FRAME),
                 request,
                 back: false,
             }

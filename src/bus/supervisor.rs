@@ -14,7 +14,7 @@ use super::{
     cycle::Cycle,
     dc::LockWatch,
     discovery::Found,
-    exchange::DriveData,
+    drive_data::DriveData,
     io::{Io, Ports},
     log::{DriveChange, Note},
     plan::LinePlan,
@@ -298,7 +298,11 @@ fn look(
 ) -> Option<(Option<(u8, u16)>, bool)> {
     let mut cycle = context.cycle.borrow_mut();
     let cycle = cycle.as_mut()?;
-    let states = running.ids.iter().zip(&cycle.exchange.drives).zip(lost);
+    let states = running
+        .ids
+        .iter()
+        .zip(cycle.exchange.drives.iter())
+        .zip(lost);
     for ((drive, data), lost) in states {
         if data.lost != *lost {
             *lost = data.lost;

@@ -116,16 +116,21 @@ fn no_inputs_are_taken_for_the_pattern_that_marks_silence() {
     let inputs = ["Channel 1.Input", "Channel 2.Input"];
     let inputs = inputs.map(|name| io(&rig, "buttons").input::<bool>(name).unwrap());
     for value in [0x55, 0xAA, 0x55, 0xFF, 0x00, 0xAA] {
-        line.segment().device_mut(2).unwrap().set_inputs(&[value]);
-        rig.run_for(3 * CYCLE);
-        for _ in 0..6 {
-            let seen = [inputs[0].get(), inputs[1].get()];
-            assert_eq!(
-                seen,
-                [Ok(value & 1 != 0), Ok(value & 2 != 0)],
-                "{value:02X}h"
-            );
-            rig.run_for(CYCLE);
+        // The pattern alternates: they become so in a cycle of each kind.
+        for cycles in [3, 4] {
+            line.segment().device_mut(2).unwrap().set_inputs(&[0x0F]);
+            rig.run_for(cycles * CYCLE);
+            line.segment().device_mut(2).unwrap().set_inputs(&[value]);
+            for cycle in 0..6 {
+                rig.run_for(CYCLE);
+                let age = inputs[0].last().map(|sampled| sampled.age);
+                assert_eq!(age, Some(0), "{value:02X}h");
+                if cycle >= 2 {
+                    let seen = [inputs[0].get(), inputs[1].get()];
+                    let bits = [Ok(value & 1 != 0), Ok(value & 2 != 0)];
+                    assert_eq!(seen, bits, "{value:02X}h");
+                }
+            }
         }
     }
     assert_eq!(rig.net().statistics().wrong_working_counters, 0);

@@ -18,7 +18,7 @@ use super::{
 use crate::{
     bus::{
         cycle::Stepper,
-        exchange::{Answer, DriveData},
+        drive_data::{Answer, DriveData, Drives},
     },
     coe::DriveId,
 };
@@ -70,11 +70,15 @@ impl Shared {
         }
     }
 
-    /// Merges what was set into the outputs, if anything was since the last time.
+    /// Whether there is anything to merge.
+    fn is_set(&self) -> bool {
+        self.changed.load(Ordering::Relaxed)
+    }
+
+    /// Merges what was set into the outputs.
     fn merge(&self, outputs: &mut [u8]) {
-        if !self.changed.swap(false, Ordering::AcqRel) {
-            return;
-        }
+        // Before the values are read: what is set from now on is merged the next time.
+        self.changed.swap(false, Ordering::AcqRel);
         for (point, value) in self.points.iter().zip(&self.outputs) {
             let value = value.load(Ordering::Acquire);
             if value & SET != 0 {
@@ -147,18 +151,25 @@ impl Ports {
 }
 
 impl Stepper for Rc<RefCell<Ports>> {
-    fn before_send(&mut self, _: Duration, drives: &mut [DriveData]) {
+    fn before_send(&mut self, _: Duration, drives: &mut Drives) {
         let this = &*self.borrow();
-        for (port, data) in this.ports.iter().zip(drives.iter_mut().skip(this.first)) {
-            if this.ended || port.held {
-                data.outputs_mut().fill(0);
+        for (port, place) in this.ports.iter().zip(this.first..) {
+            let is_off = this.ended || port.held;
+            if !(is_off || port.shared.is_set()) {
+                continue;
+            }
+            let Some(outputs) = drives.outputs_mut(place) else {
+                continue;
+            };
+            if is_off {
+                outputs.fill(0);
             } else {
-                port.shared.merge(data.outputs_mut());
+                port.shared.merge(outputs);
             }
         }
     }
 
-    fn after_receive(&mut self, _: Duration, drives: &mut [DriveData]) {
+    fn after_receive(&mut self, _: Duration, drives: &mut Drives) {
         let this = &mut *self.borrow_mut();
         let ports = this.ports.iter_mut();
         for (port, data) in ports.zip(drives.iter().skip(this.first)) {

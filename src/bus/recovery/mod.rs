@@ -23,8 +23,8 @@ use super::{
     control::Control,
     dc,
     discovery::{self, Found, STATION_ADDRESS},
+    drive_data::{Answer, DriveData},
     drive_setup::{Failed, Job, SAFE_OP_LIMIT},
-    exchange::{Answer, DriveData},
     io::{IoJob, Ports, ReadyIo},
     log::Note,
     packing::Member,
@@ -206,7 +206,7 @@ impl Recovery {
     async fn find(&self, place: usize, device: &Device) -> Result<u16, NetworkError> {
         device.can_be_set_up()?;
         self.begin_again(place, |_| Again::Unknown);
-        self.with_data(place, DriveData::take_away);
+        self.take_away(place);
         let _searching = self.search.lock().await;
         find::find(&self.context.registers, &self.line, &device.found.id).await
     }
@@ -218,7 +218,7 @@ impl Recovery {
         device.stage.set(Stage::Anew);
         self.axes.borrow_mut().forget(place);
         self.begin_again(place, |_| Again::Unknown);
-        self.with_data(place, DriveData::take_away);
+        self.take_away(place);
         self.lead_into_pre_op(device).await?;
         let progress = |drives, ios| {
             let (listener, log) = (self.listener.clone(), self.context.log.clone());
@@ -362,8 +362,9 @@ impl Recovery {
         let now = self.context.time.now();
         self.ports.borrow_mut().hold(place);
         let mut cycle = self.context.cycle.borrow_mut();
-        if let Some(data) = data_of(&mut cycle, place) {
-            self.axes.borrow_mut().restart(now, place, again, data);
+        if let Some(cycle) = cycle.as_mut() {
+            let drives = &mut cycle.exchange.drives;
+            self.axes.borrow_mut().restart(now, place, again, drives);
         }
     }
 
@@ -409,6 +410,13 @@ impl Recovery {
     fn data(&self, place: usize, of: impl FnOnce(&DriveData) -> bool) -> bool {
         let mut cycle = self.context.cycle.borrow_mut();
         data_of(&mut cycle, place).is_some_and(|data| of(data))
+    }
+
+    /// From now on nothing of the device is taken.
+    fn take_away(&self, place: usize) {
+        if let Some(cycle) = self.context.cycle.borrow_mut().as_mut() {
+            cycle.exchange.drives.take_away(place);
+        }
     }
 
     fn with_data(&self, place: usize, change: impl FnOnce(&mut DriveData)) {

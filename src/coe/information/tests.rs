@@ -4,7 +4,7 @@
 use super::*;
 use crate::coe::data_type::TypeCode;
 use crate::coe::object::{Mappable, ObjectAddress};
-use alloc::vec;
+use alloc::{string::ToString, vec};
 use proptest::prelude::*;
 
 const VENDOR: Question = Question::Entry {
