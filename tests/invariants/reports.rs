@@ -107,7 +107,13 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                         line.ended_at.is_some_and(|ended| ended <= report.now)
                             && line.end_position.is_some_and(elsewhere)
                     });
-                if !(stood || over || told && life.lies.ack) {
+                // Its last way may be within the tolerance of where it was seen to stand: it has ended there all the same.
+                let ended_there = line.is_some_and(|line| {
+                    let there = |end: i64| end.abs_diff(i64::from(actual)) <= u64::from(tolerance);
+                    line.ended_at.is_some_and(|ended| ended <= report.now)
+                        && line.end_position.is_some_and(there)
+                });
+                if !(stood || over || ended_there || told && life.lies.ack) {
                     return fail("while it moved");
                 }
             }
