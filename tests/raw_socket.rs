@@ -333,7 +333,8 @@ fn without_the_capability_the_error_says_how_to_get_it() {
     assert_eq!(
         failure(program, Duration::from_secs(10)),
         "pp_move: no permission to open a raw socket: run as root, or give the program the capability (`setcap \
-         cap_net_raw+ep <program>`)\n"
+         cap_net_raw+ep <program>`; where it asks for real time too, all in one: `setcap \
+         cap_net_raw,cap_sys_nice,cap_ipc_lock+ep <program>`, since those that are not named are taken away)\n"
     );
 }
 

@@ -46,7 +46,8 @@ impl Axis {
     /// Once asked for it is completed, also when the future is dropped.
     ///
     /// # Errors
-    /// With the reason for which the drive refuses: a fault, local control, no supply, or a deadline; or when the bus is
+    /// With the reason for which the drive refuses: a fault, local control, no supply, or a deadline; [`Failure::Busy`](super::Failure::Busy)
+    /// while another command leads the axis somewhere, or where a stop that is not sent yet has ended another enable; when the bus is
     /// lost.
     pub async fn enable(&self) -> Result<(), AxisError> {
         self.run(Command::Enable).await?;

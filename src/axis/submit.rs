@@ -68,7 +68,7 @@ impl AxisCore {
         let state = self.state();
         let refused = if let Some(fault) = self.fault() {
             Some(fault)
-        } else if self.stopping.is_active() || self.stop_unsent {
+        } else if self.stopping.is_active() || (self.stop_unsent && !self.power.is_driving()) {
             Some(Failure::Busy)
         } else {
             match self.power {

@@ -226,7 +226,9 @@ impl Network {
     /// ```
     ///
     /// # Errors
-    /// [`NetworkError::Drive`] with the step that failed; [`NetworkError::Declaration`] if no drive and no device with inputs
+    /// [`NetworkError::Drive`] with the step that failed, or because the drive follows a distributed clock and would have to be
+    /// brought up anew ([`DriveFault::ClockOfRunningLine`](super::DriveFault::ClockOfRunningLine)); [`NetworkError::WrongLine`] if
+    /// it is not in the line any more, or another device is in its place; [`NetworkError::Declaration`] if no drive and no device with inputs
     /// and outputs was declared there; [`NetworkError::Thread`] if the network has ended. After an error the device is out of
     /// OP, as before.
     pub async fn recover(&self, place: impl Into<DevicePlace>) -> Result<Recovered, NetworkError> {

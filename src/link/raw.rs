@@ -23,7 +23,8 @@ pub enum RawSocketError {
     /// The process may not open raw sockets.
     #[error(
         "no permission to open a raw socket: run as root, or give the program the capability \
-         (`setcap cap_net_raw+ep <program>`)"
+         (`setcap cap_net_raw+ep <program>`; where it asks for real time too, all in one: \
+         `setcap cap_net_raw,cap_sys_nice,cap_ipc_lock+ep <program>`, since those that are not named are taken away)"
     )]
     NoPermission,
     /// There is no interface of this name.

@@ -307,3 +307,23 @@ fn pitfall_19_an_enable_does_not_go_on_where_a_stop_has_just_ended_another() {
     assert_eq!(rig.words.last(), Some(&0), "voltage disabled");
     rig.enable();
 }
+
+#[test]
+fn pitfall_19_an_enable_is_refused_only_where_it_would_take_a_stop_back() {
+    // Of an axis that is off there is nothing to stop.
+    let mut rig = Rig::new(Behaviour::akd2g(), |_| {});
+    rig.run(50);
+    for stop in [Command::Halt, Command::Stop, Command::QuickStop] {
+        let stop = rig.send(stop);
+        assert!(matches!(rig.outcome(stop), Some(Ok(_))));
+    }
+    let enable = rig.send(Command::Enable);
+    assert_eq!(rig.finish(enable), Ok(Completion::Done));
+    // One that is enabled stays so, and halts all the same.
+    let halt = rig.send(Command::Halt);
+    let enable = rig.send(Command::Enable);
+    assert_eq!(rig.outcome(enable), Some(Ok(Completion::Done)));
+    rig.cycle();
+    assert_eq!(rig.words.last().map(|word| word & BIT_8), Some(BIT_8));
+    assert!(rig.finish(halt).is_ok());
+}
