@@ -262,6 +262,11 @@ pub enum DriveFault {
         "it follows its distributed clock, which cannot be set anew while the network runs: shut the network down and start it again"
     )]
     ClockOfRunningLine,
+    /// It was without power, and the clocks of the others follow its own, which would jump.
+    #[error(
+        "its clock is the reference of the others and has begun anew: shut the network down and start it again"
+    )]
+    ReferenceOfRunningLine,
     /// Its SYNC unit is not on as it was switched on.
     #[error("its SYNC unit is on with {got:02X}h in register 0981h instead of {expected:02X}h")]
     SyncUnit {

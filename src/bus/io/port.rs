@@ -134,7 +134,7 @@ impl Ports {
 
     /// The device at this place has been led back: what is set from now on comes into effect, and nothing from before.
     pub(in crate::bus) fn release(&mut self, place: usize) {
-        if let Some(port) = self.port(place) {
+        if let Some(port) = self.port(place).filter(|port| port.held) {
             port.shared.forget();
             port.held = false;
         }

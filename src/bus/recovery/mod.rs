@@ -66,6 +66,8 @@ pub(super) struct Device {
     lists: Option<(SdoHandle, Vec<StartUpList>)>,
     /// Whether it follows SYNC0.
     synchronised: bool,
+    /// Whether all other clocks follow its own.
+    is_reference: bool,
     set_up: SetUp,
     /// Held by whoever leads it back.
     in_work: Mutex<()>,
@@ -92,8 +94,10 @@ enum Stage {
 
 /// The devices of a line that was brought up.
 pub(super) fn devices(ready: Ready) -> Vec<Device> {
+    let reference = ready.reference();
     let device = |found: Found, lists, synchronised, set_up| Device {
         id: Arc::new(found.id.clone()),
+        is_reference: reference.as_ref() == Some(&found.id),
         found,
         lists,
         synchronised,
@@ -186,6 +190,8 @@ impl Recovery {
             AlState::Op if from.error.is_none() && !half_way => {
                 let is_served = self.until(|this| this.is_served(place));
                 is_served.await.map_err(|failed| device.fault(failed))?;
+                // An attempt before may have failed while it was cut off.
+                self.ports.borrow_mut().release(place);
                 Ok(Recovered::WasInOp)
             }
             AlState::Op | AlState::SafeOp if !half_way => {
@@ -205,6 +211,10 @@ impl Recovery {
     /// Gives it its station address again, wherever it is in the line now.
     async fn find(&self, place: usize, device: &Device) -> Result<u16, NetworkError> {
         device.can_be_set_up()?;
+        // By its address the time is read that all others get.
+        if device.is_reference {
+            return Err(device.fault((BringUpStep::Clock, DriveFault::ReferenceOfRunningLine)));
+        }
         self.begin_again(place, |_| Again::Unknown);
         self.take_away(place);
         let _searching = self.search.lock().await;

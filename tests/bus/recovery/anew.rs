@@ -6,15 +6,18 @@ use servocrab::{
     axis::{Failure, Referencing},
     bus::{
         AlState as State, AlStatus, BringUpStep, DistributedClock, DriveConfig, Network, Recovered,
+        ReferenceClock,
     },
     coe::obj,
     drives,
     homing::{HomingMethod, HomingParameters},
     parameters::StartUpWrite,
+    profile_position::Outcome,
 };
-use servocrab_sim::{AlState, personality};
+use servocrab_sim::{AlState, Segment, personality};
 
-use super::{MIDDLE, MS, Yard, config, is_over, kinds};
+use super::{MIDDLE, MS, Yard, config, is_over, kinds, set_point};
+use crate::rig::{Line, Rig};
 
 const ANEW: Recovered = Recovered::BroughtUp {
     position: 1,
@@ -195,4 +198,47 @@ fn a_drive_that_follows_its_clock_is_refused_before_anything_is_done_and_led_bac
     yard.nothing_has_happened();
     assert_eq!(yard.state(MIDDLE), AlState::Init);
     yard.ends();
+}
+
+#[test]
+fn a_reference_that_has_begun_anew_is_not_made_the_clock_of_a_line_that_runs() {
+    let mut segment = Segment::new()
+        .with(personality::sigma7())
+        .with(personality::sigma7());
+    segment
+        .device_mut(0)
+        .unwrap()
+        .set_clock(90_000_000_000, 0.0);
+    let line = Line::new(segment);
+    let follower = config(drives::sigma7(), &["z"]).dc(DistributedClock::new(0x0300));
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(0, config(drives::sigma7(), &["r"]))
+        .drive(1, follower);
+    let mut rig = Rig::start(builder).unwrap();
+    let z = rig.net().axis("z").unwrap();
+    let motion = rig.until(async {
+        z.enable().await.unwrap();
+        let mode = z.profile_position().await.unwrap();
+        mode.move_abs(20_000, set_point()).await.unwrap()
+    });
+    let now = rig.bus.now();
+    {
+        let mut segment = line.segment();
+        let reference = segment.device_mut(0).unwrap();
+        reference.power_off();
+        reference.power_on(now);
+        reference.set_clock(0, 0.0);
+    }
+    rig.run_for(200 * MS);
+    let net = rig.net.take().unwrap();
+    let recovered = rig.until(net.recover(0));
+    rig.net = Some(net);
+    let outcome = rig.until(motion.done()).unwrap();
+    assert_eq!(outcome, Outcome::Reached { position: 20_000 });
+    let clock = rig.net().statistics().clock.unwrap();
+    assert_eq!(clock.reference, ReferenceClock::Silent);
+    let error = recovered.unwrap_err().to_string();
+    assert!(error.contains("the reference of the others"), "{error}");
+    rig.shutdown();
 }

@@ -148,3 +148,35 @@ fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_swit
     assert_eq!(states, [AlState::Op; 4]);
     rig.shutdown();
 }
+
+#[test]
+fn one_that_came_back_by_itself_after_a_failed_attempt_does_what_is_set_once_it_is_asked_for_again()
+{
+    let (line, builder) = line();
+    let mut rig = Rig::start(builder).unwrap();
+    let (first, second) = {
+        let valves = rig.net().io("valves").unwrap();
+        let output = |name| valves.output::<bool>(name).unwrap();
+        (output("Channel 1.Output"), output("Channel 2.Output"))
+    };
+    first.set(true);
+    rig.run_for(5 * MS);
+    assert_eq!(recover(&mut rig, 2), Recovered::WasInOp);
+    rig.run_for(5 * MS);
+    assert_eq!((first.get(), outputs(&line)), (Some(true), 1));
+    line.segment().unplug(VALVES);
+    let net = rig.net.take().unwrap();
+    rig.until(net.recover(2)).unwrap_err();
+    rig.net = Some(net);
+    line.segment().plug();
+    rig.run_for(20 * MS);
+    let state = line.segment().device(VALVES).unwrap().al_state();
+    assert_eq!(state, AlState::Op, "before its watchdog ends it");
+    assert_eq!(recover(&mut rig, 2), Recovered::WasInOp);
+    stays_off(&line, &mut rig, 20 * MS);
+    second.set(true);
+    rig.run_for(5 * MS);
+    assert_eq!(outputs(&line), 2);
+    assert_eq!(first.get(), None);
+    rig.shutdown();
+}
