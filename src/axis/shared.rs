@@ -314,7 +314,8 @@ impl Shared {
 
     /// To be called after everything that the bus thread is to take in was stored.
     fn ask(&self) {
-        self.asked.store(true, Ordering::Release);
+        // Exchanged, as below, for the sake of other threads that ask at the same time.
+        self.asked.swap(true, Ordering::Release);
         // In this order: who is told that somebody was asked finds who.
         self.setup.groups.ask();
     }

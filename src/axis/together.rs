@@ -76,7 +76,8 @@ impl GroupQueue {
 
     /// To be called after an axis was told that it is asked for something.
     pub(super) fn ask(&self) {
-        self.queues.asked.store(true, Ordering::Release);
+        // Exchanged and not stored: whoever takes it sees what each of several threads has asked for, and not the last one's alone.
+        self.queues.asked.swap(true, Ordering::Release);
     }
 
     /// The bus thread's end. There is to be one.

@@ -54,7 +54,8 @@ impl Shared {
     pub(super) fn set(&self, point: usize, bits: u32) {
         if let Some(output) = self.outputs.get(point) {
             output.store(SET | u64::from(bits), Ordering::Release);
-            self.changed.store(true, Ordering::Release);
+            // Exchanged and not stored: then what other threads have set just before is merged with it.
+            self.changed.swap(true, Ordering::Release);
         }
     }
 
