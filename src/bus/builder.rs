@@ -152,7 +152,8 @@ impl NetworkBuilder {
         self
     }
 
-    /// Tells how far the bring-up is, after each step of each drive. It is called on the bus thread, and should be short.
+    /// Tells how far the bring-up is, after each step of each drive. It is called on the bus thread: once cycles run, in the last
+    /// steps and whenever a device is led back ([`Network::recover`]), all axes wait for as long as it takes. It must not block.
     ///
     /// ```
     /// use servocrab::bus::Network;
