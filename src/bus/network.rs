@@ -227,10 +227,11 @@ impl Network {
     ///
     /// # Errors
     /// [`NetworkError::Drive`] with the step that failed, or because the drive follows a distributed clock and would have to be
-    /// brought up anew ([`DriveFault::ClockOfRunningLine`](super::DriveFault::ClockOfRunningLine)); [`NetworkError::WrongLine`] if
+    /// brought up anew ([`DriveFault::ClockOfRunningLine`](super::DriveFault::ClockOfRunningLine)), or is the reference clock and was without
+    /// power ([`DriveFault::ReferenceOfRunningLine`](super::DriveFault::ReferenceOfRunningLine)); [`NetworkError::WrongLine`] if
     /// it is not in the line any more, or another device is in its place; [`NetworkError::Declaration`] if no drive and no device with inputs
-    /// and outputs was declared there; [`NetworkError::Thread`] if the network has ended. After an error the device is out of
-    /// OP, as before.
+    /// and outputs was declared there; [`NetworkError::Thread`] if the network has ended. After an error the device is asked to leave
+    /// OP. Outputs of one that is no drive stay 0 until a call succeeds, also if it comes back by itself.
     pub async fn recover(&self, place: impl Into<DevicePlace>) -> Result<Recovered, NetworkError> {
         let place = place.into();
         let index = self
