@@ -1,11 +1,12 @@
 //! The bus loop in steady state allocates and frees nothing: it is turned 100 000 cycles long in virtual time under a counting
 //! allocator, with moves under way, SDO transfers of all kinds on several drives and from several tasks, emergencies,
 //! and frames of mails lost now and then, while statistics are read. What the program itself allocates is not counted.
-//! `SHOW_ALLOCATIONS=1` prints where each one came from.
 #![allow(missing_docs, unsafe_code)]
 
+#[path = "common/counting.rs"]
+mod counting;
+
 use std::{
-    alloc::{GlobalAlloc, Layout, System},
     cell::Cell,
     future::{Future, poll_fn},
     pin::{Pin, pin},
@@ -28,51 +29,7 @@ use servocrab::{
 };
 use servocrab_sim::{Habits, Segment, personality::Servo};
 
-thread_local! {
-    /// Allocations and frees of this thread outside the simulated segment, while they are counted.
-    static COUNTED: Cell<u64> = const { Cell::new(0) };
-    static COUNTING: Cell<bool> = const { Cell::new(false) };
-}
-
-struct Counting;
-
-fn count() {
-    // Fails only while the thread ends.
-    let _ = COUNTING.try_with(|counting| {
-        if counting.get() {
-            let _ = COUNTED.try_with(|counted| counted.set(counted.get() + 1));
-            counting.set(false);
-            if std::env::var_os("SHOW_ALLOCATIONS").is_some() {
-                eprintln!("{}", std::backtrace::Backtrace::force_capture());
-            }
-            counting.set(true);
-        }
-    });
-}
-
-// SAFETY: every call goes to the system's allocator as it came; counting touches only thread-local cells without destructors.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
-        // SAFETY: as the caller promised.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
-        count();
-        // SAFETY: as the caller promised.
-        unsafe { System.dealloc(memory, layout) }
-    }
-
-    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count();
-        // SAFETY: as the caller promised.
-        unsafe { System.realloc(memory, layout, size) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+use counting::{counted, uncounted};
 
 const CYCLES: u64 = 100_000;
 const DRIVES: u16 = 3;
@@ -114,10 +71,7 @@ impl Bench {
 
     /// One turn of the loop, in which allocations and frees are counted; then the program.
     fn turn(&mut self) {
-        COUNTING.set(true);
-        let goes_on = self.bus.turn();
-        COUNTING.set(false);
-        assert!(goes_on);
+        assert!(counted(|| self.bus.turn()));
         for task in &mut self.tasks {
             if task.woken.0.swap(false, Ordering::AcqRel) {
                 let waker = Waker::from(Arc::clone(&task.woken));
@@ -237,10 +191,7 @@ fn carries_mail(frame: &[u8]) -> bool {
 fn wire(segment: Arc<Mutex<Segment>>) -> Wire {
     let mut mails = 0;
     Wire::in_virtual_time(Duration::from_micros(10), move |frame: &mut [u8], now| {
-        let counting = COUNTING.replace(false);
-        let back = segment.lock().unwrap().process(frame, now);
-        COUNTING.set(counting);
-        back
+        uncounted(|| segment.lock().unwrap().process(frame, now))
     })
     .with_plan(move |_, frame| {
         mails += u64::from(carries_mail(frame));
@@ -315,7 +266,7 @@ fn a_hundred_thousand_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_
     }
     bench.cycles(&net, 5_000);
 
-    COUNTED.set(0);
+    counting::begin();
     let mut target = 0;
     let start = net.statistics().cycles;
     let mut moves = 0;
@@ -338,7 +289,8 @@ fn a_hundred_thousand_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_
             Poll::Ready(Ok(_))
         ));
         let cycles = net.statistics().cycles - start;
-        assert_eq!(COUNTED.get(), 0, "allocations and frees in {cycles} cycles");
+        let counted = counting::so_far();
+        assert_eq!(counted, 0, "allocations and frees in {cycles} cycles");
     }
     assert!(done.transfers.get() > 5_000, "{done:?}");
     assert!(done.refused.get() > 2_000, "{done:?}");

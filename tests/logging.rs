@@ -2,9 +2,10 @@
 //! end of a network: in real time, with the threads that a program has.
 #![allow(missing_docs, unsafe_code)]
 
+#[path = "common/counting.rs"]
+mod counting;
+
 use std::{
-    alloc::{GlobalAlloc, Layout, System},
-    cell::Cell,
     future::Future,
     io,
     pin::pin,
@@ -24,6 +25,8 @@ use servocrab::{
 use servocrab_sim::{AlState, Segment, personality};
 use tracing::Level;
 use tracing_subscriber::fmt::MakeWriter;
+
+use counting::{counted, uncounted};
 
 const MS: Duration = Duration::from_millis(1);
 /// Longer than anything here takes. Only a test that fails waits for it.
@@ -124,50 +127,12 @@ impl MakeWriter<'_> for Gate {
     }
 }
 
-thread_local! {
-    /// Allocations and frees of this thread outside the simulated segment, while they are counted.
-    static COUNTED: Cell<u64> = const { Cell::new(0) };
-    static COUNTING: Cell<bool> = const { Cell::new(false) };
-}
-
-struct Counting;
-
-fn count() {
-    // Fails only while the thread ends.
-    let _ = COUNTING.try_with(|counting| {
-        if counting.get() {
-            let _ = COUNTED.try_with(|counted| counted.set(counted.get() + 1));
-        }
-    });
-}
-
-// SAFETY: every call goes to the system's allocator as it came; counting touches only thread-local cells without destructors.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
-        // SAFETY: as the caller promised.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
-        count();
-        // SAFETY: as the caller promised.
-        unsafe { System.dealloc(memory, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
 /// An axis `x` in real time.
 fn line() -> (Arc<Mutex<Segment>>, NetworkBuilder) {
     let segment = Arc::new(Mutex::new(Segment::new().with(personality::generic())));
     let shared = Arc::clone(&segment);
     let wire = Wire::new(move |frame: &mut [u8], now| {
-        let counting = COUNTING.replace(false);
-        let back = shared.lock().unwrap().process(frame, now);
-        COUNTING.set(counting);
-        back
+        uncounted(|| shared.lock().unwrap().process(frame, now))
     });
     let drive = DriveConfig::new(drives::generic())
         .axis("x")
@@ -340,17 +305,17 @@ fn what_happens_in_cycles_is_neither_formatted_nor_allocated_by_the_loop_that_ru
     let stop = |bus: &mut BusLoop| {
         let end = net.statistics().cycles + 2;
         net.stop_all(StopRequest::HALT);
-        COUNTING.set(true);
-        while net.statistics().cycles < end {
-            assert!(bus.turn());
-        }
-        COUNTING.set(false);
+        counted(|| {
+            while net.statistics().cycles < end {
+                assert!(bus.turn());
+            }
+        });
     };
     // Buffers reach their size.
     (0..STOPS).for_each(|_| stop(&mut bus));
-    COUNTED.set(0);
+    counting::begin();
     (0..STOPS).for_each(|_| stop(&mut bus));
-    assert_eq!(COUNTED.get(), 0, "allocations and frees");
+    assert_eq!(counting::so_far(), 0, "allocations and frees");
     let own = thread::current().name().unwrap_or_default().to_owned();
     drop(default);
     drop(net);
