@@ -1,12 +1,10 @@
 //! Distributed clocks: drives that insist on outputs in time against SYNC0, on crystals that drift.
 
 use std::{
-    io,
     sync::{
         Arc,
         atomic::{AtomicU64, Ordering},
     },
-    task::Waker,
     time::Duration,
 };
 
@@ -15,10 +13,11 @@ use servocrab::bus::{
 };
 use servocrab::coe::obj;
 use servocrab::drives;
-use servocrab::link::{Link, Wire};
+use servocrab::link::Link;
 use servocrab_sim::personality::{self, Servo};
 use servocrab_sim::{AlState, ClockDemand, ClockWidth, Device, Segment};
 
+use crate::otherwise::Otherwise;
 use crate::rig::{Line, Rig};
 
 const MS: Duration = Duration::from_millis(1);
@@ -149,49 +148,21 @@ fn a_drive_that_insists_never_complains_in_a_minute_of_milliseconds() {
     never_complain(MS, Duration::from_secs(60));
 }
 
-/// A wire whose thread the operating system keeps asleep for longer than it wanted, when it is told to.
-struct Sleepy {
-    wire: Wire,
-    oversleep_us: Arc<AtomicU64>,
-}
-
-impl Link for Sleepy {
-    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
-        self.wire.send(frame)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-        self.wire.receive(buffer)
-    }
-
-    fn wait(&mut self, until: Duration) {
-        self.wire.wait(until);
-        let longer = Duration::from_micros(self.oversleep_us.swap(0, Ordering::Relaxed));
-        let until = self.now() + longer;
-        while self.now() < until {
-            self.wire.wait(until);
-        }
-    }
-
-    fn now(&self) -> Duration {
-        self.wire.now()
-    }
-
-    fn waker(&self) -> Waker {
-        self.wire.waker()
-    }
-}
-
 #[test]
 fn cycles_that_were_slept_through_keep_the_phase() {
     let mut drive = personality::sigma7();
     drive.set_clock(0, 20.0);
     let line = Line::new(Segment::new().with(drive));
     let oversleep_us = Arc::new(AtomicU64::new(0));
-    let link = Sleepy {
-        wire: line.wire(),
-        oversleep_us: Arc::clone(&oversleep_us),
-    };
+    // The operating system keeps the thread asleep for longer than it wanted, when it is told to.
+    let longer = Arc::clone(&oversleep_us);
+    let link = Otherwise::new(line.wire()).waits(move |wire, until| {
+        wire.wait(until);
+        let until = wire.now() + Duration::from_micros(longer.swap(0, Ordering::Relaxed));
+        while wire.now() < until {
+            wire.wait(until);
+        }
+    });
     let builder = Network::builder().link(link).drive(0, named("x"));
     let mut rig = Rig::start(builder).unwrap();
     rig.run_for(300 * MS);

@@ -2,7 +2,6 @@
 
 use std::{
     future::Future,
-    io,
     panic::{AssertUnwindSafe, catch_unwind},
     pin::{Pin, pin},
     task::{Context, Poll, Waker},
@@ -12,12 +11,15 @@ use std::{
 use servocrab::{
     axis::{AxisErrorKind, Failure},
     bus::Network,
-    link::{Link, Wire},
+    link::Link,
     profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
 
-use crate::rig::{Line, Rig, akd2g};
+use crate::{
+    otherwise::Otherwise,
+    rig::{Line, Rig, akd2g},
+};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -31,42 +33,14 @@ fn poll<T>(future: &mut Pin<&mut impl Future<Output = T>>) -> Poll<T> {
         .poll(&mut Context::from_waker(Waker::noop()))
 }
 
-/// A link whose `send` panics from some moment on.
-struct Broken {
-    wire: Wire,
-    from: Duration,
-}
-
-impl Link for Broken {
-    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
-        assert!(self.wire.now() < self.from, "the link is broken");
-        self.wire.send(frame)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-        self.wire.receive(buffer)
-    }
-
-    fn wait(&mut self, until: Duration) {
-        self.wire.wait(until);
-    }
-
-    fn now(&self) -> Duration {
-        self.wire.now()
-    }
-
-    fn waker(&self) -> Waker {
-        self.wire.waker()
-    }
-}
-
 #[test]
 fn a_bus_loop_that_panics_leaves_no_future_waiting() {
     let line = one_drive();
-    let link = Broken {
-        wire: line.wire(),
-        from: Duration::from_secs(5),
-    };
+    let link = Otherwise::new(line.wire()).sends(|wire, frame| {
+        let holds = wire.now() < Duration::from_secs(5);
+        assert!(holds, "the link is broken");
+        wire.send(frame)
+    });
     let mut rig = Rig::start(Network::builder().link(link).drive(0, akd2g())).unwrap();
     let axis = rig.net().axis("x").unwrap();
     rig.until(axis.enable()).unwrap();

@@ -17,6 +17,7 @@ mod log;
 mod mappings;
 mod messages;
 mod modes;
+mod otherwise;
 mod parameters;
 mod recovery;
 mod refused;

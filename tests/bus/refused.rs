@@ -6,63 +6,33 @@ use std::{
         Arc,
         atomic::{AtomicUsize, Ordering::Relaxed},
     },
-    task::Waker,
     time::Duration,
 };
 
 use servocrab::{
     bus::{Network, NetworkEvent},
-    link::{Link, Wire},
+    link::Link,
 };
 use servocrab_sim::{Segment, personality};
 
-use crate::rig::{Line, Rig, akd2g, turn_until};
+use crate::{
+    otherwise::Otherwise,
+    rig::{Line, Rig, akd2g, turn_until},
+};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// Takes frames of up to so many bytes.
-struct Narrow {
-    wire: Wire,
-    longest: Arc<AtomicUsize>,
-}
-
-impl Link for Narrow {
-    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
-        if frame.len() > self.longest.load(Relaxed) {
-            return Err(io::ErrorKind::NetworkDown.into());
-        }
-        self.wire.send(frame)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-        self.wire.receive(buffer)
-    }
-
-    fn wait(&mut self, until: Duration) {
-        self.wire.wait(until);
-    }
-
-    fn now(&self) -> Duration {
-        self.wire.now()
-    }
-
-    fn is_virtual(&self) -> bool {
-        self.wire.is_virtual()
-    }
-
-    fn waker(&self) -> Waker {
-        self.wire.waker()
-    }
-}
-
-/// A line of one drive, and what its link takes.
-fn line() -> (Line, Arc<AtomicUsize>, Narrow) {
+/// A line of one drive, and how long frames may be that its link takes.
+fn line() -> (Line, Arc<AtomicUsize>, Otherwise) {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     let longest = Arc::new(AtomicUsize::new(usize::MAX));
-    let link = Narrow {
-        wire: line.wire(),
-        longest: Arc::clone(&longest),
-    };
+    let taken = Arc::clone(&longest);
+    let link = Otherwise::new(line.wire()).sends(move |wire, frame| {
+        if frame.len() > taken.load(Relaxed) {
+            return Err(io::ErrorKind::NetworkDown.into());
+        }
+        wire.send(frame)
+    });
     (line, longest, link)
 }
 

@@ -1,9 +1,7 @@
 //! When frames leave: cycles on time, acyclic frames between them, whichever way the thread waits.
 
 use std::{
-    io,
     sync::{Arc, Mutex},
-    task::Waker,
     time::Duration,
 };
 
@@ -13,7 +11,10 @@ use servocrab::{
 };
 use servocrab_sim::{Segment, personality};
 
-use crate::rig::{Rig, akd2g, is_cyclic};
+use crate::{
+    otherwise::Otherwise,
+    rig::{Rig, akd2g, is_cyclic},
+};
 
 const PERIOD: Duration = Duration::from_micros(250);
 /// How long each frame is away.
@@ -47,8 +48,10 @@ fn rig_with(
         note.lock().unwrap().push(Sent { at, cyclic });
         segment.process(frame, at) && (!cyclic || answered(at))
     });
+    // Waiting for a time ends too late, as it does where other threads run.
+    let link = Otherwise::new(wire).waits(|wire, until| wire.wait(until + OVERSLEPT));
     let builder = Network::builder()
-        .link(Drowsy(wire))
+        .link(link)
         .cycle(period)
         .receiving(receiving)
         .drive(0, akd2g());
@@ -57,35 +60,6 @@ fn rig_with(
 
 /// How much too long a thread sleeps here at the most.
 const OVERSLEPT: Duration = Duration::from_micros(7);
-
-/// A wire on which waiting for a time ends too late, as it does where other threads run.
-struct Drowsy(Wire);
-
-impl Link for Drowsy {
-    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
-        self.0.send(frame)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-        self.0.receive(buffer)
-    }
-
-    fn wait(&mut self, until: Duration) {
-        self.0.wait(until + OVERSLEPT);
-    }
-
-    fn pause(&mut self) {
-        self.0.pause();
-    }
-
-    fn now(&self) -> Duration {
-        self.0.now()
-    }
-
-    fn waker(&self) -> Waker {
-        self.0.waker()
-    }
-}
 
 const ALL: [Receiving; 3] = [
     Receiving::Block,
