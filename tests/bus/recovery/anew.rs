@@ -10,7 +10,6 @@ use servocrab::{
     },
     coe::obj,
     drives,
-    homing::{HomingMethod, HomingParameters},
     parameters::StartUpWrite,
     profile_position::Outcome,
 };
@@ -69,14 +68,7 @@ fn what_was_homed_is_not_known_any_more_and_what_an_absolute_encoder_tells_is() 
             .axis("z")
             .referencing("z", referencing);
         let mut yard = Yard::new(personality::akd2g(), drive);
-        let z = yard.axis("z");
-        yard.rig.until(async {
-            z.enable().await.unwrap();
-            let homing = z.homing().await.unwrap();
-            let here = HomingParameters::new(HomingMethod::CURRENT_POSITION).offset(700);
-            homing.home(here).await.unwrap();
-        });
-        assert!(z.status().referenced);
+        let z = yard.is_homed_here("z", 700);
         yard.loses_power(300 * MS);
         yard.recover(1).unwrap();
         assert_eq!(z.status().referenced, known);

@@ -6,7 +6,6 @@ use servocrab::{
     axis::{Delivery, Failure, Referencing},
     bus::{AlState as State, AlStatus, DriveConfig, NetworkEvent, Recovered},
     drives,
-    homing::{HomingMethod, HomingParameters},
     pdo_map::FixedPdo,
     profile_position::SetPoint,
 };
@@ -102,14 +101,7 @@ fn what_was_homed_is_still_where_it_was() {
         .axis("z")
         .referencing("z", Referencing::ByHoming);
     let mut yard = Yard::new(personality::akd2g(), drive);
-    let z = yard.axis("z");
-    yard.rig.until(async {
-        z.enable().await.unwrap();
-        let homing = z.homing().await.unwrap();
-        let here = HomingParameters::new(HomingMethod::CURRENT_POSITION).offset(700);
-        homing.home(here).await.unwrap();
-    });
-    assert!(z.status().referenced);
+    let z = yard.is_homed_here("z", 700);
     yard.falls(0x001B);
     assert!(!z.status().referenced, "as long as nobody has looked");
     yard.nothing_may_happen();

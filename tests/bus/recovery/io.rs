@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use servocrab::bus::{Expected, IoConfig, Network, NetworkBuilder, Recovered};
+use servocrab::bus::{Expected, IoConfig, IoOutput, Network, NetworkBuilder, Recovered};
 use servocrab_sim::{AlState, Segment, personality};
 
 use super::{MS, config};
@@ -30,6 +30,21 @@ fn line() -> (Line, NetworkBuilder) {
     (line, builder)
 }
 
+/// The line in OP with the first of its valves open, and that valve and the second one.
+fn first_valve_open() -> (Line, Rig, IoOutput<bool>, IoOutput<bool>) {
+    let (line, builder) = line();
+    let mut rig = Rig::start(builder).unwrap();
+    let (first, second) = {
+        let valves = rig.net().io("valves").unwrap();
+        let output = |name| valves.output::<bool>(name).unwrap();
+        (output("Channel 1.Output"), output("Channel 2.Output"))
+    };
+    first.set(true);
+    rig.run_for(5 * MS);
+    assert_eq!(outputs(&line), 1);
+    (line, rig, first, second)
+}
+
 fn recover(rig: &mut Rig, position: u16) -> Recovered {
     let net = rig.net.take().unwrap();
     let recovered = rig.until(net.recover(position)).unwrap();
@@ -55,16 +70,7 @@ fn stays_off(line: &Line, rig: &mut Rig, time: Duration) {
 
 #[test]
 fn outputs_of_a_device_that_fell_are_0_when_it_is_back_until_they_are_set_again() {
-    let (line, builder) = line();
-    let mut rig = Rig::start(builder).unwrap();
-    let (first, second) = {
-        let valves = rig.net().io("valves").unwrap();
-        let output = |name| valves.output::<bool>(name).unwrap();
-        (output("Channel 1.Output"), output("Channel 2.Output"))
-    };
-    first.set(true);
-    rig.run_for(5 * MS);
-    assert_eq!(outputs(&line), 1);
+    let (line, mut rig, first, second) = first_valve_open();
     let mut segment = line.segment();
     segment.device_mut(VALVES).unwrap().fall_to_safe_op(0x001B);
     drop(segment);
@@ -88,18 +94,11 @@ fn outputs_of_a_device_that_fell_are_0_when_it_is_back_until_they_are_set_again(
 
 #[test]
 fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_switched_on_by_it() {
-    let (line, builder) = line();
-    let mut rig = Rig::start(builder).unwrap();
+    let (line, mut rig, valve, _) = first_valve_open();
     let button = {
         let buttons = rig.net().io("buttons").unwrap();
         buttons.input::<bool>("Channel 3.Input").unwrap()
     };
-    let valve = {
-        let valves = rig.net().io("valves").unwrap();
-        valves.output::<bool>("Channel 1.Output").unwrap()
-    };
-    valve.set(true);
-    rig.run_for(5 * MS);
     for position in [1, VALVES] {
         let mut segment = line.segment();
         segment.device_mut(position).unwrap().power_off();
@@ -152,15 +151,7 @@ fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_swit
 #[test]
 fn one_that_came_back_by_itself_after_a_failed_attempt_does_what_is_set_once_it_is_asked_for_again()
 {
-    let (line, builder) = line();
-    let mut rig = Rig::start(builder).unwrap();
-    let (first, second) = {
-        let valves = rig.net().io("valves").unwrap();
-        let output = |name| valves.output::<bool>(name).unwrap();
-        (output("Channel 1.Output"), output("Channel 2.Output"))
-    };
-    first.set(true);
-    rig.run_for(5 * MS);
+    let (line, mut rig, first, second) = first_valve_open();
     assert_eq!(recover(&mut rig, 2), Recovered::WasInOp);
     rig.run_for(5 * MS);
     assert_eq!((first.get(), outputs(&line)), (Some(true), 1));

@@ -15,6 +15,7 @@ use servocrab::{
     axis::{Axis, AxisError, Failure, Referencing},
     bus::{DriveConfig, Network, NetworkBuilder, NetworkError, NetworkEvent, Recovered},
     drives::{self, DriveDescription},
+    homing::{HomingMethod, HomingParameters},
     profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
 };
 use servocrab_sim::{AlState, Device, Segment, ds402::State, personality};
@@ -119,6 +120,19 @@ impl Yard {
         self.rig.run_for(20 * MS);
         assert_ne!(axis.status().position, before, "it moves");
         (mode, motion)
+    }
+
+    /// Takes the place where it stands for this position.
+    fn is_homed_here(&mut self, axis: &str, position: i32) -> Axis {
+        let axis = self.axis(axis);
+        self.rig.until(async {
+            axis.enable().await.unwrap();
+            let homing = axis.homing().await.unwrap();
+            let here = HomingParameters::new(HomingMethod::CURRENT_POSITION).offset(position);
+            homing.home(here).await.unwrap();
+        });
+        assert!(axis.status().referenced);
+        axis
     }
 
     fn falls(&mut self, code: u16) {
