@@ -1,6 +1,6 @@
 //! Pitfalls 14 to 19: halt, quick stop, and how soon they are sent.
 
-use servocrab::axis::{Command, Completion, Failure, StopRequest};
+use servocrab::axis::{Command, CommandId, Completion, Failure, StopRequest};
 use servocrab::ds402::{Mode, QuickStopOption, State};
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{Behaviour, Outcome};
@@ -14,12 +14,33 @@ fn quick_stops(word: u16) -> bool {
 }
 
 /// An AKD2G with an accepted move under way.
-fn moving() -> (Rig, servocrab::axis::CommandId) {
+fn moving() -> (Rig, CommandId) {
     let mut rig = Rig::enabled();
+    let id = is_moving(&mut rig);
+    (rig, id)
+}
+
+/// A move that has been accepted, and is under way.
+fn is_moving(rig: &mut Rig) -> CommandId {
     let id = rig.abs(1_000_000, SetPoint::new());
     rig.wait_accepted(id);
     rig.run(200);
-    (rig, id)
+    id
+}
+
+/// A quick stop after which the drive holds.
+fn quick_stop_holds(rig: &mut Rig) {
+    let stop = rig.send(Command::QuickStop);
+    let held = Completion::Stopped {
+        state: State::QuickStopActive,
+    };
+    assert_eq!(rig.finish(stop), Ok(held));
+}
+
+/// It moves again.
+fn is_back_at_0(rig: &mut Rig) {
+    let back = rig.abs(0, SetPoint::new());
+    assert_eq!(rig.finish(back), Ok(Completion::Reached { position: 0 }));
 }
 
 #[test]
@@ -46,8 +67,7 @@ fn pitfall_14_after_a_stop_the_axis_is_enabled_without_bit_8() {
     assert!(rig.finish(stop).is_ok());
     let from = rig.words.len();
     rig.enable();
-    let id = rig.abs(0, SetPoint::new());
-    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 0 }));
+    is_back_at_0(&mut rig);
     assert!(rig.words[from + 1..].iter().all(|word| word & BIT_8 == 0));
 }
 
@@ -120,14 +140,8 @@ fn pitfall_17_quick_stop_active_is_left_by_enabling() {
         };
         let mut rig = Rig::new(behaviour, |config| config.quick_stop = QuickStopOption(6));
         rig.enable();
-        let id = rig.abs(1_000_000, SetPoint::new());
-        rig.wait_accepted(id);
-        rig.run(200);
-        let stop = rig.send(Command::QuickStop);
-        let held = Completion::Stopped {
-            state: State::QuickStopActive,
-        };
-        assert_eq!(rig.finish(stop), Ok(held));
+        is_moving(&mut rig);
+        quick_stop_holds(&mut rig);
         let stood = rig.drive.position();
         rig.run(100);
         assert_eq!(rig.core.snapshot().state, State::QuickStopActive);
@@ -135,8 +149,7 @@ fn pitfall_17_quick_stop_active_is_left_by_enabling() {
         assert_eq!(rig.finish(enable), Ok(Completion::Done));
         rig.run(100);
         assert_eq!(rig.drive.position(), stood);
-        let id = rig.abs(0, SetPoint::new());
-        assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 0 }));
+        is_back_at_0(&mut rig);
     }
 }
 
@@ -241,20 +254,16 @@ fn pitfall_19_a_stop_withdraws_a_set_point_that_has_not_been_sent() {
 #[test]
 fn pitfall_19_a_resume_does_not_take_back_a_halt_that_was_not_sent_yet() {
     let (mut rig, id) = moving();
-    // Two programs, in the time of one cycle.
-    let halt = rig.send(Command::Halt);
-    let resume = rig.send(Command::Resume);
-    assert_eq!(rig.outcome(resume), Some(Err(Failure::Busy)));
-    rig.cycle();
-    assert_eq!(rig.words.last().map(|word| word & BIT_8), Some(BIT_8));
-    assert!(rig.finish(halt).is_ok());
-    // The same while it is halted already.
-    let halt = rig.send(Command::Halt);
-    let resume = rig.send(Command::Resume);
-    assert_eq!(rig.outcome(resume), Some(Err(Failure::Busy)));
-    rig.cycle();
-    assert_eq!(rig.words.last().map(|word| word & BIT_8), Some(BIT_8));
-    assert!(rig.finish(halt).is_ok());
+    // While it moves, and while it is halted already.
+    for _ in 0..2 {
+        // Two programs, in the time of one cycle.
+        let halt = rig.send(Command::Halt);
+        let resume = rig.send(Command::Resume);
+        assert_eq!(rig.outcome(resume), Some(Err(Failure::Busy)));
+        rig.cycle();
+        assert_eq!(rig.words.last().map(|word| word & BIT_8), Some(BIT_8));
+        assert!(rig.finish(halt).is_ok());
+    }
     let resume = rig.send(Command::Resume);
     assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
     assert!(rig.finish(id).is_ok());
@@ -271,20 +280,11 @@ fn pitfall_17_a_quick_stop_whose_drive_stays_where_605ah_does_not_say_is_left_al
         |config| config.quick_stop = QuickStopOption(2),
     );
     rig.enable();
-    let id = rig.abs(1_000_000, SetPoint::new());
-    rig.wait_accepted(id);
-    rig.run(200);
-    let stop = rig.send(Command::QuickStop);
-    assert_eq!(
-        rig.finish(stop),
-        Ok(Completion::Stopped {
-            state: State::QuickStopActive
-        })
-    );
+    let id = is_moving(&mut rig);
+    quick_stop_holds(&mut rig);
     assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
     rig.enable();
-    let back = rig.abs(0, SetPoint::new());
-    assert_eq!(rig.finish(back), Ok(Completion::Reached { position: 0 }));
+    is_back_at_0(&mut rig);
 }
 
 #[test]
