@@ -1,5 +1,6 @@
 //! A subscriber that blocks (a paused terminal, a full pipe, a slow disk) stops neither the cycles nor the handles, nor the
-//! end of a network: in real time, with the threads that a program has.
+//! end of a network, and whoever is told of progress stops no more than what tells it: in real time, with the threads that a
+//! program has.
 #![allow(missing_docs, unsafe_code)]
 
 #[path = "common/counting.rs"]
@@ -9,7 +10,7 @@ use std::{
     future::Future,
     io,
     pin::pin,
-    sync::{Arc, Condvar, Mutex, MutexGuard},
+    sync::{Arc, Condvar, Mutex, MutexGuard, mpsc},
     task::{Context, Poll, Waker},
     thread,
     time::Duration,
@@ -17,7 +18,9 @@ use std::{
 
 use servocrab::{
     axis::{AxisErrorKind, Failure, Referencing, StopRequest},
-    bus::{BusLoop, DriveConfig, Network, NetworkBuilder},
+    bus::{
+        AlState as State, BringUpStep, BusLoop, DriveConfig, Network, NetworkBuilder, Recovered,
+    },
     drives,
     link::Wire,
     profile_position::{Outcome, SetPoint},
@@ -328,4 +331,70 @@ fn what_happens_in_cycles_is_neither_formatted_nor_allocated_by_the_loop_that_ru
             .count()
     };
     assert_eq!((stops("servocrab-log"), stops(&own)), (2 * STOPS, 0));
+}
+
+/// Awaits it on a thread of the program's own.
+fn on_a_thread<T: Send + 'static>(
+    future: impl Future<Output = T> + Send + 'static,
+) -> thread::JoinHandle<T> {
+    let thread = thread::Builder::new().name("program".into());
+    thread.spawn(move || within(future)).unwrap()
+}
+
+#[test]
+fn whoever_is_told_of_progress_and_blocks_keeps_neither_the_bring_up_nor_the_cycles_waiting() {
+    // A step is told when it is taken here.
+    let (tell, told) = mpsc::sync_channel(0);
+    let (segment, builder) = line();
+    let builder = builder.on_progress(move |at| {
+        let thread = thread::current().name().unwrap_or_default().to_owned();
+        // Nobody takes it when the test has failed.
+        let _ = tell.send((thread, at.step, at.done, at.total));
+    });
+    let in_op = async || {
+        while segment.lock().unwrap().devices()[0].al_state() != AlState::Op {
+            smol::future::yield_now().await;
+        }
+    };
+    let take = |steps: &[BringUpStep]| {
+        for (step, done) in steps.iter().zip(1..) {
+            let expected = ("program".to_owned(), *step, done, steps.len());
+            assert_eq!(told.recv_timeout(LIMIT).unwrap(), expected);
+        }
+    };
+
+    let starting = on_a_thread(builder.start());
+    within(in_op());
+    take(&[
+        BringUpStep::Identity,
+        BringUpStep::StartUpList,
+        BringUpStep::Mapping,
+        BringUpStep::Parameters,
+        BringUpStep::Watchdog,
+        BringUpStep::State(State::SafeOp),
+        BringUpStep::State(State::Op),
+    ]);
+    let net = Arc::new(starting.join().unwrap().unwrap());
+
+    let mut shared = segment.lock().unwrap();
+    shared.device_mut(0).unwrap().fall_to_safe_op(0x001B);
+    drop(shared);
+    let falling = Arc::clone(&net);
+    let recovering = on_a_thread(async move { falling.recover(0).await });
+    within(in_op());
+    let end = net.statistics().cycles + 100;
+    within(async {
+        while net.statistics().cycles < end {
+            smol::future::yield_now().await;
+        }
+    });
+    take(&[
+        BringUpStep::State(State::SafeOp),
+        BringUpStep::State(State::Op),
+    ]);
+    let recovered = recovering.join().unwrap().unwrap();
+    assert!(
+        matches!(recovered, Recovered::LedBack { .. }),
+        "{recovered}"
+    );
 }

@@ -6,7 +6,7 @@ use std::{
     time::Duration,
 };
 
-use smol::channel::{Receiver, Sender, bounded};
+use smol::channel::{Receiver, Sender, bounded, unbounded};
 
 use super::{
     DevicePlace, DriveConfig, Expected, IoConfig, Line, Network, NetworkError, RealTime, Receiving,
@@ -15,7 +15,7 @@ use super::{
     line,
     log::{Log, Subscriber, Writer},
     plan::LinePlan,
-    progress::{BringUpProgress, Listener},
+    progress::{BringUpProgress, Listener, StepDone},
     reactor::Reactor,
     receiving::wake_on_time,
     supervisor::{self, Started},
@@ -43,6 +43,7 @@ pub struct NetworkBuilder {
     link: LinkChoice,
     real_time: RealTime,
     receiving: Option<Receiving>,
+    listener: Listener,
     plan: LinePlan,
 }
 
@@ -69,8 +70,8 @@ impl Network {
             link: LinkChoice::None,
             real_time: RealTime::new(),
             receiving: None,
+            listener: Listener::NOBODY,
             plan: LinePlan {
-                listener: Listener::NOBODY,
                 cycle: Duration::from_millis(1),
                 drives: Vec::new(),
                 ios: Vec::new(),
@@ -152,8 +153,9 @@ impl NetworkBuilder {
         self
     }
 
-    /// Tells how far the bring-up is, after each step of each drive. It is called on the bus thread: once cycles run, in the last
-    /// steps and whenever a device is led back ([`Network::recover`]), all axes wait for as long as it takes. It must not block.
+    /// Tells how far the bring-up is, after each step of each drive, and so whenever a device is led back ([`Network::recover`]). It
+    /// is called where that is awaited, and never on the bus thread: neither the bring-up nor the cycles wait for it, but what
+    /// is awaited is not ready before it has returned.
     ///
     /// ```
     /// use servocrab::bus::Network;
@@ -164,7 +166,7 @@ impl NetworkBuilder {
         mut self,
         listener: impl Fn(&BringUpProgress<'_>) + Send + Sync + 'static,
     ) -> Self {
-        self.plan.listener = Listener::new(listener);
+        self.listener = Listener::new(listener);
         self
     }
 
@@ -242,6 +244,7 @@ impl NetworkBuilder {
         let control = Control::new(self.plan.drives.len() + self.plan.ios.len());
         control.set_waker(link.waker());
         let (started, starting) = bounded(1);
+        let (to_tell, steps) = unbounded();
         let (alive, over) = bounded(1);
         let parts = Parts {
             link,
@@ -252,11 +255,14 @@ impl NetworkBuilder {
             writer,
             control: Arc::clone(&control),
             started,
+            to_tell,
             alive,
         };
         let starting = Starting {
             guard: Guard(Some(control)),
             started: starting,
+            steps,
+            listener: self.listener,
             over,
         };
         Ok((starting, parts))
@@ -273,6 +279,7 @@ struct Parts {
     writer: Option<Writer>,
     control: Arc<Control>,
     started: Sender<Result<Started, NetworkError>>,
+    to_tell: Sender<StepDone>,
     alive: Sender<()>,
 }
 
@@ -294,7 +301,9 @@ impl Parts {
         let counters = Arc::clone(&self.control.counters);
         let reactor = Reactor::new(self.link, receiving, counters, self.log);
         let context = reactor.context().clone();
-        let life = supervisor::supervise(context.clone(), self.plan, self.control, self.started);
+        let (started, to_tell) = (self.started, self.to_tell);
+        let life =
+            supervisor::supervise(context.clone(), self.plan, self.control, started, to_tell);
         if let Some(task) = context.spawn(life) {
             task.detach();
         }
@@ -352,6 +361,8 @@ impl BusLoop {
 pub struct Starting {
     guard: Guard,
     started: Receiver<Result<Started, NetworkError>>,
+    steps: Receiver<StepDone>,
+    listener: Listener,
     over: Receiver<()>,
 }
 
@@ -365,14 +376,15 @@ impl Starting {
     }
 
     async fn finish(mut self, thread: Option<JoinHandle<()>>) -> Result<Network, NetworkError> {
-        let started =
-            self.started.recv().await.map_err(|_| {
-                NetworkError::Thread("it ended before the drives were in OP".into())
-            })??;
+        let started = self.listener.tell_until(self.steps, self.started.recv());
+        let started = started
+            .await
+            .map_err(|_| NetworkError::Thread("it ended before the drives were in OP".into()))??;
         let Some(control) = self.guard.0.take() else {
             return Err(NetworkError::Thread("it was given up".into()));
         };
-        Ok(Network::new(started, control, self.over.clone(), thread))
+        let (listener, over) = (self.listener, self.over);
+        Ok(Network::new(started, control, listener, over, thread))
     }
 }
 

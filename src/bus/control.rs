@@ -10,7 +10,8 @@ use crossbeam_queue::SegQueue;
 use smol::channel::{Receiver, Sender};
 
 use super::{
-    AlStatus, BlackBox, DevicePorts, NetworkError, Recovered, RegisterError, statistics::Counters,
+    AlStatus, BlackBox, DevicePorts, NetworkError, Recovered, RegisterError, progress::StepDone,
+    statistics::Counters,
 };
 use crate::{
     axis::{LivenessWatch, StopRequest},
@@ -31,8 +32,12 @@ pub(super) enum Question {
     BlackBox(usize, Sender<BlackBox>),
     /// The error counters of all ports.
     Ports(Sender<Result<Vec<DevicePorts>, RegisterError>>),
-    /// That the device at this place of the exchange be led back into OP.
-    Recover(usize, Sender<Result<Recovered, NetworkError>>),
+    /// That the device at this place of the exchange be led back into OP, and how far it is be told.
+    Recover(
+        usize,
+        Sender<StepDone>,
+        Sender<Result<Recovered, NetworkError>>,
+    ),
 }
 
 #[derive(Debug)]

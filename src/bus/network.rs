@@ -2,11 +2,12 @@
 
 use std::{fmt, sync::Arc, thread::JoinHandle, time::Duration};
 
-use smol::channel::{Receiver, Sender, bounded};
+use smol::channel::{Receiver, Sender, bounded, unbounded};
 
 use super::{
     BlackBox, CableLoad, DevicePlace, DevicePorts, Io, NetworkError, Recovered,
     control::{Control, NetworkEvent, Question},
+    progress::Listener,
     statistics::{DriveStatistics, Statistics, Timing},
     supervisor::{Started, StartedDrive},
 };
@@ -31,6 +32,7 @@ pub struct Network {
     places: Vec<(u16, DevicePlace)>,
     emergencies: Emergencies,
     control: Arc<Control>,
+    listener: Listener,
     over: Receiver<()>,
     thread: Option<JoinHandle<()>>,
 }
@@ -39,6 +41,7 @@ impl Network {
     pub(super) fn new(
         started: Started,
         control: Arc<Control>,
+        listener: Listener,
         over: Receiver<()>,
         thread: Option<JoinHandle<()>>,
     ) -> Self {
@@ -49,6 +52,7 @@ impl Network {
             places: started.places,
             emergencies: started.emergencies,
             control,
+            listener,
             over,
             thread,
         }
@@ -206,7 +210,7 @@ impl Network {
     /// an axis that is switched off, and whatever the program sets in them beside is 0 until it is set again. Handles stay
     /// valid; the axes are enabled by [`Axis::enable`]. Outputs of a device that is no drive are 0 until they are set again.
     ///
-    /// How far it is is told as at the start ([`NetworkBuilder::on_progress`](super::NetworkBuilder::on_progress)). Several
+    /// How far it is is told as at the start ([`NetworkBuilder::on_progress`](super::NetworkBuilder::on_progress)), where this is awaited. Several
     /// devices can be led back at the same time; of one device, one call comes after the other. When the future is dropped
     /// the attempt ends, and the device stays out of OP.
     ///
@@ -243,7 +247,9 @@ impl Network {
                     "no drive and no device with inputs and outputs was declared at {place}"
                 ))
             })?;
-        self.ask(|reply| Question::Recover(index, reply)).await?
+        let (to_tell, steps) = unbounded();
+        let asked = self.ask(|reply| Question::Recover(index, to_tell, reply));
+        self.listener.tell_until(steps, asked).await?
     }
 
     async fn ask<T>(

@@ -8,7 +8,6 @@ use super::{
     discovery::Found,
     line::ALIAS,
     line_check,
-    progress::Listener,
     reactor::Context,
 };
 
@@ -18,7 +17,6 @@ const LONGEST_LOSS: Duration = Duration::from_secs(60);
 /// What the program wants of the line.
 #[derive(Debug, Clone)]
 pub(super) struct LinePlan {
-    pub(super) listener: Listener,
     pub(super) cycle: Duration,
     pub(super) drives: Vec<(DevicePlace, DriveConfig)>,
     pub(super) ios: Vec<(DevicePlace, IoConfig)>,

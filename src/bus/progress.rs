@@ -1,12 +1,21 @@
 //! How far the bring-up of a line is, for whoever shows it.
+//!
+//! What the program does when it is told may take its time, and must not stop the cycles with it. The bus thread therefore only
+//! queues what is done ([`Progress`]); the future that waits for the end of it tells the program ([`Listener::tell_until`]).
 
-use std::{cell::Cell, fmt, rc::Rc, sync::Arc};
-
-use super::{
-    AlState, BringUpStep,
-    log::{Log, Note},
-    time::Time,
+use std::{
+    cell::Cell,
+    fmt,
+    future::{Future, pending},
+    sync::Arc,
 };
+
+use smol::{
+    channel::{Receiver, Sender},
+    future::or,
+};
+
+use super::{AlState, BringUpStep, log::Note, reactor::Context};
 use crate::coe::DriveId;
 
 /// A step of a drive's bring-up that is done.
@@ -33,6 +42,14 @@ const STEPS: [BringUpStep; 7] = [
     BringUpStep::State(AlState::Op),
 ];
 
+/// A step that is done, on its way to whoever waits for the last one.
+pub(super) struct StepDone {
+    drive: Arc<DriveId>,
+    step: BringUpStep,
+    done: usize,
+    total: usize,
+}
+
 type Told = dyn Fn(&BringUpProgress<'_>) + Send + Sync;
 
 /// Whom the program wants to be told.
@@ -45,6 +62,36 @@ impl Listener {
     pub(super) fn new(listener: impl Fn(&BringUpProgress<'_>) + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(listener)))
     }
+
+    /// Tells of each step, until it is over: of all that were done by then.
+    pub(super) async fn tell_until<T>(
+        &self,
+        steps: Receiver<StepDone>,
+        over: impl Future<Output = T>,
+    ) -> T {
+        let telling = async {
+            while let Ok(step) = steps.recv().await {
+                self.tell(&step);
+            }
+            pending().await
+        };
+        let result = or(telling, over).await;
+        while let Ok(step) = steps.try_recv() {
+            self.tell(&step);
+        }
+        result
+    }
+
+    fn tell(&self, step: &StepDone) {
+        if let Some(listener) = &self.0 {
+            listener(&BringUpProgress {
+                drive: &step.drive,
+                step: step.step,
+                done: step.done,
+                total: step.total,
+            });
+        }
+    }
 }
 
 impl fmt::Debug for Listener {
@@ -55,36 +102,29 @@ impl fmt::Debug for Listener {
 
 /// Counts the steps of all drives.
 pub(super) struct Progress {
-    listener: Listener,
-    log: Log,
-    time: Rc<Time>,
+    context: Context,
+    steps: Sender<StepDone>,
     done: Cell<usize>,
     total: usize,
 }
 
 impl Progress {
+    /// Counts all steps of so many devices.
     pub(super) fn new(
-        listener: Listener,
-        log: Log,
-        time: Rc<Time>,
+        context: &Context,
+        steps: Sender<StepDone>,
         drives: usize,
         ios: usize,
     ) -> Self {
-        Self {
-            listener,
-            log,
-            time,
-            done: Cell::new(0),
-            total: drives * STEPS.len() + ios * (STEPS.len() - 1),
-        }
+        let total = drives * STEPS.len() + ios * (STEPS.len() - 1);
+        Self::of_one(context, steps, total)
     }
 
     /// Counts so many steps of one device that is led back.
-    pub(super) const fn of_one(listener: Listener, log: Log, time: Rc<Time>, total: usize) -> Self {
+    pub(super) fn of_one(context: &Context, steps: Sender<StepDone>, total: usize) -> Self {
         Self {
-            listener,
-            log,
-            time,
+            context: context.clone(),
+            steps,
             done: Cell::new(0),
             total,
         }
@@ -95,20 +135,22 @@ impl Progress {
         debug_assert!(STEPS.contains(&step), "{step} is not counted");
         let done = self.done.get() + 1;
         self.done.set(done);
-        let note = Note::Step {
-            drive: Arc::new(drive.clone()),
+        let drive = Arc::new(drive.clone());
+        let total = self.total;
+        let told = StepDone {
+            drive: Arc::clone(&drive),
             step,
             done,
-            total: self.total,
+            total,
         };
-        self.log.note(self.time.now(), note);
-        if let Some(listener) = &self.listener.0 {
-            listener(&BringUpProgress {
-                drive,
-                step,
-                done,
-                total: self.total,
-            });
-        }
+        // Whoever waited may have gone away.
+        let _ = self.steps.try_send(told);
+        let note = Note::Step {
+            drive,
+            step,
+            done,
+            total,
+        };
+        self.context.log.note(self.context.time.now(), note);
     }
 }

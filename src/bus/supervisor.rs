@@ -19,7 +19,7 @@ use super::{
     log::{DriveChange, Note},
     plan::LinePlan,
     port_errors,
-    progress::Progress,
+    progress::{Progress, StepDone},
     reactor::Context,
     recovery::{self, Recovery},
 };
@@ -68,10 +68,11 @@ pub(super) async fn supervise(
     plan: LinePlan,
     control: Arc<Control>,
     started: Sender<Result<Started, NetworkError>>,
+    steps: Sender<StepDone>,
 ) {
     let period = plan.cycle;
     let bring_up = smol::future::or(
-        async { Some(start(&context, plan, &control).await) },
+        async { Some(start(&context, plan, &control, steps).await) },
         async {
             given_up(&context, &control).await;
             None
@@ -111,16 +112,11 @@ async fn start(
     context: &Context,
     plan: LinePlan,
     control: &Arc<Control>,
+    steps: Sender<StepDone>,
 ) -> Result<(Running, Started), NetworkError> {
     let period = plan.cycle;
-    let listener = plan.listener.clone();
-    let progress = Rc::new(Progress::new(
-        listener.clone(),
-        context.log.clone(),
-        Rc::clone(&context.time),
-        plan.drives.len(),
-        plan.ios.len(),
-    ));
+    let progress = Progress::new(context, steps, plan.drives.len(), plan.ios.len());
+    let progress = Rc::new(progress);
     let ready = bring_up::configure(context, plan, &progress).await?;
     let (axes, sources) = Axes::open(&ready.drives, Arc::clone(control), context.log.clone());
     let axes = Rc::new(RefCell::new(axes));
@@ -169,7 +165,6 @@ async fn start(
     let recovery = Recovery {
         context: context.clone(),
         control: Arc::clone(control),
-        listener,
         period,
         axes: Rc::clone(&axes),
         ports: Rc::clone(&ports),
@@ -266,11 +261,11 @@ async fn answer(context: &Context, running: &Running, control: &Control) {
             Question::Ports(reply) => {
                 let _ = reply.try_send(port_errors::read(&context.registers).await);
             }
-            Question::Recover(place, reply) => {
+            Question::Recover(place, steps, reply) => {
                 recoveries.retain(|task: &Task<()>| !task.is_finished());
                 let recovery = Rc::clone(&running.recovery);
-                recoveries
-                    .extend(context.spawn(async move { recovery.serve(place, &reply).await }));
+                let way_back = async move { recovery.serve(place, steps, &reply).await };
+                recoveries.extend(context.spawn(way_back));
             }
         }
     }

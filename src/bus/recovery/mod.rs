@@ -28,7 +28,7 @@ use super::{
     io::{IoJob, Ports, ReadyIo},
     log::Note,
     packing::Member,
-    progress::{Listener, Progress},
+    progress::{Progress, StepDone},
     reactor::Context,
     supervisor::{data_of, note_state},
 };
@@ -45,7 +45,6 @@ pub use recovered::Recovered;
 pub(super) struct Recovery {
     pub(super) context: Context,
     pub(super) control: Arc<Control>,
-    pub(super) listener: Listener,
     pub(super) period: Duration,
     pub(super) axes: Rc<RefCell<Axes>>,
     pub(super) ports: Rc<RefCell<Ports>>,
@@ -145,13 +144,14 @@ impl Recovery {
     pub(super) async fn serve(
         &self,
         place: usize,
+        steps: Sender<StepDone>,
         reply: &Sender<Result<Recovered, NetworkError>>,
     ) {
         let Some(device) = self.devices.get(place) else {
             return;
         };
         let _in_work = device.in_work.lock().await;
-        let recovery = async { Some(self.recover(place, device).await) };
+        let recovery = async { Some(self.recover(place, device, steps).await) };
         let given_up = async {
             reply.closed().await;
             None
@@ -172,13 +172,18 @@ impl Recovery {
         }
     }
 
-    async fn recover(&self, place: usize, device: &Device) -> Result<Recovered, NetworkError> {
+    async fn recover(
+        &self,
+        place: usize,
+        device: &Device,
+        steps: Sender<StepDone>,
+    ) -> Result<Recovered, NetworkError> {
         let found = &device.found;
         let from = match al::status(&self.context.registers, found.station).await {
             Ok(status) => status,
             Err(RegisterError::NotAnswered) => {
                 let position = self.find(place, device).await?;
-                self.bring_up(place, device).await?;
+                self.bring_up(place, device, steps).await?;
                 let from = None;
                 return Ok(Recovered::BroughtUp { position, from });
             }
@@ -195,11 +200,11 @@ impl Recovery {
                 Ok(Recovered::WasInOp)
             }
             AlState::Op | AlState::SafeOp if !half_way => {
-                self.lead_back(place, device).await?;
+                self.lead_back(place, device, steps).await?;
                 Ok(Recovered::LedBack { from })
             }
             _ => {
-                self.bring_up(place, device).await?;
+                self.bring_up(place, device, steps).await?;
                 Ok(Recovered::BroughtUp {
                     position: found.id.position,
                     from: Some(from),
@@ -215,26 +220,25 @@ impl Recovery {
         if device.is_reference {
             return Err(device.fault((BringUpStep::Clock, DriveFault::ReferenceOfRunningLine)));
         }
-        self.begin_again(place, |_| Again::Unknown);
-        self.take_away(place);
+        self.cut_off(place);
         let _searching = self.search.lock().await;
         find::find(&self.context.registers, &self.line, &device.found.id).await
     }
 
     /// As at the start, from INIT.
-    async fn bring_up(&self, place: usize, device: &Device) -> Result<(), NetworkError> {
+    async fn bring_up(
+        &self,
+        place: usize,
+        device: &Device,
+        steps: Sender<StepDone>,
+    ) -> Result<(), NetworkError> {
         let found = &device.found;
         device.can_be_set_up()?;
         device.stage.set(Stage::Anew);
         self.axes.borrow_mut().forget(place);
-        self.begin_again(place, |_| Again::Unknown);
-        self.take_away(place);
+        self.cut_off(place);
         self.lead_into_pre_op(device).await?;
-        let progress = |drives, ios| {
-            let (listener, log) = (self.listener.clone(), self.context.log.clone());
-            let time = Rc::clone(&self.context.time);
-            Rc::new(Progress::new(listener, log, time, drives, ios))
-        };
+        let progress = |drives, ios| Rc::new(Progress::new(&self.context, steps, drives, ios));
         let (progress, configs) = match &device.set_up {
             SetUp::Drive(set_up) => {
                 let progress = progress(1, 0);
@@ -316,11 +320,15 @@ impl Recovery {
     }
 
     /// From SAFEOP, with the error that has led there.
-    async fn lead_back(&self, place: usize, device: &Device) -> Result<(), NetworkError> {
+    async fn lead_back(
+        &self,
+        place: usize,
+        device: &Device,
+        steps: Sender<StepDone>,
+    ) -> Result<(), NetworkError> {
         let Found { station, id, .. } = &device.found;
         let safe_op = BringUpStep::State(AlState::SafeOp);
-        let (listener, log) = (self.listener.clone(), self.context.log.clone());
-        let progress = Progress::of_one(listener, log, Rc::clone(&self.context.time), 2);
+        let progress = Progress::of_one(&self.context, steps, 2);
         device.stage.set(Stage::LedBack);
         self.begin_again(place, |_| Again::Unknown);
         let registers = &self.context.registers;
@@ -422,8 +430,9 @@ impl Recovery {
         data_of(&mut cycle, place).is_some_and(|data| of(data))
     }
 
-    /// From now on nothing of the device is taken.
-    fn take_away(&self, place: usize) {
+    /// From now on nothing of the device is taken, and what goes out to it does nothing.
+    fn cut_off(&self, place: usize) {
+        self.begin_again(place, |_| Again::Unknown);
         if let Some(cycle) = self.context.cycle.borrow_mut().as_mut() {
             cycle.exchange.drives.take_away(place);
         }
