@@ -11,6 +11,7 @@
 mod al;
 mod cable;
 mod coe;
+mod datagram;
 mod description;
 mod device;
 mod dictionary;

@@ -2,9 +2,13 @@
 //! A list is rewritten in PREOP, after its subindex 0 was set to zero; a mapping, after its PDO was taken out of the
 //! assignment.
 
+mod list;
+
 use crate::coe::Abort;
 use crate::coe::info::{EntryInfo, ObjectCode, ObjectInfo, access, data_type};
-use crate::description::{Direction, PdoDescription, PdoEntryDescription};
+use crate::description::{Direction, PdoDescription};
+pub(crate) use list::Entry;
+use list::List;
 
 /// What can be known about an object that is to be mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,39 +17,6 @@ pub(crate) struct Mappable {
     pub(crate) bits: u8,
     /// Whether it can be mapped in this direction.
     pub(crate) allowed: bool,
-}
-
-/// A mapped object.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Entry {
-    pub(crate) index: u16,
-    pub(crate) subindex: u8,
-    pub(crate) bits: u8,
-}
-
-impl Entry {
-    /// Index in the upper half, subindex, length in bits in the lowest byte (CiA 301, object 1600h).
-    fn from_value(value: u32) -> Self {
-        let [bits, subindex, low, high] = value.to_le_bytes();
-        Self {
-            index: u16::from_le_bytes([low, high]),
-            subindex,
-            bits,
-        }
-    }
-
-    fn of_description(entry: &PdoEntryDescription) -> u32 {
-        let entry = Self {
-            index: entry.index,
-            subindex: entry.subindex,
-            bits: entry.bits,
-        };
-        entry.value()
-    }
-
-    fn value(self) -> u32 {
-        u32::from(self.index) << 16 | u32::from(self.subindex) << 8 | u32::from(self.bits)
-    }
 }
 
 /// How much a drive can map in one direction.
@@ -70,46 +41,6 @@ pub struct PdoHabit {
     pub value: u32,
     /// The abort code; `None`: the write is confirmed, and the drive keeps what it had.
     pub abort: Option<Abort>,
-}
-
-/// A counted list: subindex 0 says how many of the elements count.
-#[derive(Clone, Debug)]
-struct List {
-    count: u8,
-    values: Vec<u32>,
-}
-
-impl List {
-    fn new(values: &[u32], capacity: u8) -> Self {
-        let mut all = values.to_vec();
-        all.resize(usize::from(capacity), 0);
-        Self {
-            count: u8::try_from(values.len()).unwrap_or(capacity).min(capacity),
-            values: all,
-        }
-    }
-
-    fn active(&self) -> &[u32] {
-        self.values.get(..usize::from(self.count)).unwrap_or(&[])
-    }
-
-    fn slot(&mut self, subindex: u8) -> Result<&mut u32, Abort> {
-        self.values
-            .get_mut(usize::from(subindex).wrapping_sub(1))
-            .ok_or(Abort::NoSubindex)
-    }
-
-    /// Bytes of a subindex, of which the elements have `width` bytes.
-    fn upload(&self, subindex: u8, width: usize) -> Result<Vec<u8>, Abort> {
-        if subindex == 0 {
-            return Ok(vec![self.count]);
-        }
-        let value = self
-            .values
-            .get(usize::from(subindex) - 1)
-            .ok_or(Abort::NoSubindex)?;
-        Ok(value.to_le_bytes().into_iter().take(width).collect())
-    }
 }
 
 /// All PDOs of one direction.

@@ -3,6 +3,7 @@
 
 mod clock;
 mod fmmu;
+mod memory;
 mod port_errors;
 mod processor;
 mod register_access;
@@ -374,46 +375,6 @@ impl Esc {
         {
             bytes.clone_into(&mut sm.buffer);
         }
-    }
-
-    fn copy_in(&mut self, at: usize, bytes: &[u8], mask: Option<&[u8]>) {
-        let Some(target) = self.memory.get_mut(at..at + bytes.len()) else {
-            return;
-        };
-        for (offset, (target, byte)) in target.iter_mut().zip(bytes).enumerate() {
-            let mask = mask.map_or(0xFF, |mask| mask.get(offset).copied().unwrap_or(0));
-            *target = *target & !mask | byte & mask;
-        }
-    }
-
-    fn byte(&self, address: u16) -> u8 {
-        self.memory[usize::from(address)]
-    }
-
-    fn word(&self, address: u16) -> u16 {
-        crate::frame::read_u16(&self.memory, usize::from(address)).unwrap_or(0)
-    }
-
-    fn double_word(&self, address: u16) -> u32 {
-        crate::frame::read_u32(&self.memory, usize::from(address)).unwrap_or(0)
-    }
-
-    fn quad_word(&self, address: u16) -> u64 {
-        let low = u64::from(self.double_word(address));
-        let high = u64::from(self.double_word(address + 4));
-        high << 32 | low
-    }
-
-    fn set_byte(&mut self, address: u16, value: u8) {
-        self.memory[usize::from(address)] = value;
-    }
-
-    fn set_word(&mut self, address: u16, value: u16) {
-        self.set_bytes(address, &value.to_le_bytes());
-    }
-
-    fn set_bytes(&mut self, address: u16, bytes: &[u8]) {
-        self.copy_in(usize::from(address), bytes, None);
     }
 }
 
