@@ -3,6 +3,7 @@
 mod acyclic;
 mod al;
 mod axes;
+mod axis_setup;
 mod black_box;
 mod bring_up;
 mod builder;
@@ -44,6 +45,7 @@ mod sync_managers;
 mod tasks;
 mod time;
 mod watchdog;
+mod whereabouts;
 
 pub use al::{AlError, AlState, AlStatus};
 pub use black_box::{Answered, BlackBox, RecordedCycle, Trouble};

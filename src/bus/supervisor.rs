@@ -6,22 +6,21 @@ use async_task::Task;
 use smol::{channel::Sender, lock::Mutex};
 
 use super::{
-    AlState, AlStatus, DevicePlace, NetworkError, RegisterError, al,
+    AlState, DevicePlace, NetworkError, al,
     axes::Axes,
     black_box::{BlackBox, Trouble},
     bring_up,
     control::{ClockEvent, Control, NetworkEvent, Question},
-    cycle::Cycle,
     dc::LockWatch,
     discovery::Found,
-    drive_data::DriveData,
     io::{Io, Ports},
-    log::{DriveChange, Note},
+    log::Note,
     plan::LinePlan,
     port_errors,
     progress::{Progress, StepDone},
     reactor::Context,
     recovery::{self, Recovery},
+    whereabouts::{look, read_state},
 };
 use crate::{
     axis::AxisSource,
@@ -209,7 +208,7 @@ async fn watch(context: &Context, running: &Running, control: &Control, period: 
             let reference = DriveId::clone(reference);
             control.report(NetworkEvent::Clock { reference, event });
         }
-        let Some((al_status, wrong)) = look(context, running, &mut lost, control) else {
+        let Some((al_status, wrong)) = look(context, control, &running.ids, &mut lost) else {
             return;
         };
         // After what happened to the drives, so that one follows from the other.
@@ -282,97 +281,6 @@ fn black_box(
     let exchange = &cycle.as_ref()?.exchange;
     axes.borrow()
         .black_box(index, trouble, |axis| exchange.history(axis))
-}
-
-/// What the last cycle showed; `None` when there are no cycles any more.
-fn look(
-    context: &Context,
-    running: &Running,
-    lost: &mut [bool],
-    control: &Control,
-) -> Option<(Option<(u8, u16)>, bool)> {
-    let mut cycle = context.cycle.borrow_mut();
-    let cycle = cycle.as_mut()?;
-    let states = running
-        .ids
-        .iter()
-        .zip(cycle.exchange.drives.iter())
-        .zip(lost);
-    for ((drive, data), lost) in states {
-        if data.lost != *lost {
-            *lost = data.lost;
-            let change = if data.lost {
-                DriveChange::Lost
-            } else {
-                DriveChange::Back
-            };
-            report(context, control, drive, change);
-        }
-    }
-    Some((cycle.last.al_status, cycle.last.wrong))
-}
-
-/// Notes and tells what happened to a drive.
-fn report(context: &Context, control: &Control, drive: &Arc<DriveId>, change: DriveChange) {
-    let note = Note::Drive(Arc::clone(drive), change);
-    context.log.note(context.time.now(), note);
-    control.report(change.of(drive));
-}
-
-/// Looks whether a device has left OP, or is back in it.
-async fn read_state(
-    context: &Context,
-    control: &Control,
-    place: usize,
-    device: &Found,
-    id: &Arc<DriveId>,
-) {
-    match al::status(&context.registers, device.station).await {
-        Ok(status) => note_state(context, control, place, id, status),
-        // It is reported as lost by its process data. Of one without inputs a working counter of 0 may be that of outputs
-        // closed since it left OP: but not where nobody is there.
-        Err(RegisterError::NotAnswered) => {
-            let mut cycle = context.cycle.borrow_mut();
-            if let Some(data) = data_of(&mut cycle, place)
-                && data.inputs.is_empty()
-            {
-                data.fallen = false;
-            }
-        }
-        Err(_) => {}
-    }
-}
-
-/// The share of the exchange that the device at this place has; `None` when there are no cycles any more.
-pub(super) fn data_of(cycle: &mut Option<Cycle>, place: usize) -> Option<&mut DriveData> {
-    cycle.as_mut()?.exchange.drives.get_mut(place)
-}
-
-/// Takes in what AL state a device was seen in, and reports it if it has left OP or is back.
-pub(super) fn note_state(
-    context: &Context,
-    control: &Control,
-    place: usize,
-    device: &Arc<DriveId>,
-    status: AlStatus,
-) {
-    let mut cycle = context.cycle.borrow_mut();
-    let Some(data) = data_of(&mut cycle, place).filter(|data| !data.away) else {
-        return;
-    };
-    let in_op = status.state == AlState::Op && status.error.is_none();
-    // One that was lost is not operational, and may come back fallen.
-    if data.operational == in_op && data.fallen != in_op {
-        return;
-    }
-    data.operational = in_op;
-    data.fallen = !in_op;
-    let change = if in_op {
-        DriveChange::InOp
-    } else {
-        DriveChange::LeftOp(status)
-    };
-    report(context, control, device, change);
 }
 
 /// The end in order: axes stopped and disabled, all other outputs 0, then SAFEOP, no more cycles, PREOP, INIT.

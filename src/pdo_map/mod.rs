@@ -9,6 +9,7 @@ mod entry;
 mod execute;
 mod layout;
 mod mapping;
+mod mapping_error;
 mod offer;
 mod plan;
 pub mod verify;
@@ -17,6 +18,7 @@ pub use entry::{Entry, Pdo};
 #[cfg(feature = "std")]
 pub use execute::{ConfigureError, configure, execute, read_assigned, read_back, read_offered};
 pub use layout::{Field, Layout, LayoutError, Place};
-pub use mapping::{Direction, Limits, Mapping, MappingBuilder, MappingError};
+pub use mapping::{Direction, Limits, Mapping, MappingBuilder};
+pub use mapping_error::MappingError;
 pub use offer::{Demand, FixedPdo, choose};
 pub use plan::{Plan, Purpose, Step};

@@ -3,7 +3,8 @@
 use alloc::vec::Vec;
 
 use super::entry::{Entry, Pdo};
-use super::mapping::{Direction, Limits, Mapping, MappingError, entry_of};
+use super::mapping::{Direction, Limits, Mapping, entry_of};
+use super::mapping_error::MappingError;
 use crate::coe::AnyObject;
 
 /// Fixed PDOs of one direction among which is chosen, beside the mandatory ones: those that hold most of what is wanted.

@@ -9,11 +9,13 @@ mod scale;
 
 #[cfg(feature = "std")]
 mod scaled;
+#[cfg(feature = "std")]
+mod scaled_failure;
 
 pub use factors::{Edition, Factors};
 pub use ratio::Ratio;
 pub use scale::{Quantity, Scale, ScaleError, ScaledSetPoint};
 #[cfg(feature = "std")]
-pub use scaled::{
-    ScaledAxis, ScaledFailure, ScaledMove, ScaledOutcome, ScaledProfilePosition, ScaledStatus,
-};
+pub use scaled::{ScaledAxis, ScaledMove, ScaledOutcome, ScaledProfilePosition, ScaledStatus};
+#[cfg(feature = "std")]
+pub use scaled_failure::ScaledFailure;

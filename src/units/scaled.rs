@@ -1,10 +1,10 @@
 //! The handles of an axis with a scale in front: numbers are converted on the way in and on the way out, and that is all.
 
-use core::{fmt, time::Duration};
+use core::time::Duration;
 
-use super::{Edition, Factors, Ratio, Scale, ScaleError, ScaledSetPoint};
+use super::{Edition, Factors, Ratio, Scale, ScaleError, ScaledSetPoint, scaled_failure::in_units};
 use crate::{
-    axis::{Axis, AxisError, AxisErrorKind, Failure, Snapshot},
+    axis::{Axis, AxisError, AxisErrorKind, Snapshot},
     coe::{Object, ReadWrite, obj},
     profile_position::{Move, MoveRequest, Outcome, ProfilePosition},
 };
@@ -341,66 +341,5 @@ impl ScaledOutcome {
         match *self {
             Self::Reached { position } | Self::Passed { position } => position,
         }
-    }
-}
-
-/// A failure that names positions or velocities, told in a program's own units.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ScaledFailure {
-    /// The failure, in the drive's units.
-    pub failure: Failure,
-    /// The scale of the axis.
-    pub scale: Scale,
-}
-
-impl fmt::Display for ScaledFailure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let scale = &self.scale;
-        match self.failure {
-            Failure::MissedTarget { target, actual } => write!(
-                f,
-                "the drive reports its target reached but stands at {} instead of {}: look for a limit in the drive",
-                scale.position_of(actual),
-                scale.position_of(target)
-            ),
-            Failure::Unconfirmed { target, actual } => write!(
-                f,
-                "the drive has not acknowledged the move, its buffer was full, and stands at {} instead of {}: it may not have taken it",
-                scale.position_of(actual),
-                scale.position_of(target)
-            ),
-            Failure::BeyondLimit {
-                object,
-                limit,
-                target,
-            } => write!(
-                f,
-                "the target {} lies beyond the limit {} of {object}: move within it, or change it and read the limits again",
-                scale.position_of(target),
-                scale.position_of(limit)
-            ),
-            Failure::TooFast { limit, velocity } => write!(
-                f,
-                "the velocity {} is above max profile velocity 607Fh, {}: the drive would not go as fast",
-                scale.velocity_of(velocity),
-                scale.velocity_of(limit)
-            ),
-            failure => failure.fmt(f),
-        }
-    }
-}
-
-fn in_units(error: AxisError, scale: Scale) -> AxisError {
-    match error.kind {
-        AxisErrorKind::Failed(
-            failure @ (Failure::MissedTarget { .. }
-            | Failure::Unconfirmed { .. }
-            | Failure::BeyondLimit { .. }
-            | Failure::TooFast { .. }),
-        ) => AxisError {
-            kind: AxisErrorKind::Scaled(ScaledFailure { failure, scale }),
-            ..error
-        },
-        _ => error,
     }
 }

@@ -3,23 +3,18 @@
 //! Only the program asks for it. Before anything is done with the device its axes begin again: what they were told is over,
 //! and what goes out to them is that of an axis that is switched off.
 
+mod device;
 mod find;
 mod recovered;
 
-use std::{
-    cell::{Cell, RefCell},
-    iter,
-    rc::Rc,
-    sync::Arc,
-    time::Duration,
-};
+use std::{cell::RefCell, iter, rc::Rc, sync::Arc, time::Duration};
 
 use smol::{channel::Sender, future::or, lock::Mutex};
 
 use super::{
     AlState, AlStatus, BringUpStep, DriveFault, NetworkError, RegisterError, Verdict, al,
     axes::Axes,
-    bring_up::{self, Ready},
+    bring_up,
     control::Control,
     dc,
     discovery::{self, Found, STATION_ADDRESS},
@@ -30,15 +25,16 @@ use super::{
     packing::Member,
     progress::{Progress, StepDone},
     reactor::Context,
-    supervisor::{data_of, note_state},
+    whereabouts::{data_of, note_state},
 };
 use crate::{
     axis::{Again, AxisConfig},
-    coe::{DriveId, SdoHandle},
-    parameters::StartUpList,
+    coe::DriveId,
     pdo_map::Layout,
 };
 
+pub(super) use device::devices;
+use device::{Device, SetUp, Stage};
 pub use recovered::Recovered;
 
 /// Leads devices of the exchange back into OP.
@@ -54,89 +50,6 @@ pub(super) struct Recovery {
     pub(super) devices: Vec<Device>,
     /// Held by whoever looks for a device.
     pub(super) search: Mutex<()>,
-}
-
-/// A device of the exchange.
-pub(super) struct Device {
-    found: Found,
-    /// Who it is, for notes.
-    id: Arc<DriveId>,
-    /// What is written to it on its way into OP.
-    lists: Option<(SdoHandle, Vec<StartUpList>)>,
-    /// Whether it follows SYNC0.
-    synchronised: bool,
-    /// Whether all other clocks follow its own.
-    is_reference: bool,
-    set_up: SetUp,
-    /// Held by whoever leads it back.
-    in_work: Mutex<()>,
-    /// How far it is.
-    stage: Cell<Stage>,
-}
-
-/// How a device is set up, and what came of it at the start.
-enum SetUp {
-    Drive(Box<(Job, Layout, Member)>),
-    Io(Box<ReadyIo>),
-}
-
-/// How far a device is on its way back.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stage {
-    /// Not on its way.
-    None,
-    /// Being led from SAFEOP into OP.
-    LedBack,
-    /// Being set up anew, or left half-way there: it must be set up anew the next time.
-    Anew,
-}
-
-/// The devices of a line that was brought up.
-pub(super) fn devices(ready: Ready) -> Vec<Device> {
-    let reference = ready.reference();
-    let device = |found: Found, lists, synchronised, set_up| Device {
-        id: Arc::new(found.id.clone()),
-        is_reference: reference.as_ref() == Some(&found.id),
-        found,
-        lists,
-        synchronised,
-        set_up,
-        in_work: Mutex::new(()),
-        stage: Cell::new(Stage::None),
-    };
-    let drives = ready.drives.into_iter();
-    let drives = drives.map(|drive| {
-        let member = bring_up::member(&drive);
-        let lists = (drive.sdo, drive.start_up);
-        let set_up = SetUp::Drive(Box::new((drive.again, drive.layout, member)));
-        device(
-            drive.found,
-            Some(lists),
-            drive.sync0_after.is_some(),
-            set_up,
-        )
-    });
-    let ios = ready.ios.into_iter().map(|io| {
-        let sdo = io.mailbox.as_ref().map(|mailbox| mailbox.sdo.clone());
-        let lists = sdo.map(|sdo| (sdo, io.start_up.clone()));
-        device(io.found.clone(), lists, false, SetUp::Io(Box::new(io)))
-    });
-    drives.chain(ios).collect()
-}
-
-impl Device {
-    /// Its clock would have to be set while those of others must not be disturbed.
-    fn can_be_set_up(&self) -> Result<(), NetworkError> {
-        if self.synchronised {
-            return Err(self.fault((BringUpStep::Clock, DriveFault::ClockOfRunningLine)));
-        }
-        Ok(())
-    }
-
-    /// The error of a step, with the device.
-    fn fault(&self, (step, error): Failed) -> NetworkError {
-        self.found.clone().fault(step, error)
-    }
 }
 
 impl Recovery {
