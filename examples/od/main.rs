@@ -13,18 +13,20 @@ use servocrab::{bus::Line, coe::SdoHandle};
 mod catalogue;
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../common/drive.rs"]
+mod drive;
 
 use catalogue::{Catalogue, Item, find};
 use common::{LineArguments, put, table};
+use drive::DriveArguments;
 
 /// Shows and changes the objects of a drive. Whatever its line was doing ends.
 #[derive(Parser)]
 struct Arguments {
     #[command(flatten)]
     line: LineArguments,
-    /// Position of the drive in the line, from 0; without it, the first with CoE.
-    #[arg(long, global = true)]
-    drive: Option<usize>,
+    #[command(flatten)]
+    drive: DriveArguments,
     #[command(subcommand)]
     work: Work,
 }
@@ -86,16 +88,7 @@ async fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
 }
 
 async fn work(arguments: &Arguments, line: &Line) -> Result<(), Box<dyn Error>> {
-    let mut devices = line.devices().iter();
-    let device = match arguments.drive {
-        Some(position) => devices.nth(position),
-        None => devices.find(|device| device.sdo.is_some()),
-    };
-    let device = device.ok_or("there is no such drive in the line")?;
-    let sdo = device.sdo.as_ref().ok_or_else(|| {
-        let problem = device.problem.as_ref().map(ToString::to_string);
-        problem.unwrap_or_else(|| format!("{} has no CoE", device.id))
-    })?;
+    let sdo = arguments.drive.of(line)?;
     match &arguments.work {
         Work::List { filter, values } => list(arguments, sdo, filter, *values).await?,
         Work::Read { objects } => {

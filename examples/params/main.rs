@@ -18,17 +18,19 @@ use servocrab::{
 
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../common/drive.rs"]
+mod drive;
 
 use common::{LineArguments, put, table};
+use drive::DriveArguments;
 
 /// Backs up, compares, restores and stores the parameters of a drive. Whatever its line was doing ends.
 #[derive(Parser)]
 struct Arguments {
     #[command(flatten)]
     line: LineArguments,
-    /// Position of the drive in the line, from 0; without it, the first with CoE.
-    #[arg(long, global = true)]
-    drive: Option<usize>,
+    #[command(flatten)]
+    drive: DriveArguments,
     #[command(subcommand)]
     work: Work,
 }
@@ -79,16 +81,7 @@ async fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
 
 /// Does it; false if file and drive differ.
 async fn work(arguments: &Arguments, line: &Line) -> Result<bool, Box<dyn Error>> {
-    let mut devices = line.devices().iter();
-    let device = match arguments.drive {
-        Some(position) => devices.nth(position),
-        None => devices.find(|device| device.sdo.is_some()),
-    };
-    let device = device.ok_or("there is no such drive in the line")?;
-    let sdo = device.sdo.as_ref().ok_or_else(|| {
-        let problem = device.problem.as_ref().map(ToString::to_string);
-        problem.unwrap_or_else(|| format!("{} has no CoE", device.id))
-    })?;
+    let sdo = arguments.drive.of(line)?;
     let json = arguments.line.json;
     match &arguments.work {
         Work::Backup { file } => backup(sdo, file, json).await?,
