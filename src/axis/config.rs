@@ -85,14 +85,16 @@ impl AxisConfig {
         }
     }
 
-    /// The bounds within which this axis counts as standing.
-    pub(super) const fn bounds(&self) -> Bounds {
-        Bounds {
+    /// With its turn among its limits, and the bounds within which this axis counts as standing.
+    pub(super) const fn with_bounds(mut self) -> (Self, Bounds) {
+        self.limits = self.limits_with(self.limits);
+        let bounds = Bounds {
             position: self.tolerances.position,
             velocity: self.tolerances.velocity,
             settle: self.tolerances.settle,
             turn: self.modulo,
-        }
+        };
+        (self, bounds)
     }
 }
 

@@ -113,10 +113,10 @@ impl AxisCore {
     /// An axis that commands nothing until it is told to: its first words are Disable voltage, its first target is
     /// where the drive stands.
     #[must_use]
-    pub fn new(mut config: AxisConfig) -> Self {
-        config.limits = config.limits_with(config.limits);
+    pub fn new(config: AxisConfig) -> Self {
+        let (config, bounds) = config.with_bounds();
         Self {
-            bounds: config.bounds(),
+            bounds,
             sequencer: Sequencer::new(config.defaults),
             homing: Procedure::new(config.deadlines.standstill),
             jogging: Jogging::new(),

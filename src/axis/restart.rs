@@ -65,11 +65,9 @@ impl AxisCore {
     }
 
     /// What the drive holds now, of which nothing has been seen yet.
-    fn attach(&mut self, mut config: AxisConfig) {
+    fn attach(&mut self, config: AxisConfig) {
         self.forget();
-        config.limits = config.limits_with(config.limits);
-        self.bounds = config.bounds();
-        self.config = config;
+        (self.config, self.bounds) = config.with_bounds();
         self.sample = None;
         self.standstill = Standstill::default();
         self.standing = false;

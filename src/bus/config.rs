@@ -27,8 +27,8 @@ pub struct DriveConfig {
     pub(super) description: DriveDescription,
     pub(super) axes: Vec<AxisDeclaration>,
     pub(super) start_up: Vec<StartUpList>,
-    revision: Option<u32>,
-    serial: Option<u32>,
+    /// Beside what the description says.
+    expected: Expected,
     pub(super) clock: Option<DistributedClock>,
     mistakes: Vec<String>,
 }
@@ -64,8 +64,7 @@ impl DriveConfig {
             description,
             axes: Vec::new(),
             start_up: Vec::new(),
-            revision: None,
-            serial: None,
+            expected: Expected::any(),
             clock: None,
             mistakes: Vec::new(),
         }
@@ -74,14 +73,14 @@ impl DriveConfig {
     /// Only a drive of this revision is the one.
     #[must_use]
     pub const fn revision(mut self, revision: u32) -> Self {
-        self.revision = Some(revision);
+        self.expected.revision = Some(revision);
         self
     }
 
     /// Only the drive with this serial number is the one: so that two of a kind cannot be exchanged unnoticed.
     #[must_use]
     pub const fn serial(mut self, serial: u32) -> Self {
-        self.serial = Some(serial);
+        self.expected.serial = Some(serial);
         self
     }
 
@@ -200,8 +199,7 @@ impl DriveConfig {
             name: self.description.name.clone(),
             vendor: self.description.vendor,
             product: self.description.product,
-            revision: self.revision,
-            serial: self.serial,
+            ..self.expected.clone()
         }
     }
 

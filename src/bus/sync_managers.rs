@@ -258,6 +258,12 @@ pub(super) fn watchdog_ticks(time: Duration) -> Option<u16> {
     (ticks != 0).then_some(ticks)
 }
 
+/// What is written to which register to set the process-data watchdog, 0 for off, in order.
+pub(super) fn watchdog_writes(ticks: u16) -> impl Iterator<Item = (u16, u16)> {
+    let writes = [(WATCHDOG_DIVIDER, DIVIDER), (WATCHDOG_TIME, ticks)];
+    writes.into_iter().skip(usize::from(ticks == 0))
+}
+
 /// Sets the process-data watchdog, 0 for off, and gives what the SubDevice holds then.
 pub(super) async fn set_watchdog(
     registers: &Registers,
@@ -265,14 +271,11 @@ pub(super) async fn set_watchdog(
     outputs: &Area,
     ticks: u16,
 ) -> Result<WatchdogState, RegisterError> {
-    if ticks != 0 {
+    for (register, value) in watchdog_writes(ticks) {
         registers
-            .write(station, WATCHDOG_DIVIDER, &DIVIDER.to_le_bytes())
+            .write(station, register, &value.to_le_bytes())
             .await?;
     }
-    registers
-        .write(station, WATCHDOG_TIME, &ticks.to_le_bytes())
-        .await?;
     Ok(WatchdogState {
         triggered: outputs.triggers(registers, station).await?,
         divider: u16::from_le_bytes(registers.read(station, WATCHDOG_DIVIDER).await?),

@@ -6,7 +6,7 @@ use ethercrab::{Command, MainDevice, error::Error};
 
 use super::sync_managers::{
     ACTIVATE, DIVIDER, SYNC_MANAGER, WATCHDOG_DIVIDER, WATCHDOG_TIME, WATCHDOG_TRIGGER,
-    watchdog_ticks,
+    WatchdogState, watchdog_ticks, watchdog_writes,
 };
 
 /// Why a SubDevice's process-data watchdog is not armed.
@@ -81,19 +81,21 @@ pub async fn arm_watchdog(
         .write(manager + 4, &[control | WATCHDOG_TRIGGER])
         .await?;
     device.write(manager + ACTIVATE, &[1]).await?;
-    device
-        .write(WATCHDOG_DIVIDER, &DIVIDER.to_le_bytes())
-        .await?;
-    device.write(WATCHDOG_TIME, &expected.to_le_bytes()).await?;
+    for (register, value) in watchdog_writes(expected) {
+        device.write(register, &value.to_le_bytes()).await?;
+    }
     let [control] = device.read(manager + 4).await?;
-    let divider = u16::from_le_bytes(device.read(WATCHDOG_DIVIDER).await?);
-    let ticks = u16::from_le_bytes(device.read(WATCHDOG_TIME).await?);
-    if control & WATCHDOG_TRIGGER == 0 || divider != DIVIDER || ticks != expected {
+    let held = WatchdogState {
+        triggered: control & WATCHDOG_TRIGGER != 0,
+        divider: u16::from_le_bytes(device.read(WATCHDOG_DIVIDER).await?),
+        ticks: u16::from_le_bytes(device.read(WATCHDOG_TIME).await?),
+    };
+    if !held.is_armed_with(expected) {
         return Err(WatchdogError::NotArmed {
             station,
             control,
-            divider,
-            ticks,
+            divider: held.divider,
+            ticks: held.ticks,
             expected,
         });
     }
