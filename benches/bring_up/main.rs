@@ -12,6 +12,8 @@ mod namespace;
 #[path = "../../tests/interop/programs.rs"]
 #[allow(dead_code, reason = "the interop tests use more of it")]
 mod programs;
+#[path = "../common/stock_set_up.rs"]
+mod stock_set_up;
 
 use std::{
     env, fs,

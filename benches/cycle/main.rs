@@ -18,6 +18,8 @@ mod ours;
 mod programs;
 mod reflector;
 mod stock;
+#[path = "../common/stock_set_up.rs"]
+mod stock_set_up;
 mod talk;
 mod two;
 

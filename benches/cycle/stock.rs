@@ -1,13 +1,16 @@
 //! ethercrab as its examples use it: `tx_rx` in the thread, frames on a task of its own.
 
-use std::{sync::Arc, thread, time::Duration};
+use std::thread;
 
 use ethercrab::{
-    MainDevice, MainDeviceConfig, PduStorage, Timeouts,
-    std::{ethercat_now, tx_rx_task, tx_rx_task_io_uring},
+    PduStorage,
+    std::{tx_rx_task, tx_rx_task_io_uring},
 };
 
-use crate::measure::{cycles, serve};
+use crate::{
+    measure::{cycles, serve},
+    stock_set_up::{in_op, main_device},
+};
 
 const FRAMES: usize = 64;
 /// Its task cuts frames that are longer than 1500 bytes with their Ethernet header.
@@ -17,22 +20,7 @@ static STORAGE: PduStorage<FRAMES, DATA> = PduStorage::new();
 /// Brings the line up with the mapping that it has, and runs cycles as it is told.
 pub(crate) fn ethercrab(interface: &str, axes: usize, uring: bool) {
     let (tx, rx, pdu_loop) = STORAGE.try_split().expect("split once");
-    let patient = Duration::from_secs(5);
-    let main_device = Arc::new(MainDevice::new(
-        pdu_loop,
-        Timeouts {
-            pdu: patient,
-            state_transition: 10 * patient,
-            mailbox_response: patient,
-            mailbox_echo: patient,
-            eeprom: patient,
-            ..Timeouts::default()
-        },
-        MainDeviceConfig {
-            dc_static_sync_iterations: 0,
-            ..MainDeviceConfig::default()
-        },
-    ));
+    let main_device = main_device(pdu_loop);
     let interface = interface.to_owned();
     thread::spawn(move || {
         if uring {
@@ -42,23 +30,8 @@ pub(crate) fn ethercrab(interface: &str, axes: usize, uring: bool) {
             smol::block_on(task).expect("it goes on");
         }
     });
-    let group = smol::block_on(async {
-        let group = main_device
-            .init_single_group::<128, 4096>(ethercat_now)
-            .await
-            .expect("the line comes up");
-        assert_eq!(group.len(), axes.div_ceil(2));
-        let group = group.into_safe_op(&main_device).await.expect("SAFEOP");
-        group.tx_rx(&main_device).await.expect("an exchange");
-        let group = group.request_into_op(&main_device).await.expect("OP");
-        while !group
-            .tx_rx(&main_device)
-            .await
-            .expect("an exchange")
-            .all_op()
-        {}
-        group
-    });
+    let drives = axes.div_ceil(2);
+    let group = smol::block_on(in_op::<128>(&main_device, drives));
     serve(|mode, count| {
         cycles(mode, count, false, || {
             smol::block_on(group.tx_rx(&main_device)).expect("an exchange");
