@@ -15,7 +15,7 @@ use servocrab::{
 };
 use servocrab_sim::{AlState, Direction, Segment, personality};
 
-use crate::rig::{Line, Rig, akd2g, datagrams, is_write_to};
+use crate::rig::{Line, Rig, akd2g, datagrams, is_write_to, unhomed};
 
 #[test]
 fn both_axes_of_an_akd2g_come_up_and_move() {
@@ -57,9 +57,7 @@ fn a_coupler_and_a_terminal_in_the_line_are_left_in_preop() {
 fn a_drive_without_lrw_exchanges_by_lrd_and_lwr() {
     let drive = personality::Servo::akd2g().without_lrw().build();
     let line = Line::new(Segment::new().with(drive).with(personality::akd2g()));
-    let second = DriveConfig::new(drives::akd2g())
-        .axis("z")
-        .referencing("z", servocrab::axis::Referencing::UnreferencedMovesAllowed);
+    let second = unhomed(drives::akd2g(), &["z"]);
     let builder = Network::builder()
         .link(line.wire())
         .drive(0, akd2g())

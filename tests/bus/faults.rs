@@ -17,7 +17,7 @@ use servocrab::{
 };
 use servocrab_sim::{Segment, personality};
 
-use crate::rig::{Line, Rig, akd2g, datagrams, is_cyclic};
+use crate::rig::{Line, Rig, akd2g, datagrams, is_cyclic, unhomed};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -121,9 +121,7 @@ fn a_drive_that_falls_silent_does_not_blind_the_others() {
             .with(personality::akd2g())
             .with(personality::akd2g()),
     );
-    let second = servocrab::bus::DriveConfig::new(servocrab::drives::akd2g())
-        .axis("z")
-        .referencing("z", servocrab::axis::Referencing::UnreferencedMovesAllowed);
+    let second = unhomed(servocrab::drives::akd2g(), &["z"]);
     let builder = Network::builder()
         .link(line.wire())
         .drive(0, akd2g())

@@ -11,7 +11,7 @@ use servocrab::{
 use servocrab_sim::{Segment, personality};
 use tracing::Level;
 
-use crate::rig::{Line, Rig, akd2g};
+use crate::rig::{Line, Rig, akd2g, unhomed};
 
 const MS: Duration = Duration::from_millis(1);
 
@@ -75,9 +75,7 @@ fn two_drives() -> (Line, Rig) {
             .with(personality::akd2g())
             .with(personality::akd2g()),
     );
-    let second = DriveConfig::new(drives::akd2g())
-        .axis("z")
-        .referencing("z", servocrab::axis::Referencing::UnreferencedMovesAllowed);
+    let second = unhomed(drives::akd2g(), &["z"]);
     let builder = Network::builder()
         .link(line.wire())
         .drive(0, akd2g())

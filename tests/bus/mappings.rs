@@ -6,11 +6,10 @@ use servocrab::{
     coe::obj,
     drives::{self, DriveDescription},
     pdo_map::{Direction, Entry, FixedPdo, MappingError, Step, read_offered},
-    profile_position::Outcome,
 };
 use servocrab_sim::{Abort, AlState, Device, Segment, personality::Servo};
 
-use crate::rig::{Line, Rig};
+use crate::rig::{Line, Rig, unhomed};
 
 const CONTROLWORD: Entry = Entry::new(0x6040, 0, 16);
 const MODE: Entry = Entry::new(0x6060, 0, 8);
@@ -20,9 +19,7 @@ const MODE_DISPLAY: Entry = Entry::new(0x6061, 0, 8);
 const POSITION: Entry = Entry::new(0x6064, 0, 32);
 
 fn config(description: DriveDescription) -> DriveConfig {
-    DriveConfig::new(description)
-        .axis("x")
-        .referencing("x", Referencing::UnreferencedMovesAllowed)
+    unhomed(description, &["x"])
 }
 
 fn started(device: Device, config: DriveConfig) -> (Line, Result<Rig, NetworkError>) {
@@ -36,17 +33,7 @@ fn moves(device: Device, config: DriveConfig, axes: &[&str]) -> usize {
     let (line, rig) = started(device, config);
     let mut rig = rig.unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
-    for (number, name) in axes.iter().enumerate() {
-        let moved = rig.moved(name, 10_000);
-        assert!(
-            matches!(moved, Outcome::Reached { .. }),
-            "{name}: {moved:?}"
-        );
-        let segment = line.segment();
-        let executed = segment.axis(0, number).unwrap().ledger();
-        assert_eq!(executed.len(), 1, "{name}");
-        assert_eq!(executed[0].value, 10_000);
-    }
+    rig.moves_each(&line, axes);
     let bytes = line.segment().last_outputs(0).len();
     rig.shutdown();
     bytes

@@ -11,7 +11,7 @@ use std::{
 use servocrab::{
     axis::Referencing,
     bus::{BusLoop, DriveConfig, Network, NetworkBuilder, NetworkError},
-    drives,
+    drives::{self, DriveDescription},
     link::{Fate, Wire},
     profile_position::{Outcome, SetPoint},
 };
@@ -91,11 +91,16 @@ pub(crate) fn is_mail(datagram: &[u8]) -> bool {
 
 /// An AKD2G with axes `x` and `y`, which are moved without being homed.
 pub(crate) fn akd2g() -> DriveConfig {
-    DriveConfig::new(drives::akd2g())
-        .axis("x")
-        .referencing("x", Referencing::UnreferencedMovesAllowed)
-        .axis("y")
-        .referencing("y", Referencing::UnreferencedMovesAllowed)
+    unhomed(drives::akd2g(), &["x", "y"])
+}
+
+/// A drive with axes of these names, which are moved without being homed.
+pub(crate) fn unhomed(description: DriveDescription, axes: &[&str]) -> DriveConfig {
+    axes.iter()
+        .fold(DriveConfig::new(description), |drive, axis| {
+            let drive = drive.axis(axis);
+            drive.referencing(axis, Referencing::UnreferencedMovesAllowed)
+        })
 }
 
 /// A network and its loop.
@@ -131,6 +136,21 @@ impl Rig {
             let motion = mode.move_abs(target, set_point).await.unwrap();
             motion.done().await.unwrap()
         })
+    }
+
+    /// Moves each of the axes of the only drive once, and sees that the drive has executed that and nothing else.
+    pub(crate) fn moves_each(&mut self, line: &Line, axes: &[&str]) {
+        for (number, name) in axes.iter().enumerate() {
+            let moved = self.moved(name, 10_000);
+            assert!(
+                matches!(moved, Outcome::Reached { .. }),
+                "{name}: {moved:?}"
+            );
+            let segment = line.segment();
+            let executed = segment.axis(0, number).unwrap().ledger();
+            assert_eq!(executed.len(), 1, "{name}");
+            assert_eq!(executed[0].value, 10_000, "{name}");
+        }
     }
 
     pub(crate) fn until<T>(&mut self, future: impl Future<Output = T>) -> T {

@@ -8,12 +8,10 @@ mod rig;
 
 use std::path::PathBuf;
 
-use rig::{Line, Rig};
+use rig::{Line, Rig, unhomed};
 use servocrab::{
-    axis::Referencing,
-    bus::{DriveConfig, Network},
+    bus::Network,
     esi::{Esi, EsiDevice, EsiDifferences},
-    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Device, EsiDrive, Segment, personality::Servo};
 
@@ -33,12 +31,8 @@ fn sample(name: &str) -> EsiDevice {
 fn compared(by: &EsiDevice, device: Device, with: &EsiDevice) -> (Rig, Line, EsiDifferences) {
     let line = Line::new(Segment::new().with(device));
     let description = by.description().unwrap();
-    let mut config = DriveConfig::new(description.clone()).start_up(by.start_up_list());
-    for (name, _) in ["x", "y"].iter().zip(&description.axes) {
-        config = config
-            .axis(name)
-            .referencing(name, Referencing::UnreferencedMovesAllowed);
-    }
+    let names = &["x", "y"][..description.axes.len()];
+    let config = unhomed(description, names).start_up(by.start_up_list());
     let builder = Network::builder().link(line.wire()).drive(0, config);
     let mut rig = Rig::start(builder).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Op);
@@ -62,24 +56,7 @@ fn a_drive_described_by_its_esi_file_moves_and_is_as_the_file_says() {
         let (mut rig, line, differences) = compared(&device, drive, &device);
         assert!(differences.is_empty(), "{file}: {differences}");
         assert_eq!(differences.to_string(), "the drive is as its ESI file says");
-        for (number, name) in axes.iter().enumerate() {
-            let axis = rig.net().axis(name).unwrap();
-            rig.until(axis.enable()).unwrap();
-            let moved = rig.until(async {
-                let mode = axis.profile_position().await.unwrap();
-                let set_point = SetPoint::new()
-                    .velocity(100_000)
-                    .acceleration(1_000_000)
-                    .deceleration(1_000_000);
-                let motion = mode.move_abs(10_000, set_point).await.unwrap();
-                motion.done().await.unwrap()
-            });
-            assert!(
-                matches!(moved, Outcome::Reached { .. }),
-                "{name}: {moved:?}"
-            );
-            assert_eq!(line.segment().axis(0, number).unwrap().ledger().len(), 1);
-        }
+        rig.moves_each(&line, axes);
         rig.shutdown();
     }
 }

@@ -15,7 +15,7 @@ use servocrab::{
 };
 use servocrab_sim::{AlState, Segment, personality};
 
-use super::{MIDDLE, MS, Yard, config, is_over, kinds, set_point};
+use super::{MIDDLE, MS, Yard, is_over, kinds, set_point, unhomed};
 use crate::rig::{Line, Rig};
 
 const ANEW: Recovered = Recovered::BroughtUp {
@@ -27,7 +27,7 @@ const ANEW: Recovered = Recovered::BroughtUp {
 fn a_drive_that_lost_its_power_while_its_axes_moved_is_brought_up_and_nothing_moves_by_it() {
     for (device, description, axes) in kinds() {
         let name = description.name.clone();
-        let mut yard = Yard::new(device, config(description, axes));
+        let mut yard = Yard::new(device, unhomed(description, axes));
         let moves: Vec<_> = axes.iter().map(|axis| yard.start(axis)).collect();
         yard.loses_power(300 * MS);
         let mut modes = Vec::new();
@@ -86,7 +86,7 @@ fn what_was_homed_is_not_known_any_more_and_what_an_absolute_encoder_tells_is() 
 
 #[test]
 fn start_up_lists_are_written_again_and_what_the_program_wrote_later_is_gone() {
-    let drive = config(drives::generic(), &["z"])
+    let drive = unhomed(drives::generic(), &["z"])
         .start_up(StartUpWrite::new(obj::POSITION_WINDOW, 33))
         .start_up(StartUpWrite::new(obj::QUICK_STOP_DECELERATION, 77_000));
     let mut yard = Yard::new(personality::generic(), drive);
@@ -116,7 +116,7 @@ fn each_step_is_told_as_at_the_start() {
     let telling = Arc::clone(&told);
     let mut yard = Yard::with(
         personality::generic(),
-        config(drives::generic(), &["z"]),
+        unhomed(drives::generic(), &["z"]),
         move |line| {
             Network::builder().link(line.wire()).on_progress(move |at| {
                 let step = (at.drive.position, at.step, at.done, at.total);
@@ -145,7 +145,7 @@ fn each_step_is_told_as_at_the_start() {
 #[test]
 fn a_drive_that_went_back_to_init_or_preop_by_itself_is_brought_up_from_there() {
     for (falls_to, seen) in [(AlState::Init, State::Init), (AlState::PreOp, State::PreOp)] {
-        let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+        let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
         let (mode, motion) = yard.start("z");
         let mut segment = yard.line.segment();
         segment
@@ -172,7 +172,7 @@ fn a_drive_that_went_back_to_init_or_preop_by_itself_is_brought_up_from_there() 
 
 #[test]
 fn a_drive_that_follows_its_clock_is_refused_before_anything_is_done_and_led_back_after_a_fall() {
-    let drive = config(drives::sigma7(), &["z"]).dc(DistributedClock::new(0x0300));
+    let drive = unhomed(drives::sigma7(), &["z"]).dc(DistributedClock::new(0x0300));
     let mut yard = Yard::new(personality::sigma7(), drive);
     yard.falls(0x001B);
     yard.nothing_may_happen();
@@ -202,10 +202,10 @@ fn a_reference_that_has_begun_anew_is_not_made_the_clock_of_a_line_that_runs() {
         .unwrap()
         .set_clock(90_000_000_000, 0.0);
     let line = Line::new(segment);
-    let follower = config(drives::sigma7(), &["z"]).dc(DistributedClock::new(0x0300));
+    let follower = unhomed(drives::sigma7(), &["z"]).dc(DistributedClock::new(0x0300));
     let builder = Network::builder()
         .link(line.wire())
-        .drive(0, config(drives::sigma7(), &["r"]))
+        .drive(0, unhomed(drives::sigma7(), &["r"]))
         .drive(1, follower);
     let mut rig = Rig::start(builder).unwrap();
     let z = rig.net().axis("z").unwrap();

@@ -18,14 +18,14 @@ use servocrab::{
 };
 use servocrab_sim::{Abort, AlState, Habits, personality};
 
-use super::{MIDDLE, MS, Yard, config};
+use super::{MIDDLE, MS, Yard, unhomed};
 use crate::rig::is_cyclic;
 
 #[test]
 fn one_that_is_given_up_at_any_time_leaves_its_drive_out_of_op_and_harmless() {
     // A whole bring-up takes some hundred milliseconds here.
     for after in [0, 1, 2, 3, 5, 8, 13, 21, 34, 55, 90, 130, 180] {
-        let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+        let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
         let (mode, motion) = yard.start("z");
         yard.loses_power(300 * MS);
         yard.nothing_may_happen();
@@ -61,7 +61,7 @@ fn one_that_is_given_up_at_any_time_leaves_its_drive_out_of_op_and_harmless() {
 fn the_end_of_the_network_is_not_held_up_and_whoever_waits_is_told() {
     let mut overtaken = 0;
     for after in [0, 1, 2, 3, 5, 8, 13] {
-        let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+        let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
         yard.loses_power(300 * MS);
         yard.nothing_may_happen();
         let net = yard.rig.net.take().unwrap();
@@ -96,7 +96,7 @@ fn the_end_of_the_network_is_not_held_up_and_whoever_waits_is_told() {
 #[test]
 fn each_mail_on_the_way_may_be_refused_and_the_next_attempt_gets_through() {
     // Another mapping than the drive has at power-up.
-    let drive = config(drives::generic(), &["z"])
+    let drive = unhomed(drives::generic(), &["z"])
         .map_output("z", obj::QUICK_STOP_DECELERATION)
         .map_input("z", obj::FOLLOWING_ERROR_ACTUAL);
     let mut yard = Yard::new(personality::generic(), drive);
@@ -141,7 +141,7 @@ fn bursts_of_lost_frames_end_no_recovery() {
         let is_bad = Arc::clone(&bad);
         let mut yard = Yard::with(
             personality::akd2g(),
-            config(drives::akd2g(), &["z", "w"]),
+            unhomed(drives::akd2g(), &["z", "w"]),
             move |line| {
                 // Three in a row are lost, one way or the other.
                 let wire = line.wire_with(move |number, _| {
@@ -173,7 +173,7 @@ fn bursts_of_lost_frames_end_no_recovery() {
 
 #[test]
 fn a_recovery_of_a_network_that_has_ended_says_so() {
-    let mut yard = Yard::new(personality::generic(), config(drives::generic(), &["z"]));
+    let mut yard = Yard::new(personality::generic(), unhomed(drives::generic(), &["z"]));
     yard.loses_power(150 * MS);
     let net = yard.rig.net.take().unwrap();
     let mut recovery = pin!(net.recover(1));
@@ -193,7 +193,7 @@ fn while_each_access_to_the_drive_takes_some_cycles_the_working_counters_of_the_
     let is_slow = Arc::clone(&slow);
     let mut yard = Yard::with(
         personality::akd2g(),
-        config(drives::akd2g(), &["z", "w"]),
+        unhomed(drives::akd2g(), &["z", "w"]),
         move |line| {
             let wire = line.wire_with(move |_, frame| {
                 if is_slow.load(Ordering::Relaxed) && !is_cyclic(frame) {

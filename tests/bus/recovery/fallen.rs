@@ -11,7 +11,7 @@ use servocrab::{
 };
 use servocrab_sim::{AlState, Habits, personality, personality::Servo};
 
-use super::{MIDDLE, MS, Yard, config, events, fall, is_over, kinds};
+use super::{MIDDLE, MS, Yard, events, fall, is_over, kinds, unhomed};
 
 const FALLEN: AlStatus = AlStatus {
     state: State::SafeOp,
@@ -22,7 +22,7 @@ const FALLEN: AlStatus = AlStatus {
 fn a_drive_that_fell_while_its_axes_moved_is_led_back_and_nothing_moves_by_it() {
     for (device, description, axes) in kinds() {
         let name = description.name.clone();
-        let mut yard = Yard::new(device, config(description, axes));
+        let mut yard = Yard::new(device, unhomed(description, axes));
         let moves: Vec<_> = axes.iter().map(|axis| yard.start(axis)).collect();
         yard.falls(0x001B);
         let told = events(&yard.rig);
@@ -59,7 +59,7 @@ fn a_drive_that_fell_while_its_axes_moved_is_led_back_and_nothing_moves_by_it() 
 
 #[test]
 fn a_drive_is_led_back_before_anybody_has_noticed_that_it_fell() {
-    let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+    let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
     let (mode, motion) = yard.start("z");
     fall(&yard.line, 0x001B);
     yard.undisturbed = yard.counters();
@@ -79,7 +79,7 @@ fn a_drive_is_led_back_before_anybody_has_noticed_that_it_fell() {
 
 #[test]
 fn to_a_drive_that_is_in_op_nothing_is_done() {
-    let mut yard = Yard::new(personality::generic(), config(drives::generic(), &["z"]));
+    let mut yard = Yard::new(personality::generic(), unhomed(drives::generic(), &["z"]));
     let (mode, motion) = yard.start("z");
     assert_eq!(yard.recover(1).unwrap(), Recovered::WasInOp);
     assert_eq!(yard.recover(0).unwrap(), Recovered::WasInOp);
@@ -114,7 +114,7 @@ fn what_was_homed_is_still_where_it_was() {
 
 #[test]
 fn a_drive_that_falls_again_on_the_way_says_why_and_can_be_led_back_later() {
-    let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+    let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
     let (mode, motion) = yard.start("z");
     yard.falls(0x001B);
     assert!(is_over(&yard.rig.until(motion.done())));
@@ -154,7 +154,7 @@ fn a_drive_that_falls_again_on_the_way_says_why_and_can_be_led_back_later() {
 #[test]
 fn an_axis_that_was_halted_or_stopped_is_neither_afterwards_and_what_was_asked_for_meanwhile_is_refused()
  {
-    let mut yard = Yard::new(personality::akd2g(), config(drives::akd2g(), &["z", "w"]));
+    let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
     let (z_mode, z_motion) = yard.start("z");
     let (z, w) = (yard.axis("z"), yard.axis("w"));
     yard.rig.until(z.halt()).unwrap();
@@ -197,7 +197,7 @@ fn a_move_that_was_still_writing_its_parameters_when_its_drive_fell_does_not_sta
         .with_fixed_pdo(0x1701, &[(0x6040, 0, 16), (0x6060, 0, 8), (0x607A, 0, 32)])
         .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
         .fixed_mapping();
-    let mut yard = Yard::new(drive.build(), config(description, &["z"]));
+    let mut yard = Yard::new(drive.build(), unhomed(description, &["z"]));
     let z = yard.axis("z");
     let mode = yard.rig.until(async {
         z.enable().await.unwrap();
@@ -256,7 +256,7 @@ fn a_move_that_was_still_writing_its_parameters_when_its_drive_fell_does_not_sta
 
 #[test]
 fn an_axis_that_its_drive_did_not_stop_is_stopped_on_the_way_back_and_does_not_move_on() {
-    let mut yard = Yard::new(personality::generic(), config(drives::generic(), &["z"]));
+    let mut yard = Yard::new(personality::generic(), unhomed(drives::generic(), &["z"]));
     let (mode, motion) = yard.start("z");
     let mut segment = yard.line.segment();
     // Somebody has told it to do nothing when it loses its connection.

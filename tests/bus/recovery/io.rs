@@ -5,7 +5,7 @@ use std::time::Duration;
 use servocrab::bus::{Expected, IoConfig, IoOutput, Network, NetworkBuilder, Recovered};
 use servocrab_sim::{AlState, Segment, personality};
 
-use super::{MS, config};
+use super::{MS, unhomed};
 use crate::rig::{Line, Rig};
 
 const VALVES: usize = 2;
@@ -23,10 +23,10 @@ fn line() -> (Line, NetworkBuilder) {
     let valves = IoConfig::new("valves", Expected::new(0, 0x444F_3038));
     let builder = Network::builder()
         .link(line.wire())
-        .drive(0, config(servocrab::drives::akd2g(), &["x"]))
+        .drive(0, unhomed(servocrab::drives::akd2g(), &["x"]))
         .io(1, buttons)
         .io(2, valves)
-        .drive(3, config(servocrab::drives::akd2g(), &["y"]));
+        .drive(3, unhomed(servocrab::drives::akd2g(), &["y"]));
     (line, builder)
 }
 

@@ -12,7 +12,7 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Axis, AxisError, Failure, Referencing},
+    axis::{Axis, AxisError, Failure},
     bus::{DriveConfig, Network, NetworkBuilder, NetworkError, NetworkEvent, Recovered},
     drives::{self, DriveDescription},
     homing::{HomingMethod, HomingParameters},
@@ -20,7 +20,7 @@ use servocrab::{
 };
 use servocrab_sim::{AlState, Device, Segment, ds402::State, personality};
 
-use crate::rig::{Line, Rig, akd2g};
+use crate::rig::{Line, Rig, akd2g, unhomed};
 
 const MS: Duration = Duration::from_millis(1);
 /// Where the drive that falls stands in the line, and among its drives.
@@ -35,15 +35,6 @@ fn kinds() -> Vec<(Device, DriveDescription, &'static [&'static str])> {
         (personality::sigma7(), drives::sigma7(), &["z"]),
         (personality::pp2010(), drives::pp2010(), &["z"]),
     ]
-}
-
-fn config(description: DriveDescription, axes: &[&str]) -> DriveConfig {
-    let named = DriveConfig::new(description);
-    axes.iter().fold(named, |drive, axis| {
-        drive
-            .axis(axis)
-            .referencing(axis, Referencing::UnreferencedMovesAllowed)
-    })
 }
 
 fn set_point() -> SetPoint {
@@ -79,7 +70,7 @@ impl Yard {
             .with(personality::akd2g());
         let watched = Watched::on(&mut segment);
         let line = Line::new(segment);
-        let rear = self::config(drives::akd2g(), &["a"]);
+        let rear = unhomed(drives::akd2g(), &["a"]);
         let builder = builder(&line)
             .drive(0, akd2g())
             .drive(1, config)

@@ -6,7 +6,7 @@ use servocrab::{
 };
 use servocrab_sim::{AlState, Device, Segment, personality, personality::Servo};
 
-use super::{MS, config};
+use super::{MS, unhomed};
 use crate::rig::{Line, Rig};
 
 /// A coupler with a branch of two drives, `a` and `b`, and drive `c` behind it.
@@ -17,7 +17,7 @@ fn started(drives: [Device; 3]) -> (Line, Rig) {
     assert_eq!(segment.attach(0, 3, a), Some(1));
     assert_eq!(segment.attach(1, 1, b), Some(2));
     let line = Line::new(segment);
-    let drive = |axis| config(drives::akd2g(), &[axis]);
+    let drive = |axis| unhomed(drives::akd2g(), &[axis]);
     let builder = Network::builder()
         .link(line.wire())
         .drive(1, drive("a"))
