@@ -31,6 +31,8 @@ mod last_stop;
 #[cfg(feature = "std")]
 mod liveness;
 #[cfg(feature = "std")]
+mod output_cells;
+#[cfg(feature = "std")]
 mod pending;
 #[cfg(feature = "std")]
 mod port;
@@ -44,6 +46,8 @@ mod select;
 mod setup;
 #[cfg(feature = "std")]
 mod shared;
+#[cfg(feature = "std")]
+mod slots;
 #[cfg(feature = "std")]
 mod status;
 #[cfg(feature = "std")]

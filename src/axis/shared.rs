@@ -12,26 +12,18 @@ use super::{
     AxisError, AxisErrorKind, AxisIdentity, AxisSetup, Command, CommandId, Completion, Delivery,
     Event, Failure, Snapshot, StopRequest,
     last_stop::{LastStop, StopCount, StopKind},
+    output_cells::OutputCells,
+    slots::{SLOTS, Slots, mark},
     status::StatusCell,
     waiters::Waiters,
 };
 use crate::{
-    coe::{Number, ObjectAddress},
+    coe::ObjectAddress,
     ds402::{Controlword, State},
-    pdo_map::{Direction, Field, Place},
 };
 
-/// Commands under way at once, of one axis.
-const SLOTS: u8 = 32;
-/// Futures that wait for one command, and for changes of one axis, before they must poll.
-const WAITERS_PER_COMMAND: usize = 4;
+/// Futures that wait for changes of one axis before they must poll.
 const WAITERS_PER_AXIS: usize = 32;
-
-/// Set in an output cell once a program has written it, and until that has been taken in.
-const WRITTEN: u64 = 1 << 32;
-const NEW: u64 = 1 << 33;
-/// Set in the demand of a jog as long as it is held.
-const HELD: u64 = 1 << 32;
 /// Set in the noted mode once one was noted.
 const NOTED: i16 = 1 << 8;
 
@@ -51,8 +43,7 @@ pub(crate) struct Shared {
     /// With the stop that was the last one when each was asked for.
     queue: ArrayQueue<(CommandId, Command, LastStop)>,
     withdrawn: ArrayQueue<CommandId>,
-    slots: Box<[Slot]>,
-    free: ArrayQueue<u8>,
+    slots: Slots,
     stop: AtomicU8,
     stops: StopCount,
     manufacturer: AtomicU16,
@@ -62,56 +53,11 @@ pub(crate) struct Shared {
     closed: AtomicBool,
     /// How often the drive was attached anew since its axis was made: what was known of it before is not true any more.
     attached: AtomicU32,
-    outputs: Box<[OutputCell]>,
-}
-
-/// A mapped object of the drive's outputs, and what the program has set it to.
-#[derive(Debug)]
-struct OutputCell {
-    object: ObjectAddress,
-    place: Place,
-    value: AtomicU64,
-}
-
-/// One command under way. It is given back when it is done and its future is gone, by whoever comes last.
-#[derive(Debug)]
-struct Slot {
-    id: AtomicU32,
-    marks: AtomicU8,
-    halts: AtomicU32,
-    /// What a jog asks for: the velocity, and above it whether it is held.
-    demand: AtomicU64,
-    result: ArrayQueue<Result<Completion, Failure>>,
-    waiters: Waiters,
-}
-
-mod mark {
-    /// The bus thread has taken the command.
-    pub(super) const TAKEN: u8 = 1;
-    /// The drive has acknowledged the set-point.
-    pub(super) const ACCEPTED: u8 = 2;
-    /// The result is there.
-    pub(super) const DONE: u8 = 4;
-    /// Nobody waits any more.
-    pub(super) const LEFT: u8 = 8;
+    outputs: OutputCells,
 }
 
 impl Shared {
     pub(crate) fn new(setup: AxisSetup, snapshot: &Snapshot) -> Self {
-        let free = ArrayQueue::new(SLOTS.into());
-        for slot in 0..SLOTS {
-            // There is room: the queue was made for this many.
-            let _ = free.push(slot);
-        }
-        let outputs = setup
-            .layout
-            .objects(Direction::Outputs)
-            .map(|(object, place)| OutputCell {
-                object,
-                place,
-                value: AtomicU64::new(0),
-            });
-        let outputs = outputs.collect();
         Self {
             identity: Arc::new(setup.identity.clone()),
             status: StatusCell::new(snapshot, setup.layout.input_bytes()),
@@ -122,8 +68,7 @@ impl Shared {
             queue: ArrayQueue::new(SLOTS.into()),
             // A slot gives at most one withdrawal between two cycles, and one that was there before.
             withdrawn: ArrayQueue::new(2 * usize::from(SLOTS)),
-            slots: (0..SLOTS).map(|_| Slot::new()).collect(),
-            free,
+            slots: Slots::new(),
             stop: AtomicU8::new(0),
             stops: StopCount::default(),
             manufacturer: AtomicU16::new(0),
@@ -131,7 +76,7 @@ impl Shared {
             max_velocity: AtomicU32::new(0),
             closed: AtomicBool::new(false),
             attached: AtomicU32::new(0),
-            outputs,
+            outputs: OutputCells::of(&setup.layout),
             setup,
         }
     }
@@ -189,21 +134,12 @@ impl Shared {
         if self.is_closed() {
             return Err(AxisErrorKind::Closed);
         }
-        let index = self.free.pop().ok_or(AxisErrorKind::QueueFull)?;
-        let slot = self
-            .slots
-            .get(usize::from(index))
-            .ok_or(AxisErrorKind::QueueFull)?;
-        // The generation above the slot's number tells this command from all that used the slot before.
-        let generation = (slot.id.load(Ordering::Relaxed) >> 8).wrapping_add(1);
-        let id = CommandId(generation << 8 | u32::from(index));
-        slot.reset(id);
+        let (id, slot) = self.slots.open().ok_or(AxisErrorKind::QueueFull)?;
         if let Command::Jog(set_point) = command {
-            slot.demand
-                .store(demand(set_point.velocity), Ordering::Release);
+            slot.hold(set_point.velocity);
         }
         if self.queue.push((id, command, asked)).is_err() {
-            let _ = self.free.push(index);
+            self.slots.give_back(id);
             return Err(AxisErrorKind::QueueFull);
         }
         self.ask();
@@ -220,8 +156,8 @@ impl Shared {
                 velocity: speed,
             });
         }
-        if let Some(slot) = self.slot(id) {
-            slot.demand.store(demand(velocity), Ordering::Release);
+        if let Some(slot) = self.slots.of(id) {
+            slot.hold(velocity);
             self.ask();
         }
         Ok(())
@@ -229,8 +165,8 @@ impl Shared {
 
     /// Lets go of a jog: it is in the next frame, whatever is queued.
     pub(crate) fn release_jog(&self, id: CommandId) {
-        if let Some(slot) = self.slot(id) {
-            slot.demand.store(0, Ordering::Release);
+        if let Some(slot) = self.slots.of(id) {
+            slot.let_go();
             self.ask();
         }
     }
@@ -243,30 +179,33 @@ impl Shared {
 
     /// Nobody waits for this command any more.
     pub(crate) fn leave(&self, id: CommandId) {
-        if let Some(slot) = self.slot(id) {
-            self.mark_last(slot, id, mark::LEFT, mark::DONE);
+        if let Some(slot) = self.slots.of(id) {
+            self.slots.mark_last(slot, id, mark::LEFT, mark::DONE);
         }
     }
 
     pub(crate) fn is_accepted(&self, id: CommandId) -> bool {
-        self.slot(id).is_some_and(|slot| slot.has(mark::ACCEPTED))
+        self.slots
+            .of(id)
+            .is_some_and(|slot| slot.has(mark::ACCEPTED))
     }
 
     /// How often the axis stood halted with this move's set-point kept.
     pub(crate) fn halts(&self, id: CommandId) -> u32 {
-        self.slot(id)
+        self.slots
+            .of(id)
             .map_or(0, |slot| slot.halts.load(Ordering::Acquire))
     }
 
     pub(crate) fn is_done(&self, id: CommandId) -> bool {
-        self.slot(id).is_none_or(|slot| slot.has(mark::DONE))
+        self.slots.of(id).is_none_or(|slot| slot.has(mark::DONE))
     }
 
     /// The result, which can be taken once.
     pub(crate) fn take_result(&self, id: CommandId) -> Option<Result<Completion, Failure>> {
         // In this order: a command that was done before the end is not lost with the bus.
         let closed = self.is_closed();
-        let slot = self.slot(id)?;
+        let slot = self.slots.of(id)?;
         if slot.has(mark::DONE) {
             return slot.result.pop();
         }
@@ -279,7 +218,9 @@ impl Shared {
     }
 
     pub(crate) fn waiters(&self, id: CommandId) -> &Waiters {
-        self.slot(id).map_or(&self.changed, |slot| &slot.waiters)
+        self.slots
+            .of(id)
+            .map_or(&self.changed, |slot| &slot.waiters)
     }
 
     pub(crate) fn set_manufacturer(&self, bits: Controlword) {
@@ -296,20 +237,17 @@ impl Shared {
 
     /// The place among the outputs of an object that is mapped there.
     pub(crate) fn output_cell(&self, object: ObjectAddress) -> Option<usize> {
-        self.outputs.iter().position(|cell| cell.object == object)
+        self.outputs.place_of(object)
     }
 
     pub(crate) fn write_output(&self, cell: usize, raw: u32) {
-        if let Some(cell) = self.outputs.get(cell) {
-            cell.value
-                .store(NEW | WRITTEN | u64::from(raw), Ordering::Release);
+        if self.outputs.set(cell, raw) {
             self.ask();
         }
     }
 
     pub(crate) fn written_output(&self, cell: usize) -> Option<u32> {
-        let value = self.outputs.get(cell)?.value.load(Ordering::Acquire);
-        (value & WRITTEN != 0).then_some(value as u32)
+        self.outputs.get(cell)
     }
 
     /// To be called after everything that the bus thread is to take in was stored.
@@ -343,7 +281,7 @@ impl Shared {
 
     pub(super) fn take_command(&self) -> Option<(CommandId, Command, LastStop)> {
         let (id, command, asked) = self.queue.pop()?;
-        if let Some(slot) = self.slot(id) {
+        if let Some(slot) = self.slots.of(id) {
             slot.marks.fetch_or(mark::TAKEN, Ordering::AcqRel);
         }
         Some((id, command, asked))
@@ -356,8 +294,7 @@ impl Shared {
 
     /// What a jog asks for now: none once it was let go.
     pub(super) fn jog_demand(&self, id: CommandId) -> Option<i32> {
-        let demand = self.slot(id)?.demand.load(Ordering::Acquire);
-        (demand & HELD != 0).then_some(demand as u32 as i32)
+        self.slots.of(id)?.held()
     }
 
     /// Says which limit the velocities of jogs are checked against.
@@ -389,16 +326,7 @@ impl Shared {
 
     /// Writes what the program has set since the last time into the drive's outputs.
     pub(super) fn merge_outputs(&self, outputs: &mut [u8]) {
-        for cell in &self.outputs {
-            if cell.value.load(Ordering::Relaxed) & NEW != 0 {
-                let raw = cell.value.fetch_and(!NEW, Ordering::AcqRel) as u32;
-                match cell.place.bits {
-                    8 => write(cell.place, raw as u8, outputs),
-                    16 => write(cell.place, raw as u16, outputs),
-                    _ => write(cell.place, raw, outputs),
-                }
-            }
-        }
+        self.outputs.merge(outputs);
     }
 
     /// The axis begins again: nothing that was asked for or set before comes into effect any more. `anew`: its drive has
@@ -406,9 +334,7 @@ impl Shared {
     pub(super) fn restart(&self, anew: bool) {
         self.stops.note(StopKind::Restart);
         self.manufacturer.store(0, Ordering::Release);
-        for cell in &self.outputs {
-            cell.value.store(0, Ordering::Release);
-        }
+        self.outputs.clear();
         if anew {
             self.noted_mode.store(0, Ordering::Release);
             self.attached.fetch_add(1, Ordering::AcqRel);
@@ -422,7 +348,9 @@ impl Shared {
 
     /// Passes an event to the command's future.
     pub(super) fn report(&self, id: CommandId, event: Event) {
-        let Some(slot) = self.slot(id) else { return };
+        let Some(slot) = self.slots.of(id) else {
+            return;
+        };
         match event {
             Event::Accepted => {
                 slot.marks.fetch_or(mark::ACCEPTED, Ordering::AcqRel);
@@ -432,7 +360,7 @@ impl Shared {
             }
             Event::Done(result) => {
                 slot.result.force_push(result);
-                self.mark_last(slot, id, mark::DONE, mark::LEFT);
+                self.slots.mark_last(slot, id, mark::DONE, mark::LEFT);
             }
         }
         slot.waiters.wake_all();
@@ -442,23 +370,8 @@ impl Shared {
     pub(super) fn close(&self) {
         self.closed.store(true, Ordering::Release);
         self.changes.fetch_add(1, Ordering::AcqRel);
-        for slot in &self.slots {
-            slot.waiters.wake_all();
-        }
+        self.slots.wake_all();
         self.changed.wake_all();
-    }
-
-    /// The slot of a command that is still under way or whose future still waits.
-    fn slot(&self, id: CommandId) -> Option<&Slot> {
-        let slot = self.slots.get((id.0 & 0xFF) as usize)?;
-        (slot.id.load(Ordering::Acquire) == id.0).then_some(slot)
-    }
-
-    fn mark_last(&self, slot: &Slot, id: CommandId, mark: u8, other: u8) {
-        let before = slot.marks.fetch_or(mark, Ordering::AcqRel);
-        if before & other != 0 && before & mark == 0 {
-            let _ = self.free.push(id.0 as u8);
-        }
     }
 }
 
@@ -467,37 +380,4 @@ impl fmt::Debug for Shared {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.identity.axis)
     }
-}
-
-impl Slot {
-    fn new() -> Self {
-        Self {
-            id: AtomicU32::new(0),
-            marks: AtomicU8::new(0),
-            halts: AtomicU32::new(0),
-            demand: AtomicU64::new(0),
-            result: ArrayQueue::new(1),
-            waiters: Waiters::new(WAITERS_PER_COMMAND),
-        }
-    }
-
-    fn reset(&self, id: CommandId) {
-        self.result.pop();
-        self.halts.store(0, Ordering::Relaxed);
-        self.marks.store(0, Ordering::Relaxed);
-        self.id.store(id.0, Ordering::Release);
-    }
-
-    fn has(&self, mark: u8) -> bool {
-        self.marks.load(Ordering::Acquire) & mark != 0
-    }
-}
-
-const fn demand(velocity: i32) -> u64 {
-    HELD | velocity.cast_unsigned() as u64
-}
-
-/// An image that is too short is the exchange's error, and shows there.
-fn write<T: Number>(place: Place, value: T, outputs: &mut [u8]) {
-    let _ = Field::new(place).is_some_and(|field| field.write(outputs, value));
 }
