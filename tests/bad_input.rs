@@ -435,9 +435,7 @@ fn rows() -> Vec<Row> {
 
 /// The machine of a row, before it is asked.
 fn prepare(row: &Row, variant: &Variant) -> (Machine, Axis, Leases) {
-    let mut machine = Machine::of(1, variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(variant);
     let mut leases = Leases {
         plain: None,
         scaled: None,
@@ -542,9 +540,7 @@ fn each_mistake_has_its_error_and_leaves_the_wire_as_it_was() {
 
 #[test]
 fn what_is_just_within_the_limits_is_moved() {
-    let mut machine = Machine::of(1, &limited());
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&limited());
     let pp = machine.finish(axis.profile_position()).unwrap();
     for target in [1_500, -2_500] {
         let moved = machine.finish(pp.move_abs(target, SetPoint::new().velocity(60_000)));

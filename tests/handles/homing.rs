@@ -42,13 +42,6 @@ fn to_the_switch() -> HomingParameters {
         .offset(0)
 }
 
-fn enabled(variant: &Variant) -> (Machine, servocrab::axis::Axis) {
-    let mut machine = Machine::of(1, variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
-    (machine, axis)
-}
-
 /// Until it is written and queued, and nothing of it is sent.
 fn begin<T>(machine: &mut Machine, home: &mut Task<'_, T>) {
     assert!(home.poll().is_none());
@@ -76,7 +69,7 @@ fn bit_4_and_mode(machine: &Machine, from: usize) -> Vec<(bool, i32)> {
 
 #[test]
 fn an_axis_is_homed_by_its_limit_switch_and_then_knows_where_it_is() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let pp = machine.finish(axis.profile_position()).unwrap();
     let refused = machine.finish(pp.move_abs(1_000, SetPoint::new()));
     assert_eq!(refused.unwrap_err().failure(), Some(Failure::NotReferenced));
@@ -118,7 +111,7 @@ fn an_axis_is_homed_by_its_limit_switch_and_then_knows_where_it_is() {
 
 #[test]
 fn parameters_are_written_before_bit_4_rises_and_those_left_out_stay() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let parameters = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT).offset(-70);
     machine.finish(homing.home(parameters)).unwrap();
@@ -132,7 +125,7 @@ fn parameters_are_written_before_bit_4_rises_and_those_left_out_stay() {
 fn a_parameter_that_is_mapped_goes_with_the_process_data_and_not_by_sdo() {
     let mut variant = variant();
     variant.mapped_too = vec![obj::HOMING_METHOD.into(), obj::HOMING_ACCELERATION.into()];
-    let (mut machine, axis) = enabled(&variant);
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let homing = machine.finish(axis.homing()).unwrap();
     machine.finish(homing.home(to_the_switch())).unwrap();
     let line = machine.drive().homings()[0].clone();
@@ -144,7 +137,7 @@ fn a_parameter_that_is_mapped_goes_with_the_process_data_and_not_by_sdo() {
 
 #[test]
 fn a_method_that_the_drive_does_not_have_is_refused_with_its_abort_and_nothing_starts() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let error = machine.finish(homing.home(HomingMethod(99))).unwrap_err();
     let AxisErrorKind::Sdo(sdo) = &error.kind else {
@@ -165,7 +158,7 @@ fn a_method_that_the_drive_does_not_have_is_refused_with_its_abort_and_nothing_s
 fn a_method_that_the_drive_finds_out_about_at_the_start_is_a_homing_error() {
     let mut variant = variant();
     variant.behaviour.homing_method_refused_at_write = false;
-    let (mut machine, axis) = enabled(&variant);
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let homing = machine.finish(axis.homing()).unwrap();
     for _ in 0..2 {
         // The second time the error of the first still stands.
@@ -183,7 +176,7 @@ fn a_method_that_the_drive_finds_out_about_at_the_start_is_a_homing_error() {
 
 #[test]
 fn the_second_homing_is_attained_by_its_own_bits_and_not_by_those_of_the_first() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     for number in 1..=3 {
         machine.finish(homing.home(to_the_switch())).unwrap();
@@ -197,7 +190,7 @@ fn the_second_homing_is_attained_by_its_own_bits_and_not_by_those_of_the_first()
 
 #[test]
 fn a_drive_that_does_not_see_bit_4_has_not_homed_whatever_it_still_shows() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     machine.finish(homing.home(to_the_switch())).unwrap();
     machine.drive().set_remote(false);
@@ -226,7 +219,7 @@ fn a_drive_that_does_not_see_bit_4_has_not_homed_whatever_it_still_shows() {
 #[test]
 fn the_present_position_becomes_home_without_motion_also_a_second_time() {
     for method in [HomingMethod::CURRENT_POSITION, HomingMethod(35)] {
-        let (mut machine, axis) = enabled(&variant());
+        let (mut machine, axis) = Machine::enabled_of(&variant());
         let homing = machine.finish(axis.homing()).unwrap();
         for offset in [500, 500, -300] {
             let here = HomingParameters::new(method).offset(offset);
@@ -240,7 +233,7 @@ fn the_present_position_becomes_home_without_motion_also_a_second_time() {
 
 #[test]
 fn a_halt_ends_a_homing_and_no_resume_brings_it_back() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
     begin(&mut machine, &mut home);
@@ -299,7 +292,7 @@ fn every_end_of_a_homing_has_its_name_and_nothing_moves_after_it() {
         ),
     ];
     for (number, (end, expected)) in ends.into_iter().enumerate() {
-        let (mut machine, axis) = enabled(&variant());
+        let (mut machine, axis) = Machine::enabled_of(&variant());
         let homing = machine.finish(axis.homing()).unwrap();
         let mut home = Task::new(homing.home(to_the_switch()));
         begin(&mut machine, &mut home);
@@ -328,7 +321,7 @@ fn every_end_of_a_homing_has_its_name_and_nothing_moves_after_it() {
 
 #[test]
 fn a_homing_is_withdrawn_before_bit_4_and_goes_on_after_it() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
     begin(&mut machine, &mut home);
@@ -349,7 +342,7 @@ fn a_homing_is_withdrawn_before_bit_4_and_goes_on_after_it() {
 
 #[test]
 fn a_stop_while_parameters_are_being_written_stops_the_homing_too() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
     begin(&mut machine, &mut home);
@@ -368,7 +361,7 @@ fn a_lost_drive_is_not_referenced_any_more_unless_it_has_an_absolute_encoder() {
     for referencing in [Referencing::ByHoming, Referencing::AbsoluteEncoder] {
         let mut variant = variant();
         variant.referencing = referencing;
-        let (mut machine, axis) = enabled(&variant);
+        let (mut machine, axis) = Machine::enabled_of(&variant);
         let homing = machine.finish(axis.homing()).unwrap();
         machine.finish(homing.home(to_the_switch())).unwrap();
         assert!(axis.status().referenced);
@@ -386,7 +379,7 @@ fn a_lost_drive_is_not_referenced_any_more_unless_it_has_an_absolute_encoder() {
 fn pitfall_28_a_drive_that_takes_bit_4_at_its_level_when_the_mode_changes_does_not_move() {
     let mut variant = variant();
     variant.behaviour.edge_at_mode_change = true;
-    let (mut machine, axis) = enabled(&variant);
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let homing = machine.finish(axis.homing()).unwrap();
     machine.finish(homing.home(to_the_switch())).unwrap();
     drop(homing);
@@ -404,7 +397,7 @@ fn pitfall_28_a_mode_is_changed_only_after_bit_4_was_seen_low() {
             not_mapped,
             ..variant()
         };
-        let (mut machine, axis) = enabled(&variant);
+        let (mut machine, axis) = Machine::enabled_of(&variant);
         let homing = machine.finish(axis.homing()).unwrap();
         machine.finish(homing.home(to_the_switch())).unwrap();
         drop(homing);
@@ -430,7 +423,7 @@ fn pitfall_28_a_mode_is_changed_only_after_bit_4_was_seen_low() {
 /// A homing that is refused must not change the offset, speeds and method of the one that is under way.
 #[test]
 fn a_homing_that_is_refused_writes_nothing() {
-    let (mut machine, axis) = enabled(&variant());
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
     let other = || to_the_switch().offset(7_000).speeds(90_000, 9_000);

@@ -22,9 +22,7 @@ fn variant() -> Variant {
 }
 
 fn jogging() -> (Machine, Axis, ProfileVelocity) {
-    let mut machine = Machine::of(1, &variant());
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant());
     let pv = machine.finish(axis.profile_velocity()).unwrap();
     (machine, axis, pv)
 }
@@ -271,9 +269,7 @@ fn the_last_handle_that_goes_stops_the_axis() {
 fn ramps_go_the_way_that_they_are_mapped() {
     let mut variant = variant();
     variant.not_mapped = vec![0x6083, 0x6084];
-    let mut machine = Machine::of(1, &variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let pv = machine.finish(axis.profile_velocity()).unwrap();
     let gentle = JogSetPoint::new(1_000)
         .acceleration(10_000)
@@ -326,9 +322,7 @@ fn what_cannot_be_jogged_is_refused_with_the_reason_and_nothing_is_sent() {
 fn after_a_jog_the_next_mode_finds_a_standing_axis_and_the_velocity_zero() {
     let mut variant = variant();
     variant.referencing = Referencing::AbsoluteEncoder;
-    let mut machine = Machine::of(1, &variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let pv = machine.finish(axis.profile_velocity()).unwrap();
     let jog = machine.finish(pv.jog(20_000)).unwrap();
     machine.run(100);
@@ -360,9 +354,7 @@ fn after_a_jog_the_next_mode_finds_a_standing_axis_and_the_velocity_zero() {
 fn a_jog_that_is_refused_writes_nothing() {
     let mut variant = variant();
     variant.not_mapped = vec![0x6083, 0x6084];
-    let mut machine = Machine::of(1, &variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let pv = machine.finish(axis.profile_velocity()).unwrap();
     let jog = machine.finish(pv.jog(20_000)).unwrap();
     let other = JogSetPoint::from(30_000)

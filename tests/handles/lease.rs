@@ -51,9 +51,7 @@ fn a_mode_that_is_not_in_the_process_data_is_selected_and_confirmed_by_sdo() {
         not_mapped: vec![0x6060, 0x6061],
         ..Variant::default()
     };
-    let mut machine = Machine::of(1, &variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let pp = { machine.finish(axis.profile_position()).unwrap() };
     assert_eq!(axis.status().mode, Mode::ProfilePosition);
     let written = machine.stations[0].sdo.written.lock().unwrap().clone();
@@ -71,9 +69,7 @@ fn no_move_starts_while_the_mode_is_being_changed_by_sdo() {
         ..Variant::default()
     };
     for cycles in 0..8 {
-        let mut machine = Machine::of(1, &variant);
-        let axis = machine.axis(0);
-        machine.finish(axis.enable()).unwrap();
+        let (mut machine, axis) = Machine::enabled_of(&variant);
         let pp = machine.finish(axis.profile_position()).unwrap();
         let kept = pp.abs(5_000, SetPoint::new());
         drop(pp);
@@ -107,9 +103,7 @@ fn a_mode_that_was_read_before_a_change_was_given_up_is_read_again() {
         },
         ..Variant::default()
     };
-    let mut machine = Machine::of(1, &variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     drop(machine.finish(axis.profile_position()).unwrap());
     let mut homing = Task::new(axis.homing());
     while machine.drive().get(0x6060, 0) != Some(6) {

@@ -159,7 +159,12 @@ impl Machine {
 
     /// One axis in Operation enabled.
     pub(crate) fn enabled() -> (Self, Axis) {
-        let mut machine = Self::new(1);
+        Self::enabled_of(&Variant::default())
+    }
+
+    /// One axis of this kind in Operation enabled.
+    pub(crate) fn enabled_of(variant: &Variant) -> (Self, Axis) {
+        let mut machine = Self::of(1, variant);
         let axis = machine.axis(0);
         machine.finish(axis.enable()).unwrap();
         (machine, axis)

@@ -156,9 +156,7 @@ fn a_parameter_that_is_not_mapped_is_written_by_sdo_before_bit_4_rises() {
         not_mapped: vec![0x6081],
         ..Variant::default()
     };
-    let mut machine = Machine::of(1, &variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let pp = machine.finish(axis.profile_position()).unwrap();
     let set_point = SetPoint::new().velocity(12_345);
     let moved = machine.finish(pp.move_abs(1_000, set_point)).unwrap();
@@ -174,9 +172,7 @@ fn pitfall_12_a_parameter_that_the_drive_refuses_leaves_the_move_unsent() {
         not_mapped: vec![0x6081],
         ..Variant::default()
     };
-    let mut machine = Machine::of(1, &variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let pp = machine.finish(axis.profile_position()).unwrap();
     machine.stations[0]
         .sdo
@@ -198,9 +194,7 @@ fn a_zero_velocity_and_a_start_that_the_drive_lacks_are_refused_before_anything_
         ..Variant::default()
     };
     variant.traits.blend = StartBits::Unsupported("it has no blending");
-    let mut machine = Machine::of(1, &variant);
-    let axis = machine.axis(0);
-    machine.finish(axis.enable()).unwrap();
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     let pp = machine.finish(axis.profile_position()).unwrap();
     let zero = SetPoint::new().velocity(0);
     let zero = machine.finish(pp.move_abs(1, zero)).unwrap_err();
