@@ -1,9 +1,9 @@
 //! Which objects of a drive are parameters, as it says itself.
 
 use super::set::{ParameterObject, is_parameter, read};
-use super::value::{ValueType, known_name};
+use super::value::known_name;
 use crate::coe::information::ObjectCode;
-use crate::coe::{DriveError, ObjectDictionary, SdoError, SdoHandle, TypeCode, obj};
+use crate::coe::{DriveError, ObjectDictionary, SdoError, SdoHandle, obj};
 
 impl ParameterObject {
     /// The parameters of a drive: those entries of its object dictionary that can be read and written. For a drive without
@@ -52,28 +52,11 @@ impl ParameterObject {
                 };
                 all.push(Self {
                     object: address,
-                    kind: value_type(entry.data_type),
+                    kind: entry.data_type.into(),
                     name,
                 });
             }
         }
         all
-    }
-}
-
-/// The type in which a value is kept; bytes for those that have no other here (CiA 301, data types).
-const fn value_type(code: TypeCode) -> ValueType {
-    match code.0 {
-        0x0002 => ValueType::I8,
-        0x0003 => ValueType::I16,
-        0x0004 => ValueType::I32,
-        0x0005 => ValueType::U8,
-        0x0006 => ValueType::U16,
-        0x0007 => ValueType::U32,
-        0x0008 => ValueType::F32,
-        0x0009 => ValueType::Text,
-        0x0015 => ValueType::I64,
-        0x001B => ValueType::U64,
-        _ => ValueType::Bytes,
     }
 }

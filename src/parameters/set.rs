@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::value::{ObjectValue, ValueType, known_name};
 use crate::coe::{
-    AbortCode, AxisOffset, DataType, DriveError, ObjectAddress, SdoError, SdoHandle, obj,
+    AbortCode, AxisOffset, DriveError, ObjectAddress, SdoError, SdoHandle, TypeCode, obj,
 };
 use crate::sii::Identity;
 
@@ -48,15 +48,7 @@ impl ParameterObject {
                 if !object.readable || !object.writable || again || !is_parameter(address) {
                     continue;
                 }
-                let kind = match object.data_type {
-                    DataType::U8 => ValueType::U8,
-                    DataType::I8 => ValueType::I8,
-                    DataType::U16 => ValueType::U16,
-                    DataType::I16 => ValueType::I16,
-                    DataType::U32 => ValueType::U32,
-                    DataType::I32 => ValueType::I32,
-                    DataType::Bytes => ValueType::Text,
-                };
+                let kind = TypeCode::from(object.data_type).into();
                 let name = object.name.into();
                 all.push(Self {
                     object: address,

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::coe::{AnyObject, DataType, ObjectAddress, obj};
+use crate::coe::{AnyObject, ObjectAddress, TypeCode, obj};
 
 macro_rules! values {
     ($($name:ident, $ty:ty, $text:literal;)+) => {
@@ -161,16 +161,31 @@ impl ObjectValue {
     /// The type of an object that the library knows.
     #[must_use]
     pub fn known_type(address: ObjectAddress) -> Option<ValueType> {
-        Some(match known(address)?.data_type {
-            DataType::U8 => ValueType::U8,
-            DataType::I8 => ValueType::I8,
-            DataType::U16 => ValueType::U16,
-            DataType::I16 => ValueType::I16,
-            DataType::U32 => ValueType::U32,
-            DataType::I32 => ValueType::I32,
-            // The library's objects of varying length are texts.
-            DataType::Bytes => ValueType::Text,
-        })
+        known(address).map(|object| TypeCode::from(object.data_type).into())
+    }
+}
+
+/// The type in which a value of this type is kept; bytes for those that have no other here (CiA 301, data types).
+///
+/// ```
+/// use servocrab::{coe::TypeCode, parameters::ValueType};
+/// assert_eq!(ValueType::from(TypeCode(4)), ValueType::I32);
+/// ```
+impl From<TypeCode> for ValueType {
+    fn from(code: TypeCode) -> Self {
+        match code.0 {
+            0x0002 => Self::I8,
+            0x0003 => Self::I16,
+            0x0004 => Self::I32,
+            0x0005 => Self::U8,
+            0x0006 => Self::U16,
+            0x0007 => Self::U32,
+            0x0008 => Self::F32,
+            0x0009 => Self::Text,
+            0x0015 => Self::I64,
+            0x001B => Self::U64,
+            _ => Self::Bytes,
+        }
     }
 }
 
