@@ -253,7 +253,7 @@ impl Chosen {
         Self {
             axes: among(AXES, |axes| named(&axes.to_string())),
             masters,
-            modes: among(Mode::ALL, |mode| named(mode.name())),
+            modes: among(Mode::IN_TURNS, |mode| named(mode.name())),
             two: two || none_named,
         }
     }
@@ -316,8 +316,8 @@ fn with_axes(axes: usize, [core, other]: [usize; 2], chosen: &Chosen) -> Vec<Row
             let row = Row {
                 who,
                 axes,
-                mode: "fast-simulated",
-                measured: master.measure(Mode::Fast, SIMULATED_CYCLES),
+                mode: Mode::Simulated.name(),
+                measured: master.measure(Mode::Simulated, SIMULATED_CYCLES),
             };
             row.print();
             rows.push(row);
@@ -342,8 +342,8 @@ fn with_axes(axes: usize, [core, other]: [usize; 2], chosen: &Chosen) -> Vec<Row
             reflector.ask(&format!("reflect {place}"));
             for mode in chosen.modes.iter().copied() {
                 let cycles = match mode {
-                    Mode::Fast => FAST_CYCLES,
                     Mode::Paced => PACED_CYCLES,
+                    Mode::Fast | Mode::Simulated => FAST_CYCLES,
                 };
                 measured.push((*place, mode, master.measure(mode, cycles)));
             }

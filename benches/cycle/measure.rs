@@ -19,15 +19,19 @@ pub(crate) enum Mode {
     Fast,
     /// One cycle a millisecond.
     Paced,
+    /// One cycle behind the other, against the simulated segment.
+    Simulated,
 }
 
 impl Mode {
-    pub(crate) const ALL: [Self; 2] = [Self::Fast, Self::Paced];
+    /// Those that the masters take turns in.
+    pub(crate) const IN_TURNS: [Self; 2] = [Self::Fast, Self::Paced];
 
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",
             Self::Paced => "1kHz",
+            Self::Simulated => "fast-simulated",
         }
     }
 }
@@ -83,11 +87,9 @@ pub(crate) fn serve(mut run: impl FnMut(Mode, usize) -> Measured) {
     for line in io::stdin().lock().lines() {
         let line = line.expect("text");
         let (mode, cycles) = line.split_once(' ').expect("a mode and a number of cycles");
-        let mode = if mode == Mode::Fast.name() {
-            Mode::Fast
-        } else {
-            Mode::Paced
-        };
+        let modes = [Mode::Fast, Mode::Paced, Mode::Simulated];
+        let mode = modes.into_iter().find(|one| one.name() == mode);
+        let mode = mode.expect("one of them");
         let measured = run(mode, cycles.parse().expect("a number"));
         say(&measured.values().map(|value| value.to_string()).join(" "));
     }
@@ -106,7 +108,7 @@ pub(crate) fn cycles(mode: Mode, count: usize, spin: bool, mut cycle: impl FnMut
     let mut times = Vec::with_capacity(count);
     let cpu = cpu_ns();
     match mode {
-        Mode::Fast => {
+        Mode::Fast | Mode::Simulated => {
             let mut start = now_ns();
             for _ in 0..count {
                 cycle();

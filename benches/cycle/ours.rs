@@ -2,7 +2,7 @@
 
 use std::{
     cell::{Cell, RefCell},
-    future::Future,
+    future::{Future, poll_fn},
     io,
     path::Path,
     pin::pin,
@@ -43,15 +43,10 @@ pub(crate) struct Line {
 
 impl Line {
     pub(crate) fn bring_up(interface: &str, axes: usize, spin: bool) -> Self {
-        let link = Watched {
-            inner: RawSocket::open(interface).expect("the interface is there"),
-            skipped: Duration::ZERO,
-            away: 0,
-            spin,
-        };
+        let socket = RawSocket::open(interface).expect("the interface is there");
         // A machine that is busy with other things loses no drive.
         let mut builder = Network::builder()
-            .link(link)
+            .link(Watched::new(socket, spin))
             .watchdog(Duration::from_secs(6))
             .cycle(Duration::from_nanos(PERIOD_NS))
             .receiving(if spin {
@@ -67,9 +62,7 @@ impl Line {
         let handles: Vec<_> = (0..axes)
             .map(|axis| network.axis(&axis.to_string()).expect("it is declared"))
             .collect();
-        for axis in &handles {
-            run(&mut bus, axis.enable()).expect("the axis is enabled");
-        }
+        enable(&mut bus, &handles);
         Self {
             bus,
             _network: network,
@@ -117,8 +110,30 @@ fn run<T>(bus: &mut BusLoop, future: impl Future<Output = T>) -> T {
     }
 }
 
+/// All at the same time.
+fn enable(bus: &mut BusLoop, axes: &[Axis]) {
+    let enabling = axes.iter().map(|axis| Box::pin(axis.enable()));
+    let mut enabling: Vec<_> = enabling.collect();
+    let all = poll_fn(|context| {
+        enabling.retain_mut(|axis| match axis.as_mut().poll(context) {
+            Poll::Ready(enabled) => {
+                enabled.expect("the axis is enabled");
+                false
+            }
+            Poll::Pending => true,
+        });
+        if enabling.is_empty() {
+            Poll::Ready(())
+        } else {
+            Poll::Pending
+        }
+    });
+    run(bus, all);
+}
+
 fn measure(bus: &mut BusLoop, mode: Mode, count: usize) -> Measured {
-    FAST.set(mode == Mode::Fast);
+    FAST.set(mode != Mode::Paced);
+    PATIENT.set(mode == Mode::Simulated);
     // The first cycle after a rest is late.
     begin(16);
     while TIMES.with_borrow(Vec::len) < 8 {
@@ -151,6 +166,8 @@ fn last_frames(bus: &mut BusLoop) -> Vec<Vec<u8>> {
 thread_local! {
     /// Waiting for the next cycle takes no time.
     static FAST: Cell<bool> = const { Cell::new(false) };
+    /// Waiting for frames takes no time: the line is brought up, or simulated.
+    static PATIENT: Cell<bool> = const { Cell::new(true) };
     /// Of the cycles so far, in nanoseconds.
     static TIMES: RefCell<Vec<u64>> = const { RefCell::new(Vec::new()) };
     /// When the last cycle was sent, or the one under way was due.
@@ -160,13 +177,54 @@ thread_local! {
     static FRAMES: RefCell<Option<Vec<Vec<u8>>>> = const { RefCell::new(None) };
 }
 
-/// The raw socket with a clock that leaps over the time in which nothing is to be done, when cycles are to follow each other at once.
+/// A frame that is away for longer is lost.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// The raw socket with a clock of its own. It leaps over the time in which nothing is to be done, when cycles are to follow each other
+/// at once; and it stands still while a simulated segment has frames, however long that takes on a slow machine.
 struct Watched {
     inner: RawSocket,
-    skipped: Duration,
+    /// By how much its clock is ahead of the socket's.
+    ahead: Duration,
+    /// What its clock showed last.
+    shown: Cell<Duration>,
+    /// Since when it stands still, by the socket's clock.
+    stands: Option<Duration>,
     /// Frames that are not back.
     away: usize,
     spin: bool,
+}
+
+impl Watched {
+    fn new(inner: RawSocket, spin: bool) -> Self {
+        Self {
+            inner,
+            // So that it can fall back too.
+            ahead: Duration::from_secs(3600),
+            shown: Cell::default(),
+            stands: None,
+            away: 0,
+            spin,
+        }
+    }
+
+    fn goes_on(&mut self) {
+        if let Some(since) = self.stands.take() {
+            let stood = self.inner.now() - since;
+            self.ahead = self.ahead.saturating_sub(stood);
+        }
+    }
+
+    /// Gives frames up that do not come back.
+    fn look_for_lost_frames(&mut self) {
+        if self
+            .stands
+            .is_some_and(|since| self.inner.now() > since + PATIENCE)
+        {
+            self.away = 0;
+            self.goes_on();
+        }
+    }
 }
 
 impl Link for Watched {
@@ -192,25 +250,40 @@ impl Link for Watched {
                 }
             });
         }
-        self.away += 1;
-        self.inner.send(frame)
+        if PATIENT.get() && self.stands.is_none() {
+            self.stands = Some(self.inner.now());
+        }
+        let sent = self.inner.send(frame);
+        match sent {
+            Ok(()) => self.away += 1,
+            Err(_) if self.away == 0 => self.goes_on(),
+            Err(_) => {}
+        }
+        sent
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
         let received = self.inner.receive(buffer);
         if matches!(received, Ok(Some(_))) {
             self.away = self.away.saturating_sub(1);
+            if self.away == 0 {
+                self.goes_on();
+            }
         }
         received
     }
 
     fn wait(&mut self, until: Duration) {
+        if let Some(since) = self.stands {
+            self.inner.wait(since + PATIENCE);
+            return self.look_for_lost_frames();
+        }
         let idle = self.away == 0;
         if idle && FAST.get() {
-            self.skipped += until.saturating_sub(self.now());
+            self.ahead += until.saturating_sub(self.shown.get());
             return;
         }
-        let until = until.saturating_sub(self.skipped);
+        let until = until.saturating_sub(self.ahead);
         if idle {
             // The cycle has ended, and the next is due then. The socket's clock is the one that is measured by.
             let now = now_ns();
@@ -225,18 +298,20 @@ impl Link for Watched {
 
     fn pause(&mut self) {
         if self.away > 0 {
-            return;
+            return self.look_for_lost_frames();
         }
         // The cycle has ended. Nobody says here when the next is due: a period after this one was.
         if FAST.get() {
-            self.skipped += Duration::from_nanos(PERIOD_NS);
+            self.ahead += Duration::from_nanos(PERIOD_NS);
         } else if let Some(due) = LAST.take() {
             TIMES.with_borrow_mut(|times| times.push(now_ns() - due));
         }
     }
 
     fn now(&self) -> Duration {
-        self.inner.now() + self.skipped
+        let now = self.stands.unwrap_or_else(|| self.inner.now()) + self.ahead;
+        self.shown.set(now);
+        now
     }
 
     fn waker(&self) -> Waker {

@@ -70,7 +70,7 @@ def main(interface, axes, core):
     print("ready", flush=True)
     for line in sys.stdin:
         mode, count = line.split()
-        run = fast if mode == "fast" else paced
+        run = paced if mode == "1kHz" else fast
         before = time.process_time_ns()
         times = run(master, int(count), wanted)
         cpu = (time.process_time_ns() - before) / len(times)
