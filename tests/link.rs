@@ -99,6 +99,14 @@ fn a_sleep_ends_with_a_frame_with_a_wake_and_at_its_time() {
     near.wait(far_off);
     assert!(near.now() < far_off, "a frame ends it");
     assert_eq!(near.receive(&mut [0; 1514]).unwrap(), Some(60));
+    // Two come at once, and one of them is left.
+    far.send(&frame(2, 60)).unwrap();
+    far.send(&frame(3, 70)).unwrap();
+    near.wait(far_off);
+    assert_eq!(near.receive(&mut [0; 1514]).unwrap(), Some(60));
+    near.wait(far_off);
+    assert!(near.now() < far_off, "a frame that is there ends it");
+    assert_eq!(near.receive(&mut [0; 1514]).unwrap(), Some(70));
     // The timer is set for a time that is far off.
     let soon = near.now() + Duration::from_millis(1);
     near.wait(soon);

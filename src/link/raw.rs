@@ -246,7 +246,10 @@ impl Link for RawSocket {
     }
 
     fn wait(&mut self, until: Duration) {
-        self.sleeper.wait(&self.socket, until);
+        // The sleep ends with frames that come, not with one that is there already.
+        if !self.ring.is_filled() {
+            self.sleeper.wait(&self.socket, until);
+        }
     }
 
     fn now(&self) -> Duration {

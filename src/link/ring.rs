@@ -67,23 +67,15 @@ impl Ring {
         Ok(Self { memory, next: 0 })
     }
 
+    /// Whether a frame is there.
+    pub(super) fn is_filled(&self) -> bool {
+        self.status().load(Ordering::Acquire) & libc::TP_STATUS_USER != 0
+    }
+
     /// Takes the oldest frame out, if there is one, and gives its length. Frames that are longer than `buffer` are dropped.
     pub(super) fn take(&mut self, buffer: &mut [u8]) -> Option<usize> {
-        loop {
-            // SAFETY: `next` is less than SLOTS, so that the slot lies in the mapping, which lives as long as `self`.
-            let slot = unsafe { self.memory.add(self.next * SLOT) };
-            // SAFETY: slots begin at multiples of their length in a mapping that begins with a page, so this is aligned; on this side the
-            // status is only ever used as this atomic.
-            let status = unsafe {
-                AtomicU32::from_ptr(
-                    slot.add(offset_of!(libc::tpacket2_hdr, tp_status))
-                        .cast()
-                        .as_ptr(),
-                )
-            };
-            if status.load(Ordering::Acquire) & libc::TP_STATUS_USER == 0 {
-                return None;
-            }
+        while self.is_filled() {
+            let slot = self.slot();
             // SAFETY: the slot has an aligned header, of plain integers, which the kernel leaves alone until the status is given back.
             let header = unsafe { slot.cast::<libc::tpacket2_hdr>().read() };
             // SAFETY: these are the rest of the slot's bytes, which the kernel leaves alone until the status is given back, after the last
@@ -97,12 +89,27 @@ impl Ring {
                     buffer.get_mut(..length)?.copy_from_slice(frame);
                     Some(length)
                 });
-            status.store(libc::TP_STATUS_KERNEL, Ordering::Release);
+            self.status()
+                .store(libc::TP_STATUS_KERNEL, Ordering::Release);
             self.next = (self.next + 1) % SLOTS;
             if taken.is_some() {
                 return taken;
             }
         }
+        None
+    }
+
+    /// The slot that is filled next, or has been.
+    const fn slot(&self) -> NonNull<u8> {
+        // SAFETY: `next` is less than SLOTS, so that the slot lies in the mapping, which lives as long as `self`.
+        unsafe { self.memory.add(self.next * SLOT) }
+    }
+
+    fn status(&self) -> &AtomicU32 {
+        let status = offset_of!(libc::tpacket2_hdr, tp_status);
+        // SAFETY: slots begin at multiples of their length in a mapping that begins with a page, so this is aligned; on this side the
+        // status is only ever used as this atomic.
+        unsafe { AtomicU32::from_ptr(self.slot().add(status).cast().as_ptr()) }
     }
 }
 

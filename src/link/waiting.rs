@@ -53,12 +53,14 @@ impl Sleeper {
             0,
             EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC,
         )?));
-        for (descriptor, data) in [
-            (socket.as_fd(), SOCKET),
-            (event.0.as_fd(), EVENT),
-            (timer.as_fd(), TIMER),
+        for (descriptor, data, edge) in [
+            // Else the kernel looks at the socket once more with each sleep.
+            (socket.as_fd(), SOCKET, EventFlags::ET),
+            (event.0.as_fd(), EVENT, EventFlags::empty()),
+            (timer.as_fd(), TIMER, EventFlags::empty()),
         ] {
-            epoll::add(&epoll, descriptor, EventData::new_u64(data), EventFlags::IN)?;
+            let flags = EventFlags::IN | edge;
+            epoll::add(&epoll, descriptor, EventData::new_u64(data), flags)?;
         }
         Ok(Self {
             epoll,
@@ -68,7 +70,7 @@ impl Sleeper {
         })
     }
 
-    /// Sleeps until `socket` is readable, the waker was used or `until` has come; or until a time that was named before.
+    /// Sleeps until more has come on `socket`, the waker was used or `until` has come; or until a time that was named before.
     pub(super) fn wait(&mut self, socket: &OwnedFd, until: Duration) {
         // Setting a timer anew costs more than to wake for nothing now and then: one that rings sooner is left as it is.
         if self.rings.is_none_or(|rings| until < rings) {
