@@ -195,7 +195,7 @@ async fn watch(context: &Context, running: &Running, control: &Control, period: 
     let mut lost = vec![false; running.devices.len()];
     let mut lock = LockWatch::new();
     while !control.is_shutdown() {
-        context.time.sleep(LOOK_EVERY).await;
+        context.time.rest(LOOK_EVERY).await;
         if let Some(event) = lock.look(context.counters.clock.read())
             && let Some(reference) = &running.reference
         {

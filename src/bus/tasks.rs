@@ -59,6 +59,10 @@ impl Tasks {
 
 impl Ready {
     fn next(&self) -> Option<Runnable> {
+        // To take from an empty queue costs a fence of the processor.
+        if self.queue.is_empty() && self.overflow.is_empty() {
+            return None;
+        }
         self.queue.pop().or_else(|| self.overflow.pop())
     }
 }

@@ -16,7 +16,9 @@ const SLEEPERS: usize = 1024;
 pub(super) struct Time {
     now: Cell<Duration>,
     next_sleeper: Cell<u64>,
-    /// When the next sleeper is to be woken, or one that is gone would have been.
+    /// When the next sleeper may be woken, or one that is gone might have been;
+    due: Cell<Option<Duration>>,
+    /// and when the next one is to be.
     next: Cell<Option<Duration>>,
     sleepers: RefCell<Vec<Sleeper>>,
 }
@@ -24,6 +26,8 @@ pub(super) struct Time {
 struct Sleeper {
     number: u64,
     until: Duration,
+    /// It is woken with a turn that there is for other reasons.
+    patient: bool,
     waker: Waker,
 }
 
@@ -32,6 +36,7 @@ impl Default for Time {
         Self {
             now: Cell::default(),
             next_sleeper: Cell::default(),
+            due: Cell::default(),
             next: Cell::default(),
             sleepers: RefCell::new(Vec::with_capacity(SLEEPERS)),
         }
@@ -46,20 +51,29 @@ impl Time {
     /// Moves on to `now` and wakes whose time has come.
     pub(super) fn advance(&self, now: Duration) {
         self.now.set(now);
-        if self.next.get().is_none_or(|next| now < next) {
+        if self.due.get().is_none_or(|due| now < due) {
             return;
         }
-        let mut next: Option<Duration> = None;
+        self.due.set(None);
+        self.next.set(None);
         self.sleepers.borrow_mut().retain(|sleeper| {
             let asleep = sleeper.until > now;
             if asleep {
-                next = Some(next.map_or(sleeper.until, |next| next.min(sleeper.until)));
+                self.count(sleeper.until, sleeper.patient);
             } else {
                 sleeper.waker.wake_by_ref();
             }
             asleep
         });
-        self.next.set(next);
+    }
+
+    /// Takes in until when somebody sleeps.
+    fn count(&self, until: Duration, patient: bool) {
+        let sooner = |than: Option<Duration>| Some(than.map_or(until, |than| than.min(until)));
+        self.due.set(sooner(self.due.get()));
+        if !patient {
+            self.next.set(sooner(self.next.get()));
+        }
     }
 
     /// When [`advance`](Self::advance) is to be called at the latest.
@@ -68,12 +82,23 @@ impl Time {
     }
 
     pub(super) fn sleep(self: &Rc<Self>, duration: Duration) -> Sleep {
+        self.sleep_for(duration, false)
+    }
+
+    /// The same until the first turn of the loop that comes then: a millisecond or a cycle later at the most. It costs no timer and
+    /// wakes no thread.
+    pub(super) fn rest(self: &Rc<Self>, duration: Duration) -> Sleep {
+        self.sleep_for(duration, true)
+    }
+
+    fn sleep_for(self: &Rc<Self>, duration: Duration, patient: bool) -> Sleep {
         let number = self.next_sleeper.get();
         self.next_sleeper.set(number.wrapping_add(1));
         Sleep {
             time: Rc::clone(self),
             number,
             until: self.now().saturating_add(duration),
+            patient,
         }
     }
 
@@ -100,6 +125,7 @@ pub(super) struct Sleep {
     time: Rc<Time>,
     number: u64,
     until: Duration,
+    patient: bool,
 }
 
 impl Sleep {
@@ -114,10 +140,10 @@ impl Sleep {
                 sleepers.push(Sleeper {
                     number: self.number,
                     until: self.until,
+                    patient: self.patient,
                     waker: context.waker().clone(),
                 });
-                let next = &self.time.next;
-                next.set(Some(next.get().map_or(self.until, |n| n.min(self.until))));
+                self.time.count(self.until, self.patient);
             }
         }
         Poll::Pending
@@ -166,6 +192,33 @@ mod tests {
         time.advance(Duration::from_millis(5));
         while executor.try_tick() {}
         assert!(task.is_finished());
+        assert_eq!(time.next(), None);
+    }
+    #[test]
+    fn who_rests_asks_for_no_turn_and_is_woken_with_the_first_one_that_comes() {
+        let time = Rc::new(Time::default());
+        let executor = LocalExecutor::new();
+        let ms = Duration::from_millis;
+        let resting = executor.spawn({
+            let time = Rc::clone(&time);
+            async move { time.rest(ms(5)).await }
+        });
+        let sleeping = executor.spawn({
+            let time = Rc::clone(&time);
+            async move { time.sleep(ms(7)).await }
+        });
+        while executor.try_tick() {}
+        assert_eq!(time.next(), Some(ms(7)));
+        time.advance(ms(4));
+        while executor.try_tick() {}
+        assert!(!resting.is_finished());
+        time.advance(ms(6));
+        while executor.try_tick() {}
+        assert!(resting.is_finished() && !sleeping.is_finished());
+        assert_eq!(time.next(), Some(ms(7)));
+        time.advance(ms(7));
+        while executor.try_tick() {}
+        assert!(sleeping.is_finished());
         assert_eq!(time.next(), None);
     }
 }
