@@ -1,6 +1,7 @@
 //! The last cycles of every axis, kept as the frames that went out and came back, and read when somebody asks.
 //!
-//! Keeping a cycle is one copy for each frame, whatever the number of axes.
+//! Keeping a cycle is two copies for each frame, whatever the number of axes. They go to memory that no cache holds any more, and are
+//! made while the thread has to wait for frames in any case.
 
 use std::{fmt, ops::Range, time::Duration};
 
@@ -91,13 +92,17 @@ pub(super) struct RecordedAxis {
 
 /// Keeps the last cycles of all drives.
 pub(super) struct Recorder {
-    /// For each cycle: of each frame what was sent and what came back, then what was judged of each drive.
+    /// For each cycle: its frames as they were sent, as they came back, then what was judged of each drive.
     bytes: Box<[u8]>,
     heads: Box<[Head]>,
+    /// Bytes of a cycle's frames.
+    frames: usize,
     /// Bytes of one cycle.
     stride: usize,
-    /// Where the next cycle goes.
+    /// Where the cycle that is under way goes, or the next one.
     next: usize,
+    /// The cycle that is under way.
+    begun: Option<Head>,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -109,55 +114,57 @@ struct Head {
 
 impl Recorder {
     pub(super) fn new(packed: &Packed, drives: usize) -> Self {
-        let frames: usize = packed
-            .frames
-            .iter()
-            .map(|frame| 2 * frame.request.len())
-            .sum();
-        let stride = frames + drives;
+        let frames = lengths(&packed.frames);
+        let stride = 2 * frames + drives;
         Self {
             bytes: vec![0; stride.saturating_mul(KEPT)].into(),
             heads: vec![Head::default(); KEPT].into(),
+            frames,
             stride,
             next: 0,
+            begun: None,
         }
     }
 
-    /// Keeps a cycle that has been judged. A frame that did not come back leaves what an older cycle held, which nobody reads.
-    pub(super) fn keep(
-        &mut self,
-        number: u64,
-        time: Duration,
-        frames: &[Frame],
-        drives: &[DriveData],
-    ) {
-        let from = self.next.wrapping_mul(self.stride);
-        let Some(mut room) = self.bytes.get_mut(from..from.wrapping_add(self.stride)) else {
+    /// Begins to keep a cycle, with its frames as they were sent.
+    pub(super) fn begin(&mut self, number: u64, time: Duration, frames: &[Frame]) {
+        let requests = frames.iter().map(|frame| &frame.request);
+        copy_in_turn(self.room(0), requests.map(Vec::as_slice));
+        if let Some(head) = self.heads.get_mut(self.next) {
+            // The oldest cycle is no longer whole.
+            *head = Head::default();
+        }
+        self.begun = Some(Head { number, time });
+    }
+
+    /// Completes the cycle that was begun, if one was, when it has been judged. A frame that did not come back leaves an older answer,
+    /// which nobody reads.
+    pub(super) fn complete(&mut self, frames: &[Frame], drives: &[DriveData]) {
+        let Some(begun) = self.begun.take() else {
             return;
         };
-        for frame in frames {
+        let answers = frames.iter().map(|frame| {
             let length = frame.request.len();
-            let Some((request, rest)) = room.split_at_mut_checked(length) else {
-                return;
-            };
-            let Some((answer, rest)) = rest.split_at_mut_checked(length) else {
-                return;
-            };
-            request.copy_from_slice(&frame.request);
-            if frame.back
-                && let Some(back) = frame.answer.get(..length)
-            {
-                answer.copy_from_slice(back);
-            }
-            room = rest;
-        }
-        for (to, drive) in room.iter_mut().zip(drives) {
+            frame.answer.get(..length).unwrap_or(&frame.request)
+        });
+        copy_in_turn(self.room(self.frames), answers);
+        let judged = self.room(2 * self.frames).iter_mut();
+        for (to, drive) in judged.zip(drives) {
             *to = drive.answer as u8;
         }
         if let Some(head) = self.heads.get_mut(self.next) {
-            *head = Head { number, time };
+            *head = begun;
         }
         self.next = (self.next + 1) % KEPT;
+    }
+
+    /// Where the cycle that is under way goes, from this byte of it on.
+    fn room(&mut self, from: usize) -> &mut [u8] {
+        let start = self.next.wrapping_mul(self.stride);
+        let end = start.wrapping_add(self.stride);
+        self.bytes
+            .get_mut(start.wrapping_add(from)..end)
+            .unwrap_or_default()
     }
 
     /// The kept cycles of an axis, the oldest first.
@@ -174,6 +181,22 @@ impl Recorder {
     }
 }
 
+/// Bytes of these frames.
+fn lengths(frames: &[Frame]) -> usize {
+    frames.iter().map(|frame| frame.request.len()).sum()
+}
+
+/// Copies one slice behind the other.
+fn copy_in_turn<'a>(mut to: &mut [u8], from: impl Iterator<Item = &'a [u8]>) {
+    for bytes in from {
+        let Some((here, rest)) = to.split_at_mut_checked(bytes.len()) else {
+            return;
+        };
+        here.copy_from_slice(bytes);
+        to = rest;
+    }
+}
+
 /// Where a drive's bytes lie in the record of a cycle.
 struct Place {
     outputs: Option<Range<usize>>,
@@ -184,19 +207,16 @@ struct Place {
 
 impl Place {
     fn of(packed: &Packed, drive: usize) -> Self {
-        let record = |frames: &[Frame]| -> usize {
-            frames.iter().map(|frame| 2 * frame.request.len()).sum()
-        };
+        let all = lengths(&packed.frames);
         let mut place = Self {
             outputs: None,
             inputs: None,
-            judged: record(&packed.frames) + drive,
+            judged: 2 * all + drive,
         };
         for part in &packed.parts {
-            let (before, from) = packed.frames.split_at(part.frame.min(packed.frames.len()));
             // What was sent lies in front of what came back.
-            let request = record(before);
-            let answer = request + from.first().map_or(0, |frame| frame.request.len());
+            let request = lengths(packed.frames.get(..part.frame).unwrap_or_default());
+            let answer = all + request;
             let behind =
                 |start: usize| move |range: &Range<usize>| start + range.start..start + range.end;
             for share in part.shares.iter().filter(|share| share.drive == drive) {

@@ -41,11 +41,16 @@ pub(super) struct Cycle {
     /// Keeps the cycles in step with a reference clock.
     clock: Option<Phase>,
     period: Duration,
+    /// Parts of it: divisions are dear.
+    deadline: Duration,
+    eighth: Duration,
     next_start: Duration,
     receive_until: Duration,
     /// When the frames of the last cycle were sent, and when the last of them came back, if all did.
     sent_at: Duration,
     back_at: Option<Duration>,
+    /// How long they were away, where that is still to be counted.
+    took: Option<Duration>,
     round_trip: RoundTrip,
     /// Whether the frames of the last cycle were all back before its deadline.
     calm: bool,
@@ -70,10 +75,13 @@ impl Cycle {
             stepper,
             clock,
             period,
+            deadline: receive_deadline(period),
+            eighth: period / 8,
             next_start: first,
             receive_until: first,
             sent_at: first,
             back_at: None,
+            took: None,
             round_trip: RoundTrip::default(),
             calm: false,
             good: 0,
@@ -100,8 +108,8 @@ impl Cycle {
     pub(super) fn gap(&self) -> Gap {
         Gap {
             end: self.next_start,
-            round_trip: self.round_trip.reckoned(self.period),
-            longest_alone: self.period / 8,
+            round_trip: self.round_trip.reckoned(self.eighth),
+            longest_alone: self.eighth,
         }
     }
 
@@ -115,19 +123,20 @@ impl Cycle {
         }
     }
 
-    /// Takes a frame of process data. True once all of the cycle are there: it ends with the turn that received the last one.
+    /// Takes a frame of process data in a turn that began at `now`. True once all of the cycle are there: it ends with the turn that
+    /// received the last one.
     // This and `turn` are kept whole: `benches/step` counts what is done in them, by their names.
     #[inline(never)]
     pub(super) fn accept(
         &mut self,
         tag: Tag,
         frame: &[u8],
-        link: &dyn Link,
+        now: Duration,
         counters: &Counters,
     ) -> bool {
         let complete = self.exchange.accept(tag, frame, counters);
         if complete {
-            self.back_at = Some(link.now());
+            self.back_at = Some(now);
             self.receive_until = Duration::ZERO;
         }
         complete
@@ -146,10 +155,6 @@ impl Cycle {
 
     fn begin(&mut self, now: Duration, link: &mut dyn Link, counters: &Counters) {
         let late = now.saturating_sub(self.next_start);
-        counters.lateness.record(late);
-        if late > self.period / 2 {
-            counters.late_cycles.add();
-        }
         // Cycles that were slept through are not made up for, and the phase stays.
         let periods = if late < self.period {
             1
@@ -165,22 +170,30 @@ impl Cycle {
         self.stepper.before_send(now, &mut self.exchange.drives);
         self.exchange.send(link, counters);
         self.sent_at = now;
-        self.receive_until = now + receive_deadline(self.period);
+        self.receive_until = now + self.deadline;
+        self.next_start += self.period * periods;
+        // The books are kept while nothing waits for it.
+        self.exchange.record(now);
+        counters.lateness.record(late);
+        if late > self.period / 2 {
+            counters.late_cycles.add();
+        }
         if periods > 1 {
             counters.overruns.add_many(u64::from(periods - 1));
         }
-        self.next_start += self.period * periods;
+        if let Some(took) = self.took.take() {
+            counters.round_trip.record(took);
+        }
     }
 
     fn end(&mut self, now: Duration, counters: &Counters) {
         let events = self.exchange.judge(counters);
-        self.exchange.record(self.sent_at);
         self.calm = false;
         if let Some(back) = self.back_at.take() {
             let took = back.saturating_sub(self.sent_at);
-            self.calm = took <= receive_deadline(self.period);
+            self.calm = took <= self.deadline;
             self.round_trip.observe(took);
-            counters.round_trip.record(took);
+            self.took = Some(took);
         }
         let complete = !events.wrong && events.al_status.is_some();
         self.good = if complete {

@@ -269,13 +269,21 @@ impl Exchange {
         }
     }
 
-    /// Keeps the cycle that was just judged, whose frames were sent at `time`.
+    /// Keeps the frames that were just sent, at `time`, and what became of those before. To be called while they are away.
     pub(super) fn record(&mut self, time: Duration) {
         let Packed { frames, .. } = &self.packed;
-        self.recorder.keep(self.cycle, time, frames, &self.drives);
+        self.recorder.complete(frames, &self.drives);
+        self.recorder.begin(self.cycle, time, frames);
     }
 
-    /// The last cycles of an axis, the oldest first.
+    /// Keeps what was judged last, for whoever does not wait for the next cycle.
+    pub(super) fn complete_record(&mut self) {
+        if !self.in_flight {
+            self.recorder.complete(&self.packed.frames, &self.drives);
+        }
+    }
+
+    /// The last cycles of an axis that are complete, the oldest first.
     pub(super) fn history(&self, axis: &RecordedAxis) -> Vec<RecordedCycle> {
         self.recorder.read(&self.packed, axis)
     }

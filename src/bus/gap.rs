@@ -46,10 +46,10 @@ impl RoundTrip {
         self.0 = took.max(self.0 - self.0 / 64);
     }
 
-    /// What is reckoned with, at this period. Not more than the end of every cycle leaves, so that mailboxes are served whatever
-    /// was measured: a frame that is late then is counted.
-    pub(super) fn reckoned(self, period: Duration) -> Duration {
-        self.0.min(period / 8)
+    /// What is reckoned with. Not more than the end of every cycle leaves, an eighth of the period, so that mailboxes are served
+    /// whatever was measured: a frame that is late then is counted.
+    pub(super) fn reckoned(self, eighth: Duration) -> Duration {
+        self.0.min(eighth)
     }
 }
 
@@ -97,12 +97,12 @@ mod tests {
         let mut round_trip = RoundTrip::default();
         round_trip.observe(us(80));
         round_trip.observe(us(20));
-        assert!(round_trip.reckoned(us(1000)) > us(75));
+        assert!(round_trip.reckoned(us(125)) > us(75));
         for _ in 0..300 {
             round_trip.observe(us(20));
         }
-        assert_eq!(round_trip.reckoned(us(1000)), us(20));
+        assert_eq!(round_trip.reckoned(us(125)), us(20));
         round_trip.observe(us(700));
-        assert_eq!(round_trip.reckoned(us(1000)), us(125));
+        assert_eq!(round_trip.reckoned(us(125)), us(125));
     }
 }

@@ -141,7 +141,7 @@ impl Reactor {
         let now = self.link.now();
         self.context.time.advance(now);
         if !self.is_cycle_due(now) {
-            self.receive();
+            self.receive(now);
         }
         let next = self.exchange(now);
         let mut busy = false;
@@ -162,7 +162,7 @@ impl Reactor {
     }
 
     /// Receives until nothing is left, or a cycle is complete: then that comes first.
-    fn receive(&mut self) {
+    fn receive(&mut self, now: Duration) {
         for _ in 0..FRAMES_PER_TURN {
             // What the operating system refuses shows as lost frames.
             let Ok(Some(length)) = self.link.receive(&mut self.buffer) else {
@@ -179,7 +179,7 @@ impl Reactor {
                     self.acyclic.accept(number, frame, sent, counters);
                 }
                 (Some(tag), Some(cycle)) => {
-                    if cycle.accept(tag, frame, &*self.link, counters) {
+                    if cycle.accept(tag, frame, now, counters) {
                         return;
                     }
                 }

@@ -277,8 +277,9 @@ fn black_box(
     index: usize,
     trouble: Option<Trouble>,
 ) -> Option<BlackBox> {
-    let cycle = context.cycle.borrow();
-    let exchange = &cycle.as_ref()?.exchange;
+    let mut cycle = context.cycle.borrow_mut();
+    let exchange = &mut cycle.as_mut()?.exchange;
+    exchange.complete_record();
     axes.borrow()
         .black_box(index, trouble, |axis| exchange.history(axis))
 }
