@@ -9,7 +9,14 @@
 //! What reads or writes a mailbox is sent once, in frames of its own: a second reading would bring the next mail in the place
 //! of the lost one, and a second writing might be carried out twice. The mailbox client knows what to do about either.
 
-use std::time::Duration;
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    task::{Wake, Waker},
+    time::Duration,
+};
 
 use ethercrab::{
     PduRx, PduTx,
@@ -38,6 +45,9 @@ const AHEAD: u32 = 256 - 2 * SLOTS as u32;
 pub(super) struct Acyclic {
     tx: PduTx<'static>,
     rx: PduRx<'static>,
+    /// Set by ethercrab: to look for what it has queued is to look at all of its slots.
+    news: Arc<News>,
+    call: Waker,
     /// The number of the last frame.
     number: u32,
     /// How many requests there were.
@@ -50,6 +60,19 @@ pub(super) struct Acyclic {
     busy_until: Duration,
     /// Something waits for room on the wire, or for the link.
     held: bool,
+}
+
+/// Whether ethercrab may have something queued.
+struct News(AtomicBool);
+
+impl Wake for News {
+    fn wake(self: Arc<Self>) {
+        self.wake_by_ref();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        self.0.store(true, Ordering::Relaxed);
+    }
 }
 
 /// A frame with the requests that share it.
@@ -78,9 +101,12 @@ struct Part {
 impl Acyclic {
     pub(super) fn new(tx: PduTx<'static>, rx: PduRx<'static>) -> Self {
         let slots = tx.capacity();
+        let news = Arc::new(News(AtomicBool::new(true)));
         Self {
             tx,
             rx,
+            call: Waker::from(Arc::clone(&news)),
+            news,
             number: 0,
             requests: 0,
             away: Vec::with_capacity(slots),
@@ -157,6 +183,11 @@ impl Acyclic {
 
     /// Takes what ethercrab has queued into frames that are still to be sent, as far as the gap has room. True when it is all.
     fn collect(&mut self, now: Duration, gap: Option<Gap>) -> bool {
+        if !self.news.0.swap(false, Ordering::Relaxed) {
+            return true;
+        }
+        // It forgets whom it has told.
+        self.tx.replace_waker(&self.call);
         loop {
             let Some(sendable) = self.tx.next_sendable_frame() else {
                 return true;
@@ -199,6 +230,7 @@ impl Acyclic {
                 Ok(bytes.len())
             });
             if collected.is_err() {
+                self.call.wake_by_ref();
                 return false;
             }
         }
