@@ -6,7 +6,7 @@ use async_task::Task;
 use smol::{channel::Sender, lock::Mutex};
 
 use super::{
-    AlState, DevicePlace, NetworkError, al,
+    AlError, AlState, DevicePlace, NetworkError, al,
     axes::Axes,
     black_box::{BlackBox, Trouble},
     bring_up,
@@ -20,7 +20,7 @@ use super::{
     progress::{Progress, StepDone},
     reactor::Context,
     recovery::{self, Recovery},
-    whereabouts::{look, read_state},
+    whereabouts::{at_once, look, read_state},
 };
 use crate::{
     axis::AxisSource,
@@ -190,7 +190,7 @@ pub(super) async fn given_up(context: &Context, control: &Control) {
 }
 
 /// Watches over the drives until the network is to end.
-async fn watch(context: &Context, running: &Running, control: &Control, period: Duration) {
+async fn watch(context: &Context, running: &Running, control: &Arc<Control>, period: Duration) {
     let mut usual = None;
     let mut lost = vec![false; running.devices.len()];
     let mut lock = LockWatch::new();
@@ -238,9 +238,12 @@ async fn watch(context: &Context, running: &Running, control: &Control, period: 
         if usual == Some(seen) && !wrong && all_operational {
             continue;
         }
-        for (place, (device, id)) in running.devices.iter().zip(&running.ids).enumerate() {
-            read_state(context, control, place, device, id).await;
-        }
+        let devices = running.devices.iter().zip(&running.ids).enumerate();
+        let looks = devices.map(|(place, (device, id))| {
+            let (context, control) = (context.clone(), Arc::clone(control));
+            read_state(context, control, place, device.station, Arc::clone(id))
+        });
+        at_once(context, looks).await;
         context.time.sleep(AL_EVERY).await;
     }
 }
@@ -304,18 +307,26 @@ async fn end(context: &Context, running: &Running, period: Duration) {
     // A brake or a valve holds what it holds for as long as an axis moves.
     running.ports.borrow_mut().end();
     time.sleep(period * 2).await;
+    let mut there: Vec<_> = running.devices.iter().zip(&running.ids).collect();
     for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
-        for (device, id) in running.devices.iter().zip(&running.ids) {
-            let asked = al::lower(&context.registers, device.station, state, DOWN_LIMIT);
-            if let Err(error) = asked.await {
-                let note = Note::NotOnTheWayDown {
-                    drive: Arc::clone(id),
-                    state,
-                    error,
-                };
-                context.log.note(time.now(), note);
-            }
-        }
+        let asked = there.iter().map(|(device, _)| {
+            let (registers, station) = (context.registers.clone(), device.station);
+            async move { al::lower(&registers, station, state, DOWN_LIMIT).await }
+        });
+        let mut results = at_once(context, asked).await.into_iter();
+        // Who is silent is asked no further: the broadcast at the end is for all.
+        there.retain(|(_, id)| {
+            let Some(Err(error)) = results.next() else {
+                return true;
+            };
+            let note = Note::NotOnTheWayDown {
+                drive: Arc::clone(id),
+                state,
+                error,
+            };
+            context.log.note(time.now(), note);
+            !matches!(error, AlError::Register(_))
+        });
         if state == AlState::SafeOp {
             // Dropping the ports tells the handles.
             context.cycle.borrow_mut().take();

@@ -6,7 +6,6 @@ use super::{
     AlState, AlStatus, RegisterError, al,
     control::Control,
     cycle::Cycle,
-    discovery::Found,
     drive_data::DriveData,
     log::{DriveChange, Note},
     reactor::Context,
@@ -44,16 +43,32 @@ fn report(context: &Context, control: &Control, drive: &Arc<DriveId>, change: Dr
     control.report(change.of(drive));
 }
 
-/// Looks whether a device has left OP, or is back in it.
-pub(super) async fn read_state(
+/// Waits for all of these, whose requests share frames: many devices that do not answer take no longer than one.
+pub(super) async fn at_once<F>(
     context: &Context,
-    control: &Control,
+    futures: impl Iterator<Item = F>,
+) -> Vec<F::Output>
+where
+    F: Future<Output: 'static> + 'static,
+{
+    let tasks: Vec<_> = futures.filter_map(|future| context.spawn(future)).collect();
+    let mut results = Vec::with_capacity(tasks.len());
+    for task in tasks {
+        results.push(task.await);
+    }
+    results
+}
+
+/// Looks whether a device has left OP, or is back in it, and takes in at once what was seen: a moment later it may be led back.
+pub(super) async fn read_state(
+    context: Context,
+    control: Arc<Control>,
     place: usize,
-    device: &Found,
-    id: &Arc<DriveId>,
+    station: u16,
+    id: Arc<DriveId>,
 ) {
-    match al::status(&context.registers, device.station).await {
-        Ok(status) => note_state(context, control, place, id, status),
+    match al::status(&context.registers, station).await {
+        Ok(status) => note_state(&context, &control, place, &id, status),
         // It is reported as lost by its process data. Of one without inputs a working counter of 0 may be that of outputs
         // closed since it left OP: but not where nobody is there.
         Err(RegisterError::NotAnswered) => {

@@ -4,14 +4,19 @@ use std::{
     future::Future,
     panic::{AssertUnwindSafe, catch_unwind},
     pin::{Pin, pin},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     task::{Context, Poll, Waker},
     time::Duration,
 };
 
 use servocrab::{
     axis::{AxisErrorKind, Failure},
-    bus::Network,
-    link::Link,
+    bus::{DriveConfig, Network},
+    drives,
+    link::{Fate, Link},
     profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
@@ -136,4 +141,39 @@ fn nothing_is_enabled_or_moved_any_more_once_the_network_ends() {
     );
     assert!(poll(&mut over).is_ready());
     drop(moved);
+}
+
+#[test]
+fn a_dead_line_of_eighty_drives_is_shut_down_as_soon_as_one_of_two() {
+    let took = [2, 80].map(|drives| {
+        let segment = (0..drives).map(|_| personality::generic());
+        let line = Line::new(segment.fold(Segment::new(), Segment::with));
+        let dead = Arc::new(AtomicBool::new(false));
+        let is_dead = Arc::clone(&dead);
+        let wire = line.wire_with(move |_, _| {
+            if is_dead.load(Relaxed) {
+                Fate::LoseRequest
+            } else {
+                Fate::Deliver
+            }
+        });
+        let builder = Network::builder().link(wire);
+        let builder = (0..drives).fold(builder, |builder, position| {
+            let drive = DriveConfig::new(drives::generic()).axis(&position.to_string());
+            builder.drive(position, drive)
+        });
+        let mut rig = Rig::start(builder).unwrap();
+        dead.store(true, Relaxed);
+        // Till all are lost, and their states are being asked for.
+        rig.run_for(500 * MS);
+        let asked = rig.bus.now();
+        let mut over = pin!(rig.net.take().unwrap().shutdown());
+        assert!(poll(&mut over).is_pending());
+        while rig.bus.turn() {}
+        assert!(poll(&mut over).is_ready());
+        rig.bus.now() - asked
+    });
+    // Requests that nobody answers are given up after 120 ms, and 64 of them are on their way at once.
+    assert!(took[1] <= took[0] + 500 * MS, "{took:?}");
+    assert!(took[1] < Duration::from_secs(3), "{took:?}");
 }
