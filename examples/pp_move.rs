@@ -52,6 +52,9 @@ struct Arguments {
     /// Time from one cycle to the next, in microseconds.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u64).range(100..=20_000))]
     cycle_us: u64,
+    /// After this time without process data the drive stops by itself, in milliseconds; without it: twenty cycles, at least 100 ms.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=6553))]
+    watchdog_ms: Option<u64>,
 }
 
 fn main() -> ExitCode {
@@ -81,7 +84,11 @@ async fn run(
         "{wide_bar} {pos}/{len} {msg}",
     )?);
     let shown = bar.clone();
-    let net = Network::builder()
+    let mut builder = Network::builder();
+    if let Some(time) = arguments.watchdog_ms {
+        builder = builder.watchdog(Duration::from_millis(time));
+    }
+    let net = builder
         .on_progress(move |at| {
             shown.set_length(at.total as u64);
             shown.set_position(at.done as u64);

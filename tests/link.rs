@@ -12,7 +12,7 @@ mod namespace;
 use std::time::Duration;
 
 use namespace::{inside_namespace, run};
-use servocrab::link::{Link, RawSocket};
+use servocrab::link::{Link, RawSocket, RawSocketError};
 use servocrab_sim::link::RawSocket as Bare;
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -148,4 +148,31 @@ fn an_interface_that_goes_down_is_slept_over_and_received_from_when_it_is_up_aga
         near.wait(near.now() + Duration::from_millis(1));
     }
     assert!(buffer[..60] == frame(1, 60)[..]);
+}
+
+#[test]
+fn a_second_master_on_an_interface_is_refused_until_the_first_is_gone_whoever_it_is() {
+    if !inside_namespace(
+        "a_second_master_on_an_interface_is_refused_until_the_first_is_gone_whoever_it_is",
+    ) {
+        return;
+    }
+    let is_in_use = || match RawSocket::open("master0") {
+        Ok(_) => false,
+        Err(RawSocketError::InUse(interface)) => {
+            assert_eq!(interface, "master0");
+            true
+        }
+        Err(error) => panic!("{error}"),
+    };
+    // The far end of the cable is another interface.
+    let (near, far) = ends();
+    assert!(is_in_use(), "by this program");
+    drop(near);
+    assert!(!is_in_use());
+    let stranger = Bare::open("master0").expect("it looks for nobody");
+    assert!(is_in_use(), "by another master");
+    drop(stranger);
+    assert!(!is_in_use());
+    drop(far);
 }

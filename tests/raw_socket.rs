@@ -19,7 +19,7 @@ use std::{
 use namespace::{Process, inside_namespace, run, say, simulated, simulated_on, veth_pair};
 use servocrab::{
     axis::Referencing,
-    bus::{DriveConfig, Network, NetworkBuilder, Statistics},
+    bus::{DriveConfig, Network, NetworkBuilder, NetworkError, Statistics},
     drives,
     profile_position::{Outcome, SetPoint},
 };
@@ -69,7 +69,8 @@ fn simulator_of(test: &str, device: &str) -> (Process, PathBuf) {
 
 fn pp_move(arguments: &[&str]) -> Process {
     let child = Command::new(program("examples/pp_move"))
-        .args(["--interface", "master0"])
+        // A machine that is busy with other things loses no drive.
+        .args(["--interface", "master0", "--watchdog-ms", "2000"])
         .args(arguments)
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -296,6 +297,23 @@ fn an_empty_line_is_an_error_that_says_so() {
         failure(pp_move(&["--to", "1"]), Duration::from_secs(30)),
         "pp_move: no frame came back: is the cable plugged in, and the first SubDevice powered?\n"
     );
+}
+
+#[test]
+fn an_attempt_that_failed_leaves_the_interface_to_the_next() {
+    if !inside_namespace("an_attempt_that_failed_leaves_the_interface_to_the_next") {
+        return;
+    }
+    let builder = || Network::builder().interface("master0");
+    let drive = || DriveConfig::new(drives::akd2g()).axis("x");
+    smol::block_on(async {
+        for _ in 0..2 {
+            let error = builder().drive(0, drive()).start().await.unwrap_err();
+            assert!(matches!(error, NetworkError::NoAnswer), "{error}");
+            let error = builder().scan().await.unwrap_err();
+            assert!(matches!(error, NetworkError::NoAnswer), "{error}");
+        }
+    });
 }
 
 #[test]

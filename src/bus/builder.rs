@@ -11,7 +11,7 @@ use smol::channel::{Receiver, Sender, bounded, unbounded};
 use super::{
     DevicePlace, DriveConfig, Expected, IoConfig, Line, Network, NetworkError, RealTime, Receiving,
     config::Watchdog,
-    control::Control,
+    control::{Control, Guard},
     line,
     log::{Log, Subscriber, Writer},
     plan::LinePlan,
@@ -377,24 +377,19 @@ impl Starting {
 
     async fn finish(mut self, thread: Option<JoinHandle<()>>) -> Result<Network, NetworkError> {
         let started = self.listener.tell_until(self.steps, self.started.recv());
-        let started = started
-            .await
-            .map_err(|_| NetworkError::Thread("it ended before the drives were in OP".into()))??;
+        let ended = || NetworkError::Thread("it ended before the drives were in OP".into());
+        let started = match started.await.unwrap_or_else(|_| Err(ended())) {
+            Ok(started) => started,
+            Err(error) => {
+                drop(self.guard);
+                line::gone(&self.over, thread).await;
+                return Err(error);
+            }
+        };
         let Some(control) = self.guard.0.take() else {
             return Err(NetworkError::Thread("it was given up".into()));
         };
         let (listener, over) = (self.listener, self.over);
         Ok(Network::new(started, control, listener, over, thread))
-    }
-}
-
-/// Ends the bring-up when nobody waits for it any more.
-pub(super) struct Guard(pub(super) Option<Arc<Control>>);
-
-impl Drop for Guard {
-    fn drop(&mut self) {
-        if let Some(control) = &self.0 {
-            control.request_shutdown();
-        }
     }
 }

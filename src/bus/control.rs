@@ -108,6 +108,17 @@ impl Control {
     }
 }
 
+/// Ends the bring-up when nobody waits for it any more.
+pub(super) struct Guard(pub(super) Option<Arc<Control>>);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        if let Some(control) = &self.0 {
+            control.request_shutdown();
+        }
+    }
+}
+
 /// Something that happened to a drive of a running network.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NetworkEvent {

@@ -9,8 +9,8 @@ use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
     AlStatus, BringUpStep, NetworkError, Receiving, al,
-    builder::{BusLoop, Guard},
-    control::Control,
+    builder::BusLoop,
+    control::{Control, Guard},
     discovery::{self, Found},
     drive_setup::serve_mailbox,
     eeprom,
@@ -127,10 +127,14 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
             subscriber.of(|| BusLoop::new(reactor, None, alive).run());
         })
         .map_err(|error| NetworkError::Thread(error.to_string()))?;
-    let devices = found
-        .recv()
-        .await
-        .map_err(|_| NetworkError::Thread("it ended before the line was scanned".into()))??;
+    let ended = || NetworkError::Thread("it ended before the line was scanned".into());
+    let devices = match found.recv().await.unwrap_or_else(|_| Err(ended())) {
+        Ok(devices) => devices,
+        Err(error) => {
+            gone(&over, Some(thread)).await;
+            return Err(error);
+        }
+    };
     guard.0 = None;
     Ok(Line {
         devices,
@@ -138,6 +142,16 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
         over,
         thread: Some(thread),
     })
+}
+
+/// Waits until a loop that has failed, and the link with it, is gone: whoever tries again finds the link free. A program that turns the
+/// loop itself sees to that itself.
+pub(super) async fn gone(over: &Receiver<()>, thread: Option<JoinHandle<()>>) {
+    if let Some(thread) = thread {
+        let _ = over.recv().await;
+        // Only a panic fails it, and that has been told.
+        let _ = thread.join();
+    }
 }
 
 type Scanned = Result<Vec<LineDevice>, NetworkError>;

@@ -2,6 +2,7 @@
 //!
 //! A link also owns the time that the bus loop lives in, so that a wire can run in virtual time.
 
+mod others;
 mod raw;
 mod ring;
 mod waiting;

@@ -12,7 +12,7 @@ use std::{
 use rustix::net::{SendFlags, send};
 
 use super::{
-    ETHERTYPE, Link, SHORTEST_FRAME,
+    ETHERTYPE, Link, SHORTEST_FRAME, others,
     ring::Ring,
     waiting::{self, Sleeper},
 };
@@ -44,6 +44,13 @@ pub enum RawSocketError {
         /// The longest payload that it takes.
         mtu: i32,
     },
+    /// Another program has EtherCAT on the interface, or another network of this one.
+    #[error(
+        "the network interface `{0}` is in use: another program has a socket for EtherCAT on it, or another network of this one that \
+         may be on its way to its end. Two masters on one line reset each other's devices: end that one first (`ss --packet \
+         --processes`, as root, says which program it is)"
+    )]
+    InUse(String),
     /// Any other refusal of the operating system.
     #[error("cannot {step} on network interface `{interface}`: {source}")]
     Os {
@@ -58,7 +65,8 @@ pub enum RawSocketError {
 
 /// A raw socket that sends and receives EtherCAT frames on one network interface.
 ///
-/// Needs the capability `CAP_NET_RAW`.
+/// Needs the capability `CAP_NET_RAW`. One master at a time: while another socket for EtherCAT is bound to the interface, this process's
+/// own or that of any program, it does not open. Captures (Wireshark, tcpdump) disturb nothing.
 ///
 /// ```no_run
 /// use servocrab::link::RawSocket;
@@ -76,7 +84,7 @@ impl RawSocket {
     /// Opens a socket on the interface of this name.
     ///
     /// # Errors
-    /// No permission, no such interface, the interface is down, or what else the operating system refuses.
+    /// No permission, no such interface, the interface is down, another master uses it, or what else the operating system refuses.
     pub fn open(interface: &str) -> Result<Self, RawSocketError> {
         let os = |step| {
             let interface = interface.to_owned();
@@ -120,6 +128,10 @@ impl RawSocket {
             .map_err(os("receive all frames"))?;
         let ring = Ring::new(&socket).map_err(os("make a ring for received frames"))?;
         bind(&socket, index).map_err(os("bind"))?;
+        // Before anything is sent. Not before binding: of two that begin together none would see the other.
+        if others::is_taken(&socket, index).map_err(os("look who else uses it"))? {
+            return Err(RawSocketError::InUse(interface.to_owned()));
+        }
         Ok(Self {
             ring,
             sleeper: Sleeper::new(&socket).map_err(os("prepare to sleep"))?,
