@@ -3,8 +3,8 @@
 use std::{fmt, time::Duration};
 
 use super::{
-    AlError, AlState, CableLoad, EepromError, LineMismatch, RealTimeError, RegisterError,
-    SyncManagerError, TopologyError, WatchdogState,
+    AlError, AlState, CableLoad, EepromError, LineMismatch, RealTimeError, ReferenceClock,
+    RegisterError, SyncManagerError, TopologyError, WatchdogState,
 };
 use crate::{
     axis::FieldError,
@@ -79,17 +79,19 @@ pub enum NetworkError {
     /// The wiring of the line cannot be told, so that the delays of its distributed clocks cannot be measured.
     #[error("distributed clocks: {0}")]
     Topology(#[from] TopologyError),
-    /// The cycles did not come into step with the reference clock.
+    /// The cycles are not in step with the reference clock.
     #[error(
-        "the cycles did not come into step with the reference clock within {after:?}: the phase error is {phase_error_ns} ns, and \
-         more than {bound:?} is too much. Is another program keeping this thread from waking in time?"
+        "the cycles were not in step with the reference clock within {after:?}: {}",
+        WhyNotLocked(*reference, *phase_error_ns, *bound)
     )]
     NotLocked {
+        /// What the reference clock does.
+        reference: ReferenceClock,
         /// The last cycle's, in nanoseconds.
         phase_error_ns: i64,
         /// What it had to keep to.
         bound: Duration,
-        /// How long it was given.
+        /// How long it was waited for.
         after: Duration,
     },
     /// A drive could not be configured.
@@ -102,6 +104,28 @@ pub enum NetworkError {
         /// What went wrong.
         error: Box<DriveFault>,
     },
+}
+
+/// Why cycles are not in step, and what to do.
+struct WhyNotLocked(ReferenceClock, i64, Duration);
+
+impl fmt::Display for WhyNotLocked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(reference, phase_error_ns, bound) = self;
+        match reference {
+            ReferenceClock::Heard => write!(
+                f,
+                "the phase error is {phase_error_ns} ns, and more than {bound:?} is too much. Is another program keeping this thread \
+                 from waking in time?"
+            ),
+            ReferenceClock::Silent => f.write_str(
+                "it gives no time. Is its device switched off, or was it? Then shut the network down and start it again",
+            ),
+            ReferenceClock::Jumped => f.write_str(
+                "it has jumped, and nobody follows it any more. Shut the network down and start it again",
+            ),
+        }
+    }
 }
 
 /// A step of a drive's bring-up.

@@ -139,16 +139,36 @@ fn a_reference_that_jumps_is_followed_by_nobody_and_all_axes_stop() {
             assert_eq!(axis.velocity(), 0.0);
         }
         rig.until(y.enable()).unwrap_err();
+        // A drive that is led back would have to follow it.
+        line.segment()
+            .device_mut(2)
+            .unwrap()
+            .fall_to_safe_op(0x001B);
+        rig.run_for(50 * MS);
+        let asked = rig.bus.now();
+        let error = not_led_back(&mut rig, 2);
+        let NetworkError::NotLocked { reference, .. } = error else {
+            panic!("{error}");
+        };
+        assert_eq!(reference, ReferenceClock::Jumped);
+        assert!(error.to_string().contains("start it again"), "{error}");
+        assert!(rig.bus.now() - asked < 100 * MS, "it is not waited for");
         // The drives' own clocks go on together, and the frames with them.
         let apart = apart(&line, rig.bus.now());
         assert!(apart < 10_000, "{by}: {apart} ns apart");
         assert_eq!(mistakes(&line), before, "{by}");
-        for position in [1, 2] {
-            let state = line.segment().device(position).unwrap().al_state();
-            assert_eq!(state, AlState::Op);
-        }
+        let state = |position| line.segment().device(position).unwrap().al_state();
+        assert_eq!([1, 2].map(state), [AlState::Op, AlState::SafeOp]);
         rig.shutdown();
     }
+}
+
+/// Why the drive at this position could not be led back.
+fn not_led_back(rig: &mut Rig, position: u16) -> NetworkError {
+    let net = rig.net.take().unwrap();
+    let error = rig.until(net.recover(position)).unwrap_err();
+    rig.net = Some(net);
+    error
 }
 
 #[test]
@@ -230,6 +250,12 @@ fn a_reference_that_was_switched_off_and_on_gives_no_time_and_the_others_follow_
     // They have left OP, but SYNC0 comes where it came, and outputs in time before it.
     assert_eq!(mistakes(&line), before);
     assert_eq!(clock_events(&rig), []);
+    let error = not_led_back(&mut rig, 1);
+    let NetworkError::NotLocked { reference, .. } = error else {
+        panic!("{error}");
+    };
+    assert_eq!(reference, ReferenceClock::Silent);
+    assert!(error.to_string().contains("gives no time"), "{error}");
     rig.shutdown();
 }
 

@@ -50,11 +50,13 @@ pub(in crate::bus) async fn wait_for_lock(
             context.log.note(context.time.now(), note);
             break;
         }
-        if is_over() {
+        // From a jump there is no way back.
+        if is_over() || seen.reference == ReferenceClock::Jumped {
             return Err(NetworkError::NotLocked {
+                reference: seen.reference,
                 phase_error_ns: seen.phase_error_ns,
                 bound: seen.bound,
-                after: limit,
+                after: context.time.now().saturating_sub(started),
             });
         }
     }

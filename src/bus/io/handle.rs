@@ -206,7 +206,9 @@ pub struct IoStatus {
     pub lost: bool,
     /// It is in OP: it acts on its outputs.
     pub operational: bool,
-    /// The last cycle is known to have delivered its outputs.
+    /// The last cycle is known to have delivered the outputs that the program has set. Not so where they are held at 0: while it is
+    /// being led back, from an attempt that failed until one succeeds ([`Network::recover`](crate::bus::Network::recover)), and at
+    /// the end of the network.
     pub delivered: bool,
 }
 

@@ -174,13 +174,15 @@ impl Stepper for Rc<RefCell<Ports>> {
         let this = &mut *self.borrow_mut();
         let ports = this.ports.iter_mut();
         for (port, data) in ports.zip(drives.iter().skip(this.first)) {
-            port.publish(data);
+            let is_off = this.ended || port.held;
+            port.publish(data, is_off);
         }
     }
 }
 
 impl Port {
-    fn publish(&mut self, data: &DriveData) {
+    /// `is_off`: what went out were zeros, whatever is set.
+    fn publish(&mut self, data: &DriveData, is_off: bool) {
         self.head = Head {
             cycle: self.head.cycle.wrapping_add(1),
             age: match data.answer {
@@ -189,7 +191,7 @@ impl Port {
             },
             lost: data.lost,
             operational: data.operational,
-            delivered: data.operational && data.answer == Answer::Fresh,
+            delivered: data.operational && data.answer == Answer::Fresh && !is_off,
         };
         self.shared.cell.publish(self.head, &data.inputs);
     }

@@ -163,7 +163,13 @@ fn one_that_came_back_by_itself_after_a_failed_attempt_does_what_is_set_once_it_
     rig.run_for(20 * MS);
     let state = line.segment().device(VALVES).unwrap().al_state();
     assert_eq!(state, AlState::Op, "before its watchdog ends it");
+    let status = |rig: &Rig| rig.net().io("valves").unwrap().status();
+    let held = status(&rig);
+    assert!(held.operational && held.age == Some(0), "{held:?}");
+    assert!(!held.delivered, "zeros are, and not what is set");
     assert_eq!(recover(&mut rig, 2), Recovered::WasInOp);
+    rig.run_for(5 * MS);
+    assert!(status(&rig).delivered);
     stays_off(&line, &mut rig, 20 * MS);
     second.set(true);
     rig.run_for(5 * MS);
