@@ -47,6 +47,8 @@ struct Output {
     shut: bool,
     /// A thread waits to write a line.
     waited_for: bool,
+    /// Whoever writes a line with this in it next panics.
+    panics_at: Option<&'static str>,
     /// With the name of the thread that wrote it.
     lines: Vec<(String, String)>,
 }
@@ -112,6 +114,11 @@ impl io::Write for Gate {
             output = self.0.1.wait(output).unwrap();
         }
         let line = String::from_utf8(bytes.to_vec()).unwrap();
+        if output.panics_at.is_some_and(|part| line.contains(part)) {
+            output.panics_at = None;
+            drop(output);
+            panic!("a subscriber that cannot bear {line}");
+        }
         output.lines.push((thread, line));
         self.0.1.notify_all();
         Ok(bytes.len())
@@ -293,6 +300,32 @@ fn a_network_ends_in_order_though_its_subscriber_blocks_and_the_last_lines_come_
     assert_eq!(gate.output().place(&disabled), None, "it blocks");
     gate.set_shut(false);
     drop(gate.until_line(&disabled));
+}
+
+#[test]
+fn a_subscriber_that_panics_loses_its_line_and_stops_neither_cycles_nor_the_lines_behind_nor_the_end()
+ {
+    let gate = Gate::default();
+    let (segment, net) = start(&gate);
+    drop(gate.until_line(&["in OP"]));
+    gate.output().panics_at = Some("all axes are stopped");
+    let axis = net.axis("x").unwrap();
+    within(axis.enable()).unwrap();
+    net.stop_all(StopRequest::HALT);
+    within(async {
+        axis.disable().await.unwrap();
+        axis.enable().await.unwrap();
+        let mode = axis.profile_position().await.unwrap();
+        let near = mode.move_rel(1_000, set_point()).await.unwrap();
+        let outcome = near.done().await.unwrap();
+        assert!(matches!(outcome, Outcome::Reached { .. }), "{outcome:?}");
+        axis.disable().await.unwrap();
+    });
+    drop(gate.until_line(&["axis=\"x\"", "from=OperationEnabled", "state changed"]));
+    assert_eq!(gate.output().panics_at, None, "it has");
+    within(net.shutdown());
+    let state = segment.lock().unwrap().devices()[0].al_state();
+    assert_eq!(state, AlState::Init);
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::{cell::RefCell, io, sync::Once, time::Duration};
 
 use servocrab::{
     axis::StopRequest,
-    bus::{DriveConfig, Network},
+    bus::{DistributedClock, DriveConfig, Network},
     drives,
     profile_position::SetPoint,
 };
@@ -241,4 +241,32 @@ fn a_cycle_in_which_frames_will_not_be_back_in_time_is_warned_of() {
         )
     };
     assert_eq!((start(55), start(56)), (1, 0));
+}
+
+#[test]
+fn a_sync0_that_comes_while_frames_are_on_their_way_is_warned_of_and_of_its_drive_alone() {
+    // Two Sigma-7 and no more than 100 bytes in a frame: some 15 µs on the cable.
+    let log = Log::begin();
+    let line = Line::new(
+        Segment::new()
+            .with(personality::sigma7())
+            .with(personality::sigma7()),
+    );
+    let drive = |axis: &str, shift: u64| {
+        let clock = DistributedClock::new(0x0300).shift(Duration::from_micros(shift));
+        DriveConfig::new(drives::sigma7()).axis(axis).dc(clock)
+    };
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(0, drive("late", 100))
+        .drive(1, drive("soon", 3));
+    Rig::start(builder).unwrap().shutdown();
+    let lines = log.take();
+    let warned = ["WARN", "SYNC0 comes while frames", "sync0_after=3µs"];
+    assert_eq!(count(&lines, &warned[..2]), 1, "{lines:#?}");
+    assert_eq!(
+        count(&lines, &[&warned[..], &["drive 1 "]].concat()),
+        1,
+        "{lines:#?}"
+    );
 }

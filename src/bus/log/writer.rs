@@ -1,6 +1,7 @@
 //! The thread that makes events of notes.
 
 use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
     sync::{Arc, atomic::Ordering, mpsc},
     thread,
     time::Duration,
@@ -73,7 +74,8 @@ impl Drop for Writer {
 fn write_all(queue: &Queue) {
     loop {
         let over = queue.over.load(Ordering::Acquire);
-        queue.write();
+        // A subscriber that panics has cost the line that it was given, and no other one.
+        while catch_unwind(AssertUnwindSafe(|| queue.write())).is_err() {}
         if over {
             return;
         }
