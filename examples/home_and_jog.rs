@@ -33,6 +33,8 @@ async fn run() -> Result<(), Box<dyn Error>> {
     let net = Network::builder()
         .link(wire())
         .cycle(Duration::from_millis(1))
+        // Longer than a computer without real time keeps this thread waiting when it is busy.
+        .watchdog(Duration::from_millis(500))
         .drive(
             0,
             DriveConfig::new(drives::generic())

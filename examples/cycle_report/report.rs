@@ -84,7 +84,10 @@ impl Report {
             })
             .collect();
         put("\n")?;
-        put(table(["drive", "silent cycles", "doubtful cycles"], &rows))?;
+        put(table(
+            ["drive", "stale cycles", "undelivered cycles"],
+            &rows,
+        ))?;
         put(format_args!("\n{}\n", self.cable()))?;
         match &self.ports {
             Ok(devices) => {
@@ -160,8 +163,8 @@ impl Report {
                 json!({
                     "position": drive.drive.position,
                     "name": drive.drive.name,
-                    "silent_cycles": drive.stale_cycles,
-                    "doubtful_cycles": drive.undelivered_cycles,
+                    "stale_cycles": drive.stale_cycles,
+                    "undelivered_cycles": drive.undelivered_cycles,
                 })
             })
             .collect();

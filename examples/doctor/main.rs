@@ -13,7 +13,7 @@ use clap::Parser;
 use serde_json::json;
 use servocrab::{
     bus::{RealTime, Scheduling},
-    link::RawSocket,
+    link::{RawSocket, RawSocketError},
 };
 
 #[path = "../common/mod.rs"]
@@ -148,12 +148,15 @@ fn on_the_cable(axes: u16, cycle: Duration) -> Finding {
 
 /// What the operating system allows this program, tried.
 fn permissions(interface: Option<&str>) -> Vec<Finding> {
-    // The loopback interface is there on every machine; nothing is sent.
-    let socket = RawSocket::open(interface.unwrap_or("lo"));
+    // The loopback interface is there on every machine, if not always up; nothing is sent.
+    let socket = match (interface, RawSocket::open(interface.unwrap_or("lo"))) {
+        (_, Ok(_)) | (None, Err(RawSocketError::InterfaceDown(_))) => None,
+        (_, Err(error)) => Some(error),
+    };
     let scheduling = tried(RealTime::new().scheduling(Scheduling::Fifo(PRIORITY)));
     let memory = tried(RealTime::new().lock_memory());
     vec![
-        Finding::of_attempt("raw socket", "may be opened", socket.err()),
+        Finding::of_attempt("raw socket", "may be opened", socket),
         Finding::of_attempt(
             "real-time scheduling",
             "SCHED_FIFO 80 may be used",
