@@ -12,6 +12,11 @@ pub(crate) fn look(root: &Path, name: &str) -> Vec<Finding> {
     let directory = root.join("sys/class/net").join(name);
     // This program opens no other directory.
     let is_name = !["", ".", ".."].contains(&name) && !name.contains('/');
+    if is_name && !directory.exists() && is_there(root, name) {
+        let found = "not shown by /sys, which is of another network namespace";
+        let change = "`mount -t sysfs sysfs /sys` in this one, or run it in the namespace of /sys";
+        return vec![Finding::change("interface", found, change)];
+    }
     if !is_name || !directory.exists() {
         let change = format!("there is no interface `{name}`: `ip link` lists them");
         return vec![Finding::change("interface", "none", change)];
@@ -26,6 +31,13 @@ pub(crate) fn look(root: &Path, name: &str) -> Vec<Finding> {
     ];
     findings.extend(driver(name));
     findings
+}
+
+/// Whether this process has an interface of this name.
+fn is_there(root: &Path, name: &str) -> bool {
+    let devices = text(root, "proc/net/dev").unwrap_or_default();
+    let mut names = devices.lines().filter_map(|line| line.split_once(':'));
+    names.any(|(there, _)| there.trim() == name)
 }
 
 fn kind(directory: &Path) -> Finding {
@@ -320,6 +332,19 @@ mod tests {
             assert_eq!(found.len(), 1, "{name}");
             assert_eq!(found[0].found, "none");
         }
+    }
+
+    #[test]
+    fn an_interface_that_only_sys_does_not_show_is_not_told_to_be_missing() {
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir_all(root.path().join("proc/net")).unwrap();
+        let devices = "Inter-| Receive\n face |bytes\n    lo: 0 0\n  plc0: 0 0\n";
+        fs::write(root.path().join("proc/net/dev"), devices).unwrap();
+        let [found] = &look(root.path(), "plc0")[..] else {
+            panic!("one finding");
+        };
+        assert!(found.found.contains("another network namespace"));
+        assert_eq!(look(root.path(), "plc1")[0].found, "none");
     }
 
     #[test]
