@@ -111,6 +111,28 @@ fn a_halt_keeps_the_set_point_and_resume_completes_it() {
 }
 
 #[test]
+fn a_move_that_is_stopped_or_disabled_is_not_told_that_it_is_halted() {
+    for (command, failure) in [
+        (Command::Stop, Failure::QuickStopped),
+        (
+            Command::Disable,
+            Failure::Disabled {
+                state: State::SwitchOnDisabled,
+            },
+        ),
+    ] {
+        let mut rig = Rig::enabled();
+        let id = rig.abs(50_000, SetPoint::new());
+        rig.wait_accepted(id);
+        rig.run(200);
+        let stop = rig.send(command);
+        assert!(rig.finish(stop).is_ok());
+        let told = [Event::Accepted, Event::Done(Err(failure))];
+        assert_eq!(rig.reports(id), told, "{command:?}");
+    }
+}
+
+#[test]
 fn a_quick_stop_loses_the_set_point_and_enabling_again_moves_nothing() {
     let mut rig = Rig::enabled();
     let id = rig.abs(50_000, SetPoint::new());

@@ -235,12 +235,13 @@ impl AxisCore {
             self.halt_delivered.get_or_insert(now);
         }
         if self.stands_halted(now, sample) {
+            // Of a stop under way the halt is the first part alone: no set-point is kept, and who waits is told of the stop.
             if !self.stopping.is_active() {
                 self.homing.halted(&mut self.events);
-            }
-            if !self.stopping.halt_reported {
-                self.stopping.halt_reported = true;
-                self.sequencer.report_halted(&mut self.events);
+                if !self.stopping.halt_reported {
+                    self.stopping.halt_reported = true;
+                    self.sequencer.report_halted(&mut self.events);
+                }
             }
             let state = sample.state();
             while let Some(id) = self
