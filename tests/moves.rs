@@ -105,6 +105,7 @@ fn a_halt_keeps_the_set_point_and_resume_completes_it() {
     rig.run(500);
     assert!(rig.outcome(id).is_none());
     let resume = rig.send(Command::Resume);
+    rig.cycle();
     assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
     assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 50_000 }));
     assert_eq!(rig.ledger().len(), 1);

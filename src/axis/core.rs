@@ -22,6 +22,7 @@ use super::{
     modes::ModeChange,
     power::Power,
     stopping::Stopping,
+    submit::Resuming,
 };
 
 /// One cycle as the modes see it. A macro, because they change while it is borrowed from the rest of the core.
@@ -76,6 +77,8 @@ pub struct AxisCore {
     pub(super) halted: bool,
     /// Whether a stop was asked for since the last frame: nothing takes it back before it is sent.
     pub(super) stop_unsent: bool,
+    /// A resume whose frame has not been sent.
+    pub(super) resuming: Option<Resuming>,
     /// Since when bit 8 is known to have been delivered.
     pub(super) halt_delivered: Option<Duration>,
     pub(super) mode: Mode,
@@ -130,6 +133,7 @@ impl AxisCore {
             events: Events::new(),
             halted: false,
             stop_unsent: false,
+            resuming: None,
             halt_delivered: None,
             mode_change: None,
             noted_mode: Mode::None,
@@ -336,6 +340,7 @@ impl AxisCore {
             self.done(id, Err(failure));
         }
         self.fail_mode_change(failure);
+        self.fail_resume(failure);
         while let Some(id) = self.stopping.pop_waiter() {
             self.done(id, Err(failure));
         }

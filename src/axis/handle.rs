@@ -138,10 +138,12 @@ impl Axis {
         Ok(())
     }
 
-    /// Goes on after a halt.
+    /// Goes on after a halt; resolves when a frame with bit 8 low has been sent.
     ///
     /// # Errors
     /// [`Failure::Busy`](super::Failure::Busy) while the halt is not sent yet: it is in the next frame all the same.
+    /// [`Failure::Halted`](super::Failure::Halted) or [`Failure::QuickStopped`](super::Failure::QuickStopped) where a stop has come
+    /// before that frame: bit 8 has not fallen.
     /// [`Failure::ResumeUnsupported`](super::Failure::ResumeUnsupported) if the drive has forgotten its set-point; in
     /// Fault, while moving, or when the bus is lost.
     pub async fn resume(&self) -> Result<(), AxisError> {

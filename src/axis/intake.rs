@@ -17,6 +17,7 @@ impl AxisCore {
         self.sent_velocity = self.outgoing_velocity;
         self.stop_unsent = false;
         self.mark_sent(now);
+        self.finish_resume(now);
         self.sequencer.disarm();
         let (bytes, delivered) = match inputs {
             Inputs::Fresh(bytes) => (Some(bytes), true),

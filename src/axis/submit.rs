@@ -189,11 +189,17 @@ impl AxisCore {
             Err(Failure::QuickStopped)
         } else if !self.power.is_driving() {
             Err(Failure::NotEnabled { state })
+        } else if self.resuming.is_some() {
+            Err(Failure::Busy)
         } else if !self.halted {
             if self.has_motion() {
                 Err(Failure::Moving)
             } else {
-                Ok(Completion::Done)
+                self.resuming = Some(Resuming {
+                    id,
+                    from_rest: None,
+                });
+                return;
             }
         } else if self.stop_unsent && (self.has_motion() || !self.is_standing(now)) {
             Err(Failure::Busy)
@@ -205,14 +211,36 @@ impl AxisCore {
             Err(Failure::ResumeUnsupported)
         } else {
             self.halted = false;
-            let from_rest = self.sample.is_some_and(|s| self.stands_halted(now, &s));
+            let stands = self.sample.is_some_and(|s| self.stands_halted(now, &s));
+            self.resuming = Some(Resuming {
+                id,
+                from_rest: Some(stands),
+            });
+            return;
+        };
+        self.done(id, result);
+    }
+
+    /// What was sent last had bit 8 low, and nothing has stopped the axis before that.
+    pub(super) fn finish_resume(&mut self, now: Duration) {
+        let Some(Resuming { id, from_rest }) = self.resuming.take() else {
+            return;
+        };
+        if let Some(from_rest) = from_rest {
             self.sequencer.resumed(now, from_rest);
             while let Some(waiter) = self.stopping.pop_waiter() {
                 self.done(waiter, Err(Failure::Superseded));
             }
-            Ok(Completion::Done)
-        };
-        self.done(id, result);
+        }
+        self.done(id, Ok(Completion::Done));
+    }
+
+    /// A stop comes before bit 8 has fallen.
+    pub(super) fn fail_resume(&mut self, failure: Failure) {
+        if let Some(Resuming { id, from_rest }) = self.resuming.take() {
+            self.halted |= from_rest.is_some();
+            self.done(id, Err(failure));
+        }
     }
 
     fn stop(&mut self, now: Duration, id: CommandId) {
@@ -254,6 +282,7 @@ impl AxisCore {
             return;
         }
         self.withdraw_unsent(Failure::Halted);
+        self.fail_resume(Failure::Halted);
         self.stop_unsent = true;
         if !self.halted {
             self.halted = true;
@@ -277,6 +306,7 @@ impl AxisCore {
         if !has_motion && self.is_standing(now) {
             return false;
         }
+        self.fail_resume(failure);
         self.begin_halt(now);
         self.stopping.stage = Stage::Halting {
             until: now + self.config.deadlines.standstill,
@@ -291,6 +321,7 @@ impl AxisCore {
             return false;
         }
         self.withdraw_unsent(Failure::QuickStopped);
+        self.fail_resume(Failure::QuickStopped);
         if !self.stopping.is_quick() {
             self.stopping.stage = Stage::Quick {
                 until: Some(now + self.config.deadlines.standstill),
@@ -313,6 +344,14 @@ impl AxisCore {
             code: sample.error_code.filter(|&code| code != 0),
         })
     }
+}
+
+/// A resume that is not sent yet.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Resuming {
+    id: CommandId,
+    /// Whether the axis goes on from standstill; none if it was not halted.
+    from_rest: Option<bool>,
 }
 
 /// Whether the power stage is off in this state.

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use servocrab::axis::{Command, Completion, Event, Failure};
+use servocrab::axis::{Command, CommandId, Completion, Event, Failure};
 use servocrab::profile_position::{BufferSignal, Reference};
 use servocrab_sim::ds402::Outcome;
 
@@ -169,6 +169,19 @@ pub fn stale_advances_nothing(life: &Life) -> Result<(), String> {
                 next.map(|next| next.before)
             ));
         }
+        // That bit 8 fell, and who waited for the halt that it ends: the frame was sent, whatever came back.
+        let resumes = |id: CommandId| {
+            world.issued.iter().any(|issued| {
+                issued.id == id && matches!(issued.command, Command::Resume | Command::Halt)
+            })
+        };
+        let is_resume_sent = |id, event| {
+            let told = matches!(
+                event,
+                Event::Done(Ok(Completion::Done) | Err(Failure::Superseded))
+            );
+            told && resumes(id)
+        };
         let of_step = || {
             world
                 .reports
@@ -177,7 +190,8 @@ pub fn stale_advances_nothing(life: &Life) -> Result<(), String> {
         };
         if frame.got == Got::Stale
             && let Some(report) = of_step().find(|report| {
-                !(newly && matches!(report.event, Event::Done(Err(Failure::BusLost { .. }))))
+                let lost = matches!(report.event, Event::Done(Err(Failure::BusLost { .. })));
+                !(newly && lost || is_resume_sent(report.id, report.event))
             })
         {
             return Err(format!("frame {at}: stale inputs led to {report:?}"));

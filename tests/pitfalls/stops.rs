@@ -265,7 +265,7 @@ fn pitfall_19_a_resume_does_not_take_back_a_halt_that_was_not_sent_yet() {
         assert!(rig.finish(halt).is_ok());
     }
     let resume = rig.send(Command::Resume);
-    assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
+    assert_eq!(rig.finish(resume), Ok(Completion::Done));
     assert!(rig.finish(id).is_ok());
 }
 

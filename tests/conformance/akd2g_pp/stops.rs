@@ -263,7 +263,7 @@ pub(super) fn library_completes_a_halted_move_after_resume() {
     rig.run(1_000);
     assert_eq!(rig.outcome(id), None);
     let resume = rig.send(Command::Resume);
-    assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
+    assert_eq!(rig.finish(resume), Ok(Completion::Done));
     assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 50_000 }));
     assert_eq!(rig.ledger().len(), 1, "no second set-point");
 }
