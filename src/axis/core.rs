@@ -349,7 +349,7 @@ impl AxisCore {
     /// The one composer of controlwords.
     fn compose(&self) -> Controlword {
         let state = self.state();
-        if state == State::FaultReactionActive {
+        if state == State::FaultReactionActive && !matches!(self.power, Power::Holding) {
             // The drive is stopping by 605Eh; no other word may disturb it.
             return self.sent.difference(Controlword::FAULT_RESET);
         }

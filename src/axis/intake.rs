@@ -73,7 +73,8 @@ impl AxisCore {
             delivery: Delivery::NotSent,
         });
         if driven && !self.begin_quick_stop(now) {
-            self.power = Power::Off;
+            let reacts = self.state() == State::FaultReactionActive;
+            self.power = if reacts { Power::Holding } else { Power::Off };
         }
     }
 }

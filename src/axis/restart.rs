@@ -74,3 +74,54 @@ impl AxisCore {
         self.noted_mode = Mode::None;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::axis::{AxisFields, Command, CommandId, Inputs};
+
+    const QUICK_STOP: u16 = 0x0B;
+
+    /// An axis that was enabled, and whose drive has shown this statusword last.
+    fn enabled_then(statusword: u16) -> (AxisCore, [u8; 6], Duration) {
+        let mut core = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
+        let (mut outputs, mut now) = ([0; 6], Duration::ZERO);
+        core.submit(now, CommandId(1), Command::Enable, &mut outputs);
+        for word in [0x0250, 0x0231, 0x0233, 0x0237, statusword] {
+            now += Duration::from_millis(1);
+            let [low, high] = u16::to_le_bytes(word);
+            core.step(now, Inputs::Fresh(&[low, high, 0, 0, 0, 0]), &mut outputs);
+        }
+        (core, outputs, now)
+    }
+
+    #[test]
+    fn an_axis_that_may_still_be_moving_is_not_switched_off() {
+        // Operation enabled, Quick stop active, Fault reaction active.
+        for statusword in [0x0237, 0x0217, 0x023F] {
+            let (mut core, mut outputs, now) = enabled_then(statusword);
+            for again in [Again::Unknown, Again::Kept] {
+                core.restart(now, again, &mut outputs);
+                assert_eq!(
+                    u16::from_le_bytes([outputs[0], outputs[1]]),
+                    QUICK_STOP,
+                    "{statusword:04X}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_drive_that_is_lost_in_its_fault_reaction_gets_a_quick_stop() {
+        let (mut core, mut outputs, now) = enabled_then(0x023F);
+        assert_eq!(outputs[0], 0x0F, "its reaction is left alone");
+        for _ in 0..core.config.loss.stale_cycles {
+            core.step(now, Inputs::Stale, &mut outputs);
+        }
+        assert!(core.is_lost());
+        assert_eq!(u16::from_le_bytes([outputs[0], outputs[1]]), QUICK_STOP);
+        // Fault: the reaction is over.
+        core.step(now, Inputs::Fresh(&[0x38, 0x02, 0, 0, 0, 0]), &mut outputs);
+        assert_eq!(u16::from_le_bytes([outputs[0], outputs[1]]), 0);
+    }
+}
