@@ -22,6 +22,16 @@ pub(super) enum Place {
     Never(&'static str),
 }
 
+/// Whether there may be a set-point that the drive has taken and not acknowledged: what the position shows may be its way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Next {
+    None,
+    /// Its acknowledge is still to come.
+    Comes,
+    /// Its acknowledge has not come in time: whether the drive has taken it stays unknown.
+    Perhaps,
+}
+
 /// The set-points that the drive has acknowledged and not ended, in order.
 #[derive(Debug, Default)]
 pub(super) struct Chain {
@@ -95,16 +105,19 @@ impl Chain {
         }
     }
 
-    /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point. `next_comes`: a set-point may
-    /// have been taken already that is not acknowledged yet, and the position shows its way.
+    /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point.
     pub(super) fn follow(
         &mut self,
         cycle: &Cycle<'_>,
         room_shown: bool,
-        next_comes: bool,
+        next: Next,
         events: &mut Events,
     ) {
         let undecided = self.follow_over(cycle, events);
+        if next == Next::Perhaps && !undecided {
+            self.follow_doubtful(cycle, events);
+            return;
+        }
         match &mut self.held {
             [Some(first), Some(second)] => {
                 first.note(cycle, false);
@@ -116,7 +129,7 @@ impl Chain {
                 let left = cycle.traits.buffer_signal != BufferSignal::Acknowledge
                     && first.is_left_behind(cycle);
                 let over = shown || left || first.is_over_with(second, cycle);
-                if over && !next_comes && !undecided {
+                if over && next == Next::None && !undecided {
                     if shown && !first.was_at_end(cycle) {
                         self.over = Some(Over {
                             track: *first,
@@ -135,7 +148,7 @@ impl Chain {
                 }
             }
             [Some(_), None] => {
-                self.follow_active(cycle, next_comes, undecided, events);
+                self.follow_active(cycle, next, undecided, events);
             }
             [None, _] => {}
         }
@@ -146,7 +159,7 @@ impl Chain {
     pub(super) fn follow_active(
         &mut self,
         cycle: &Cycle<'_>,
-        next_comes: bool,
+        next: Next,
         undecided: bool,
         events: &mut Events,
     ) -> bool {
@@ -160,7 +173,7 @@ impl Chain {
         let known = track.end.is_some();
         let outcome = track
             .outcome(cycle)
-            .filter(|outcome| !next_comes || (known && outcome.is_ok()));
+            .filter(|outcome| next == Next::None || (known && outcome.is_ok()));
         match outcome {
             Some(outcome) if !undecided => {
                 self.last_end = if outcome.is_ok() { track.end } else { None };
@@ -170,6 +183,30 @@ impl Chain {
             }
             _ => false,
         }
+    }
+
+    /// A later set-point may have replaced them: what the axis passes says nothing of them. At the end of the last of them that
+    /// one has arrived; where the axis stands otherwise, none of them is known to be what has led it there.
+    fn follow_doubtful(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
+        let actual = cycle.sample.position;
+        let last = self.held.iter().flatten().count();
+        for (place, held) in self.held.iter_mut().enumerate() {
+            let Some(track) = held else { continue };
+            track.note(cycle, false);
+            let at_rest = track.is_at_rest(cycle);
+            let may_arrive = track.end.is_some() && place + 1 == last && (last == 1 || at_rest);
+            let outcome = match track.outcome(cycle) {
+                Some(Ok(completion)) if may_arrive => Ok(completion),
+                _ if at_rest => Err(Failure::PerhapsSuperseded { actual }),
+                _ => continue,
+            };
+            events.push(track.id, Event::Done(outcome));
+            *held = None;
+        }
+        if self.held[0].is_none() {
+            self.held.rotate_left(1);
+        }
+        self.last_end = None;
     }
 
     /// The drive's word alone does not say that the axis was at the end: it may have limited the move. The actual position may

@@ -142,6 +142,15 @@ pub enum Failure {
         /// Position actual value 6064h.
         actual: i32,
     },
+    /// The axis stands elsewhere than at this move's end, and a later move was sent that the drive has not acknowledged in time:
+    /// it may have taken that one in this one's place.
+    #[error(
+        "the axis stands at {actual}, and a later move that the drive has not acknowledged may have taken this one's place: stop() before the next"
+    )]
+    PerhapsSuperseded {
+        /// Position actual value 6064h.
+        actual: i32,
+    },
     /// The target lies beyond a limit that the drive holds: nothing was sent.
     #[error(
         "the target {target} lies beyond the limit {limit} of {object}: move within it, or change it and read the limits again"

@@ -11,7 +11,7 @@ use crate::ds402::Controlword;
 use super::{
     CommandId, Cycle, Delivery, Event, Events, Failure, MoveCommand, Parameters, WaitingFor,
     bit4::{Bit4, Raised},
-    chain::{Chain, Place, start_bits},
+    chain::{Chain, Next, Place, start_bits},
     track::Track,
     waiting::{Request, Waiting},
 };
@@ -93,6 +93,7 @@ impl Sequencer {
         };
         low && self.waiting.is_empty()
             && self.unconfirmed.is_none()
+            && !(self.unknown && self.holds_any())
             && self.armed.is_none()
             && self.chain.is_calm()
     }
@@ -105,7 +106,7 @@ impl Sequencer {
     /// One cycle of a calm axis with a set-point under way: whether that has ended.
     #[inline]
     pub(crate) fn follow(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
-        self.chain.follow_active(cycle, false, false, events)
+        self.chain.follow_active(cycle, Next::None, false, events)
     }
 
     /// The motion profile type 6086h of the move that a new one would follow; none where it would follow none.
@@ -221,8 +222,12 @@ impl Sequencer {
         let accepted = self.follow_bit4(cycle, events);
         if !cycle.halted {
             let room_shown = self.bit4.is_low_acknowledged(cycle);
-            let next_comes = self.bit4.is_on_its_way() || self.unconfirmed.is_some();
-            self.chain.follow(cycle, room_shown, next_comes, events);
+            let next = match self.bit4.is_on_its_way() || self.unconfirmed.is_some() {
+                _ if self.unknown => Next::Perhaps,
+                true => Next::Comes,
+                false => Next::None,
+            };
+            self.chain.follow(cycle, room_shown, next, events);
             self.start_next(cycle, events);
         }
         accepted

@@ -238,6 +238,14 @@ impl Track {
                 .steady_since(cycle.now, next.since, cycle.bounds)
     }
 
+    /// Whether the axis has stood with bit 10 for the settle time: nothing that the drive holds is under way.
+    pub(super) fn is_at_rest(&self, cycle: &Cycle<'_>) -> bool {
+        cycle.sample.statusword.contains(Statusword::TARGET_REACHED)
+            && cycle
+                .standstill
+                .steady_since(cycle.now, self.since, cycle.bounds)
+    }
+
     /// How it ended, with one that was started as `next` taking over.
     pub(super) fn ended_into(&self, next: Start, cycle: &Cycle<'_>) -> Result<Completion, Failure> {
         let position = cycle.sample.position;

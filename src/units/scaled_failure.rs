@@ -30,6 +30,11 @@ impl fmt::Display for ScaledFailure {
                 scale.position_of(actual),
                 scale.position_of(target)
             ),
+            Failure::PerhapsSuperseded { actual } => write!(
+                f,
+                "the axis stands at {}, and a later move that the drive has not acknowledged may have taken this one's place: stop() before the next",
+                scale.position_of(actual)
+            ),
             Failure::BeyondLimit {
                 object,
                 limit,
@@ -56,6 +61,7 @@ pub(super) fn in_units(error: AxisError, scale: Scale) -> AxisError {
         AxisErrorKind::Failed(
             failure @ (Failure::MissedTarget { .. }
             | Failure::Unconfirmed { .. }
+            | Failure::PerhapsSuperseded { .. }
             | Failure::BeyondLimit { .. }
             | Failure::TooFast { .. }),
         ) => AxisError {

@@ -329,3 +329,107 @@ fn a_halt_beyond_the_end_of_a_blend_is_not_its_passing() {
     assert!(finish(&mut world, first).is_ok());
     assert_eq!(world.ledger()[0].outcome, Outcome::Passed);
 }
+
+#[test]
+fn a_resume_beside_a_stop_in_the_same_cycle_says_that_bit_8_did_not_fall() {
+    for (lane, failure) in [
+        (StopRequest::HALT, Failure::Halted),
+        (StopRequest::STOP, Failure::QuickStopped),
+        (StopRequest::QUICK_STOP, Failure::QuickStopped),
+    ] {
+        for moves in [true, false] {
+            let mut world = world(Behaviour::akd2g());
+            if moves {
+                let id = world.submit(to(1_000_000, Start::Immediately));
+                until_accepted(&mut world, id);
+                run(&mut world, 100);
+            }
+            let halt = world.submit(Command::Halt);
+            assert!(finish(&mut world, halt).is_ok());
+            let resume = world.submit(Command::Resume);
+            assert!(world.done(resume).is_none(), "nothing is sent yet");
+            world.cycle(lane, false, Link::Good);
+            let sent = world.frames.last().expect("a frame").sent;
+            let falls = !sent.bit(8) && sent.bit(2);
+            let expected = if falls {
+                Ok(Completion::Done)
+            } else {
+                Err(failure)
+            };
+            assert_eq!(finish(&mut world, resume), expected, "{lane:?}, {moves}");
+            // A stop of an axis that stands without a set-point is nothing that bit 8 would have to stay for.
+            assert_eq!(falls, lane == StopRequest::STOP && !moves);
+        }
+    }
+}
+
+#[test]
+fn a_resume_of_an_axis_that_the_stop_lane_halts_in_that_cycle_is_refused() {
+    let mut world = world(Behaviour::akd2g());
+    let resume = world.submit(Command::Resume);
+    let another = world.submit(Command::Resume);
+    assert_eq!(finish(&mut world, another), Err(Failure::Busy));
+    world.cycle(StopRequest::HALT, false, Link::Good);
+    assert_eq!(finish(&mut world, resume), Err(Failure::Halted));
+    let resume = world.submit(Command::Resume);
+    world.cycle(StopRequest::empty(), false, Link::ReplyLost);
+    assert_eq!(
+        world.done(resume).map(|(_, result)| result),
+        Some(Ok(Completion::Done)),
+        "it was sent"
+    );
+}
+
+/// A move with a blend behind it, and one that replaces both, which the drive does not acknowledge, and takes or not.
+fn perhaps_replaced(taken: bool) -> (World, [CommandId; 2], i32) {
+    let mut world = world(Behaviour::akd2g());
+    let first = world.submit(to(30_000, Start::Immediately));
+    let second = world.submit(to(60_000, Start::Blend));
+    until_accepted(&mut world, second);
+    world.drive.disturbances().ack = AckFault::Never;
+    world.drive.disturbances().deaf_to_bit_4 = !taken;
+    let third = world.submit(to(100_000, Start::Immediately));
+    assert!(matches!(
+        finish(&mut world, third),
+        Err(Failure::Timeout {
+            delivery: Delivery::Unknown,
+            ..
+        })
+    ));
+    assert!(
+        world.drive.position() < 30_000,
+        "the end of the first is still ahead"
+    );
+    (world, [first, second], 100_000)
+}
+
+#[test]
+fn a_move_that_an_unacknowledged_one_may_have_replaced_has_not_passed_its_end() {
+    let (mut world, held, actual) = perhaps_replaced(true);
+    assert_eq!(world.ledger()[0].outcome, Outcome::Replaced);
+    for id in held {
+        let end = finish(&mut world, id);
+        assert_eq!(end, Err(Failure::PerhapsSuperseded { actual }));
+    }
+    let (mut world, [first, second], _) = perhaps_replaced(false);
+    // It has, but nothing tells it from the other life before the axis stands.
+    let actual = 60_000;
+    assert_eq!(
+        finish(&mut world, first),
+        Err(Failure::PerhapsSuperseded { actual })
+    );
+    assert_eq!(
+        finish(&mut world, second),
+        Ok(Completion::Reached { position: 60_000 })
+    );
+}
+
+#[test]
+fn a_move_that_an_unacknowledged_one_may_have_replaced_ends_also_by_a_stop() {
+    let (mut world, held, _) = perhaps_replaced(true);
+    let stop = world.submit(Command::Stop);
+    assert!(finish(&mut world, stop).is_ok());
+    for id in held {
+        assert_eq!(finish(&mut world, id), Err(Failure::QuickStopped));
+    }
+}

@@ -219,6 +219,7 @@ const fn is_final(failure: Failure) -> bool {
             delivery: Delivery::Unknown | Delivery::Accepted,
             ..
         } | Failure::MissedTarget { .. }
+            | Failure::PerhapsSuperseded { .. }
     )
 }
 
