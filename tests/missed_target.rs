@@ -15,23 +15,28 @@ fn clamping(ack: AckPolicy) -> Rig {
 
 /// The same, with its actual position so many cycles behind the demand.
 fn lagging(ack: AckPolicy, actual_lag_cycles: u32) -> Rig {
+    let mut rig = not_enabled(ack, actual_lag_cycles);
+    set_limits(&mut rig, -5_000, 5_000);
+    rig.enable();
+    rig
+}
+
+/// The same, without limits and before its power is on.
+fn not_enabled(ack: AckPolicy, actual_lag_cycles: u32) -> Rig {
     let behaviour = Behaviour {
         ack,
         actual_lag_cycles,
         limit_violation: LimitViolation::Clamp,
         ..Behaviour::generic()
     };
-    let mut rig = Rig::new(behaviour, |config| {
+    Rig::new(behaviour, |config| {
         config.limits = Limits::trust_drive();
         config.traits.relative_base = RelativeBase::PreviousTarget;
         config.traits.buffer_signal = match ack {
             AckPolicy::BufferFree => BufferSignal::Acknowledge,
             _ => BufferSignal::None,
         };
-    });
-    set_limits(&mut rig, -5_000, 5_000);
-    rig.enable();
-    rig
+    })
 }
 
 /// 607Dh; 0 and 0 are no limits.
@@ -175,6 +180,20 @@ fn a_target_that_is_passed_on_the_way_to_the_drives_limit_is_not_reached() {
                 Ok(Completion::Reached { position: 4_000 })
             );
             assert_eq!(rig.ledger().len(), 4);
+        }
+    }
+}
+
+#[test]
+fn a_bit_11_that_is_always_high_makes_no_target_missed() {
+    for ack in POLICIES {
+        for start in [Start::AfterCurrent, Start::Blend] {
+            let mut rig = not_enabled(ack, 0);
+            rig.drive.disturbances().always_limited = true;
+            rig.enable();
+            let [first, second] = with_one_behind(&mut rig, 4_000, 9_000, start);
+            assert!(first.is_ok(), "{ack:?} {start:?}: {first:?}");
+            assert_eq!(second, Ok(Completion::Reached { position: 9_000 }));
         }
     }
 }

@@ -39,6 +39,7 @@ macro_rules! cycle {
             delivered: $delivered,
             halted: $core.halted,
             blind: $core.blind_cycles,
+            limit_tells: $core.limit_tells,
             acknowledge: $core.config.deadlines.acknowledge,
             controlword: $core.sent,
         }
@@ -105,6 +106,8 @@ pub struct AxisCore {
     /// How many cycles without inputs there were before the last one with them.
     pub(super) blind_cycles: u32,
     pub(super) undelivered_cycles: u32,
+    /// Whether bit 11 was ever seen low in Operation enabled.
+    pub(super) limit_tells: bool,
     pub(super) cycle: u64,
     pub(super) calm: Calm,
     /// What was shown when it was calm.
@@ -150,6 +153,7 @@ impl AxisCore {
             stale_cycles: 0,
             blind_cycles: 0,
             undelivered_cycles: 0,
+            limit_tells: false,
             cycle: 0,
             calm: Calm::No,
             sight: Sight::default(),

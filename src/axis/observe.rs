@@ -32,6 +32,7 @@ impl AxisCore {
         self.observe_halt(now, sample, delivered);
         self.observe_stop(now, sample);
         if state == State::OperationEnabled && self.power.is_driving() {
+            self.limit_tells |= !sample.statusword.contains(Statusword::INTERNAL_LIMIT);
             self.observe_mode(now, sample, delivered);
         } else if !self.power.is_driving() && !self.outgoing_starts() {
             self.sequencer.follow_position(sample.position);

@@ -71,6 +71,7 @@ impl AxisCore {
         self.sample = None;
         self.standstill = Standstill::default();
         self.standing = false;
+        self.limit_tells = false;
         self.noted_mode = Mode::None;
     }
 }

@@ -98,6 +98,7 @@ impl Dialogue {
             delivered: self.delivered,
             halted: self.halted,
             blind: 0,
+            limit_tells: true,
             acknowledge: Duration::from_millis(500),
             controlword: self.sent,
         };

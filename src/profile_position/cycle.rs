@@ -21,6 +21,9 @@ pub(crate) struct Cycle<'a> {
     pub(crate) halted: bool,
     /// How many cycles before this one brought no inputs.
     pub(crate) blind: u32,
+    /// Whether bit 11 (internal limit active) was ever seen low in Operation enabled: of a drive that shows it always it says
+    /// nothing.
+    pub(crate) limit_tells: bool,
     /// Deadline of each wait for bit 12.
     pub(crate) acknowledge: Duration,
     /// The word sent with this cycle, for errors.

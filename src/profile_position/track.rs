@@ -190,7 +190,7 @@ impl Track {
     pub(super) fn was_at_end(&self, cycle: &Cycle<'_>) -> bool {
         let position = cycle.sample.position;
         self.end.is_none_or(|end| {
-            if self.unlimited {
+            if self.unlimited || !cycle.limit_tells {
                 self.near || self.arrived.is_some() || self.passed(position)
             } else {
                 cycle.bounds.distance(end, position) <= cycle.bounds.position

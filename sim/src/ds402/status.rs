@@ -206,7 +206,7 @@ impl Axis {
             (7, self.warning),
             (9, self.remote),
             (10, reached),
-            (11, limited || at_switch),
+            (11, limited || at_switch || self.disturbances.always_limited),
             (12, bit_12),
             (13, bit_13),
         ];
