@@ -27,7 +27,8 @@ pub struct AxisPort {
     shared: Arc<Shared>,
     manufacturer: Controlword,
     published: Head,
-    ending: bool,
+    /// Why nothing is enabled or moved any more.
+    ended: Option<Failure>,
 }
 
 impl AxisPort {
@@ -35,7 +36,7 @@ impl AxisPort {
         Self {
             manufacturer: Controlword::empty(),
             published: pack(&shared.status.snapshot()),
-            ending: false,
+            ended: None,
             shared,
         }
     }
@@ -92,7 +93,14 @@ impl AxisPort {
 
     /// From now on only what stops is taken from the handles: nothing is enabled or moved any more.
     pub const fn end(&mut self) {
-        self.ending = true;
+        self.end_because(Failure::BusLost {
+            delivery: Delivery::NotSent,
+        });
+    }
+
+    /// As [`end`](Self::end), with what is said of what is refused, and of what ends because the axis is disabled.
+    pub(crate) const fn end_because(&mut self, cause: Failure) {
+        self.ended = Some(cause);
     }
 
     /// Begins again with its core, which it restarts: whatever handles have asked for or set before does not come into effect
@@ -192,10 +200,8 @@ impl AxisPort {
         if StopKind::of(command).is_some() {
             return None;
         }
-        if self.ending {
-            return Some(Failure::BusLost {
-                delivery: Delivery::NotSent,
-            });
+        if self.ended.is_some() {
+            return self.ended;
         }
         match command {
             Command::Move(_) | Command::Home(_) | Command::Jog(_) => {
@@ -218,6 +224,13 @@ impl AxisPort {
 
     fn pass_events(&self, core: &mut AxisCore) {
         while let Some((id, event)) = core.poll_event() {
+            let event = match (self.ended, event) {
+                (
+                    Some(cause @ Failure::ClockJumped),
+                    Event::Done(Err(Failure::Disabled { .. })),
+                ) => Event::Done(Err(cause)),
+                _ => event,
+            };
             self.shared.report(id, event);
         }
     }

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     axis::{
         Again, AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, BoxFuture,
-        Command, CommandId, GroupQueue, Groups, Inputs, LivenessWatch, ParameterAccess,
+        Command, CommandId, Failure, GroupQueue, Groups, Inputs, LivenessWatch, ParameterAccess,
         StopRequest,
     },
     coe::{ObjectAddress, SdoError, SdoHandle},
@@ -29,8 +29,8 @@ pub(super) struct Axes {
     axes: Vec<RunningAxis>,
     groups: Groups,
     watches: Vec<LivenessWatch>,
-    /// All axes are to be disabled with the next frame.
-    disable_asked: bool,
+    /// All axes are to be disabled with the next frame, for this reason.
+    disable_asked: Option<Failure>,
     journal: Journal,
     /// In the order of `axes`.
     recorded: Vec<RecordedAxis>,
@@ -92,7 +92,7 @@ impl Axes {
             journal: Journal::new(recorded.iter().map(|axis| axis.identity.clone()), log),
             recorded,
             control,
-            disable_asked: false,
+            disable_asked: None,
         };
         (running, sources)
     }
@@ -130,9 +130,9 @@ impl Axes {
             .all(|axis| !axis.lost && axis.state != State::OperationEnabled)
     }
 
-    /// Disables all axes; moving ones are stopped by quick stop before.
-    pub(super) fn disable(&mut self) {
-        self.disable_asked = true;
+    /// Disables all axes for good; moving ones are stopped by quick stop before.
+    pub(super) const fn disable(&mut self, cause: Failure) {
+        self.disable_asked = Some(cause);
     }
 
     /// Whether no axis that answers can move any more.
@@ -192,9 +192,9 @@ impl Stepper for Rc<RefCell<Axes>> {
     fn before_send(&mut self, now: Duration, drives: &mut Drives) {
         let this = &mut *self.borrow_mut();
         let stop = this.stop(now);
-        let disable = core::mem::take(&mut this.disable_asked);
+        let disable = this.disable_asked.take();
         // Else there is nothing to take in for any axis.
-        if this.groups.take_asked() || disable || !stop.is_empty() {
+        if this.groups.take_asked() || disable.is_some() || !stop.is_empty() {
             for axis in &mut this.axes {
                 axis.take_in(now, stop, disable, drives);
             }
@@ -225,14 +225,20 @@ impl Stepper for Rc<RefCell<Axes>> {
 
 impl RunningAxis {
     /// Lets the core take in what was asked of the axis, and what is asked of all.
-    fn take_in(&mut self, now: Duration, stop: StopRequest, disable: bool, drives: &mut Drives) {
+    fn take_in(
+        &mut self,
+        now: Duration,
+        stop: StopRequest,
+        disable: Option<Failure>,
+        drives: &mut Drives,
+    ) {
         if !stop.is_empty() {
             self.port.request_stop(stop);
         }
-        if disable {
-            self.port.end();
+        if let Some(cause) = disable {
+            self.port.end_because(cause);
         }
-        if !(disable || self.port.is_asked()) {
+        if !(disable.is_some() || self.port.is_asked()) {
             return;
         }
         let Some(outputs) = drives.outputs_mut(self.drive) else {
@@ -241,7 +247,7 @@ impl RunningAxis {
         if self.port.is_asked() {
             self.port.before_send(&mut self.core, now, outputs);
         }
-        if disable {
+        if disable.is_some() {
             self.core
                 .submit(now, OWN_COMMAND, Command::Disable, outputs);
         }

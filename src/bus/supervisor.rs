@@ -23,7 +23,7 @@ use super::{
     whereabouts::{at_once, look, read_state},
 };
 use crate::{
-    axis::AxisSource,
+    axis::{AxisSource, Delivery, Failure},
     coe::{DriveId, Emergencies, SdoHandle},
 };
 
@@ -201,7 +201,8 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
         {
             // Who has moved the clock, and what its drive does now, nobody knows; the others agree still.
             if matches!(event, ClockEvent::Jumped { .. }) {
-                running.axes.borrow_mut().disable();
+                let mut axes = running.axes.borrow_mut();
+                axes.disable(Failure::ClockJumped);
             }
             let note = Note::Clock(Arc::clone(reference), event);
             context.log.note(context.time.now(), note);
@@ -291,7 +292,9 @@ fn black_box(
 async fn end(context: &Context, running: &Running, period: Duration) {
     let time = &context.time;
     let axes = &running.axes;
-    axes.borrow_mut().disable();
+    axes.borrow_mut().disable(Failure::BusLost {
+        delivery: Delivery::NotSent,
+    });
     let until = time.now() + DISABLE_LIMIT;
     loop {
         // The first look is after a cycle, so that what was asked for has been sent.

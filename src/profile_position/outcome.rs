@@ -121,6 +121,12 @@ pub enum Failure {
         /// How far the set-point came.
         delivery: Delivery,
     },
+    /// The reference clock of the distributed clocks has jumped, and all axes of the network were stopped and disabled: who has
+    /// moved it, and what drives that follow it do now, is not known. It holds until the network is started anew.
+    #[error(
+        "the reference clock of the distributed clocks has jumped, and all axes were stopped and disabled: find out why (the clock's event says by how much), then start the network anew"
+    )]
+    ClockJumped,
     /// The drive says target reached and stands elsewhere: it has limited the move.
     #[error(
         "the drive reports its target reached but stands at {actual} instead of {target}: look for a limit in the drive"

@@ -10,7 +10,7 @@ use std::{
 };
 
 use servocrab::{
-    axis::Referencing,
+    axis::{Failure, Referencing},
     bus::{
         ClockEvent, ClockStatistics, DistributedClock, DriveConfig, DriveFault, Network,
         NetworkBuilder, NetworkError, NetworkEvent, ReferenceClock,
@@ -118,7 +118,8 @@ fn a_reference_that_jumps_is_followed_by_nobody_and_all_axes_stop() {
         rig.run_for(200 * MS);
         let before = mistakes(&line);
         jump(&line, by);
-        rig.until(motion.done()).unwrap_err();
+        let ended = rig.until(motion.done()).unwrap_err();
+        assert_eq!(ended.failure(), Some(Failure::ClockJumped), "{by}");
         rig.run_for(Duration::from_secs(1));
         let told = clock_events(&rig);
         let [ClockEvent::Jumped { by_ns }] = told[..] else {
@@ -138,7 +139,8 @@ fn a_reference_that_jumps_is_followed_by_nobody_and_all_axes_stop() {
             assert!(off.contains(&axis.state()), "{:?}", axis.state());
             assert_eq!(axis.velocity(), 0.0);
         }
-        rig.until(y.enable()).unwrap_err();
+        let refused = rig.until(y.enable()).unwrap_err();
+        assert_eq!(refused.failure(), Some(Failure::ClockJumped), "{by}");
         // A drive that is led back would have to follow it.
         line.segment()
             .device_mut(2)
