@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::{Mode, QuickStopOption},
+    ds402::{Mode, QuickStopOption, SupportedModes},
     profile_position::{Bounds, Limits, Parameters, PositionRange, Traits},
 };
 
@@ -32,6 +32,9 @@ pub struct AxisConfig {
     pub traits: Traits,
     /// The mode that is written from the first cycle on.
     pub mode: Mode,
+    /// Supported drive modes 6502h as read from the drive: another mode is refused before it is written. None where that is not
+    /// known: then each is tried.
+    pub supported_modes: Option<SupportedModes>,
     /// What counts as arrived and as standing.
     pub tolerances: Tolerances,
     /// How long each step may take.
@@ -61,6 +64,7 @@ impl AxisConfig {
             fields,
             traits: Traits::cia402(),
             mode: Mode::ProfilePosition,
+            supported_modes: None,
             tolerances: Tolerances::default(),
             deadlines: Deadlines::default(),
             loss: Loss::default(),

@@ -109,8 +109,9 @@ impl Axis {
     /// Selects Profile Position and leases it. The lease ends by [`ProfilePosition::release`] or by dropping it.
     ///
     /// # Errors
-    /// [`AxisErrorKind::ModeInUse`] while another lease exists; otherwise when the drive does not show the mode in time,
-    /// the axis moves in another mode, or the bus is lost.
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists; [`Failure::ModeNotSupported`](super::Failure::ModeNotSupported)
+    /// where 6502h does not name it; otherwise when the drive does not show the mode in time, the axis moves in another mode,
+    /// or the bus is lost.
     pub async fn profile_position(&self) -> Result<ProfilePosition, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::ProfilePosition).await?;

@@ -76,6 +76,12 @@ impl AxisCore {
         let shown = self.sample.is_some_and(|sample| sample.mode == to);
         if shown && self.mode == to && self.mode_change.is_none() {
             self.done(id, Ok(Completion::Done));
+        } else if !self
+            .config
+            .supported_modes
+            .is_none_or(|modes| modes.allows(to))
+        {
+            self.done(id, Err(Failure::ModeNotSupported { mode: to }));
         } else if self.halted {
             self.done(id, Err(Failure::Halted));
         } else if !self.is_idle() || (self.power.is_driving() && !self.is_standing(now)) {

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     axis::{AxisConfig, AxisFields, Tolerances},
     coe::{AbortCode, AxisOffset, DriveError, Number, Object, Readable, SdoError, SdoHandle, obj},
-    ds402::{AbortConnection, QuickStopOption},
+    ds402::{AbortConnection, QuickStopOption, SupportedModes},
     profile_position::{self, Limits, RelativeBase},
 };
 
@@ -44,6 +44,15 @@ impl Job {
         if let Some(code) = read_if_there(sdo, obj::QUICK_STOP_OPTION.offset(offset)).await? {
             config.quick_stop = QuickStopOption(code);
         }
+        config.supported_modes = match sdo.read(obj::SUPPORTED_MODES.offset(offset)).await {
+            Ok(modes) => Some(SupportedModes::from_bits_retain(modes)),
+            // It need not be there, and only helps where it is.
+            Err(DriveError {
+                error: SdoError::Aborted { .. } | SdoError::WrongSize { .. },
+                ..
+            }) => None,
+            Err(error) => return Err(at(BringUpStep::Parameters)(error)),
+        };
         if config.traits.relative_base == RelativeBase::PositioningOption
             && let Some(code) = read_if_there(sdo, obj::POSITIONING_OPTION.offset(offset)).await?
         {

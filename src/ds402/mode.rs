@@ -55,6 +55,22 @@ impl Mode {
     }
 }
 
+impl core::fmt::Display for Mode {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let name = match self {
+            Self::None => "mode",
+            Self::ProfilePosition => "profile position mode",
+            Self::ProfileVelocity => "profile velocity mode",
+            Self::Homing => "homing mode",
+            Self::CyclicPosition => "cyclic synchronous position mode",
+            Self::CyclicVelocity => "cyclic synchronous velocity mode",
+            Self::CyclicTorque => "cyclic synchronous torque mode",
+            Self::Other(_) => "mode",
+        };
+        write!(f, "{name} ({})", self.raw())
+    }
+}
+
 bitflags! {
     /// Supported drive modes, object 6502h. Bit 4 is reserved and bits 16–31 are the manufacturer's.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -81,6 +97,18 @@ bitflags! {
     }
 }
 
+impl SupportedModes {
+    /// Whether these do not speak against a mode: modes 1 to 16 have a bit each. Of the manufacturer's modes nothing is said,
+    /// nor of any mode where no bit is set at all.
+    #[must_use]
+    pub const fn allows(self, mode: Mode) -> bool {
+        match mode.raw() {
+            n @ 1..=16 => self.bits() & 0xFFFF == 0 || self.bits() & 1 << (n - 1) != 0,
+            _ => true,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,6 +118,19 @@ mod tests {
         for raw in i8::MIN..=i8::MAX {
             assert_eq!(Mode::from_raw(raw).raw(), raw);
         }
+    }
+
+    #[test]
+    fn a_mode_is_spoken_against_by_its_bit_alone() {
+        let akd_like = SupportedModes::from_bits_retain(0x0000_03E5);
+        for mode in [Mode::ProfilePosition, Mode::ProfileVelocity, Mode::Homing] {
+            assert!(akd_like.allows(mode), "{mode}");
+            assert!(SupportedModes::empty().allows(mode), "{mode}");
+        }
+        assert!(!akd_like.allows(Mode::from_raw(4)));
+        assert!(akd_like.allows(Mode::from_raw(-3)) && akd_like.allows(Mode::from_raw(40)));
+        let manufacturers = SupportedModes::from_bits_retain(0x8000_0000);
+        assert!(manufacturers.allows(Mode::Homing));
     }
 
     #[test]

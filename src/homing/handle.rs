@@ -66,7 +66,7 @@ impl Axis {
     /// Selects homing (mode 6) and leases it. The lease ends by [`Homing::release`] or by dropping it.
     ///
     /// # Errors
-    /// [`AxisErrorKind::ModeInUse`] while another lease exists; otherwise when the drive does not show the mode in time,
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists; [`Failure::ModeNotSupported`] where 6502h does not name it; otherwise when the drive does not show the mode in time,
     /// the axis moves or is halted in another mode, or the bus is lost.
     pub async fn homing(&self) -> Result<Homing, AxisError> {
         let lease = Lease::take(&self.handles)?;

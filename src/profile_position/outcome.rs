@@ -208,6 +208,12 @@ pub enum Failure {
         /// The mode display.
         shown: Mode,
     },
+    /// The drive has no such mode: 6060h was not written.
+    #[error("the drive has no {mode}: its supported drive modes 6502h do not name it")]
+    ModeNotSupported {
+        /// The mode that was to be selected.
+        mode: Mode,
+    },
     /// The drive cannot do this start.
     #[error("the drive cannot start a move this way ({start:?}): {reason}")]
     Unsupported {

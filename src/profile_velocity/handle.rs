@@ -51,8 +51,8 @@ impl Axis {
     /// The target velocity 60FFh must be mapped: `DriveConfig::map_output(axis, obj::TARGET_VELOCITY)`.
     ///
     /// # Errors
-    /// [`Failure::NotMapped`] if it is not; [`AxisErrorKind::ModeInUse`] while another lease exists; otherwise when the drive
-    /// does not show the mode in time, the axis moves or is halted in another mode, or the bus is lost.
+    /// [`Failure::NotMapped`] if it is not; [`AxisErrorKind::ModeInUse`] while another lease exists;
+    /// [`Failure::ModeNotSupported`] where 6502h does not name mode 3; otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode, or the bus is lost.
     pub async fn profile_velocity(&self) -> Result<ProfileVelocity, AxisError> {
         let shared = &self.handles.shared;
         if shared.setup.fields.target_velocity.is_none() {

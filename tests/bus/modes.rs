@@ -3,10 +3,11 @@
 use std::time::Duration;
 
 use servocrab::{
-    axis::{Failure, Referencing},
+    axis::{Failure, Referencing, WaitingFor},
     bus::{DriveConfig, Network},
     coe::obj,
     drives,
+    ds402::Mode,
     homing::{HomingMethod, HomingParameters},
     profile_position::{Outcome, SetPoint},
 };
@@ -106,4 +107,43 @@ fn a_jog_ends_with_the_programs_liveness_and_does_not_come_back() {
     assert_eq!(line.segment().axis(0, 1).unwrap().position(), stood);
     drop((jog, pv));
     rig.shutdown();
+}
+
+#[test]
+fn a_mode_that_6502h_does_not_name_is_refused_and_without_6502h_it_is_tried() {
+    const WITHOUT: &[u16] = &[0x6502];
+    for without in [&[], WITHOUT] {
+        let servo = Servo::akd2g().change(move |drive| {
+            drive.supported_modes = 0x21;
+            drive.without = without;
+        });
+        let line = Line::new(Segment::new().with(servo.build()));
+        let config = DriveConfig::new(drives::akd2g())
+            .axis("x")
+            .axis("y")
+            .map_output("y", obj::TARGET_VELOCITY);
+        let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
+        let y = rig.net().axis("y").unwrap();
+        let asked = rig.bus.now();
+        let error = rig.until(y.profile_velocity()).unwrap_err();
+        let failure = error.failure().unwrap();
+        if without.is_empty() {
+            let mode = Mode::ProfileVelocity;
+            assert_eq!(failure, Failure::ModeNotSupported { mode });
+            let text = error.to_string();
+            assert!(
+                text.contains("profile velocity mode (3)") && text.contains("6502h"),
+                "{text}"
+            );
+            assert!(rig.bus.now() - asked < 20 * MS);
+        } else {
+            let waiting_for = WaitingFor::Mode(Mode::ProfileVelocity);
+            assert!(
+                matches!(failure, Failure::Timeout { waiting_for: asked, .. } if asked == waiting_for),
+                "{failure:?}"
+            );
+        }
+        rig.until(y.homing()).unwrap();
+        rig.shutdown();
+    }
 }
