@@ -43,31 +43,31 @@ pub(crate) const PHASES: [Phase; 6] = [
     Phase {
         name: "some dither",
         cycles: 100,
-        bound: 155.0,
+        bound: 146.0,
     },
     // The position of each of them does.
     Phase {
         name: "all dither",
         cycles: 100,
-        bound: 450.0,
+        bound: 300.0,
     },
     // Every axis on its way; 6064h and 606Ch are others in each cycle.
     Phase {
         name: "moving",
         cycles: 100,
-        bound: 600.0,
+        bound: 405.0,
     },
     // Every axis is given another move, which is acknowledged, and bits 4 and 12 are low again.
     Phase {
         name: "handshake",
         cycles: 10,
-        bound: 1350.0,
+        bound: 1225.0,
     },
     // No frame comes back.
     Phase {
         name: "stale",
         cycles: 5,
-        bound: 430.0,
+        bound: 335.0,
     },
 ];
 

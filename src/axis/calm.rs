@@ -23,8 +23,10 @@ use super::{
 pub(super) enum Calm {
     /// It can: it is computed as a whole.
     No,
-    /// No set-point is under way; 607Ah follows the position, or stays.
-    Idle { follows: bool },
+    /// No set-point is under way, and 607Ah stays.
+    Standing,
+    /// The same, and 607Ah follows the position.
+    Following,
     /// One set-point is under way, and only its position and bit 10 can end it.
     Moving,
 }
@@ -49,7 +51,7 @@ impl AxisCore {
     /// A step with inputs that are those of the last one: whether that is all, because no set-point is under way.
     #[inline]
     pub(super) fn stays(&mut self, inputs: &Inputs<'_>) -> bool {
-        let stays = matches!(self.calm, Calm::Idle { .. })
+        let stays = matches!(self.calm, Calm::Standing | Calm::Following)
             && matches!(inputs, Inputs::Fresh(_))
             && self.stale_cycles == 0;
         if stays {
@@ -64,7 +66,7 @@ impl AxisCore {
     pub(super) fn step_calmly(
         &mut self,
         now: Duration,
-        inputs: Inputs<'_>,
+        inputs: &Inputs<'_>,
         outputs: &mut [u8],
     ) -> Option<bool> {
         if self.calm == Calm::No {
@@ -80,32 +82,44 @@ impl AxisCore {
 
     #[inline]
     fn follow(&mut self, now: Duration, bytes: &[u8], outputs: &mut [u8]) -> Option<bool> {
-        let (position, velocity) = self.config.fields.motion(bytes, &self.sight)?;
+        let fields = &self.config.fields;
+        if !fields.shows(bytes, &self.sight) {
+            return None;
+        }
+        let (position, velocity) = fields.motion(bytes)?;
         let sample = self.sample.as_mut()?;
         sample.position = position;
-        sample.velocity = velocity;
-        let sample = *sample;
+        if let Some(before) = &mut sample.velocity {
+            *before = velocity;
+        }
+        self.standstill
+            .observe(now, position, sample.velocity, &self.bounds);
         self.cycle = self.cycle.wrapping_add(1);
-        self.standstill.observe(now, &sample, &self.bounds);
         self.news = match self.news {
             News::Nothing | News::Motion => News::Motion,
             News::Silence | News::Anything => News::Anything,
         };
         match self.calm {
-            Calm::Idle { follows: true } => {
+            Calm::Standing | Calm::No => Some(false),
+            Calm::Following => {
                 self.sequencer.follow_position(position);
-                self.config.fields.write_target(outputs, position);
+                fields.write_target(outputs, position);
                 Some(true)
             }
             Calm::Moving => {
-                let cycle = cycle!(self, now, &sample, true);
-                if self.sequencer.follow(&cycle, &mut self.events) {
-                    self.calm = Calm::No;
-                    self.news = News::Anything;
-                }
+                self.follow_set_point(now);
                 Some(false)
             }
-            Calm::Idle { follows: false } | Calm::No => Some(false),
+        }
+    }
+
+    #[inline(never)]
+    fn follow_set_point(&mut self, now: Duration) {
+        let Some(sample) = &self.sample else { return };
+        let cycle = cycle!(self, now, sample, true);
+        if self.sequencer.follow(&cycle, &mut self.events) {
+            self.calm = Calm::No;
+            self.news = News::Anything;
         }
     }
 
@@ -165,19 +179,16 @@ impl AxisCore {
             return;
         }
         self.sight = Sight::of(&sample);
-        let moving = self.sequencer.holds_any();
-        self.calm = if !moving {
-            Calm::Idle {
-                follows: if enabled {
-                    in_mode && self.mode != Mode::ProfilePosition
-                } else {
-                    !driving && !self.outgoing_starts()
-                },
-            }
-        } else if in_mode && self.mode == Mode::ProfilePosition {
-            Calm::Moving
+        let follows = if enabled {
+            in_mode && self.mode != Mode::ProfilePosition
         } else {
-            Calm::No
+            !driving && !self.outgoing_starts()
+        };
+        self.calm = match (self.sequencer.holds_any(), follows) {
+            (false, false) => Calm::Standing,
+            (false, true) => Calm::Following,
+            (true, _) if in_mode && self.mode == Mode::ProfilePosition => Calm::Moving,
+            (true, _) => Calm::No,
         };
     }
 }

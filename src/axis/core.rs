@@ -206,18 +206,18 @@ impl AxisCore {
         if unchanged && self.stays(&inputs) {
             return false;
         }
-        self.step_anew(now, inputs, outputs)
+        if let Some(changed) = self.step_calmly(now, &inputs, outputs) {
+            return changed;
+        }
+        self.step_whole(now, inputs, outputs);
+        true
     }
 
     #[inline(never)]
-    fn step_anew(&mut self, now: Duration, inputs: Inputs<'_>, outputs: &mut [u8]) -> bool {
-        if let Some(changed) = self.step_calmly(now, inputs, outputs) {
-            return changed;
-        }
+    fn step_whole(&mut self, now: Duration, inputs: Inputs<'_>, outputs: &mut [u8]) {
         let delivered = self.take_in(now, inputs);
         self.write_outputs(outputs);
         self.judge_calm(delivered);
-        true
     }
 
     /// Takes the next report; drain it after every other call.
@@ -303,12 +303,11 @@ impl AxisCore {
 
     /// Position and velocity, as the snapshot has them.
     #[cfg(feature = "std")]
+    #[inline]
     pub(super) fn motion(&self) -> u64 {
-        let velocity = |sample: Sample| sample.velocity.unwrap_or(0);
-        super::status::motion(
-            self.sample.map_or(0, |sample| sample.position),
-            self.sample.map_or(0, velocity),
-        )
+        self.sample.map_or(0, |sample| {
+            super::status::motion(sample.position, sample.velocity.unwrap_or(0))
+        })
     }
 
     pub(super) const fn is_lost(&self) -> bool {

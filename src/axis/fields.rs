@@ -243,21 +243,24 @@ impl AxisFields {
         Some((Controlword::from_bits_retain(controlword), target))
     }
 
-    /// Position and velocity out of the drive's inputs, as long as they show nothing else that is new.
+    /// Whether the drive's inputs show nothing that is new beside the motion.
     #[inline]
-    pub(super) fn motion(&self, inputs: &[u8], sight: &Sight) -> Option<(i32, Option<i32>)> {
-        let mode = self
-            .mode_display
-            .is_none_or(|at| read(inputs, at) == Some(sight.mode));
-        let error_code = self
-            .error_code
-            .is_none_or(|at| read(inputs, at) == Some(sight.error_code));
-        if !mode || !error_code || read(inputs, self.statusword)? != sight.statusword {
-            return None;
-        }
+    pub(super) fn shows(&self, inputs: &[u8], sight: &Sight) -> bool {
+        read(inputs, self.statusword) == Some(sight.statusword)
+            && self
+                .mode_display
+                .is_none_or(|at| read(inputs, at) == Some(sight.mode))
+            && self
+                .error_code
+                .is_none_or(|at| read(inputs, at) == Some(sight.error_code))
+    }
+
+    /// Position and velocity out of the drive's inputs; a velocity that is not mapped is 0.
+    #[inline]
+    pub(super) fn motion(&self, inputs: &[u8]) -> Option<(i32, i32)> {
         let velocity = match self.actual_velocity {
-            Some(at) => Some(i32::from_le_bytes(read(inputs, at)?)),
-            None => None,
+            Some(at) => i32::from_le_bytes(read(inputs, at)?),
+            None => 0,
         };
         Some((i32::from_le_bytes(read(inputs, self.position)?), velocity))
     }
@@ -375,7 +378,7 @@ pub enum FieldError {
 
 #[inline]
 fn read<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
-    bytes.get(at..at.checked_add(N)?)?.try_into().ok()
+    bytes.get(at..)?.first_chunk().copied()
 }
 
 fn put<const N: usize>(bytes: &mut [u8], at: Option<usize>, value: Option<[u8; N]>) {

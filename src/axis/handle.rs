@@ -95,6 +95,7 @@ impl Axis {
     /// last one, at once, and says that the drive is lost.
     pub async fn changed(&self) -> Snapshot {
         let shared = &self.handles.shared;
+        let _watch = shared.setup.groups.watch();
         let before = shared.changes.load(Ordering::Acquire);
         shared
             .changed

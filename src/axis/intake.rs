@@ -48,7 +48,8 @@ impl AxisCore {
         self.observe_quiet(now, delivered);
         if let Some(sample) = sample {
             self.sample = Some(sample);
-            self.standstill.observe(now, &sample, &self.bounds);
+            self.standstill
+                .observe(now, sample.position, sample.velocity, &self.bounds);
             self.standing = self.is_standing(now);
             self.observe(now, &sample, delivered);
         }

@@ -87,3 +87,5 @@ pub(crate) use restart::Again;
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
 #[cfg(feature = "std")]
 pub use together::{AxisSet, GroupQueue, Groups, TogetherError, together};
+#[cfg(feature = "std")]
+pub(crate) use waiters::stored;

@@ -1,7 +1,7 @@
 //! The bus thread's end of an axis' handles: called twice a cycle, around the exchange. It allocates nothing and waits
 //! for nobody.
 
-use core::{sync::atomic::Ordering, time::Duration};
+use core::time::Duration;
 use std::sync::Arc;
 
 use super::{
@@ -10,7 +10,8 @@ use super::{
     last_stop::{LastStop, StopKind},
     restart::Again,
     shared::Shared,
-    status::{Head, differs, pack, silent, unpack},
+    status::{Head, differs, pack, silent},
+    waiters::stored,
 };
 use crate::ds402::{Controlword, Mode};
 
@@ -26,7 +27,10 @@ use crate::ds402::{Controlword, Mode};
 pub struct AxisPort {
     shared: Arc<Shared>,
     manufacturer: Controlword,
+    /// The snapshot that was published last; its cycle may be an older one.
     published: Head,
+    /// Whether it differs from one before it, and those who wait for that were not woken since.
+    changed: bool,
     /// Why nothing is enabled or moved any more.
     ended: Option<Failure>,
 }
@@ -36,6 +40,7 @@ impl AxisPort {
         Self {
             manufacturer: Controlword::empty(),
             published: pack(&shared.status.snapshot()),
+            changed: false,
             ended: None,
             shared,
         }
@@ -123,46 +128,79 @@ impl AxisPort {
     /// `inputs` are the drive's, or none if none came in this cycle, or the same as in the one before.
     pub fn after_step(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) {
         self.pass(core, inputs);
+        stored();
+        self.wake();
     }
 
-    /// As [`after_step`](Self::after_step); gives the snapshot where more in it is new than the motion.
+    /// As [`after_step`](Self::after_step), without waking those who wait for a change; gives the snapshot where more in it
+    /// is new than the motion.
     #[inline]
     pub(crate) fn pass(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) -> Option<Snapshot> {
-        let news = core.take_news();
-        if news == News::Nothing && inputs.is_none() {
-            self.shared.status.tick(core.cycle);
-            return None;
+        match core.take_news() {
+            News::Nothing if inputs.is_none() => {
+                self.shared.status.tick(core.cycle);
+                None
+            }
+            News::Nothing | News::Motion => {
+                self.publish_motion(core.cycle, core.motion(), inputs);
+                None
+            }
+            news => self.publish_anew(core, news, inputs),
         }
-        self.publish(core, news, inputs)
+    }
+
+    /// Publishes what it was, with another motion.
+    #[inline]
+    fn publish_motion(&mut self, cycle: u64, motion: u64, inputs: Option<&[u8]>) {
+        let [_, flags, words, before] = self.published;
+        let head = [cycle, flags, words, motion];
+        self.shared.status.publish(head, inputs);
+        if motion != before {
+            self.published[3] = motion;
+            self.note_change();
+        }
     }
 
     #[inline(never)]
-    fn publish(
+    fn publish_anew(
         &mut self,
         core: &mut AxisCore,
         news: News,
         inputs: Option<&[u8]>,
     ) -> Option<Snapshot> {
-        let [_, flags, words, _] = self.published;
-        let head = match news {
-            News::Nothing | News::Motion => [core.cycle, flags, words, core.motion()],
-            News::Silence => {
-                let flags = silent(flags, core.stale_cycles);
-                [core.cycle, flags, words, core.motion()]
+        let snapshot = (news == News::Anything).then(|| core.snapshot());
+        let head = match &snapshot {
+            Some(snapshot) => pack(snapshot),
+            None => {
+                let [_, flags, words, motion] = self.published;
+                [core.cycle, silent(flags, core.stale_cycles), words, motion]
             }
-            News::Anything => pack(&core.snapshot()),
         };
         // First the snapshot: a future that is woken by its result reads the status that belongs to it.
         self.shared.status.publish(head, inputs);
-        if news == News::Anything {
-            self.pass_events(core);
-        }
         if differs(&self.published, &head) {
-            self.shared.changes.fetch_add(1, Ordering::AcqRel);
-            self.shared.changed.wake_all();
+            self.note_change();
         }
         self.published = head;
-        (news == News::Anything).then(|| unpack(head))
+        if snapshot.is_some() {
+            self.pass_events(core);
+        }
+        snapshot
+    }
+
+    /// What was published differs from the one before.
+    #[inline]
+    fn note_change(&mut self) {
+        self.shared.note_change();
+        self.changed = true;
+    }
+
+    /// Wakes those who wait for a change of this axis, if there was one since the last time; to be called after [`stored`].
+    #[inline]
+    pub(crate) fn wake(&mut self) {
+        if core::mem::take(&mut self.changed) {
+            self.shared.changed.wake_claimed();
+        }
     }
 
     /// Ends it all: every future of this axis resolves with [`Failure::BusLost`](super::Failure::BusLost), the last snapshot says that the drive

@@ -366,10 +366,18 @@ impl Shared {
         slot.waiters.wake_all();
     }
 
+    /// Another snapshot shows something new. Only one thread may do this.
+    #[inline]
+    pub(super) fn note_change(&self) {
+        let changes = self.changes.load(Ordering::Relaxed);
+        self.changes
+            .store(changes.wrapping_add(1), Ordering::Release);
+    }
+
     /// The bus is gone: every future resolves, none is left waiting.
     pub(super) fn close(&self) {
         self.closed.store(true, Ordering::Release);
-        self.changes.fetch_add(1, Ordering::AcqRel);
+        self.note_change();
         self.slots.wake_all();
         self.changed.wake_all();
     }

@@ -16,13 +16,12 @@ const ANSWERED: u64 = 1;
 #[derive(Debug)]
 pub(crate) struct StatusCell {
     copies: [Copy; 2],
-    latest: AtomicUsize,
+    /// How often a snapshot was published: the latest is in the second copy where that is odd.
+    published: AtomicUsize,
 }
 
 #[derive(Debug)]
 struct Copy {
-    /// Odd while it is being written.
-    sequence: AtomicU64,
     head: [AtomicU64; HEAD],
     inputs: Box<[AtomicU64]>,
 }
@@ -31,7 +30,6 @@ impl StatusCell {
     /// With room for this many input bytes.
     pub(crate) fn new(snapshot: &Snapshot, input_bytes: usize) -> Self {
         let copy = || Copy {
-            sequence: AtomicU64::new(0),
             head: Default::default(),
             inputs: (0..input_bytes.div_ceil(8))
                 .map(|_| AtomicU64::new(0))
@@ -39,7 +37,7 @@ impl StatusCell {
         };
         let cell = Self {
             copies: [copy(), copy()],
-            latest: AtomicUsize::new(0),
+            published: AtomicUsize::new(0),
         };
         cell.publish(pack(snapshot), Some(&[]));
         cell
@@ -48,13 +46,10 @@ impl StatusCell {
     /// Makes these the latest; without inputs, those that were published last stay. Only one thread may do this.
     #[inline]
     pub(super) fn publish(&self, head: Head, inputs: Option<&[u8]>) {
-        let [first, second] = &self.copies;
-        let (next, copy, latest) = match self.latest.load(Ordering::Relaxed) {
-            0 => (1, second, first),
-            _ => (0, first, second),
-        };
-        let sequence = copy.sequence.load(Ordering::Relaxed);
-        copy.sequence.store(sequence | 1, Ordering::Relaxed);
+        let published = self.published.load(Ordering::Relaxed);
+        let next = published.wrapping_add(1);
+        let copy = self.copy(next);
+        // Whoever reads what is written from here on sees as well that another copy is the latest since.
         fence(Ordering::Release);
         for (word, value) in copy.head.iter().zip(head) {
             word.store(value, Ordering::Relaxed);
@@ -62,33 +57,28 @@ impl StatusCell {
         match inputs {
             Some(inputs) => {
                 let (chunks, rest) = inputs.as_chunks::<8>();
-                let mut words = copy.inputs.iter();
-                for (chunk, word) in chunks.iter().zip(&mut words) {
+                for (chunk, word) in chunks.iter().zip(&copy.inputs) {
                     word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
                 }
-                if let Some(word) = words.next() {
-                    word.store(last_word(rest), Ordering::Relaxed);
+                if !rest.is_empty()
+                    && let Some(word) = copy.inputs.get(chunks.len())
+                {
+                    word.store(last_word(inputs, rest), Ordering::Relaxed);
                 }
             }
             None => {
-                for (word, last) in copy.inputs.iter().zip(&latest.inputs) {
+                for (word, last) in copy.inputs.iter().zip(&self.copy(published).inputs) {
                     word.store(last.load(Ordering::Relaxed), Ordering::Relaxed);
                 }
             }
         }
-        copy.sequence
-            .store((sequence | 1).wrapping_add(1), Ordering::Release);
-        self.latest.store(next, Ordering::Release);
+        self.published.store(next, Ordering::Release);
     }
 
     /// Another cycle that has shown nothing else that is new.
     #[inline]
     pub(super) fn tick(&self, cycle: u64) {
-        let [first, second] = &self.copies;
-        let latest = match self.latest.load(Ordering::Relaxed) {
-            0 => first,
-            _ => second,
-        };
+        let latest = self.copy(self.published.load(Ordering::Relaxed));
         // The other words of this copy are those of every cycle since it was written.
         latest.head[0].store(cycle, Ordering::Relaxed);
     }
@@ -120,25 +110,40 @@ impl StatusCell {
 
     fn read<T>(&self, of: impl Fn(&Copy) -> T) -> T {
         loop {
-            let latest = self.latest.load(Ordering::Acquire);
-            let copy = &self.copies[latest.min(1)];
-            let before = copy.sequence.load(Ordering::Acquire);
-            let value = of(copy);
+            let published = self.published.load(Ordering::Acquire);
+            let value = of(self.copy(published));
             fence(Ordering::Acquire);
-            if before & 1 == 0 && copy.sequence.load(Ordering::Relaxed) == before {
+            // This copy is written again only after another one was published.
+            if self.published.load(Ordering::Relaxed) == published {
                 return value;
             }
             core::hint::spin_loop();
         }
     }
+
+    /// Where the snapshot is that was published as this one.
+    #[inline]
+    fn copy(&self, published: usize) -> &Copy {
+        let [first, second] = &self.copies;
+        if published.is_multiple_of(2) {
+            first
+        } else {
+            second
+        }
+    }
 }
 
-/// Fewer than eight bytes, and zeros behind them.
-fn last_word(bytes: &[u8]) -> u64 {
-    bytes
-        .iter()
-        .rev()
-        .fold(0, |word, byte| word << 8 | u64::from(*byte))
+/// The last bytes of these, of which there are one to seven, and zeros behind them.
+#[inline]
+fn last_word(bytes: &[u8], last: &[u8]) -> u64 {
+    match bytes.last_chunk() {
+        // In one go, with some of those before them.
+        Some(end) => u64::from_le_bytes(*end) >> (64 - 8 * last.len()),
+        None => {
+            let bytes = last.iter().rev();
+            bytes.fold(0, |word, byte| word << 8 | u64::from(*byte))
+        }
+    }
 }
 
 /// Position and velocity as a word of a [`Head`].
@@ -199,7 +204,7 @@ pub(super) fn unpack([cycle, ages, words, motion]: Head) -> Snapshot {
 
 #[cfg(test)]
 mod tests {
-    use std::{sync::Arc, thread};
+    use std::{cell::Cell, sync::Arc, thread};
 
     use super::*;
 
@@ -238,6 +243,34 @@ mod tests {
         assert_eq!(cell.inputs(6), [7, 8, 9, 10, 0, 0, 0, 0]);
         assert_eq!(cell.inputs(0), [1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(cell.inputs(100), [0; 8]);
+    }
+
+    #[test]
+    fn bytes_behind_the_last_whole_word_stay_in_their_places() {
+        let bytes: Vec<u8> = (1..=24).collect();
+        for length in 0..=24 {
+            let cell = StatusCell::new(&snapshot(1), length);
+            cell.publish(pack(&snapshot(1)), Some(&bytes[..length]));
+            let seen: Vec<u8> = (0..4).flat_map(|word| cell.inputs(8 * word)).collect();
+            assert_eq!(seen[..length], bytes[..length]);
+            assert!(seen[length..].iter().all(|byte| *byte == 0));
+        }
+    }
+
+    #[test]
+    fn a_reader_that_was_overtaken_reads_again() {
+        let cell = StatusCell::new(&snapshot(0), 0);
+        let reads = Cell::new(0);
+        let read = cell.read(|copy| {
+            let cycle = copy.head[0].load(Ordering::Relaxed);
+            if reads.replace(reads.get() + 1) == 0 {
+                cell.publish(pack(&snapshot(1)), None);
+                cell.publish(pack(&snapshot(2)), None);
+            }
+            (cycle, copy.head[3].load(Ordering::Relaxed))
+        });
+        let [cycle, _, _, motion] = pack(&snapshot(2));
+        assert_eq!((read, reads.get()), ((cycle, motion), 2));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Moves of several axes whose bits 4 rise in one cycle: all of them or none.
 
 use core::{
-    sync::atomic::{AtomicBool, Ordering},
+    sync::atomic::{AtomicBool, AtomicUsize, Ordering},
     time::Duration,
 };
 use std::sync::Arc;
@@ -37,6 +37,8 @@ pub struct GroupQueue {
 struct Queues {
     /// Whether anything was stored for the bus thread with any of the axes, since it looked.
     asked: AtomicBool,
+    /// How many futures wait for a change of any of the axes.
+    watchers: AtomicUsize,
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
@@ -68,6 +70,7 @@ impl GroupQueue {
         Self {
             queues: Arc::new(Queues {
                 asked: AtomicBool::new(false),
+                watchers: AtomicUsize::new(0),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
             }),
@@ -80,6 +83,12 @@ impl GroupQueue {
         self.queues.asked.swap(true, Ordering::Release);
     }
 
+    /// To be held by whoever waits for a change of any of the axes.
+    pub(super) fn watch(&self) -> Watch<'_> {
+        self.queues.watchers.fetch_add(1, Ordering::AcqRel);
+        Watch(&self.queues)
+    }
+
     /// The bus thread's end. There is to be one.
     #[must_use]
     pub fn groups(&self) -> Groups {
@@ -87,6 +96,15 @@ impl GroupQueue {
             queues: Arc::clone(&self.queues),
             waiting: Vec::with_capacity(GROUPS),
         }
+    }
+}
+
+/// Somebody waits for a change.
+pub(super) struct Watch<'a>(&'a Queues);
+
+impl Drop for Watch<'_> {
+    fn drop(&mut self) {
+        self.0.watchers.fetch_sub(1, Ordering::AcqRel);
     }
 }
 
@@ -108,6 +126,11 @@ impl Groups {
     /// looked at before sending.
     pub(crate) fn take_asked(&self) -> bool {
         self.queues.asked.swap(false, Ordering::AcqRel)
+    }
+
+    /// Whether anybody waits for a change of any of the axes, as far as [`stored`](super::stored) was called before.
+    pub(crate) fn are_watched(&self) -> bool {
+        self.queues.watchers.load(Ordering::Relaxed) != 0
     }
 
     /// Starts the groups of which every move has what it needs, and gives up those of which one has failed.

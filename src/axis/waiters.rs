@@ -26,8 +26,13 @@ impl Waiters {
 
     /// Wakes all that wait; to be called after what they wait for was stored.
     pub(crate) fn wake_all(&self) {
-        // Pairs with the fence in `register`: either this sees the place claimed, or the future sees what was stored.
-        fence(Ordering::SeqCst);
+        stored();
+        self.wake_claimed();
+    }
+
+    /// The same, to be called after [`stored`].
+    #[inline]
+    pub(crate) fn wake_claimed(&self) {
         let mut claimed = self.claimed.load(Ordering::Relaxed);
         while claimed != 0 {
             if let Some(waker) = self.wakers.get(claimed.trailing_zeros() as usize) {
@@ -63,6 +68,13 @@ impl Waiters {
             .ok()?;
         Some(before.trailing_ones() as usize)
     }
+}
+
+/// To be called once between what was stored for others to wait for, whatever it was, and the waking of all of them.
+#[inline]
+pub(crate) fn stored() {
+    // Pairs with the fence in `register`: either a place is seen claimed from here on, or its future sees what was stored.
+    fence(Ordering::SeqCst);
 }
 
 struct Place<'a> {

@@ -15,7 +15,7 @@ use crate::{
     axis::{
         Again, AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, BoxFuture,
         Command, CommandId, Failure, GroupQueue, Groups, Inputs, LivenessWatch, ParameterAccess,
-        StopRequest,
+        StopRequest, stored,
     },
     coe::{ObjectAddress, SdoError, SdoHandle},
     ds402::State,
@@ -218,6 +218,13 @@ impl Stepper for Rc<RefCell<Axes>> {
             };
             if let Some(snapshot) = axis.port.pass(&mut axis.core, news) {
                 this.journal.look(now, index, &snapshot);
+            }
+        }
+        // Once for all of them.
+        stored();
+        if this.groups.are_watched() {
+            for axis in &mut this.axes {
+                axis.port.wake();
             }
         }
     }

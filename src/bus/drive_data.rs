@@ -83,13 +83,13 @@ impl Drives {
         core: impl FnOnce(Inputs<'_>, bool, &mut [u8]) -> bool,
     ) -> Option<Option<&[u8]>> {
         let drive = self.drives.get_mut(place)?;
-        let unchanged = !drive.changed;
-        let (inputs, outputs) = drive.judged();
-        if core(inputs, unchanged, outputs) {
+        let others = drive.changed.then_some(&*drive.inputs);
+        let inputs = judged(drive.answer, drive.operational, &drive.inputs);
+        if core(inputs, others.is_none(), &mut drive.outputs) {
             drive.unpacked = true;
             self.written = true;
         }
-        Some(drive.changed.then_some(&*drive.inputs))
+        Some(others)
     }
 
     /// One of them is being set up anew from now on: nothing of it is taken.
@@ -158,16 +158,6 @@ impl DriveData {
         core::mem::take(&mut self.unpacked).then_some(&*self.outputs)
     }
 
-    #[inline]
-    pub(super) fn judged(&mut self) -> (Inputs<'_>, &mut [u8]) {
-        let inputs = match self.answer {
-            Answer::Fresh if self.operational => Inputs::Fresh(&self.inputs),
-            Answer::Fresh | Answer::Answered => Inputs::Answered(&self.inputs),
-            Answer::Stale => Inputs::Stale,
-        };
-        (inputs, &mut self.outputs)
-    }
-
     /// Takes what came back in the place of its inputs. False if it has not answered there.
     #[inline]
     pub(super) fn take_answer(&mut self, bytes: Option<&[u8]>, cycle: u64) -> bool {
@@ -178,16 +168,17 @@ impl DriveData {
         self.answer != Answer::Stale
     }
 
-    /// The same, of bytes that are others than the inputs.
+    /// The same, of bytes that are others than the inputs of one that has answered in the cycle before.
     #[inline]
     pub(super) fn take_other(&mut self, bytes: &[u8], cycle: u64) -> bool {
-        if self.is_answer(bytes, cycle) {
+        let answered = self.is_answer(bytes, cycle);
+        if answered {
             self.changed = true;
             copy(&mut self.inputs, bytes);
         } else {
             self.answer = Answer::Stale;
         }
-        self.answer != Answer::Stale
+        answered
     }
 
     /// Whether anybody has written here since it was filled.
@@ -234,6 +225,16 @@ impl DriveData {
             self.stale_cycles = 0;
         }
         self.lost != before
+    }
+}
+
+/// What inputs are worth that were judged so, of a drive that acts on its outputs or not.
+#[inline]
+pub(super) const fn judged(answer: Answer, operational: bool, inputs: &[u8]) -> Inputs<'_> {
+    match answer {
+        Answer::Fresh if operational => Inputs::Fresh(inputs),
+        Answer::Fresh | Answer::Answered => Inputs::Answered(inputs),
+        Answer::Stale => Inputs::Stale,
     }
 }
 

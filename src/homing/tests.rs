@@ -86,7 +86,8 @@ impl Dialogue {
             velocity: Some(self.velocity),
             error_code: None,
         };
-        self.standstill.observe(self.now, &sample, &bounds);
+        self.standstill
+            .observe(self.now, sample.position, sample.velocity, &bounds);
         let cycle = Cycle {
             now: self.now,
             sample: &sample,

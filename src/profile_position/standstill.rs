@@ -2,8 +2,6 @@
 
 use core::time::Duration;
 
-use crate::ds402::Sample;
-
 use super::PositionRange;
 
 /// Follows velocity and position through the cycles.
@@ -43,8 +41,11 @@ impl Bounds {
     /// How far two positions lie apart, the shorter way.
     #[inline]
     pub(crate) fn distance(&self, a: i32, b: i32) -> u32 {
-        // At most 2³¹.
-        self.way(a, b).unsigned_abs() as u32
+        match self.turn {
+            None => b.wrapping_sub(a).unsigned_abs(),
+            // At most 2³¹.
+            Some(_) => self.way(a, b).unsigned_abs() as u32,
+        }
     }
 
     /// Where an axis stands that has gone this far from a position.
@@ -64,12 +65,17 @@ impl Bounds {
 impl Standstill {
     /// Takes in one fresh cycle.
     #[inline]
-    pub(crate) fn observe(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) {
-        self.velocity_zero = sample.velocity.map(|v| v.unsigned_abs() <= bounds.velocity);
+    pub(crate) fn observe(
+        &mut self,
+        now: Duration,
+        position: i32,
+        velocity: Option<i32>,
+        bounds: &Bounds,
+    ) {
+        self.velocity_zero = velocity.map(|v| v.unsigned_abs() <= bounds.velocity);
         match self.anchor {
-            Some((position, _))
-                if bounds.distance(position, sample.position) <= bounds.position => {}
-            _ => self.anchor = Some((sample.position, now)),
+            Some((stood, _)) if bounds.distance(stood, position) <= bounds.position => {}
+            _ => self.anchor = Some((position, now)),
         }
     }
 

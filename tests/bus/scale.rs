@@ -8,7 +8,7 @@ use std::{
         Arc, Mutex,
         atomic::{AtomicUsize, Ordering::Relaxed},
     },
-    task::{Context, Waker},
+    task::{Context, Wake, Waker},
     time::Duration,
 };
 
@@ -445,4 +445,46 @@ fn with_distributed_clocks_the_frames_have_the_lengths_that_the_formula_gives() 
         assert_eq!(watch.lengths(), expected_lengths(&drives), "{drives:?}");
         rig.shutdown();
     }
+}
+
+/// How often somebody who waits was woken.
+#[derive(Default)]
+struct Woken(AtomicUsize);
+
+impl Wake for Woken {
+    fn wake(self: Arc<Self>) {
+        self.0.fetch_add(1, Relaxed);
+    }
+}
+
+#[test]
+fn who_waits_for_a_change_of_one_axis_is_woken_by_that_axis_alone() {
+    let drives = vec![1; 3];
+    let line = line(&drives);
+    let mut rig = Rig::start(network(line.wire(), &drives)).unwrap();
+    let axes = ["0", "1", "2"].map(|name| rig.net().axis(name).unwrap());
+    rig.run_for(10 * MS);
+    let woken: [Arc<Woken>; 3] = Default::default();
+    let mut changes = axes.each_ref().map(|axis| Box::pin(axis.changed()));
+    // What has changed before may wake them once, and who was woken looks again.
+    for _ in 0..2 {
+        for (change, woken) in changes.iter_mut().zip(&woken) {
+            let waker = Waker::from(Arc::clone(woken));
+            let polled = change.as_mut().poll(&mut Context::from_waker(&waker));
+            assert!(polled.is_pending());
+        }
+        rig.run_for(10 * MS);
+    }
+    let woken = || woken.each_ref().map(|woken| woken.0.load(Relaxed));
+    let [first, second, third] = woken();
+    rig.run_for(10 * MS);
+    assert_eq!(woken(), [first, second, third], "by no cycle");
+    rig.until(axes[1].enable()).unwrap();
+    assert!(woken()[1] > second);
+    assert_eq!((woken()[0], woken()[2]), (first, third));
+    let [_, second, _] = &mut changes;
+    let polled = second
+        .as_mut()
+        .poll(&mut Context::from_waker(Waker::noop()));
+    assert!(polled.is_ready());
 }
