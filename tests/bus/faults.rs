@@ -335,18 +335,9 @@ fn the_end_of_the_network_stops_a_moving_axis_before_it_leaves_op() {
 
 /// Axis `x` on a way that takes a minute. What is returned keeps the mode.
 fn start_long_move(rig: &mut Rig) -> Option<impl Sized + use<>> {
-    let axis = rig.net().axis("x").unwrap();
-    rig.until(axis.enable()).unwrap();
-    let started = rig.until(async {
-        let mode = axis.profile_position().await.unwrap();
-        let set_point = SetPoint::new()
-            .velocity(10_000)
-            .acceleration(100_000)
-            .deceleration(100_000);
-        let motion = mode.move_abs(600_000, set_point).await.unwrap();
-        (mode, motion)
-    });
+    let started = rig.starts_a_long_move("x");
     rig.run_for(300 * MS);
+    let axis = rig.net().axis("x").unwrap();
     let status = axis.status();
     assert_eq!(status.state, ds402::State::OperationEnabled);
     assert_eq!(status.velocity, 10_000);

@@ -6,7 +6,6 @@ use servocrab::{
     axis::StopRequest,
     bus::{DistributedClock, DriveConfig, Network},
     drives,
-    profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
 use tracing::Level;
@@ -134,17 +133,7 @@ fn a_fault_that_nobody_waits_for_is_logged_once_with_its_axis_and_its_drive() {
 #[test]
 fn a_stop_from_the_stop_lane_and_an_unfed_liveness_are_logged_once() {
     let (_line, mut rig) = two_drives();
-    let x = rig.net().axis("x").unwrap();
-    rig.until(x.enable()).unwrap();
-    let _moving = rig.until(async {
-        let mode = x.profile_position().await.unwrap();
-        let set_point = SetPoint::new()
-            .velocity(10_000)
-            .acceleration(100_000)
-            .deceleration(100_000);
-        let motion = mode.move_abs(600_000, set_point).await.unwrap();
-        (mode, motion)
-    });
+    let _moving = rig.starts_a_long_move("x");
     let live = rig.net().liveness(50 * MS);
     live.feed();
     rig.run_for(20 * MS);

@@ -13,7 +13,7 @@ use servocrab::{
     bus::{BusLoop, DriveConfig, Network, NetworkBuilder, NetworkError},
     drives::{self, DriveDescription},
     link::{Fate, Wire},
-    profile_position::{Outcome, SetPoint},
+    profile_position::{Move, Outcome, ProfilePosition, SetPoint},
 };
 use servocrab_sim::Segment;
 
@@ -135,6 +135,21 @@ impl Rig {
                 .deceleration(1_000_000);
             let motion = mode.move_abs(target, set_point).await.unwrap();
             motion.done().await.unwrap()
+        })
+    }
+
+    /// Starts a way of the axis that takes a minute. What is returned keeps the mode.
+    pub(crate) fn starts_a_long_move(&mut self, axis: &str) -> (ProfilePosition, Move) {
+        let axis = self.net().axis(axis).unwrap();
+        self.until(axis.enable()).unwrap();
+        self.until(async {
+            let mode = axis.profile_position().await.unwrap();
+            let set_point = SetPoint::new()
+                .velocity(10_000)
+                .acceleration(100_000)
+                .deceleration(100_000);
+            let motion = mode.move_abs(600_000, set_point).await.unwrap();
+            (mode, motion)
         })
     }
 
