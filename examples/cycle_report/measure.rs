@@ -11,7 +11,8 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressStyle};
 use servocrab::bus::{
-    CableLoad, DevicePorts, DriveStatistics, Network, NetworkEvent, PortErrors, Statistics, Timing,
+    CableLoad, ClockStatistics, DevicePorts, DriveStatistics, Network, NetworkEvent, PortErrors,
+    Statistics, Timing,
 };
 
 /// Events that are told; a loose cable makes many.
@@ -23,6 +24,8 @@ pub(crate) struct Report {
     pub(crate) timing: Timing,
     pub(crate) cable: CableLoad,
     pub(crate) cycle: Duration,
+    /// How long it was measured.
+    pub(crate) lasted: Duration,
     pub(crate) drives: Vec<DriveStatistics>,
     /// What the ports counted during the measurement, or why that is not known.
     pub(crate) ports: Result<Vec<DevicePorts>, String>,
@@ -84,6 +87,7 @@ pub(crate) async fn measure(
             }
         }
     }
+    let lasted = begun.elapsed();
     bar.finish_and_clear();
     let drives = net.drive_statistics().into_iter().zip(drives);
     let drives = drives.map(|(now, before)| DriveStatistics {
@@ -101,6 +105,7 @@ pub(crate) async fn measure(
         timing: timing_since(&before.1, &start.1),
         cable: net.cable_load(),
         cycle,
+        lasted,
         drives: drives.collect(),
         ports,
         intervals,
@@ -129,7 +134,10 @@ fn counted_since(now: &Statistics, before: &Statistics) -> Statistics {
         overruns: now.overruns - before.overruns,
         not_sent: now.not_sent - before.not_sent,
         acyclic_in_cycle: now.acyclic_in_cycle - before.acyclic_in_cycle,
-        clock: now.clock,
+        clock: now.clock.map(|clock| ClockStatistics {
+            beyond: clock.beyond - before.clock.map_or(0, |before| before.beyond),
+            ..clock
+        }),
     }
 }
 

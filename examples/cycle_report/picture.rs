@@ -2,44 +2,93 @@
 
 use std::{error::Error, path::Path, time::Duration};
 
-use plotters::{coord::Shift, prelude::*};
-use servocrab::bus::Durations;
+use plotters::{coord::Shift, element::DashedPathElement, prelude::*};
+use servocrab::bus::{Durations, Timing};
 
 use crate::{
     measure::{Interval, Report},
     report::microseconds,
 };
 
-// Blue and orange can be told apart by everybody (after Okabe and Ito).
+// Blue, orange and bluish green can be told apart by everybody (after Okabe and Ito).
 const LATE: RGBColor = RGBColor(0, 92, 175);
 const ROUND_TRIP: RGBColor = RGBColor(194, 84, 0);
+const PHASE: RGBColor = RGBColor(0, 134, 98);
 const LOST: RGBColor = RGBColor(200, 30, 60);
-const SIZE: (u32, u32) = (1000, 760);
+const WIDTH: u32 = 1000;
+const TITLE: u32 = 30;
+const PANEL: u32 = 365;
 
 type Result<T = ()> = std::result::Result<T, Box<dyn Error>>;
 
-/// Draws both panels.
+/// A time of each cycle that is drawn.
+struct Drawn {
+    name: &'static str,
+    colour: RGBColor,
+    of: fn(&Timing) -> &Durations,
+}
+
+/// What is drawn together. A phase error follows how late its cycle began, and would cover it.
+const SETS: [&[Drawn]; 2] = [
+    &[
+        Drawn {
+            name: "late by",
+            colour: LATE,
+            of: |timing| &timing.lateness,
+        },
+        Drawn {
+            name: "round trip",
+            colour: ROUND_TRIP,
+            of: |timing| &timing.round_trip,
+        },
+    ],
+    &[Drawn {
+        name: "phase error",
+        colour: PHASE,
+        of: |timing| &timing.phase_error,
+    }],
+];
+
+/// Draws a histogram and a time line of each set of times.
 pub(crate) fn draw(file: &Path, report: &Report) -> Result {
-    let root = SVGBackend::new(file, SIZE).into_drawing_area();
+    // There is no phase without distributed clocks.
+    let clocks = report.timing.phase_error.count() > 0;
+    let sets = if clocks { &SETS[..] } else { &SETS[..1] };
+    let size = (WIDTH, TITLE + PANEL * 2 * sets.len() as u32);
+    let root = SVGBackend::new(file, size).into_drawing_area();
     root.fill(&WHITE)?;
     let title = format!(
-        "{} cycles: how late they began, how long their frames were away",
-        report.counted.cycles
+        "{} cycles: how late they began, how long their frames were away{}",
+        report.counted.cycles,
+        if clocks {
+            ", how far from their phase"
+        } else {
+            ""
+        }
     );
     let area = root.titled(&title, ("sans-serif", 20))?;
-    let (above, below) = area.split_vertically(SIZE.1 / 2);
-    let longest = [&report.timing.lateness, &report.timing.round_trip]
-        .into_iter()
-        .map(|times| microseconds(times.most()))
-        .fold(1.0, f64::max);
-    histogram(&above, report, longest)?;
-    time_line(&below, report, longest)?;
+    let panels = area.split_evenly((2 * sets.len(), 1));
+    for (set, panels) in sets.iter().zip(panels.chunks(2)) {
+        let longest = set
+            .iter()
+            .map(|drawn| microseconds((drawn.of)(&report.timing).most()))
+            .fold(1.0, f64::max);
+        if let [above, below] = panels {
+            histogram(above, report, set, longest)?;
+            time_line(below, report, set, longest)?;
+        }
+    }
     root.present()?;
     Ok(())
 }
 
 /// How many cycles there were of each time, both axes logarithmic.
-fn histogram(area: &DrawingArea<SVGBackend<'_>, Shift>, report: &Report, longest: f64) -> Result {
+fn histogram(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    report: &Report,
+    set: &[Drawn],
+    longest: f64,
+) -> Result {
     let most = report.counted.cycles.max(10) as f64;
     let mut chart = ChartBuilder::on(area)
         .margin(12)
@@ -52,14 +101,11 @@ fn histogram(area: &DrawingArea<SVGBackend<'_>, Shift>, report: &Report, longest
         .y_desc("cycles")
         .light_line_style(TRANSPARENT)
         .draw()?;
-    let sets = [
-        ("late by", &report.timing.lateness, LATE),
-        ("round trip", &report.timing.round_trip, ROUND_TRIP),
-    ];
-    for (name, times, colour) in sets {
+    for drawn in set {
+        let colour = drawn.colour;
         chart
-            .draw_series(bars(times, colour))?
-            .label(name)
+            .draw_series(bars((drawn.of)(&report.timing), colour))?
+            .label(drawn.name)
             .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 12, y + 5)], colour.filled()));
     }
     chart
@@ -81,7 +127,12 @@ fn bars(times: &Durations, colour: RGBColor) -> impl Iterator<Item = Rectangle<(
 }
 
 /// The worst and the median of each part of the time.
-fn time_line(area: &DrawingArea<SVGBackend<'_>, Shift>, report: &Report, longest: f64) -> Result {
+fn time_line(
+    area: &DrawingArea<SVGBackend<'_>, Shift>,
+    report: &Report,
+    set: &[Drawn],
+    longest: f64,
+) -> Result {
     let end = report
         .intervals
         .last()
@@ -97,27 +148,19 @@ fn time_line(area: &DrawingArea<SVGBackend<'_>, Shift>, report: &Report, longest
         .y_desc("µs")
         .light_line_style(TRANSPARENT)
         .draw()?;
-    type Read = fn(&Interval) -> Option<Duration>;
-    let lines: [(&str, RGBColor, u32, Read); 4] = [
-        ("late by, worst", LATE, 2, |part| {
-            part.timing.lateness.most()
-        }),
-        ("late by, median", LATE, 1, |part| {
-            part.timing.lateness.quantile(0.5)
-        }),
-        ("round trip, worst", ROUND_TRIP, 2, |part| {
-            part.timing.round_trip.most()
-        }),
-        ("round trip, median", ROUND_TRIP, 1, |part| {
-            part.timing.round_trip.quantile(0.5)
-        }),
+    type Read = fn(&Durations) -> Option<Duration>;
+    let reads: [(&str, u32, Read); 2] = [
+        ("worst", 2, Durations::most),
+        ("median", 1, |times| times.quantile(0.5)),
     ];
-    for (name, colour, width, read) in lines {
-        let style = colour
+    let lines = set.iter().flat_map(|drawn| reads.map(|read| (drawn, read)));
+    for (drawn, (which, width, read)) in lines {
+        let style = drawn
+            .colour
             .mix(if width == 1 { 0.5 } else { 1.0 })
             .stroke_width(width);
         let point = |part: &Interval| {
-            let time = microseconds(Some(read(part)?)).max(0.1);
+            let time = microseconds(Some(read((drawn.of)(&part.timing))?)).max(0.1);
             Some((part.until.as_secs_f64(), time))
         };
         // Where nothing came back there is no line.
@@ -128,10 +171,25 @@ fn time_line(area: &DrawingArea<SVGBackend<'_>, Shift>, report: &Report, longest
             if !named {
                 named = true;
                 series
-                    .label(name)
+                    .label(format!("{}, {which}", drawn.name))
                     .legend(move |(x, y)| PathElement::new([(x, y), (x + 14, y)], style));
             }
         }
+    }
+    if set.iter().any(|drawn| drawn.colour == PHASE)
+        && let Some(clock) = report.counted.clock
+    {
+        let bound = microseconds(Some(clock.bound)).max(0.1);
+        let style = PHASE.stroke_width(1);
+        chart
+            .draw_series(DashedLineSeries::new(
+                [(0.0, bound), (end, bound)],
+                6,
+                4,
+                style,
+            ))?
+            .label("bound")
+            .legend(move |(x, y)| DashedPathElement::new([(x, y), (x + 14, y)], 4, 3, style));
     }
     if report.intervals.iter().any(|part| part.lost > 0) {
         let froms = std::iter::once(0.0)

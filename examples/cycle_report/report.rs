@@ -3,7 +3,7 @@
 use std::{error::Error, time::Duration};
 
 use serde_json::{Value, json};
-use servocrab::bus::{DevicePorts, Durations};
+use servocrab::bus::{ClockStatistics, DevicePorts, Durations, ReferenceClock};
 
 use crate::{
     common::{put, table},
@@ -21,7 +21,7 @@ impl Report {
     /// What was counted, with its name.
     fn counts(&self) -> Vec<(&'static str, u64)> {
         let counted = &self.counted;
-        vec![
+        let mut counts = vec![
             ("cycles", counted.cycles),
             ("late cycles", counted.late_cycles),
             ("overruns", counted.overruns),
@@ -32,7 +32,13 @@ impl Report {
             ("wrong working counters", counted.wrong_working_counters),
             ("frames not sent", counted.not_sent),
             ("acyclic frames in a cycle", counted.acyclic_in_cycle),
-        ]
+        ];
+        counts.extend(
+            counted
+                .clock
+                .map(|clock| ("cycles beyond the bound", clock.beyond)),
+        );
+        counts
     }
 
     fn histograms(&self) -> impl Iterator<Item = (&'static str, &Durations)> {
@@ -48,6 +54,11 @@ impl Report {
     }
 
     pub(crate) fn print(&self) -> Result<(), Box<dyn Error>> {
+        put(format_args!(
+            "cycles of {:.0} µs, for {:.1} s\n\n",
+            microseconds(Some(self.cycle)),
+            self.lasted.as_secs_f64()
+        ))?;
         let counts = self.counts();
         let rows: Vec<_> = counts
             .iter()
@@ -89,6 +100,9 @@ impl Report {
             &rows,
         ))?;
         put(format_args!("\n{}\n", self.cable()))?;
+        if let Some(clock) = &self.counted.clock {
+            put(format_args!("{}\n", phase(clock)))?;
+        }
         match &self.ports {
             Ok(devices) => {
                 for line in devices.iter().flat_map(bad_cables) {
@@ -182,7 +196,17 @@ impl Report {
             .iter()
             .map(|(at, event)| json!({ "at_s": at.as_secs_f64(), "event": event }))
             .collect();
+        let clock = self.counted.clock.map(|clock| {
+            json!({
+                "bound_us": microseconds(Some(clock.bound)),
+                "locked": clock.locked,
+                "reference": reference(&clock),
+            })
+        });
         json!({
+            "cycle_us": microseconds(Some(self.cycle)),
+            "duration_s": self.lasted.as_secs_f64(),
+            "clock": clock,
             "counts": counts,
             "times": times,
             "drives": drives,
@@ -190,6 +214,25 @@ impl Report {
             "cable": cable,
             "events": events,
         })
+    }
+}
+
+/// How cycles and reference clock stand to each other at the end.
+fn phase(clock: &ClockStatistics) -> String {
+    format!(
+        "reference clock {}; the schedule {} the bound of {:.1} µs, the thread's waking aside",
+        reference(clock),
+        if clock.locked { "keeps" } else { "is beyond" },
+        microseconds(Some(clock.bound)),
+    )
+}
+
+/// What the reference clock does.
+fn reference(clock: &ClockStatistics) -> &'static str {
+    match clock.reference {
+        ReferenceClock::Heard => "heard",
+        ReferenceClock::Silent => "silent",
+        ReferenceClock::Jumped => "jumped",
     }
 }
 
