@@ -1,9 +1,15 @@
 //! The error counters of the devices' ports: which cable, plug or device damages frames.
 
-use super::registers::{RegisterError, Registers};
+use super::{
+    reactor::{Context, SLOTS},
+    registers::{RegisterError, Registers},
+    whereabouts::at_once,
+};
 
 /// RX error counters, forwarded RX errors, processing unit and PDI errors, lost links (ETG.1000.4, 0300h to 0313h).
 const ERROR_COUNTERS: u16 = 0x0300;
+/// So many devices are asked at once: half of the slots, so that everybody else's requests find one.
+const AT_ONCE: usize = SLOTS / 2;
 
 /// The error counters of one SubDevice. Each stops at 255, and stays until the device is switched off.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -59,23 +65,37 @@ impl DevicePorts {
 }
 
 /// Reads the counters of all SubDevices that answer, in the order of the line.
-pub(super) async fn read(registers: &Registers) -> Result<Vec<DevicePorts>, RegisterError> {
-    let mut devices = Vec::new();
-    for position in 0..registers.count().await? {
-        match registers.read_at::<20>(position, ERROR_COUNTERS).await {
-            Ok(all) => devices.push(DevicePorts::of(position, &all)),
-            // Only the first eight are in every ESC.
-            Err(RegisterError::NotAnswered) => {
-                match registers.read_at::<8>(position, ERROR_COUNTERS).await {
-                    Ok(first) => devices.push(DevicePorts::of(position, &first)),
-                    Err(RegisterError::NotAnswered) => {}
-                    Err(error) => return Err(error),
-                }
-            }
-            Err(error) => return Err(error),
+pub(super) async fn read(context: &Context) -> Result<Vec<DevicePorts>, RegisterError> {
+    let positions: Vec<_> = (0..context.registers.count().await?).collect();
+    let mut devices = Vec::with_capacity(positions.len());
+    for positions in positions.chunks(AT_ONCE) {
+        let asked = positions.iter().map(|position| {
+            let (registers, position) = (context.registers.clone(), *position);
+            async move { read_one(&registers, position).await }
+        });
+        for device in at_once(context, asked).await {
+            devices.extend(device?);
         }
     }
     Ok(devices)
+}
+
+/// Reads the counters of the SubDevice at this place; `None` if none answers there.
+async fn read_one(
+    registers: &Registers,
+    position: u16,
+) -> Result<Option<DevicePorts>, RegisterError> {
+    match registers.read_at::<20>(position, ERROR_COUNTERS).await {
+        Ok(all) => return Ok(Some(DevicePorts::of(position, &all))),
+        Err(RegisterError::NotAnswered) => {}
+        Err(error) => return Err(error),
+    }
+    // Only the first eight are in every ESC.
+    match registers.read_at::<8>(position, ERROR_COUNTERS).await {
+        Ok(first) => Ok(Some(DevicePorts::of(position, &first))),
+        Err(RegisterError::NotAnswered) => Ok(None),
+        Err(error) => Err(error),
+    }
 }
 
 #[cfg(test)]

@@ -262,7 +262,7 @@ async fn answer(context: &Context, running: &Running, control: &Control) {
                 }
             }
             Question::Ports(reply) => {
-                let _ = reply.try_send(port_errors::read(&context.registers).await);
+                let _ = reply.try_send(port_errors::read(context).await);
             }
             Question::Recover(place, steps, reply) => {
                 recoveries.retain(|task: &Task<()>| !task.is_finished());

@@ -194,6 +194,7 @@ mod tests {
         assert!(task.is_finished());
         assert_eq!(time.next(), None);
     }
+
     #[test]
     fn who_rests_asks_for_no_turn_and_is_woken_with_the_first_one_that_comes() {
         let time = Rc::new(Time::default());

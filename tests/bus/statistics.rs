@@ -5,7 +5,7 @@ use std::time::Duration;
 use servocrab::{
     bus::{Answered, Expected, IoConfig, Network, NetworkError, NetworkEvent, PortErrors, Trouble},
     ds402::State,
-    link::Fate,
+    link::{Fate, Wire},
     profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
@@ -297,6 +297,42 @@ fn the_ports_tell_which_cable_damages_frames() {
     let net = rig.net.take().unwrap();
     let ports = crate::rig::turn_until(&mut rig.bus, net.port_errors()).unwrap();
     assert_eq!(ports[0].ports[1].lost_links, 1);
+    rig.net = Some(net);
+    rig.shutdown();
+}
+
+#[test]
+fn the_ports_of_a_long_line_are_asked_at_once_and_in_the_gaps() {
+    const DEVICES: u16 = 64;
+    let mut segment = Segment::new().with(personality::akd2g());
+    for _ in 1..DEVICES {
+        segment.push(personality::digital_inputs());
+    }
+    let line = Line::new(segment);
+    // A frame is away so long that nine of them, one after the other, fill a cycle: 64 of them take eight cycles.
+    let segment = std::sync::Arc::clone(&line.0);
+    let wire = Wire::in_virtual_time(MS / 10, move |frame: &mut [u8], now| {
+        segment.lock().unwrap().process(frame, now)
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    run(&mut rig, 10);
+    // A cable in the middle of the line, so that who counts what can be told from where it stands in the answer.
+    line.segment().damage_frames(40, 5);
+    run(&mut rig, 20);
+    line.segment().damage_frames(0, 0);
+    run(&mut rig, 10);
+    let before = rig.net().statistics();
+    let net = rig.net.take().unwrap();
+    let ports = crate::rig::turn_until(&mut rig.bus, net.port_errors()).unwrap();
+    let after = net.statistics();
+    assert!(after.cycles - before.cycles <= 2, "{before:?}, {after:?}");
+    assert_eq!(after.acyclic_in_cycle, before.acyclic_in_cycle);
+    assert_eq!((after.lost, after.late), (before.lost, before.late));
+    let positions: Vec<_> = ports.iter().map(|device| device.position).collect();
+    assert_eq!(positions, Vec::from_iter(0..DEVICES));
+    let damaged = ports.iter().filter(|device| device.ports[0].physical > 0);
+    let damaged: Vec<_> = damaged.map(|device| device.position).collect();
+    assert_eq!(damaged, [40]);
     rig.net = Some(net);
     rig.shutdown();
 }
