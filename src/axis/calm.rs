@@ -159,6 +159,8 @@ impl AxisCore {
         );
         let sent = self.outgoing == self.sent && self.outgoing_velocity == self.sent_velocity;
         let driving = self.power.is_driving();
+        // One that is enabled and not to be is stopped before it is switched off: whether it stands is looked at.
+        let settled = settled && (driving || sample.state() != State::OperationEnabled);
         let enabled = sample.state() == State::OperationEnabled && driving;
         let in_mode = enabled && sample.mode == self.mode;
         let calm = delivered

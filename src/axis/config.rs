@@ -142,7 +142,7 @@ impl Default for Tolerances {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Deadlines {
-    /// From `Enable` to Operation enabled.
+    /// From `Enable` to Operation enabled, with the stop of an axis that is found moving.
     pub enable: Duration,
     /// From `Disable` of a standing axis to Ready to switch on or below.
     pub disable: Duration,

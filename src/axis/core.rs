@@ -116,8 +116,8 @@ pub struct AxisCore {
 }
 
 impl AxisCore {
-    /// An axis that commands nothing until it is told to: its first words are Disable voltage, its first target is
-    /// where the drive stands.
+    /// An axis that commands nothing until it is told to: its first words are Disable voltage, or quick stop as long
+    /// as it is not known that the drive moves nothing; its first target is where the drive stands.
     #[must_use]
     pub fn new(config: AxisConfig) -> Self {
         let (config, bounds) = config.with_bounds();

@@ -65,6 +65,24 @@ impl Power {
         matches!(self, Self::Enabled)
     }
 
+    /// Whether the voltage is to be disabled, or the axis held, whoever has enabled it: no set-point of ours is followed.
+    pub(super) const fn is_leaving(&self) -> bool {
+        matches!(
+            self,
+            Self::Off
+                | Self::Ready
+                | Self::Holding
+                | Self::Disabling {
+                    goal: PowerGoal::Off,
+                    ..
+                }
+                | Self::Enabling {
+                    was_down: false,
+                    ..
+                }
+        )
+    }
+
     /// The command that leads on from `state`.
     pub(super) fn command(
         &self,
@@ -73,8 +91,13 @@ impl Power {
         standing: bool,
         traits: &Traits,
     ) -> PowerCommand {
-        if state == State::QuickStopActive && !standing {
-            // The drive stops on its ramp; disabling the voltage now would let the axis coast.
+        let may_be_driven = match state {
+            State::QuickStopActive => true,
+            State::OperationEnabled => self.is_leaving(),
+            _ => self.is_leaving() && sample.is_none(),
+        };
+        if may_be_driven && !standing {
+            // Disabling the voltage now would let the axis coast. Where it is not driven both words lead to the same.
             return PowerCommand::QuickStop;
         }
         match self {

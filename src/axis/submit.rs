@@ -109,19 +109,19 @@ impl AxisCore {
             return;
         }
         self.cancel_enabling(Failure::Disabled { state });
+        if self.begin_stop(now, Failure::Disabled { state }) {
+            self.stopping.off = true;
+            self.wait_for_stop(now, id);
+            return;
+        }
         let deadline = now + self.config.deadlines.disable;
         match self.power {
             Power::Enabled => {
-                if self.begin_stop(now, Failure::Disabled { state }) {
-                    self.stopping.off = true;
-                    self.wait_for_stop(now, id);
-                } else {
-                    self.power = Power::Disabling {
-                        id,
-                        goal: PowerGoal::Ready,
-                        deadline,
-                    };
-                }
+                self.power = Power::Disabling {
+                    id,
+                    goal: PowerGoal::Ready,
+                    deadline,
+                };
             }
             _ if is_down(state) => {
                 self.done(id, Ok(Completion::Stopped { state }));
@@ -169,11 +169,11 @@ impl AxisCore {
             return;
         }
         self.begin_halt(now);
-        if self.power.is_driving() {
+        if self.stopping.is_quick() {
+            self.wait_for_stop(now, id);
+        } else if self.power.is_driving() {
             let until = now + self.config.deadlines.standstill;
-            if self.stopping.is_quick() {
-                self.wait_for_stop(now, id);
-            } else if !self.stopping.wait(id, Wait::Halt { until }) {
+            if !self.stopping.wait(id, Wait::Halt { until }) {
                 self.done(id, Err(Failure::Busy));
             }
         } else {
@@ -276,8 +276,12 @@ impl AxisCore {
     }
 
     /// Bit 8 from the next frame on. Moves that are not sent fail as halted.
-    pub(super) fn begin_halt(&mut self, _now: Duration) {
+    pub(super) fn begin_halt(&mut self, now: Duration) {
         self.cancel_enabling(Failure::Halted);
+        if self.runs_unasked(now) {
+            self.begin_quick_stop(now);
+            return;
+        }
         if !self.power.is_driving() || self.stopping.is_quick() || self.state().is_fault() {
             return;
         }
@@ -295,6 +299,9 @@ impl AxisCore {
     /// Moves that are not sent fail as `failure`.
     pub(super) fn begin_stop(&mut self, now: Duration, failure: Failure) -> bool {
         self.cancel_enabling(failure);
+        if self.runs_unasked(now) {
+            return self.begin_quick_stop(now);
+        }
         if !self.power.is_driving() || self.state().is_fault() {
             return false;
         }
@@ -317,7 +324,7 @@ impl AxisCore {
     /// Bit 2 low from the next frame on. False when the axis is not enabled: it has nothing to stop.
     pub(super) fn begin_quick_stop(&mut self, now: Duration) -> bool {
         self.cancel_enabling(Failure::QuickStopped);
-        if !self.power.is_driving() || self.state().is_fault() {
+        if (!self.power.is_driving() && !self.runs_unasked(now)) || self.state().is_fault() {
             return false;
         }
         self.withdraw_unsent(Failure::QuickStopped);
@@ -328,6 +335,17 @@ impl AxisCore {
             };
         }
         true
+    }
+
+    /// Whether the drive moves, or holds, an axis that we have not enabled: it is stopping by quick stop. It was found so, or
+    /// somebody else has enabled it.
+    fn runs_unasked(&self, now: Duration) -> bool {
+        let powered = matches!(
+            self.state(),
+            State::OperationEnabled | State::QuickStopActive
+        );
+        matches!(self.power, Power::Off | Power::Ready | Power::Holding)
+            && (self.stopping.is_quick() || powered && !self.is_standing(now))
     }
 
     fn cancel_enabling(&mut self, failure: Failure) {

@@ -42,6 +42,14 @@ impl Line {
         })
     }
 
+    /// A wire whose clock begins where another network's has ended.
+    pub(crate) fn wire_from(&self, begin: Duration) -> Wire {
+        let segment = Arc::clone(&self.0);
+        Wire::in_virtual_time(LATENCY, move |frame: &mut [u8], now| {
+            segment.lock().unwrap().process(frame, begin + now)
+        })
+    }
+
     pub(crate) fn wire_with(&self, plan: impl FnMut(u64, &[u8]) -> Fate + Send + 'static) -> Wire {
         self.wire().with_plan(plan)
     }

@@ -13,13 +13,14 @@ use servocrab::{
     bus::Network,
     coe::obj,
     drives,
+    ds402::State,
     link::Fate,
     pdo_map::Direction,
     profile_position::{Move, ProfilePosition, SetPoint},
 };
-use servocrab_sim::{Segment, personality};
+use servocrab_sim::{Segment, ds402, personality};
 
-use crate::rig::{Line, Rig, akd2g, is_cyclic};
+use crate::rig::{Line, Rig, akd2g, is_cyclic, unhomed};
 
 const MS: Duration = Duration::from_millis(1);
 /// First data byte of a frame's first datagram.
@@ -256,4 +257,48 @@ fn a_stop_while_the_network_ends_is_in_the_next_frame() {
     );
     watched.rig.bus.run();
     assert!(poll(&mut over).is_ready());
+}
+
+#[test]
+fn an_axis_that_a_network_finds_moving_is_stopped_before_it_is_switched_off() {
+    let line = Line::new(Segment::new().with(personality::generic()));
+    let config = || unhomed(drives::generic(), &["z"]);
+    let mut killed = Rig::start(Network::builder().link(line.wire()).drive(0, config())).unwrap();
+    let motion = killed.starts_a_long_move("z");
+    let mut segment = line.segment();
+    let drive = segment.axis_mut(0, 0).unwrap();
+    // Somebody has told it to do nothing when it loses its connection; its quick stop takes half a second.
+    drive.set(0x6007, 0, 0).unwrap();
+    drive.set(0x6085, 0, 20_000).unwrap();
+    drop(segment);
+    let begin = killed.bus.now();
+    // The program ends without a word.
+    drop(killed.bus);
+    drop((motion, killed.net));
+
+    let words = Arc::new(Mutex::new(Vec::new()));
+    let (seen, watched) = (Arc::clone(&words), line.clone());
+    let wire = line.wire_from(begin).with_plan(move |_, _| {
+        let segment = watched.segment();
+        let drive = segment.axis(0, 0).unwrap();
+        seen.lock().unwrap().push((drive.state(), drive.velocity()));
+        Fate::Deliver
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, config())).unwrap();
+    rig.run_for(1_000 * MS);
+    assert_eq!(
+        rig.net().axis("z").unwrap().status().state,
+        State::SwitchOnDisabled
+    );
+    let words = words.lock().unwrap();
+    let stops = |&(state, _): &(_, f64)| state == ds402::State::QuickStopActive;
+    assert!(words.iter().any(stops), "it was stopped");
+    let coasting = words.iter().find(|(state, velocity)| {
+        *velocity != 0.0
+            && !matches!(
+                state,
+                ds402::State::OperationEnabled | ds402::State::QuickStopActive
+            )
+    });
+    assert_eq!(coasting, None);
 }

@@ -175,7 +175,8 @@ pub(super) fn drive_enables_operation() {
 pub(super) fn library_enables_operation() {
     let rig = enabled();
     assert_eq!(rig.drive.state(), State::OperationEnabled);
-    assert_eq!(rig.distinct_words(0), [0x00, 0x06, 0x07, 0x0F]);
+    // From when the state was seen.
+    assert_eq!(rig.distinct_words(1), [0x00, 0x06, 0x07, 0x0F]);
 }
 
 /// In Fault, the cause gone.
