@@ -5,6 +5,7 @@
 mod method;
 mod parameters;
 mod procedure;
+mod run;
 #[cfg(test)]
 mod tests;
 

@@ -151,6 +151,66 @@ fn bit_4_stays_high_from_the_start_until_the_homing_is_attained_and_at_rest() {
 }
 
 #[test]
+fn progress_that_the_drive_shows_before_it_has_seen_bit_4_is_not_that_of_this_homing() {
+    // It never begins, whether bit 10 comes back or not.
+    for then in [IN_PROGRESS, NOT_STARTED] {
+        let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, IN_PROGRESS);
+        homing.shows_for(3, IN_PROGRESS).shows_for(499, then);
+        let reports = homing.reports();
+        assert!(
+            matches!(
+                reports[..],
+                [Event::Done(Err(Failure::Timeout {
+                    waiting_for: WaitingFor::HomingStart,
+                    ..
+                }))]
+            ),
+            "{reports:?}"
+        );
+    }
+    // One that moves has begun, and so has one that lets bit 10 rise and fall.
+    for moves in [true, false] {
+        let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, IN_PROGRESS);
+        homing.shows_for(100, IN_PROGRESS);
+        assert!(homing.reports().is_empty());
+        if moves {
+            homing.position -= 1;
+        } else {
+            homing.shows(NOT_STARTED);
+        }
+        homing.shows(IN_PROGRESS);
+        assert_eq!(homing.reports(), [Event::Accepted]);
+        homing.position = 500;
+        homing.shows(DONE);
+        assert_eq!(homing.reports(), [homed()]);
+    }
+}
+
+#[test]
+fn what_moves_or_rises_before_the_drive_can_have_seen_bit_4_is_not_of_this_homing() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, IN_PROGRESS);
+    homing.delivered = false;
+    homing.position -= 1;
+    homing.shows_for(100, IN_PROGRESS);
+    assert!(homing.reports().is_empty());
+    homing.position = 500;
+    homing.shows_for(100, DONE);
+    assert!(homing.reports().is_empty());
+    homing.delivered = true;
+    homing.shows_for(4, DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+}
+
+#[test]
+fn a_drive_that_shows_progress_all_the_time_may_finish_before_the_axis_is_seen_to_move() {
+    for method in [HomingMethod::NEGATIVE_LIMIT, HomingMethod::CURRENT_POSITION] {
+        let mut homing = Dialogue::begin(method, IN_PROGRESS);
+        homing.shows_for(4, IN_PROGRESS).shows(DONE);
+        assert_eq!(homing.reports(), [Event::Accepted, homed()], "{method:?}");
+    }
+}
+
+#[test]
 fn what_an_earlier_homing_has_left_in_bit_12_is_not_taken_for_this_one() {
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, DONE);
     // The drive takes its time.

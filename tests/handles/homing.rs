@@ -217,6 +217,36 @@ fn a_drive_that_does_not_see_bit_4_has_not_homed_whatever_it_still_shows() {
 }
 
 #[test]
+fn a_drive_that_shows_progress_before_it_homes_has_begun_when_it_moves_and_not_before() {
+    let (mut machine, axis) = Machine::enabled_of(&variant());
+    machine.drive().disturbances().progress_before_homing = true;
+    let homing = machine.finish(axis.homing()).unwrap();
+    machine.drive().disturbances().deaf_to_bit_4 = true;
+    let error = machine.finish(homing.home(to_the_switch())).unwrap_err();
+    assert!(
+        matches!(
+            error.failure(),
+            Some(Failure::Timeout {
+                waiting_for: WaitingFor::HomingStart,
+                ..
+            })
+        ),
+        "{error}"
+    );
+    assert!(machine.drive().homings().is_empty());
+    machine.drive().disturbances().deaf_to_bit_4 = false;
+    machine.finish(axis.stop()).unwrap();
+    machine.finish(axis.enable()).unwrap();
+    for parameters in [
+        to_the_switch(),
+        HomingParameters::new(HomingMethod::CURRENT_POSITION),
+    ] {
+        machine.finish(homing.home(parameters)).unwrap();
+    }
+    assert_eq!(outcomes(&machine.drive()), [HomingOutcome::Attained; 2]);
+}
+
+#[test]
 fn the_present_position_becomes_home_without_motion_also_a_second_time() {
     for method in [HomingMethod::CURRENT_POSITION, HomingMethod(35)] {
         let (mut machine, axis) = Machine::enabled_of(&variant());

@@ -41,6 +41,8 @@ pub struct Disturbances {
     pub deaf_to_bit_4: bool,
     /// The shaft does not turn: the actual position stays. Released, the actual position is the demand again.
     pub blocked: bool,
+    /// Bit 10 of the statusword is 0 in homing mode until a homing has ended: "in progress" all the time.
+    pub progress_before_homing: bool,
     /// Bit 11 of the statusword is always 1, whatever the drive limits.
     pub always_limited: bool,
 }

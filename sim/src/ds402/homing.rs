@@ -110,6 +110,11 @@ impl Axis {
         self.homing.run.is_some()
     }
 
+    /// No homing has ended yet, and the drive shows that as one in progress.
+    pub(super) fn shows_progress_before_homing(&self) -> bool {
+        self.disturbances.progress_before_homing && self.homing.verdict == Verdict::None
+    }
+
     /// Bits 12 and 13; `stale`: what was shown before the start is still shown.
     pub(super) fn homing_bits(&self, stale: bool) -> (bool, bool) {
         let attained =

@@ -142,7 +142,7 @@ impl Axis {
             State::OperationEnabled if self.buffer.halted && controlword & 0x0100 != 0 => stands,
             State::OperationEnabled => match self.objects.value(objects::MODE_DISPLAY) {
                 PROFILE_VELOCITY => self.velocity_reached(),
-                HOMING => stands && !self.is_homing(),
+                HOMING => stands && !self.is_homing() && !self.shows_progress_before_homing(),
                 _ => self.target_reached(),
             },
             _ => false,
