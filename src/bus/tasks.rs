@@ -1,7 +1,14 @@
 //! The futures on the bus thread. Unlike a general executor, scheduling one allocates nothing: a task is queued at most
 //! once, and the queue has a place for each.
 
-use std::{cell::RefCell, future::Future, sync::Arc, task::Waker};
+use std::{
+    cell::{Cell, RefCell},
+    collections::BTreeMap,
+    future::Future,
+    rc::Rc,
+    sync::Arc,
+    task::Waker,
+};
 
 use async_task::{Runnable, Task};
 use crossbeam_queue::{ArrayQueue, SegQueue};
@@ -12,8 +19,22 @@ const PLACES: usize = 1024;
 /// Polls futures on one thread; they are woken from any.
 pub(super) struct Tasks {
     ready: Arc<Ready>,
-    /// Of all tasks that were ever begun: those that are over take no notice.
-    wakers: RefCell<Vec<Waker>>,
+    /// Of the tasks that are not over, by their numbers. A waker keeps the memory of its task.
+    wakers: Rc<RefCell<BTreeMap<u64, Waker>>>,
+    begun: Cell<u64>,
+}
+
+/// Held by a task's future: with that its waker goes.
+struct Begun {
+    number: u64,
+    wakers: Rc<RefCell<BTreeMap<u64, Waker>>>,
+}
+
+impl Drop for Begun {
+    fn drop(&mut self) {
+        let waker = self.wakers.borrow_mut().remove(&self.number);
+        drop(waker);
+    }
 }
 
 struct Ready {
@@ -29,7 +50,8 @@ impl Tasks {
                 queue: ArrayQueue::new(PLACES),
                 overflow: SegQueue::new(),
             }),
-            wakers: RefCell::default(),
+            wakers: Rc::default(),
+            begun: Cell::default(),
         }
     }
 
@@ -41,8 +63,18 @@ impl Tasks {
                 ready.overflow.push(runnable);
             }
         };
+        let number = self.begun.get();
+        self.begun.set(number.wrapping_add(1));
+        let begun = Begun {
+            number,
+            wakers: Rc::clone(&self.wakers),
+        };
+        let future = async move {
+            let _begun = begun;
+            future.await
+        };
         let (runnable, task) = async_task::spawn_local(future, schedule);
-        self.wakers.borrow_mut().push(runnable.waker());
+        self.wakers.borrow_mut().insert(number, runnable.waker());
         runnable.schedule();
         task
     }
@@ -70,7 +102,7 @@ impl Ready {
 impl Drop for Tasks {
     /// Drops all futures, on their own thread.
     fn drop(&mut self) {
-        for waker in self.wakers.get_mut().drain(..) {
+        for waker in self.wakers.take().into_values() {
             waker.wake();
         }
         while let Some(runnable) = self.ready.next() {
@@ -105,6 +137,21 @@ mod tests {
         while tasks.poll_one() {}
         assert!(other.is_finished() && !waiting.is_finished());
         assert_eq!(polls.get(), 1);
+    }
+
+    #[test]
+    fn nothing_is_kept_of_a_task_that_is_over_or_was_given_up() {
+        let tasks = Tasks::new();
+        let waiting = tasks.spawn(pending::<()>());
+        for _ in 0..100 {
+            tasks.spawn(async {}).detach();
+            drop(tasks.spawn(pending::<()>()));
+            while tasks.poll_one() {}
+        }
+        assert_eq!(tasks.wakers.borrow().len(), 1);
+        drop(waiting);
+        while tasks.poll_one() {}
+        assert_eq!(tasks.wakers.borrow().len(), 0);
     }
 
     #[test]
