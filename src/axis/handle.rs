@@ -25,6 +25,31 @@ use super::{
 /// [`keep_moving_on_drop`](Self::keep_moving_on_drop).
 ///
 /// None of its stops is a safety function in the sense of the safety standards (STO, SS1).
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// # let drive = DriveConfig::new(drives::akd2g()).axis("x").referencing("x", servocrab::axis::Referencing::AbsoluteEncoder);
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// use servocrab::profile_position::SetPoint;
+/// let x = net.axis("x")?;
+/// x.enable().await?;
+/// let profile_position = x.profile_position().await?;
+/// let motion = profile_position.move_abs(20_000, SetPoint::new().velocity(40_000)).await?;
+/// x.halt().await?; // stands, and keeps where it is going
+/// x.resume().await?;
+/// motion.done_through_halt().await?; // `done` would tell of the halt
+/// assert!((x.status().position - 20_000).abs() < 50);
+/// x.stop().await?;
+/// x.disable().await?;
+/// # net.shutdown().await;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct Axis {
     pub(crate) handles: Arc<Handles>,
@@ -117,14 +142,6 @@ impl Axis {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::ProfilePosition).await?;
         Ok(ProfilePosition::new(self.clone(), lease))
-    }
-
-    /// What stops this axis from anywhere: `Drop`, a signal, a panic hook.
-    #[must_use]
-    pub fn stop_handle(&self) -> StopHandle {
-        StopHandle {
-            shared: Arc::clone(&self.handles.shared),
-        }
     }
 
     /// Pauses by bit 8, keeping the set-point; resolves at standstill. [`resume`](Self::resume) goes on.
@@ -247,33 +264,6 @@ impl Axis {
 const ERROR_CODE_DEADLINE: Duration = Duration::from_secs(1);
 
 const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
-
-/// Stops one axis: at once, from any thread, without waiting and without failing. What it asks for is in the next
-/// process-data frame, whatever else is queued, and it wins over everything that is asked for in the same cycle. It does
-/// not count as a handle of the axis.
-///
-/// Only atomics are touched: it may be called from a signal handler. It is no safety function.
-#[derive(Debug, Clone)]
-pub struct StopHandle {
-    shared: Arc<Shared>,
-}
-
-impl StopHandle {
-    /// Pauses by bit 8, keeping the set-point.
-    pub fn halt(&self) {
-        self.shared.request_stop(StopRequest::HALT);
-    }
-
-    /// Halts, then abandons the set-point by quick stop.
-    pub fn stop(&self) {
-        self.shared.request_stop(StopRequest::STOP);
-    }
-
-    /// Quick stop (bit 2).
-    pub fn quick_stop(&self) {
-        self.shared.request_stop(StopRequest::QUICK_STOP);
-    }
-}
 
 /// All handles of an axis together; the axis is stopped when the last one goes.
 pub(crate) struct Handles {

@@ -51,6 +51,8 @@ mod slots;
 #[cfg(feature = "std")]
 mod status;
 #[cfg(feature = "std")]
+mod stop_handle;
+#[cfg(feature = "std")]
 mod together;
 #[cfg(feature = "std")]
 mod waiters;
@@ -70,7 +72,7 @@ pub use error::{AxisError, AxisErrorKind, AxisIdentity};
 #[cfg(feature = "std")]
 pub use field::{Field, OutputField};
 #[cfg(feature = "std")]
-pub use handle::{Axis, StopHandle};
+pub use handle::Axis;
 #[cfg(feature = "std")]
 pub(crate) use handle::{Handles, Lease};
 #[cfg(feature = "std")]
@@ -85,6 +87,8 @@ pub use port::AxisPort;
 pub(crate) use restart::Again;
 #[cfg(feature = "std")]
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
+#[cfg(feature = "std")]
+pub use stop_handle::StopHandle;
 #[cfg(feature = "std")]
 pub use together::{AxisSet, GroupQueue, Groups, TogetherError, together};
 #[cfg(feature = "std")]

@@ -196,6 +196,30 @@ impl Group {
 ///
 /// Dropped before the bits rose, nothing is started.
 ///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// # let drive = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// use servocrab::{axis, profile_position::SetPoint};
+/// let (x, y) = (net.axis("x")?, net.axis("y")?);
+/// x.enable().await?;
+/// y.enable().await?;
+/// let (on_x, on_y) = (x.profile_position().await?, y.profile_position().await?);
+/// let set_point = SetPoint::new().velocity(50_000);
+/// let moves = axis::together([on_x.rel(3_000, set_point), on_y.rel(1_000, set_point)]).await?;
+/// for motion in &moves {
+///     motion.done().await?;
+/// }
+/// # net.shutdown().await;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
+///
 /// # Errors
 /// [`TogetherError`] with the first reason: before the bits rose it holds no move, and nothing was sent to any drive.
 pub async fn together(

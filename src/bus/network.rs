@@ -1,18 +1,22 @@
 //! A running network, as a program holds it.
 
-use std::{fmt, sync::Arc, thread::JoinHandle, time::Duration};
+mod measured;
+mod stops;
+
+use std::{fmt, sync::Arc, thread::JoinHandle};
 
 use smol::channel::{Receiver, Sender, bounded, unbounded};
 
+pub use stops::NetworkStop;
+
 use super::{
-    BlackBox, CableLoad, DevicePlace, DevicePorts, Io, NetworkError, Recovered,
+    DevicePlace, Io, NetworkError, Recovered,
     control::{Control, NetworkEvent, Question},
     progress::Listener,
-    statistics::{DriveStatistics, Statistics, Timing},
     supervisor::{Started, StartedDrive},
 };
 use crate::{
-    axis::{Axis, AxisSource, Liveness, StopRequest, TogetherError},
+    axis::{Axis, AxisSource, TogetherError},
     coe::{Emergencies, SdoHandle},
     profile_position::{Move, MoveRequest},
 };
@@ -93,29 +97,26 @@ impl Network {
         crate::axis::together(requests).await
     }
 
-    /// Stops every axis, in the next frame.
-    pub fn stop_all(&self, stop: StopRequest) {
-        self.control.request_stop(stop);
-    }
-
-    /// Stops every axis from anywhere: signal handlers, panic hooks, other threads.
-    #[must_use]
-    pub fn stop_handle(&self) -> NetworkStop {
-        NetworkStop {
-            control: Arc::clone(&self.control),
-        }
-    }
-
-    /// Has every axis halt when the program does not feed the returned rule for this time.
-    #[must_use = "a rule that is not fed halts every axis"]
-    pub fn liveness(&self, timeout: Duration) -> Liveness {
-        let (liveness, watch) = Liveness::new(timeout);
-        self.control.add_watch(watch);
-        liveness
-    }
-
     /// SDO access to the drive at this position in the line, or at the place by which it was declared; `None` if no drive was
     /// declared there.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use servocrab::coe::obj;
+    /// let sdo = net.sdo(0).ok_or("no drive was declared there")?;
+    /// sdo.write(obj::PROFILE_VELOCITY, 50_000).await?;
+    /// assert_eq!(sdo.read(obj::PROFILE_VELOCITY).await?, 50_000);
+    /// # net.shutdown().await;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
     #[must_use]
     pub fn sdo(&self, place: impl Into<DevicePlace>) -> Option<SdoHandle> {
         self.drive(place.into()).map(|drive| drive.sdo.clone())
@@ -123,6 +124,47 @@ impl Network {
 
     /// The emergencies of the drive at this position in the line, or at the place by which it was declared, from its bring-up
     /// on; `None` if no drive was declared there. 64 of them are kept for a program that does not take them.
+    ///
+    /// They tell the cause of a fault also where its error has no code, since the drive has no 603Fh
+    /// ([`Failure::Fault`](crate::axis::Failure::Fault)). Of a drive with several axes they do not say whose fault it is.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use std::sync::{Arc, Mutex};
+    /// # let segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let segment = Arc::new(Mutex::new(segment));
+    /// # let wired = Arc::clone(&segment);
+    /// # let wire = Wire::new(move |frame, now| wired.lock().unwrap().process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use std::time::Duration;
+    /// use servocrab::{axis::Failure, coe::EmergencyReport, profile_position::SetPoint};
+    /// let emergencies = net.emergencies(0).ok_or("no drive was declared there")?;
+    /// let x = net.axis("x")?;
+    /// x.enable().await?;
+    /// let profile_position = x.profile_position().await?;
+    /// let motion = profile_position.move_rel(1_000_000, SetPoint::new().velocity(10_000)).await?;
+    /// # segment.lock().unwrap().axis_mut(0, 0).unwrap().inject_fault(0x8611);
+    /// let Err(error) = motion.done().await else { return Ok(()) };
+    /// eprintln!("{error}");
+    /// assert!(matches!(error.failure(), Some(Failure::Fault { .. })));
+    /// // Why, in the drive's own words. They may come some cycles after the fault; a drive need not have any.
+    /// let late = async {
+    ///     smol::Timer::after(Duration::from_secs(1)).await;
+    ///     None
+    /// };
+    /// let report = smol::future::or(emergencies.next(), late).await;
+    /// if let Some(EmergencyReport::Emergency(cause)) = &report {
+    ///     eprintln!("{cause}");
+    /// }
+    /// # assert_eq!(report.and_then(EmergencyReport::emergency).unwrap().emergency.code, 0x8611);
+    /// # net.shutdown().await;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
     #[must_use]
     pub fn emergencies(&self, place: impl Into<DevicePlace>) -> Option<Emergencies> {
         self.drive(place.into())
@@ -137,69 +179,33 @@ impl Network {
     }
 
     /// What happens to drives: lost, back, out of OP. Each event is seen once, whoever asks.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// let events = net.events();
+    /// // In a task of its own:
+    /// let told = async {
+    ///     while let Some(event) = events.next().await {
+    ///         eprintln!("{event}");
+    ///     }
+    /// };
+    /// # smol::future::or(told, async {}).await;
+    /// # net.shutdown().await;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
     #[must_use]
     pub fn events(&self) -> NetworkEvents {
         NetworkEvents {
             queue: self.control.events.1.clone(),
         }
-    }
-
-    /// What the bus thread has counted.
-    #[must_use]
-    pub fn statistics(&self) -> Statistics {
-        self.control.counters.read()
-    }
-
-    /// How steady the cycles were, as histograms.
-    #[must_use]
-    pub fn timing(&self) -> Timing {
-        self.control.counters.timing()
-    }
-
-    /// What the frames of each cycle take on the cable.
-    #[must_use]
-    pub fn cable_load(&self) -> CableLoad {
-        let load = self.control.counters.cable.get();
-        load.copied().unwrap_or_default()
-    }
-
-    /// What was counted of each declared drive.
-    #[must_use]
-    pub fn drive_statistics(&self) -> Vec<DriveStatistics> {
-        self.drives
-            .iter()
-            .map(|drive| {
-                let counters = self.control.counters.drive(drive.in_exchange);
-                DriveStatistics {
-                    drive: drive.sdo.drive().clone(),
-                    stale_cycles: counters.map_or(0, |counters| counters.stale.get()),
-                    undelivered_cycles: counters.map_or(0, |counters| counters.undelivered.get()),
-                }
-            })
-            .collect()
-    }
-
-    /// The last cycles of the axis with this name: words, positions, what was answered. With each fault they come by
-    /// themselves ([`NetworkEvent::Trouble`]).
-    ///
-    /// # Errors
-    /// [`NetworkError::Declaration`] if no axis has this name; [`NetworkError::Thread`] if the network has ended.
-    pub async fn black_box(&self, axis: &str) -> Result<BlackBox, NetworkError> {
-        let index = self
-            .axes
-            .iter()
-            .position(|source| source.name() == axis)
-            .ok_or_else(|| NetworkError::Declaration(format!("no axis is named `{axis}`")))?;
-        self.ask(|reply| Question::BlackBox(index, reply)).await
-    }
-
-    /// The error counters of all ports of the line, declared or not: which cable or device damages frames. They count from
-    /// when a device was switched on, so what counts is how they change.
-    ///
-    /// # Errors
-    /// [`NetworkError::Line`] if they could not be read; [`NetworkError::Thread`] if the network has ended.
-    pub async fn port_errors(&self) -> Result<Vec<DevicePorts>, NetworkError> {
-        self.ask(Question::Ports).await?.map_err(NetworkError::Line)
     }
 
     /// Leads the device at this position in the line, or at the place by which it was declared, back into OP: a drive, or a device
@@ -310,19 +316,6 @@ impl fmt::Debug for Network {
                 &self.axes.iter().map(AxisSource::name).collect::<Vec<_>>(),
             )
             .finish_non_exhaustive()
-    }
-}
-
-/// Stops every axis of a network, in the next frame. It neither blocks nor fails.
-#[derive(Debug, Clone)]
-pub struct NetworkStop {
-    control: Arc<Control>,
-}
-
-impl NetworkStop {
-    /// Stops every axis.
-    pub fn stop_all(&self, stop: StopRequest) {
-        self.control.request_stop(stop);
     }
 }
 

@@ -17,6 +17,28 @@ mod information;
 ///
 /// A caller that drops its future leaves the mailbox in order: a transfer that has not begun is withdrawn, one
 /// that has is completed by the client.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// use servocrab::coe::{SdoError, obj};
+/// let sdo = net.sdo(0).ok_or("no drive was declared there")?;
+/// sdo.write(obj::PROFILE_VELOCITY, 50_000).await?;
+/// assert_eq!(sdo.read(obj::PROFILE_VELOCITY).await?, 50_000); // typed
+/// let bytes = sdo.read_bytes(0x6081, 0).await?; // an object without a name here
+/// assert_eq!(bytes, 50_000_u32.to_le_bytes());
+/// let refused = sdo.read_bytes(0x5FFF, 0).await.unwrap_err();
+/// assert!(matches!(refused.error, SdoError::Aborted { .. }), "{refused}"); // no such object
+/// # net.shutdown().await;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct SdoHandle {
     pub(super) calls: Arc<Callers>,

@@ -14,6 +14,30 @@ use super::{
 /// The lease of an axis in Profile Position mode, from [`Axis::profile_position`].
 ///
 /// Dropping it gives the mode back and leaves the motion alone; [`release`](Self::release) ends the motion as well.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// # let drive = DriveConfig::new(drives::akd2g()).axis("x").referencing("x", servocrab::axis::Referencing::AbsoluteEncoder);
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// use servocrab::profile_position::{Outcome, SetPoint, Start};
+/// let x = net.axis("x")?;
+/// x.enable().await?;
+/// let profile_position = x.profile_position().await?;
+/// let set_point = SetPoint::new().velocity(50_000).acceleration(500_000).deceleration(500_000);
+/// let first = profile_position.move_abs(2_000, set_point).await?; // the drive has acknowledged
+/// let second = profile_position.move_abs(5_000, set_point.start(Start::Blend)).await?;
+/// assert!(matches!(first.done().await?, Outcome::Passed { .. })); // without a stop
+/// assert!(matches!(second.done().await?, Outcome::Reached { .. }));
+/// profile_position.release().await?; // for the next mode
+/// # net.shutdown().await;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct ProfilePosition {
     axis: Axis,

@@ -112,7 +112,9 @@ pub enum Failure {
     /// The drive has a fault.
     #[error("the drive has a fault: {} ({})", FaultCode(*.code), FaultText(*.code))]
     Fault {
-        /// Error code 603Fh, where it is mapped or was read; else none.
+        /// Error code 603Fh, where it is mapped or was read; else none. Of a drive that has no 603Fh the code is in its emergency
+        /// (`Network::emergencies`), and in the newest entry of its error history (1003h:1, bits 0 to 15). It is not taken from
+        /// there: an emergency does not say of which axis of its drive it is.
         code: Option<u16>,
     },
     /// The drive no longer answers, or the network is gone.
@@ -310,7 +312,10 @@ struct FaultText(Option<u16>);
 
 impl core::fmt::Display for FaultText {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(self.0.map_or("read 603Fh", describe_error_code))
+        f.write_str(self.0.map_or(
+            "read 603Fh, or see the drive's emergencies",
+            describe_error_code,
+        ))
     }
 }
 
