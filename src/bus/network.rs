@@ -98,7 +98,7 @@ impl Network {
     }
 
     /// SDO access to the drive at this position in the line, or at the place by which it was declared; `None` if no drive was
-    /// declared there.
+    /// declared there. What is mapped into the process data is not to be written by it: the next frame overwrites it.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -110,8 +110,8 @@ impl Network {
     /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
     /// use servocrab::coe::obj;
     /// let sdo = net.sdo(0).ok_or("no drive was declared there")?;
-    /// sdo.write(obj::PROFILE_VELOCITY, 50_000).await?;
-    /// assert_eq!(sdo.read(obj::PROFILE_VELOCITY).await?, 50_000);
+    /// sdo.write(obj::QUICK_STOP_DECELERATION, 150_000).await?;
+    /// assert_eq!(sdo.read(obj::QUICK_STOP_DECELERATION).await?, 150_000);
     /// # net.shutdown().await;
     /// # Ok(())
     /// # })

@@ -28,10 +28,10 @@ mod information;
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
 /// use servocrab::coe::{SdoError, obj};
 /// let sdo = net.sdo(0).ok_or("no drive was declared there")?;
-/// sdo.write(obj::PROFILE_VELOCITY, 50_000).await?;
-/// assert_eq!(sdo.read(obj::PROFILE_VELOCITY).await?, 50_000); // typed
-/// let bytes = sdo.read_bytes(0x6081, 0).await?; // an object without a name here
-/// assert_eq!(bytes, 50_000_u32.to_le_bytes());
+/// sdo.write(obj::QUICK_STOP_DECELERATION, 150_000).await?;
+/// assert_eq!(sdo.read(obj::QUICK_STOP_DECELERATION).await?, 150_000); // typed
+/// let bytes = sdo.read_bytes(0x6085, 0).await?; // an object without a name here
+/// assert_eq!(bytes, 150_000_u32.to_le_bytes());
 /// let refused = sdo.read_bytes(0x5FFF, 0).await.unwrap_err();
 /// assert!(matches!(refused.error, SdoError::Aborted { .. }), "{refused}"); // no such object
 /// # net.shutdown().await;
