@@ -12,11 +12,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use servocrab_sim::{
-    Segment,
-    link::{FRAME_CAPACITY, RawSocket},
-    personality::Servo,
-};
+use servocrab::link::{Link as _, RawSocket};
+use servocrab_sim::{Segment, link::FRAME_CAPACITY, personality::Servo};
 
 use crate::{lines, measure::say, slave};
 
