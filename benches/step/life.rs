@@ -37,13 +37,13 @@ pub(crate) const PHASES: [Phase; 6] = [
     Phase {
         name: "standing",
         cycles: 100,
-        bound: 90.0,
+        bound: 75.0,
     },
     // The same, but the position of one axis in eight dithers: it is another by an increment in each cycle.
     Phase {
         name: "some dither",
         cycles: 100,
-        bound: 146.0,
+        bound: 135.0,
     },
     // The position of each of them does.
     Phase {

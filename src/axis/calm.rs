@@ -48,12 +48,32 @@ pub(super) enum News {
 }
 
 impl AxisCore {
-    /// A step with inputs that are those of the last one: whether that is all, because no set-point is under way.
+    /// Whether a step with these inputs, which are those of the last one, does nothing but count the cycle: no set-point is under way.
     #[inline]
-    pub(super) fn stays(&mut self, inputs: &Inputs<'_>) -> bool {
-        let stays = matches!(self.calm, Calm::Standing | Calm::Following)
+    const fn stays(&self, inputs: &Inputs<'_>) -> bool {
+        matches!(self.calm, Calm::Standing | Calm::Following)
             && matches!(inputs, Inputs::Fresh(_))
-            && self.stale_cycles == 0;
+            && self.stale_cycles == 0
+    }
+
+    /// Whether moreover its port has been told of everything: such a step may be left out, if it is counted later.
+    #[cfg(feature = "std")]
+    #[inline]
+    pub(crate) fn rests_at(&self, inputs: &Inputs<'_>) -> bool {
+        self.stays(inputs) && self.news == News::Nothing
+    }
+
+    /// Counts the steps that were left out: there were so many in all.
+    #[cfg(feature = "std")]
+    #[inline]
+    pub(crate) const fn count_to(&mut self, cycles: u64) {
+        self.cycle = cycles;
+    }
+
+    /// A step with inputs that are those of the last one: whether that is all.
+    #[inline]
+    pub(super) fn step_at_rest(&mut self, inputs: &Inputs<'_>) -> bool {
+        let stays = self.stays(inputs);
         if stays {
             self.cycle = self.cycle.wrapping_add(1);
         }

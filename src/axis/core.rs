@@ -203,7 +203,7 @@ impl AxisCore {
         unchanged: bool,
         outputs: &mut [u8],
     ) -> bool {
-        if unchanged && self.stays(&inputs) {
+        if unchanged && self.step_at_rest(&inputs) {
             return false;
         }
         if let Some(changed) = self.step_calmly(now, &inputs, outputs) {

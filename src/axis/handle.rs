@@ -113,7 +113,7 @@ impl Axis {
     /// The latest snapshot.
     #[must_use]
     pub fn status(&self) -> Snapshot {
-        self.handles.shared.status.snapshot()
+        self.handles.shared.snapshot()
     }
 
     /// The next snapshot in which anything but the cycle's number and age differs. Once the network is closed it is the
@@ -129,7 +129,7 @@ impl Axis {
                     .then_some(())
             })
             .await;
-        shared.status.snapshot()
+        shared.snapshot()
     }
 
     /// Selects Profile Position and leases it. The lease ends by [`ProfilePosition::release`] or by dropping it.
@@ -344,7 +344,7 @@ impl Handles {
 
 impl Drop for Handles {
     fn drop(&mut self) {
-        let status = self.shared.status.snapshot();
+        let status = self.shared.snapshot();
         // An axis that stands without a set-point has nothing to stop; a stop that comes a cycle later would end what the
         // next handle has begun.
         let given_up = CommandId(self.given_up.load(Ordering::Acquire));

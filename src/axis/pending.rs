@@ -130,7 +130,7 @@ impl Handles {
             failure => failure,
         };
         if let Failure::Fault { code } = failure {
-            let status = self.shared.status.snapshot();
+            let status = self.shared.snapshot();
             tracing::error!(
                 axis = self.shared.identity.axis,
                 drive = %self.shared.identity.drive,

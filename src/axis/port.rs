@@ -39,7 +39,7 @@ impl AxisPort {
     pub(super) fn new(shared: Arc<Shared>) -> Self {
         Self {
             manufacturer: Controlword::empty(),
-            published: pack(&shared.status.snapshot()),
+            published: pack(&shared.snapshot()),
             changed: false,
             ended: None,
             shared,
@@ -212,7 +212,7 @@ impl AxisPort {
         let lost = Snapshot {
             answered: false,
             lost: true,
-            ..self.shared.status.snapshot()
+            ..self.shared.snapshot()
         };
         self.shared.status.publish(pack(&lost), None);
         self.shared.close();

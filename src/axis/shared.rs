@@ -103,6 +103,11 @@ impl Shared {
 
     // The handles' side.
 
+    /// The latest snapshot.
+    pub(crate) fn snapshot(&self) -> Snapshot {
+        self.status.snapshot_after(self.setup.groups.cycles())
+    }
+
     /// Asks for a stop: it is in the next frame, whatever is queued.
     pub(crate) fn request_stop(&self, stop: StopRequest) {
         let halt = stop == StopRequest::HALT;

@@ -5,7 +5,7 @@ use crate::ds402::{Controlword, Mode, State, Statusword};
 /// What is known of an axis after a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Snapshot {
-    /// How many cycles the axis has been stepped.
+    /// How many cycles there were since the first one, with and without inputs.
     pub cycle: u64,
     /// Consecutive cycles that brought no inputs; 0 when the other fields are of this cycle.
     pub age: u32,

@@ -83,8 +83,18 @@ impl StatusCell {
         latest.head[0].store(cycle, Ordering::Relaxed);
     }
 
-    /// The latest snapshot.
-    pub(crate) fn snapshot(&self) -> Snapshot {
+    /// The latest snapshot, where it is known that there were so many cycles: the axis was as it is in the last of them, or the
+    /// snapshot is of a later one.
+    pub(crate) fn snapshot_after(&self, cycles: u64) -> Snapshot {
+        let snapshot = self.snapshot();
+        Snapshot {
+            cycle: snapshot.cycle.max(cycles),
+            ..snapshot
+        }
+    }
+
+    /// The snapshot that was published last.
+    fn snapshot(&self) -> Snapshot {
         self.read(|copy| {
             unpack(
                 copy.head

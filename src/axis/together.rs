@@ -1,7 +1,7 @@
 //! Moves of several axes whose bits 4 rise in one cycle: all of them or none.
 
 use core::{
-    sync::atomic::{AtomicBool, AtomicUsize, Ordering},
+    sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
     time::Duration,
 };
 use std::sync::Arc;
@@ -39,6 +39,8 @@ struct Queues {
     asked: AtomicBool,
     /// How many futures wait for a change of any of the axes.
     watchers: AtomicUsize,
+    /// How many cycles there were, where all axes are stepped together.
+    cycles: AtomicU64,
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
@@ -71,6 +73,7 @@ impl GroupQueue {
             queues: Arc::new(Queues {
                 asked: AtomicBool::new(false),
                 watchers: AtomicUsize::new(0),
+                cycles: AtomicU64::new(0),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
             }),
@@ -87,6 +90,11 @@ impl GroupQueue {
     pub(super) fn watch(&self) -> Watch<'_> {
         self.queues.watchers.fetch_add(1, Ordering::AcqRel);
         Watch(&self.queues)
+    }
+
+    /// How many cycles there were in which all axes were stepped, or left at rest.
+    pub(super) fn cycles(&self) -> u64 {
+        self.queues.cycles.load(Ordering::Acquire)
     }
 
     /// The bus thread's end. There is to be one.
@@ -131,6 +139,11 @@ impl Groups {
     /// Whether anybody waits for a change of any of the axes, as far as [`stored`](super::stored) was called before.
     pub(crate) fn are_watched(&self) -> bool {
         self.queues.watchers.load(Ordering::Relaxed) != 0
+    }
+
+    /// Says how many cycles there were; to be called when every axis was stepped and passed on, or left at rest.
+    pub(crate) fn count_to(&self, cycles: u64) {
+        self.queues.cycles.store(cycles, Ordering::Release);
     }
 
     /// Starts the groups of which every move has what it needs, and gives up those of which one has failed.

@@ -28,6 +28,8 @@ const OWN_COMMAND: CommandId = CommandId(u32::MAX);
 pub(super) struct Axes {
     axes: Vec<RunningAxis>,
     groups: Groups,
+    /// How many there were.
+    cycles: u64,
     watches: Vec<LivenessWatch>,
     /// All axes are to be disabled with the next frame, for this reason.
     disable_asked: Option<Failure>,
@@ -88,6 +90,7 @@ impl Axes {
         let running = Self {
             axes,
             groups: queue.groups(),
+            cycles: 0,
             watches: Vec::with_capacity(8),
             journal: Journal::new(recorded.iter().map(|axis| axis.identity.clone()), log),
             recorded,
@@ -210,8 +213,12 @@ impl Stepper for Rc<RefCell<Axes>> {
         let this = &mut *self.borrow_mut();
         for (index, axis) in this.axes.iter_mut().enumerate() {
             let core = &mut axis.core;
-            let step = |inputs: Inputs<'_>, unchanged, outputs: &mut [u8]| {
-                core.step_kept(now, inputs, unchanged, outputs)
+            let step = |inputs: Inputs<'_>, unchanged: bool, outputs: &mut [u8]| {
+                if unchanged && core.rests_at(&inputs) {
+                    return None;
+                }
+                core.count_to(this.cycles);
+                Some(core.step_kept(now, inputs, unchanged, outputs))
             };
             let Some(news) = drives.step(axis.drive, step) else {
                 continue;
@@ -220,6 +227,8 @@ impl Stepper for Rc<RefCell<Axes>> {
                 this.journal.look(now, index, &snapshot);
             }
         }
+        this.cycles = this.cycles.wrapping_add(1);
+        this.groups.count_to(this.cycles);
         // Once for all of them.
         stored();
         if this.groups.are_watched() {

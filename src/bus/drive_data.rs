@@ -74,18 +74,18 @@ impl Drives {
         Some(&mut drive.outputs)
     }
 
-    /// Lets an axis core take the inputs of its drive and write the outputs, and say whether it has. Gives the inputs where
-    /// they are others than before; none if there is no such drive.
+    /// Lets an axis core take the inputs of its drive, which are the same as before or not, and write the outputs, and say whether
+    /// it has. Gives the inputs where they are others than before; none at all where the core says nothing, or there is no such drive.
     #[inline]
     pub(super) fn step(
         &mut self,
         place: usize,
-        core: impl FnOnce(Inputs<'_>, bool, &mut [u8]) -> bool,
+        core: impl FnOnce(Inputs<'_>, bool, &mut [u8]) -> Option<bool>,
     ) -> Option<Option<&[u8]>> {
         let drive = self.drives.get_mut(place)?;
         let others = drive.changed.then_some(&*drive.inputs);
         let inputs = judged(drive.answer, drive.operational, &drive.inputs);
-        if core(inputs, others.is_none(), &mut drive.outputs) {
+        if core(inputs, others.is_none(), &mut drive.outputs)? {
             drive.unpacked = true;
             self.written = true;
         }

@@ -233,7 +233,7 @@ impl<'a> Home<'a> {
             let shared = &homing.axis.handles.shared;
             Err(shared.error(AxisErrorKind::Late {
                 within: deadline,
-                statusword: shared.status.snapshot().statusword,
+                statusword: shared.snapshot().statusword,
             }))
         };
         Home {

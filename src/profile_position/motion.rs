@@ -168,7 +168,7 @@ impl<'a> Done<'a> {
             let shared = &pending.handles.shared;
             Err(shared.error(AxisErrorKind::Late {
                 within: deadline,
-                statusword: shared.status.snapshot().statusword,
+                statusword: shared.snapshot().statusword,
             }))
         };
         Done {

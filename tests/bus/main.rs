@@ -21,6 +21,7 @@ mod otherwise;
 mod parameters;
 mod recovery;
 mod refused;
+mod rest;
 mod rig;
 mod scale;
 mod scan;
