@@ -1,9 +1,12 @@
 //! A program's own units: millimetres, degrees, whatever the machine counts in.
 //!
 //! The conversion is pure: [`Scale`], made of [`Ratio`]s that are given or come from a drive's [`Factors`]. The handles
-//! [`ScaledAxis`] and [`ScaledProfilePosition`] are those of an axis with a scale in front; they add no behaviour.
+//! [`ScaledAxis`], [`ScaledProfilePosition`], [`ScaledHoming`] and [`ScaledProfileVelocity`] are those of an axis with a scale in
+//! front; they add no behaviour.
 
 mod factors;
+mod homing;
+mod jog;
 mod ratio;
 mod scale;
 
@@ -11,11 +14,21 @@ mod scale;
 mod scaled;
 #[cfg(feature = "std")]
 mod scaled_failure;
+#[cfg(feature = "std")]
+mod scaled_homing;
+#[cfg(feature = "std")]
+mod scaled_jog;
 
 pub use factors::{Edition, Factors};
+pub use homing::ScaledHomingParameters;
+pub use jog::ScaledJogSetPoint;
 pub use ratio::Ratio;
 pub use scale::{Quantity, Scale, ScaleError, ScaledSetPoint};
 #[cfg(feature = "std")]
 pub use scaled::{ScaledAxis, ScaledMove, ScaledOutcome, ScaledProfilePosition, ScaledStatus};
 #[cfg(feature = "std")]
 pub use scaled_failure::ScaledFailure;
+#[cfg(feature = "std")]
+pub use scaled_homing::{ScaledHomed, ScaledHoming};
+#[cfg(feature = "std")]
+pub use scaled_jog::{ScaledJog, ScaledProfileVelocity};

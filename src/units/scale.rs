@@ -65,14 +65,27 @@ impl Scale {
     /// # Errors
     /// [`ScaleError::NotFinite`], or [`ScaleError::OutOfRange`] where `i32` does not hold it.
     pub fn position(&self, position: f64) -> Result<i32, ScaleError> {
-        to_count(Quantity::Position, self.position, position)?
-            .and_then(|count| i32::try_from(count).ok())
-            .ok_or_else(|| ScaleError::OutOfRange {
-                quantity: Quantity::Position,
-                asked: position,
-                min: self.position_of(i32::MIN),
-                max: self.position_of(i32::MAX),
-            })
+        signed(Quantity::Position, self.position, position)
+    }
+
+    /// A home offset as 607Ch takes it.
+    ///
+    /// # Errors
+    /// As [`position`](Self::position).
+    pub fn home_offset(&self, offset: f64) -> Result<i32, ScaleError> {
+        signed(Quantity::HomeOffset, self.position, offset)
+    }
+
+    /// A velocity with a direction as 60FFh takes it.
+    ///
+    /// # Errors
+    /// [`ScaleError::NotFinite`], [`ScaleError::OutOfRange`] where `i32` does not hold it, or [`ScaleError::RoundsToZero`].
+    pub fn target_velocity(&self, velocity: f64) -> Result<i32, ScaleError> {
+        let quantity = Quantity::TargetVelocity;
+        match signed(quantity, self.velocity, velocity)? {
+            0 if velocity != 0.0 => Err(rounds_to_zero(quantity, self.velocity, velocity)),
+            counts => Ok(counts),
+        }
     }
 
     /// A velocity as 6081h takes it.
@@ -115,30 +128,38 @@ impl Scale {
     /// # Errors
     /// The first of its parameters that cannot be converted, with its object.
     pub fn set_point(&self, set_point: &ScaledSetPoint) -> Result<SetPoint, ScaleError> {
-        let convert = |quantity, ratio, value: Option<f64>| {
-            value
-                .map(|value| unsigned(quantity, ratio, value))
-                .transpose()
-        };
-        let (velocity, acceleration) = (self.velocity, self.acceleration);
         Ok(SetPoint {
             start: set_point.start,
             parameters: Parameters {
-                velocity: convert(Quantity::Velocity, velocity, set_point.velocity)?,
-                end_velocity: convert(Quantity::EndVelocity, velocity, set_point.end_velocity)?,
-                acceleration: convert(
-                    Quantity::Acceleration,
-                    acceleration,
-                    set_point.acceleration,
-                )?,
-                deceleration: convert(
-                    Quantity::Deceleration,
-                    acceleration,
-                    set_point.deceleration,
-                )?,
+                velocity: self.speed(Quantity::Velocity, set_point.velocity)?,
+                end_velocity: self.speed(Quantity::EndVelocity, set_point.end_velocity)?,
+                acceleration: self.ramp(Quantity::Acceleration, set_point.acceleration)?,
+                deceleration: self.ramp(Quantity::Deceleration, set_point.deceleration)?,
                 profile_type: set_point.profile_type,
             },
         })
+    }
+
+    /// A velocity without a direction, where there is one.
+    pub(super) fn speed(
+        &self,
+        quantity: Quantity,
+        asked: Option<f64>,
+    ) -> Result<Option<u32>, ScaleError> {
+        asked
+            .map(|asked| unsigned(quantity, self.velocity, asked))
+            .transpose()
+    }
+
+    /// An acceleration or deceleration, where there is one.
+    pub(super) fn ramp(
+        &self,
+        quantity: Quantity,
+        asked: Option<f64>,
+    ) -> Result<Option<u32>, ScaleError> {
+        asked
+            .map(|asked| unsigned(quantity, self.acceleration, asked))
+            .transpose()
     }
 }
 
@@ -237,6 +258,16 @@ pub enum Quantity {
     Acceleration,
     /// Profile deceleration 6084h.
     Deceleration,
+    /// Target velocity 60FFh: the velocity of a jog.
+    TargetVelocity,
+    /// Speed during the search for the switch 6099h:1.
+    HomingSwitchSpeed,
+    /// Speed during the search for zero 6099h:2.
+    HomingZeroSpeed,
+    /// Homing acceleration 609Ah.
+    HomingAcceleration,
+    /// Home offset 607Ch.
+    HomeOffset,
 }
 
 impl fmt::Display for Quantity {
@@ -247,6 +278,11 @@ impl fmt::Display for Quantity {
             Self::EndVelocity => "end velocity 6082h",
             Self::Acceleration => "profile acceleration 6083h",
             Self::Deceleration => "profile deceleration 6084h",
+            Self::TargetVelocity => "target velocity 60FFh",
+            Self::HomingSwitchSpeed => "homing speed 6099h:1",
+            Self::HomingZeroSpeed => "homing speed 6099h:2",
+            Self::HomingAcceleration => "homing acceleration 609Ah",
+            Self::HomeOffset => "home offset 607Ch",
         })
     }
 }
@@ -319,15 +355,29 @@ fn to_count(quantity: Quantity, ratio: Ratio, asked: f64) -> Result<Option<i64>,
     Ok(ratio.round(asked))
 }
 
+fn rounds_to_zero(quantity: Quantity, ratio: Ratio, asked: f64) -> ScaleError {
+    ScaleError::RoundsToZero {
+        quantity,
+        asked,
+        least: ratio.divide(1),
+    }
+}
+
+fn signed(quantity: Quantity, ratio: Ratio, asked: f64) -> Result<i32, ScaleError> {
+    to_count(quantity, ratio, asked)?
+        .and_then(|count| i32::try_from(count).ok())
+        .ok_or_else(|| ScaleError::OutOfRange {
+            quantity,
+            asked,
+            min: ratio.divide(i32::MIN.into()),
+            max: ratio.divide(i32::MAX.into()),
+        })
+}
+
 fn unsigned(quantity: Quantity, ratio: Ratio, asked: f64) -> Result<u32, ScaleError> {
     let counts = to_count(quantity, ratio, asked)?;
     if counts == Some(0) && asked != 0.0 {
-        let least = ratio.divide(1);
-        return Err(ScaleError::RoundsToZero {
-            quantity,
-            asked,
-            least,
-        });
+        return Err(rounds_to_zero(quantity, ratio, asked));
     }
     counts
         .and_then(|counts| u32::try_from(counts).ok())

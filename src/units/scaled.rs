@@ -1,4 +1,4 @@
-//! The handles of an axis with a scale in front: numbers are converted on the way in and on the way out, and that is all.
+//! An axis and its moves with a scale in front: numbers are converted on the way in and on the way out, and that is all.
 
 use core::time::Duration;
 
@@ -145,6 +145,14 @@ impl ScaledAxis {
             velocity: self.scale.velocity_of(snapshot.velocity),
             snapshot,
         }
+    }
+
+    /// What `converted` makes of numbers, or why not.
+    pub(super) fn convert<T>(
+        &self,
+        converted: impl FnOnce(&Scale) -> Result<T, ScaleError>,
+    ) -> Result<T, AxisError> {
+        converted(&self.scale).map_err(|error| self.axis.scale_error(error))
     }
 
     /// As [`Axis::profile_position`].

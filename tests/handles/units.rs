@@ -1,15 +1,18 @@
 //! The same handles in millimetres: numbers are converted, and nothing else is different.
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure, together},
-    coe::ObjectAddress,
-    profile_position::Start,
+    axis::{AxisErrorKind, Failure, Referencing, together},
+    coe::{ObjectAddress, obj},
+    homing::HomingMethod,
+    profile_position::{Limits, Start},
     units::{
-        Edition, Quantity, Ratio, Scale, ScaleError, ScaledMove, ScaledOutcome, ScaledSetPoint,
+        Edition, Quantity, Ratio, Scale, ScaleError, ScaledHomingParameters, ScaledJogSetPoint,
+        ScaledMove, ScaledOutcome, ScaledSetPoint,
     },
 };
+use servocrab_sim::ds402::{Behaviour, Machine as Shaft};
 
-use crate::machine::Machine;
+use crate::machine::{Machine, Variant};
 
 /// 1000 counts are 1 mm; velocities in counts/s, accelerations in hundreds of counts/s².
 fn mm() -> Scale {
@@ -144,4 +147,128 @@ fn a_number_that_cannot_be_converted_is_told_before_anything_is_written() {
         "not even a cycle was waited for"
     );
     assert_eq!(machine.stations[0].outputs, before);
+}
+
+/// 1000 counts are 1 mm; velocities in half counts/s, accelerations in hundreds of counts/s².
+fn with_factors_of_their_own() -> Scale {
+    mm().velocity_counts_per_unit(Ratio::new(500, 1).unwrap())
+}
+
+#[test]
+fn a_homing_has_its_speeds_offset_and_result_in_the_programs_units() {
+    let variant = Variant {
+        behaviour: Behaviour {
+            machine: Shaft {
+                start: 20_000,
+                negative_limit: Some(15_000),
+                ..Shaft::default()
+            },
+            ..Behaviour::akd2g()
+        },
+        referencing: Referencing::ByHoming,
+        ..Variant::default()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let x = axis.scaled(with_factors_of_their_own());
+    let homing = machine.finish(x.homing()).unwrap();
+    let parameters = ScaledHomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+        .speeds(40.0, 4.0)
+        .acceleration(20_000.04)
+        .offset(2.4996);
+
+    let refused = machine
+        .finish(homing.home(parameters.offset(-3e6)))
+        .unwrap_err();
+    assert!(
+        matches!(
+            refused.kind,
+            AxisErrorKind::Scale(ScaleError::OutOfRange {
+                quantity: Quantity::HomeOffset,
+                ..
+            })
+        ),
+        "{refused}"
+    );
+    assert!(machine.stations[0].sdo.written.lock().unwrap().is_empty());
+
+    let homed = machine.finish(homing.home(parameters)).unwrap();
+    let held = |index, subindex| machine.drive().get(index, subindex);
+    assert_eq!(held(0x6099, 1), Some(20_000));
+    assert_eq!(held(0x6099, 2), Some(2_000));
+    assert_eq!(held(0x609A, 0), Some(200_000));
+    assert_eq!(held(0x607C, 0), Some(2_500));
+    let counts = machine.drive().position();
+    assert_eq!(homed.position, counts as f64 / 1000.0);
+    assert!(x.status().snapshot.referenced);
+    let standing = machine
+        .finish(
+            homing
+                .home(ScaledHomingParameters::from(HomingMethod::NEGATIVE_LIMIT).speeds(0.0, 1.0)),
+        )
+        .unwrap_err();
+    assert!(matches!(standing.failure(), Some(Failure::Zero(_))));
+    machine.finish(homing.release()).unwrap();
+}
+
+#[test]
+fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
+    let variant = Variant {
+        mapped_too: vec![obj::TARGET_VELOCITY.into()],
+        limits: Limits {
+            max_velocity: Some(20_000),
+            ..Limits::trust_drive()
+        },
+        ..Variant::default()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let x = axis.scaled(with_factors_of_their_own());
+    let pv = machine.finish(x.profile_velocity()).unwrap();
+    let asked = ScaledJogSetPoint::new(-20.0)
+        .acceleration(50_000.0)
+        .deceleration(60_000.0);
+    let jog = machine.finish(pv.jog(asked)).unwrap();
+    machine.run(100);
+    assert_eq!(machine.drive().velocity(), -10_000.0);
+    assert_eq!(x.status().velocity, -20.0);
+    assert_eq!(machine.drive().get(0x6083, 0), Some(500_000));
+    assert_eq!(machine.drive().get(0x6084, 0), Some(600_000));
+    jog.set(3.5).unwrap();
+    machine.run(100);
+    assert_eq!(machine.drive().velocity(), 1_750.0);
+
+    // What cannot be converted, or is too fast, leaves the jog as it was.
+    let slow = jog.set(-0.0001).unwrap_err();
+    assert!(
+        matches!(
+            slow.kind,
+            AxisErrorKind::Scale(ScaleError::RoundsToZero {
+                quantity: Quantity::TargetVelocity,
+                ..
+            })
+        ),
+        "{slow}"
+    );
+    let fast = jog.set(-50.0).unwrap_err();
+    assert!(
+        matches!(fast.failure(), Some(Failure::TooFast { limit: 20_000, .. })),
+        "{fast}"
+    );
+    let text = fast.to_string();
+    assert!(
+        text.contains("the velocity 50 is above max profile velocity 607Fh, 40"),
+        "{text}"
+    );
+    machine.run(10);
+    assert_eq!(machine.drive().velocity(), 1_750.0);
+    assert_eq!(jog.ended(), None);
+    machine.finish(jog.release()).unwrap();
+    assert_eq!(machine.drive().velocity(), 0.0);
+
+    let fast = machine.finish(pv.jog(50.0)).unwrap_err().to_string();
+    assert!(fast.contains("607Fh, 40"), "{fast}");
+    let jog = machine.finish(pv.jog(1.0)).unwrap();
+    machine.finish(axis.halt()).unwrap();
+    assert_eq!(jog.ended(), Some(Failure::Halted));
+    machine.finish(axis.stop()).unwrap();
+    machine.finish(pv.release()).unwrap();
 }
