@@ -151,6 +151,19 @@ fn an_interface_that_goes_down_is_slept_over_and_received_from_when_it_is_up_aga
 }
 
 #[test]
+fn the_first_frame_is_taken_when_the_interface_is_up_again() {
+    if !inside_namespace("the_first_frame_is_taken_when_the_interface_is_up_again") {
+        return;
+    }
+    let (mut near, far) = ends();
+    run("ip", &["link", "set", "master0", "down"]);
+    near.wait(near.now() + SECOND / 50);
+    run("ip", &["link", "set", "master0", "up"]);
+    near.send(&frame(1, 60)).expect("the interface is up");
+    drop(far);
+}
+
+#[test]
 fn a_second_master_on_an_interface_is_refused_until_the_first_is_gone_whoever_it_is() {
     if !inside_namespace(
         "a_second_master_on_an_interface_is_refused_until_the_first_is_gone_whoever_it_is",

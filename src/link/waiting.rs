@@ -85,7 +85,8 @@ impl Sleeper {
         for epoll::Event { flags, data } in events.into_iter().take(count) {
             match data.u64() {
                 EVENT => self.event.clear(),
-                // The interface is down. Reading the error clears it; else no sleep would last any more.
+                // The interface is down. Reading the error clears it; else the next frame that is sent would be refused for it, when
+                // the interface is up again.
                 SOCKET if flags.contains(EventFlags::ERR) => {
                     let _ = socket_error(socket);
                 }
