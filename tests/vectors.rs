@@ -165,6 +165,7 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
             state: State::ReadyToSwitchOn,
         },
         Failure::Halted,
+        Failure::HaltIgnored,
         Failure::LocalControl,
         Failure::SwitchOnRefused {
             state: State::ReadyToSwitchOn,

@@ -149,8 +149,8 @@ impl Axis {
     /// Once asked for it is completed, also when the future is dropped.
     ///
     /// # Errors
-    /// In Fault, when a deadline passes, or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for
-    /// nevertheless.
+    /// In Fault, when the axis does not get slower ([`HaltIgnored`](super::Failure::HaltIgnored), after two tenths of a second),
+    /// when a deadline passes, or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for nevertheless.
     pub async fn halt(&self) -> Result<(), AxisError> {
         self.stop_by(Command::Halt, StopRequest::HALT).await?;
         self.trace("halted");

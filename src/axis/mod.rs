@@ -16,6 +16,7 @@ mod modes_tests;
 mod observe;
 mod power;
 mod referencing;
+mod slowing;
 mod snapshot;
 mod stopping;
 mod submit;

@@ -11,6 +11,7 @@ use super::{
     AxisCore,
     core::cycle,
     power::{Power, RESET_EDGES, RESET_PAUSE, ResetPhase},
+    slowing::Slowing,
     stopping::{Stage, Wait},
     submit::is_down,
 };
@@ -222,6 +223,7 @@ impl AxisCore {
 
     fn observe_halt(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         if !self.halted {
+            self.stopping.slowing = Slowing::default();
             // The axis left Operation enabled before it was seen to stand: its stop is over all the same.
             let state = sample.state();
             while let Some(id) = self
@@ -234,6 +236,10 @@ impl AxisCore {
         }
         if delivered && self.sent.contains(Controlword::HALT) {
             self.halt_delivered.get_or_insert(now);
+        }
+        if self.has_seen_halt(now) {
+            let slowing = &mut self.stopping.slowing;
+            slowing.observe(now, sample.position, &self.bounds);
         }
         if self.stands_halted(now, sample) {
             // Of a stop under way the halt is the first part alone: no set-point is kept, and who waits is told of the stop.
@@ -252,6 +258,13 @@ impl AxisCore {
                 self.done(id, Ok(Completion::Stopped { state }));
             }
         }
+        while self.stopping.slowing.runs_on()
+            && let Some(id) = self
+                .stopping
+                .take_waiter(|wait| matches!(wait, Wait::Halt { .. }))
+        {
+            self.done(id, Err(Failure::HaltIgnored));
+        }
         while let Some(id) = self
             .stopping
             .take_waiter(|w| matches!(w, Wait::Halt { until } if now >= until))
@@ -264,11 +277,15 @@ impl AxisCore {
     /// Whether bit 8 has brought the axis to rest: by bit 10 and the velocity, or by a position that stays, both seen
     /// only after the drive has had the time to take bit 8 in.
     pub(super) fn stands_halted(&self, now: Duration, sample: &Sample) -> bool {
-        let Some(since) = self.halt_delivered else {
-            return false;
-        };
-        let taken_in = now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle;
-        taken_in && sample.statusword.contains(Statusword::TARGET_REACHED) && self.is_standing(now)
+        self.has_seen_halt(now)
+            && sample.statusword.contains(Statusword::TARGET_REACHED)
+            && self.is_standing(now)
+    }
+
+    /// Whether the drive has had the time to take bit 8 in.
+    fn has_seen_halt(&self, now: Duration) -> bool {
+        self.halt_delivered
+            .is_some_and(|since| now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle)
     }
 
     fn observe_stop(&mut self, now: Duration, sample: &Sample) {
@@ -276,7 +293,9 @@ impl AxisCore {
         match self.stopping.stage {
             Stage::None => {}
             Stage::Halting { until } => {
-                if self.stands_halted(now, sample) || now >= until {
+                // A drive that ignores bit 8 would let the axis run on until the deadline.
+                let ignored = self.stopping.slowing.runs_on();
+                if ignored || self.stands_halted(now, sample) || now >= until {
                     self.begin_quick_stop(now);
                 }
             }

@@ -4,6 +4,8 @@ use core::time::Duration;
 
 use crate::profile_position::CommandId;
 
+use super::slowing::Slowing;
+
 /// Commands that can wait for one standstill.
 const WAITERS: usize = 8;
 
@@ -38,6 +40,8 @@ pub(super) struct Stopping {
     pub(super) off: bool,
     /// Whether those whose set-points are kept have been told that the axis stands.
     pub(super) halt_reported: bool,
+    /// What bit 8 does.
+    pub(super) slowing: Slowing,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
 }
 

@@ -10,6 +10,7 @@ use crate::{
 use super::{
     AxisCore, Command,
     power::{Power, ResetPhase},
+    slowing::Slowing,
     stopping::{Stage, Wait},
 };
 
@@ -291,6 +292,7 @@ impl AxisCore {
         if !self.halted {
             self.halted = true;
             self.halt_delivered = None;
+            self.stopping.slowing = Slowing::default();
             self.stopping.halt_reported = false;
         }
     }

@@ -100,6 +100,10 @@ pub enum Failure {
     /// The axis is halted (bit 8). Resume it, or stop it.
     #[error("the axis is halted: resume it or stop it first")]
     Halted,
+    /// The axis was told to halt (bit 8) and does not get slower: its drive ignores that, or goes on speeding up for a while. Bit 8
+    /// stays set.
+    #[error("the axis was told to halt (bit 8) and does not get slower: stop or quick_stop it")]
+    HaltIgnored,
     /// A quick stop or stop ended it; the set-point is gone.
     #[error("ended by a quick stop; the set-point is gone")]
     QuickStopped,

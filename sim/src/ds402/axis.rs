@@ -39,6 +39,8 @@ pub struct Disturbances {
     pub stale_reached_cycles: u32,
     /// Rising edges of bit 4 are not seen.
     pub deaf_to_bit_4: bool,
+    /// Bit 8 of the controlword is not seen.
+    pub deaf_to_halt: bool,
     /// The shaft does not turn: the actual position stays. Released, the actual position is the demand again.
     pub blocked: bool,
     /// Bit 10 of the statusword is 0 in homing mode until a homing has ended: "in progress" all the time.
@@ -210,7 +212,12 @@ impl Axis {
         self.follow_demand();
         self.check_following_error();
         self.check_limit_switches();
-        let controlword = self.controlword();
+        let unseen = if self.disturbances.deaf_to_halt {
+            0x0100
+        } else {
+            0
+        };
+        let controlword = self.controlword() & !unseen;
         let was_enabled = self.state == State::OperationEnabled;
         self.run_state_machine(controlword);
         let mode_became_active = self.update_mode(controlword);

@@ -1,0 +1,136 @@
+//! Whether an axis gets slower after bit 8. A drive may ignore it, and an axis that was to stop runs on.
+
+use core::time::Duration;
+
+use crate::profile_position::Bounds;
+
+/// How long each speed is measured for: long against the jitter of a cycle, short against the way to a person.
+const SPAN: Duration = Duration::from_millis(100);
+
+/// From one span to the next an axis on a ramp loses more than this part of its speed, one in so many: on a linear ramp of up to
+/// 400 s, and on a smooth one (sin²), which begins with next to nothing, of up to 14 s.
+const LEAST_PART: u128 = 4_000;
+
+/// The speed of a halted axis, by its positions, from when its drive has surely seen bit 8.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Slowing {
+    span: Option<Span>,
+    /// The way of the span before, and how long that was.
+    before: Option<(u64, Duration)>,
+    runs_on: bool,
+}
+
+/// A measurement under way.
+#[derive(Debug, Clone, Copy)]
+struct Span {
+    since: Duration,
+    position: i32,
+    way: i64,
+}
+
+impl Slowing {
+    /// Whether in the last span the axis was under way, and as fast as in the one before.
+    pub(super) const fn runs_on(&self) -> bool {
+        self.runs_on
+    }
+
+    /// Takes in one cycle.
+    pub(super) fn observe(&mut self, now: Duration, position: i32, bounds: &Bounds) {
+        let begin = Span {
+            since: now,
+            position,
+            way: 0,
+        };
+        let span = self.span.get_or_insert(begin);
+        span.way += bounds.way(span.position, position);
+        span.position = position;
+        let time = now.saturating_sub(span.since);
+        if time < SPAN {
+            return;
+        }
+        let way = span.way.unsigned_abs();
+        self.span = Some(begin);
+        self.runs_on = self.before.is_some_and(|before| {
+            way > u64::from(bounds.position) && !is_slower((way, time), before)
+        });
+        self.before = Some((way, time));
+    }
+}
+
+/// Whether the first of two ways, each in its time, was gone more slowly than the second.
+fn is_slower(this: (u64, Duration), before: (u64, Duration)) -> bool {
+    let speed = |way: u64, other: Duration| u128::from(way).saturating_mul(other.as_nanos());
+    let (this, before) = (speed(this.0, before.1), speed(before.0, this.1));
+    this.saturating_mul(LEAST_PART) < before.saturating_mul(LEAST_PART - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile_position::PositionRange;
+
+    /// Whether an axis whose position after so many milliseconds is this is found to run on, within five seconds.
+    fn runs_on(turn: Option<PositionRange>, at: impl Fn(f64) -> f64) -> Option<u32> {
+        let bounds = Bounds {
+            position: 10,
+            velocity: 0,
+            settle: Duration::from_millis(100),
+            turn,
+        };
+        let mut slowing = Slowing::default();
+        (0..5_000).find(|&cycle| {
+            let position = at(f64::from(cycle)).round() as i64;
+            let position = turn.map_or(position as i32, |turn| turn.wrap(position));
+            slowing.observe(Duration::from_millis(cycle.into()), position, &bounds);
+            slowing.runs_on()
+        })
+    }
+
+    #[test]
+    fn one_that_is_as_fast_as_before_or_faster_runs_on_after_two_spans() {
+        let turn = PositionRange { min: 0, max: 3_599 };
+        for turn in [None, Some(turn)] {
+            for speed in [-50.0, -1.0, 0.2, 7.0, 50.0] {
+                assert_eq!(runs_on(turn, |ms| speed * ms), Some(200), "{speed}");
+            }
+            assert_eq!(runs_on(turn, |ms| 0.01 * ms * ms), Some(200), "faster");
+        }
+    }
+
+    #[test]
+    fn one_on_a_ramp_does_not_run_on_however_gentle_that_is() {
+        for seconds in [0.1, 1.0, 5.0, 20.0, 60.0] {
+            // 20 counts a millisecond at first, linear.
+            let end = seconds * 1_000.0;
+            let linear = |ms: f64| {
+                let ms = ms.min(end);
+                20.0 * (ms - ms * ms / (2.0 * end))
+            };
+            assert_eq!(runs_on(None, linear), None, "{seconds} s");
+        }
+        for seconds in [0.1, 1.0, 5.0, 8.0] {
+            // The same as a sin² ramp, which begins with no deceleration at all.
+            let end = seconds * 1_000.0;
+            let smooth = |ms: f64| {
+                let ms = ms.min(end);
+                let turn = core::f64::consts::PI / end;
+                10.0 * (ms + (turn * ms).sin() / turn)
+            };
+            assert_eq!(runs_on(None, smooth), None, "{seconds} s, sin²");
+        }
+    }
+
+    #[test]
+    fn one_that_stands_or_comes_to_rest_does_not_run_on() {
+        assert_eq!(runs_on(None, |_| 5.0), None);
+        let swinging = |ms: f64| 4.0 * (ms / 30.0).sin();
+        assert_eq!(runs_on(None, swinging), None);
+    }
+
+    #[test]
+    fn one_that_gets_slower_and_then_fast_again_runs_on() {
+        // To a target, and on to the next one.
+        let way = |ms: f64| 2_000.0 * (ms / 500.0).sin() + 4.0 * ms;
+        assert!(runs_on(None, way).is_some_and(|found| found > 200));
+    }
+}
