@@ -317,9 +317,8 @@ impl AxisCore {
         }
         self.fail_resume(failure);
         self.begin_halt(now);
-        self.stopping.stage = Stage::Halting {
-            until: now + self.config.deadlines.standstill,
-        };
+        let until = now + self.config.deadlines.standstill;
+        self.stopping.enter(now, Stage::Halting { until });
         true
     }
 
@@ -332,9 +331,8 @@ impl AxisCore {
         self.withdraw_unsent(Failure::QuickStopped);
         self.fail_resume(Failure::QuickStopped);
         if !self.stopping.is_quick() {
-            self.stopping.stage = Stage::Quick {
-                until: Some(now + self.config.deadlines.standstill),
-            };
+            let until = Some(now + self.config.deadlines.standstill);
+            self.stopping.enter(now, Stage::Quick { until });
         }
         true
     }

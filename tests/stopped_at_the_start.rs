@@ -1,0 +1,65 @@
+//! A quick stop of an axis that has just set off, where its position alone tells whether it stands.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::Rig;
+use servocrab::axis::{Command, CommandId, Completion, StopRequest, Tolerances};
+use servocrab::ds402::{QuickStopOption, State};
+use servocrab::profile_position::SetPoint;
+use servocrab_sim::ds402::{self, Behaviour};
+
+/// On its way at more than 10 000 counts/s, and nearer to where it stood than its position window.
+fn just_set_off() -> Rig {
+    let behaviour = Behaviour {
+        quick_stop_option: 6,
+        ..Behaviour::akd2g()
+    };
+    let mut rig = Rig::new(behaviour, |config| {
+        config.quick_stop = QuickStopOption(6);
+        config.fields.actual_velocity = None;
+        config.tolerances = Tolerances {
+            position: 1_000,
+            ..Tolerances::default()
+        };
+    });
+    // A quick stop of a twentieth of a second.
+    rig.drive.set(0x6085, 0, 200_000).unwrap();
+    rig.enable();
+    rig.run(200);
+    let id = rig.abs(1_000_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run_until(100, |rig| rig.drive.velocity() > 10_000.0);
+    assert!(rig.drive.position() < 500);
+    rig
+}
+
+/// Runs to the end of this command, by which the axis must stand, with its power on until then.
+fn ends_at_rest(rig: &mut Rig, id: CommandId, state: State) {
+    while rig.outcome(id).is_none() {
+        rig.cycle();
+        let powered = matches!(
+            rig.drive.state(),
+            ds402::State::OperationEnabled | ds402::State::QuickStopActive
+        );
+        assert!(powered || rig.drive.velocity() == 0.0, "it coasts");
+    }
+    assert_eq!(rig.outcome(id), Some(Ok(Completion::Stopped { state })));
+    assert_eq!(rig.drive.velocity(), 0.0);
+}
+
+#[test]
+fn it_is_done_when_the_axis_stands_and_not_while_it_is_near_where_it_stood() {
+    let mut rig = just_set_off();
+    let id = rig.send(Command::QuickStop);
+    ends_at_rest(&mut rig, id, State::QuickStopActive);
+}
+
+#[test]
+fn whoever_disables_the_axis_meanwhile_lets_it_not_coast() {
+    let mut rig = just_set_off();
+    rig.stop = StopRequest::QUICK_STOP;
+    rig.cycle();
+    let id = rig.send(Command::Disable);
+    ends_at_rest(&mut rig, id, State::SwitchOnDisabled);
+}
