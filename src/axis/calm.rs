@@ -54,6 +54,8 @@ impl AxisCore {
         matches!(self.calm, Calm::Standing | Calm::Following)
             && matches!(inputs, Inputs::Fresh(_))
             && self.stale_cycles == 0
+            // Else the time alone may bring it to rest.
+            && (self.standing || self.standstill.shows_velocity())
     }
 
     /// Whether moreover its port has been told of everything: such a step may be left out, if it is counted later.
@@ -114,6 +116,7 @@ impl AxisCore {
         }
         self.standstill
             .observe(now, position, sample.velocity, &self.bounds);
+        self.standing = self.is_standing(now);
         self.cycle = self.cycle.wrapping_add(1);
         self.news = match self.news {
             News::Nothing | News::Motion => News::Motion,

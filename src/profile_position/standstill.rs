@@ -86,6 +86,11 @@ impl Standstill {
             .unwrap_or_else(|| self.steady_since(now, Duration::ZERO, bounds))
     }
 
+    /// Whether 606Ch is mapped, so that it alone says whether the axis stands.
+    pub(crate) const fn shows_velocity(&self) -> bool {
+        self.velocity_zero.is_some()
+    }
+
     /// As [`is_standing`](Self::is_standing), and a position must have stayed for the settle time after `since`.
     pub(crate) fn stands_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
         self.velocity_zero
