@@ -4,8 +4,12 @@ use core::time::Duration;
 
 use crate::profile_position::Bounds;
 
-/// How long each speed is measured for: long against the jitter of a cycle, short against the way to a person.
+/// How long each speed is measured for at least: long against the jitter of a cycle, short against the way to a person.
 const SPAN: Duration = Duration::from_millis(100);
+
+/// And until way and time have come to this, in counts times nanoseconds: then what a ramp of 40 s takes from the way of the next span is two
+/// counts, more than what is lost by counting in whole ones.
+const MEASURED: u128 = 80 * 1_000_000_000;
 
 /// From one span to the next an axis on a ramp loses more than this part of its speed, one in so many: on a linear ramp of up to
 /// 400 s, and on a smooth one (sin²), which begins with next to nothing, of up to 14 s.
@@ -45,10 +49,10 @@ impl Slowing {
         span.way += bounds.way(span.position, position);
         span.position = position;
         let time = now.saturating_sub(span.since);
-        if time < SPAN {
+        let way = span.way.unsigned_abs();
+        if time < SPAN || u128::from(way) * time.as_nanos() < MEASURED {
             return;
         }
-        let way = span.way.unsigned_abs();
         self.span = Some(begin);
         self.runs_on = self.before.is_some_and(|before| {
             way > u64::from(bounds.position) && !is_slower((way, time), before)
@@ -90,23 +94,31 @@ mod tests {
     fn one_that_is_as_fast_as_before_or_faster_runs_on_after_two_spans() {
         let turn = PositionRange { min: 0, max: 3_599 };
         for turn in [None, Some(turn)] {
-            for speed in [-50.0, -1.0, 0.2, 7.0, 50.0] {
-                assert_eq!(runs_on(turn, |ms| speed * ms), Some(200), "{speed}");
+            for (speed, found) in [
+                (-50.0, 200),
+                (12.0, 200),
+                (7.0, 214),
+                (-1.0, 566),
+                (0.2, 1_903),
+            ] {
+                assert_eq!(runs_on(turn, |ms| speed * ms), Some(found), "{speed}");
             }
-            assert_eq!(runs_on(turn, |ms| 0.01 * ms * ms), Some(200), "faster");
+            assert_eq!(runs_on(turn, |ms| 0.01 * ms * ms), Some(324), "faster");
         }
     }
 
     #[test]
     fn one_on_a_ramp_does_not_run_on_however_gentle_that_is() {
-        for seconds in [0.1, 1.0, 5.0, 20.0, 60.0] {
-            // 20 counts a millisecond at first, linear.
-            let end = seconds * 1_000.0;
-            let linear = |ms: f64| {
-                let ms = ms.min(end);
-                20.0 * (ms - ms * ms / (2.0 * end))
-            };
-            assert_eq!(runs_on(None, linear), None, "{seconds} s");
+        for seconds in [0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0] {
+            // So many counts a millisecond at first, linear.
+            for speed in [0.05, 0.2, 0.5, 1.0, 3.0, 20.0, 300.0] {
+                let end = seconds * 1_000.0;
+                let linear = |ms: f64| {
+                    let ms = ms.min(end);
+                    speed * (ms - ms * ms / (2.0 * end))
+                };
+                assert_eq!(runs_on(None, linear), None, "{speed}, {seconds} s");
+            }
         }
         for seconds in [0.1, 1.0, 5.0, 8.0] {
             // The same as a sin² ramp, which begins with no deceleration at all.

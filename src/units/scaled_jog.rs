@@ -1,6 +1,6 @@
 //! Jogs with a scale in front.
 
-use super::{ScaledAxis, ScaledJogSetPoint, scaled_failure::in_units};
+use super::{ScaleError, ScaledAxis, ScaledJogSetPoint, scaled_failure::in_units};
 use crate::{
     axis::{AxisError, Failure},
     profile_velocity::{Jog, ProfileVelocity},
@@ -102,12 +102,19 @@ impl ScaledJog {
     /// Another velocity, from the next frame on, units/s: as [`Jog::set`].
     ///
     /// # Errors
-    /// [`AxisErrorKind::Scale`](crate::axis::AxisErrorKind::Scale) for a number that cannot be converted: the jog goes on as it was. Otherwise as
-    /// [`Jog::set`].
+    /// [`AxisErrorKind::Scale`](crate::axis::AxisErrorKind::Scale) for a number that cannot be converted: the jog goes on as it was, but with
+    /// one that is less than the drive's smallest ([`ScaleError::RoundsToZero`]) it is held at 0: whoever lets it get slower and
+    /// slower comes to a stand. Otherwise as [`Jog::set`].
     pub fn set(&self, velocity: f64) -> Result<(), AxisError> {
-        let velocity = self.axis.convert(|scale| scale.target_velocity(velocity))?;
-        let set = self.inner.set(velocity);
-        set.map_err(|error| in_units(error, *self.axis.scale()))
+        let converted = self.axis.scale().target_velocity(velocity);
+        let set = |counts| {
+            let set = self.inner.set(counts);
+            set.map_err(|error| in_units(error, *self.axis.scale()))
+        };
+        if matches!(converted, Err(ScaleError::RoundsToZero { .. })) {
+            set(0)?;
+        }
+        set(self.axis.convert(|_| converted)?)
     }
 
     /// As [`Jog::ended`].

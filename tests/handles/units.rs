@@ -236,7 +236,7 @@ fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
     machine.run(100);
     assert_eq!(machine.drive().velocity(), 1_750.0);
 
-    // What cannot be converted, or is too fast, leaves the jog as it was.
+    // What cannot be converted, or is too fast, leaves the jog as it was; what is too slow stops it.
     let slow = jog.set(-0.0001).unwrap_err();
     assert!(
         matches!(
@@ -248,6 +248,11 @@ fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
         ),
         "{slow}"
     );
+    machine.run(100);
+    assert_eq!(machine.drive().velocity(), 0.0);
+    jog.set(3.5).unwrap();
+    machine.run(100);
+    assert!(jog.set(f64::NAN).is_err());
     let fast = jog.set(-50.0).unwrap_err();
     assert!(
         matches!(fast.failure(), Some(Failure::TooFast { limit: 20_000, .. })),
