@@ -80,6 +80,9 @@ fn homing(rig: &mut Rig) -> CommandId {
     id
 }
 
+/// Sets the axis in motion.
+type Begin = fn(&mut Rig) -> CommandId;
+
 fn is_quick_stop(word: u16) -> bool {
     word & 0x0006 == 0x0002
 }
@@ -97,7 +100,7 @@ fn until_quick_stop(rig: &mut Rig, cycles: usize) -> usize {
 fn a_stop_goes_on_to_its_quick_stop_as_soon_as_the_axis_is_known_to_run_on() {
     for shows_velocity in [true, false] {
         // One that has just set off is slow, and each of its speeds takes longer to measure.
-        let begun: [(fn(&mut Rig) -> CommandId, usize); 3] = [
+        let begun: [(Begin, usize); 3] = [
             (moving, NOTICED),
             (speeding_up, NOTICED + 25),
             (homing, NOTICED),
