@@ -37,7 +37,7 @@ pub(crate) const PHASES: [Phase; 6] = [
     Phase {
         name: "standing",
         cycles: 100,
-        bound: 75.0,
+        bound: 80.0,
     },
     // The same, but the position of one axis in eight dithers: it is another by an increment in each cycle.
     Phase {

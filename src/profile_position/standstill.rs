@@ -81,6 +81,7 @@ impl Standstill {
 
     /// Whether the axis stands now: by its velocity where 606Ch is mapped, else by a position that has stayed for the
     /// settle time.
+    #[inline]
     pub(crate) fn is_standing(&self, now: Duration, bounds: &Bounds) -> bool {
         self.velocity_zero
             .unwrap_or_else(|| self.steady_since(now, Duration::ZERO, bounds))
@@ -98,6 +99,7 @@ impl Standstill {
     }
 
     /// Whether the position has stayed for the settle time, all of it after `since`.
+    #[inline(never)]
     pub(crate) fn steady_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
         self.anchor
             .is_some_and(|(_, from)| now.saturating_sub(from.max(since)) >= bounds.settle)
