@@ -2,8 +2,10 @@
 //!
 //! `cargo bench --bench cycle` prints a table and writes `target/bench/cycle.json`. Each master has a veth pair of its own, all the
 //! same reflector at the other end, on another core, which looks for frames without a system call: else all times come in steps of its
-//! looks. As fast as possible (`fast`) a cycle's time is from the start of one sending to the start of the next; at 1 kHz (`1kHz`) from when
-//! the cycle was due to when it was over, lateness of waking up included. The rows `fast-simulated` are of one round against the
+//! looks. As fast as possible (`fast`) a cycle's time is from the start of one sending to the start of the next; `fast-held` is the same
+//! with every frame held at the other end for as long as a short line takes, so that each master that sleeps does sleep: without that it
+//! goes by chance whether the answer is there before. At 1 kHz (`1kHz`) it is from when the cycle was due to when it was over, lateness of
+//! waking up included. The rows `fast-simulated` are of one round against the
 //! simulated segment. The rows `first` and `second` are of two networks in one process, at 8 axes each and 1 kHz; `alone` of one of
 //! them while the other rests; processor time there is of the whole process, for each cycle of either. With numbers of axes, masters,
 //! modes or `two` as arguments only those are measured.
@@ -342,13 +344,18 @@ fn with_axes(axes: usize, [core, other]: [usize; 2], chosen: &Chosen) -> Vec<Row
     let mut measured = Vec::new();
     for _ in 0..ROUNDS {
         for (place, master) in &mut masters {
-            reflector.ask(&format!("reflect {place}"));
             for mode in chosen.modes.iter().copied() {
+                let how = if mode == Mode::Held {
+                    "hold"
+                } else {
+                    "reflect"
+                };
+                reflector.ask(&format!("{how} {place}"));
                 let cycles = match mode {
                     Mode::Paced => PACED_CYCLES,
-                    Mode::Fast | Mode::Simulated => FAST_CYCLES,
+                    Mode::Fast | Mode::Held | Mode::Simulated => FAST_CYCLES,
                 };
-                let timer = (mode == Mode::Fast).then(|| Timer::start(core));
+                let timer = (mode != Mode::Paced).then(|| Timer::start(core));
                 measured.push((*place, mode, master.measure(mode, cycles)));
                 drop(timer);
             }

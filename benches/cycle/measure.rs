@@ -3,6 +3,7 @@
 use std::{
     io::{self, BufRead, Write},
     process,
+    time::Duration,
 };
 
 use rustix::{
@@ -13,10 +14,15 @@ use rustix::{
 /// One millisecond.
 pub(crate) const PERIOD_NS: u64 = 1_000_000;
 
+/// How long the reflector holds a frame: as long as the shortest frame takes on 100 Mbit/s, and then some ten devices.
+pub(crate) const HELD_FOR: Duration = Duration::from_micros(20);
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Mode {
     /// One cycle behind the other.
     Fast,
+    /// One cycle behind the other, each frame held for [`HELD_FOR`] at the other end.
+    Held,
     /// One cycle a millisecond.
     Paced,
     /// One cycle behind the other, against the simulated segment.
@@ -25,11 +31,12 @@ pub(crate) enum Mode {
 
 impl Mode {
     /// Those that the masters take turns in.
-    pub(crate) const IN_TURNS: [Self; 2] = [Self::Fast, Self::Paced];
+    pub(crate) const IN_TURNS: [Self; 3] = [Self::Fast, Self::Held, Self::Paced];
 
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",
+            Self::Held => "fast-held",
             Self::Paced => "1kHz",
             Self::Simulated => "fast-simulated",
         }
@@ -87,7 +94,7 @@ pub(crate) fn serve(mut run: impl FnMut(Mode, usize) -> Measured) {
     for line in io::stdin().lock().lines() {
         let line = line.expect("text");
         let (mode, cycles) = line.split_once(' ').expect("a mode and a number of cycles");
-        let modes = [Mode::Fast, Mode::Paced, Mode::Simulated];
+        let modes = [Mode::Fast, Mode::Held, Mode::Paced, Mode::Simulated];
         let mode = modes.into_iter().find(|one| one.name() == mode);
         let mode = mode.expect("one of them");
         let measured = run(mode, cycles.parse().expect("a number"));
@@ -108,7 +115,7 @@ pub(crate) fn cycles(mode: Mode, count: usize, spin: bool, mut cycle: impl FnMut
     let mut times = Vec::with_capacity(count);
     let cpu = cpu_ns();
     match mode {
-        Mode::Fast | Mode::Simulated => {
+        Mode::Fast | Mode::Held | Mode::Simulated => {
             let mut start = now_ns();
             for _ in 0..count {
                 cycle();

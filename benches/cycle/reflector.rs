@@ -5,6 +5,7 @@
 //! of the data, whatever the drives.
 
 use std::{
+    collections::VecDeque,
     io::{self, BufRead},
     ops::Range,
     sync::atomic::{AtomicU32, Ordering},
@@ -15,16 +16,21 @@ use std::{
 use servocrab::link::{Link as _, RawSocket};
 use servocrab_sim::{Segment, link::FRAME_CAPACITY, personality::Servo};
 
-use crate::{lines, measure::say, slave};
+use crate::{
+    lines,
+    measure::{HELD_FOR, say},
+    slave,
+};
 
 /// Bytes of the Ethernet and the EtherCAT header.
 const HEADERS: usize = 16;
 const FPRD: u8 = 4;
 const LOGICAL: std::ops::RangeInclusive<u8> = 10..=12;
 
-/// What the main program says last: a bit for each line to be served, and whether they are simulated.
+/// What the main program says last: a bit for each line to be served, and whether they are simulated or their frames are held.
 static ORDER: AtomicU32 = AtomicU32::new(0);
 const SIMULATED: u32 = 1 << 31;
+const HELD: u32 = 1 << 30;
 
 /// A master's line.
 struct Line {
@@ -33,6 +39,13 @@ struct Line {
     /// Time stands still while the segment is not simulated, so that no watchdog expires.
     age: Duration,
     kept: Vec<Kept>,
+}
+
+/// An answer on its way.
+struct Held {
+    until: Instant,
+    place: usize,
+    frame: Vec<u8>,
 }
 
 /// The answer to a kind of frame.
@@ -66,6 +79,7 @@ pub(crate) fn reflect(axes: usize) {
     say("ready");
     let mut buffer = [0; FRAME_CAPACITY];
     let mut before = Instant::now();
+    let mut held: VecDeque<Held> = VecDeque::new();
     loop {
         let order = ORDER.load(Ordering::Relaxed);
         let now = Instant::now();
@@ -93,12 +107,26 @@ pub(crate) fn reflect(axes: usize) {
                 };
                 let frame = &mut buffer[..length];
                 let kept = &all[source_of[place]].kept;
-                if let Some(kept) = kept.iter().find(|kept| kept.is_for(frame)) {
-                    kept.put_into(frame);
+                let Some(kept) = kept.iter().find(|kept| kept.is_for(frame)) else {
+                    all[place].answer(length, &mut buffer);
+                    continue;
+                };
+                kept.put_into(frame);
+                if order & HELD == 0 {
                     let _ = all[place].socket.send(frame);
                 } else {
-                    all[place].answer(length, &mut buffer);
+                    held.push_back(Held {
+                        until: Instant::now() + HELD_FOR,
+                        place,
+                        frame: frame.to_vec(),
+                    });
                 }
+            }
+            while let Some(first) = held.front()
+                && first.until <= Instant::now()
+            {
+                let _ = all[first.place].socket.send(&first.frame);
+                held.pop_front();
             }
         }
     }
@@ -176,10 +204,13 @@ fn take_orders() {
     for line in io::stdin().lock().lines() {
         let line = line.expect("text");
         let mut words = line.split(' ');
-        let simulated = words.next() == Some("simulate");
+        let how = match words.next() {
+            Some("simulate") => SIMULATED,
+            Some("hold") => HELD,
+            _ => 0,
+        };
         let places = words.map(|place| 1 << place.parse::<u32>().expect("a number"));
-        let order = if simulated { SIMULATED } else { 0 } | places.sum::<u32>();
-        ORDER.store(order, Ordering::Relaxed);
+        ORDER.store(how | places.sum::<u32>(), Ordering::Relaxed);
         // Longer than a look at the order takes.
         thread::sleep(Duration::from_millis(5));
         say("done");
