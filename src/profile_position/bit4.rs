@@ -4,6 +4,10 @@ use core::time::Duration;
 
 use super::{CommandId, Cycle, waiting::Request};
 
+/// So many frames later, at the latest, the inputs show what the drive has seen in one: it takes outputs in at one SYNC0, works
+/// until the next, and what it has put out then is fetched by the frame after that. Assumed, no document says.
+pub(super) const SHOWN_AFTER: u8 = 3;
+
 /// Where bit 4 is.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Bit4 {
@@ -20,6 +24,8 @@ pub(super) enum Bit4 {
         delivered: Option<Duration>,
         /// Whether bit 12 has been high all the time, for a buffer that is full: no edge of it will come.
         full: bool,
+        /// Frames with inputs since the drive has surely seen it.
+        shown: u8,
     },
     /// High, and its set-point has been reported as failed already: a stop is under way.
     Abandoned,
@@ -47,6 +53,38 @@ impl Bit4 {
 
     pub(super) const fn is_low(&self) -> bool {
         matches!(self, Self::Low { .. })
+    }
+
+    /// Takes in what a cycle with inputs shows of it.
+    pub(super) fn note(&mut self, cycle: &Cycle<'_>) {
+        let (acknowledge, now) = (cycle.is_acknowledging(), cycle.now);
+        match self {
+            Self::Low {
+                delivered,
+                will_be_seen,
+            } => {
+                if cycle.delivered && delivered.is_none() {
+                    *delivered = Some(now);
+                    *will_be_seen = acknowledge;
+                }
+            }
+            Self::High {
+                sent: true,
+                delivered,
+                full,
+                shown,
+                ..
+            } => {
+                if cycle.delivered {
+                    delivered.get_or_insert(now);
+                }
+                // A place became free after all before the drive took it: its edge will come.
+                *full &= acknowledge;
+                let seen = delivered.is_some_and(|at| cycle.is_seen(at));
+                *shown = shown.saturating_add(u8::from(seen));
+            }
+            Self::High { .. } | Self::Abandoned => {}
+        }
     }
 
     /// Whether bit 12 is low and the drive has surely seen bit 4 low: by the fall of bit 12, or by its own cycle.

@@ -10,7 +10,7 @@ use crate::ds402::Controlword;
 
 use super::{
     CommandId, Cycle, Delivery, Event, Events, Failure, MoveCommand, Parameters, WaitingFor,
-    bit4::{Bit4, Raised},
+    bit4::{Bit4, Raised, SHOWN_AFTER},
     chain::{Chain, Next, Place, start_bits},
     track::Track,
     waiting::{Request, Waiting},
@@ -234,44 +234,27 @@ impl Sequencer {
     }
 
     fn follow_bit4(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
-        let acknowledge = cycle.is_acknowledging();
-        match &mut self.bit4 {
-            Bit4::Low {
-                delivered,
-                will_be_seen,
-            } => {
-                if cycle.delivered && delivered.is_none() {
-                    *delivered = Some(cycle.now);
-                    *will_be_seen = acknowledge;
-                }
+        self.bit4.note(cycle);
+        if let Bit4::High {
+            raised,
+            sent: true,
+            full,
+            shown,
+            ..
+        } = self.bit4
+        {
+            if cycle.is_acknowledging() && !full {
+                self.low();
+                self.accept(raised, true, cycle, events);
+                return true;
             }
-            Bit4::High {
-                raised,
-                sent: true,
-                delivered,
-                full,
-            } => {
-                if cycle.delivered && delivered.is_none() {
-                    *delivered = Some(cycle.now);
-                }
-                let raised = *raised;
-                if acknowledge && !*full {
-                    self.low();
-                    self.accept(raised, true, cycle, events);
-                    return true;
-                }
-                // A place became free after all before the drive took it: its edge will come.
-                *full &= acknowledge;
-                let seen = delivered.is_some_and(|at| cycle.is_seen(at));
-                if *full && seen {
-                    self.low();
-                    self.unconfirmed = Some(raised);
-                } else if cycle.is_late(raised.since) {
-                    self.low();
-                    self.give_up(raised, WaitingFor::Acknowledge, cycle, events);
-                }
+            if full && shown > SHOWN_AFTER {
+                self.low();
+                self.unconfirmed = Some(raised);
+            } else if cycle.is_late(raised.since) {
+                self.low();
+                self.give_up(raised, WaitingFor::Acknowledge, cycle, events);
             }
-            Bit4::High { .. } | Bit4::Abandoned => {}
         }
         self.follow_unconfirmed(cycle, events)
     }
@@ -382,6 +365,7 @@ impl Sequencer {
             sent: false,
             delivered: None,
             full: cycle.is_acknowledging(),
+            shown: 0,
         };
     }
 

@@ -7,7 +7,9 @@ use servocrab::axis::{
     WaitingFor,
 };
 use servocrab::ds402::QuickStopOption;
-use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint, Start};
+use servocrab::profile_position::{
+    BufferSignal, MoveCommand, Parameters, Reference, SetPoint, Start,
+};
 use servocrab_sim::ds402::{AckFault, Axis, Behaviour, Outcome, State};
 
 use super::world::{Link, World};
@@ -431,5 +433,52 @@ fn a_move_that_an_unacknowledged_one_may_have_replaced_ends_also_by_a_stop() {
     assert!(finish(&mut world, stop).is_ok());
     for id in held {
         assert_eq!(finish(&mut world, id), Err(Failure::QuickStopped));
+    }
+}
+
+/// On a drive whose inputs are three frames late, a place becomes free by itself while a replacement is on
+/// its way: that fall of bit 12 does not show that the replacement was taken.
+#[test]
+fn a_place_that_became_free_by_itself_is_no_sign_that_the_replacement_was_taken() {
+    for moment in 0..60 {
+        let behaviour = Behaviour {
+            without: &[],
+            ..Behaviour::pp2010()
+        };
+        let mut config = AxisConfig::new(World::fields(true));
+        config.referencing = Referencing::UnreferencedMovesAllowed;
+        config.traits.buffer_signal = BufferSignal::Acknowledge;
+        config.defaults = Parameters {
+            velocity: Some(50_000),
+            acceleration: Some(60_000),
+            deceleration: Some(120_000),
+            ..Parameters::default()
+        };
+        let (period, late) = (Duration::from_millis(2), 3);
+        let mut world = World::new(Axis::new(behaviour), config, period, late);
+        let id = world.submit(Command::Enable);
+        assert_eq!(finish(&mut world, id), Ok(Completion::Done));
+        let first = world.submit(to(20, Start::Immediately));
+        let second = world.submit(to(20, Start::Blend));
+        until_accepted(&mut world, first);
+        run(&mut world, moment);
+        let third = world.submit(to(47, Start::Immediately));
+        let fourth = world.submit(to(4_000, Start::AfterCurrent));
+        for id in [first, second, third, fourth] {
+            let end = finish(&mut world, id);
+            let (report, _) = world.done(id).expect("it has just ended");
+            if let Ok(Completion::Reached { position }) = end {
+                let ended = world.ledger().iter().any(|line| {
+                    line.target
+                        .is_some_and(|target| (target - i64::from(position)).abs() <= 10)
+                        && line.ended_at.is_some_and(|ended| ended <= report.now)
+                });
+                assert!(
+                    ended,
+                    "at {moment}: {id:?} at {position}: {:#?}",
+                    world.ledger()
+                );
+            }
+        }
     }
 }

@@ -230,10 +230,14 @@ pub fn stops_come_first(life: &Life) -> Result<(), String> {
             continue;
         }
         let quick = !sent.bit(2);
-        // Less than the tolerance may be left to go where the actual position lags.
+        // Less than the tolerance may be left to go where the actual position lags. What moves after the next rise of bit 4 is
+        // another motion.
         let place = frames[at - 1].position;
-        let stays = frames[at..].iter().take(10).all(|frame| {
-            frame.position.abs_diff(place) <= u64::from(world.config.tolerances.position)
+        let until_the_next = frames[at - 1..]
+            .windows(2)
+            .take_while(|pair| !pair[1].sent.bit(4) || pair[0].sent.bit(4));
+        let stays = until_the_next.take(10).all(|pair| {
+            pair[1].position.abs_diff(place) <= u64::from(world.config.tolerances.position)
         });
         let idle = (frames[at - 1].velocity == 0.0 || stays)
             && world.ledger().iter().all(|line| {
