@@ -200,3 +200,28 @@ fn a_bit_11_that_is_always_high_makes_no_target_missed() {
         }
     }
 }
+
+#[test]
+fn the_way_of_the_moves_before_does_not_lead_to_the_end_of_the_next() {
+    // The first and the second end at the limit; the third makes the drive say so of the second, too.
+    for always_limited in [true, false] {
+        let mut rig = not_enabled(AckPolicy::BufferFree, 0);
+        rig.drive.disturbances().always_limited = always_limited;
+        set_limits(&mut rig, -5_000, 5_000);
+        rig.enable();
+        let after = || SetPoint::new().start(Start::AfterCurrent);
+        let moves = [
+            rig.abs(8_000, SetPoint::new()),
+            rig.abs(5_400, after()),
+            rig.abs(-1_000, after()),
+        ];
+        let [first, second, third] = moves.map(|id| rig.finish(id));
+        for (target, outcome) in [(8_000, first), (5_400, second)] {
+            assert!(
+                matches!(outcome, Err(Failure::MissedTarget { target: of, .. }) if of == target),
+                "{target}, {always_limited}: {outcome:?}"
+            );
+        }
+        assert_eq!(third, Ok(Completion::Reached { position: -1_000 }));
+    }
+}

@@ -37,8 +37,8 @@ pub(super) struct Raised {
     pub(super) request: Request,
     /// When it rose, and when it was sent.
     pub(super) since: Duration,
-    /// Where the axis was when it rose, and where the set-point ends, judged then.
-    pub(super) position: i32,
+    /// Where the set-point begins and where it ends, judged when it rose.
+    pub(super) begin: i32,
     pub(super) end: Option<i32>,
     /// Whether it begins at rest.
     pub(super) from_rest: bool,

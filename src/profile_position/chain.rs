@@ -276,6 +276,17 @@ impl Chain {
         }
     }
 
+    /// Where a move begins: behind another at the end of that, where it is known; else where the axis is.
+    pub(super) fn begin_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> i32 {
+        let behind = match command.set_point.start {
+            Start::AfterCurrent | Start::Blend => self.held.iter().flatten().last(),
+            Start::Immediately => None,
+        };
+        behind
+            .and_then(|before| before.end)
+            .unwrap_or(cycle.sample.position)
+    }
+
     /// Where a move will end, where the documents and the position tell.
     pub(super) fn end_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         match command.reference {

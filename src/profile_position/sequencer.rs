@@ -358,7 +358,7 @@ impl Sequencer {
             raised: Raised {
                 request,
                 since: cycle.now,
-                position: cycle.sample.position,
+                begin: self.chain.begin_of(&request.command, cycle),
                 end: self.chain.end_of(&request.command, cycle),
                 from_rest: self.chain.begins_at_rest(&request.command, cycle),
             },

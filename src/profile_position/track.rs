@@ -64,7 +64,7 @@ impl Track {
     pub(super) fn new(raised: &Raised, confirmed: bool, cycle: &Cycle<'_>) -> Self {
         let &Raised {
             request: Request { id, command, .. },
-            position,
+            begin,
             end,
             from_rest,
             ..
@@ -90,12 +90,12 @@ impl Track {
             crossed: false,
             remaining: 0,
             approaching: false,
-            before: position,
+            before: begin,
             fastest: 0,
             near: false,
             resumed: false,
         };
-        track.becomes_active(cycle.now, position, cycle.bounds);
+        track.becomes_active(cycle.now, begin, cycle.bounds);
         track
     }
 
@@ -116,6 +116,7 @@ impl Track {
         self.unlimited = false;
         self.near = false;
         self.fastest = 0;
+        self.before = position;
         self.turn(position, bounds);
     }
 

@@ -482,3 +482,34 @@ fn a_place_that_became_free_by_itself_is_no_sign_that_the_replacement_was_taken(
         }
     }
 }
+
+/// Its frames do not reach the drive until the move before has ended. Where the axis was when bit 4 rose does not say on which side of its
+/// end it begins.
+#[test]
+fn a_move_that_is_taken_after_the_one_before_has_ended_is_not_passed_on_its_way() {
+    let mut world = world(Behaviour::akd2g());
+    let first = world.submit(to(3_200, Start::Immediately));
+    until_accepted(&mut world, first);
+    while world.drive.position() < 3_075 {
+        run(&mut world, 1);
+    }
+    let second = world.submit(to(3_130, Start::AfterCurrent));
+    run(&mut world, 1);
+    while world.done(first).is_none() {
+        world.cycle(StopRequest::empty(), false, Link::Undelivered);
+    }
+    until_accepted(&mut world, second);
+    let third = world.submit(to(1_000, Start::Blend));
+    assert!(matches!(
+        finish(&mut world, second),
+        Ok(Completion::Passed { .. })
+    ));
+    let (report, _) = world.done(second).expect("it has just ended");
+    let line = &world.ledger()[1];
+    assert!(
+        line.ended_at.is_some_and(|ended| ended <= report.now),
+        "told at {:?}: {line:?}",
+        report.now
+    );
+    assert!(finish(&mut world, third).is_ok());
+}
