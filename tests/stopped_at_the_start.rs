@@ -9,8 +9,8 @@ use servocrab::ds402::{QuickStopOption, State};
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{self, Behaviour};
 
-/// On its way at more than 10 000 counts/s, and nearer to where it stood than its position window.
-fn just_set_off() -> Rig {
+/// Enabled, and at rest for longer than its settle time.
+fn at_rest() -> Rig {
     let behaviour = Behaviour {
         quick_stop_option: 6,
         ..Behaviour::akd2g()
@@ -23,13 +23,19 @@ fn just_set_off() -> Rig {
             ..Tolerances::default()
         };
     });
-    // A quick stop of a twentieth of a second.
+    // A quick stop of a fortieth of a second.
     rig.drive.set(0x6085, 0, 200_000).unwrap();
     rig.enable();
     rig.run(200);
-    let id = rig.abs(1_000_000, SetPoint::new());
+    rig
+}
+
+/// On its way at 5000 counts/s, for longer than its settle time, and nearer to where it stood than its position window.
+fn just_set_off() -> Rig {
+    let mut rig = at_rest();
+    let id = rig.abs(1_000_000, SetPoint::new().acceleration(40_000));
     rig.wait_accepted(id);
-    rig.run_until(100, |rig| rig.drive.velocity() > 10_000.0);
+    rig.run_until(200, |rig| rig.drive.velocity() > 5_000.0);
     assert!(rig.drive.position() < 500);
     rig
 }
@@ -62,4 +68,46 @@ fn whoever_disables_the_axis_meanwhile_lets_it_not_coast() {
     rig.cycle();
     let id = rig.send(Command::Disable);
     ends_at_rest(&mut rig, id, State::SwitchOnDisabled);
+}
+
+/// The drive itself goes into Quick stop active.
+#[test]
+fn a_drive_that_stops_by_itself_keeps_its_power_until_the_axis_stands() {
+    for command in [Command::Disable, Command::Enable, Command::Stop] {
+        let mut rig = just_set_off();
+        rig.drive.set(0x6007, 0, 3).unwrap();
+        rig.drive.connection_lost();
+        rig.drive.connection_restored();
+        rig.run_until(10, |rig| {
+            rig.core.snapshot().state == State::QuickStopActive
+        });
+        let id = rig.send(command);
+        while rig.outcome(id).is_none() {
+            rig.cycle();
+            let powered = rig.drive.state() == ds402::State::QuickStopActive;
+            assert!(
+                powered || rig.drive.velocity() == 0.0,
+                "{command:?}: it coasts"
+            );
+        }
+        assert_eq!(rig.drive.velocity(), 0.0, "{command:?}");
+    }
+}
+
+/// The drive shows the bit 10 of the move before for some cycles more.
+#[test]
+fn a_halt_is_done_when_the_axis_stands() {
+    let mut rig = at_rest();
+    let first = rig.abs(100_000, SetPoint::new());
+    assert!(rig.finish(first).is_ok());
+    rig.run(200);
+    rig.drive.disturbances().stale_reached_cycles = 40;
+    let second = rig.abs(0, SetPoint::new());
+    rig.wait_accepted(second);
+    rig.run_until(100, |rig| rig.drive.velocity() < -10_000.0);
+    let halt = rig.send(Command::Halt);
+    while rig.outcome(halt).is_none() {
+        rig.cycle();
+    }
+    assert_eq!(rig.drive.velocity(), 0.0);
 }

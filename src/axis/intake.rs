@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::State,
+    ds402::{Controlword, State},
     profile_position::{Delivery, Failure},
 };
 
@@ -13,6 +13,9 @@ impl AxisCore {
     /// Takes in what a cycle brought. Whether the outputs are known to have been delivered.
     pub(super) fn take_in(&mut self, now: Duration, inputs: Inputs<'_>) -> bool {
         self.cycle = self.cycle.wrapping_add(1);
+        if self.sets_off() {
+            self.standstill.begin_anew();
+        }
         self.sent = self.outgoing;
         self.sent_velocity = self.outgoing_velocity;
         self.stop_unsent = false;
@@ -47,6 +50,9 @@ impl AxisCore {
         }
         self.observe_quiet(now, delivered);
         if let Some(sample) = sample {
+            if sample.state() == State::QuickStopActive && self.state() != sample.state() {
+                self.standstill.begin_anew();
+            }
             self.sample = Some(sample);
             self.standstill
                 .observe(now, sample.position, sample.velocity, &self.bounds);
@@ -61,6 +67,15 @@ impl AxisCore {
             self.lose(now);
         }
         delivered
+    }
+
+    /// Whether a motion may begin with the outputs composed last.
+    fn sets_off(&self) -> bool {
+        let rises = self.outgoing.difference(self.sent);
+        let falls = self.sent.difference(self.outgoing);
+        rises.contains(Controlword::NEW_SET_POINT)
+            || falls.contains(Controlword::HALT)
+            || (self.sent_velocity == 0 && self.outgoing_velocity != 0)
     }
 
     /// The drive does not answer: everything ends, and what still reaches it is a quick stop.

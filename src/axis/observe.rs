@@ -304,7 +304,7 @@ impl AxisCore {
                 let late = until.is_none_or(|until| now >= until);
                 let holds = state == State::QuickStopActive
                     && (self.config.quick_stop.stays_in_quick_stop_active() || late)
-                    && self.has_stopped(now);
+                    && self.is_standing(now);
                 if holds || matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled) {
                     self.finish_quick_stop(now, state);
                 } else if until.is_some_and(|until| now >= until) {
@@ -328,13 +328,6 @@ impl AxisCore {
                 }
             }
         }
-    }
-
-    /// Whether the axis stands, and has since the stop began where its position tells: one that has just set off is still
-    /// where it stood before.
-    fn has_stopped(&self, now: Duration) -> bool {
-        let since = self.stopping.since();
-        self.standstill.stands_since(now, since, &self.bounds)
     }
 
     fn finish_quick_stop(&mut self, now: Duration, state: State) {

@@ -36,8 +36,6 @@ pub(super) enum Wait {
 #[derive(Debug, Default)]
 pub(super) struct Stopping {
     pub(super) stage: Stage,
-    /// When it began.
-    since: Duration,
     /// Whether the axis is to be disabled at the end.
     pub(super) off: bool,
     /// Whether those whose set-points are kept have been told that the axis stands.
@@ -54,19 +52,6 @@ impl Stopping {
 
     pub(super) const fn is_active(&self) -> bool {
         !matches!(self.stage, Stage::None)
-    }
-
-    /// Goes on to this stage, or begins with it.
-    pub(super) const fn enter(&mut self, now: Duration, stage: Stage) {
-        if !self.is_active() {
-            self.since = now;
-        }
-        self.stage = stage;
-    }
-
-    /// When the stop under way began.
-    pub(super) const fn since(&self) -> Duration {
-        self.since
     }
 
     /// Somebody new waits for a quick stop whose deadline has passed: it gets a deadline again.

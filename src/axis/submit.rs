@@ -318,7 +318,7 @@ impl AxisCore {
         self.fail_resume(failure);
         self.begin_halt(now);
         let until = now + self.config.deadlines.standstill;
-        self.stopping.enter(now, Stage::Halting { until });
+        self.stopping.stage = Stage::Halting { until };
         true
     }
 
@@ -332,7 +332,7 @@ impl AxisCore {
         self.fail_resume(Failure::QuickStopped);
         if !self.stopping.is_quick() {
             let until = Some(now + self.config.deadlines.standstill);
-            self.stopping.enter(now, Stage::Quick { until });
+            self.stopping.stage = Stage::Quick { until };
         }
         true
     }

@@ -79,12 +79,17 @@ impl Standstill {
         }
     }
 
+    /// The position is measured anew from the next cycle on: where the axis sets off, and where its drive stops it, the time for
+    /// which it had stayed before says nothing.
+    pub(crate) const fn begin_anew(&mut self) {
+        self.anchor = None;
+    }
+
     /// Whether the axis stands now: by its velocity where 606Ch is mapped, else by a position that has stayed for the
     /// settle time.
     #[inline]
     pub(crate) fn is_standing(&self, now: Duration, bounds: &Bounds) -> bool {
-        self.velocity_zero
-            .unwrap_or_else(|| self.steady_since(now, Duration::ZERO, bounds))
+        self.stands_since(now, Duration::ZERO, bounds)
     }
 
     /// Whether 606Ch is mapped, so that it alone says whether the axis stands.
@@ -93,6 +98,7 @@ impl Standstill {
     }
 
     /// As [`is_standing`](Self::is_standing), and a position must have stayed for the settle time after `since`.
+    #[inline]
     pub(crate) fn stands_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
         self.velocity_zero
             .unwrap_or_else(|| self.steady_since(now, since, bounds))
