@@ -20,7 +20,7 @@ use super::error::{DriveId, SdoStep, Transfer, Unsupported};
 use super::error_texts::ErrorTexts;
 use super::handle::SdoHandle;
 use super::mail_signal::MailSignal;
-use super::mailbox::{Counter, MailboxError, SHORTEST_MAILBOX, sdo_mail};
+use super::mailbox::{MailboxError, SHORTEST_MAILBOX, sdo_mail};
 use super::sdo::{SdoFault, Step, abort_request};
 use super::transport::{LinkFault, MailboxTransport};
 
@@ -28,6 +28,7 @@ use super::transport::{LinkFault, MailboxTransport};
 mod tests;
 
 mod access;
+mod counters;
 mod dialogue;
 mod doubt;
 mod late;
@@ -36,6 +37,7 @@ mod pace;
 mod reading;
 mod settings;
 
+use counters::Counters;
 pub(super) use dialogue::{Dialogue, Failure};
 use doubt::{Doubt, LOOKED_FOR, Settled};
 use late::MOST_OWED;
@@ -70,7 +72,7 @@ pub struct MailboxClient<T, C> {
     /// Who takes what is to be logged; nobody: then it is written at once.
     notes: Option<Notes>,
     signal: MailSignal,
-    counter: Counter,
+    counters: Counters,
     /// The mail that is being sent.
     request: Vec<u8>,
     /// What was read, as long as the mailbox.
@@ -132,7 +134,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             texts: Arc::default(),
             notes: None,
             signal: MailSignal::default(),
-            counter: Counter::FIRST,
+            counters: Counters::default(),
             request: Vec::with_capacity(settings.write_length.max(SHORTEST_MAILBOX)),
             reply: vec![0; read_length],
             last: Vec::with_capacity(read_length),
@@ -262,11 +264,11 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     {
                         // A courtesy, so that the device drops its half of the transfer; without reply.
                         let abort = abort_request(transfer.object, code);
-                        let counter = self.next_counter();
+                        let counter = self.counters.next();
                         sdo_mail(&mut self.request, counter, |mail| {
                             mail.extend_from_slice(&abort);
                         });
-                        let _ = self.access(self.transport.write_mail(&self.request)).await;
+                        let _ = self.send().await;
                     }
                     return Err(failure);
                 }
@@ -289,7 +291,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         // Further fragments of an answer come unasked.
         let mut sent = dialogue.waits_for() == SdoStep::Fragment;
         if !sent {
-            let counter = self.next_counter();
+            let counter = self.counters.next();
             dialogue.compose(&mut self.request, counter);
             self.note(MailEvent::Request(transfer, Excerpt::of(&self.request)));
         }
@@ -297,7 +299,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         let mut perhaps_read = false;
         loop {
             if !sent && doubtful_from.is_none() {
-                match self.access(self.transport.write_mail(&self.request)).await {
+                match self.send().await {
                     // A quick device has answered by now: its mail is read without a look at the state before.
                     Ok(true) if self.pace.is_quick() => {
                         sent = true;
@@ -357,6 +359,28 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
+    /// Puts the mail that is due into the device's mailbox; `false` if that is full.
+    async fn send(&mut self) -> Result<bool, LinkFault> {
+        self.forget_the_session_before();
+        let sent = self.access(self.transport.write_mail(&self.request)).await;
+        match sent {
+            Ok(true) => self.counters.taken(),
+            Ok(false) => {}
+            Err(_) => self.counters.perhaps_taken(),
+        }
+        sent
+    }
+
+    /// Whether the device has been in INIT: what it said before says nothing about what it says now.
+    fn forget_the_session_before(&mut self) {
+        if self.signal.has_begun_anew() {
+            self.repeated = false;
+            self.last.clear();
+            self.owed.clear();
+            self.sent_again = false;
+        }
+    }
+
     fn note(&self, event: MailEvent) {
         let drive = Arc::clone(&self.drive);
         let note = MailNote { drive, event };
@@ -364,11 +388,5 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             Some(notes) => notes(self.clock.now(), note),
             None => note.write(self.clock.now()),
         }
-    }
-
-    fn next_counter(&mut self) -> Counter {
-        let counter = self.counter;
-        self.counter = counter.next();
-        counter
     }
 }

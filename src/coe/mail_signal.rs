@@ -3,7 +3,7 @@
 use alloc::sync::Arc;
 use core::{
     future::poll_fn,
-    sync::atomic::{AtomicU8, Ordering},
+    sync::atomic::{AtomicBool, AtomicU8, Ordering},
     task::Poll,
 };
 
@@ -26,6 +26,8 @@ pub(crate) struct MailSignal(Arc<Signal>);
 #[derive(Debug, Default)]
 struct Signal {
     seen: AtomicU8,
+    /// The device has been in INIT since the client was at its mailbox.
+    begins_anew: AtomicBool,
     client: AtomicWaker,
 }
 
@@ -43,6 +45,16 @@ impl MailSignal {
     pub(crate) fn end(&self) {
         self.0.seen.store(UNWATCHED, Ordering::Release);
         self.0.client.wake();
+    }
+
+    /// The device is in INIT: what it was to answer it has forgotten, and it counts its mails from the beginning.
+    pub(crate) fn begin_anew(&self) {
+        self.0.begins_anew.store(true, Ordering::Release);
+    }
+
+    /// Whether it began anew since this was asked last.
+    pub(super) fn has_begun_anew(&self) -> bool {
+        self.0.begins_anew.swap(false, Ordering::AcqRel)
     }
 
     pub(super) fn is_watched(&self) -> bool {

@@ -103,6 +103,8 @@ pub(crate) struct State {
     pub(crate) takes_from: Duration,
     /// A request with the counter of the one before is served like any other.
     pub(crate) ignores_counter: bool,
+    /// It is cut off: frames come back, and it has not answered them.
+    pub(crate) absent: bool,
     request: Option<Vec<u8>>,
     last_counter: u8,
     reply_counter: u8,
@@ -205,6 +207,9 @@ impl Device {
         let fault = {
             let mut state = self.0.borrow_mut();
             state.accesses += 1;
+            if state.absent {
+                return Err(LinkFault::NotAnswered);
+            }
             state.faults.pop_front().flatten()
         };
         if fault == Some(Fault::LostBefore) {
@@ -223,11 +228,17 @@ impl Device {
 impl MailboxTransport for Device {
     async fn write_mail(&self, mail: &[u8]) -> Result<bool, LinkFault> {
         assert!(mail.len() <= MAILBOX);
-        self.access(|state| state.accept(mail)).await
+        match self.access(|state| state.accept(mail)).await {
+            Err(LinkFault::NotAnswered) => Ok(false),
+            taken => taken,
+        }
     }
 
     async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
-        let read = self.access(State::fetch).await?;
+        let read = match self.access(State::fetch).await {
+            Err(LinkFault::NotAnswered) => None,
+            read => read?,
+        };
         for (to, from) in mail.iter_mut().zip(read.iter().flatten()) {
             *to = *from;
         }
@@ -261,6 +272,7 @@ impl State {
             flood: None,
             takes_from: Duration::ZERO,
             ignores_counter: false,
+            absent: false,
             request: None,
             last_counter: 0,
             reply_counter: 0,
@@ -270,6 +282,16 @@ impl State {
             upload: Vec::new(),
             download: (0, 0, 0, Vec::new()),
         }
+    }
+
+    /// It has been in INIT: its mailbox is empty, and counts begin again.
+    pub(crate) fn begin_anew(&mut self) {
+        self.request = None;
+        self.last_counter = 0;
+        self.reply_counter = 0;
+        self.outbox.clear();
+        self.last_read = None;
+        self.repeat = false;
     }
 
     fn accept(&mut self, mail: &[u8]) -> bool {

@@ -13,7 +13,7 @@ use super::super::{
     packing::Member,
 };
 use crate::{
-    coe::{DriveId, SdoHandle},
+    coe::{DriveId, MailSignal, SdoHandle},
     parameters::StartUpList,
     pdo_map::Layout,
 };
@@ -93,6 +93,15 @@ impl Device {
             return Err(self.fault((BringUpStep::Clock, DriveFault::ClockOfRunningLine)));
         }
         Ok(())
+    }
+
+    /// What its mailbox client is told by, if it has one.
+    pub(super) fn mail(&self) -> Option<&MailSignal> {
+        let mailbox = match &self.set_up {
+            SetUp::Drive(set_up) => set_up.0.mailbox.as_ref(),
+            SetUp::Io(io) => io.mailbox.as_ref(),
+        };
+        mailbox.map(|mailbox| &mailbox.signal)
     }
 
     /// The error of a step, with the device.

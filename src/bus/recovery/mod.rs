@@ -182,6 +182,9 @@ impl Recovery {
         discovery::set_back(registers, *station)
             .await
             .map_err(|error| device.fault((init, error.into())))?;
+        if let Some(mail) = device.mail() {
+            mail.begin_anew();
+        }
         let there = discovery::find(registers.clone(), id.position, *station).await?;
         if there.id.identity == id.identity {
             return Ok(());

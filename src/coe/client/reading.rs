@@ -18,6 +18,7 @@ use crate::coe::{
 impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Reads away what waits while nothing was asked for.
     pub(super) async fn collect(&mut self, mut mail_waits: bool) {
+        self.forget_the_session_before();
         for _ in 0..MAILS_AT_ONCE {
             let found = if core::mem::take(&mut mail_waits) {
                 self.read_waiting().await

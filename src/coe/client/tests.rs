@@ -46,6 +46,37 @@ fn typed_values_are_read_and_written() {
 }
 
 #[test]
+fn however_many_requests_did_not_reach_the_device_the_next_one_is_not_taken_for_its_last() {
+    for missed in 0..16 {
+        let (rig, device, handle, _) = device_with_statusword();
+        assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+        device.0.borrow_mut().absent = true;
+        for _ in 0..missed {
+            assert!(read_statusword(&rig, &handle).is_err());
+        }
+        device.0.borrow_mut().absent = false;
+        assert_eq!(read_statusword(&rig, &handle), Ok(0x1637), "{missed}");
+    }
+}
+
+#[test]
+fn the_first_answer_of_a_device_that_began_anew_is_not_taken_for_a_repeated_one() {
+    let (rig, device, handle, _) = device_with_statusword();
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    // Nobody knows whether it saw that its mail was asked for again.
+    let lost = Some(Fault::LostBefore);
+    let faults = [None, lost, None, lost, lost, lost, lost];
+    device.0.borrow_mut().faults = faults.into();
+    let other = handle.clone();
+    let read = async move { other.read(obj::PROFILE_VELOCITY).await };
+    assert!(rig.run(read).is_err());
+    device.0.borrow_mut().begin_anew();
+    rig.signal.begin_anew();
+    // The same bytes as its first answer of all.
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+}
+
+#[test]
 fn an_object_of_another_width_is_an_error_and_no_number() {
     let (rig, device, handle, _) = rig();
     device.set(0x6041, 0, &[1, 2, 3, 4]);
