@@ -1,0 +1,79 @@
+//! Whole lines, from INIT to INIT, on a cable and with devices that do whatever a bad cable and bad devices can: searched by
+//! random lives in virtual time for anything that hangs, panics, moves unasked, is taken for something else, or stays broken.
+//!
+//! `LINE_SEED=n` lives one life only, `LINE_LIVES=n` changes how many are lived, `LINE_FROM=n` with which of the new seeds it
+//! begins. `LINE_LOG=1` shows all that the library logs.
+#![cfg(feature = "std")]
+#![allow(missing_docs, unreachable_pub)]
+
+mod cable;
+mod clerks;
+mod judge;
+mod life;
+mod line;
+mod mails;
+mod program;
+mod random;
+mod tasks;
+mod trouble;
+
+use std::collections::BTreeMap;
+
+/// New lives of each run.
+const LIVES: u64 = 80;
+
+/// Seeds that once failed come first.
+const KEPT: &str = include_str!("seeds.txt");
+
+#[test]
+fn whatever_happens_on_the_line_nothing_hangs_moves_unasked_or_stays_broken() {
+    let only = number("LINE_SEED");
+    if std::env::var("LINE_LOG").is_ok() {
+        let all = tracing_subscriber::fmt().with_max_level(tracing::Level::TRACE);
+        all.without_time()
+            .with_ansi(false)
+            .with_writer(std::io::stderr)
+            .init();
+    }
+    let (from, lives) = (
+        number("LINE_FROM").unwrap_or(0),
+        number("LINE_LIVES").unwrap_or(LIVES),
+    );
+    let kept = KEPT
+        .lines()
+        .filter_map(|line| line.split('#').next()?.trim().parse().ok());
+    let seeds: Vec<u64> = match only {
+        Some(seed) => vec![seed],
+        None => kept.chain(from..from + lives).collect(),
+    };
+    let mut story: BTreeMap<String, u64> = BTreeMap::new();
+    for seed in seeds {
+        let _name = OnPanic(seed);
+        match life::live(seed) {
+            Ok(lived) => {
+                for (what, times) in lived {
+                    *story.entry(what).or_default() += times;
+                }
+            }
+            Err(what) => panic!("{what}\nrun it alone with LINE_SEED={seed}"),
+        }
+    }
+    for (what, times) in &story {
+        println!("{times:9} {what}");
+    }
+}
+
+fn number(name: &str) -> Option<u64> {
+    std::env::var(name).ok()?.parse().ok()
+}
+
+/// Says the seed when a life ends in a panic.
+struct OnPanic(u64);
+
+impl Drop for OnPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("LINE_SEED={}", self.0);
+        }
+    }
+}
