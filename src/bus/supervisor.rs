@@ -249,12 +249,13 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
     }
 }
 
-/// Answers what the program asks.
+/// Answers what the program asks; nobody waits for somebody else's answer.
 async fn answer(context: &Context, running: &Running, control: &Control) {
     // They end with the network.
-    let mut recoveries = Vec::new();
+    let mut under_way: Vec<Task<()>> = Vec::new();
     // An asker that went away misses its answer.
     while let Ok(question) = control.questions.1.recv().await {
+        under_way.retain(|task| !task.is_finished());
         match question {
             Question::BlackBox(index, reply) => {
                 if let Some(black_box) = black_box(context, &running.axes, index, None) {
@@ -262,13 +263,16 @@ async fn answer(context: &Context, running: &Running, control: &Control) {
                 }
             }
             Question::Ports(reply) => {
-                let _ = reply.try_send(port_errors::read(context).await);
+                let asked = context.clone();
+                let reading = async move {
+                    let _ = reply.try_send(port_errors::read(&asked).await);
+                };
+                under_way.extend(context.spawn(reading));
             }
             Question::Recover(place, steps, reply) => {
-                recoveries.retain(|task: &Task<()>| !task.is_finished());
                 let recovery = Rc::clone(&running.recovery);
                 let way_back = async move { recovery.serve(place, steps, &reply).await };
-                recoveries.extend(context.spawn(way_back));
+                under_way.extend(context.spawn(way_back));
             }
         }
     }

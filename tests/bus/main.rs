@@ -10,6 +10,7 @@ mod endings;
 mod expected_line;
 mod faults;
 mod habits;
+mod independent;
 mod io;
 mod limits;
 mod load;
