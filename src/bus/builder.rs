@@ -1,10 +1,6 @@
 //! From the description of a line to a running network.
 
-use std::{
-    sync::Arc,
-    thread::{self, JoinHandle},
-    time::Duration,
-};
+use std::{sync::Arc, thread, time::Duration};
 
 use smol::channel::{Receiver, Sender, bounded, unbounded};
 
@@ -186,7 +182,8 @@ impl NetworkBuilder {
 
     /// Configures the line, starts the bus thread, and brings the drives into OP. The axes are disabled then.
     ///
-    /// A caller that drops the future ends the bring-up; the drives are sent to INIT.
+    /// A caller that drops the future ends the bring-up: the drives are sent to INIT, and the link is free again when it is dropped,
+    /// which takes some milliseconds, and a second where nobody answers.
     ///
     /// What happens on the bus is logged to the `tracing` subscriber that is current here. As soon as there are cycles a thread of its
     /// own, `servocrab-log`, does that, so that a subscriber that blocks stops none. Its events carry the time of the bus as the
@@ -196,13 +193,14 @@ impl NetworkBuilder {
     /// # Errors
     /// Everything that can be wrong with the link, the line or a drive: see [`NetworkError`].
     pub async fn start(self) -> Result<Network, NetworkError> {
-        let (starting, parts) = self.prepare()?;
+        let (mut starting, parts) = self.prepare()?;
         let subscriber = Subscriber::current();
         let thread = thread::Builder::new()
             .name("servocrab-bus".into())
             .spawn(move || subscriber.of(|| parts.run()))
             .map_err(|error| NetworkError::Thread(error.to_string()))?;
-        starting.finish(Some(thread)).await
+        starting.guard.watch(thread);
+        starting.network().await
     }
 
     /// The network and its loop apart, for a program that runs the loop on a thread of its own making (with a real-time
@@ -259,7 +257,7 @@ impl NetworkBuilder {
             alive,
         };
         let starting = Starting {
-            guard: Guard(Some(control)),
+            guard: Guard::new(control),
             started: starting,
             steps,
             listener: self.listener,
@@ -372,21 +370,18 @@ impl Starting {
     /// # Errors
     /// As [`NetworkBuilder::start`].
     pub async fn network(self) -> Result<Network, NetworkError> {
-        self.finish(None).await
-    }
-
-    async fn finish(mut self, thread: Option<JoinHandle<()>>) -> Result<Network, NetworkError> {
         let started = self.listener.tell_until(self.steps, self.started.recv());
         let ended = || NetworkError::Thread("it ended before the drives were in OP".into());
-        let started = match started.await.unwrap_or_else(|_| Err(ended())) {
+        let started = started.await.unwrap_or_else(|_| Err(ended()));
+        let started = match started {
             Ok(started) => started,
             Err(error) => {
-                drop(self.guard);
+                let (_, thread) = self.guard.release();
                 line::gone(&self.over, thread).await;
                 return Err(error);
             }
         };
-        let Some(control) = self.guard.0.take() else {
+        let (Some(control), thread) = self.guard.release() else {
             return Err(NetworkError::Thread("it was given up".into()));
         };
         let (listener, over) = (self.listener, self.over);

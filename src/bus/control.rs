@@ -5,6 +5,7 @@ use std::sync::{
     atomic::{AtomicBool, AtomicU8, Ordering},
 };
 use std::task::Waker;
+use std::thread::JoinHandle;
 
 use crossbeam_queue::SegQueue;
 use smol::channel::{Receiver, Sender};
@@ -108,13 +109,39 @@ impl Control {
     }
 }
 
-/// Ends the bring-up when nobody waits for it any more.
-pub(super) struct Guard(pub(super) Option<Arc<Control>>);
+/// Ends what was begun when nobody waits for it any more, and waits for its thread: whoever begins again finds the link free.
+pub(super) struct Guard {
+    control: Option<Arc<Control>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Guard {
+    pub(super) const fn new(control: Arc<Control>) -> Self {
+        Self {
+            control: Some(control),
+            thread: None,
+        }
+    }
+
+    /// Takes the thread in.
+    pub(super) fn watch(&mut self, thread: JoinHandle<()>) {
+        self.thread = Some(thread);
+    }
+
+    /// Ends nothing any more.
+    pub(super) fn release(mut self) -> (Option<Arc<Control>>, Option<JoinHandle<()>>) {
+        (self.control.take(), self.thread.take())
+    }
+}
 
 impl Drop for Guard {
     fn drop(&mut self) {
-        if let Some(control) = &self.0 {
+        if let Some(control) = &self.control {
             control.request_shutdown();
+        }
+        if let Some(thread) = self.thread.take() {
+            // Only a panic fails it, and that has been told.
+            let _ = thread.join();
         }
     }
 }

@@ -114,7 +114,7 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
     let shared = Arc::clone(&control);
     let subscriber = Subscriber::current();
     // A caller that drops the future ends the scan.
-    let mut guard = Guard(Some(Arc::clone(&control)));
+    let mut guard = Guard::new(Arc::clone(&control));
     let thread = thread::Builder::new()
         .name("servocrab-bus".into())
         .spawn(move || {
@@ -127,20 +127,22 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
             subscriber.of(|| BusLoop::new(reactor, None, alive).run());
         })
         .map_err(|error| NetworkError::Thread(error.to_string()))?;
+    guard.watch(thread);
     let ended = || NetworkError::Thread("it ended before the line was scanned".into());
     let devices = match found.recv().await.unwrap_or_else(|_| Err(ended())) {
         Ok(devices) => devices,
         Err(error) => {
-            gone(&over, Some(thread)).await;
+            let (_, thread) = guard.release();
+            gone(&over, thread).await;
             return Err(error);
         }
     };
-    guard.0 = None;
+    let (_, thread) = guard.release();
     Ok(Line {
         devices,
         control,
         over,
-        thread: Some(thread),
+        thread,
     })
 }
 

@@ -58,3 +58,38 @@ fn a_network_that_is_dropped_ends_its_thread_in_bounded_time() {
         AlState::Init
     );
 }
+
+#[test]
+fn when_a_start_is_given_up_its_link_is_free_again_and_the_drives_are_in_init() {
+    let (segment, wire) = line();
+    // The drive takes a second for what it is asked.
+    let slow = Duration::from_millis(20);
+    let change = |slow| {
+        let mut segment = segment.lock().unwrap();
+        segment.device_mut(0).unwrap().set_mailbox_delay(slow);
+    };
+    change(slow);
+    let given_up = smol::block_on(smol::future::or(
+        async {
+            let starting = Network::builder().link(wire).drive(0, akd2g()).start();
+            Some(starting.await.map(drop))
+        },
+        async {
+            while segment.lock().unwrap().devices()[0].al_state() != AlState::PreOp {
+                smol::Timer::after(Duration::from_millis(1)).await;
+            }
+            None
+        },
+    ));
+    assert!(given_up.is_none(), "{given_up:?}");
+    assert_eq!(Arc::strong_count(&segment), 1, "the link is gone");
+    let state = segment.lock().unwrap().devices()[0].al_state();
+    assert_eq!(state, AlState::Init);
+    change(Duration::ZERO);
+    let shared = Arc::clone(&segment);
+    let wire = Wire::new(move |frame: &mut [u8], now| shared.lock().unwrap().process(frame, now));
+    smol::block_on(async {
+        let net = Network::builder().link(wire).drive(0, akd2g()).start();
+        net.await.unwrap().shutdown().await;
+    });
+}
