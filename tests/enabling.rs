@@ -100,6 +100,12 @@ fn enable_waits_for_what_is_missing_and_goes_on_when_it_is_there() {
         rig.run(1_000);
         assert_eq!(rig.outcome(id), None, "{}: it waits", obstacle.name);
         assert!(rig.drive.state() != ds402::State::OperationEnabled);
+        let switched_on = rig.words.iter().any(|word| word & 0x000F == 0x0007);
+        assert!(
+            !(switched_on && obstacle.shows_voltage),
+            "{}: shows no voltage, and is switched on",
+            obstacle.name
+        );
         (obstacle.clear)(&mut rig.drive);
         assert_eq!(rig.finish(id), Ok(Completion::Done), "{}", obstacle.name);
         assert_eq!(rig.drive.state(), ds402::State::OperationEnabled);

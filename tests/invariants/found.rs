@@ -201,6 +201,38 @@ fn a_reset_during_a_fault_reaction_that_never_ends_is_given_up() {
 }
 
 #[test]
+fn a_drive_that_is_lost_in_its_fault_reaction_is_not_left_to_coast() {
+    let mut world = world(Behaviour::akd2g());
+    world.drive.set(0x605E, 0, 1).expect("slow down");
+    let id = world.submit(Command::Move(MoveCommand {
+        reference: Reference::Absolute,
+        target: i32::MAX,
+        set_point: SetPoint::new()
+            .velocity(1_000_000)
+            .acceleration(100_000_000)
+            .deceleration(1_000_000),
+        gated: false,
+    }));
+    until_accepted(&mut world, id);
+    run(&mut world, 50);
+    world.drive.inject_fault(0x7305);
+    run(&mut world, 20);
+    assert_eq!(world.drive.state(), State::FaultReactionActive);
+    let from = world.frames.len();
+    for _ in 0..100 {
+        world.cycle(StopRequest::empty(), false, Link::ReplyLost);
+    }
+    let frames = &world.frames[from..];
+    let cut = frames.iter().find(|frame| !frame.sent.bit(1));
+    assert!(cut.is_none(), "voltage disabled: {cut:?}");
+    let last = frames.last().expect("many");
+    assert!(
+        last.velocity != 0.0 && !last.sent.bit(2),
+        "no quick stop: {last:?}"
+    );
+}
+
+#[test]
 fn a_drives_own_quick_stop_is_not_turned_into_coasting() {
     for command in [Command::Enable, Command::Disable] {
         let mut world = world(Behaviour {
