@@ -274,6 +274,7 @@ pub fn in_fault(sample: &Sample) -> bool {
     matches!(sample.statusword.bits() & 0x004F, 0x0008 | 0x000F)
 }
 
-fn enabled(sample: &Sample) -> bool {
+/// Operation enabled.
+pub fn enabled(sample: &Sample) -> bool {
     sample.statusword.bits() & OF_STATE == OPERATION_ENABLED
 }
