@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Link, Rig};
-use servocrab::axis::{Command, CommandId, Completion, Failure};
+use servocrab::axis::{Command, CommandId, Completion, Failure, StopRequest};
 use servocrab::coe::obj;
 use servocrab::drives;
 use servocrab::ds402::{Mode, State};
@@ -238,4 +238,41 @@ fn an_axis_that_is_driven_slower_all_the_time_and_never_stands_is_stopped_at_the
         assert!(!is_quick_stop(*rig.words.last().unwrap()));
     }
     assert!(matches!(rig.finish(stop), Ok(Completion::Stopped { .. })));
+}
+
+#[test]
+fn a_halt_that_nobody_waits_for_goes_on_to_a_quick_stop() {
+    for halted_before in [false, true] {
+        let mut rig = rig(false);
+        let id = moving(&mut rig);
+        rig.drive.disturbances().deaf_to_halt = true;
+        if halted_before {
+            let halt = rig.send(Command::Halt);
+            rig.run(NOTICED);
+            assert_eq!(rig.outcome(halt), Some(Err(Failure::HaltIgnored)));
+        }
+        rig.stop = StopRequest::HALT;
+        let noticed = if halted_before { 3 } else { NOTICED };
+        assert!(until_quick_stop(&mut rig, 300) <= noticed);
+        rig.run(1_000);
+        assert_eq!(rig.drive.velocity(), 0.0);
+        assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    }
+}
+
+#[test]
+fn what_was_asked_for_before_a_resume_makes_no_quick_stop_of_the_next_halt() {
+    let mut rig = rig(true);
+    moving(&mut rig);
+    rig.stop = StopRequest::HALT;
+    rig.run(2_000);
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.finish(resume), Ok(Completion::Done));
+    rig.run(500);
+    rig.drive.disturbances().deaf_to_halt = true;
+    let halt = rig.send(Command::Halt);
+    assert_eq!(rig.finish(halt), Err(Failure::HaltIgnored));
+    let from = rig.words.len();
+    rig.run(1_000);
+    assert!(rig.words[from..].iter().all(|&word| !is_quick_stop(word)));
 }

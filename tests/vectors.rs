@@ -166,6 +166,7 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
         },
         Failure::Halted,
         Failure::HaltIgnored,
+        Failure::QuickStopIgnored,
         Failure::LocalControl,
         Failure::SwitchOnRefused {
             state: State::ReadyToSwitchOn,

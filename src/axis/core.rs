@@ -180,6 +180,7 @@ impl AxisCore {
         }
         if stop.contains(StopRequest::HALT) {
             self.begin_halt(now);
+            self.stopping.unwatched = true;
         }
         self.write_outputs(outputs);
         rising && !self.outgoing.contains(Controlword::NEW_SET_POINT)
@@ -363,6 +364,8 @@ impl AxisCore {
         };
         let power = if self.stopping.is_quick() {
             PowerCommand::QuickStop
+        } else if self.stopping.is_switching_off() {
+            PowerCommand::DisableVoltage
         } else {
             self.power.command(
                 state,

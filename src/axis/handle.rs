@@ -175,7 +175,7 @@ impl Axis {
     /// A standing axis without a set-point stays as it is.
     ///
     /// # Errors
-    /// When a deadline passes or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for nevertheless.
+    /// When the drive ignores the quick stop too ([`QuickStopIgnored`](super::Failure::QuickStopIgnored)), when a deadline passes or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for nevertheless.
     pub async fn stop(&self) -> Result<State, AxisError> {
         let state = self.stop_by(Command::Stop, StopRequest::STOP).await?;
         self.trace("stopped");
@@ -185,8 +185,8 @@ impl Axis {
     /// Quick stop (bit 2): the set-point is gone. Gives the state in which the drive stands, which 605Ah decides.
     ///
     /// # Errors
-    /// In Fault, when a deadline passes, or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for
-    /// nevertheless.
+    /// In Fault, when the drive ignores it ([`QuickStopIgnored`](super::Failure::QuickStopIgnored), after two tenths of a second), when a
+    /// deadline passes, or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for nevertheless.
     pub async fn quick_stop(&self) -> Result<State, AxisError> {
         let state = self
             .stop_by(Command::QuickStop, StopRequest::QUICK_STOP)

@@ -11,7 +11,6 @@ use super::{
     AxisCore,
     core::cycle,
     power::{Power, RESET_EDGES, RESET_PAUSE, ResetPhase},
-    slowing::Slowing,
     stopping::{Stage, Wait},
     submit::is_down,
 };
@@ -31,7 +30,7 @@ impl AxisCore {
         self.observe_mode_change(now, sample);
         self.observe_power(now, sample, delivered);
         self.observe_halt(now, sample, delivered);
-        self.observe_stop(now, sample);
+        self.observe_stop(now, sample, delivered);
         if state == State::OperationEnabled && self.power.is_driving() {
             self.limit_tells |= !sample.statusword.contains(Statusword::INTERNAL_LIMIT);
             self.observe_mode(now, sample, delivered);
@@ -223,7 +222,7 @@ impl AxisCore {
 
     fn observe_halt(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         if !self.halted {
-            self.stopping.slowing = Slowing::default();
+            self.stopping.begin_halt();
             // The axis left Operation enabled before it was seen to stand: its stop is over all the same.
             let state = sample.state();
             while let Some(id) = self
@@ -272,6 +271,9 @@ impl AxisCore {
             let failure = self.timeout(WaitingFor::Standstill, Delivery::NotSent);
             self.done(id, Err(failure));
         }
+        if self.stopping.slowing.runs_on() && self.stopping.unwatched {
+            self.begin_quick_stop(now);
+        }
     }
 
     /// Whether bit 8 has brought the axis to rest: by bit 10 and the velocity, or by a position that stays, both seen
@@ -284,11 +286,10 @@ impl AxisCore {
 
     /// Whether the drive has had the time to take bit 8 in.
     fn has_seen_halt(&self, now: Duration) -> bool {
-        self.halt_delivered
-            .is_some_and(|since| now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle)
+        self.has_seen(now, self.halt_delivered)
     }
 
-    fn observe_stop(&mut self, now: Duration, sample: &Sample) {
+    fn observe_stop(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
         match self.stopping.stage {
             Stage::None => {}
@@ -307,6 +308,10 @@ impl AxisCore {
                     && self.is_standing(now);
                 if holds || matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled) {
                     self.finish_quick_stop(now, state);
+                } else if self.ignores_quick_stop(now, sample, delivered)
+                    || (late && state == State::OperationEnabled)
+                {
+                    self.give_quick_stop_up(now);
                 } else if until.is_some_and(|until| now >= until) {
                     // It is commanded on; those who wait are told that it has not worked.
                     self.stopping.stage = Stage::Quick { until: None };
@@ -317,6 +322,7 @@ impl AxisCore {
             }
             Stage::Off { until } => {
                 if is_down(state) {
+                    self.leave_operation(self.power);
                     self.finish_stop(state);
                 } else if now >= until {
                     self.stopping.stage = Stage::None;

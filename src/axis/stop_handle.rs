@@ -42,7 +42,7 @@ pub struct StopHandle {
 }
 
 impl StopHandle {
-    /// Pauses by bit 8, keeping the set-point.
+    /// Pauses by bit 8, keeping the set-point. On a drive that ignores bit 8 it goes on to the quick stop as soon as that is known.
     pub fn halt(&self) {
         self.shared.request_stop(StopRequest::HALT);
     }

@@ -2,9 +2,12 @@
 
 use core::time::Duration;
 
-use crate::profile_position::CommandId;
+use crate::{
+    ds402::{Controlword, Sample, State},
+    profile_position::{CommandId, Failure},
+};
 
-use super::slowing::Slowing;
+use super::{AxisCore, power::Power, slowing::Slowing};
 
 /// Commands that can wait for one standstill.
 const WAITERS: usize = 8;
@@ -19,7 +22,7 @@ pub(super) enum Stage {
     Halting { until: Duration },
     /// Quick stop, to be at standstill by then; without a time it is commanded on without anybody waiting.
     Quick { until: Option<Duration> },
-    /// Voltage being disabled after the quick stop.
+    /// Voltage being disabled: after the quick stop, or in place of one that the drive ignores.
     Off { until: Duration },
 }
 
@@ -40,14 +43,36 @@ pub(super) struct Stopping {
     pub(super) off: bool,
     /// Whether those whose set-points are kept have been told that the axis stands.
     pub(super) halt_reported: bool,
+    /// Whether bit 8 was asked for by something that nobody waits for: liveness, a stop handle.
+    pub(super) unwatched: bool,
     /// What bit 8 does.
     pub(super) slowing: Slowing,
+    /// Since when bit 2 is known to have been delivered low, and what it does on a drive that stays in Operation enabled.
+    pub(super) quick_delivered: Option<Duration>,
+    pub(super) quick_slowing: Slowing,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
 }
 
 impl Stopping {
     pub(super) const fn is_quick(&self) -> bool {
         matches!(self.stage, Stage::Quick { .. })
+    }
+
+    pub(super) const fn is_switching_off(&self) -> bool {
+        matches!(self.stage, Stage::Off { .. })
+    }
+
+    /// Bit 8 begins, or is over.
+    pub(super) fn begin_halt(&mut self) {
+        self.unwatched = false;
+        self.slowing = Slowing::default();
+    }
+
+    /// Bit 2 falls, and the axis is to stand by then.
+    pub(super) fn begin_quick(&mut self, until: Duration) {
+        self.stage = Stage::Quick { until: Some(until) };
+        self.quick_delivered = None;
+        self.quick_slowing = Slowing::default();
     }
 
     pub(super) const fn is_active(&self) -> bool {
@@ -87,5 +112,43 @@ impl Stopping {
             .find(|place| place.is_some_and(|(_, wait)| which(wait)))
             .and_then(Option::take)
             .map(|(id, _)| id)
+    }
+}
+
+impl AxisCore {
+    /// Whether the drive has had the time to take in what was delivered then.
+    pub(super) fn has_seen(&self, now: Duration, delivered: Option<Duration>) -> bool {
+        delivered
+            .is_some_and(|since| now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle)
+    }
+
+    /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower.
+    pub(super) fn ignores_quick_stop(
+        &mut self,
+        now: Duration,
+        sample: &Sample,
+        delivered: bool,
+    ) -> bool {
+        if sample.state() != State::OperationEnabled {
+            return false;
+        }
+        if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
+            self.stopping.quick_delivered.get_or_insert(now);
+        }
+        if self.has_seen(now, self.stopping.quick_delivered) {
+            let slowing = &mut self.stopping.quick_slowing;
+            slowing.observe(now, sample.position, &self.bounds);
+        }
+        self.stopping.quick_slowing.runs_on()
+    }
+
+    /// The drive does not stop the axis: without voltage it at least drives it no further.
+    pub(super) fn give_quick_stop_up(&mut self, now: Duration) {
+        self.fail_motions(|_| Failure::QuickStopIgnored);
+        self.fail_commands(Failure::QuickStopIgnored);
+        self.power = Power::Off;
+        self.stopping.off = false;
+        let until = now + self.config.deadlines.disable;
+        self.stopping.stage = Stage::Off { until };
     }
 }

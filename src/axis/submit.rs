@@ -10,7 +10,6 @@ use crate::{
 use super::{
     AxisCore, Command,
     power::{Power, ResetPhase},
-    slowing::Slowing,
     stopping::{Stage, Wait},
 };
 
@@ -170,7 +169,7 @@ impl AxisCore {
             return;
         }
         self.begin_halt(now);
-        if self.stopping.is_quick() {
+        if self.stopping.is_quick() || self.stopping.is_switching_off() {
             self.wait_for_stop(now, id);
         } else if self.power.is_driving() {
             let until = now + self.config.deadlines.standstill;
@@ -292,7 +291,7 @@ impl AxisCore {
         if !self.halted {
             self.halted = true;
             self.halt_delivered = None;
-            self.stopping.slowing = Slowing::default();
+            self.stopping.begin_halt();
             self.stopping.halt_reported = false;
         }
     }
@@ -301,7 +300,7 @@ impl AxisCore {
     /// Moves that are not sent fail as `failure`.
     pub(super) fn begin_stop(&mut self, now: Duration, failure: Failure) -> bool {
         self.cancel_enabling(failure);
-        if self.runs_unasked(now) {
+        if self.runs_unasked(now) || self.stopping.is_switching_off() {
             return self.begin_quick_stop(now);
         }
         if !self.power.is_driving() || self.state().is_fault() {
@@ -325,14 +324,17 @@ impl AxisCore {
     /// Bit 2 low from the next frame on. False when the axis is not enabled: it has nothing to stop.
     pub(super) fn begin_quick_stop(&mut self, now: Duration) -> bool {
         self.cancel_enabling(Failure::QuickStopped);
+        if self.stopping.is_switching_off() {
+            return true;
+        }
         if (!self.power.is_driving() && !self.runs_unasked(now)) || self.state().is_fault() {
             return false;
         }
         self.withdraw_unsent(Failure::QuickStopped);
         self.fail_resume(Failure::QuickStopped);
         if !self.stopping.is_quick() {
-            let until = Some(now + self.config.deadlines.standstill);
-            self.stopping.stage = Stage::Quick { until };
+            self.stopping
+                .begin_quick(now + self.config.deadlines.standstill);
         }
         true
     }

@@ -104,6 +104,12 @@ pub enum Failure {
     /// stays set.
     #[error("the axis was told to halt (bit 8) and does not get slower: stop or quick_stop it")]
     HaltIgnored,
+    /// The axis was told to quick stop (bit 2 of the controlword low), and its drive stays in Operation enabled and does not slow it
+    /// down. Its voltage is being disabled in place of that: the axis coasts, or a brake stops it.
+    #[error(
+        "the drive ignores its quick stop (bit 2) and was told to disable its voltage: the axis may still be moving; find out why the drive takes no quick stop"
+    )]
+    QuickStopIgnored,
     /// A quick stop or stop ended it; the set-point is gone.
     #[error("ended by a quick stop; the set-point is gone")]
     QuickStopped,

@@ -83,10 +83,11 @@ fn a_stop_that_the_drive_ignores_ends_in_time_and_so_does_the_next_one() {
         assert!(
             matches!(
                 finish(&mut world, id),
-                Err(Failure::Timeout {
-                    waiting_for: WaitingFor::Standstill | WaitingFor::State(_),
-                    ..
-                })
+                Err(Failure::QuickStopIgnored
+                    | Failure::Timeout {
+                        waiting_for: WaitingFor::State(_),
+                        ..
+                    })
             ),
             "{command:?}"
         );

@@ -41,6 +41,8 @@ pub struct Disturbances {
     pub deaf_to_bit_4: bool,
     /// Bit 8 of the controlword is not seen.
     pub deaf_to_halt: bool,
+    /// Quick stop (bit 2 of the controlword low) is not obeyed in Operation enabled.
+    pub deaf_to_quick_stop: bool,
     /// The shaft does not turn: the actual position stays. Released, the actual position is the demand again.
     pub blocked: bool,
     /// Bit 10 of the statusword is 0 in homing mode until a homing has ended: "in progress" all the time.
