@@ -133,10 +133,10 @@ impl Axis {
             }
             // One command is completed before the next is evaluated (DSP 402, notes on the transitions).
             (State::OperationEnabled, _) if self.leaving_to.is_some() => self.finish_leaving(),
-            (State::OperationEnabled, Command::QuickStop) => {
-                if !self.disturbances.deaf_to_quick_stop {
-                    self.begin_quick_stop();
-                }
+            (State::OperationEnabled, Command::QuickStop)
+                if !self.disturbances.deaf_to_quick_stop =>
+            {
+                self.begin_quick_stop();
             }
             (State::OperationEnabled, Command::Shutdown) => {
                 self.leave_operation(State::ReadyToSwitchOn, objects::SHUTDOWN_OPTION);
