@@ -155,6 +155,25 @@ fn a_quick_stop_loses_the_set_point_and_enabling_again_moves_nothing() {
 }
 
 #[test]
+fn an_axis_stopped_while_bit_4_is_high_moves_again_when_it_is_enabled_again() {
+    const NEW_SET_POINT: u16 = 1 << 4;
+    for command in [Command::Stop, Command::QuickStop, Command::Disable] {
+        let mut rig = Rig::enabled();
+        let first = rig.abs(10_000, SetPoint::new());
+        rig.run_until(10, |rig| rig.word() & NEW_SET_POINT != 0);
+        rig.run(1);
+        assert!(!rig.accepted(first) && rig.word() & NEW_SET_POINT != 0);
+        let stop = rig.send(command);
+        assert!(rig.finish(stop).is_ok(), "{command:?}");
+        assert!(rig.outcome(first).is_some_and(|end| end.is_err()));
+        rig.enable();
+        let second = rig.abs(-10_000, SetPoint::new());
+        let reached = Completion::Reached { position: -10_000 };
+        assert_eq!(rig.finish(second), Ok(reached), "{command:?}");
+    }
+}
+
+#[test]
 fn stop_halts_first_and_then_abandons() {
     let mut rig = Rig::enabled();
     let id = rig.abs(50_000, SetPoint::new());
