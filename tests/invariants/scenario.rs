@@ -10,6 +10,7 @@ use servocrab::profile_position::{
 };
 use servocrab_sim::ds402::{AckFault, AckPolicy, Axis, Behaviour, ReachedPolicy, State};
 
+use super::rarer::Rarer;
 use super::wider::Wider;
 use super::world::{Link, World};
 
@@ -53,6 +54,8 @@ pub struct Lies {
     pub ack: bool,
     /// The position jumped when a blocked shaft came free.
     pub blocked: bool,
+    /// The drive did not obey a stop.
+    pub deaf: bool,
 }
 
 /// The bits of a seed that choose another drive begin here.
@@ -106,9 +109,17 @@ pub fn live(seed: u64, names: Names) -> Life {
         _ => Starts::Cia402,
     };
     let mut wider = Wider::of(seed);
-    let world = build(&mut random, lag_cycles, starts, wider.as_mut());
+    let mut rarer = Rarer::of(seed);
+    let world = build(
+        &mut random,
+        lag_cycles,
+        starts,
+        wider.as_mut(),
+        rarer.as_mut(),
+    );
     let mut player = Player {
         wider,
+        rarer,
         world,
         starts,
         names,
@@ -134,6 +145,7 @@ fn build(
     lag_cycles: u32,
     starts: Starts,
     mut wider: Option<&mut Wider>,
+    mut rarer: Option<&mut Rarer>,
 ) -> World {
     let akd2g = !random.one_in(4) && starts == Starts::Cia402;
     let base = match starts {
@@ -209,9 +221,15 @@ fn build(
     if let Some(wider) = &mut wider {
         wider.change(&mut behaviour, &mut config);
     }
+    if let Some(rarer) = &mut rarer {
+        rarer.change(&mut behaviour, &mut config);
+    }
     let mut drive = Axis::new(behaviour);
     if let Some(wider) = wider {
         wider.set_up(&mut drive);
+    }
+    if let Some(rarer) = rarer {
+        rarer.set_up(&mut drive);
     }
     drive
         .set(0x6085, 0, random.pick(&[300_000, 2_000_000]))
@@ -247,6 +265,7 @@ struct Player {
     starts: Starts,
     names: Names,
     wider: Option<Wider>,
+    rarer: Option<Rarer>,
     lag_cycles: usize,
     random: Random,
     lies: Lies,
@@ -285,7 +304,8 @@ enum Trouble {
 
 impl Player {
     fn cycle(&mut self) {
-        if self.random.one_in(self.busy) {
+        let silent = self.rarer.as_ref().is_some_and(Rarer::is_silent);
+        if self.random.one_in(self.busy) && !silent {
             self.command();
             for _ in 0..self.wider.as_mut().map_or(0, Wider::volley) {
                 self.command();
@@ -307,6 +327,12 @@ impl Player {
             StopRequest::empty()
         };
         self.disturb();
+        if let Some(rarer) = &mut self.rarer {
+            self.lies.deaf |= rarer.pass(&mut self.world.drive);
+            if let Some(stop) = rarer.stop() {
+                self.world.submit(stop);
+            }
+        }
         let hit = match &mut self.wider {
             Some(wider) => wider.hit(&mut self.world),
             None => None,
@@ -381,7 +407,10 @@ impl Player {
                 0 => position,
                 1 => position + random.between(-30, 30),
                 2 => 1000,
-                _ => random.between(-4000, 4000),
+                _ => {
+                    let far = self.rarer.as_mut().map_or(1, Rarer::far);
+                    far * random.between(-4000, 4000)
+                }
             }
         };
         let velocity = if equal {
@@ -532,8 +561,10 @@ impl Player {
         for (_, trouble) in core::mem::take(&mut self.troubles) {
             self.undo(trouble);
         }
+        Rarer::heal(&mut self.world.drive);
         let quiet_from = self.world.frames.len();
-        let until = self.world.now + QUIET;
+        let far = self.rarer.as_ref().map_or(1, |_| Rarer::FAR.unsigned_abs());
+        let until = self.world.now + far * QUIET;
         while self.world.now < until && !self.world.pending().is_empty() {
             self.world.cycle(StopRequest::empty(), true, Link::Good);
         }
