@@ -103,7 +103,7 @@ fn calm_cycles_come_to_the_same_as_whole_ones() {
 #[test]
 fn the_lives_see_every_command_and_every_way_to_end() {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
-    for seed in seeds(1).take(120) {
+    for seed in seeds_from(1, 0).take(120) {
         let life = live(seed, Names::Unique);
         let mut count = |what: String| *seen.entry(what).or_default() += 1;
         for issued in &life.world.issued {
@@ -215,12 +215,15 @@ fn number(name: &str) -> Option<u64> {
 
 /// The kept ones, then new ones without end.
 fn seeds(invariant: u64) -> impl Iterator<Item = u64> {
+    seeds_from(invariant, number("INVARIANT_FROM").unwrap_or(0))
+}
+
+fn seeds_from(invariant: u64, from: u64) -> impl Iterator<Item = u64> {
     let kept = KEPT.lines().filter_map(|line| {
         line.split('#')
             .next()
             .and_then(|seed| seed.trim().parse().ok())
     });
-    let from = number("INVARIANT_FROM").unwrap_or(0);
     // Half of the lives with the drives of whose bits 5, 9 and 12 other documents speak; each life also as a wider and as a rarer one.
     let fresh = (from..).flat_map(move |n| {
         let seed = (n % 4 % 3) << OTHER_DRIVES | invariant << 32 | n;
