@@ -205,7 +205,7 @@ impl AxisCore {
                     return;
                 }
                 if edges >= RESET_EDGES {
-                    let failure = self.timeout(WaitingFor::FaultCleared, Delivery::NotSent);
+                    let failure = self.fault().unwrap_or(Failure::Fault { code: None });
                     self.leave_operation(Power::Off);
                     self.done(id, Err(failure));
                     return;

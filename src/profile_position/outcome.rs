@@ -73,8 +73,6 @@ pub enum WaitingFor {
     Mode(Mode),
     /// Velocity zero.
     Standstill,
-    /// The fault to go.
-    FaultCleared,
 }
 
 impl core::fmt::Display for WaitingFor {
@@ -86,7 +84,6 @@ impl core::fmt::Display for WaitingFor {
             Self::HomingStart => f.write_str("the homing to begin (bits 10, 12 and 13 to fall)"),
             Self::Mode(mode) => write!(f, "mode {} in 6061h", mode.raw()),
             Self::Standstill => f.write_str("standstill"),
-            Self::FaultCleared => f.write_str("the fault to be cleared"),
         }
     }
 }
@@ -193,8 +190,8 @@ pub enum Failure {
     },
     /// A deadline passed.
     #[error(
-        "no answer in time while waiting for {waiting_for} (statusword {:#06x}, controlword {:#06x}); {}",
-        .statusword.bits(), .controlword.bits(), DeliveryText(*.delivery)
+        "no answer in time while waiting for {waiting_for} (statusword {statusword}, controlword {controlword}){}",
+        TimeoutText(*.waiting_for, *.delivery)
     )]
     Timeout {
         /// What was waited for.
@@ -246,7 +243,9 @@ pub enum Failure {
     #[error("{0} is zero: the move would never end")]
     Zero(&'static str),
     /// The set-point names a parameter that is not mapped into the process data.
-    #[error("{0} is not in the process data: map it, or write it by SDO before the move")]
+    #[error(
+        "{0} is not in the process data: map it into the drive's outputs (`DriveConfig::map_output`)"
+    )]
     NotMapped(&'static str),
     /// The set-point leaves out a parameter that is mapped, and nobody has said what the drive holds.
     #[error("{0} is neither given nor known from the drive: give it with the set-point")]
@@ -326,6 +325,21 @@ impl core::fmt::Display for FaultText {
             "read 603Fh, or see the drive's emergencies",
             describe_error_code,
         ))
+    }
+}
+
+/// How far a set-point came, where there may have been one.
+struct TimeoutText(WaitingFor, Delivery);
+
+impl core::fmt::Display for TimeoutText {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match (self.0, self.1) {
+            (WaitingFor::AcknowledgeLow | WaitingFor::Acknowledge, delivery)
+            | (_, delivery @ (Delivery::Unknown | Delivery::Accepted)) => {
+                write!(f, "; {}", DeliveryText(delivery))
+            }
+            (_, Delivery::NotSent) => Ok(()),
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use servocrab::axis::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Failure, Inputs, WaitingFor,
+    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Failure, Inputs,
 };
 use servocrab::ds402::{Mode, QuickStopOption, State, Statusword, SupportedModes};
 use servocrab::profile_position::SetPoint;
@@ -140,13 +140,7 @@ fn pitfall_25_a_reset_gives_up_after_three_edges() {
     let reset = rig.send(Command::ResetFault);
     rig.run(10_000);
     assert!(
-        matches!(
-            rig.outcome(reset),
-            Some(Err(Failure::Timeout {
-                waiting_for: WaitingFor::FaultCleared,
-                ..
-            }))
-        ),
+        matches!(rig.outcome(reset), Some(Err(Failure::Fault { .. }))),
         "{:?}",
         rig.outcome(reset)
     );
