@@ -3,7 +3,11 @@
 mod measured;
 mod stops;
 
-use std::{fmt, sync::Arc, thread::JoinHandle};
+use std::{
+    fmt,
+    sync::{Arc, Mutex, PoisonError},
+    thread::JoinHandle,
+};
 
 use smol::channel::{Receiver, Sender, bounded, unbounded};
 
@@ -38,7 +42,7 @@ pub struct Network {
     control: Arc<Control>,
     listener: Listener,
     over: Receiver<()>,
-    thread: Option<JoinHandle<()>>,
+    thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl Network {
@@ -58,7 +62,7 @@ impl Network {
             control,
             listener,
             over,
-            thread,
+            thread: Mutex::new(thread),
         }
     }
 
@@ -71,7 +75,7 @@ impl Network {
             .iter()
             .find(|source| source.name() == name)
             .map(AxisSource::axis)
-            .ok_or_else(|| NetworkError::Declaration(format!("no axis is named `{name}`")))
+            .ok_or_else(|| unknown("axis", name, self.axes.iter().map(AxisSource::name)))
     }
 
     /// The inputs and outputs of the device with this name.
@@ -83,7 +87,7 @@ impl Network {
             .iter()
             .find(|io| io.name() == name)
             .cloned()
-            .ok_or_else(|| NetworkError::Declaration(format!("no io is named `{name}`")))
+            .ok_or_else(|| unknown("io", name, self.ios.iter().map(Io::name)))
     }
 
     /// Starts moves of several axes in one cycle (and one frame, where their drives share it): every bit 4 rises, or none does.
@@ -278,8 +282,9 @@ impl Network {
         smol::future::or(answered, ended).await
     }
 
-    /// Stops and disables all axes, leads the drives out of OP, and ends the thread.
-    pub async fn shutdown(mut self) {
+    /// Stops and disables all axes, leads the drives out of OP, and ends the thread. Whoever has the network may ask for it, also
+    /// while others wait for something of it: they are told that it is closed, and so is everybody who asks for something later.
+    pub async fn shutdown(&self) {
         self.control.request_shutdown();
         // Ready when the bus loop is gone.
         let _ = self.over.recv().await;
@@ -292,13 +297,28 @@ impl Network {
             .find(|drive| drive.place == place || DevicePlace::Position(drive.position) == place)
     }
 
-    fn join(&mut self) {
-        if let Some(thread) = self.thread.take()
+    fn join(&self) {
+        let thread = self
+            .thread
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some(thread) = thread
             && thread.join().is_err()
         {
             tracing::error!("the bus thread has panicked");
         }
     }
+}
+
+/// The error for a name that was not declared, with those that were.
+fn unknown<'a>(kind: &str, name: &str, declared: impl Iterator<Item = &'a str>) -> NetworkError {
+    let mut text = format!("no {kind} is named `{name}`");
+    for (place, name) in declared.enumerate() {
+        text += if place == 0 { "; declared: " } else { ", " };
+        text += &format!("`{name}`");
+    }
+    NetworkError::Declaration(text)
 }
 
 impl Drop for Network {

@@ -68,7 +68,8 @@ fn a_bus_loop_that_panics_leaves_no_future_waiting() {
     assert!(axis.status().lost);
     let mut read = pin!(sdo.read_bytes(0x1018, 1));
     assert!(matches!(poll(&mut read), Poll::Ready(Err(_))));
-    let mut over = pin!(rig.net.take().unwrap().shutdown());
+    let net = rig.net.take().unwrap();
+    let mut over = pin!(net.shutdown());
     assert!(poll(&mut over).is_ready());
 }
 
@@ -113,7 +114,8 @@ fn nothing_is_enabled_or_moved_any_more_once_the_network_ends() {
         .deceleration(100_000);
     let moved = rig.until(pp.move_abs(900_000, set_point)).unwrap();
     rig.run_for(300 * MS);
-    let mut over = pin!(rig.net.take().unwrap().shutdown());
+    let net = rig.net.take().unwrap();
+    let mut over = pin!(net.shutdown());
     assert!(poll(&mut over).is_pending());
     rig.run_for(100 * MS);
     let mut again = pin!(y.enable());
@@ -167,7 +169,8 @@ fn a_dead_line_of_eighty_drives_is_shut_down_as_soon_as_one_of_two() {
         // Till all are lost, and their states are being asked for.
         rig.run_for(500 * MS);
         let asked = rig.bus.now();
-        let mut over = pin!(rig.net.take().unwrap().shutdown());
+        let net = rig.net.take().unwrap();
+        let mut over = pin!(net.shutdown());
         assert!(poll(&mut over).is_pending());
         while rig.bus.turn() {}
         assert!(poll(&mut over).is_ready());

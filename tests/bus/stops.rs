@@ -246,7 +246,8 @@ fn a_stop_of_one_axis_withdraws_a_group_that_is_about_to_start_whenever_it_comes
 #[test]
 fn a_stop_while_the_network_ends_is_in_the_next_frame() {
     let (mut watched, _moves) = Watched::moving();
-    let mut over = pin!(watched.rig.net.take().unwrap().shutdown());
+    let net = watched.rig.net.take().unwrap();
+    let mut over = pin!(net.shutdown());
     assert!(poll(&mut over).is_pending());
     // The end halts first; the quick stop need not wait for the standstill.
     while watched.next()[0] & HALT == 0 {}

@@ -80,7 +80,7 @@ pub fn live(seed: u64) -> Result<Story, String> {
     life.common.count("start: ok");
     let works = life.works(&net, &mut bus, &mut trouble);
     works.and_then(|()| life.is_well_again(&net, &mut bus))?;
-    life.ends(net, bus)?;
+    life.ends(&net, bus)?;
     life.common.judge.verdict()?;
     life.writes_are_made_once()?;
     let mut story = life.common.outcomes.take();
@@ -312,7 +312,7 @@ impl Life {
     }
 
     /// The end in order: the axes are switched off, all devices in INIT.
-    fn ends(&mut self, net: Network, mut bus: BusLoop) -> Result<(), String> {
+    fn ends(&mut self, net: &Network, mut bus: BusLoop) -> Result<(), String> {
         let clock = self.common.clock.clone();
         let over = turn(&mut bus, END_LIMIT, net.shutdown(), |now| clock.set(now));
         over.ok_or("the end has no end")?;

@@ -1,6 +1,7 @@
 //! What a network tells of itself: counters, histograms, black boxes, the ports of its line.
 
-use super::Network;
+use super::{Network, unknown};
+use crate::axis::AxisSource;
 use crate::bus::{
     BlackBox, CableLoad, DevicePorts, DriveStatistics, NetworkError, Statistics, Timing,
     control::Question,
@@ -150,7 +151,7 @@ impl Network {
             .axes
             .iter()
             .position(|source| source.name() == axis)
-            .ok_or_else(|| NetworkError::Declaration(format!("no axis is named `{axis}`")))?;
+            .ok_or_else(|| unknown("axis", axis, self.axes.iter().map(AxisSource::name)))?;
         self.ask(|reply| Question::BlackBox(index, reply)).await
     }
 
