@@ -1,6 +1,6 @@
 //! What an axis handle's operations fail with: which axis, which drive, and why.
 
-use core::time::Duration;
+use core::{fmt, time::Duration};
 use std::sync::Arc;
 
 use crate::{
@@ -14,7 +14,7 @@ use super::Failure;
 
 /// An operation of an axis did not end well.
 #[derive(Debug, Clone, thiserror::Error)]
-#[error("axis {} of {}: {kind}", .identity.axis, .identity.drive)]
+#[error("{identity}: {kind}")]
 pub struct AxisError {
     /// The axis and its drive.
     pub identity: Arc<AxisIdentity>,
@@ -41,6 +41,12 @@ pub struct AxisIdentity {
     pub axis: String,
     /// The drive.
     pub drive: DriveId,
+}
+
+impl fmt::Display for AxisIdentity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "axis {} ({})", self.axis, self.drive)
+    }
 }
 
 /// Why an operation of an axis did not end well.
@@ -77,7 +83,9 @@ pub enum AxisErrorKind {
     #[error("{0}")]
     Sdo(Arc<SdoError>),
     /// The caller's own deadline passed; nothing was stopped by that.
-    #[error("no outcome within {within:?} (statusword {:#06x}); the move goes on", .statusword.bits())]
+    #[error(
+        "no outcome within {within:?} (statusword {statusword}); it goes on, unless it is stopped"
+    )]
     Late {
         /// The deadline.
         within: Duration,

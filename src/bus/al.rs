@@ -83,12 +83,16 @@ impl fmt::Display for AlStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.error {
             None => write!(f, "{}", self.state),
-            Some(code) => write!(
-                f,
-                "{} with AL status code {code:04X}h ({})",
-                self.state,
-                AlStatusCode::from(code)
-            ),
+            Some(code) => {
+                // The text begins with the code in another notation.
+                let text = AlStatusCode::from(code).to_string();
+                let meaning = text.split_once(": ").map_or(text.as_str(), |parts| parts.1);
+                write!(
+                    f,
+                    "{} with AL status code {code:04X}h ({meaning})",
+                    self.state
+                )
+            }
         }
     }
 }

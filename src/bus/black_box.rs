@@ -67,7 +67,6 @@ pub struct BlackBox {
 
 impl fmt::Display for BlackBox {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let AxisIdentity { axis, drive } = &self.axis;
         let what = match self.trouble {
             Some(Trouble::Fault) => "has a fault",
             Some(Trouble::Lost) => "counts as lost",
@@ -75,7 +74,8 @@ impl fmt::Display for BlackBox {
         };
         write!(
             f,
-            "axis `{axis}` ({drive}) {what}: its last {} cycles",
+            "{} {what}; what its last {} cycles were is in the black box",
+            self.axis,
             self.cycles.len()
         )
     }

@@ -95,7 +95,7 @@ pub enum NetworkError {
         after: Duration,
     },
     /// A drive could not be configured.
-    #[error("{drive}: {step}: {error}")]
+    #[error("{drive:#}: {step}: {error}")]
     Drive {
         /// The drive.
         drive: DriveId,

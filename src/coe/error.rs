@@ -329,18 +329,19 @@ pub struct DriveId {
 }
 
 impl fmt::Display for DriveId {
+    /// Its place and its name, and by `{:#}` its identity as well.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "drive {} \"{}\" ({})",
-            self.position, self.name, self.identity
-        )
+        write!(f, "drive {} \"{}\"", self.position, self.name)?;
+        if f.alternate() {
+            write!(f, " ({})", self.identity)?;
+        }
+        Ok(())
     }
 }
 
 /// An error together with the drive that it concerns.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{drive}: {error}")]
+#[error("{drive:#}: {error}")]
 pub struct DriveError<E = SdoError>
 where
     E: core::error::Error + 'static,

@@ -54,6 +54,13 @@ bitflags! {
     }
 }
 
+impl core::fmt::Display for Statusword {
+    /// As the standard writes it: `0637h`.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:04X}h", self.bits())
+    }
+}
+
 bitflags! {
     /// The controlword (object 6040h; 6840h for a second axis).
     ///
@@ -100,6 +107,13 @@ bitflags! {
         /// The command Enable operation.
         const ENABLE_OPERATION = 0x000F;
         const _ = !0;
+    }
+}
+
+impl core::fmt::Display for Controlword {
+    /// As the standard writes it: `001Fh`.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:04X}h", self.bits())
     }
 }
 

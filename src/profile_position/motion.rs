@@ -27,6 +27,25 @@ pub enum Outcome {
     },
 }
 
+impl Outcome {
+    /// Position actual value 6064h when it was seen.
+    #[must_use]
+    pub const fn position(&self) -> i32 {
+        match *self {
+            Self::Reached { position } | Self::Passed { position } => position,
+        }
+    }
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Reached { position } => write!(f, "reached {position}"),
+            Self::Passed { position } => write!(f, "passed {position}"),
+        }
+    }
+}
+
 /// A move that the drive has acknowledged. Dropping it does not stop the motion, see
 /// [`halt_on_drop`](Self::halt_on_drop).
 #[must_use = "the outcome of a move is told by `done`"]
@@ -115,7 +134,7 @@ impl Move {
                 axis = identity.axis,
                 drive = %identity.drive,
                 target,
-                ?outcome,
+                %outcome,
                 "move done"
             ),
             Err(error) => tracing::warn!(

@@ -342,6 +342,15 @@ pub enum ScaledOutcome {
     },
 }
 
+impl core::fmt::Display for ScaledOutcome {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Reached { position } => write!(f, "reached {position}"),
+            Self::Passed { position } => write!(f, "passed {position}"),
+        }
+    }
+}
+
 impl ScaledOutcome {
     /// Position actual value 6064h when the outcome was seen, units.
     #[must_use]

@@ -97,7 +97,7 @@ fn an_al_state_that_is_refused_with_its_al_status_code() {
         message(Network::builder().link(wire).drive(0, akd2g())),
         format!(
             "{DRIVE}bringing it into SAFEOP: it refused and is in PREOP with AL status code 001Dh \
-             (0x001d: Invalid Output Configuration)"
+             (Invalid Output Configuration)"
         )
     );
 }

@@ -173,7 +173,7 @@ fn a_fault_comes_with_the_cycles_that_led_to_it() {
     assert!(fault > 40, "what led to it: {fault} cycles");
     assert_eq!(states[fault - 1], State::OperationEnabled);
     assert!(states[fault..].iter().all(|state| state.is_fault()));
-    assert!(event.to_string().contains("axis `x`"), "{event}");
+    assert!(event.to_string().contains("axis x (drive 1"), "{event}");
     run(&mut rig, 50);
     assert!(events.try_next().is_none(), "told once");
     rig.shutdown();

@@ -7,7 +7,7 @@ use crate::{coe::DriveId, pdo_map::Direction};
 
 /// An input or output that cannot be had.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("io `{io}`, {device}: {kind}")]
+#[error("io `{io}`, {device:#}: {kind}")]
 pub struct IoError {
     /// What the device is called in the program.
     pub io: String,

@@ -135,7 +135,9 @@ impl Note {
         match self {
             Self::Axis(note) => note.write(at),
             Self::Drive(drive, change) => write_drive(&drive, change, at),
-            Self::BroughtUp(drive) => tracing::info!(%drive, ?at, "in OP"),
+            Self::BroughtUp(drive) => {
+                tracing::info!(drive = %format_args!("{drive:#}"), ?at, "in OP")
+            }
             Self::Mail(note) => note.write(at),
             Self::StopOfAll(stop) => tracing::warn!(?stop, ?at, "all axes are stopped"),
             Self::Unfed => {
@@ -198,8 +200,8 @@ impl AxisNote {
                     %drive,
                     from = self.from.map(tracing::field::debug),
                     to = ?self.to,
-                    statusword = %format_args!("{:04X}h", self.statusword.bits()),
-                    controlword = %format_args!("{:04X}h", self.controlword.bits()),
+                    statusword = %self.statusword,
+                    controlword = %self.controlword,
                     position = self.position,
                     ?at,
                     $text
