@@ -67,8 +67,9 @@ async fn run() -> Result<(), Box<dyn Error>> {
 
     press(&line, 0b0000_0001);
     // Inputs that the last cycle did not bring are an error: no button counts as pressed by them.
+    let clock = net.clock();
     while start.get() != Ok(true) {
-        smol::Timer::after(Duration::from_millis(1)).await;
+        clock.next_cycle().await?;
     }
     println!("the start button is pressed");
     gripper.set(true);

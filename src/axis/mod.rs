@@ -93,4 +93,4 @@ pub use stop_handle::StopHandle;
 #[cfg(feature = "std")]
 pub use together::{AxisSet, GroupQueue, Groups, TogetherError, together};
 #[cfg(feature = "std")]
-pub(crate) use waiters::stored;
+pub(crate) use waiters::{Waiters, stored};

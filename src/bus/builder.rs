@@ -6,6 +6,7 @@ use smol::channel::{Receiver, Sender, bounded, unbounded};
 
 use super::{
     DevicePlace, DriveConfig, Expected, IoConfig, Line, Network, NetworkError, RealTime, Receiving,
+    bus_loop::BusLoop,
     config::Watchdog,
     control::{Control, Guard},
     line,
@@ -204,7 +205,7 @@ impl NetworkBuilder {
     }
 
     /// The network and its loop apart, for a program that runs the loop on a thread of its own making (with a real-time
-    /// priority, say), or turn by turn in virtual time. The loop stays on the thread on which this is called, which gets
+    /// priority, say), or turn by turn in virtual time ([`BusLoop::run_until`], with an example). The loop stays on the thread on which this is called, which gets
     /// what [`real_time`](Self::real_time) says.
     ///
     /// Events are logged as in [`start`](Self::start), by a thread that may run on the processors of the one on which this is called, but
@@ -306,52 +307,6 @@ impl Parts {
             task.detach();
         }
         BusLoop::new(reactor, self.writer, self.alive)
-    }
-}
-
-impl BusLoop {
-    pub(super) const fn new(reactor: Reactor, writer: Option<Writer>, alive: Sender<()>) -> Self {
-        Self {
-            reactor,
-            writer,
-            alive: Some(alive),
-        }
-    }
-}
-
-/// The loop of a network: everything on the bus happens in its turns.
-pub struct BusLoop {
-    reactor: Reactor,
-    /// None in virtual time, and once the network has ended.
-    writer: Option<Writer>,
-    /// Dropped at the end, which is what `Network::shutdown` waits for.
-    alive: Option<Sender<()>>,
-}
-
-impl BusLoop {
-    /// One turn: frames, a cycle if it is time, acyclic work in the gap, and a wait until there is more to do. False
-    /// once the network has ended.
-    #[must_use = "the loop is over when this is false"]
-    pub fn turn(&mut self) -> bool {
-        let goes_on = self.reactor.turn();
-        if !goes_on {
-            if let Some(writer) = self.writer.take() {
-                writer.end();
-            }
-            self.alive = None;
-        }
-        goes_on
-    }
-
-    /// The link's time.
-    #[must_use]
-    pub fn now(&self) -> Duration {
-        self.reactor.now()
-    }
-
-    /// Turns until the network has ended.
-    pub fn run(mut self) {
-        while self.turn() {}
     }
 }
 

@@ -11,8 +11,8 @@ use crossbeam_queue::SegQueue;
 use smol::channel::{Receiver, Sender};
 
 use super::{
-    AlStatus, BlackBox, DevicePorts, NetworkError, Recovered, RegisterError, progress::StepDone,
-    statistics::Counters,
+    AlStatus, BlackBox, DevicePorts, NetworkError, Recovered, RegisterError, beat::Beat,
+    progress::StepDone, statistics::Counters,
 };
 use crate::{
     axis::{LivenessWatch, StopRequest},
@@ -48,6 +48,7 @@ pub(super) struct Control {
     watches: SegQueue<LivenessWatch>,
     waker: OnceLock<Waker>,
     pub(super) counters: Arc<Counters>,
+    pub(super) beat: Arc<Beat>,
     pub(super) events: (Sender<NetworkEvent>, Receiver<NetworkEvent>),
     pub(super) questions: (Sender<Question>, Receiver<Question>),
 }
@@ -61,6 +62,7 @@ impl Control {
             watches: SegQueue::new(),
             waker: OnceLock::new(),
             counters: Arc::default(),
+            beat: Beat::new(),
             events: smol::channel::bounded(EVENTS + EVENTS_OF_A_DEVICE * devices),
             questions: smol::channel::bounded(QUESTIONS),
         })

@@ -9,7 +9,7 @@ use smol::channel::{Receiver, Sender, bounded};
 
 use super::{
     AlStatus, BringUpStep, NetworkError, Receiving, al,
-    builder::BusLoop,
+    bus_loop::BusLoop,
     control::{Control, Guard},
     discovery::{self, Found},
     drive_setup::serve_mailbox,

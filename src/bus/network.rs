@@ -14,7 +14,7 @@ use smol::channel::{Receiver, Sender, bounded, unbounded};
 pub use stops::NetworkStop;
 
 use super::{
-    DevicePlace, Io, NetworkError, Recovered,
+    CycleClock, DevicePlace, Io, NetworkError, Recovered,
     control::{Control, NetworkEvent, Question},
     progress::Listener,
     supervisor::{Started, StartedDrive},
@@ -88,6 +88,12 @@ impl Network {
             .find(|io| io.name() == name)
             .cloned()
             .ok_or_else(|| unknown("io", name, self.ios.iter().map(Io::name)))
+    }
+
+    /// The time of the cycles: to wait for the next inputs, and for pauses.
+    #[must_use]
+    pub fn clock(&self) -> CycleClock {
+        CycleClock::new(Arc::clone(&self.control.beat), self.over.clone())
     }
 
     /// Starts moves of several axes in one cycle (and one frame, where their drives share it): every bit 4 rises, or none does.

@@ -122,7 +122,8 @@ async fn start(
     let ports = Ports::open(ready.drives.len(), &ready.ios);
     let ios = ports.handles();
     let ports = Rc::new(RefCell::new(ports));
-    let stepper = Box::new((Rc::clone(&axes), Rc::clone(&ports)));
+    let stepper = (Rc::clone(&axes), Rc::clone(&ports));
+    let stepper = Box::new((stepper, Arc::clone(&control.beat)));
     bring_up::start_cycles(context, &ready, stepper, period).await?;
     bring_up::operate(context, &ready, period, &progress).await?;
     let drives = (0..).zip(&ready.drives);

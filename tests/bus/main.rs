@@ -19,6 +19,7 @@ mod mappings;
 mod messages;
 mod modes;
 mod otherwise;
+mod own_time;
 mod parameters;
 mod recovery;
 mod refused;

@@ -1,0 +1,99 @@
+//! The time of the cycles, and a network that several tasks share.
+
+use std::{sync::Arc, thread, time::Duration};
+
+use servocrab::{
+    bus::{Network, NetworkError},
+    link::Wire,
+};
+use servocrab_sim::{AlState, Segment, personality};
+
+use crate::rig::{Line, Rig, akd2g, unhomed};
+
+fn start() -> Rig {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let builder = Network::builder().link(line.wire());
+    Rig::start(builder.drive(0, akd2g())).unwrap()
+}
+
+fn in_real_time(line: &Line) -> Wire {
+    let line = line.clone();
+    Wire::new(move |frame, now| line.segment().process(frame, now))
+}
+
+#[test]
+fn a_pause_lasts_until_the_first_cycle_that_ends_after_it() {
+    let mut rig = start();
+    let clock = rig.net().clock();
+    let before = clock.now();
+    rig.until(clock.sleep(Duration::from_secs(2))).unwrap();
+    let took = clock.now() - before;
+    let cycle = Duration::from_millis(1);
+    let wanted = Duration::from_secs(2);
+    assert!(took >= wanted && took < wanted + 2 * cycle, "{took:?}");
+}
+
+#[test]
+fn every_cycle_is_told_once_with_what_it_brought() {
+    let mut rig = start();
+    let (clock, axis) = (rig.net().clock(), rig.net().axis("x").unwrap());
+    let seen = rig.until(async {
+        let mut seen = Vec::new();
+        for _ in 0..50 {
+            let at = clock.next_cycle().await.unwrap();
+            seen.push((at, axis.status().cycle));
+        }
+        seen
+    });
+    for pair in seen.windows(2) {
+        assert!(pair[1].0 > pair[0].0);
+        assert_eq!(pair[1].1, pair[0].1 + 1, "{seen:?}");
+    }
+}
+
+#[test]
+fn whoever_waits_for_a_cycle_is_told_that_the_network_has_ended() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let net = Network::builder()
+        .link(in_real_time(&line))
+        .drive(0, akd2g());
+    let net = smol::block_on(net.start()).unwrap();
+    let clock = net.clock();
+    let waits = thread::spawn(move || smol::block_on(clock.sleep(Duration::MAX)));
+    let clock = net.clock();
+    smol::block_on(net.shutdown());
+    let told = waits.join().unwrap();
+    assert!(matches!(told, Err(NetworkError::Thread(_))), "{told:?}");
+    let told = smol::block_on(clock.next_cycle());
+    assert!(matches!(told, Err(NetworkError::Thread(_))), "{told:?}");
+}
+
+#[test]
+fn a_network_that_others_hold_can_be_ended() {
+    let line = Line::new(Segment::new().with(personality::generic()));
+    let drive = unhomed(servocrab::drives::generic(), &["x"]);
+    let net = Network::builder().link(in_real_time(&line)).drive(0, drive);
+    let net = Arc::new(smol::block_on(net.start()).unwrap());
+    let x = net.axis("x").unwrap();
+    smol::block_on(x.enable()).unwrap();
+    let panel = {
+        let net = Arc::clone(&net);
+        thread::spawn(move || {
+            let events = net.events();
+            smol::block_on(async { while events.next().await.is_some() {} });
+            net
+        })
+    };
+    smol::block_on(net.shutdown());
+    let segment = line.segment();
+    assert!(!segment.axis(0, 0).unwrap().state().is_powered());
+    assert_eq!(segment.device(0).unwrap().al_state(), AlState::Init);
+    drop(segment);
+    let error = smol::block_on(x.enable()).unwrap_err();
+    assert!(
+        error.to_string().ends_with("the network is closed"),
+        "{error}"
+    );
+    // Once more is no mistake.
+    smol::block_on(panel.join().unwrap().shutdown());
+}
