@@ -20,9 +20,8 @@ use super::{
     supervisor::{Started, StartedDrive},
 };
 use crate::{
-    axis::{Axis, AxisSource, TogetherError},
+    axis::{Axis, AxisSource},
     coe::{Emergencies, SdoHandle},
-    profile_position::{Move, MoveRequest},
 };
 
 /// Drives in OP, exchanging process data on a thread of their own.
@@ -94,17 +93,6 @@ impl Network {
     #[must_use]
     pub fn clock(&self) -> CycleClock {
         CycleClock::new(Arc::clone(&self.control.beat), self.over.clone())
-    }
-
-    /// Starts moves of several axes in one cycle (and one frame, where their drives share it): every bit 4 rises, or none does.
-    ///
-    /// # Errors
-    /// [`TogetherError`] as of [`together`](crate::axis::together).
-    pub async fn together(
-        &self,
-        requests: impl IntoIterator<Item = MoveRequest>,
-    ) -> Result<Vec<Move>, TogetherError> {
-        crate::axis::together(requests).await
     }
 
     /// SDO access to the drive at this position in the line, or at the place by which it was declared; `None` if no drive was

@@ -13,11 +13,15 @@ mod scale;
 #[cfg(feature = "std")]
 mod scaled;
 #[cfg(feature = "std")]
+mod scaled_axis;
+#[cfg(feature = "std")]
 mod scaled_failure;
 #[cfg(feature = "std")]
 mod scaled_homing;
 #[cfg(feature = "std")]
 mod scaled_jog;
+#[cfg(feature = "std")]
+mod scaled_request;
 
 pub use factors::{Edition, Factors};
 pub use homing::ScaledHomingParameters;
@@ -25,10 +29,14 @@ pub use jog::ScaledJogSetPoint;
 pub use ratio::Ratio;
 pub use scale::{Quantity, Scale, ScaleError, ScaledSetPoint};
 #[cfg(feature = "std")]
-pub use scaled::{ScaledAxis, ScaledMove, ScaledOutcome, ScaledProfilePosition, ScaledStatus};
+pub use scaled::{ScaledMove, ScaledOutcome, ScaledProfilePosition};
+#[cfg(feature = "std")]
+pub use scaled_axis::{ScaledAxis, ScaledStatus};
 #[cfg(feature = "std")]
 pub use scaled_failure::ScaledFailure;
 #[cfg(feature = "std")]
 pub use scaled_homing::{ScaledHomed, ScaledHoming};
 #[cfg(feature = "std")]
 pub use scaled_jog::{ScaledJog, ScaledProfileVelocity};
+#[cfg(feature = "std")]
+pub use scaled_request::{ScaledFollow, ScaledFollowed, ScaledMoveRequest, together};

@@ -38,7 +38,7 @@ impl ScaledAxis {
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
 /// // A thousand counts are a millimetre.
 /// let lift = net.axis("lift")?.scaled(Scale::counts_per_unit(Ratio::new(1000, 1)?));
-/// lift.axis().enable().await?;
+/// lift.enable().await?;
 /// let homing = lift.homing().await?;
 /// let parameters = ScaledHomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
 ///     .speeds(50.0, 5.0)

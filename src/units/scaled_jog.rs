@@ -34,7 +34,7 @@ impl ScaledAxis {
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
 /// // A thousand counts are a millimetre.
 /// let lift = net.axis("lift")?.scaled(Scale::counts_per_unit(Ratio::new(1000, 1)?));
-/// lift.axis().enable().await?;
+/// lift.enable().await?;
 /// let pv = lift.profile_velocity().await?;
 /// let jog = pv.jog(5.0).await?; // it moves at 5 mm/s
 /// # smol::Timer::after(Duration::from_millis(20)).await;

@@ -264,7 +264,7 @@ fn moves_that_start_together_are_latched_in_one_drive_cycle() {
         .deceleration(100_000);
     let requests = [xs.abs(1_000, set_point), ys.abs(-500, set_point)];
     let net = rig.net.take().unwrap();
-    let moves = rig.until(net.together(requests)).unwrap();
+    let moves = rig.until(servocrab::axis::together(requests)).unwrap();
     assert_eq!(moves.len(), 2);
     for motion in &moves {
         rig.until(motion.done()).unwrap();

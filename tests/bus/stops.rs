@@ -218,8 +218,7 @@ fn a_stop_of_one_axis_withdraws_a_group_that_is_about_to_start_whenever_it_comes
         let mut watched = Watched::new();
         let modes = [watched.mode(0), watched.mode(1)];
         let requests = modes.each_ref().map(|pp| pp.abs(1_000, slow()));
-        let net = watched.rig.net.take().unwrap();
-        let mut together = pin!(net.together(requests));
+        let mut together = pin!(servocrab::axis::together(requests));
         assert!(poll(&mut together).is_pending());
         for _ in 0..turns {
             assert!(watched.rig.bus.turn());

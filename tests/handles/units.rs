@@ -1,16 +1,18 @@
 //! The same handles in millimetres: numbers are converted, and nothing else is different.
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure, Referencing, together},
+    axis::{AxisErrorKind, Failure, Referencing},
     coe::{ObjectAddress, obj},
     homing::HomingMethod,
-    profile_position::{Limits, Start},
+    profile_position::{Limits, Reference, Start},
     units::{
-        Edition, Quantity, Ratio, Scale, ScaleError, ScaledHomingParameters, ScaledJogSetPoint,
-        ScaledMove, ScaledOutcome, ScaledSetPoint,
+        self, Edition, Quantity, Ratio, Scale, ScaleError, ScaledHomingParameters,
+        ScaledJogSetPoint, ScaledOutcome, ScaledSetPoint,
     },
 };
 use servocrab_sim::ds402::{Behaviour, Machine as Shaft};
+
+use smol::stream::{self, StreamExt};
 
 use crate::machine::{Machine, Variant};
 
@@ -59,12 +61,56 @@ fn moves_that_start_together_can_be_scaled_too() {
         .finish(axis.scaled(mm()).profile_position())
         .unwrap();
     let request = pp.abs(1.5, ScaledSetPoint::new()).unwrap();
-    let moves = machine.finish(together([request])).unwrap();
+    let twice = [request.clone(), request.clone()];
+    assert!(machine.finish(units::together(twice)).is_err());
+    let moves = machine.finish(units::together([request])).unwrap();
     for moved in moves {
-        let moved = ScaledMove::new(moved, mm());
         assert_eq!(machine.finish(moved.done()).unwrap().position(), 1.5);
     }
     assert!(pp.rel(f64::INFINITY, ScaledSetPoint::new()).is_err());
+}
+
+#[test]
+fn a_path_and_its_end_are_told_in_the_programs_units() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine
+        .finish(axis.scaled(mm()).profile_position())
+        .unwrap();
+    machine.drive().set(0x607D, 1, -9_000).unwrap();
+    machine.drive().set(0x607D, 2, 9_000).unwrap();
+    let queued = ScaledSetPoint::new().start(Start::AfterCurrent);
+    let moves = [
+        pp.abs(2.5, queued).unwrap(),
+        pp.rel(-0.5, queued).unwrap(),
+        pp.abs(9.5, queued).unwrap(),
+    ];
+    let path = pp.follow(stream::iter(moves));
+    let followed: Vec<_> = machine.finish(path.collect());
+    let ends: Vec<_> = followed
+        .iter()
+        .map(|followed| (followed.reference, followed.target))
+        .collect();
+    assert_eq!(
+        ends,
+        [
+            (Reference::Absolute, 2.5),
+            (Reference::Relative, -0.5),
+            (Reference::Absolute, 9.5)
+        ]
+    );
+    let texts: Vec<_> = followed
+        .into_iter()
+        .map(|followed| match followed.result {
+            Ok(outcome) => outcome.to_string(),
+            Err(error) => error.to_string(),
+        })
+        .collect();
+    assert_eq!(texts[..2], ["reached 2.5", "reached 2"]);
+    assert!(
+        texts[2].contains("stands at 9 instead of 9.5"),
+        "{}",
+        texts[2]
+    );
 }
 
 #[test]
