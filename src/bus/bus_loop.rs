@@ -55,7 +55,7 @@ impl BusLoop {
 
     /// Turns until `future` is done, whose value it gives. That is how a machine's own logic is tested: on a
     /// [`Wire`](crate::link::Wire) in virtual time, to a simulated segment, the drives move as they do and nobody waits for
-    /// it; what takes a minute there takes some milliseconds here.
+    /// it: a minute there takes a fraction of a second here.
     ///
     /// Pauses of the machine belong to the cycles' clock ([`Network::clock`](super::Network::clock)), which goes with the
     /// loop. A timer of an executor goes by the clock on the wall, and so do [`Done::within`](crate::profile_position::Done::within) and

@@ -102,6 +102,11 @@ impl Control {
         self.watches.pop()
     }
 
+    /// Nothing more happens: whoever waits for events is told so, once they have taken those that are there.
+    pub(super) fn end_events(&self) {
+        self.events.0.close();
+    }
+
     /// Keeps the event if there is room; a program that does not look loses the later ones.
     pub(super) fn report(&self, event: NetworkEvent) {
         if matches!(event, NetworkEvent::Trouble(_)) && self.events.0.len() >= BLACK_BOXES {

@@ -283,6 +283,7 @@ impl Network {
         // Ready when the bus loop is gone.
         let _ = self.over.recv().await;
         self.join();
+        self.control.end_events();
     }
 
     fn drive(&self, place: DevicePlace) -> Option<&StartedDrive> {
@@ -297,11 +298,11 @@ impl Network {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .take();
-        if let Some(thread) = thread
-            && thread.join().is_err()
-        {
+        let Some(thread) = thread else { return };
+        if thread.join().is_err() {
             tracing::error!("the bus thread has panicked");
         }
+        self.control.end_events();
     }
 }
 

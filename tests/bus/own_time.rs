@@ -79,8 +79,11 @@ fn a_network_that_others_hold_can_be_ended() {
     let panel = {
         let net = Arc::clone(&net);
         thread::spawn(move || {
-            let events = net.events();
-            smol::block_on(async { while events.next().await.is_some() {} });
+            let (events, emergencies) = (net.events(), net.all_emergencies());
+            smol::block_on(async {
+                while events.next().await.is_some() {}
+                while emergencies.next().await.is_some() {}
+            });
             net
         })
     };

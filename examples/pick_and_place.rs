@@ -1,0 +1,262 @@
+//! A machine of two axes in millimetres, on an embedded simulated segment, under tokio: both axes are homed, move together to
+//! where a part is picked, and by blended moves to where it is placed. Then a drive has a fault: the operator is told why, and once
+//! that is mended the machine goes on.
+//!
+//! The machine's logic has tests of its own, in virtual time: `cargo test --example pick_and_place`. On a real link,
+//! `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
+
+use std::{
+    error::Error,
+    process::ExitCode,
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
+
+use servocrab::{
+    axis::{AxisError, Failure},
+    bus::{CycleClock, DriveConfig, Network, NetworkBuilder},
+    drives,
+    homing::HomingMethod,
+    link::Wire,
+    profile_position::Start,
+    units::{self, Ratio, Scale, ScaledAxis, ScaledHomingParameters, ScaledSetPoint},
+};
+use servocrab_sim::{Segment, ds402::Machine as Shaft, personality::Servo};
+
+/// Millimetres.
+const PICK: (f64, f64) = (50.0, 12.5);
+const PLACE: (f64, f64) = (120.0, 5.0);
+/// Above this x the gripper is clear of what stands around the place.
+const CLEAR: f64 = 90.0;
+/// How long the gripper takes.
+const GRIP: Duration = Duration::from_millis(40);
+/// mm/s and mm/s².
+const FAST: ScaledSetPoint = ScaledSetPoint::new()
+    .velocity(200.0)
+    .acceleration(2_000.0)
+    .deceleration(2_000.0);
+
+type Result<T> = std::result::Result<T, Box<dyn Error>>;
+
+/// What the program is about, whatever line it is wired to.
+struct Machine {
+    x: ScaledAxis,
+    y: ScaledAxis,
+    clock: CycleClock,
+}
+
+impl Machine {
+    fn new(net: &Network) -> Result<Self> {
+        // 10 000 of the drive's counts are a millimetre.
+        let mm = Scale::counts_per_unit(Ratio::new(10_000, 1)?);
+        Ok(Self {
+            x: net.axis("x")?.scaled(mm),
+            y: net.axis("y")?.scaled(mm),
+            clock: net.clock(),
+        })
+    }
+
+    /// Both axes at once, each to its negative limit switch.
+    async fn home(&self) -> Result<()> {
+        let homed = smol::future::zip(home(&self.x), home(&self.y)).await;
+        homed.0?;
+        homed.1?;
+        Ok(())
+    }
+
+    /// One part.
+    async fn cycle(&self) -> Result<()> {
+        let on_x = self.x.profile_position().await?;
+        let on_y = self.y.profile_position().await?;
+        let there = [on_x.abs(PICK.0, FAST)?, on_y.abs(PICK.1, FAST)?];
+        for motion in units::together(there).await? {
+            motion.done().await?;
+        }
+        self.clock.sleep(GRIP).await?;
+        // Fast to where the way is clear, and on without a stop, slower, to the place.
+        let clear = on_x.move_abs(CLEAR, FAST).await?;
+        let slower = FAST.velocity(60.0).start(Start::Blend);
+        let place = on_x.move_abs(PLACE.0, slower).await?;
+        clear.done().await?;
+        on_y.move_abs(PLACE.1, FAST).await?.done().await?;
+        place.done().await?;
+        self.clock.sleep(GRIP).await?;
+        on_y.release().await?;
+        Ok(on_x.release().await?)
+    }
+}
+
+async fn home(axis: &ScaledAxis) -> std::result::Result<(), AxisError> {
+    axis.enable().await?;
+    let homing = axis.homing().await?;
+    let slowly = ScaledHomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+        .speeds(50.0, 5.0)
+        .acceleration(500.0)
+        .offset(0.0);
+    homing.home(slowly).await?;
+    homing.release().await
+}
+
+fn main() -> ExitCode {
+    let run = async {
+        let line = line();
+        let wired = Arc::clone(&line);
+        let wire = Wire::new(move |frame, now| lock(&wired).process(frame, now));
+        run(&line, wired_to(wire).start().await?).await
+    };
+    let done = tokio::runtime::Builder::new_current_thread()
+        .build()
+        .map_err(Into::into)
+        .and_then(|runtime| runtime.block_on(run));
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("pick_and_place: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+async fn run(line: &Line, net: Network) -> Result<()> {
+    let machine = Machine::new(&net)?;
+    machine.home().await?;
+    machine.cycle().await?;
+    println!(
+        "placed a part, at {:.2} mm and {:.2} mm",
+        machine.x.status().position,
+        machine.y.status().position
+    );
+
+    break_encoder(line);
+    let failed = machine.cycle().await;
+    let Some(error) = failed
+        .as_ref()
+        .err()
+        .and_then(|e| e.downcast_ref::<AxisError>())
+    else {
+        return failed;
+    };
+    println!("to the operator: {error}");
+    if !matches!(error.failure(), Some(Failure::Fault { .. })) {
+        return failed;
+    }
+    // Somebody has mended it, and says so.
+    mend_encoder(line);
+    machine.x.reset_fault().await?;
+    machine.x.enable().await?;
+    machine.cycle().await?;
+    println!("and goes on");
+    net.shutdown().await;
+    Ok(())
+}
+
+fn wired_to(wire: Wire) -> NetworkBuilder {
+    let drive = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+    Network::builder()
+        .link(wire)
+        // Longer than a computer without real time keeps this thread waiting when it is busy.
+        .watchdog(Duration::from_millis(500))
+        .drive(0, drive)
+}
+
+type Line = Arc<Mutex<Segment>>;
+
+/// Each axis stands three centimetres from its switch.
+fn line() -> Line {
+    let shaft = Shaft {
+        start: 300_000,
+        negative_limit: Some(0),
+        ..Shaft::default()
+    };
+    let drive = Servo::akd2g().change(move |drive| drive.machine = shaft.clone());
+    Arc::new(Mutex::new(Segment::new().with(drive.build())))
+}
+
+fn lock(line: &Line) -> std::sync::MutexGuard<'_, Segment> {
+    line.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn break_encoder(line: &Line) {
+    if let Some(axis) = lock(line).axis_mut(0, 0) {
+        axis.inject_lasting_fault(0x7305);
+    }
+}
+
+fn mend_encoder(line: &Line) {
+    if let Some(axis) = lock(line).axis_mut(0, 0) {
+        axis.clear_cause();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Runs what is asked of the machine in virtual time.
+    fn with_machine<T>(line: &Line, asked: impl AsyncFnOnce(&Machine) -> Result<T>) -> Result<T> {
+        let wired = Arc::clone(line);
+        let latency = Duration::from_micros(20);
+        let wire =
+            Wire::in_virtual_time(latency, move |frame, now| lock(&wired).process(frame, now));
+        let (starting, mut bus) = wired_to(wire).split()?;
+        bus.run_until(async {
+            let net = starting.network().await?;
+            let machine = Machine::new(&net)?;
+            machine.home().await?;
+            let done = asked(&machine).await;
+            net.shutdown().await;
+            done
+        })
+    }
+
+    #[test]
+    fn a_part_is_carried_from_the_pick_to_the_place_in_less_than_two_seconds() {
+        let line = line();
+        let took = with_machine(&line, async |machine| {
+            let before = machine.clock.now();
+            machine.cycle().await?;
+            Ok(machine.clock.now() - before)
+        });
+        let took = took.unwrap();
+        assert!(took < Duration::from_secs(2), "{took:?}");
+        let ends = |axis| {
+            let line = lock(&line);
+            let ledger = line.axis(0, axis).unwrap().ledger();
+            ledger.iter().map(|move_| move_.value).collect::<Vec<_>>()
+        };
+        assert_eq!(ends(0), [500_000, 900_000, 1_200_000]);
+        assert_eq!(ends(1), [125_000, 50_000]);
+    }
+
+    #[test]
+    fn a_hundred_parts_do_not_drift() {
+        let at = with_machine(&line(), async |machine| {
+            for _ in 0..100 {
+                machine.cycle().await?;
+            }
+            Ok((machine.x.status().position, machine.y.status().position))
+        });
+        let (x, y) = at.unwrap();
+        assert!((x - PLACE.0).abs() < 0.01, "{x}");
+        assert!((y - PLACE.1).abs() < 0.01, "{y}");
+    }
+
+    #[test]
+    fn a_broken_encoder_is_told_and_a_reset_alone_does_not_help() {
+        let line = line();
+        let told = with_machine(&line, async |machine| {
+            break_encoder(&line);
+            let failed = machine.cycle().await.unwrap_err().to_string();
+            let kept = machine.x.reset_fault().await.unwrap_err().to_string();
+            mend_encoder(&line);
+            machine.x.reset_fault().await?;
+            machine.x.enable().await?;
+            machine.cycle().await?;
+            Ok((failed, kept))
+        });
+        let (failed, kept) = told.unwrap();
+        let why = "axis x (drive 0 \"AKD2G\"): the drive has a fault: 7305h (incremental encoder 1 fault)";
+        assert_eq!(failed, why);
+        assert_eq!(kept, why);
+    }
+}
