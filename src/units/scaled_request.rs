@@ -102,11 +102,14 @@ pub struct ScaledFollowed {
     pub result: Result<ScaledOutcome, AxisError>,
 }
 
+/// A stream of moves in the drive's units.
+type InCounts<S> = Map<S, fn(ScaledMoveRequest) -> MoveRequest>;
+
 /// The outcomes of a path's moves, in their order, from [`ScaledProfilePosition::follow`]. It sends nothing unless it is polled.
 #[must_use = "a path is sent while its outcomes are taken"]
 #[derive(Debug)]
 pub struct ScaledFollow<'a, S> {
-    inner: Follow<'a, Map<S, fn(ScaledMoveRequest) -> MoveRequest>>,
+    inner: Follow<'a, InCounts<S>>,
     scale: Scale,
 }
 

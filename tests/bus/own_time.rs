@@ -7,6 +7,7 @@ use servocrab::{
     link::Wire,
 };
 use servocrab_sim::{AlState, Segment, personality};
+use smol::future::poll_once;
 
 use crate::rig::{Line, Rig, akd2g, unhomed};
 
@@ -76,17 +77,7 @@ fn a_network_that_others_hold_can_be_ended() {
     let net = Arc::new(smol::block_on(net.start()).unwrap());
     let x = net.axis("x").unwrap();
     smol::block_on(x.enable()).unwrap();
-    let panel = {
-        let net = Arc::clone(&net);
-        thread::spawn(move || {
-            let (events, emergencies) = (net.events(), net.all_emergencies());
-            smol::block_on(async {
-                while events.next().await.is_some() {}
-                while emergencies.next().await.is_some() {}
-            });
-            net
-        })
-    };
+    let (panel, events, emergencies) = (Arc::clone(&net), net.events(), net.all_emergencies());
     smol::block_on(net.shutdown());
     let segment = line.segment();
     assert!(!segment.axis(0, 0).unwrap().state().is_powered());
@@ -97,6 +88,13 @@ fn a_network_that_others_hold_can_be_ended() {
         error.to_string().ends_with("the network is closed"),
         "{error}"
     );
+    let end = |told: Option<bool>| told == Some(false);
+    assert!(end(smol::block_on(poll_once(async {
+        events.next().await.is_some()
+    }))));
+    assert!(end(smol::block_on(poll_once(async {
+        emergencies.next().await.is_some()
+    }))));
     // Once more is no mistake.
-    smol::block_on(panel.join().unwrap().shutdown());
+    smol::block_on(panel.shutdown());
 }

@@ -136,7 +136,7 @@ impl Note {
             Self::Axis(note) => note.write(at),
             Self::Drive(drive, change) => write_drive(&drive, change, at),
             Self::BroughtUp(drive) => {
-                tracing::info!(drive = %format_args!("{drive:#}"), ?at, "in OP")
+                tracing::info!(drive = %format_args!("{drive:#}"), ?at, "in OP");
             }
             Self::Mail(note) => note.write(at),
             Self::StopOfAll(stop) => tracing::warn!(?stop, ?at, "all axes are stopped"),
