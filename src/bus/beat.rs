@@ -31,7 +31,8 @@ impl Beat {
         })
     }
 
-    fn ended(&self) -> Duration {
+    /// When the last cycle ended.
+    pub(super) fn ended(&self) -> Duration {
         Duration::from_nanos(self.ended_ns.load(Ordering::Acquire))
     }
 }

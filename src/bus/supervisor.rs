@@ -126,6 +126,11 @@ async fn start(
     let stepper = Box::new((stepper, Arc::clone(&control.beat)));
     bring_up::start_cycles(context, &ready, stepper, period).await?;
     bring_up::operate(context, &ready, period, &progress).await?;
+    // Handles show what the last cycle was: whoever looks at once is to see devices in OP.
+    let before = control.beat.ended();
+    while control.beat.ended() == before {
+        context.time.sleep(period).await;
+    }
     let drives = (0..).zip(&ready.drives);
     let drives = drives.map(|(in_exchange, drive)| StartedDrive {
         position: drive.found.id.position,

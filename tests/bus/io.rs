@@ -67,6 +67,8 @@ fn single_bits_are_read_and_written_by_name_and_by_index() {
         states,
         [AlState::PreOp, AlState::Op, AlState::Op, AlState::Op]
     );
+    let at_once = io(&rig, "valves").status();
+    assert!(at_once.operational && at_once.delivered, "{at_once:?}");
     let third = io(&rig, "buttons")
         .input::<bool>("Channel 3.Input")
         .unwrap();
