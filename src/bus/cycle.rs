@@ -186,6 +186,12 @@ impl Cycle {
         }
     }
 
+    /// The reference clock's time, and when it was that, where cycles are in step with one.
+    pub(super) fn reference_time(&self) -> Option<(u64, Duration)> {
+        let clock = self.clock.as_ref()?;
+        Some((clock.time(), self.sent_at))
+    }
+
     fn end(&mut self, now: Duration, counters: &Counters) {
         let events = self.exchange.judge(counters);
         self.calm = false;

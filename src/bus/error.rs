@@ -281,9 +281,10 @@ pub enum DriveFault {
     /// It is to be synchronised by a distributed clock, but has none.
     #[error("its ESC has no distributed clock (register 0008h, bit 2)")]
     NoClock,
-    /// It follows its distributed clock, and would have to be given the time of the running line.
+    /// It follows its distributed clock, and a frame takes another time to it than at the start.
     #[error(
-        "it follows its distributed clock, which cannot be set anew while the network runs: shut the network down and start it again"
+        "it follows its distributed clock, and others that stood before it in the line at the start are missing: the delay of its clock \
+         cannot be measured while the network runs. Put them back, or shut the network down and start it again"
     )]
     ClockOfRunningLine,
     /// It was without power, and the clocks of the others follow its own, which would jump.

@@ -234,8 +234,8 @@ impl Network {
     /// ```
     ///
     /// # Errors
-    /// [`NetworkError::Drive`] with the step that failed, or because the drive follows a distributed clock and would have to be
-    /// brought up anew ([`DriveFault::ClockOfRunningLine`](super::DriveFault::ClockOfRunningLine)), or is the reference clock and was without
+    /// [`NetworkError::Drive`] with the step that failed, or because the drive follows a distributed clock and others in front of it
+    /// are missing ([`DriveFault::ClockOfRunningLine`](super::DriveFault::ClockOfRunningLine)), or is the reference clock and was without
     /// power ([`DriveFault::ReferenceOfRunningLine`](super::DriveFault::ReferenceOfRunningLine)); [`NetworkError::NotLocked`] if it follows a
     /// distributed clock and the reference is silent, has jumped, or is out of step; [`NetworkError::WrongLine`] if
     /// it is not in the line any more, or another device is in its place; [`NetworkError::Declaration`] if no drive and no device with inputs

@@ -47,7 +47,7 @@ fn named(axis: &str) -> DriveConfig {
 }
 
 /// How far the clocks of the segment's devices are apart, in nanoseconds.
-fn apart(segment: &Segment, now: Duration) -> u64 {
+pub(crate) fn apart(segment: &Segment, now: Duration) -> u64 {
     let clocks = segment.devices().iter();
     let times = clocks
         .filter(|device| device.description().clock == Some(ClockWidth::Bits64))

@@ -5,6 +5,7 @@ mod bring_up_costs;
 #[path = "../common/cable.rs"]
 mod cable;
 mod clocks;
+mod clocks_again;
 mod clocks_trouble;
 mod endings;
 mod expected_line;

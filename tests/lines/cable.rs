@@ -355,6 +355,7 @@ fn spoil_mails(weather: &mut Weather, frame: &mut [u8]) {
         if !mails::is_answered_mail(frame, &data) {
             continue;
         }
+        let station = u16::from_le_bytes([frame[data.start - 8], frame[data.start - 7]]);
         let mail = frame[data.clone()].to_vec();
         let mut other = None;
         if weather.happens(Trouble::MailBits) {
@@ -366,7 +367,7 @@ fn spoil_mails(weather: &mut Weather, frame: &mut [u8]) {
             other = Some(bits);
         }
         if weather.happens(Trouble::OtherMail) {
-            let earlier = weather.mails.earlier(&mut weather.random, &mail);
+            let earlier = weather.mails.earlier(&mut weather.random, station, &mail);
             other = earlier.or(other);
         }
         if weather.happens(Trouble::EmergencyInstead) {

@@ -1,6 +1,9 @@
 //! The mails in frames: which writes a device took, and what it said before.
 
-use std::{collections::BTreeMap, ops::Range};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    ops::Range,
+};
 
 use crate::{cable::datagrams, random::Random};
 
@@ -22,7 +25,8 @@ pub struct Watch {
     counters: BTreeMap<u16, u8>,
     /// How often each value was written.
     pub written: BTreeMap<Written, u32>,
-    said: Vec<Vec<u8>>,
+    /// What each device said last about objects that never change.
+    said: VecDeque<(u16, Vec<u8>)>,
 }
 
 impl Watch {
@@ -37,9 +41,12 @@ impl Watch {
                 self.counters.remove(&station);
             }
             if is_answered_mail(answer, &data) {
-                self.said.push(answer[data.clone()].to_vec());
+                let mail = &answer[data.clone()];
+                if names_its_object(mail) && word(mail, 9) < NOTE.0 {
+                    self.said.push_back((station, mail.to_vec()));
+                }
                 if self.said.len() > KEPT {
-                    self.said.remove(0);
+                    self.said.pop_front();
                 }
             }
             if header[0] != WRITE || register < 0x1000 || !taken || data.len() < 16 {
@@ -59,19 +66,20 @@ impl Watch {
         }
     }
 
-    /// An answer that was given before and names another object than the one that this mail is about.
-    pub fn earlier(&self, random: &mut Random, mail: &[u8]) -> Option<Vec<u8>> {
+    /// An answer that this device gave before, about another object than the one that this mail is about: as true as ever, and
+    /// not what was asked.
+    pub fn earlier(&self, random: &mut Random, station: u16, mail: &[u8]) -> Option<Vec<u8>> {
         let about = |mail: &[u8]| names_its_object(mail).then(|| (word(mail, 9), mail[11]));
         let is_reply = word(mail, 6) >> 12 == 3;
         // Segments belong to the note of the user. An emergency may come while anything is awaited.
         let now = about(mail).or(is_reply.then_some(NOTE))?;
-        let others = self.said.iter().filter(|said| {
-            let object = about(said);
-            object.is_some_and(|object| object != NOTE && object != now)
-        });
+        let others = self
+            .said
+            .iter()
+            .filter(|(of, said)| *of == station && about(said) != Some(now));
         let others: Vec<_> = others.collect();
-        let other = others.get(random.below(others.len() as u64) as usize)?;
-        Some((*other).clone())
+        let (_, other) = others.get(random.below(others.len() as u64) as usize)?;
+        Some(other.clone())
     }
 }
 

@@ -35,6 +35,8 @@ const SPEED_COUNTER_START: u16 = 0x0930;
 /// deviation over 4096 of them: after these less than a thirtieth of it is left.
 const DISTRIBUTIONS: u32 = 15_000;
 const LOOK_EVERY: Duration = Duration::from_millis(1);
+/// How often a latch that another one has overtaken is made again.
+const LATCHES: usize = 5;
 
 /// The clocks of a line after they were set.
 #[derive(Debug)]
@@ -44,6 +46,8 @@ pub(in crate::bus) struct Clocks {
     pub(in crate::bus) reference: DriveId,
     /// The width of each SubDevice's clock, by its place in the line.
     widths: Vec<Option<Width>>,
+    /// Nanoseconds that a frame takes from the reference to each clock, by the same places.
+    delays: Vec<Option<u32>>,
     /// A time of the reference clock, and when that was: later ones are extended to 64 bits with it.
     known: Cell<(u64, Duration)>,
     /// How the first distributions have ended.
@@ -71,6 +75,56 @@ impl Clocks {
         let known = (extend(time.wrapping_add(since), low), now);
         self.known.set(known);
         Ok(known)
+    }
+
+    /// Takes in a time of the reference that the cycles know, and when that was: by it later ones are extended.
+    pub(in crate::bus) fn remember(&self, time: u64, at: Duration) {
+        self.known.set((time, at));
+    }
+
+    /// Sets the clock of a SubDevice that has begun anew, where it was at the start, while all others run. The latch changes nothing of
+    /// theirs, and neither do the distributions by which this one learns its speed: they get the time that the cycles bring them.
+    pub(in crate::bus) async fn set_anew(
+        &self,
+        registers: &Registers,
+        station: u16,
+        position: u16,
+    ) -> Result<(), DriveFault> {
+        let delay = self.delays.get(usize::from(position)).copied().flatten();
+        let (Some(width), Some(delay)) = (self.width(position), delay) else {
+            return Err(DriveFault::NoClock);
+        };
+        let clock = self.latch(registers, station, width).await?;
+        let (reference, local) = clock.ok_or(RegisterError::NotAnswered)?;
+        let offset = reference.wrapping_add(delay.into()).wrapping_sub(local);
+        write_setting(registers, station, Setting { delay, offset }, width).await?;
+        self.distribute(registers).await?;
+        Ok(())
+    }
+
+    /// The times of the reference and of another clock as one frame passes them. None if frames with other latches have come
+    /// between again and again.
+    async fn latch(
+        &self,
+        registers: &Registers,
+        station: u16,
+        width: Width,
+    ) -> Result<Option<(u64, u64)>, RegisterError> {
+        // Of the reference, which has no offset.
+        let reference = async || -> Result<u32, RegisterError> {
+            let low = registers.read(self.distribution.station, RECEIVE_TIME_UNIT);
+            low.await.map(u32::from_le_bytes)
+        };
+        for _ in 0..LATCHES {
+            registers.broadcast(RECEIVE_TIMES, &[0; 4]).await?;
+            let before = reference().await?;
+            let local = read_local(registers, station, width).await?;
+            let (now, _) = self.now(registers).await?;
+            if reference().await? == before {
+                return Ok(Some((extend(now, before), local)));
+            }
+        }
+        Ok(None)
     }
 
     /// Distributes the reference time for the first time, while the drives are being configured.
@@ -156,6 +210,7 @@ pub(in crate::bus) async fn measure(
         },
         reference: first.id.clone(),
         widths,
+        delays,
         known: Cell::new((clock.local, registers.time().now())),
         taught: Cell::new(None),
         stands: Cell::new(false),
@@ -178,14 +233,7 @@ async fn read_latched(registers: Registers, station: u16) -> Result<Latched, Reg
             for (time, bytes) in received.iter_mut().zip(times.as_chunks().0) {
                 *time = u32::from_le_bytes(*bytes);
             }
-            let local = match width {
-                Width::Bits32 => {
-                    u32::from_le_bytes(registers.read(station, RECEIVE_TIME_UNIT).await?).into()
-                }
-                Width::Bits64 => {
-                    u64::from_le_bytes(registers.read(station, RECEIVE_TIME_UNIT).await?)
-                }
-            };
+            let local = read_local(&registers, station, width).await?;
             Some(LatchedClock {
                 width,
                 received,
@@ -199,6 +247,20 @@ async fn read_latched(registers: Registers, station: u16) -> Result<Latched, Reg
     })
 }
 
+/// The local time at which the latched frame came.
+async fn read_local(
+    registers: &Registers,
+    station: u16,
+    width: Width,
+) -> Result<u64, RegisterError> {
+    Ok(match width {
+        Width::Bits32 => {
+            u32::from_le_bytes(registers.read(station, RECEIVE_TIME_UNIT).await?).into()
+        }
+        Width::Bits64 => u64::from_le_bytes(registers.read(station, RECEIVE_TIME_UNIT).await?),
+    })
+}
+
 async fn set_clock(
     registers: Registers,
     station: u16,
@@ -207,7 +269,16 @@ async fn set_clock(
     let Some((setting, clock)) = setting else {
         return Ok(());
     };
-    write_time(&registers, station, OFFSET, setting.offset, clock.width).await?;
+    write_setting(&registers, station, setting, clock.width).await
+}
+
+async fn write_setting(
+    registers: &Registers,
+    station: u16,
+    setting: Setting,
+    width: Width,
+) -> Result<(), RegisterError> {
+    write_time(registers, station, OFFSET, setting.offset, width).await?;
     let delay = setting.delay.to_le_bytes();
     registers.write(station, DELAY, &delay).await?;
     // What the filters hold is of the time before.

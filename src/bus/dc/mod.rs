@@ -15,5 +15,5 @@ pub(super) use lock::{LockWatch, first_cycle, wait_for_lock};
 pub(super) use measure::{Clocks, measure};
 pub(super) use phase::{Measured, Phase};
 pub use setting::DistributedClock;
-pub(super) use sync::{set_types, start};
+pub(super) use sync::{set_types, settling, start};
 pub use topology::TopologyError;

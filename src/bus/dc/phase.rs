@@ -17,7 +17,7 @@ const PROPORTIONAL: i64 = 1 << (PLACES - 4);
 /// Crystals that differ by more than this many parts per million are not followed. Two of 100 ppm differ by 200.
 const MOST_PPM: i64 = 500;
 /// Cycles in a row within the bound that make a lock; and so many without the reference's time end it.
-const LOCK_CYCLES: u32 = 64;
+pub(super) const LOCK_CYCLES: u32 = 64;
 /// What a cycle beyond the bound takes from a lock: some of them end it.
 const BEYOND: u32 = 16;
 /// So many cycles in a row that are more than half a cycle off are no wild values: the reference clock has jumped.
@@ -122,6 +122,11 @@ impl Phase {
         let length = self.period.saturating_mul(periods.into());
         self.next = self.next.wrapping_add_signed(length);
         (self.now.0.wrapping_add_signed(late), drift)
+    }
+
+    /// The system time at which this cycle was to pass the reference clock.
+    pub(in crate::bus) const fn time(&self) -> u64 {
+        self.now.0
     }
 
     /// Whether the cycles are in step.

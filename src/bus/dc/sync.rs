@@ -6,6 +6,7 @@ use super::{
     delay::Width,
     distribution::SYSTEM_TIME,
     measure::{Clocks, write_time},
+    phase::LOCK_CYCLES,
     setting::DistributedClock,
 };
 use crate::{
@@ -100,6 +101,11 @@ async fn keeps<T: crate::coe::Number>(
         Err(error) if aborted(&error).is_some() => Ok(None),
         Err(error) => Err(error.error.into()),
     }
+}
+
+/// How long after that a drive has had as many pulses as at the start of a network, where all wait for the lock.
+pub(in crate::bus) fn settling(period: Duration) -> Duration {
+    AHEAD + period * LOCK_CYCLES
 }
 
 /// Switches SYNC0 on, with its first pulse ahead. The clocks must have been set.

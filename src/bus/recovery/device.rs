@@ -1,12 +1,13 @@
 //! A device of a line that was brought up, as far as its way back needs to know it.
 
-use std::{cell::Cell, sync::Arc};
+use std::{cell::Cell, rc::Rc, sync::Arc};
 
 use smol::lock::Mutex;
 
 use super::super::{
-    BringUpStep, DriveFault, NetworkError,
+    NetworkError,
     bring_up::{self, Ready},
+    dc::Clocks,
     discovery::Found,
     drive_setup::{Failed, Job},
     io::ReadyIo,
@@ -87,12 +88,12 @@ pub(in crate::bus) fn devices(ready: Ready) -> Vec<Device> {
 }
 
 impl Device {
-    /// Its clock would have to be set while those of others must not be disturbed.
-    pub(super) fn can_be_set_up(&self) -> Result<(), NetworkError> {
-        if self.synchronised {
-            return Err(self.fault((BringUpStep::Clock, DriveFault::ClockOfRunningLine)));
+    /// The line's clocks, if its own follows the reference.
+    pub(super) fn clocks(&self) -> Option<&Rc<Clocks>> {
+        match &self.set_up {
+            SetUp::Drive(set_up) if self.synchronised => set_up.0.clocks.as_ref(),
+            SetUp::Drive(_) | SetUp::Io(_) => None,
         }
-        Ok(())
     }
 
     /// What its mailbox client is told by, if it has one.

@@ -3,6 +3,7 @@
 //! Only the program asks for it. Before anything is done with the device its axes begin again: what they were told is over,
 //! and what goes out to them is that of an axis that is switched off.
 
+mod clock;
 mod device;
 mod find;
 mod recovered;
@@ -128,14 +129,18 @@ impl Recovery {
 
     /// Gives it its station address again, wherever it is in the line now.
     async fn find(&self, place: usize, device: &Device) -> Result<u16, NetworkError> {
-        device.can_be_set_up()?;
         // By its address the time is read that all others get.
         if device.is_reference {
             return Err(device.fault((BringUpStep::Clock, DriveFault::ReferenceOfRunningLine)));
         }
         self.cut_off(place);
         let _searching = self.search.lock().await;
-        find::find(&self.context.registers, &self.line, &device.found.id).await
+        let at_start = &device.found.id;
+        let position = find::find(&self.context.registers, &self.line, at_start).await?;
+        if device.synchronised && position != at_start.position {
+            return Err(device.fault((BringUpStep::Clock, DriveFault::ClockOfRunningLine)));
+        }
+        Ok(position)
     }
 
     /// As at the start, from INIT.
@@ -146,11 +151,11 @@ impl Recovery {
         steps: Sender<StepDone>,
     ) -> Result<(), NetworkError> {
         let found = &device.found;
-        device.can_be_set_up()?;
         device.stage.set(Stage::Anew);
         self.axes.borrow_mut().forget(place);
         self.cut_off(place);
         self.lead_into_pre_op(device).await?;
+        self.set_clock(device).await?;
         let progress = |drives, ios| Rc::new(Progress::new(&self.context, steps, drives, ios));
         let (progress, configs) = match &device.set_up {
             SetUp::Drive(set_up) => {
@@ -165,6 +170,9 @@ impl Recovery {
             }
         };
         self.with_data(place, DriveData::put_back);
+        if device.clocks().is_some() {
+            self.context.time.sleep(dc::settling(self.period)).await;
+        }
         let again = |number| match configs.get(number) {
             Some(config) => Again::Anew(Box::new(AxisConfig::clone(config))),
             None => Again::Unknown,
