@@ -145,6 +145,106 @@ fn a_short_file_does_not_unfold_into_a_long_dictionary() {
     assert!(error.reason.contains("65536 entries"), "{error}");
 }
 
+/// Where the numbers of a file are: all of an element or an attribute.
+fn numbers(text: &str) -> Vec<core::ops::Range<usize>> {
+    let mut found = Vec::new();
+    for (start, _) in text.match_indices(['>', '"']) {
+        let start = start + 1;
+        let length = text[start..].find(['<', '"']).unwrap_or(0);
+        let number = &text[start..start + length];
+        let digits = number.strip_prefix("#x").unwrap_or(number);
+        if !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_hexdigit()) {
+            found.push(start..start + length);
+        }
+    }
+    found
+}
+
+/// Where the elements of a file are, each with all that is in it.
+fn elements(text: &str) -> Vec<core::ops::Range<usize>> {
+    let document = roxmltree::Document::parse(text).unwrap();
+    let elements = document.descendants().filter(roxmltree::Node::is_element);
+    elements.map(|element| element.range()).collect()
+}
+
+/// Takes a device through frames and cycles on its way to OP, whatever it says to that.
+fn lives(drive: EsiDrive) {
+    let mut device = drive.build();
+    let _ = device.dictionary();
+    let mut segment = crate::Segment::new().with(device);
+    let mut now = Duration::ZERO;
+    // BWR of the AL control, BRD of what is there, LRW of 64 bytes from 0 on (ETG.1000.4).
+    let datagram = |command: u8, address: [u8; 4], data: &[u8]| {
+        let mut frame = vec![0xFF; 12];
+        frame.extend([0x88, 0xA4, data.len() as u8 + 12, 0x10, command, 0]);
+        frame.extend(address);
+        frame.extend([data.len() as u8, 0, 0, 0]);
+        frame.extend(data);
+        frame.extend([0, 0]);
+        frame
+    };
+    for state in [0x11, 0x12, 0x14, 0x18, 0x11] {
+        for mut frame in [
+            datagram(8, [0, 0, 0x20, 0x01], &[state, 0]),
+            datagram(7, [0, 0, 0, 0x08], &[0; 64]),
+            datagram(8, [0, 0, 0x02, 0x05], &[0, 1, 0x40, 0, 0, 0]),
+            datagram(12, [0; 4], &[0; 64]),
+        ] {
+            segment.process(&mut frame, now);
+            now += Duration::from_millis(1);
+        }
+    }
+}
+
+#[test]
+fn a_file_with_any_number_far_too_large_or_any_element_missing_makes_a_device_that_lives_or_is_refused_with_its_line()
+ {
+    let extremes = [
+        "0",
+        "1",
+        "255",
+        "65535",
+        "65536",
+        "2147483647",
+        "4294967295",
+        "18446744073709551615",
+        "99999999999999999999999999",
+        "-1",
+        "#x",
+        "#xFFFFFFFF",
+        "#xFFFFFFFFFFFFFFFFF",
+        "",
+    ];
+    let numbers = numbers(GENERIC).into_iter();
+    let numbers = numbers.flat_map(|place| extremes.map(|extreme| (place.clone(), extreme)));
+    let missing = elements(GENERIC).into_iter().map(|place| (place, ""));
+    let (mut made, mut refused) = (0, 0);
+    for (place, put) in numbers.chain(missing) {
+        let text = [&GENERIC[..place.start], put, &GENERIC[place.end..]].concat();
+        match EsiDrive::from_bytes("changed.xml", text.as_bytes()) {
+            Ok(drive) => {
+                made += 1;
+                // As many as are not alike; the rest is the same file in other words.
+                if made % 7 == 0 {
+                    lives(drive);
+                }
+            }
+            Err(error) => {
+                refused += 1;
+                let is_whole = place == (0..GENERIC.len()) || text.is_empty();
+                assert!(
+                    error.line.is_some() || is_whole || text.len() < 100,
+                    "{place:?} {put}: {error}"
+                );
+            }
+        }
+    }
+    assert!(
+        made > 1_000 && refused > 1_000,
+        "{made} made, {refused} refused"
+    );
+}
+
 proptest! {
     #[test]
     fn a_file_with_anything_put_anywhere_makes_a_device_or_is_refused(
