@@ -20,7 +20,7 @@ mod trouble;
 use std::collections::BTreeMap;
 
 /// New lives of each run.
-const LIVES: u64 = 80;
+const LIVES: u64 = 50;
 
 /// Seeds that once failed come first.
 const KEPT: &str = include_str!("seeds.txt");
