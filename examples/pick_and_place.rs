@@ -69,7 +69,7 @@ impl Machine {
         let on_x = self.x.profile_position().await?;
         let on_y = self.y.profile_position().await?;
         let there = [on_x.abs(PICK.0, FAST)?, on_y.abs(PICK.1, FAST)?];
-        for motion in units::together(there).await? {
+        for motion in units::together(there).await.map_err(AxisError::from)? {
             motion.done().await?;
         }
         self.clock.sleep(GRIP).await?;
@@ -246,7 +246,8 @@ mod tests {
         let line = line();
         let told = with_machine(&line, async |machine| {
             break_encoder(&line);
-            let failed = machine.cycle().await.unwrap_err().to_string();
+            let failed = machine.cycle().await.unwrap_err();
+            let failed = failed.downcast::<AxisError>()?.to_string();
             let kept = machine.x.reset_fault().await.unwrap_err().to_string();
             mend_encoder(&line);
             machine.x.reset_fault().await?;
