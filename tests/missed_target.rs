@@ -4,7 +4,7 @@
 mod common;
 
 use common::Rig;
-use servocrab::axis::{CommandId, Completion, Failure};
+use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::profile_position::{BufferSignal, Limits, RelativeBase, SetPoint, Start};
 use servocrab_sim::ds402::{AckPolicy, Behaviour, LimitViolation};
 
@@ -224,4 +224,27 @@ fn the_way_of_the_moves_before_does_not_lead_to_the_end_of_the_next() {
         }
         assert_eq!(third, Ok(Completion::Reached { position: -1_000 }));
     }
+}
+
+#[test]
+fn the_way_through_a_halt_does_not_lead_to_the_end() {
+    // The axis takes more counts to come to rest than are left to the target, and the drive does not go there.
+    let mut rig = not_enabled(AckPolicy::BufferFree, 0);
+    rig.drive.disturbances().always_limited = true;
+    set_limits(&mut rig, -5_000, 5_000);
+    rig.enable();
+    let first = rig.abs(5_600, SetPoint::new());
+    let second = rig.abs(0, SetPoint::new().start(Start::AfterCurrent));
+    rig.run_until(1_000, |rig| rig.drive.position() > 2_400);
+    let halt = rig.send(Command::Halt);
+    assert!(rig.finish(halt).is_ok());
+    assert!(rig.drive.position() < 4_950);
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.finish(resume), Ok(Completion::Done));
+    let outcome = rig.finish(first);
+    assert!(
+        matches!(outcome, Err(Failure::MissedTarget { target: 5_600, .. })),
+        "{outcome:?}"
+    );
+    assert_eq!(rig.finish(second), Ok(Completion::Reached { position: 0 }));
 }

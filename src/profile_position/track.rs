@@ -56,7 +56,7 @@ pub(super) struct Track {
     fastest: u32,
     /// Whether the axis may have been at the end between two cycles.
     near: bool,
-    /// Whether its side has to be taken anew, from where the axis goes on.
+    /// Whether its side and its way have to be taken anew, from where the axis goes on.
     resumed: bool,
 }
 
@@ -146,8 +146,11 @@ impl Track {
         self.left_target |= !statusword.contains(Statusword::TARGET_REACHED);
         let Some(end) = self.end else { return };
         let position = cycle.sample.position;
-        if core::mem::take(&mut self.resumed) || (self.far && !self.is_far(position, cycle.bounds))
-        {
+        let resumed = core::mem::take(&mut self.resumed);
+        if resumed {
+            self.before = position;
+        }
+        if resumed || (self.far && !self.is_far(position, cycle.bounds)) {
             self.turn(position, cycle.bounds);
         }
         let remaining = cycle.bounds.distance(end, position);
