@@ -5,7 +5,7 @@ mod common;
 
 use common::Rig;
 use servocrab::axis::{Command, CommandId, Completion, StopRequest, Tolerances};
-use servocrab::ds402::{QuickStopOption, State};
+use servocrab::ds402::{Mode, QuickStopOption, State};
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{self, Behaviour};
 
@@ -110,4 +110,20 @@ fn a_halt_is_done_when_the_axis_stands() {
         rig.cycle();
     }
     assert_eq!(rig.drive.velocity(), 0.0);
+}
+
+/// Bit 8 falls on an axis without a set-point: nothing sets off by it.
+#[test]
+fn an_axis_that_rests_through_halt_and_resume_is_still_at_rest() {
+    let mut rig = at_rest();
+    let halt = rig.send(Command::Halt);
+    assert!(rig.finish(halt).is_ok());
+    let resume = rig.send(Command::Resume);
+    assert_eq!(rig.finish(resume), Ok(Completion::Done));
+    rig.run(1);
+    let stop = rig.send(Command::Stop);
+    let state = State::OperationEnabled;
+    assert_eq!(rig.outcome(stop), Some(Ok(Completion::Stopped { state })));
+    let mode = rig.send(Command::SelectMode(Mode::ProfileVelocity));
+    assert_eq!(rig.finish(mode), Ok(Completion::Done));
 }

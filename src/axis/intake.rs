@@ -74,7 +74,8 @@ impl AxisCore {
         let rises = self.outgoing.difference(self.sent);
         let falls = self.sent.difference(self.outgoing);
         rises.contains(Controlword::NEW_SET_POINT)
-            || falls.contains(Controlword::HALT)
+            // Without a set-point nothing goes on by it.
+            || (falls.contains(Controlword::HALT) && self.has_motion())
             || (self.sent_velocity == 0 && self.outgoing_velocity != 0)
     }
 
