@@ -3,9 +3,9 @@
 
 mod common;
 
-use common::Rig;
+use common::{Link, Rig};
 use servocrab::axis::{Command, CommandId, Completion, Failure, StopRequest};
-use servocrab::ds402::State;
+use servocrab::ds402::{QuickStopOption, State};
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{self, Behaviour};
 
@@ -120,4 +120,62 @@ fn a_halt_of_an_axis_that_takes_no_voltage_off_either_is_not_taken_back() {
     rig.run(3_000);
     let halted_to_the_end = rig.words.iter().rev().take(3_000);
     assert!(halted_to_the_end.into_iter().all(|word| word & 0x0100 != 0));
+}
+
+/// It has not ignored what it has never got.
+#[test]
+fn an_axis_that_was_lost_for_longer_than_the_deadline_is_stopped_before_its_voltage_is_taken() {
+    for latency in [0, 3] {
+        let (mut rig, id) = moving(true);
+        rig.latency = latency;
+        rig.drive.disturbances().deaf_to_quick_stop = false;
+        for _ in 0..12_000 {
+            rig.cycle_over(Link::RequestLost);
+        }
+        assert!(matches!(
+            rig.outcome(id),
+            Some(Err(Failure::BusLost { .. }))
+        ));
+        assert!(rig.drive.velocity() > 0.0);
+        while rig.drive.velocity() > 0.0 {
+            rig.cycle();
+            assert_ne!(rig.word() & 0x0002, 0, "disable voltage");
+        }
+    }
+}
+
+#[test]
+fn a_disable_of_an_axis_that_is_being_switched_off_says_nothing_of_the_next_quick_stop() {
+    let behaviour = Behaviour {
+        quick_stop_option: 6,
+        ..Behaviour::akd2g()
+    };
+    let mut rig = Rig::new(behaviour, |config| {
+        config.quick_stop = QuickStopOption(6);
+    });
+    for round in 0..3 {
+        rig.enable();
+        let target = if round % 2 == 0 { 100_000 } else { 0 };
+        let id = rig.abs(target, SetPoint::new());
+        rig.wait_accepted(id);
+        rig.run(50);
+        let quick = rig.send(Command::QuickStop);
+        let state = State::QuickStopActive;
+        assert_eq!(
+            rig.finish(quick),
+            Ok(Completion::Stopped { state }),
+            "{round}"
+        );
+        rig.enable();
+        let id = rig.abs(target, SetPoint::new());
+        rig.wait_accepted(id);
+        rig.run(50);
+        let first = rig.send(Command::Disable);
+        rig.run_until(1_000, |rig| rig.word() & 0x0002 == 0);
+        assert_eq!(rig.outcome(first), None);
+        let second = rig.send(Command::Disable);
+        for id in [first, second] {
+            assert!(matches!(rig.finish(id), Ok(Completion::Stopped { .. })));
+        }
+    }
 }

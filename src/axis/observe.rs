@@ -308,11 +308,11 @@ impl AxisCore {
                     && self.is_standing(now);
                 if holds || matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled) {
                     self.finish_quick_stop(now, state);
-                } else if self.ignores_quick_stop(now, sample, delivered)
-                    || (late && state == State::OperationEnabled)
-                {
+                } else if self.ignores_quick_stop(now, sample, delivered) {
                     self.give_quick_stop_up(now);
-                } else if until.is_some_and(|until| now >= until) {
+                } else if self.stopping.quick_delivered.is_none()
+                    && until.is_some_and(|until| now >= until)
+                {
                     // It is commanded on; those who wait are told that it has not worked.
                     self.stopping.stage = Stage::Quick { until: None };
                     let failure = self.timeout(WaitingFor::Standstill, Delivery::Accepted);

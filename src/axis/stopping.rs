@@ -47,7 +47,7 @@ pub(super) struct Stopping {
     pub(super) unwatched: bool,
     /// What bit 8 does.
     pub(super) slowing: Slowing,
-    /// Since when bit 2 is known to have been delivered low, and what it does on a drive that stays in Operation enabled.
+    /// Since when a drive that stays in Operation enabled is known to have been sent bit 2 low, and what that does.
     pub(super) quick_delivered: Option<Duration>,
     pub(super) quick_slowing: Slowing,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
@@ -71,6 +71,11 @@ impl Stopping {
     /// Bit 2 falls, and the axis is to stand by then.
     pub(super) fn begin_quick(&mut self, until: Duration) {
         self.stage = Stage::Quick { until: Some(until) };
+        self.measure_quick();
+    }
+
+    /// What bit 2 does is measured from its next delivery on.
+    fn measure_quick(&mut self) {
         self.quick_delivered = None;
         self.quick_slowing = Slowing::default();
     }
@@ -122,7 +127,8 @@ impl AxisCore {
             .is_some_and(|since| now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle)
     }
 
-    /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower.
+    /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower, or has
+    /// had the time to come to rest since.
     pub(super) fn ignores_quick_stop(
         &mut self,
         now: Duration,
@@ -130,6 +136,7 @@ impl AxisCore {
         delivered: bool,
     ) -> bool {
         if sample.state() != State::OperationEnabled {
+            self.stopping.measure_quick();
             return false;
         }
         if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
@@ -139,7 +146,10 @@ impl AxisCore {
             let slowing = &mut self.stopping.quick_slowing;
             slowing.observe(now, sample.position, &self.bounds);
         }
+        let standstill = self.config.deadlines.standstill;
+        let since = self.stopping.quick_delivered;
         self.stopping.quick_slowing.runs_on()
+            || since.is_some_and(|since| now.saturating_sub(since) >= standstill)
     }
 
     /// The drive does not stop the axis: without voltage it at least drives it no further.

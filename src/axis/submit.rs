@@ -110,7 +110,7 @@ impl AxisCore {
         }
         self.cancel_enabling(Failure::Disabled { state });
         if self.begin_stop(now, Failure::Disabled { state }) {
-            self.stopping.off = true;
+            self.stopping.off = !self.stopping.is_switching_off();
             self.wait_for_stop(now, id);
             return;
         }
