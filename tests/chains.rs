@@ -167,6 +167,38 @@ fn a_replacement_overtakes_the_moves_that_wait_for_their_turn() {
     }
 }
 
+#[test]
+fn a_full_buffer_is_not_taken_for_replaced_by_a_drive_under_local_control() {
+    let mut rig = pp2010();
+    let (first, second) = full(&mut rig);
+    // Its active move ends soon, and bit 12 falls.
+    rig.run_until(20_000, |rig| rig.drive.position() > 49_900);
+    rig.drive.set_remote(false);
+    rig.run(2);
+    let third = rig.abs(-10_000, SetPoint::new());
+    rig.run(200);
+    rig.drive.set_remote(true);
+    let end = rig.finish(third);
+    rig.run(5_000);
+    assert!(
+        matches!(
+            end,
+            Err(Failure::Timeout {
+                delivery: Delivery::Unknown,
+                ..
+            })
+        ),
+        "{end:?}"
+    );
+    let judged = executed(&rig);
+    let reached = [(50_000, Outcome::Reached), (60_000, Outcome::Reached)];
+    assert_eq!(judged, reached, "the drive has gone on with its queue");
+    for id in [first, second] {
+        let told = rig.outcome(id);
+        assert_ne!(told, Some(Err(Failure::Superseded)));
+    }
+}
+
 /// Against its documents, this drive goes on through its queue whatever bit 5 says.
 #[test]
 fn a_full_buffer_that_does_not_take_the_replacement_is_never_reported_as_reached() {

@@ -37,6 +37,11 @@ impl Cycle<'_> {
         statusword.contains(Statusword::SET_POINT_ACKNOWLEDGE)
     }
 
+    /// Bit 9.
+    pub(super) fn is_remote(&self) -> bool {
+        self.sample.statusword.contains(Statusword::REMOTE)
+    }
+
     /// Whether the drive has surely seen what was delivered at that time: two of its own cycles have passed.
     pub(super) fn is_seen(&self, delivered: Duration) -> bool {
         self.now.saturating_sub(delivered) >= 2 * self.traits.drive_cycle

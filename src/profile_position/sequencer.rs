@@ -29,6 +29,8 @@ pub(crate) struct Sequencer {
     unconfirmed: Option<Raised>,
     unknown: bool,
     armed: Option<CommandId>,
+    /// Whether bit 9 (remote) was ever seen high: of a drive that never shows it it says nothing.
+    remote_tells: bool,
 }
 
 impl Sequencer {
@@ -43,6 +45,7 @@ impl Sequencer {
             unconfirmed: None,
             unknown: false,
             armed: None,
+            remote_tells: false,
         }
     }
 
@@ -234,6 +237,8 @@ impl Sequencer {
     }
 
     fn follow_bit4(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
+        self.remote_tells |= cycle.is_remote();
+        let local = self.remote_tells && !cycle.is_remote();
         self.bit4.note(cycle);
         if let Bit4::High {
             raised,
@@ -251,7 +256,8 @@ impl Sequencer {
             if full && shown > SHOWN_AFTER {
                 self.low();
                 self.unconfirmed = Some(raised);
-            } else if cycle.is_late(raised.since) {
+            } else if (full && local) || cycle.is_late(raised.since) {
+                // Under local control the drive follows no edge, and its bit 12 falls all the same when the active one ends.
                 self.low();
                 self.give_up(raised, WaitingFor::Acknowledge, cycle, events);
             }
