@@ -253,7 +253,7 @@ impl Sequencer {
                 self.accept(raised, true, cycle, events);
                 return true;
             }
-            if full && shown > SHOWN_AFTER {
+            if full && shown > SHOWN_AFTER && !local {
                 self.low();
                 self.unconfirmed = Some(raised);
             } else if (full && local) || cycle.is_late(raised.since) {
