@@ -331,8 +331,7 @@ impl Starting {
         let started = match started {
             Ok(started) => started,
             Err(error) => {
-                let (_, thread) = self.guard.release();
-                line::gone(&self.over, thread).await;
+                self.guard.gone(&self.over).await;
                 return Err(error);
             }
         };

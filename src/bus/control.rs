@@ -135,6 +135,14 @@ impl Guard {
         self.thread = Some(thread);
     }
 
+    /// Waits until a loop that has failed, and the link with it, is gone: whoever tries again finds the link free. A program that turns
+    /// the loop itself sees to that itself.
+    pub(super) async fn gone(self, over: &Receiver<()>) {
+        if self.thread.is_some() {
+            let _ = over.recv().await;
+        }
+    }
+
     /// Ends nothing any more.
     pub(super) fn release(mut self) -> (Option<Arc<Control>>, Option<JoinHandle<()>>) {
         (self.control.take(), self.thread.take())
@@ -244,5 +252,29 @@ impl std::fmt::Display for NetworkEvent {
             Self::Trouble(black_box) => write!(f, "{black_box}"),
             Self::Clock { reference, event } => write!(f, "{reference}: {event}"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_goes_away_while_a_failed_loop_ends_waits_for_its_thread() {
+        let control = Control::new(0);
+        let (alive, over) = smol::channel::bounded(1);
+        let gone = Arc::new(AtomicBool::new(false));
+        let (of_loop, is_gone) = (Arc::clone(&control), Arc::clone(&gone));
+        let mut guard = Guard::new(control);
+        guard.watch(std::thread::spawn(move || {
+            while !of_loop.is_shutdown() {
+                std::thread::yield_now();
+            }
+            is_gone.store(true, Ordering::Release);
+            drop(alive);
+        }));
+        let given_up = smol::future::poll_once(guard.gone(&over));
+        assert_eq!(smol::block_on(given_up), None);
+        assert!(gone.load(Ordering::Acquire));
     }
 }

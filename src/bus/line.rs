@@ -132,8 +132,7 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
     let devices = match found.recv().await.unwrap_or_else(|_| Err(ended())) {
         Ok(devices) => devices,
         Err(error) => {
-            let (_, thread) = guard.release();
-            gone(&over, thread).await;
+            guard.gone(&over).await;
             return Err(error);
         }
     };
@@ -144,16 +143,6 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
         over,
         thread,
     })
-}
-
-/// Waits until a loop that has failed, and the link with it, is gone: whoever tries again finds the link free. A program that turns the
-/// loop itself sees to that itself.
-pub(super) async fn gone(over: &Receiver<()>, thread: Option<JoinHandle<()>>) {
-    if let Some(thread) = thread {
-        let _ = over.recv().await;
-        // Only a panic fails it, and that has been told.
-        let _ = thread.join();
-    }
 }
 
 type Scanned = Result<Vec<LineDevice>, NetworkError>;
