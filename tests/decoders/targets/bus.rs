@@ -57,9 +57,9 @@ impl Spoiler {
 }
 
 /// The script: frames to let pass, then what happens to one. It ends in OP or in an error, within a minute of virtual time,
-/// and holds at most 8 MiB.
+/// and holds at most 16 MiB: a damaged frame may tell of 65 535 devices, each of which is asked about with some 140 bytes.
 pub fn run(data: &[u8]) {
-    within(8 << 20, || bring_up(data));
+    within(16 << 20, || bring_up(data));
 }
 
 fn bring_up(data: &[u8]) {
