@@ -122,6 +122,35 @@ fn a_halt_of_an_axis_that_takes_no_voltage_off_either_is_not_taken_back() {
     assert!(halted_to_the_end.into_iter().all(|word| word & 0x0100 != 0));
 }
 
+#[test]
+fn one_that_goes_into_its_quick_stop_late_keeps_its_voltage_until_it_stands() {
+    let behaviour = Behaviour {
+        abort_connection_option: 3,
+        ..Behaviour::akd2g()
+    };
+    let mut rig = Rig::new(behaviour, |_| {});
+    rig.drive.set(0x6085, 0, 20_000).expect("a slow ramp");
+    rig.enable();
+    let id = rig.abs(600_000, SetPoint::new().velocity(10_000));
+    rig.wait_accepted(id);
+    rig.run(200);
+    // It takes no orders, and then stops by itself.
+    rig.drive.set_remote(false);
+    let stop = rig.send(Command::QuickStop);
+    assert_eq!(rig.finish(stop), Err(Failure::QuickStopIgnored));
+    rig.drive.connection_lost();
+    rig.drive.connection_restored();
+    rig.run(10);
+    assert_eq!(rig.drive.state(), ds402::State::QuickStopActive);
+    rig.drive.set_remote(true);
+    while rig.drive.velocity() > 0.0 {
+        assert_ne!(rig.word() & 0x0002, 0, "disable voltage");
+        rig.cycle();
+    }
+    rig.run(1_000);
+    assert_eq!(rig.core.snapshot().state, State::SwitchOnDisabled);
+}
+
 /// It has not ignored what it has never got.
 #[test]
 fn an_axis_that_was_lost_for_longer_than_the_deadline_is_stopped_before_its_voltage_is_taken() {

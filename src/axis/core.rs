@@ -364,7 +364,7 @@ impl AxisCore {
         };
         let power = if self.stopping.is_quick() {
             PowerCommand::QuickStop
-        } else if self.stopping.is_switching_off() {
+        } else if self.stopping.is_switching_off() && state != State::QuickStopActive {
             PowerCommand::DisableVoltage
         } else {
             self.power.command(

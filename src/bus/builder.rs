@@ -184,7 +184,8 @@ impl NetworkBuilder {
     /// Configures the line, starts the bus thread, and brings the drives into OP. The axes are disabled then.
     ///
     /// A caller that drops the future ends the bring-up: the drives are sent to INIT, and the link is free again when it is dropped,
-    /// which takes some milliseconds, and a second where nobody answers.
+    /// which takes some milliseconds, and a second where nobody answers. Dropping it waits for that: not on a thread that the `tracing`
+    /// subscriber waits for.
     ///
     /// What happens on the bus is logged to the `tracing` subscriber that is current here. As soon as there are cycles a thread of its
     /// own, `servocrab-log`, does that, so that a subscriber that blocks stops none. Its events carry the time of the bus as the
