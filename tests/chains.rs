@@ -7,8 +7,10 @@ mod common;
 use common::{Link, Rig};
 use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::drives;
-use servocrab::profile_position::{Delivery, MoveCommand, Reference, SetPoint, Start};
-use servocrab_sim::ds402::{AckFault, Behaviour, Bit5, Executed, FullBuffer, Outcome};
+use servocrab::profile_position::{
+    Delivery, MoveCommand, Reference, RelativeBase, SetPoint, Start,
+};
+use servocrab_sim::ds402::{self, AckFault, Behaviour, Bit5, Executed, FullBuffer, Outcome};
 
 /// The drive with 2010h: two set-points, a bit 12 that stays high while both are there.
 fn pp2010() -> Rig {
@@ -416,4 +418,32 @@ fn a_move_that_waits_for_others_to_start_with_does_not_fail_by_one_cycle_that_is
     assert!(rig.core.is_armed(id));
     rig.core.fire(rig.now, id, &mut rig.outputs);
     assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 1_000 }));
+}
+
+/// It counts from where the axis is when the move before passes its end: behind that by the following error.
+#[test]
+fn a_distance_blended_on_a_drive_that_counts_from_the_actual_position_ends_where_that_leads() {
+    let behaviour = Behaviour {
+        relative_base: ds402::RelativeBase::Actual,
+        actual_lag_cycles: 5,
+        ..Behaviour::akd2g()
+    };
+    let mut rig = Rig::new(behaviour, |config| {
+        config.traits.relative_base = RelativeBase::Actual;
+    });
+    rig.enable();
+    let first = rig.abs(10_000, SetPoint::new());
+    let second = rig.rel(10_000, SetPoint::new().start(Start::Blend));
+    let end = rig.finish(second);
+    let executed = executed(&rig)[1];
+    assert!(executed.0 < 19_900, "{executed:?}");
+    assert_eq!(executed.1, Outcome::Reached);
+    assert!(matches!(
+        rig.outcome(first),
+        Some(Ok(Completion::Passed { .. }))
+    ));
+    let Ok(Completion::Reached { position }) = end else {
+        panic!("{end:?}");
+    };
+    assert!(executed.0.abs_diff(position.into()) <= 10, "{position}");
 }

@@ -291,6 +291,15 @@ impl Chain {
     pub(super) fn end_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         match command.reference {
             Reference::Absolute => Some(command.target),
+            // A drive that counts from the actual position takes it on the way, behind the end of the move before by the
+            // following error.
+            Reference::Relative
+                if command.set_point.start == Start::Blend
+                    && !self.is_empty()
+                    && cycle.traits.relative_base == RelativeBase::Actual =>
+            {
+                None
+            }
             Reference::Relative => {
                 let base = self.base_of(command, cycle);
                 base.map(|base| cycle.bounds.after(base, command.target))
@@ -321,7 +330,7 @@ impl Chain {
     fn base_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         let (position, traits) = (cycle.sample.position, cycle.traits);
         match (self.held.iter().flatten().last(), command.set_point.start) {
-            // Whatever the base is, at the end of the move before it they are all the same.
+            // At the end of the move before it all bases are the same, or nearly so: see `end_of`.
             (Some(before), Start::AfterCurrent | Start::Blend) => before.end,
             (Some(before), Start::Immediately) => match traits.relative_base {
                 RelativeBase::PreviousTarget => before.end,
