@@ -118,12 +118,12 @@ fn no_inputs_are_taken_for_the_pattern_that_marks_silence() {
     let inputs = ["Channel 1.Input", "Channel 2.Input"];
     let inputs = inputs.map(|name| io(&rig, "buttons").input::<bool>(name).unwrap());
     for value in [0x55, 0xAA, 0x55, 0xFF, 0x00, 0xAA] {
-        // The pattern alternates: they become so in a cycle of each kind.
+        // The pattern alternates: they become so in a cycle of each kind, the third and the fourteenth.
         for cycles in [3, 4] {
             line.segment().device_mut(2).unwrap().set_inputs(&[0x0F]);
             rig.run_for(cycles * CYCLE);
             line.segment().device_mut(2).unwrap().set_inputs(&[value]);
-            for cycle in 0..6 {
+            for cycle in 0..7 {
                 rig.run_for(CYCLE);
                 let age = inputs[0].last().map(|sampled| sampled.age);
                 assert_eq!(age, Some(0), "{value:02X}h");
