@@ -179,8 +179,8 @@ fn a_gated_move_is_not_started_on_inputs_that_did_not_arrive() {
     assert!(world.core.is_armed(id));
 }
 
-#[test]
-fn a_reset_during_a_fault_reaction_that_never_ends_is_given_up() {
+/// On its ramp of a fault reaction, with this deceleration.
+fn in_a_fault_reaction(deceleration: u32) -> World {
     let mut world = world(Behaviour::akd2g());
     world.drive.set(0x605E, 0, 1).expect("slow down");
     let id = world.submit(Command::Move(MoveCommand {
@@ -189,7 +189,7 @@ fn a_reset_during_a_fault_reaction_that_never_ends_is_given_up() {
         set_point: SetPoint::new()
             .velocity(1_000_000)
             .acceleration(100_000_000)
-            .deceleration(1),
+            .deceleration(deceleration),
         gated: false,
     }));
     until_accepted(&mut world, id);
@@ -197,28 +197,19 @@ fn a_reset_during_a_fault_reaction_that_never_ends_is_given_up() {
     world.drive.inject_fault(0x7305);
     run(&mut world, 20);
     assert_eq!(world.drive.state(), State::FaultReactionActive);
+    world
+}
+
+#[test]
+fn a_reset_during_a_fault_reaction_that_never_ends_is_given_up() {
+    let mut world = in_a_fault_reaction(1);
     let reset = world.submit(Command::ResetFault);
     assert!(finish(&mut world, reset).is_err());
 }
 
 #[test]
 fn a_drive_that_is_lost_in_its_fault_reaction_is_not_left_to_coast() {
-    let mut world = world(Behaviour::akd2g());
-    world.drive.set(0x605E, 0, 1).expect("slow down");
-    let id = world.submit(Command::Move(MoveCommand {
-        reference: Reference::Absolute,
-        target: i32::MAX,
-        set_point: SetPoint::new()
-            .velocity(1_000_000)
-            .acceleration(100_000_000)
-            .deceleration(1_000_000),
-        gated: false,
-    }));
-    until_accepted(&mut world, id);
-    run(&mut world, 50);
-    world.drive.inject_fault(0x7305);
-    run(&mut world, 20);
-    assert_eq!(world.drive.state(), State::FaultReactionActive);
+    let mut world = in_a_fault_reaction(1_000_000);
     let from = world.frames.len();
     for _ in 0..100 {
         world.cycle(StopRequest::empty(), false, Link::ReplyLost);
