@@ -1,5 +1,9 @@
 //! The project's own commands. `cargo xtask --help` lists them.
 
+mod mutants;
+
+use std::process::ExitCode;
+
 use clap::{Parser, Subcommand};
 
 /// The project's own commands.
@@ -11,8 +15,28 @@ struct Arguments {
 }
 
 #[derive(Subcommand)]
-enum Command {}
-
-fn main() -> std::process::ExitCode {
-    match Arguments::parse().command {}
+enum Command {
+    Mutants(mutants::Args),
 }
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().command {
+        Command::Mutants(args) => mutants::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("xtask: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The repository's root, in which the commands work whatever directory they are called from.
+fn root() -> &'static std::path::Path {
+    let package = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    package.parent().unwrap_or(package)
+}
+
+/// What ends a command: a text for whoever called it.
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
