@@ -73,7 +73,7 @@ impl AxisCore {
     }
 
     /// A step with inputs that are those of the last one: whether that is all.
-    #[inline]
+    #[inline(always)]
     pub(super) fn step_at_rest(&mut self, inputs: &Inputs<'_>) -> bool {
         let stays = self.stays(inputs);
         if stays {
@@ -84,7 +84,7 @@ impl AxisCore {
 
     /// A step that needs nothing but the position. None if it has to be computed as a whole; else whether the outputs have
     /// changed.
-    #[inline]
+    #[inline(always)]
     pub(super) fn step_calmly(
         &mut self,
         now: Duration,
@@ -102,7 +102,7 @@ impl AxisCore {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn follow(&mut self, now: Duration, bytes: &[u8], outputs: &mut [u8]) -> Option<bool> {
         let fields = &self.config.fields;
         if !fields.shows(bytes, &self.sight) {

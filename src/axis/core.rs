@@ -196,7 +196,7 @@ impl AxisCore {
 
     /// As [`step`](Self::step), for outputs that are kept from cycle to cycle: it writes to them what has changed, and says
     /// whether anything has. `unchanged`: these inputs are, bit for bit, those of the last call.
-    #[inline]
+    #[inline(always)]
     pub fn step_kept(
         &mut self,
         now: Duration,
@@ -309,6 +309,13 @@ impl AxisCore {
         self.sample.map_or(0, |sample| {
             super::status::motion(sample.position, sample.velocity.unwrap_or(0))
         })
+    }
+
+    /// Cycles since inputs came in last.
+    #[cfg(feature = "std")]
+    #[inline]
+    pub(super) const fn age(&self) -> u32 {
+        self.stale_cycles
     }
 
     pub(super) const fn is_lost(&self) -> bool {

@@ -134,7 +134,7 @@ impl AxisPort {
 
     /// As [`after_step`](Self::after_step), without waking those who wait for a change; gives the snapshot where more in it
     /// is new than the motion.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn pass(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) -> Option<Snapshot> {
         match core.take_news() {
             News::Nothing if inputs.is_none() => {
@@ -145,12 +145,16 @@ impl AxisPort {
                 self.publish_motion(core.cycle, core.motion(), inputs);
                 None
             }
-            news => self.publish_anew(core, news, inputs),
+            News::Silence if inputs.is_none() => {
+                self.publish_silence(core.cycle, core.age());
+                None
+            }
+            News::Silence | News::Anything => Some(self.publish_anew(core, inputs)),
         }
     }
 
     /// Publishes what it was, with another motion.
-    #[inline]
+    #[inline(always)]
     fn publish_motion(&mut self, cycle: u64, motion: u64, inputs: Option<&[u8]>) {
         let [_, flags, words, before] = self.published;
         let head = [cycle, flags, words, motion];
@@ -161,31 +165,29 @@ impl AxisPort {
         }
     }
 
+    /// Publishes what it was, one cycle without inputs older.
     #[inline(never)]
-    fn publish_anew(
-        &mut self,
-        core: &mut AxisCore,
-        news: News,
-        inputs: Option<&[u8]>,
-    ) -> Option<Snapshot> {
-        let snapshot = (news == News::Anything).then(|| core.snapshot());
-        let head = match &snapshot {
-            Some(snapshot) => pack(snapshot),
-            None => {
-                let [_, flags, words, motion] = self.published;
-                [core.cycle, silent(flags, core.stale_cycles), words, motion]
-            }
-        };
+    fn publish_silence(&mut self, cycle: u64, age: u32) {
+        let [_, flags, words, motion] = self.published;
+        self.publish([cycle, silent(flags, age), words, motion], None);
+    }
+
+    #[inline(never)]
+    fn publish_anew(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) -> Snapshot {
+        let snapshot = core.snapshot();
         // First the snapshot: a future that is woken by its result reads the status that belongs to it.
+        self.publish(pack(&snapshot), inputs);
+        self.pass_events(core);
+        snapshot
+    }
+
+    #[inline]
+    fn publish(&mut self, head: Head, inputs: Option<&[u8]>) {
         self.shared.status.publish(head, inputs);
         if differs(&self.published, &head) {
             self.note_change();
         }
         self.published = head;
-        if snapshot.is_some() {
-            self.pass_events(core);
-        }
-        snapshot
     }
 
     /// What was published differs from the one before.

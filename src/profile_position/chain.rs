@@ -155,7 +155,7 @@ impl Chain {
     }
 
     /// One cycle of the only one that is held. Whether it has ended.
-    #[inline]
+    #[inline(always)]
     pub(super) fn follow_active(
         &mut self,
         cycle: &Cycle<'_>,

@@ -133,14 +133,14 @@ impl Track {
     }
 
     /// Takes in bit 11 of a cycle in which it is surely the active one.
-    #[inline]
+    #[inline(always)]
     pub(super) fn note_limit(&mut self, cycle: &Cycle<'_>) {
         let statusword = cycle.sample.statusword;
         self.unlimited |= !statusword.contains(Statusword::INTERNAL_LIMIT);
     }
 
     /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
-    #[inline]
+    #[inline(always)]
     pub(super) fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
         let statusword = cycle.sample.statusword;
         self.left_target |= !statusword.contains(Statusword::TARGET_REACHED);
@@ -264,7 +264,7 @@ impl Track {
     }
 
     /// When and how it ended, as the last set-point.
-    #[inline]
+    #[inline(always)]
     pub(super) fn outcome(&self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
         if !cycle.sample.statusword.contains(Statusword::TARGET_REACHED) {
             return None;
