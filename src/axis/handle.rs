@@ -86,15 +86,7 @@ impl Axis {
     /// # Errors
     /// When a deadline passes or the bus is lost.
     pub async fn disable(&self) -> Result<(), AxisError> {
-        let disabled = self.run(Command::Disable).await;
-        if disabled
-            .as_ref()
-            .is_err_and(|error| matches!(error.kind, AxisErrorKind::QueueFull))
-        {
-            // It could not even be asked for; what can be is that nothing moves on.
-            self.stop_handle().stop();
-        }
-        disabled?;
+        self.run(Command::Disable).await?;
         self.trace("disabled");
         Ok(())
     }
@@ -150,9 +142,9 @@ impl Axis {
     ///
     /// # Errors
     /// In Fault, when the axis does not get slower ([`HaltIgnored`](super::Failure::HaltIgnored), after two tenths of a second),
-    /// when a deadline passes, or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for nevertheless.
+    /// when a deadline passes, or the bus is lost.
     pub async fn halt(&self) -> Result<(), AxisError> {
-        self.stop_by(Command::Halt, StopRequest::HALT).await?;
+        self.stop_by(Command::Halt).await?;
         self.trace("halted");
         Ok(())
     }
@@ -175,9 +167,9 @@ impl Axis {
     /// A standing axis without a set-point stays as it is.
     ///
     /// # Errors
-    /// When the drive ignores the quick stop too ([`QuickStopIgnored`](super::Failure::QuickStopIgnored)), when a deadline passes or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for nevertheless.
+    /// When the drive ignores the quick stop too ([`QuickStopIgnored`](super::Failure::QuickStopIgnored)), when a deadline passes or the bus is lost.
     pub async fn stop(&self) -> Result<State, AxisError> {
-        let state = self.stop_by(Command::Stop, StopRequest::STOP).await?;
+        let state = self.stop_by(Command::Stop).await?;
         self.trace("stopped");
         Ok(state)
     }
@@ -186,11 +178,9 @@ impl Axis {
     ///
     /// # Errors
     /// In Fault, when the drive ignores it ([`QuickStopIgnored`](super::Failure::QuickStopIgnored), after two tenths of a second), when a
-    /// deadline passes, or the bus is lost. With [`AxisErrorKind::QueueFull`] it was asked for nevertheless.
+    /// deadline passes, or the bus is lost.
     pub async fn quick_stop(&self) -> Result<State, AxisError> {
-        let state = self
-            .stop_by(Command::QuickStop, StopRequest::QUICK_STOP)
-            .await?;
+        let state = self.stop_by(Command::QuickStop).await?;
         self.trace("quick stopped");
         Ok(state)
     }
@@ -230,30 +220,16 @@ impl Axis {
 
     /// Ends the motion of a mode that is given back.
     pub(crate) async fn release(&self) -> Result<(), AxisError> {
-        let released = self.run(Command::Release).await.map(drop);
-        if let Err(AxisError {
-            kind: AxisErrorKind::QueueFull,
-            ..
-        }) = &released
-        {
-            self.stop_handle().stop();
-        }
-        released
+        self.run(Command::Release).await.map(drop)
     }
 
     pub(crate) fn trace(&self, what: &str) {
         self.handles.shared.trace(what);
     }
 
-    async fn stop_by(&self, command: Command, lane: StopRequest) -> Result<State, AxisError> {
-        let pending = match self.submit(command) {
-            Ok(pending) => pending,
-            Err(error) => {
-                self.handles.shared.request_stop(lane);
-                return Err(error);
-            }
-        };
-        Ok(match pending.done().await? {
+    /// Stops of one kind that are asked for while one is under way share it.
+    async fn stop_by(&self, command: Command) -> Result<State, AxisError> {
+        Ok(match self.run(command).await? {
             Completion::Stopped { state } => state,
             _ => self.status().state,
         })

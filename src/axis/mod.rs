@@ -54,6 +54,8 @@ mod status;
 #[cfg(feature = "std")]
 mod stop_handle;
 #[cfg(feature = "std")]
+mod tickets;
+#[cfg(feature = "std")]
 mod together;
 #[cfg(feature = "std")]
 mod waiters;

@@ -1,11 +1,11 @@
 //! One command under way, as its future holds it.
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use super::{
     AxisError, AxisErrorKind, Command, CommandId, Completion, Failure, handle::Handles,
-    last_stop::LastStop,
+    last_stop::LastStop, tickets::Ticket,
 };
 
 /// One command under way. Dropped before its drive has seen anything of it, a move is withdrawn; other commands go on.
@@ -13,16 +13,15 @@ use super::{
 pub(crate) struct Pending {
     pub(crate) handles: Arc<Handles>,
     pub(crate) id: CommandId,
+    ticket: Arc<Ticket>,
     withdraw_on_drop: bool,
-    /// Kept, because the slot gives it once. A lock of the handles' side alone.
-    result: Mutex<Option<Result<Completion, Failure>>>,
     halts_seen: AtomicU32,
 }
 
 impl Pending {
     pub(super) fn submit(handles: Arc<Handles>, command: Command) -> Result<Self, AxisError> {
-        let id = handles.shared.submit(command);
-        Self::of(handles, id, false)
+        let ticket = handles.shared.submit(command);
+        Self::of(handles, ticket, false)
     }
 
     /// What starts a motion and was asked for when this was the last stop.
@@ -31,19 +30,20 @@ impl Pending {
         command: Command,
         asked: LastStop,
     ) -> Result<Self, AxisError> {
-        let id = handles.shared.submit_asked(command, asked);
-        Self::of(handles, id, true)
+        let ticket = handles.shared.submit_asked(command, asked);
+        Self::of(handles, ticket, true)
     }
 
     fn of(
         handles: Arc<Handles>,
-        id: Result<CommandId, AxisErrorKind>,
+        ticket: Result<Arc<Ticket>, AxisErrorKind>,
         withdraw_on_drop: bool,
     ) -> Result<Self, AxisError> {
+        let ticket = ticket.map_err(|kind| handles.shared.error(kind))?;
         Ok(Self {
-            id: id.map_err(|kind| handles.shared.error(kind))?,
+            id: ticket.id,
+            ticket,
             withdraw_on_drop,
-            result: Mutex::new(None),
             halts_seen: AtomicU32::new(0),
             handles,
         })
@@ -51,11 +51,7 @@ impl Pending {
 
     /// The result, once it is there.
     pub(crate) fn result(&self) -> Option<Result<Completion, Failure>> {
-        let mut result = self.result.lock().unwrap_or_else(PoisonError::into_inner);
-        if result.is_none() {
-            *result = self.handles.shared.take_result(self.id);
-        }
-        *result
+        self.handles.shared.result(&self.ticket)
     }
 
     /// Waits for the result.
@@ -84,7 +80,7 @@ impl Pending {
     pub(crate) async fn accepted(&mut self) -> Result<(), AxisError> {
         let result = self
             .wait(|| {
-                if self.handles.shared.is_accepted(self.id) {
+                if self.handles.shared.is_accepted(&self.ticket) {
                     return Some(Ok(()));
                 }
                 self.result().map(|result| result.map(|_| ()))

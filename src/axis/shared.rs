@@ -13,8 +13,9 @@ use super::{
     Event, Failure, Snapshot, StopRequest,
     last_stop::{LastStop, StopCount, StopKind},
     output_cells::OutputCells,
-    slots::{SLOTS, Slots, mark},
+    slots::{Joined, MOTIONS, QUEUED_AT_MOST, Slots, mark, stop_place},
     status::StatusCell,
+    tickets::{Ticket, Tickets},
     waiters::Waiters,
 };
 use crate::{
@@ -44,6 +45,7 @@ pub(crate) struct Shared {
     queue: ArrayQueue<(CommandId, Command, LastStop)>,
     withdrawn: ArrayQueue<CommandId>,
     slots: Slots,
+    tickets: Tickets,
     stop: AtomicU8,
     stops: StopCount,
     manufacturer: AtomicU16,
@@ -65,10 +67,11 @@ impl Shared {
             changes: AtomicU64::new(0),
             leased: AtomicBool::new(false),
             asked: AtomicBool::new(false),
-            queue: ArrayQueue::new(SLOTS.into()),
+            queue: ArrayQueue::new(QUEUED_AT_MOST),
             // A slot gives at most one withdrawal between two cycles, and one that was there before.
-            withdrawn: ArrayQueue::new(2 * usize::from(SLOTS)),
+            withdrawn: ArrayQueue::new(2 * usize::from(MOTIONS)),
             slots: Slots::new(),
+            tickets: Tickets::new(),
             stop: AtomicU8::new(0),
             stops: StopCount::default(),
             manufacturer: AtomicU16::new(0),
@@ -123,7 +126,7 @@ impl Shared {
     }
 
     /// Queues a command.
-    pub(crate) fn submit(&self, command: Command) -> Result<CommandId, AxisErrorKind> {
+    pub(crate) fn submit(&self, command: Command) -> Result<Arc<Ticket>, AxisErrorKind> {
         self.submit_asked(command, self.last_stop())
     }
 
@@ -132,23 +135,78 @@ impl Shared {
         &self,
         command: Command,
         asked: LastStop,
-    ) -> Result<CommandId, AxisErrorKind> {
+    ) -> Result<Arc<Ticket>, AxisErrorKind> {
         if let Some(kind) = StopKind::of(command) {
             self.stops.note(kind);
         }
         if self.is_closed() {
             return Err(AxisErrorKind::Closed);
         }
-        let (id, slot) = self.slots.open().ok_or(AxisErrorKind::QueueFull)?;
+        match stop_place(command) {
+            Some(place) => self.submit_stop(place, command, asked),
+            None => self.submit_other(command, asked),
+        }
+    }
+
+    fn submit_other(
+        &self,
+        command: Command,
+        asked: LastStop,
+    ) -> Result<Arc<Ticket>, AxisErrorKind> {
+        let opened = self.slots.open(command).or_else(|| {
+            // Results that nobody has taken go to those who hold them.
+            self.tickets.each(|ticket| {
+                if self.is_done(ticket.id) {
+                    self.result(ticket);
+                }
+            });
+            self.slots.open(command)
+        });
+        let (id, slot) = opened.ok_or(AxisErrorKind::QueueFull)?;
         if let Command::Jog(set_point) = command {
             slot.hold(set_point.velocity);
         }
+        let ticket = self.tickets.hold(id);
         if self.queue.push((id, command, asked)).is_err() {
             self.slots.give_back(id);
             return Err(AxisErrorKind::QueueFull);
         }
         self.ask();
-        Ok(id)
+        Ok(ticket)
+    }
+
+    /// Stops of one kind that are under way at once are one.
+    fn submit_stop(
+        &self,
+        place: u8,
+        command: Command,
+        asked: LastStop,
+    ) -> Result<Arc<Ticket>, AxisErrorKind> {
+        let ticket = self.tickets.stop(place, |before| {
+            if let Some(ticket) = before {
+                let joined = self.slots.of(ticket.id).map_or(Joined::Over, |slot| {
+                    if slot.is_queued_enough() {
+                        // Before it is joined: it is taken in with what is in the queue by now.
+                        self.request_stop(lane(command));
+                    }
+                    slot.join()
+                });
+                match joined {
+                    Joined::Queue => return Some((Arc::clone(ticket), true)),
+                    Joined::Queued => return Some((Arc::clone(ticket), false)),
+                    // Its result is kept for those who have not taken it.
+                    Joined::Over => drop(self.result(ticket)),
+                }
+            }
+            let (id, _) = self.slots.open_stop(place)?;
+            Some((Ticket::new(id), true))
+        });
+        let (ticket, is_queued) = ticket.ok_or(AxisErrorKind::QueueFull)?;
+        if is_queued && self.queue.push((ticket.id, command, asked)).is_err() {
+            self.request_stop(lane(command));
+        }
+        self.ask();
+        Ok(ticket)
     }
 
     /// The velocity of a jog that is held.
@@ -189,10 +247,14 @@ impl Shared {
         }
     }
 
-    pub(crate) fn is_accepted(&self, id: CommandId) -> bool {
-        self.slots
-            .of(id)
-            .is_some_and(|slot| slot.has(mark::ACCEPTED))
+    /// Whether the drive has acknowledged this motion's set-point.
+    pub(crate) fn is_accepted(&self, ticket: &Ticket) -> bool {
+        let kept = ticket.kept();
+        kept.accepted
+            || self
+                .slots
+                .of(ticket.id)
+                .is_some_and(|slot| slot.has(mark::ACCEPTED))
     }
 
     /// How often the axis stood halted with this move's set-point kept.
@@ -206,15 +268,24 @@ impl Shared {
         self.slots.of(id).is_none_or(|slot| slot.has(mark::DONE))
     }
 
-    /// The result, which can be taken once.
-    pub(crate) fn take_result(&self, id: CommandId) -> Option<Result<Completion, Failure>> {
+    /// The result, once it is there. It is kept from then on, and its slot is free.
+    pub(crate) fn result(&self, ticket: &Ticket) -> Option<Result<Completion, Failure>> {
+        let mut kept = ticket.kept();
+        if kept.result.is_some() {
+            return kept.result;
+        }
         // In this order: a command that was done before the end is not lost with the bus.
         let closed = self.is_closed();
-        let slot = self.slots.of(id)?;
-        if slot.has(mark::DONE) {
-            return slot.result.pop();
+        let slot = self.slots.of(ticket.id)?;
+        let marks = slot.marks.load(Ordering::Acquire);
+        if marks & mark::DONE != 0 {
+            kept.accepted = marks & mark::ACCEPTED != 0;
+            kept.result = slot.result.pop();
+            self.slots
+                .mark_last(slot, ticket.id, mark::LEFT, mark::DONE);
+            return kept.result;
         }
-        let delivery = match slot.marks.load(Ordering::Acquire) {
+        let delivery = match marks {
             marks if marks & mark::ACCEPTED != 0 => Delivery::Accepted,
             marks if marks & mark::TAKEN != 0 => Delivery::Unknown,
             _ => Delivery::NotSent,
@@ -288,6 +359,9 @@ impl Shared {
         let (id, command, asked) = self.queue.pop()?;
         if let Some(slot) = self.slots.of(id) {
             slot.marks.fetch_or(mark::TAKEN, Ordering::AcqRel);
+            if stop_place(command).is_some() {
+                slot.take();
+            }
         }
         Some((id, command, asked))
     }
@@ -364,6 +438,9 @@ impl Shared {
                 slot.halts.fetch_add(1, Ordering::AcqRel);
             }
             Event::Done(result) => {
+                if Slots::is_stop(id) && !slot.ends(result) {
+                    return;
+                }
                 slot.result.force_push(result);
                 self.slots.mark_last(slot, id, mark::DONE, mark::LEFT);
             }
@@ -385,6 +462,15 @@ impl Shared {
         self.note_change();
         self.slots.wake_all();
         self.changed.wake_all();
+    }
+}
+
+/// What the stop lane asks for in place of this command.
+const fn lane(command: Command) -> StopRequest {
+    match command {
+        Command::Halt => StopRequest::HALT,
+        Command::QuickStop => StopRequest::QUICK_STOP,
+        _ => StopRequest::STOP,
     }
 }
 

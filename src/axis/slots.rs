@@ -1,27 +1,42 @@
-//! Commands of one axis that are under way, each in a slot from its submission until it is done and nobody waits for it any
-//! more. Only atomics.
+//! Commands of one axis that are under way, each in a slot from its submission until its result was taken or nobody waits for it
+//! any more. Only atomics.
 
 use core::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
 
 use crossbeam_queue::ArrayQueue;
 
-use super::{CommandId, Completion, Failure, waiters::Waiters};
+use super::{Command, CommandId, Completion, Failure, waiters::Waiters};
 
-/// Commands under way at once, of one axis.
-pub(super) const SLOTS: u8 = 32;
-/// Futures that wait for one command before they must poll.
+/// Motions under way at once, of one axis, with the questions whether they would be refused.
+pub(super) const MOTIONS: u8 = 32;
+/// Other commands under way at once, stops apart.
+const OTHERS: u8 = 16;
+/// All of these.
+pub(super) const SHARED: u8 = MOTIONS + OTHERS;
+/// Stops of one kind share a slot: halts, stops, quick stops, disables.
+pub(super) const STOPS: u8 = 4;
+/// How often one stop may be in the queue at a time. Where that is not enough the stop lane asks for it as well.
+const ASKED_AT_MOST: u8 = 8;
+/// What the queue of commands holds at most: a stop that has just failed may be in it beside its successor.
+pub(super) const QUEUED_AT_MOST: usize =
+    SHARED as usize + 2 * STOPS as usize * ASKED_AT_MOST as usize;
+/// Futures that wait for one command before they must poll, and for one stop, which is shared.
 const WAITERS_PER_COMMAND: usize = 4;
+const WAITERS_PER_STOP: usize = 64;
 /// Set in the demand of a jog as long as it is held.
 const HELD: u64 = 1 << 32;
+/// In place of how often a stop is in the queue: it has its result.
+const OVER: u8 = u8::MAX;
 
 /// All slots, and which are free.
 #[derive(Debug)]
 pub(super) struct Slots {
     slots: Box<[Slot]>,
-    free: ArrayQueue<u8>,
+    motions: ArrayQueue<u8>,
+    others: ArrayQueue<u8>,
 }
 
-/// One command under way. It is given back when it is done and its future is gone, by whoever comes last.
+/// One command under way. It is given back when it is done and its future is gone or has the result, by whoever comes last.
 #[derive(Debug)]
 pub(super) struct Slot {
     id: AtomicU32,
@@ -29,6 +44,8 @@ pub(super) struct Slot {
     pub(super) halts: AtomicU32,
     /// What a jog asks for: the velocity, and above it whether it is held.
     demand: AtomicU64,
+    /// How often a stop is in the queue.
+    queued: AtomicU8,
     pub(super) result: ArrayQueue<Result<Completion, Failure>>,
     pub(super) waiters: Waiters,
 }
@@ -40,26 +57,70 @@ pub(super) mod mark {
     pub(in super::super) const ACCEPTED: u8 = 2;
     /// The result is there.
     pub(in super::super) const DONE: u8 = 4;
-    /// Nobody waits any more.
+    /// Nobody needs the slot any more.
     pub(in super::super) const LEFT: u8 = 8;
+}
+
+/// The place that all stops of this command's kind share, if it is one.
+pub(super) const fn stop_place(command: Command) -> Option<u8> {
+    match command {
+        Command::Halt => Some(0),
+        Command::Stop | Command::Release => Some(1),
+        Command::QuickStop => Some(2),
+        Command::Disable => Some(3),
+        _ => None,
+    }
+}
+
+const fn is_motion(command: Command) -> bool {
+    matches!(
+        command,
+        Command::Move(_)
+            | Command::Home(_)
+            | Command::Jog(_)
+            | Command::CheckMove(_)
+            | Command::CheckHome
+            | Command::CheckJog(_)
+    )
 }
 
 impl Slots {
     pub(super) fn new() -> Self {
-        let free = ArrayQueue::new(SLOTS.into());
-        for slot in 0..SLOTS {
-            // There is room: the queue was made for this many.
-            let _ = free.push(slot);
-        }
+        let free = |slots: core::ops::Range<u8>| {
+            let free = ArrayQueue::new(slots.len());
+            for slot in slots {
+                // There is room: the queue was made for this many.
+                let _ = free.push(slot);
+            }
+            free
+        };
         Self {
-            slots: (0..SLOTS).map(|_| Slot::new()).collect(),
-            free,
+            slots: (0..SHARED + STOPS)
+                .map(|slot| Slot::new(slot >= SHARED))
+                .collect(),
+            motions: free(0..MOTIONS),
+            others: free(MOTIONS..SHARED),
         }
     }
 
-    /// A slot for a new command, and the command's number; none if all are taken.
-    pub(super) fn open(&self) -> Option<(CommandId, &Slot)> {
-        let index = self.free.pop()?;
+    /// A slot for a new command that is no stop, and the command's number; none if all are taken.
+    pub(super) fn open(&self, command: Command) -> Option<(CommandId, &Slot)> {
+        let free = if is_motion(command) {
+            &self.motions
+        } else {
+            &self.others
+        };
+        self.renew(free.pop()?)
+    }
+
+    /// A new number in the slot of a kind of stop, for the first that asks; the stop before must be over.
+    pub(super) fn open_stop(&self, place: u8) -> Option<(CommandId, &Slot)> {
+        let (id, slot) = self.renew(SHARED + place)?;
+        slot.queued.store(1, Ordering::Release);
+        Some((id, slot))
+    }
+
+    fn renew(&self, index: u8) -> Option<(CommandId, &Slot)> {
         let slot = self.slots.get(usize::from(index))?;
         // The generation above the slot's number tells this command from all that used the slot before.
         let generation = (slot.id.load(Ordering::Relaxed) >> 8).wrapping_add(1);
@@ -70,13 +131,23 @@ impl Slots {
 
     /// Gives back the slot of a command that is nowhere any more.
     pub(super) fn give_back(&self, id: CommandId) {
-        let _ = self.free.push(id.0 as u8);
+        match id.0 as u8 {
+            slot @ 0..MOTIONS => drop(self.motions.push(slot)),
+            slot @ MOTIONS..SHARED => drop(self.others.push(slot)),
+            // A stop's slot stays its own.
+            _ => {}
+        }
     }
 
-    /// The slot of a command that is still under way or whose future still waits.
+    /// The slot of a command that is still under way or whose result was not taken.
     pub(super) fn of(&self, id: CommandId) -> Option<&Slot> {
         let slot = self.slots.get((id.0 & 0xFF) as usize)?;
         (slot.id.load(Ordering::Acquire) == id.0).then_some(slot)
+    }
+
+    /// Whether this command's slot is one that stops share.
+    pub(super) const fn is_stop(id: CommandId) -> bool {
+        id.0 as u8 >= SHARED
     }
 
     /// Sets this mark of a command; its slot is given back when the other one was there before.
@@ -94,15 +165,32 @@ impl Slots {
     }
 }
 
+/// How a stop was joined that is under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Joined {
+    /// To be queued once more.
+    Queue,
+    /// It is in the queue often enough.
+    Queued,
+    /// It is over: a new one begins.
+    Over,
+}
+
 impl Slot {
-    fn new() -> Self {
+    fn new(is_stop: bool) -> Self {
+        let waiters = if is_stop {
+            WAITERS_PER_STOP
+        } else {
+            WAITERS_PER_COMMAND
+        };
         Self {
             id: AtomicU32::new(0),
             marks: AtomicU8::new(0),
             halts: AtomicU32::new(0),
             demand: AtomicU64::new(0),
+            queued: AtomicU8::new(0),
             result: ArrayQueue::new(1),
-            waiters: Waiters::new(WAITERS_PER_COMMAND),
+            waiters: Waiters::new(waiters),
         }
     }
 
@@ -132,5 +220,45 @@ impl Slot {
     pub(super) fn held(&self) -> Option<i32> {
         let demand = self.demand.load(Ordering::Acquire);
         (demand & HELD != 0).then_some(demand as u32 as i32)
+    }
+
+    /// Whether a stop is in the queue as often as it may be.
+    pub(super) fn is_queued_enough(&self) -> bool {
+        (ASKED_AT_MOST..OVER).contains(&self.queued.load(Ordering::SeqCst))
+    }
+
+    /// One more asks for this stop. As long as it waits in the queue it is not over.
+    pub(super) fn join(&self) -> Joined {
+        let joined = self
+            .queued
+            .fetch_update(Ordering::SeqCst, Ordering::SeqCst, |queued| match queued {
+                OVER => None,
+                ASKED_AT_MOST.. => Some(queued),
+                _ => Some(queued + 1),
+            });
+        match joined {
+            Ok(ASKED_AT_MOST..) => Joined::Queued,
+            Ok(_) => Joined::Queue,
+            Err(_) => Joined::Over,
+        }
+    }
+
+    /// A stop was taken from the queue once.
+    pub(super) fn take(&self) {
+        let _ = self
+            .queued
+            .fetch_update(Ordering::SeqCst, Ordering::SeqCst, |queued| {
+                (queued != OVER).then(|| queued.saturating_sub(1))
+            });
+    }
+
+    /// Whether a stop is over with this result. One that went well and was asked for again meanwhile is not: its end is what
+    /// comes of that.
+    pub(super) fn ends(&self, result: Result<Completion, Failure>) -> bool {
+        self.queued
+            .fetch_update(Ordering::SeqCst, Ordering::SeqCst, |queued| {
+                (queued == 0 || (result.is_err() && queued != OVER)).then_some(OVER)
+            })
+            .is_ok()
     }
 }

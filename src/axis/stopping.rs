@@ -91,8 +91,16 @@ impl Stopping {
         }
     }
 
-    /// Adds a waiter; false when there is no room.
+    /// Adds a waiter; false when there is no room. One that waits already waits on.
     pub(super) fn wait(&mut self, id: CommandId, wait: Wait) -> bool {
+        if self
+            .waiters
+            .iter()
+            .flatten()
+            .any(|(waiter, _)| *waiter == id)
+        {
+            return true;
+        }
         match self.waiters.iter_mut().find(|place| place.is_none()) {
             Some(place) => {
                 *place = Some((id, wait));

@@ -96,12 +96,14 @@ impl AxisCore {
     }
 
     fn disable(&mut self, now: Duration, id: CommandId) {
-        if matches!(
-            self.power,
-            Power::Resetting { .. } | Power::Disabling { .. }
-        ) {
-            self.done(id, Err(Failure::Busy));
-            return;
+        match self.power {
+            // Asked for again by those who wait for it.
+            Power::Disabling { id: waiter, .. } if waiter == id => return,
+            Power::Resetting { .. } | Power::Disabling { .. } => {
+                self.done(id, Err(Failure::Busy));
+                return;
+            }
+            _ => {}
         }
         let state = self.state();
         if state.is_fault() {

@@ -113,8 +113,7 @@ impl Homing {
     /// Ends a homing as [`Axis::stop`] does and gives the mode back. An axis that stands and is not halted stays enabled.
     ///
     /// # Errors
-    /// When a deadline passes or the bus is lost. The mode is given back all the same. With [`AxisErrorKind::QueueFull`] the
-    /// stop was asked for nevertheless.
+    /// When a deadline passes or the bus is lost. The mode is given back all the same.
     pub async fn release(self) -> Result<(), AxisError> {
         self.axis.release().await
     }

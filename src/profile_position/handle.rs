@@ -93,8 +93,7 @@ impl ProfilePosition {
     /// standing axis without a set-point stays enabled.
     ///
     /// # Errors
-    /// When a deadline passes or the bus is lost. The mode is given back all the same. With [`AxisErrorKind::QueueFull`] the
-    /// stop was asked for nevertheless.
+    /// When a deadline passes or the bus is lost. The mode is given back all the same.
     pub async fn release(self) -> Result<(), AxisError> {
         self.axis.release().await
     }

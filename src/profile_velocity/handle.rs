@@ -118,8 +118,7 @@ impl ProfileVelocity {
     /// Ends the motion as [`Axis::stop`] does and gives the mode back. A standing axis without a jog stays enabled.
     ///
     /// # Errors
-    /// When a deadline passes or the bus is lost. The mode is given back all the same. With [`AxisErrorKind::QueueFull`] the
-    /// stop was asked for nevertheless.
+    /// When a deadline passes or the bus is lost. The mode is given back all the same.
     pub async fn release(self) -> Result<(), AxisError> {
         self.axis.release().await
     }

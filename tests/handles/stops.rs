@@ -1,7 +1,7 @@
 //! Halts, stops, the stop lane, and what dropping handles does.
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure},
+    axis::{Axis, AxisError, AxisErrorKind, Failure},
     ds402::State,
     profile_position::{Outcome, SetPoint},
 };
@@ -116,7 +116,7 @@ fn the_stop_lane_is_in_the_next_frame_whatever_is_queued() {
 }
 
 #[test]
-fn a_halt_or_disable_that_finds_the_queue_full_stops_the_axis_in_the_next_frame_all_the_same() {
+fn a_halt_or_disable_that_finds_the_queue_full_is_in_the_next_frame_and_resolves() {
     for (disables, ending) in [(false, Failure::Halted), (true, Failure::QuickStopped)] {
         let (mut machine, axis) = Machine::enabled();
         let pp = machine.finish(axis.profile_position()).unwrap();
@@ -127,25 +127,153 @@ fn a_halt_or_disable_that_finds_the_queue_full_stops_the_axis_in_the_next_frame_
         let mut queued: Vec<_> = (0..40)
             .map(|n| Task::new(pp.move_abs(n, SetPoint::new())))
             .collect();
-        let _ = queued.iter_mut().filter_map(Task::poll).count();
-        let full = if disables {
-            Task::new(axis.disable()).poll()
+        let refused = queued.iter_mut().filter_map(Task::poll).count();
+        assert!(refused > 0, "the queue is full");
+        let mut stopping = if disables {
+            Task::new(axis.disable())
         } else {
-            Task::new(axis.halt()).poll()
+            Task::new(axis.halt())
         };
-        assert!(matches!(
-            full.unwrap().unwrap_err().kind,
-            AxisErrorKind::QueueFull
-        ));
+        assert!(stopping.poll().is_none());
         machine.cycle();
         assert_eq!(machine.stations[0].words.last().unwrap() & HALT, HALT);
+        machine.finish_task(&mut stopping).unwrap();
         let ended = if disables {
             moved.done_through_halt()
         } else {
             moved.done()
         };
-        assert_eq!(machine.finish(ended).unwrap_err().failure(), Some(ending));
+        let ended = machine.finish(ended).unwrap_err().failure();
+        let expected = if disables {
+            matches!(ended, Some(Failure::Disabled { .. }))
+        } else {
+            ended == Some(ending)
+        };
+        assert!(expected, "{ended:?}");
     }
+}
+
+/// As a program keeps them that looks at the outcome of a whole shift later.
+#[test]
+fn finished_moves_that_are_held_take_no_place_of_anything() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let mut held = Vec::new();
+    for n in 0..70 {
+        let moved = machine
+            .finish(pp.move_abs(n % 2 * 20, SetPoint::new()))
+            .unwrap();
+        while axis.status().has_set_point {
+            machine.cycle();
+        }
+        held.push(moved);
+    }
+    machine.finish(axis.halt()).unwrap();
+    machine.finish(axis.resume()).unwrap();
+    machine.finish(axis.stop()).unwrap();
+    machine.finish(axis.quick_stop()).unwrap();
+    machine.finish(axis.disable()).unwrap();
+    machine.finish(axis.enable()).unwrap();
+    for (n, moved) in held.iter().enumerate() {
+        let position = n as i32 % 2 * 20;
+        for _ in 0..2 {
+            let outcome = machine.finish(moved.done()).unwrap();
+            assert_eq!(outcome, Outcome::Reached { position }, "of move {n}");
+        }
+    }
+}
+
+fn asked_again<'a>(axis: &'a Axis, kind: usize) -> Task<'a, Result<State, AxisError>> {
+    match kind {
+        0 => Task::new(axis.stop()),
+        1 => Task::new(axis.quick_stop()),
+        2 => Task::new(async {
+            axis.halt().await?;
+            Ok(axis.status().state)
+        }),
+        _ => Task::new(async {
+            axis.disable().await?;
+            Ok(axis.status().state)
+        }),
+    }
+}
+
+#[test]
+fn stops_that_are_asked_for_while_one_is_under_way_share_its_end() {
+    for kind in 0..4 {
+        let (mut machine, axis) = Machine::enabled();
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        let _moved = machine
+            .finish(pp.move_abs(90_000, SetPoint::new()))
+            .unwrap();
+        machine.run(200);
+        let mut stops = Vec::new();
+        for _ in 0..25 {
+            for _ in 0..4 {
+                let mut stop = asked_again(&axis, kind);
+                assert!(stop.poll().is_none(), "kind {kind}");
+                stops.push(stop);
+            }
+            machine.cycle();
+        }
+        let ends: Vec<_> = stops
+            .iter_mut()
+            .map(|stop| machine.finish_task(stop).unwrap())
+            .collect();
+        assert!(ends.iter().all(|end| *end == ends[0]), "kind {kind}");
+        assert_eq!(machine.drive().velocity(), 0.0, "kind {kind}");
+    }
+}
+
+/// However often it was asked for, and whatever was asked for in between.
+#[test]
+fn a_stop_that_is_shared_ends_what_was_asked_for_before_each_of_those_who_share_it() {
+    for kind in 0..4 {
+        let (mut machine, axis) = Machine::enabled();
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        machine.run(50);
+        let mut moves = Vec::new();
+        let mut stops = Vec::new();
+        for n in 1..=12 {
+            let mut stop = asked_again(&axis, kind);
+            assert!(stop.poll().is_none());
+            stops.push(stop);
+            let mut moving = Task::new(pp.move_abs(n * 1_000, SetPoint::new()));
+            assert!(moving.poll().is_none());
+            moves.push(moving);
+        }
+        let mut last = asked_again(&axis, kind);
+        assert!(last.poll().is_none());
+        stops.push(last);
+        machine.cycle();
+        for moving in &mut moves {
+            let refused = moving.poll().expect("it is over").unwrap_err();
+            assert!(refused.failure().is_some(), "kind {kind}: {refused}");
+        }
+        for stop in &mut stops {
+            machine.finish_task(stop).unwrap();
+        }
+        machine.run(500);
+        assert!(machine.drive().ledger().is_empty(), "kind {kind}");
+        assert_eq!(machine.drive().position(), 0, "kind {kind}");
+    }
+}
+
+/// The next stop does not take its result away.
+#[test]
+fn a_stop_that_nobody_has_looked_at_keeps_its_own_end() {
+    let (mut machine, axis) = Machine::enabled();
+    let mut first = Task::new(axis.stop());
+    assert!(first.poll().is_none());
+    machine.run(3);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let _moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    machine.run(50);
+    let second = machine.finish(axis.stop()).unwrap();
+    assert_eq!(second, State::SwitchOnDisabled);
+    assert_eq!(first.poll().unwrap().unwrap(), State::OperationEnabled);
 }
 
 #[test]
