@@ -1,0 +1,1225 @@
+//! One life: a core, a cable, a drive of some habits and a program, all from one seed, judged in every cycle.
+
+use core::time::Duration;
+use std::collections::VecDeque;
+
+use servocrab::axis::{
+    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs,
+    Referencing, StopRequest,
+};
+use servocrab::ds402::{Mode, QuickStopOption};
+use servocrab::homing::{HomingCommand, HomingMethod};
+use servocrab::profile_position::{
+    BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Start, Traits,
+};
+use servocrab::profile_velocity::JogSetPoint;
+
+use crate::drive::{
+    Ack, Base, Drive, End, INPUT_BYTES, Latch, Making, OUTPUT_BYTES, Outputs, State,
+};
+use crate::habits::{ALL, Habit, Habits, Hits};
+use crate::random::Random;
+
+/// What is left out of a life, to find what matters in it.
+#[derive(Debug, Clone, Default)]
+pub struct Cut {
+    pub habits: Habits,
+    pub commands: Vec<u32>,
+}
+
+/// A law that did not hold.
+#[derive(Debug, Clone)]
+pub struct Violation {
+    pub law: &'static str,
+    pub what: String,
+    pub cycle: u64,
+}
+
+/// What came of a life.
+#[derive(Debug, Default)]
+pub struct Told {
+    pub cycles: u64,
+    pub set_points: u64,
+    pub commands: u32,
+    pub habits: Habits,
+    pub hits: Hits,
+    pub violation: Option<Violation>,
+    pub transcript: VecDeque<String>,
+    /// How the life is made, for a reader.
+    pub making: String,
+}
+
+/// Lines of a transcript that are kept.
+const LINES: usize = 120;
+const DISTURBED: u64 = 2_500;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Enable,
+    Disable,
+    Reset,
+    Mode,
+    Home,
+    Jog,
+    Move,
+    Halt,
+    Resume,
+    Stop,
+    QuickStop,
+    Release,
+}
+
+impl Kind {
+    const fn stops(self) -> bool {
+        matches!(
+            self,
+            Self::Halt | Self::Stop | Self::QuickStop | Self::Disable | Self::Release
+        )
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Issued {
+    kind: Kind,
+    target: i32,
+    since: u64,
+    /// Its bit 4 went out with its name.
+    sent: bool,
+    accepted: bool,
+    done: bool,
+    /// Index in the drive's ledger.
+    latch: Option<usize>,
+}
+
+struct Life {
+    core: AxisCore,
+    kept: bool,
+    drive: Drive,
+    habits: Habits,
+    program: Random,
+    cable: Random,
+    outputs: [u8; OUTPUT_BYTES],
+    last_inputs: [u8; INPUT_BYTES],
+    period: Duration,
+    now: Duration,
+    cycle: u64,
+    /// Cycles of the bus for one of the drive.
+    slow: u64,
+    slow_left: u64,
+    window: f64,
+    settle: usize,
+    limit: u64,
+    stop_limit: u64,
+    issued: Vec<Issued>,
+    pending: Vec<u32>,
+    gated: Vec<u32>,
+    /// The last positions of the axis, newest last.
+    trail: VecDeque<f64>,
+    trail_length: usize,
+    sent_before: Outputs,
+    sent: Outputs,
+    /// Since which cycle the words lead down or stop.
+    stopping_since: Option<u64>,
+    resume_asked: bool,
+    next_command: u64,
+    busy: u64,
+    burst: u32,
+    burst_kind: u8,
+    jog: Option<u32>,
+    ledger_seen: usize,
+    at_rest_since: u64,
+    cut: Cut,
+    told: Told,
+    verbose: bool,
+    shown: (u16, u16),
+    homes: bool,
+    speed: i32,
+    ramp: u32,
+    blind: bool,
+}
+
+/// Lives the life of this seed.
+pub fn live(seed: u64, cut: &Cut, verbose: bool) -> Told {
+    let mut life = Life::new(seed, cut.clone(), verbose);
+    if life.run().is_err() {
+        life.told.transcript.push_back(format!(
+            "VIOLATION {:?}",
+            life.told
+                .violation
+                .as_ref()
+                .map(|violation| &violation.what)
+        ));
+    }
+    life.told.cycles = life.cycle;
+    life.told.set_points = life.drive.ledger.len() as u64;
+    life.told.commands = life.issued.len() as u32;
+    life.told.hits.add(&life.drive.hits);
+    life.told.habits = life.habits;
+    life.told
+}
+
+impl Life {
+    fn new(seed: u64, cut: Cut, verbose: bool) -> Self {
+        let mut random = Random::new(seed);
+        let mut habits = Habits::default();
+        let single = random.one_in(4);
+        if single {
+            habits = habits.with(random.pick(ALL));
+        }
+        let density = random.pick(&[4, 8, 16]);
+        for &habit in ALL {
+            let has = random.one_in(density);
+            // Those with which little else can be judged come seldom.
+            let rare = matches!(habit, Habit::QuickStopIgnored | Habit::HaltIgnored);
+            if has && !single && !(rare && !random.one_in(4)) {
+                habits = habits.with(habit);
+            }
+        }
+        let mut random_making = random.fork();
+        let (random_drive, program, cable) = (random.fork(), random.fork(), random.fork());
+        // What follows must draw the same whatever is cut.
+        habits = Habits(habits.0 & !cut.habits.0);
+        let random = &mut random_making;
+        let period_us: u64 = random.pick(&[250, 500, 1000, 1000, 1000, 2000]);
+        let slow_by = random.pick(&[2, 3, 4]);
+        let slow = if habits.has(Habit::SlowCycle) {
+            slow_by
+        } else {
+            1
+        };
+        let tick = period_us as f64 * slow as f64 * 1e-6;
+        let window = random.pick(&[10_u32, 10, 100]);
+        let overshoot = (
+            random.pick(&[60.0, 150.0]),
+            random.pick(&[0.25, 0.5]),
+            random.pick(&[0.9, 1.0]),
+        );
+        let creep = (random.pick(&[40.0, 80.0]), 1.0, random.pick(&[0.5, 0.9]));
+        let stiff = (400.0, 1.0, 1.0);
+        let (frequency, damping, feed_forward) = if habits.has(Habit::Overshoot) {
+            overshoot
+        } else if habits.has(Habit::Creeps) {
+            creep
+        } else {
+            stiff
+        };
+        let dither = random.pick(&[1, 2, 3]);
+        let noise = random.pick(&[1, 5, 40]);
+        let ack = random.pick(&[Ack::Buffer, Ack::Handshake, Ack::Handshake]);
+        let base = random.pick(&[Base::PreviousTarget, Base::Demand, Base::Actual]);
+        let making = Making {
+            ack,
+            base,
+            quick_stop: random.pick(&[1, 2, 5, 6]),
+            tick,
+            window: f64::from(window),
+            window_ticks: random.pick(&[0, 0, 5]),
+            quick_ramp: random.pick(&[300_000.0, 2_000_000.0]),
+            frequency,
+            damping,
+            feed_forward,
+            dither: if habits.has(Habit::Dither) { dither } else { 0 },
+            velocity_noise: if habits.has(Habit::VelocityNoise) {
+                noise
+            } else {
+                0
+            },
+            calm: random.pick(&[60, 250, 900]),
+        };
+        let shows_velocity = random.one_in(2);
+        let mut config = AxisConfig::new(fields(shows_velocity));
+        config.referencing = Referencing::UnreferencedMovesAllowed;
+        let described = random.pick(&[true, true, false]);
+        let known_base = random.one_in(2);
+        config.traits = Traits {
+            buffer_signal: match (described, ack) {
+                (false, _) => BufferSignal::Unknown,
+                (true, Ack::Buffer) => BufferSignal::Acknowledge,
+                (true, Ack::Handshake) => BufferSignal::None,
+            },
+            relative_base: match (known_base, base) {
+                (false, _) => RelativeBase::Undocumented,
+                (true, Base::PreviousTarget) => RelativeBase::PreviousTarget,
+                (true, Base::Demand) => RelativeBase::Demand,
+                (true, Base::Actual) => RelativeBase::Actual,
+            },
+            halt_keeps_set_point: !habits.has(Habit::HaltForgets),
+            drive_cycle: Duration::from_micros(period_us * slow)
+                * if habits.has(Habit::OutputsLate) || habits.has(Habit::InputsLate) {
+                    3
+                } else {
+                    1
+                },
+            ..Traits::cia402()
+        };
+        config.quick_stop = QuickStopOption(making.quick_stop.into());
+        config.defaults = Parameters {
+            velocity: Some(50_000),
+            acceleration: Some(500_000),
+            deceleration: Some(500_000),
+            ..Parameters::default()
+        };
+        config.tolerances.position = window;
+        // An axis that swings or creeps stays within the window for a while on its way: the settle time is longer than that.
+        let settle_ms = random.pick(&[20, 20, 100]);
+        let swings = habits.has(Habit::Overshoot) || habits.has(Habit::Creeps);
+        config.tolerances.settle = Duration::from_millis(if swings { 100 } else { settle_ms });
+        config.deadlines.enable = Duration::from_millis(400);
+        config.deadlines.disable = Duration::from_millis(400);
+        config.deadlines.acknowledge = Duration::from_millis(random.pick(&[40, 150, 500]));
+        config.deadlines.standstill = Duration::from_millis(800);
+        config.deadlines.mode = Duration::from_millis(100);
+        config.deadlines.fault_reset = Duration::from_millis(40);
+        let tolerances = config.tolerances;
+        let period = Duration::from_micros(period_us);
+        let settle = tolerances.settle.as_micros().div_ceil(period_us.into()) as usize;
+        let cycles = |time: Duration| time.as_micros() as u64 / period_us;
+        let deadlines = &config.deadlines;
+        let longest = deadlines.enable
+            + deadlines.disable
+            + 2 * deadlines.acknowledge
+            + 3 * deadlines.standstill
+            + deadlines.mode
+            + 3 * (deadlines.fault_reset + Duration::from_millis(100))
+            + 2 * tolerances.settle;
+        let told = Told {
+            making: format!(
+                "{making:?}, period {period:?}, slow {slow}, window {window}, settle {:?}, 606Ch {shows_velocity}, {:?}, {:?}, acknowledge {:?}",
+                tolerances.settle,
+                config.traits.buffer_signal,
+                config.traits.relative_base,
+                config.deadlines.acknowledge
+            ),
+            ..Told::default()
+        };
+        let stop_limit = cycles(deadlines.standstill + 2 * tolerances.settle) + 20;
+        Self {
+            kept: random.one_in(2),
+            core: AxisCore::new(config),
+            drive: Drive::new(making, habits, random_drive),
+            habits,
+            program,
+            cable,
+            outputs: [0; OUTPUT_BYTES],
+            last_inputs: [0; INPUT_BYTES],
+            period,
+            now: Duration::ZERO,
+            cycle: 0,
+            slow,
+            slow_left: 0,
+            window: f64::from(window),
+            settle,
+            limit: cycles(longest + Duration::from_secs(1)),
+            stop_limit,
+            issued: Vec::new(),
+            pending: Vec::new(),
+            gated: Vec::new(),
+            trail: VecDeque::new(),
+            trail_length: settle + 16,
+            sent_before: Outputs::default(),
+            sent: Outputs::default(),
+            stopping_since: None,
+            resume_asked: false,
+            next_command: 5,
+            busy: random.pick(&[10, 30, 100, 300]),
+            burst: 0,
+            burst_kind: 0,
+            jog: None,
+            ledger_seen: 0,
+            at_rest_since: 0,
+            cut,
+            told,
+            verbose,
+            shown: (0, 0),
+            homes: random.one_in(3),
+            speed: random.pick(&[10_000, 40_000, 80_000]),
+            ramp: random.pick(&[60_000, 500_000, 2_000_000]),
+            blind: false,
+        }
+    }
+
+    fn run(&mut self) -> Result<(), ()> {
+        while self.cycle < DISTURBED {
+            if self.cycle >= self.next_command {
+                self.next_command = self.cycle + 1 + self.program.below(self.busy * 2);
+                self.act()?;
+            }
+            let lane = self.lane();
+            self.step(lane)?;
+        }
+        self.end()
+    }
+
+    /// Everything in order: whatever is under way comes to its end, and the axis can be used and switched off.
+    fn end(&mut self) -> Result<(), ()> {
+        self.say(|_| "healed".into());
+        self.drive.heal();
+        self.habits = self
+            .habits
+            .without(Habit::FramesLost)
+            .without(Habit::FramesMiscounted);
+        let cycles = |life: &Self, ms: u64| ms * 1000 / life.period.as_micros() as u64;
+        for _ in 0..60 {
+            self.step(StopRequest::empty())?;
+        }
+        let command = if self.program.one_in(2) {
+            Command::Disable
+        } else {
+            Command::Stop
+        };
+        let id = self.submit(command, Kind::Disable, 0)?;
+        let until = self.cycle + cycles(self, 4_000);
+        while self.cycle < until && !self.pending.is_empty() {
+            self.step(StopRequest::empty())?;
+        }
+        if let Some(&left) = self.pending.first() {
+            return self.broken(
+                "every future ends",
+                format!(
+                    "{left} {:?} has not, at the end",
+                    self.issued[left as usize]
+                ),
+            );
+        }
+        let _ = id;
+        for (command, kind) in [
+            (Command::Disable, Kind::Disable),
+            (Command::ResetFault, Kind::Reset),
+            (Command::Enable, Kind::Enable),
+            (Command::SelectMode(Mode::ProfilePosition), Kind::Mode),
+            (Command::Enable, Kind::Move),
+            (Command::Disable, Kind::Disable),
+        ] {
+            if kind == Kind::Reset && self.drive.state != State::Fault {
+                continue;
+            }
+            let command = if kind == Kind::Move {
+                let target = self.core.snapshot().position + 500;
+                self.a_move(Reference::Absolute, target, Start::Immediately, false)
+            } else {
+                command
+            };
+            let target = match command {
+                Command::Move(command) => command.target,
+                _ => 0,
+            };
+            let wait = 2 * self.settle as u64;
+            for _ in 0..wait {
+                self.step(StopRequest::empty())?;
+            }
+            let id = self.submit(command, kind, target)?;
+            let until = self.cycle + cycles(self, 6_000);
+            let mut result = None;
+            while self.cycle < until && result.is_none() {
+                self.step(StopRequest::empty())?;
+                result = self.last_result(id);
+            }
+            match result {
+                Some(true) => {}
+                Some(false) => {
+                    return self.broken(
+                        "a sound drive can be used",
+                        format!("{kind:?} failed on a drive in order"),
+                    );
+                }
+                None => {
+                    return self.broken(
+                        "a sound drive can be used",
+                        format!("{kind:?} has no end on a drive in order"),
+                    );
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn last_result(&self, id: u32) -> Option<bool> {
+        let issued = &self.issued[id as usize];
+        issued.done.then_some(issued.since == u64::MAX)
+    }
+
+    fn broken(&mut self, law: &'static str, what: String) -> Result<(), ()> {
+        self.say(|life| {
+            let word = u16::from_le_bytes([life.outputs[0], life.outputs[1]]);
+            format!(
+                "next word {word:04X}, drive {:?}, at {:.0} v {:.0}, {:?}",
+                life.drive.state,
+                life.drive.position,
+                life.drive.velocity,
+                life.core.snapshot()
+            )
+        });
+        self.told.violation = Some(Violation {
+            law,
+            what,
+            cycle: self.cycle,
+        });
+        Err(())
+    }
+
+    fn say(&mut self, line: impl FnOnce(&Self) -> String) {
+        if self.verbose {
+            let line = format!("{:6} {}", self.cycle, line(self));
+            self.told.transcript.push_back(line);
+            if self.told.transcript.len() > LINES {
+                self.told.transcript.pop_front();
+            }
+        }
+    }
+
+    fn lane(&mut self) -> StopRequest {
+        if !self.program.one_in(400) {
+            return StopRequest::empty();
+        }
+        self.program.pick(&[
+            StopRequest::HALT,
+            StopRequest::STOP,
+            StopRequest::QUICK_STOP,
+            StopRequest::HALT.union(StopRequest::QUICK_STOP),
+        ])
+    }
+
+    /// What the program does now.
+    fn act(&mut self) -> Result<(), ()> {
+        let mut random = self.program.fork();
+        let volley = if random.one_in(8) { 3 } else { 1 };
+        for _ in 0..volley {
+            let mut random = random.fork();
+            let number = self.issued.len() as u32;
+            if self.cut.commands.binary_search(&number).is_ok() {
+                // A place in the numbering, so that the names of the others stay.
+                self.issued.push(Issued {
+                    kind: Kind::Release,
+                    target: 0,
+                    since: 0,
+                    sent: false,
+                    accepted: false,
+                    done: true,
+                    latch: None,
+                });
+                continue;
+            }
+            self.choose(&mut random)?;
+        }
+        if random.one_in(12)
+            && let Some(&id) = self.pending.last()
+        {
+            self.say(|_| format!("withdraw {id}"));
+            self.core.withdraw(CommandId(id), &mut self.outputs);
+            self.drain()?;
+        }
+        if let Some(id) = self.jog
+            && random.one_in(3)
+        {
+            if random.one_in(2) {
+                self.core
+                    .release_jog(self.now, CommandId(id), &mut self.outputs);
+            } else {
+                let velocity = random.between(-9_000, 9_000);
+                self.core
+                    .set_jog(CommandId(id), velocity, &mut self.outputs);
+            }
+            self.drain()?;
+        }
+        Ok(())
+    }
+
+    fn choose(&mut self, random: &mut Random) -> Result<(), ()> {
+        let snapshot = self.core.snapshot();
+        let enabled = snapshot.controlword.bits() & 0xF == 0xF;
+        let roll = random.below(100);
+        if !enabled {
+            let (command, kind) = if snapshot.state.is_fault() && roll < 60 {
+                (Command::ResetFault, Kind::Reset)
+            } else if roll < 80 {
+                (Command::Enable, Kind::Enable)
+            } else {
+                random.pick(&[
+                    (Command::Disable, Kind::Disable),
+                    (Command::Stop, Kind::Stop),
+                    (Command::QuickStop, Kind::QuickStop),
+                    (Command::Halt, Kind::Halt),
+                    (Command::Resume, Kind::Resume),
+                    (Command::ResetFault, Kind::Reset),
+                ])
+            };
+            self.submit(command, kind, 0)?;
+            return Ok(());
+        }
+        if roll < 60 && snapshot.halted && random.one_in(2) {
+            self.submit(Command::Resume, Kind::Resume, 0)?;
+            return Ok(());
+        }
+        if roll < 60 {
+            match snapshot.mode {
+                Mode::Homing => {
+                    let method =
+                        random.pick(&[HomingMethod(1), HomingMethod(17), HomingMethod(35)]);
+                    let command = HomingCommand {
+                        method,
+                        offset: None,
+                    };
+                    self.submit(Command::Home(command), Kind::Home, 0)?;
+                }
+                Mode::ProfileVelocity => {
+                    let velocity = random.between(-9_000, 9_000);
+                    self.submit(Command::Jog(JogSetPoint::new(velocity)), Kind::Jog, 0)?;
+                }
+                _ => {
+                    let relative = random.one_in(3);
+                    let target = if relative {
+                        random.pick(&[0, 5, -5, 40, 1000, -700, 3000])
+                    } else {
+                        match random.below(5) {
+                            0 => snapshot.position,
+                            1 => snapshot.position + random.between(-40, 40),
+                            2 => 1000,
+                            _ => random.between(-4_000, 4_000),
+                        }
+                    };
+                    let start = random.pick(&[
+                        Start::Immediately,
+                        Start::AfterCurrent,
+                        Start::AfterCurrent,
+                        Start::Blend,
+                    ]);
+                    let reference = if relative {
+                        Reference::Relative
+                    } else {
+                        Reference::Absolute
+                    };
+                    let gated = random.one_in(10);
+                    let command = self.a_move(reference, target, start, gated);
+                    self.submit(command, Kind::Move, target)?;
+                }
+            }
+            return Ok(());
+        }
+        let modes: &[Mode] = if self.homes {
+            &[Mode::ProfilePosition, Mode::Homing, Mode::ProfileVelocity]
+        } else {
+            &[Mode::ProfilePosition]
+        };
+        let mode = random.pick(modes);
+        let (command, kind) = random.pick(&[
+            (Command::Halt, Kind::Halt),
+            (Command::Halt, Kind::Halt),
+            (Command::Resume, Kind::Resume),
+            (Command::Resume, Kind::Resume),
+            (Command::Stop, Kind::Stop),
+            (Command::QuickStop, Kind::QuickStop),
+            (Command::Disable, Kind::Disable),
+            (Command::Release, Kind::Release),
+            (Command::Enable, Kind::Enable),
+            (Command::SelectMode(mode), Kind::Mode),
+            (Command::SelectMode(mode), Kind::Mode),
+            (Command::SelectMode(Mode::ProfilePosition), Kind::Mode),
+            (Command::ResetFault, Kind::Reset),
+        ]);
+        self.submit(command, kind, 0)?;
+        Ok(())
+    }
+
+    /// A move whose velocity is its name.
+    fn a_move(&self, reference: Reference, target: i32, start: Start, gated: bool) -> Command {
+        let velocity = self.speed as u32 + self.issued.len() as u32;
+        Command::Move(MoveCommand {
+            reference,
+            target,
+            set_point: SetPoint::new()
+                .velocity(velocity)
+                .acceleration(self.ramp)
+                .deceleration(self.ramp)
+                .start(start),
+            gated,
+        })
+    }
+
+    fn submit(&mut self, command: Command, kind: Kind, target: i32) -> Result<u32, ()> {
+        let id = self.issued.len() as u32;
+        self.say(|_| format!("{id} {command:?}"));
+        self.issued.push(Issued {
+            kind,
+            target,
+            since: self.cycle,
+            sent: false,
+            accepted: false,
+            done: false,
+            latch: None,
+        });
+        self.pending.push(id);
+        if let Command::Move(MoveCommand { gated: true, .. }) = command {
+            self.gated.push(id);
+        }
+        match kind {
+            Kind::Resume => self.resume_asked = true,
+            Kind::Jog => self.jog = Some(id),
+            _ => {}
+        }
+        let held = self.must_stop();
+        self.core
+            .submit(self.now, CommandId(id), command, &mut self.outputs);
+        if kind.stops() && held {
+            self.has_stopped(kind)?;
+        }
+        self.drain()?;
+        Ok(id)
+    }
+
+    /// Whether a stop that is asked for now has something to stop: all that the core can know of.
+    fn must_stop(&self) -> bool {
+        let snapshot = self.core.snapshot();
+        self.sent.word & 0x8F == 0x0F
+            && snapshot.controlword.bits() & 0xF == 0xF
+            && snapshot.state == servocrab::ds402::State::OperationEnabled
+            && self.drive.state == State::Enabled
+            && (snapshot.has_set_point || self.is_moving())
+    }
+
+    fn has_stopped(&mut self, kind: Kind) -> Result<(), ()> {
+        let word = u16::from_le_bytes([self.outputs[0], self.outputs[1]]);
+        if word & 0x100 != 0 || word & 0x04 == 0 {
+            return Ok(());
+        }
+        self.broken(
+            "a stop is in the next frame",
+            format!("{kind:?} was asked for, and the next word is {word:04X}h"),
+        )
+    }
+
+    /// Whether the axis truly moves: by more than what standstill permits, in the settle time.
+    fn is_moving(&self) -> bool {
+        if self.drive.velocity.abs() * self.settle as f64 * self.period.as_secs_f64()
+            < self.window / 2.0
+        {
+            return false;
+        }
+        self.moved(self.settle, 0)
+    }
+
+    /// Whether it has moved by more than that in the settle time up to `ago` cycles before now.
+    fn moved(&self, cycles: usize, ago: usize) -> bool {
+        let end = self.trail.len().saturating_sub(ago);
+        let from = end.saturating_sub(cycles);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for &position in self.trail.range(from..end) {
+            low = low.min(position);
+            high = high.max(position);
+        }
+        high - low > 2.0 * self.window + 2.0 * f64::from(self.drive.making.dither) + 4.0
+    }
+
+    /// One bus cycle.
+    fn step(&mut self, lane: StopRequest) -> Result<(), ()> {
+        if !lane.is_empty() {
+            self.say(|_| format!("lane {lane:?}"));
+            let held = self.must_stop();
+            self.core.apply_stop(self.now, lane, &mut self.outputs);
+            if held {
+                self.has_stopped(Kind::Stop)?;
+            }
+        }
+        if !self.gated.is_empty()
+            && self.program.one_in(3)
+            && let Some(&id) = self
+                .gated
+                .iter()
+                .find(|id| self.core.is_armed(CommandId(**id)))
+        {
+            self.core.fire(self.now, CommandId(id), &mut self.outputs);
+        }
+        self.drain()?;
+        self.sent_before = self.sent;
+        self.sent = Outputs::read(&self.outputs);
+        self.judge_word()?;
+        let image = *self.drive.image();
+        let (delivered, fresh, answered) = self.link();
+        if delivered {
+            self.drive.take(self.sent);
+        }
+        self.now += self.period;
+        let inputs = if fresh {
+            Inputs::Fresh(&image)
+        } else if answered {
+            Inputs::Answered(&image)
+        } else {
+            Inputs::Stale
+        };
+        self.blind = !fresh;
+        if self.kept {
+            let unchanged = !matches!(inputs, Inputs::Stale) && self.last_inputs == image;
+            self.core
+                .step_kept(self.now, inputs, unchanged, &mut self.outputs);
+            if !matches!(inputs, Inputs::Stale) {
+                self.last_inputs = image;
+            }
+        } else {
+            self.core.step(self.now, inputs, &mut self.outputs);
+        }
+        if self.verbose {
+            self.show(&image, inputs);
+        }
+        self.drain()?;
+        self.cycle += 1;
+        self.slow_left += 1;
+        if self.slow_left >= self.slow {
+            self.slow_left = 0;
+            if self.slow > 1 {
+                self.told.hits.hit(Habit::SlowCycle);
+            }
+            self.drive.cycle();
+        }
+        if self.trail.len() >= self.trail_length {
+            self.trail.pop_front();
+        }
+        self.trail.push_back(self.drive.position);
+        self.match_ledger()?;
+        self.judge_state()?;
+        if self.cycle % 128 == 0 {
+            self.judge_waits()?;
+        }
+        Ok(())
+    }
+
+    fn show(&mut self, image: &[u8; INPUT_BYTES], inputs: Inputs<'_>) {
+        let status = u16::from_le_bytes([image[0], image[1]]);
+        let kind = match inputs {
+            Inputs::Fresh(_) => "",
+            Inputs::Answered(_) => " answered",
+            Inputs::Stale => " stale",
+        };
+        let moves = self.cycle % 25 == 0 && self.drive.velocity.abs() > 1.0;
+        if self.shown != (self.sent.word, status) || !kind.is_empty() || moves {
+            self.shown = (self.sent.word, status);
+            let position = i32::from_le_bytes([image[3], image[4], image[5], image[6]]);
+            self.say(|life| {
+                format!(
+                    "{:04X} -> {status:04X}{kind} mode {} target {} shows {position} demand {:.0} at {:.0} v {:.0} {:?} core {:?} {}",
+                    life.sent.word,
+                    image[2],
+                    life.sent.target,
+                    life.drive.demand,
+                    life.drive.position,
+                    life.drive.velocity,
+                    life.drive.state,
+                    life.core.snapshot().state,
+                    if life.core.snapshot().has_set_point { "holds" } else { "" }
+                )
+            });
+        }
+    }
+
+    /// Delivered, fresh, answered.
+    fn link(&mut self) -> (bool, bool, bool) {
+        const GOOD: (bool, bool, bool) = (true, true, true);
+        let lost = self.habits.has(Habit::FramesLost);
+        let miscounted = self.habits.has(Habit::FramesMiscounted);
+        if !lost && !miscounted {
+            return GOOD;
+        }
+        if self.burst > 0 {
+            self.burst -= 1;
+        } else if self.cable.one_in(40) {
+            self.burst = self.cable.pick(&[0, 0, 0, 1, 3, 9, 12, 40]);
+            let kinds: &[u8] = match (lost, miscounted) {
+                (true, true) => &[1, 2, 3, 4],
+                (true, false) => &[1, 2],
+                _ => &[3, 4],
+            };
+            self.burst_kind = self.cable.pick(kinds);
+        } else {
+            self.burst_kind = 0;
+        }
+        let habit = if self.burst_kind <= 2 {
+            Habit::FramesLost
+        } else {
+            Habit::FramesMiscounted
+        };
+        if self.burst_kind != 0 {
+            self.told.hits.hit(habit);
+        }
+        match self.burst_kind {
+            1 => (false, false, false),
+            2 => (true, false, false),
+            3 => (true, false, true),
+            4 => (false, false, true),
+            _ => GOOD,
+        }
+    }
+
+    /// The laws of the word that is about to be sent.
+    fn judge_word(&mut self) -> Result<(), ()> {
+        let (word, before) = (self.sent.word, self.sent_before.word);
+        if word & !before & 0x10 != 0 && self.sent.mode == 1 {
+            let name = self.sent.velocity.wrapping_sub(self.speed as u32);
+            match self.issued.get_mut(name as usize) {
+                Some(issued)
+                    if issued.kind == Kind::Move
+                        && issued.target == self.sent.target
+                        && !issued.sent =>
+                {
+                    issued.sent = true;
+                }
+                _ => {
+                    return self.broken(
+                        "a set-point is sent once, with its own target",
+                        format!(
+                            "bit 4 rose with target {} and velocity {}",
+                            self.sent.target, self.sent.velocity
+                        ),
+                    );
+                }
+            }
+        }
+        let drives = word & 0x8F == 0x0F;
+        if drives {
+            self.stopping_since = None;
+            if before & 0x18F == 0x10F && word & 0x100 == 0 {
+                if !self.resume_asked
+                    && self.drive.state == State::Enabled
+                    && self.drive.holds().is_some()
+                {
+                    return self.broken(
+                        "bit 8 falls by a resume",
+                        format!("{before:04X}h, then {word:04X}h, and nobody asked"),
+                    );
+                }
+                self.resume_asked = false;
+            }
+            return Ok(());
+        }
+        let since = *self.stopping_since.get_or_insert(self.cycle);
+        let leads_down = word & 0x82 == 0 || word & 0x87 == 0x06 || word & 0x8F == 0x07;
+        if leads_down
+            && matches!(self.drive.state, State::Enabled | State::QuickStop)
+            && self.is_moving()
+            && self.cycle - since <= self.stop_limit
+            && !self.drive_is_deaf()
+        {
+            return self.broken(
+                "a moving axis does not coast",
+                format!(
+                    "{word:04X}h is sent {} cycles after the stop began, at {:.0} counts/s",
+                    self.cycle - since,
+                    self.drive.velocity
+                ),
+            );
+        }
+        Ok(())
+    }
+
+    fn drive_is_deaf(&self) -> bool {
+        self.habits.has(Habit::QuickStopIgnored)
+    }
+
+    /// Each set-point that the drive has taken belongs to one move.
+    fn match_ledger(&mut self) -> Result<(), ()> {
+        if let Some(velocity) = self.drive.overrun.take() {
+            let name = velocity.wrapping_sub(self.speed as u32);
+            return self.broken(
+                "no set-point goes into a full buffer",
+                format!("that of {name} came while the drive held two"),
+            );
+        }
+        while let Some(latch) = self.drive.ledger.get(self.ledger_seen).copied() {
+            let index = self.ledger_seen;
+            self.ledger_seen += 1;
+            let name = latch.velocity.wrapping_sub(self.speed as u32);
+            self.say(|life| {
+                format!(
+                    "drive takes {name}, to {:.0} (it counts from {:.0})",
+                    latch.goal, life.drive.demand
+                )
+            });
+            match self.issued.get_mut(name as usize) {
+                Some(issued)
+                    if issued.latch.is_none() && issued.target == latch.target && issued.sent =>
+                {
+                    issued.latch = Some(index);
+                }
+                _ => {
+                    return self.broken(
+                        "latched = accepted + unknown",
+                        format!("the drive has taken {latch:?}, which nobody asked for, or twice"),
+                    );
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The laws of what the core knows.
+    fn judge_state(&mut self) -> Result<(), ()> {
+        let drive = &self.drive;
+        if drive.demand_velocity != 0.0 || drive.holds().is_some() || self.blind {
+            self.at_rest_since = self.cycle;
+        }
+        let Some(gap) = drive.holds() else {
+            return Ok(());
+        };
+        if drive.mode == 3 && self.sent.target_velocity == 0 {
+            // Its 0 is on its way.
+            return Ok(());
+        }
+        let snapshot = self.core.snapshot();
+        let drives = snapshot.controlword.bits() & 0x8F == 0x0F && self.sent.word & 0x8F == 0x0F;
+        if drives
+            && !snapshot.has_set_point
+            && gap > self.window + 2.0
+            && drive.word_in_effect() & 0x0F == 0x0F
+        {
+            let waits = drive.waits();
+            return self.broken(
+                "the drive holds a set-point: the core has one",
+                format!("its demand is {gap:.0} counts from the end (waits: {waits}), and the core knows of none"),
+            );
+        }
+        Ok(())
+    }
+
+    /// Every future ends.
+    fn judge_waits(&mut self) -> Result<(), ()> {
+        for at in 0..self.pending.len() {
+            let id = self.pending[at];
+            let issued = self.issued[id as usize];
+            let waited = self.cycle - issued.since;
+            let endless = matches!(issued.kind, Kind::Move | Kind::Home | Kind::Jog);
+            if !endless && waited > self.limit {
+                return self.broken(
+                    "every future ends",
+                    format!("{id} {:?} has waited for {waited} cycles", issued.kind),
+                );
+            }
+            let rest = self
+                .cycle
+                .saturating_sub(self.at_rest_since.max(issued.since));
+            let seconds = rest as f64 * self.period.as_secs_f64();
+            if issued.kind == Kind::Move
+                && issued.accepted
+                && seconds > 6.0
+                && !self.core.snapshot().halted
+            {
+                return self.broken(
+                    "every future ends",
+                    format!(
+                        "{id} was accepted, and the drive has had nothing to do for {seconds:.1} s"
+                    ),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    fn drain(&mut self) -> Result<(), ()> {
+        while let Some((CommandId(id), event)) = self.core.poll_event() {
+            self.say(|_| format!("    {id}: {event:?}"));
+            if self
+                .issued
+                .get(id as usize)
+                .is_none_or(|issued| issued.done)
+            {
+                return self.broken(
+                    "one outcome",
+                    format!("{id} is reported on after its end: {event:?}"),
+                );
+            }
+            match event {
+                Event::Accepted => self.judge_accepted(id)?,
+                Event::Halted => {}
+                Event::Done(result) => {
+                    self.issued[id as usize].done = true;
+                    self.pending.retain(|pending| *pending != id);
+                    self.gated.retain(|gated| *gated != id);
+                    if self.jog == Some(id) {
+                        self.jog = None;
+                    }
+                    self.judge_done(id, result)?;
+                    if result.is_ok() {
+                        self.issued[id as usize].since = u64::MAX;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn judge_accepted(&mut self, id: u32) -> Result<(), ()> {
+        let issued = &mut self.issued[id as usize];
+        issued.accepted = true;
+        if issued.kind == Kind::Move && issued.latch.is_none() {
+            return self.broken(
+                "latched = accepted + unknown",
+                format!("{id} is accepted, and the drive has not taken it"),
+            );
+        }
+        Ok(())
+    }
+
+    fn judge_done(&mut self, id: u32, result: Result<Completion, Failure>) -> Result<(), ()> {
+        let issued = self.issued[id as usize];
+        if issued.kind == Kind::Move {
+            return self.judge_move(id, issued, result);
+        }
+        let stopped = matches!(result, Ok(Completion::Stopped { .. }));
+        if !stopped || self.drive_is_deaf() {
+            return Ok(());
+        }
+        let halts_nothing = issued.kind == Kind::Halt && self.drive.state != State::Enabled;
+        if issued.kind.stops() && !halts_nothing && self.stops_while_moving() {
+            return self.broken(
+                "a stop ends at standstill",
+                format!(
+                    "{id} {:?} is {result:?} at {:.0} counts/s, in {:?}",
+                    issued.kind, self.drive.velocity, self.drive.state
+                ),
+            );
+        }
+        let gone = matches!(
+            issued.kind,
+            Kind::Stop | Kind::QuickStop | Kind::Disable | Kind::Release
+        );
+        if gone
+            && let Some(gap) = self.drive.holds()
+            && gap > self.window + 2.0
+            && self.sent.word & 0x0F == 0x0F
+        {
+            return self.broken(
+                "after a stop the set-point is gone",
+                format!(
+                    "{id} {:?} is {result:?}, and the drive is {gap:.0} counts from its end",
+                    issued.kind
+                ),
+            );
+        }
+        Ok(())
+    }
+
+    /// Whether the axis moved in every settle time that the core can have looked at.
+    fn stops_while_moving(&self) -> bool {
+        let late = 8 * self.slow as usize;
+        self.is_moving() && self.moved(self.settle, late.min(self.trail_length - self.settle))
+    }
+
+    fn judge_move(
+        &mut self,
+        id: u32,
+        issued: Issued,
+        result: Result<Completion, Failure>,
+    ) -> Result<(), ()> {
+        let ledger = &self.drive.ledger;
+        let making = &self.drive.making;
+        let slack = self.window + 2.0 + 2.0 * f64::from(making.dither);
+        let latch = issued.latch.map(|index| {
+            // One that was replaced by another to the same end may show itself there by that.
+            let mut latch = ledger[index];
+            let replaced = matches!(latch.end, Some((_, End::Replaced)));
+            for later in ledger.iter().skip(index + 1).filter(|_| replaced) {
+                if (later.goal - latch.goal).abs() <= slack {
+                    latch.nearest = latch.nearest.min(later.nearest);
+                    latch.axis_nearest = latch.axis_nearest.min(later.axis_nearest);
+                }
+            }
+            latch
+        });
+        // On its ramp the axis is ahead of the demand by what the ramp takes to follow; one that swings by more than that is
+        // not at its end. And what shows in two ticks is on its way.
+        let ramp = f64::from(self.ramp);
+        let ahead = ramp / making.frequency.powi(2);
+        let ahead_of_rest = if making.frequency >= 400.0 {
+            ahead
+        } else {
+            0.0
+        };
+        let two_ticks = |latch: &Latch| {
+            2.0 * making.tick * f64::from(latch.velocity).min((2.0 * ramp * latch.nearest).sqrt())
+        };
+        match (result, latch) {
+            (Ok(_), None) => self.broken(
+                "Reached: that set-point ended",
+                format!("{id} is {result:?}, and was never taken"),
+            ),
+            (Ok(Completion::Reached { .. }), Some(latch)) => {
+                // A distance from nobody knows where, whose drive has dropped it unseen: only its word is left.
+                let dropped = matches!(latch.end, Some((_, End::Dropped))) && latch.relative;
+                if latch.nearest > slack + ahead_of_rest + two_ticks(&latch) && !dropped {
+                    return self.broken(
+                        "Reached: that set-point ended",
+                        format!("{id} is Reached, and the demand is {:.0} counts from its end: {latch:?}", latch.nearest),
+                    );
+                }
+                Ok(())
+            }
+            (Ok(Completion::Passed { .. }), Some(latch)) => {
+                let tick = 2.0 * making.tick * f64::from(latch.velocity);
+                if latch.nearest > slack + ahead + tick {
+                    return self.broken(
+                        "Passed: that set-point was passed",
+                        format!("{id} is Passed, and the demand is {:.0} counts from its end: {latch:?}", latch.nearest),
+                    );
+                }
+                Ok(())
+            }
+            (Ok(_), Some(_)) => Ok(()),
+            (Err(failure), latch) => {
+                let text = format!("{failure:?}");
+                let name = text
+                    .split(|c: char| !c.is_alphanumeric())
+                    .next()
+                    .unwrap_or_default();
+                if (text.contains("NotSent")
+                    || matches!(
+                        name,
+                        "Withdrawn" | "Busy" | "NeedsStop" | "Unsupported" | "NotEnabled"
+                    ))
+                    && latch.is_some()
+                {
+                    return self.broken(
+                        "latched = accepted + unknown",
+                        format!("{id} is {text}, and the drive has taken it: {latch:?}"),
+                    );
+                }
+                let Some(latch) = latch else { return Ok(()) };
+                let forgets = self.habits.has(Habit::HaltForgets);
+                match name {
+                    // The drive may have gone on before the axis was there.
+                    "MissedTarget"
+                        if !forgets
+                            && (latch.end.is_none()
+                                || (!matches!(latch.end, Some((_, End::Dropped)))
+                                    && latch.axis_nearest
+                                        <= self.window
+                                            - 1.0
+                                            - f64::from(self.drive.making.dither))) =>
+                    {
+                        self.broken(
+                            "MissedTarget: it did not end there",
+                            format!("{id} is {text}, and the drive limits nothing: {latch:?}"),
+                        )
+                    }
+                    "Superseded" if issued.accepted && latch.end.is_none() => self.broken(
+                        "Superseded: another took its place",
+                        format!("{id} is superseded, and the drive holds it: {latch:?}"),
+                    ),
+                    _ => Ok(()),
+                }
+            }
+        }
+    }
+}
+
+fn fields(velocity: bool) -> AxisFields {
+    let mut fields = AxisFields::at(0, 0);
+    fields.controlword = 0;
+    fields.mode = Some(2);
+    fields.target = 3;
+    fields.velocity = Some(7);
+    fields.acceleration = Some(11);
+    fields.deceleration = Some(15);
+    fields.target_velocity = Some(19);
+    fields.statusword = 0;
+    fields.mode_display = Some(2);
+    fields.position = 3;
+    fields.actual_velocity = velocity.then_some(7);
+    fields.error_code = Some(11);
+    fields
+}
