@@ -10,12 +10,12 @@ use std::sync::Arc;
 use crate::{
     coe::ObjectAddress,
     ds402::{Controlword, Mode, State},
-    profile_position::{ProfilePosition, WrittenParameters},
+    profile_position::ProfilePosition,
 };
 
 use super::{
-    AxisError, AxisErrorKind, AxisIdentity, Command, CommandId, Completion, ParameterAccess,
-    Snapshot, StopRequest, last_stop::LastStop, pending::Pending, shared::Shared,
+    AxisError, AxisErrorKind, AxisIdentity, Claims, Command, CommandId, Completion,
+    ParameterAccess, Snapshot, StopRequest, last_stop::LastStop, pending::Pending, shared::Shared,
 };
 
 /// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
@@ -244,8 +244,8 @@ const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
 /// All handles of an axis together; the axis is stopped when the last one goes.
 pub(crate) struct Handles {
     pub(crate) shared: Arc<Shared>,
-    /// Held from an SDO write of a move's parameters until the drive has taken the set-point.
-    pub(crate) parameters_in_use: smol::lock::Mutex<WrittenParameters>,
+    /// Held from an SDO write of a motion's parameters until the drive has taken the set-point.
+    pub(super) claims: Claims,
     /// Whether the drive may hold parameters that a move has written by SDO.
     pub(crate) parameters_changed: AtomicBool,
     keep_moving: AtomicBool,
@@ -264,7 +264,7 @@ impl Handles {
     pub(super) fn new(shared: Arc<Shared>) -> Self {
         Self {
             shared,
-            parameters_in_use: smol::lock::Mutex::default(),
+            claims: Claims::default(),
             parameters_changed: AtomicBool::new(false),
             keep_moving: AtomicBool::new(false),
             given_up: AtomicU32::new(0),

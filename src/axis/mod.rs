@@ -5,6 +5,8 @@
 
 mod calm;
 mod check;
+#[cfg(feature = "std")]
+mod claim;
 mod command;
 mod config;
 mod core;
@@ -70,6 +72,8 @@ pub use fields::{AxisFields, FieldError};
 pub use referencing::Referencing;
 pub use snapshot::Snapshot;
 
+#[cfg(feature = "std")]
+pub(crate) use claim::{Claim, Claims};
 #[cfg(feature = "std")]
 pub use error::{AxisError, AxisErrorKind, AxisIdentity};
 #[cfg(feature = "std")]

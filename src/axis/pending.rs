@@ -49,6 +49,10 @@ impl Pending {
         })
     }
 
+    pub(crate) fn ticket(&self) -> Arc<Ticket> {
+        Arc::clone(&self.ticket)
+    }
+
     /// The result, once it is there.
     pub(crate) fn result(&self) -> Option<Result<Completion, Failure>> {
         self.handles.shared.result(&self.ticket)
@@ -94,7 +98,7 @@ impl Pending {
     }
 
     async fn wait<T>(&self, ready: impl FnMut() -> Option<T>) -> T {
-        self.handles.shared.waiters(self.id).until(ready).await
+        self.handles.shared.until(self.id, ready).await
     }
 
     async fn judge(&self, result: Result<Completion, Failure>) -> Result<Completion, AxisError> {

@@ -57,6 +57,7 @@ impl AxisPort {
     pub fn before_send(&mut self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
         let shared = &self.shared;
         shared.answer();
+        shared.setup.groups.note_time(now);
         if let Some(raw) = shared.take_noted_mode() {
             core.note_mode(Mode::from_raw(raw));
         }

@@ -293,10 +293,22 @@ impl Shared {
         closed.then_some(Err(Failure::BusLost { delivery }))
     }
 
-    pub(crate) fn waiters(&self, id: CommandId) -> &Waiters {
+    /// Waits until what is reported of this command makes `ready` give a value.
+    pub(crate) async fn until<T>(&self, id: CommandId, ready: impl FnMut() -> Option<T>) -> T {
         self.slots
             .of(id)
             .map_or(&self.changed, |slot| &slot.waiters)
+            .until(ready)
+            .await
+    }
+
+    /// Whether the drive has taken this motion, or it has ended or was given up.
+    pub(crate) fn is_over(&self, ticket: &Ticket) -> bool {
+        let over = mark::ACCEPTED | mark::DONE | mark::LEFT;
+        self.slots
+            .of(ticket.id)
+            .is_none_or(|slot| slot.marks.load(Ordering::Acquire) & over != 0)
+            || self.is_closed()
     }
 
     pub(crate) fn set_manufacturer(&self, bits: Controlword) {

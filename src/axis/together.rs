@@ -12,11 +12,13 @@ use crate::profile_position::{Move, MoveCommand, MoveRequest};
 
 use super::{
     AxisCore, AxisError, AxisErrorKind, Command, CommandId, Failure, pending::Pending,
-    shared::Shared,
+    shared::Shared, waiters::Waiters,
 };
 
 /// Groups that wait to start at once, of one network.
 const GROUPS: usize = 16;
+/// Futures that sleep until a time before they must poll.
+const SLEEPERS: usize = 64;
 
 /// Where moves are asked to start together: one queue for all axes of a network, a clone in each [`AxisSetup`](super::AxisSetup).
 /// With it goes the word that anything was asked of any of these axes.
@@ -41,6 +43,10 @@ struct Queues {
     watchers: AtomicUsize,
     /// How many cycles there were, where all axes are stepped together.
     cycles: AtomicU64,
+    /// The time of the last cycle, and when the next of those who sleep is to be woken, in nanoseconds.
+    now: AtomicU64,
+    due: AtomicU64,
+    sleepers: Waiters,
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
@@ -74,6 +80,9 @@ impl GroupQueue {
                 asked: AtomicBool::new(false),
                 watchers: AtomicUsize::new(0),
                 cycles: AtomicU64::new(0),
+                now: AtomicU64::new(0),
+                due: AtomicU64::new(u64::MAX),
+                sleepers: Waiters::new(SLEEPERS),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
             }),
@@ -97,6 +106,29 @@ impl GroupQueue {
         self.queues.cycles.load(Ordering::Acquire)
     }
 
+    /// The network's time: that of its last cycle.
+    pub(crate) fn now(&self) -> Duration {
+        Duration::from_nanos(self.queues.now.load(Ordering::Acquire))
+    }
+
+    /// Sleeps until this moment of the network's time, which does not come once the network has ended.
+    pub(crate) async fn sleep_until(&self, until: Duration) {
+        let queues = &self.queues;
+        let is_over = || {
+            if self.now() >= until {
+                return Some(());
+            }
+            queues.due.fetch_min(nanoseconds(until), Ordering::SeqCst);
+            None
+        };
+        queues.sleepers.until(is_over).await;
+    }
+
+    /// Says what time it is; to be called once a cycle.
+    pub(super) fn note_time(&self, now: Duration) {
+        self.queues.note_time(now);
+    }
+
     /// The bus thread's end. There is to be one.
     #[must_use]
     pub fn groups(&self) -> Groups {
@@ -105,6 +137,28 @@ impl GroupQueue {
             waiting: Vec::with_capacity(GROUPS),
         }
     }
+}
+
+impl Queues {
+    #[inline]
+    fn note_time(&self, now: Duration) {
+        let now = nanoseconds(now);
+        self.now.store(now, Ordering::Release);
+        if now >= self.due.load(Ordering::Relaxed) {
+            self.wake_sleepers();
+        }
+    }
+
+    #[cold]
+    fn wake_sleepers(&self) {
+        // Who sleeps on says so again.
+        self.due.store(u64::MAX, Ordering::SeqCst);
+        self.sleepers.wake_all();
+    }
+}
+
+fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// Somebody waits for a change.
@@ -151,6 +205,7 @@ impl Groups {
     /// To be called after [`AxisPort::before_send`](super::AxisPort::before_send) of every axis and right before
     /// sending: then no stop can come between the rise of one bit 4 and another.
     pub fn advance(&mut self, now: Duration, axes: &mut impl AxisSet) {
+        self.queues.note_time(now);
         while self.waiting.len() < GROUPS
             && let Some(group) = self.queues.new.pop()
         {
@@ -262,18 +317,24 @@ pub async fn together(
     // A stop that comes while parameters are being written stops these moves as well.
     let asked: Vec<_> = in_order.iter().map(|request| request.last_stop()).collect();
     let mut prepared = Vec::new();
+    let mut claims = Vec::new();
     for (request, asked) in in_order.into_iter().zip(asked) {
-        let (command, guard) = request.prepare().await?;
-        prepared.push((request, command, asked, guard));
+        let (command, claim) = request.prepare().await?;
+        prepared.push((request, command, asked));
+        claims.push(claim);
     }
     // Dropped on the way out, what was submitted is withdrawn.
     let mut pending: Vec<Pending> = Vec::new();
-    for (request, command, asked, _) in &prepared {
+    for ((request, command, asked), claim) in prepared.iter().zip(claims) {
         let command = MoveCommand {
             gated: true,
             ..*command
         };
-        pending.push(request.axis.submit_motion(Command::Move(command), *asked)?);
+        let submitted = request.axis.submit_motion(Command::Move(command), *asked)?;
+        if let Some(claim) = claim {
+            claim.sent(&submitted);
+        }
+        pending.push(submitted);
     }
     let group = Arc::new(Group {
         members: prepared

@@ -122,7 +122,7 @@ impl Homing {
         let handles = &self.axis.handles;
         // A stop that comes while parameters are being written stops this homing as well.
         let asked = handles.shared.last_stop();
-        let guard = handles.parameters_in_use.lock().await;
+        let claim = handles.claim_now()?;
         // What is refused must not have changed the drive's parameters, least of all those of a homing under way.
         self.axis.run(Command::CheckHome).await?;
         self.write(&parameters).await?;
@@ -137,8 +137,8 @@ impl Homing {
             offset,
         };
         let mut pending = self.axis.submit_motion(Command::Home(command), asked)?;
+        claim.sent(&pending);
         pending.accepted().await?;
-        drop(guard);
         self.axis.trace("homing");
         let result = homed(&pending).await;
         self.axis.trace(match &result {

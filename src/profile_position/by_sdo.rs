@@ -3,10 +3,8 @@
 
 use core::sync::atomic::Ordering;
 
-use smol::lock::MutexGuard;
-
 use crate::{
-    axis::{AxisError, AxisFields, Handles},
+    axis::{AxisError, AxisFields, Claim, Handles},
     coe::{Number, Object, ObjectAddress, Writable, obj},
 };
 
@@ -80,19 +78,35 @@ impl BySdo {
         !self.writes.is_empty() || handles.parameters_changed.load(Ordering::Acquire)
     }
 
-    /// Makes the drive's objects what this motion wants. The guard is to be held until the drive has taken it, so that no other
-    /// motion's parameters come in between.
+    /// Makes the drive's objects what this motion wants, which has claimed them.
     pub(crate) async fn write(
         self,
         handles: &Handles,
-    ) -> Result<MutexGuard<'_, WrittenParameters>, AxisError> {
-        let mut written = handles.parameters_in_use.lock().await;
+        claim: &mut Claim<'_>,
+    ) -> Result<(), AxisError> {
         let changed = &handles.parameters_changed;
         // Said before, and taken back when it is known: a caller may give up in between.
         changed.store(true, Ordering::Release);
-        written.write(self, handles).await?;
-        changed.store(written.any_changed(), Ordering::Release);
-        Ok(written)
+        claim.written.begin(handles.shared.attached());
+        for object in self.left_out {
+            // What a move leaves out is again what the drive held.
+            if let Some(before) = claim.written.to_set_back(object) {
+                handles.write_parameter(object, before).await?;
+                claim.written.is_set_back(object);
+                claim.step();
+            }
+        }
+        for (object, value) in self.writes {
+            if !claim.written.will_change(object) {
+                let before = handles.read_parameter(object).await?;
+                claim.written.note(object, before);
+                claim.step();
+            }
+            handles.write_parameter(object, value).await?;
+            claim.step();
+        }
+        changed.store(claim.written.any_changed(), Ordering::Release);
+        Ok(())
     }
 
     fn speed<A: Writable>(
@@ -130,38 +144,41 @@ impl WrittenParameters {
         self.written.iter().any(|written| written.changed)
     }
 
-    /// Those that a move names are as it names them; those that it leaves out are again what the drive held.
-    async fn write(&mut self, by_sdo: BySdo, handles: &Handles) -> Result<(), AxisError> {
-        let attached = handles.shared.attached();
+    /// Forgets what was written to a drive that has been attached anew since.
+    fn begin(&mut self, attached: u32) {
         if core::mem::replace(&mut self.attached, attached) != attached {
             self.written.clear();
         }
+    }
+
+    /// What the drive held in this object, where it may hold something else now.
+    fn to_set_back(&self, object: ObjectAddress) -> Option<Vec<u8>> {
+        let mut changed = self.written.iter().filter(|written| written.changed);
+        changed
+            .find(|written| written.object == object)
+            .map(|written| written.before.clone())
+    }
+
+    fn is_set_back(&mut self, object: ObjectAddress) {
         for written in &mut self.written {
-            if written.changed && by_sdo.left_out.contains(&written.object) {
-                handles
-                    .write_parameter(written.object, written.before.clone())
-                    .await?;
-                written.changed = false;
-            }
+            written.changed &= written.object != object;
         }
-        for (object, value) in by_sdo.writes {
-            match self
-                .written
-                .iter_mut()
-                .find(|written| written.object == object)
-            {
-                Some(written) => written.changed = true,
-                None => {
-                    let before = handles.read_parameter(object).await?;
-                    self.written.push(Written {
-                        object,
-                        before,
-                        changed: true,
-                    });
-                }
-            }
-            handles.write_parameter(object, value).await?;
-        }
-        Ok(())
+    }
+
+    /// This object is about to be written. Whether it is known what the drive held there.
+    fn will_change(&mut self, object: ObjectAddress) -> bool {
+        let known = self
+            .written
+            .iter_mut()
+            .find(|written| written.object == object);
+        known.map(|written| written.changed = true).is_some()
+    }
+
+    fn note(&mut self, object: ObjectAddress, before: Vec<u8>) {
+        self.written.push(Written {
+            object,
+            before,
+            changed: true,
+        });
     }
 }

@@ -2,14 +2,9 @@
 
 use core::fmt;
 
-use smol::lock::MutexGuard;
+use crate::axis::{Axis, AxisError, AxisErrorKind, Claim, Command, LastStop, Lease, Pending};
 
-use crate::axis::{Axis, AxisError, AxisErrorKind, Command, LastStop, Lease, Pending};
-
-use super::{
-    Failure, Move, MoveCommand, Reference, SetPoint,
-    by_sdo::{BySdo, WrittenParameters},
-};
+use super::{Failure, Move, MoveCommand, Reference, SetPoint, by_sdo::BySdo};
 
 /// The lease of an axis in Profile Position mode, from [`Axis::profile_position`].
 ///
@@ -123,8 +118,11 @@ impl MoveRequest {
     pub(super) async fn send(self) -> Result<Move, AxisError> {
         // A stop that comes while parameters are being written stops this move as well.
         let asked = self.last_stop();
-        let (command, _parameters) = self.prepare().await?;
+        let (command, claim) = self.prepare().await?;
         let pending = self.axis.submit_motion(Command::Move(command), asked)?;
+        if let Some(claim) = claim {
+            claim.sent(&pending);
+        }
         self.accepted(pending).await
     }
 
@@ -146,11 +144,9 @@ impl MoveRequest {
         }
     }
 
-    /// Writes by SDO what the move needs and the process data does not hold. The guard is to be held until the drive
-    /// has taken the set-point, so that no other move's parameters come in between.
-    pub(crate) async fn prepare(
-        &self,
-    ) -> Result<(MoveCommand, Option<MutexGuard<'_, WrittenParameters>>), AxisError> {
+    /// Writes by SDO what the move needs and the process data does not hold. The claim is to be held until the move is sent, and
+    /// told of it, so that no other move's parameters come in between.
+    pub(crate) async fn prepare(&self) -> Result<(MoveCommand, Option<Claim<'_>>), AxisError> {
         let mut command = self.command;
         let handles = &self.axis.handles;
         let fields = &handles.shared.setup.fields;
@@ -164,8 +160,9 @@ impl MoveRequest {
         }
         // What is refused must not have changed the drive's parameters.
         self.axis.run(Command::CheckMove(self.command)).await?;
-        let written = by_sdo.write(handles).await?;
-        Ok((command, Some(written)))
+        let mut claim = handles.claim().await?;
+        by_sdo.write(handles, &mut claim).await?;
+        Ok((command, Some(claim)))
     }
 
     fn trace(&self, what: &str, why: &dyn fmt::Display) {

@@ -104,13 +104,14 @@ impl ProfileVelocity {
             let check = Command::CheckJog(set_point.velocity);
             self.axis.run(check).await?;
         }
-        let guard = by_sdo.write(handles).await?;
+        let mut claim = handles.claim_now()?;
+        by_sdo.write(handles, &mut claim).await?;
         // From here on whatever drops it lets it go.
         let mut jog = Jog {
             pending: self.axis.submit_motion(Command::Jog(set_point), asked)?,
         };
+        claim.sent(&jog.pending);
         jog.pending.accepted().await?;
-        drop(guard);
         self.axis.trace("jogging");
         Ok(jog)
     }

@@ -84,6 +84,8 @@ pub(crate) struct Sdo {
     pub(crate) refuse: AtomicBool,
     /// A read takes at least a cycle.
     pub(crate) slow: AtomicBool,
+    /// A write takes at least a poll.
+    pub(crate) slow_writes: AtomicBool,
     /// An object that reads as 0, whatever the drive holds.
     pub(crate) zero: Mutex<Option<ObjectAddress>>,
 }
@@ -91,6 +93,9 @@ pub(crate) struct Sdo {
 impl ParameterAccess for Sdo {
     fn write(&self, object: ObjectAddress, value: Vec<u8>) -> BoxFuture<'_, Result<(), SdoError>> {
         Box::pin(async move {
+            if self.slow_writes.load(Ordering::Relaxed) {
+                smol::future::yield_now().await;
+            }
             if self.refuse.load(Ordering::Relaxed) {
                 return Err(SdoError::Aborted {
                     transfer: Transfer::write(object),
@@ -251,6 +256,7 @@ impl Station {
             written: Mutex::default(),
             refuse: AtomicBool::new(false),
             slow: AtomicBool::new(false),
+            slow_writes: AtomicBool::new(false),
             zero: Mutex::default(),
         });
         let setup = AxisSetup {

@@ -8,6 +8,7 @@ mod fields;
 mod follow;
 mod homing;
 mod jog;
+mod kept;
 mod lease;
 mod machine;
 mod moves;

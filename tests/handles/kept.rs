@@ -1,0 +1,167 @@
+//! Futures that are polled a few times and then kept, as the arm of a `select!` that lost: nobody waits for them for ever.
+
+use core::sync::atomic::Ordering;
+
+use servocrab::{
+    axis::{Axis, AxisError, AxisErrorKind, Failure, Referencing},
+    coe::obj,
+    homing::{HomingMethod, HomingParameters},
+    profile_position::{SetPoint, Start},
+    profile_velocity::JogSetPoint,
+};
+use servocrab_sim::ds402::{Behaviour, Machine as Shaft};
+
+use crate::machine::{Machine, Task, Variant};
+
+/// Speeds and ramps go by SDO.
+fn by_sdo() -> Variant {
+    Variant {
+        not_mapped: vec![0x6081, 0x6083, 0x6084],
+        mapped_too: vec![obj::TARGET_VELOCITY.into()],
+        behaviour: Behaviour {
+            machine: Shaft {
+                start: 20_000,
+                negative_limit: Some(15_000),
+                ..Shaft::default()
+            },
+            ..Behaviour::akd2g()
+        },
+        referencing: Referencing::UnreferencedMovesAllowed,
+        ..Variant::default()
+    }
+}
+
+fn to_the_switch() -> HomingParameters {
+    HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+        .speeds(20_000, 2_000)
+        .acceleration(200_000)
+}
+
+fn slow() -> (Machine, Axis) {
+    let (machine, axis) = Machine::enabled_of(&by_sdo());
+    let sdo = &machine.stations[0].sdo;
+    sdo.slow_writes.store(true, Ordering::Relaxed);
+    (machine, axis)
+}
+
+/// Until it writes its parameters and is kept there.
+fn kept<T>(machine: &mut Machine, task: &mut Task<'_, T>) {
+    let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
+    let before = written(machine);
+    while written(machine) == before {
+        assert!(task.poll().is_none());
+        machine.cycle();
+    }
+}
+
+fn is_busy<T: core::fmt::Debug>(result: Result<T, AxisError>) {
+    let error = result.unwrap_err();
+    assert!(
+        matches!(error.kind, AxisErrorKind::Failed(Failure::Busy)),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_homing_that_is_kept_while_it_writes_makes_the_next_one_busy_until_it_is_dropped() {
+    let (mut machine, axis) = slow();
+    let homing = machine.finish(axis.homing()).unwrap();
+    let mut first = Task::new(homing.home(to_the_switch()));
+    kept(&mut machine, &mut first);
+    is_busy(machine.finish(homing.home(to_the_switch())));
+    assert!(machine.drive().homings().is_empty());
+    drop(first);
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    assert_eq!(machine.drive().homings().len(), 1);
+}
+
+#[test]
+fn a_homing_that_is_kept_after_it_was_sent_is_busy_only_until_it_has_ended() {
+    let (mut machine, axis) = Machine::enabled_of(&by_sdo());
+    let homing = machine.finish(axis.homing()).unwrap();
+    let mut first = Task::new(homing.home(to_the_switch()));
+    assert!(first.poll().is_none());
+    machine.cycle();
+    assert!(
+        first.poll().is_none(),
+        "it is queued, and is kept from here on"
+    );
+    machine.run(20);
+    is_busy(machine.finish(homing.home(to_the_switch())));
+    machine.run(3_000);
+    machine.finish(homing.home(to_the_switch())).unwrap();
+    let homed = machine.finish_task(&mut first).unwrap();
+    assert!(homed.position.abs() < 100);
+    assert_eq!(machine.drive().homings().len(), 2);
+}
+
+#[test]
+fn a_jog_that_is_kept_while_it_writes_makes_the_next_one_busy_until_it_is_dropped() {
+    let (mut machine, axis) = slow();
+    let pv = machine.finish(axis.profile_velocity()).unwrap();
+    let ramps = || JogSetPoint::new(1_000).acceleration(7_000);
+    let mut first = Task::new(pv.jog(ramps()));
+    kept(&mut machine, &mut first);
+    is_busy(machine.finish(pv.jog(ramps())));
+    drop(first);
+    let jog = machine.finish(pv.jog(ramps())).unwrap();
+    machine.run(50);
+    assert!(machine.drive().velocity() > 0.0);
+    machine.finish(jog.release()).unwrap();
+}
+
+#[test]
+fn a_move_that_is_kept_while_it_writes_makes_the_next_one_busy_until_it_is_dropped() {
+    let (mut machine, axis) = slow();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let fast = || SetPoint::new().velocity(70_000).acceleration(700_000);
+    let mut first = Task::new(pp.move_rel(100, fast()));
+    kept(&mut machine, &mut first);
+    let before = machine.now;
+    is_busy(machine.finish(pp.move_rel(200, fast())));
+    assert!((machine.now - before).as_secs() < 3);
+    drop(first);
+    let moved = machine.finish(pp.move_rel(300, fast())).unwrap();
+    machine.finish(moved.done()).unwrap();
+    let lines = machine.drive().ledger().to_vec();
+    assert_eq!(lines.len(), 1);
+    assert_eq!((lines[0].value, lines[0].velocity), (300, 70_000));
+}
+
+/// Each with the speed that it names: they wait for each other, in the order in which they were asked for or another.
+#[test]
+fn moves_that_write_their_parameters_at_the_same_time_wait_for_each_other() {
+    let (mut machine, axis) = slow();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let mut tasks: Vec<_> = (1..=3)
+        .map(|n| {
+            let set_point = SetPoint::new()
+                .velocity(10_000 * n)
+                .start(Start::AfterCurrent);
+            Task::new(pp.move_abs(40_000 * n.cast_signed(), set_point))
+        })
+        .collect();
+    let mut moves: Vec<_> = tasks.iter().map(|_| None).collect();
+    let begin = machine.now;
+    while moves.iter().filter(|moved| moved.is_some()).count() < 2 {
+        for (task, moved) in tasks.iter_mut().zip(&mut moves) {
+            if moved.is_none() {
+                *moved = task.poll().map(Result::unwrap);
+            }
+        }
+        machine.cycle();
+    }
+    assert!(
+        (machine.now - begin).as_millis() < 200,
+        "two are taken at once"
+    );
+    for (task, moved) in tasks.iter_mut().zip(&mut moves) {
+        if moved.is_none() {
+            *moved = Some(machine.finish_task(task).unwrap());
+        }
+    }
+    for line in machine.drive().ledger() {
+        assert_eq!(4 * line.velocity, line.value as u32);
+    }
+    assert_eq!(machine.drive().ledger().len(), 3);
+}
