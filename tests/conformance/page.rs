@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::DOCUMENTS;
 use crate::table::{Cell, Document, Row};
@@ -14,10 +14,10 @@ const HEAD: &str = "\
 What the source documents of the drives say, sentence by sentence in our own words, and how it is known that the simulated
 drive and the library do it. This page is generated from the tables in `tests/conformance/`; change those.
 
-Each cell names a test of `cargo test --test conformance` and, behind the arrow, the mutation of `tests/conformance/mutations/`
-or `tests/defects/` that turns this very test red. CI applies every mutation and demands that each test named with it here fails
-(`.ci/defects`). The simulated drive's tests give it objects and controlwords and look at its statusword, its position and its
-ledger of executed set-points; the library's tests look at the words on the wire, at what is reported, and at that ledger.
+Each cell names a test of `cargo test --test conformance` and, behind the arrow, the mutation of `tests/mutants.toml` that turns
+this very test red. CI demands that each test named here fails with its mutation (`cargo xtask mutants`). The simulated drive's
+tests give it objects and controlwords and look at its statusword, its position and its ledger of executed set-points. The
+library's tests look at the words on the wire, at what is reported, and at that ledger.
 ";
 
 fn root() -> PathBuf {
@@ -126,30 +126,18 @@ fn every_test_is_named_by_one_row() {
 
 #[test]
 fn every_mutation_is_there_and_every_one_there_is_used() {
-    let own = patches(&root().join("tests/conformance/mutations"));
-    let defects = patches(&root().join("tests/defects"));
+    let text = fs::read_to_string(root().join("tests/mutants.toml")).expect("tests/mutants.toml");
+    let table: toml::Table = text.parse().expect("TOML");
+    let rows = table["mutant"].as_array().expect("rows");
+    let id = |row: &toml::Value| row["id"].as_str().expect("an id").to_owned();
+    let there: BTreeSet<_> = rows.iter().map(id).collect();
+    let own = rows.iter().filter(|row| row.get("test").is_none());
+    let own: BTreeSet<_> = own.map(id).collect();
     let named: BTreeSet<String> = cells()
         .filter_map(|cell| Some(cell.test()?.1.to_owned()))
         .collect();
-    for name in &named {
-        assert!(own.contains(name) != defects.contains(name), "{name}");
-    }
+    let missing: Vec<_> = named.difference(&there).collect();
+    assert!(missing.is_empty(), "tests/mutants.toml has no {missing:?}");
     let unused: Vec<_> = own.difference(&named).collect();
     assert!(unused.is_empty(), "no row names {unused:?}");
-}
-
-/// The names of the patches in a directory.
-fn patches(directory: &Path) -> BTreeSet<String> {
-    let entries = fs::read_dir(directory).expect("the directory is there");
-    entries
-        .map(|entry| entry.expect("an entry").path())
-        .filter(|path| {
-            path.extension()
-                .is_some_and(|extension| extension == "patch")
-        })
-        .map(|path| {
-            let name = path.file_stem().expect("a name");
-            name.to_str().expect("plain characters").to_owned()
-        })
-        .collect()
 }

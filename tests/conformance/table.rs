@@ -32,7 +32,7 @@ pub(crate) enum Cell {
     By {
         /// The test's path, the crate included.
         test: &'static str,
-        /// File name, without `.patch`, in `tests/conformance/mutations` or `tests/defects`.
+        /// Its id in `tests/mutants.toml`.
         mutation: &'static str,
     },
     /// It has no part in it, for this reason.
@@ -40,7 +40,7 @@ pub(crate) enum Cell {
 }
 
 impl Cell {
-    /// `_function` is there so that only a test that exists can be named; that it is run, `.ci/defects` sees.
+    /// `_function` is there so that only a test that exists can be named; that it is run, `cargo xtask mutants` sees.
     pub(crate) const fn by(test: &'static str, mutation: &'static str, _function: fn()) -> Self {
         Self::By { test, mutation }
     }

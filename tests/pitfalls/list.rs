@@ -1,4 +1,4 @@
-//! `docs/pitfalls.md`: every pitfall with the patches of `tests/defects/` that stand for it, and their tests.
+//! `docs/pitfalls.md`: every pitfall with the rows of `tests/mutants.toml` that stand for it, and their tests.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -50,34 +50,32 @@ const PITFALLS: [&str; 38] = [
 const HEAD: &str = "\
 # Pitfalls
 
-Mistakes that were found in public DS402 masters and simulators. For each there is at least one patch in `tests/defects/` that puts
-it into a copy of this code, and the test that finds it; CI applies every patch and demands that its test fails
-(`.ci/defects`). This page is written from the patches by a test in `tests/pitfalls/list.rs`.
+Mistakes that were found in public DS402 masters and simulators. For each, `tests/mutants.toml` has at least one row that puts it
+into a copy of this code, and names the test that finds it. CI runs each of these tests with its mutant and demands that it fails
+(`cargo xtask mutants`). This page is written from the rows by a test in `tests/pitfalls/list.rs`.
 
-| | pitfall | put in as | found by |
+| | pitfall | mutant | found by |
 |---|---|---|---|
 ";
 
-/// The patches by name, and the test that each of them names.
-fn defects() -> BTreeMap<String, String> {
-    let directory = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/defects");
-    let mut defects = BTreeMap::new();
-    for entry in fs::read_dir(directory).expect("tests/defects is there") {
-        let path = entry.expect("an entry").path();
-        let name = path.file_stem().expect("a name").to_string_lossy();
-        let text = fs::read_to_string(&path).expect("a patch");
-        let test = text.lines().find_map(|line| line.strip_prefix("Test: "));
-        let test = test.expect("a test").trim_start_matches("--test ");
-        defects.insert(name.into_owned(), test.to_owned());
-    }
-    defects
+/// The ids of `tests/mutants.toml`, and the test that each row names.
+fn mutants() -> BTreeMap<String, String> {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/mutants.toml");
+    let text = fs::read_to_string(path).expect("tests/mutants.toml is there");
+    let table: toml::Table = text.parse().expect("TOML");
+    let rows = table["mutant"].as_array().expect("rows");
+    let named = rows.iter().filter_map(|row| {
+        let test = row.get("test")?.as_str()?.trim_start_matches("--test ");
+        Some((row.get("id")?.as_str()?.to_owned(), test.to_owned()))
+    });
+    named.collect()
 }
 
 fn page() -> String {
-    let defects = defects();
+    let mutants = mutants();
     let mut page = HEAD.to_owned();
     for (number, pitfall) in (1..).zip(PITFALLS) {
-        let of_this = defects
+        let of_this = mutants
             .iter()
             .filter(|(name, _)| name.starts_with(&format!("{number:02}-")));
         let mut first = true;
@@ -90,7 +88,7 @@ fn page() -> String {
             first = false;
             let _ = writeln!(page, "| {number} | {pitfall} | `{name}` | `{test}` |");
         }
-        assert!(!first, "pitfall {number} has no patch");
+        assert!(!first, "pitfall {number} has no mutant");
     }
     page
 }
@@ -104,7 +102,7 @@ fn every_pitfall_has_a_defect_and_the_page_names_all_of_them() {
     }
     assert!(
         fs::read_to_string(&path).unwrap_or_default() == page,
-        "docs/pitfalls.md is not what tests/defects says; write it with\n    \
+        "docs/pitfalls.md is not what tests/mutants.toml says; write it with\n    \
          WRITE_PITFALLS=1 cargo test --test pitfalls every_pitfall"
     );
 }

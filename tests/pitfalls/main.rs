@@ -1,5 +1,5 @@
 //! One test for each pitfall of public DS402 masters, named after it: judged by the simulated drive's ledger and by
-//! the words on the wire. `tests/defects/` holds each defect as a patch, `.ci/defects` shows that its test finds it.
+//! the words on the wire. `tests/mutants.toml` holds each defect, `cargo xtask mutants` shows that its test finds it.
 #![allow(missing_docs)]
 
 #[path = "../common/mod.rs"]

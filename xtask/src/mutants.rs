@@ -1,19 +1,345 @@
-//! Puts each defect of `tests/mutants.toml` into a copy of the tree and demands that its test finds it.
+//! Puts each defect of `tests/mutants.toml` into a copy of the tree and demands that its tests find it.
+//!
+//! The copy is built once with all of them: in the rewritten code an environment variable chooses the mutant that is on.
 
-/// Puts each defect of tests/mutants.toml into a copy of the tree and demands that its test finds it.
+mod build;
+mod judge;
+mod rewrite;
+mod source;
+mod table;
+mod tree;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::num::NonZero;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::thread;
+use std::time::Instant;
+
+use self::build::Built;
+use self::judge::Executable;
+use self::table::{Mutant, Target};
+use self::tree::{Sources, Tree};
+
+/// Puts each defect of tests/mutants.toml into a copy of the tree and demands that its tests find it.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The ids of the mutants, or how these begin; all of them without one.
     ids: Vec<String>,
+    /// Only checks that each row has its place in the code, and a test.
+    #[arg(long)]
+    check: bool,
+    /// So many tests run at a time; as many as there are processors by default.
+    #[arg(long)]
+    jobs: Option<NonZero<usize>>,
 }
 
 pub(crate) fn run(args: &Args) -> crate::Result<()> {
-    let path = crate::root().join("tests/mutants.toml");
-    let table: toml::Table = std::fs::read_to_string(&path)?.parse()?;
-    for id in &args.ids {
-        if !table.keys().any(|key| key.starts_with(id)) {
-            return Err(format!("no mutant begins with {id}").into());
+    let begun = Instant::now();
+    let root = crate::root();
+    let (mutants, mut faults) = table::read(root)?;
+    let mut sources = Sources::read(root, &mutants, &mut faults);
+    faults.extend(tests_missing(root, &mutants));
+    for fault in &faults {
+        println!("mutants: {fault}");
+    }
+    let chosen = choose(&mutants, &args.ids)?;
+    if args.check || !faults.is_empty() {
+        println!("mutants: {} rows, {} faults", mutants.len(), faults.len());
+        return if faults.is_empty() {
+            Ok(())
+        } else {
+            Err("tests/mutants.toml and the code disagree".into())
+        };
+    }
+    let jobs = args
+        .jobs
+        .or_else(|| thread::available_parallelism().ok())
+        .map_or(1, NonZero::get);
+    sources.read_constant_functions()?;
+    let faults = Work::new(root, &mutants, &sources, jobs).all(&chosen)?;
+    for fault in &faults {
+        println!("mutants: {fault}");
+    }
+    println!(
+        "mutants: {} of {} caught in {:.0} s",
+        chosen.len() - faults.len().min(chosen.len()),
+        chosen.len(),
+        begun.elapsed().as_secs_f64()
+    );
+    if faults.is_empty() {
+        Ok(())
+    } else {
+        Err(format!("{} faults", faults.len()).into())
+    }
+}
+
+/// Those whose ids begin as one of these, or all.
+fn choose<'a>(mutants: &'a [Mutant], ids: &[String]) -> crate::Result<Vec<usize>> {
+    if let Some(unknown) = ids
+        .iter()
+        .find(|id| !mutants.iter().any(|mutant| mutant.id.starts_with(*id)))
+    {
+        return Err(format!("no mutant begins with {unknown}").into());
+    }
+    let chosen =
+        |mutant: &'a Mutant| ids.is_empty() || ids.iter().any(|id| mutant.id.starts_with(id));
+    Ok((0..mutants.len())
+        .filter(|number| chosen(&mutants[*number]))
+        .collect())
+}
+
+/// The tests that rows name and that are nowhere. A test in a macro is found by its name alone.
+fn tests_missing(root: &std::path::Path, mutants: &[Mutant]) -> Vec<String> {
+    let mut faults = Vec::new();
+    let mut texts: BTreeMap<&Target, String> = BTreeMap::new();
+    for mutant in mutants {
+        for (target, tests) in &mutant.tests {
+            let text = texts.entry(target).or_insert_with(|| {
+                target.source(root).map_or_else(String::new, |path| {
+                    // With the files of its directory.
+                    let one = path
+                        .file_name()
+                        .is_some_and(|name| name == "main.rs" || name == "lib.rs");
+                    let place = if one {
+                        path.parent().unwrap_or(&path)
+                    } else {
+                        &path
+                    };
+                    tree::text(place)
+                })
+            });
+            for test in tests {
+                let name = test.rsplit("::").next().unwrap_or(test);
+                if !text.contains(name) {
+                    faults.push(format!("{}: there is no test {target} {test}", mutant.id));
+                }
+            }
         }
     }
-    Ok(())
+    faults
+}
+
+/// What there is to do, and what came of it.
+struct Work<'a> {
+    mutants: &'a [Mutant],
+    sources: &'a Sources<'a>,
+    tree: Tree,
+    jobs: usize,
+    root: &'a std::path::Path,
+    faults: Mutex<Vec<String>>,
+}
+
+impl<'a> Work<'a> {
+    fn new(
+        root: &'a std::path::Path,
+        mutants: &'a [Mutant],
+        sources: &'a Sources<'a>,
+        jobs: usize,
+    ) -> Self {
+        Self {
+            mutants,
+            sources,
+            tree: Tree::new(root),
+            jobs,
+            root,
+            faults: Mutex::default(),
+        }
+    }
+
+    /// Judges these mutants. What is wrong with them, a line each.
+    fn all(mut self, chosen: &[usize]) -> crate::Result<Vec<String>> {
+        self.tree.take_dependencies(self.root)?;
+        let targets: BTreeSet<&Target> = chosen
+            .iter()
+            .flat_map(|mutant| self.mutants[*mutant].tests.keys())
+            .collect();
+        let (executables, without) = self.build(&targets)?;
+        let (single, switched): (Vec<usize>, Vec<usize>) = chosen
+            .iter()
+            .partition(|mutant| self.mutants[**mutant].single);
+
+        self.share(targets.iter().copied(), |target| {
+            self.suite(target, &executables[target], chosen)
+        });
+        let ready = switched
+            .into_iter()
+            .filter(|mutant| !without.contains(&self.mutants[*mutant].number()));
+        self.share(ready, |mutant| self.judge(mutant, &executables));
+        for mutant in single {
+            self.tree.put(self.sources, mutant)?;
+            let judged = self.single(mutant);
+            self.tree.take_out(self.sources, mutant)?;
+            judged?;
+        }
+        Ok(self.faults.into_inner().unwrap_or_default())
+    }
+
+    /// Builds the tree with all mutants but those that do not compile, which are faults.
+    fn build(
+        &mut self,
+        targets: &BTreeSet<&Target>,
+    ) -> crate::Result<(BTreeMap<Target, PathBuf>, BTreeSet<u32>)> {
+        let mut without = BTreeSet::new();
+        loop {
+            let begun = Instant::now();
+            self.tree.write(self.sources, &without)?;
+            match self.build_packages(targets)? {
+                Built::Executables(executables) => {
+                    println!(
+                        "mutants: {} targets built in {:.0} s",
+                        targets.len(),
+                        begun.elapsed().as_secs_f64()
+                    );
+                    if let Some(missing) = targets
+                        .iter()
+                        .find(|target| !executables.contains_key(target))
+                    {
+                        return Err(format!("cargo has built no {missing}").into());
+                    }
+                    return Ok((executables, without));
+                }
+                Built::Errors { text, mutants } => {
+                    println!("{text}");
+                    if mutants.is_subset(&without) {
+                        return Err("the rewritten tree does not compile".into());
+                    }
+                    for mutant in self
+                        .mutants
+                        .iter()
+                        .filter(|mutant| mutants.contains(&mutant.number()))
+                    {
+                        self.fault(format!("{}: does not compile", mutant.id));
+                    }
+                    without.extend(mutants);
+                }
+            }
+        }
+    }
+
+    fn build_packages(&self, targets: &BTreeSet<&Target>) -> crate::Result<Built> {
+        let mut all = BTreeMap::new();
+        for package in targets
+            .iter()
+            .map(|target| &target.package)
+            .collect::<BTreeSet<_>>()
+        {
+            let of: BTreeSet<_> = targets
+                .iter()
+                .copied()
+                .filter(|target| target.package == *package)
+                .collect();
+            match build::build(&self.tree, package, &of)? {
+                Built::Executables(executables) => all.extend(executables),
+                errors @ Built::Errors { .. } => return Ok(errors),
+            }
+        }
+        Ok(Built::Executables(all))
+    }
+
+    /// Does the same with each of them, on all processors.
+    fn share<T: Send>(
+        &self,
+        of: impl Iterator<Item = T>,
+        action: impl Fn(T) -> crate::Result<()> + Sync,
+    ) {
+        let waiting: Mutex<VecDeque<T>> = Mutex::new(of.collect());
+        let next = || waiting.lock().ok()?.pop_front();
+        thread::scope(|scope| {
+            for _ in 0..self.jobs {
+                scope.spawn(|| {
+                    while let Some(one) = next() {
+                        if let Err(error) = action(one) {
+                            self.fault(error.to_string());
+                        }
+                    }
+                });
+            }
+        });
+    }
+
+    fn suite(
+        &self,
+        target: &Target,
+        path: &std::path::Path,
+        chosen: &[usize],
+    ) -> crate::Result<()> {
+        let begun = Instant::now();
+        let of = chosen
+            .iter()
+            .filter_map(|mutant| self.mutants[*mutant].tests.get(target));
+        let needed = of.flatten().map(String::as_str).collect();
+        let executable = Executable {
+            tree: &self.tree,
+            target,
+            path,
+        };
+        match executable.suite(&needed)? {
+            Ok(()) => println!(
+                "{target}: passes without a mutant ({:.0} s)",
+                begun.elapsed().as_secs_f64()
+            ),
+            Err((faults, output)) => {
+                println!("{output}");
+                for fault in faults {
+                    self.fault(format!("{target} without a mutant: {fault}"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn judge(&self, mutant: usize, executables: &BTreeMap<Target, PathBuf>) -> crate::Result<()> {
+        let mutant = &self.mutants[mutant];
+        for (target, tests) in &mutant.tests {
+            let begun = Instant::now();
+            let executable = Executable {
+                tree: &self.tree,
+                target,
+                path: &executables[target],
+            };
+            let number = (!mutant.single).then(|| mutant.number());
+            let judged = executable.judge(&mutant.id, number, tests)?;
+            let took = begun.elapsed().as_secs_f64();
+            match judged {
+                Ok(()) => println!(
+                    "{:60} {took:5.1} s  caught by {target} ({})",
+                    mutant.id,
+                    tests.len()
+                ),
+                Err((wrong, output)) => {
+                    println!("{:60} {took:5.1} s  {wrong}\n{output}", mutant.id);
+                    self.fault(format!("{}: {target} {wrong}", mutant.id));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Judges a mutant that was put into the tree for good.
+    fn single(&self, mutant: usize) -> crate::Result<()> {
+        let begun = Instant::now();
+        let of = &self.mutants[mutant];
+        match self.build_packages(&of.tests.keys().collect())? {
+            Built::Executables(executables) => {
+                println!(
+                    "{:60} {:5.1} s  built",
+                    of.id,
+                    begun.elapsed().as_secs_f64()
+                );
+                self.judge(mutant, &executables)
+            }
+            Built::Errors { text, .. } => {
+                println!("{text}");
+                self.fault(format!("{}: does not compile", of.id));
+                Ok(())
+            }
+        }
+    }
+
+    fn fault(&self, fault: String) {
+        if let Ok(mut faults) = self.faults.lock() {
+            faults.push(fault);
+        }
+    }
 }

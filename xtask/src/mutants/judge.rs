@@ -1,0 +1,216 @@
+//! Runs tests with a mutant, or without, and says what came of it.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File};
+use std::io;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use super::build;
+use super::table::Target;
+use super::tree::Tree;
+
+/// Longest time for the tests of one mutant: one that hangs is not caught.
+const LIMIT: Duration = Duration::from_secs(60);
+/// And for a whole suite without a mutant.
+const SUITE_LIMIT: Duration = Duration::from_secs(600);
+const POLL: Duration = Duration::from_millis(5);
+
+/// What a run of tests printed.
+struct Run {
+    output: String,
+    in_time: bool,
+    evaluated: bool,
+}
+
+/// The executable of a target.
+pub(crate) struct Executable<'a> {
+    pub(crate) tree: &'a Tree,
+    pub(crate) target: &'a Target,
+    pub(crate) path: &'a Path,
+}
+
+impl Executable<'_> {
+    /// Runs the whole suite without a mutant. These tests do not pass, or the suite as a whole for the reason that is given.
+    pub(crate) fn suite(
+        &self,
+        needed: &BTreeSet<&str>,
+    ) -> io::Result<Result<(), (Vec<String>, String)>> {
+        // That the suites that search at random find nothing is shown before.
+        let mut command = Command::new(self.path);
+        command.env("INVARIANT_CYCLES", "20000");
+        let run = self.run(command, "suite", SUITE_LIMIT)?;
+        let failed = |name: &&&str| !passed(&run.output, name);
+        let mut faults: Vec<_> = needed
+            .iter()
+            .filter(failed)
+            .map(|name| format!("{name} does not pass"))
+            .collect();
+        faults.extend(run.output.lines().filter_map(|line| {
+            Some(format!(
+                "{} fails",
+                line.strip_prefix("test ")?.strip_suffix(" ... FAILED")?
+            ))
+        }));
+        if !run.in_time {
+            faults.push("hangs".to_owned());
+        }
+        Ok(if faults.is_empty() {
+            Ok(())
+        } else {
+            Err((faults, run.output))
+        })
+    }
+
+    /// Nothing where each of these tests fails by an assertion of its own, else what is wrong and what was printed.
+    pub(crate) fn judge(
+        &self,
+        mutant: &str,
+        number: Option<u32>,
+        tests: &BTreeSet<String>,
+    ) -> io::Result<Result<(), (String, String)>> {
+        let mut command = Command::new(self.path);
+        command.args(["--exact", "--test-threads=1"]).args(tests);
+        if let Some(number) = number {
+            command.env("MUTANT", number.to_string());
+        }
+        let run = self.run(command, mutant, LIMIT)?;
+        let wrong = verdict(&run, self.target, tests, number.is_some());
+        Ok(wrong.map_or(Ok(()), |wrong| Err((wrong, run.output))))
+    }
+
+    fn run(&self, mut command: Command, name: &str, limit: Duration) -> io::Result<Run> {
+        let place = self.tree.target.join("mutants");
+        fs::create_dir_all(&place)?;
+        let name = format!("{}-{}-{name}", self.target.package, self.target.name);
+        let (printed, seen) = (place.join(&name), place.join(format!("{name}.seen")));
+        let output = File::create(&printed)?;
+        File::create(&seen)?;
+        let mut child = command
+            .current_dir(self.tree.root.join(self.target.directory()))
+            .envs(build::environment())
+            .env("CARGO_TARGET_DIR", &self.tree.target)
+            .env("MUTANT_SEEN", &seen)
+            .stdin(Stdio::null())
+            .stdout(output.try_clone()?)
+            .stderr(output)
+            .process_group(0)
+            .spawn()?;
+        let begun = Instant::now();
+        let in_time = loop {
+            if child.try_wait()?.is_some() {
+                break true;
+            }
+            if begun.elapsed() > limit {
+                // With all that the test has started.
+                let group = format!("-{}", child.id());
+                Command::new("kill")
+                    .args(["-KILL", "--", &group])
+                    .status()?;
+                child.wait()?;
+                break false;
+            }
+            thread::sleep(POLL);
+        };
+        let run = Run {
+            output: String::from_utf8_lossy(&fs::read(&printed)?).into_owned(),
+            in_time,
+            evaluated: fs::metadata(&seen)?.len() > 0,
+        };
+        fs::remove_file(&printed)?;
+        fs::remove_file(&seen)?;
+        Ok(run)
+    }
+}
+
+fn passed(output: &str, test: &str) -> bool {
+    output.contains(&format!("test {test} ... ok\n"))
+}
+
+/// What is wrong with a run in which each of these tests should have failed by an assertion of its own.
+fn verdict(run: &Run, target: &Target, tests: &BTreeSet<String>, chosen: bool) -> Option<String> {
+    if !run.in_time {
+        return Some("hangs".to_owned());
+    }
+    if chosen && !run.evaluated {
+        return Some("is never evaluated".to_owned());
+    }
+    for test in tests {
+        if passed(&run.output, test) {
+            return Some(format!("NOT CAUGHT by {test}"));
+        }
+        if !fails_by_itself(&run.output, target, test) {
+            return Some(format!("{test} fails by no assertion of the test"));
+        }
+    }
+    None
+}
+
+/// Whether the test's thread panicked in the test's source.
+fn fails_by_itself(output: &str, target: &Target, test: &str) -> bool {
+    let directory = match (target.directory(), target.kind) {
+        ("", "lib") => "src/",
+        ("", "test") => "tests/",
+        ("", _) => "examples/",
+        (_, "lib") => "sim/src/",
+        _ => "sim/tests/",
+    };
+    let thread = format!("thread '{test}' ");
+    let place = format!("panicked at {directory}");
+    output
+        .lines()
+        .any(|line| line.starts_with(&thread) && line.contains(&place))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn judged(output: &str, in_time: bool, evaluated: bool) -> Option<String> {
+        let run = Run {
+            output: output.to_owned(),
+            in_time,
+            evaluated,
+        };
+        let target = Target {
+            package: "servocrab".to_owned(),
+            kind: "test",
+            name: "moves".to_owned(),
+        };
+        verdict(&run, &target, &BTreeSet::from(["a::b".to_owned()]), true)
+    }
+
+    #[test]
+    fn caught_is_what_fails_by_an_assertion_of_its_test() {
+        let assertion =
+            "thread 'a::b' (12) panicked at tests/moves.rs:1:2:\nfalse\ntest a::b ... FAILED\n";
+        assert_eq!(judged(assertion, true, true), None);
+        let inside =
+            "thread 'a::b' (12) panicked at src/axis.rs:1:2:\nfalse\ntest a::b ... FAILED\n";
+        assert_eq!(
+            judged(inside, true, true).as_deref(),
+            Some("a::b fails by no assertion of the test")
+        );
+        let other =
+            "thread 'a::c' (12) panicked at tests/moves.rs:1:2:\nfalse\ntest a::b ... FAILED\n";
+        assert!(judged(other, true, true).is_some());
+        assert_eq!(
+            judged("test a::b ... ok\n", true, true).as_deref(),
+            Some("NOT CAUGHT by a::b")
+        );
+    }
+
+    #[test]
+    fn a_test_that_hangs_or_never_comes_to_the_mutant_has_not_caught_it() {
+        let assertion =
+            "thread 'a::b' (12) panicked at tests/moves.rs:1:2:\nfalse\ntest a::b ... FAILED\n";
+        assert_eq!(judged(assertion, false, true).as_deref(), Some("hangs"));
+        assert_eq!(
+            judged(assertion, true, false).as_deref(),
+            Some("is never evaluated")
+        );
+    }
+}

@@ -1,0 +1,376 @@
+//! The copy of the tree in which the mutants are, and the directory into which cargo builds it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::rewrite::{Change, File, Placed, Rewritten};
+use super::table::Mutant;
+
+/// The packages that can have mutants, by their manifests.
+const MANIFESTS: [(&str, &str); 2] = [("Cargo.toml", "mutants"), ("sim/Cargo.toml", "../mutants")];
+
+/// The crate that the rewritten code asks which mutant is on.
+const SWITCH: &str = r#"//! Which mutant is on, and that it came to be evaluated.
+use std::fs::File;
+use std::io::Write;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+const UNREAD: u32 = u32::MAX;
+static ACTIVE: AtomicU32 = AtomicU32::new(UNREAD);
+static SEEN: OnceLock<File> = OnceLock::new();
+
+#[inline]
+pub fn active() -> u32 {
+    match ACTIVE.load(Relaxed) {
+        UNREAD => read(),
+        number => number,
+    }
+}
+
+/// Opens the file before it is needed: where a mutant is evaluated, the heap may be watched.
+#[cold]
+fn read() -> u32 {
+    let number = std::env::var("MUTANT").ok().and_then(|number| number.parse().ok()).unwrap_or(0);
+    if let Some(file) = std::env::var_os("MUTANT_SEEN").and_then(|path| File::options().append(true).open(path).ok()) {
+        let _ = SEEN.set(file);
+    }
+    ACTIVE.store(number, Relaxed);
+    number
+}
+
+pub fn evaluated() {
+    static TOLD: AtomicU32 = AtomicU32::new(0);
+    if TOLD.swap(1, Relaxed) == 0 && let Some(mut file) = SEEN.get() {
+        let _ = file.write_all(b"x");
+    }
+}
+"#;
+
+const SWITCH_MANIFEST: &str = "\
+[package]
+name = \"mutants\"
+version = \"0.0.0\"
+edition = \"2024\"
+publish = false
+";
+
+/// All files with mutants, and where these belong.
+pub(crate) struct Sources<'a> {
+    root: &'a Path,
+    files: BTreeMap<String, File>,
+    /// The edits of each mutant, by its place in the table, that have their place.
+    placed: BTreeMap<(String, usize), Vec<Placed>>,
+    mutants: &'a [Mutant],
+}
+
+impl<'a> Sources<'a> {
+    /// Reads the files that the rows name. What has no place in them is added to the faults.
+    pub(crate) fn read(root: &'a Path, mutants: &'a [Mutant], faults: &mut Vec<String>) -> Self {
+        let mut files = BTreeMap::new();
+        let mut placed: BTreeMap<_, Vec<_>> = BTreeMap::new();
+        for name in mutants
+            .iter()
+            .flat_map(|mutant| &mutant.edits)
+            .map(|edit| edit.file.as_str())
+            .collect::<BTreeSet<_>>()
+        {
+            let text = fs::read_to_string(root.join(name)).map_err(|error| error.to_string());
+            match text.and_then(|text| File::read(text).map_err(|error| error.to_string())) {
+                Ok(file) => drop(files.insert(name.to_owned(), file)),
+                Err(error) => faults.push(format!("{name}: {error}")),
+            }
+        }
+        for (number, mutant) in mutants.iter().enumerate() {
+            for edit in &mutant.edits {
+                let Some(file) = files.get(&edit.file) else {
+                    continue;
+                };
+                match file.place(edit) {
+                    Ok(edit_placed) => placed
+                        .entry((edit.file.clone(), number))
+                        .or_default()
+                        .push(edit_placed),
+                    Err(wrong) => faults.push(format!("{}: {wrong}", mutant.id)),
+                }
+            }
+        }
+        let sources = Self {
+            root,
+            files,
+            placed,
+            mutants,
+        };
+        sources.parse(faults);
+        sources
+    }
+
+    /// What is no Rust with a mutant in it is a fault.
+    fn parse(&self, faults: &mut Vec<String>) {
+        for (name, file) in &self.files {
+            let changes = self.changes(name, &BTreeSet::new());
+            match file.with_choices(&changes, &BTreeSet::new()) {
+                Err(wrong) => faults.push(wrong),
+                Ok(rewritten) if syn::parse_file(&rewritten.text).is_ok() => {}
+                Ok(_) => {
+                    for mutant in self.of(name) {
+                        if let Err(error) =
+                            syn::parse_file(&file.with(&self.placed[&(name.clone(), mutant)]))
+                        {
+                            faults
+                                .push(format!("{}: is no Rust: {error}", self.mutants[mutant].id));
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn of(&self, file: &str) -> impl Iterator<Item = usize> {
+        self.placed
+            .keys()
+            .filter(move |(name, _)| name == file)
+            .map(|(_, mutant)| *mutant)
+    }
+
+    /// Reads the other files that have constant functions: one that calls a function with a mutant is none any more.
+    pub(crate) fn read_constant_functions(&mut self) -> crate::Result<()> {
+        for name in listed(self.root)? {
+            let place = self.root.join(&name);
+            if !name.ends_with(".rs") || self.files.contains_key(&name) || !place.is_file() {
+                continue;
+            }
+            let text = fs::read_to_string(place)?;
+            if text.contains("const fn") {
+                let file = File::read(text).map_err(|error| format!("{name}: {error}"))?;
+                self.files.insert(name, file);
+            }
+        }
+        Ok(())
+    }
+
+    /// The changes of a file that are chosen at run time, but for those that are left out.
+    fn changes(&self, name: &str, without: &BTreeSet<u32>) -> Vec<Change<'a>> {
+        let placed = self
+            .placed
+            .range((name.to_owned(), 0)..=(name.to_owned(), usize::MAX));
+        placed
+            .map(|((_, number), edits)| (&self.mutants[*number], edits))
+            .filter(|(mutant, _)| !mutant.single && !without.contains(&mutant.number()))
+            .map(|(mutant, edits)| Change {
+                id: &mutant.id,
+                number: mutant.number(),
+                edits: edits.clone(),
+            })
+            .collect()
+    }
+
+    /// The names of the functions that are no longer constant.
+    fn no_longer_constant(&self, without: &BTreeSet<u32>) -> BTreeSet<String> {
+        let mut names = BTreeSet::new();
+        loop {
+            let found: BTreeSet<String> = self
+                .files
+                .iter()
+                .flat_map(|(name, file)| {
+                    file.no_longer_constant(&self.changes(name, without), &names)
+                })
+                .collect();
+            if found.is_subset(&names) {
+                return names;
+            }
+            names.extend(found);
+        }
+    }
+
+    /// The files of a mutant as they are with it alone.
+    fn with(&self, mutant: usize) -> impl Iterator<Item = (&str, String)> {
+        let placed = self.placed.iter().filter(move |((_, of), _)| *of == mutant);
+        placed.map(|((name, _), edits)| (name.as_str(), self.files[name].with(edits)))
+    }
+}
+
+/// The copy.
+pub(crate) struct Tree {
+    pub(crate) root: PathBuf,
+    pub(crate) target: PathBuf,
+    /// The lines of each rewritten file that belong to mutants.
+    lines: BTreeMap<String, Rewritten>,
+}
+
+impl Tree {
+    pub(crate) fn new(root: &Path) -> Self {
+        let place = root.join("target/mutants");
+        Self {
+            root: place.join("tree"),
+            target: place.join("target"),
+            lines: BTreeMap::new(),
+        }
+    }
+
+    /// Brings the copy up to date, with the choice among all mutants but those that are left out. Only what differs is
+    /// written, so that cargo builds only what differs.
+    pub(crate) fn write(
+        &mut self,
+        sources: &Sources<'_>,
+        without: &BTreeSet<u32>,
+    ) -> crate::Result<()> {
+        let names = sources.no_longer_constant(without);
+        let mut files: BTreeSet<PathBuf> = BTreeSet::new();
+        for name in &listed(sources.root)? {
+            let source = sources.root.join(name);
+            if !source.is_file() {
+                continue;
+            }
+            files.insert(self.root.join(name));
+            let manifest = MANIFESTS.iter().find(|(manifest, _)| manifest == name);
+            let content = if let Some(file) = sources.files.get(name) {
+                let rewritten = file.with_choices(&sources.changes(name, without), &names)?;
+                let text = rewritten.text.clone().into_bytes();
+                self.lines.insert(name.to_owned(), rewritten);
+                text
+            } else if let Some((_, switch)) = manifest {
+                let dependency = format!("[dependencies]\nmutants = {{ path = \"{switch}\" }}\n");
+                fs::read_to_string(&source)?
+                    .replacen("[dependencies]\n", &dependency, 1)
+                    .into_bytes()
+            } else {
+                fs::read(&source)?
+            };
+            write(&self.root.join(name), &content)?;
+        }
+        for (name, content) in [
+            ("mutants/src/lib.rs", SWITCH),
+            ("mutants/Cargo.toml", SWITCH_MANIFEST),
+        ] {
+            write(&self.root.join(name), content.as_bytes())?;
+            files.insert(self.root.join(name));
+        }
+        files.insert(self.root.join("Cargo.lock"));
+        remove_others(&self.root, &files)?;
+        Ok(())
+    }
+
+    /// Puts a single mutant into the copy.
+    pub(crate) fn put(&self, sources: &Sources<'_>, mutant: usize) -> io::Result<()> {
+        for (name, text) in sources.with(mutant) {
+            write(&self.root.join(name), text.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// Takes it out again.
+    pub(crate) fn take_out(&self, sources: &Sources<'_>, mutant: usize) -> io::Result<()> {
+        for (name, _) in sources.with(mutant) {
+            write(&self.root.join(name), self.lines[name].text.as_bytes())?;
+        }
+        Ok(())
+    }
+
+    /// The mutants in a line of a rewritten file.
+    pub(crate) fn mutant_at(&self, file: &str, line: usize) -> Option<u32> {
+        let lines = &self.lines.get(file)?.lines;
+        lines
+            .iter()
+            .find(|(lines, _)| lines.contains(&line))
+            .map(|(_, mutant)| *mutant)
+    }
+
+    /// Takes over what other steps have built of other packages; cargo builds what it cannot use of it.
+    pub(crate) fn take_dependencies(&self, root: &Path) -> io::Result<()> {
+        let built = std::env::var_os("CARGO_TARGET_DIR")
+            .map_or_else(|| root.join("target"), PathBuf::from)
+            .join("debug");
+        if self.target.exists() || !built.is_dir() {
+            return Ok(());
+        }
+        for part in [".fingerprint", "build", "deps"] {
+            let part_built = built.join(part);
+            if !part_built.is_dir() {
+                continue;
+            }
+            for entry in fs::read_dir(&part_built)? {
+                let name = entry?.file_name().to_string_lossy().into_owned();
+                let other = !name.contains("servocrab") && !name.starts_with("xtask");
+                let dependency = part != "deps" || name.starts_with("lib") || name.ends_with(".d");
+                if other && dependency {
+                    copy(
+                        &part_built.join(&name),
+                        &self.target.join("debug").join(part).join(&name),
+                    )?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The files of the repository, and those that are new in it.
+fn listed(root: &Path) -> crate::Result<Vec<String>> {
+    let listed = Command::new("git")
+        .args([
+            "ls-files",
+            "-z",
+            "--cached",
+            "--others",
+            "--exclude-standard",
+        ])
+        .current_dir(root)
+        .output()?;
+    let listed = String::from_utf8(listed.stdout)?;
+    Ok(listed
+        .split('\0')
+        .filter(|name| !name.is_empty())
+        .map(str::to_owned)
+        .collect())
+}
+
+/// Copies a file or a directory, with the times by which cargo knows what is up to date.
+fn copy(from: &Path, to: &Path) -> io::Result<()> {
+    if from.is_dir() {
+        for entry in fs::read_dir(from)? {
+            let name = entry?.file_name();
+            copy(&from.join(&name), &to.join(&name))?;
+        }
+        return Ok(());
+    }
+    fs::create_dir_all(to.parent().unwrap_or(to))?;
+    fs::copy(from, to)?;
+    let modified = fs::metadata(from)?.modified()?;
+    fs::File::options()
+        .write(true)
+        .open(to)?
+        .set_modified(modified)
+}
+
+/// Writes a file where it differs.
+fn write(path: &Path, content: &[u8]) -> io::Result<()> {
+    if fs::read(path).is_ok_and(|there| there == content) {
+        return Ok(());
+    }
+    fs::create_dir_all(path.parent().unwrap_or(path))?;
+    fs::write(path, content)
+}
+
+fn remove_others(directory: &Path, files: &BTreeSet<PathBuf>) -> io::Result<()> {
+    for entry in fs::read_dir(directory)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            remove_others(&path, files)?;
+        } else if !files.contains(&path) {
+            fs::remove_file(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// The text of a source file, or of all those in a directory.
+pub(crate) fn text(place: &Path) -> String {
+    let Ok(entries) = fs::read_dir(place) else {
+        return fs::read_to_string(place).unwrap_or_default();
+    };
+    entries.flatten().map(|entry| text(&entry.path())).collect()
+}
