@@ -49,6 +49,31 @@ pub enum Command {
     Release,
 }
 
+impl Command {
+    /// Whether it enables, starts or resumes, or asks whether that would be refused.
+    pub(super) const fn sets_going(&self) -> bool {
+        match self {
+            Self::Enable
+            | Self::Resume
+            | Self::Home(_)
+            | Self::Jog(_)
+            | Self::Move(_)
+            | Self::CheckMove(_)
+            | Self::CheckHome
+            | Self::CheckJog(_) => true,
+            Self::Disable
+            | Self::ResetFault
+            | Self::SelectMode(_)
+            | Self::PrepareMode(_)
+            | Self::SetLimits(_)
+            | Self::Halt
+            | Self::Stop
+            | Self::QuickStop
+            | Self::Release => false,
+        }
+    }
+}
+
 bitflags! {
     /// Stops asked for outside the command queue: the stop lane.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -109,6 +109,8 @@ pub struct AxisCore {
     /// Whether bit 11 was ever seen low in Operation enabled.
     pub(super) limit_tells: bool,
     pub(super) cycle: u64,
+    /// Whether the program counts as not alive.
+    pub(super) expired: bool,
     pub(super) calm: Calm,
     /// What was shown when it was calm.
     pub(super) sight: Sight,
@@ -155,6 +157,7 @@ impl AxisCore {
             undelivered_cycles: 0,
             limit_tells: false,
             cycle: 0,
+            expired: false,
             calm: Calm::No,
             sight: Sight::default(),
             news: News::Anything,
@@ -282,6 +285,12 @@ impl AxisCore {
     pub fn set_manufacturer_bits(&mut self, bits: Controlword) {
         self.manufacturer = bits & Controlword::MANUFACTURER;
         self.calm = Calm::No;
+    }
+
+    /// Whether the program counts as not alive. As long as it does nothing is enabled, started or resumed: that fails as
+    /// [`Failure::LivenessExpired`]. The halt with which this begins is asked for by [`apply_stop`](Self::apply_stop).
+    pub const fn set_expired(&mut self, expired: bool) {
+        self.expired = expired;
     }
 
     /// Says what 6061h shows, where it is not mapped and was read by SDO.

@@ -1,12 +1,13 @@
 //! Whether the program is alive: it feeds a [`Liveness`], and the bus thread halts every axis when that stops.
 
 use core::{
-    sync::atomic::{AtomicU64, Ordering},
+    sync::atomic::{AtomicU8, AtomicU64, Ordering},
     time::Duration,
 };
 use std::sync::Arc;
 
-/// Fed by the program. When it is not fed for its time, or all clones are dropped unfed, every axis halts.
+/// Fed by the program. When it is not fed for its time, or the last clone is dropped without [`end`](Self::end), it has expired: every
+/// axis halts, and until it is fed or ended none is enabled, resumed, or starts anything.
 ///
 /// ```
 /// use core::time::Duration;
@@ -16,45 +17,81 @@ use std::sync::Arc;
 /// live.feed();
 /// assert!(!watch.expired(Duration::from_millis(1150)));
 /// assert!(watch.expired(Duration::from_millis(1351)));
+/// live.end();
+/// assert!(!watch.expired(Duration::from_millis(1600)), "nobody watches any more");
 /// ```
+#[must_use = "dropped without `end` it halts every axis"]
 #[derive(Debug, Clone)]
 pub struct Liveness {
-    fed: Arc<AtomicU64>,
+    held: Arc<Held>,
 }
+
+/// All clones.
+#[derive(Debug)]
+struct Held {
+    fed: Arc<Fed>,
+}
+
+#[derive(Debug, Default)]
+struct Fed {
+    times: AtomicU64,
+    end: AtomicU8,
+}
+
+/// It was ended by the program.
+const ENDED: u8 = 1;
+/// The last clone was dropped.
+const DROPPED: u8 = 2;
 
 impl Liveness {
     /// A pair: one end for the program, one for whoever owns the cycle.
-    #[must_use]
     pub fn new(timeout: Duration) -> (Self, LivenessWatch) {
-        let fed = Arc::new(AtomicU64::new(0));
+        let fed = Arc::new(Fed::default());
         let watch = LivenessWatch {
             fed: Arc::clone(&fed),
             timeout,
             seen: None,
         };
-        (Self { fed }, watch)
+        let held = Arc::new(Held { fed });
+        (Self { held }, watch)
     }
 
     /// Says that the program is alive.
     pub fn feed(&self) {
-        self.fed.fetch_add(1, Ordering::Relaxed);
+        self.held.fed.times.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Nobody watches any more, whichever clones there are. Axes that have halted stay halted until they are resumed.
+    pub fn end(self) {
+        self.held.fed.end.store(ENDED, Ordering::Release);
     }
 }
 
-/// The end that is looked at once a cycle.
+impl Drop for Held {
+    fn drop(&mut self) {
+        let end = &self.fed.end;
+        let _ = end.compare_exchange(0, DROPPED, Ordering::AcqRel, Ordering::Acquire);
+    }
+}
+
+/// The end that is looked at once a cycle. What it says goes to [`AxisPort::obey`](super::AxisPort::obey) of every axis.
 #[derive(Debug)]
 pub struct LivenessWatch {
-    fed: Arc<AtomicU64>,
+    fed: Arc<Fed>,
     timeout: Duration,
     /// How often it was fed, and when that was first seen.
     seen: Option<(u64, Duration)>,
 }
 
 impl LivenessWatch {
-    /// Whether the program has not fed it for longer than the timeout: then every axis is to be halted in this cycle.
-    /// It stays true until it is fed again; what was halted stays halted until it is resumed.
+    /// Whether the program has not fed it for longer than the timeout, or has dropped it: then every axis is to be halted.
+    /// It stays true until it is fed again, or ended; what was halted stays halted until it is resumed.
     pub fn expired(&mut self, now: Duration) -> bool {
-        let fed = self.fed.load(Ordering::Relaxed);
+        match self.fed.end.load(Ordering::Acquire) {
+            0 => {}
+            end => return end == DROPPED,
+        }
+        let fed = self.fed.times.load(Ordering::Relaxed);
         match self.seen {
             Some((seen, since)) if seen == fed => now.saturating_sub(since) > self.timeout,
             _ => {
@@ -86,5 +123,21 @@ mod tests {
             [9, 10, 11, 12, 13, 14],
             "last fed at 3 ms, and again at 15 ms"
         );
+    }
+
+    #[test]
+    fn dropped_it_has_expired_and_ended_it_has_not() {
+        let timeout = Duration::from_millis(5);
+        let (live, mut watch) = Liveness::new(timeout);
+        let clone = live.clone();
+        drop(live);
+        assert!(!watch.expired(timeout));
+        drop(clone);
+        assert!(watch.expired(timeout) && watch.expired(Duration::MAX));
+        let (live, mut watch) = Liveness::new(timeout);
+        let clone = live.clone();
+        live.end();
+        drop(clone);
+        assert!(!watch.expired(timeout) && !watch.expired(Duration::MAX));
     }
 }

@@ -97,6 +97,15 @@ impl AxisPort {
         self.shared.request_stop(stop);
     }
 
+    /// What a [`LivenessWatch`](super::LivenessWatch) says, before [`before_send`](Self::before_send). Where it has just expired the axis
+    /// halts, and as long as it has, what would set the axis going fails as [`Failure::LivenessExpired`].
+    pub fn obey(&self, core: &mut AxisCore, expired: bool) {
+        if expired && !core.expired {
+            self.request_stop(StopRequest::HALT);
+        }
+        core.set_expired(expired);
+    }
+
     /// From now on only what stops is taken from the handles: nothing is enabled or moved any more.
     pub const fn end(&mut self) {
         self.end_because(Failure::BusLost {
@@ -245,6 +254,8 @@ impl AxisPort {
             return self.ended;
         }
         match command {
+            // The core says why.
+            _ if core.expired => None,
             Command::Move(_) | Command::Home(_) | Command::Jog(_) => {
                 self.shared.stopped_since(asked, core.state())
             }

@@ -31,6 +31,10 @@ impl AxisCore {
             );
             return;
         }
+        if self.expired && command.sets_going() {
+            self.done(id, Err(Failure::LivenessExpired));
+            return;
+        }
         match command {
             Command::Enable => self.enable(now, id),
             Command::Disable => self.disable(now, id),

@@ -30,7 +30,9 @@ pub(super) struct Axes {
     groups: Groups,
     /// How many there were.
     cycles: u64,
-    watches: Vec<LivenessWatch>,
+    /// The program's last rule, and whether it has expired.
+    watch: Option<LivenessWatch>,
+    expired: bool,
     /// All axes are to be disabled with the next frame, for this reason.
     disable_asked: Option<Failure>,
     journal: Journal,
@@ -91,7 +93,8 @@ impl Axes {
             axes,
             groups: queue.groups(),
             cycles: 0,
-            watches: Vec::with_capacity(8),
+            watch: None,
+            expired: false,
             journal: Journal::new(recorded.iter().map(|axis| axis.identity.clone()), log),
             recorded,
             control,
@@ -175,17 +178,20 @@ impl Axes {
 
     fn stop(&mut self, now: Duration) -> StopRequest {
         while let Some(watch) = self.control.take_watch() {
-            self.watches.push(watch);
+            self.watch = Some(watch);
         }
         let mut stop = self.control.take_stop();
         self.journal.stop_of_all(now, stop);
-        let mut expired = false;
-        for watch in &mut self.watches {
-            expired |= watch.expired(now);
-        }
-        self.journal.liveness(now, expired);
-        if expired {
-            stop |= StopRequest::HALT;
+        let expired = self.watch.as_mut().is_some_and(|watch| watch.expired(now));
+        if expired != self.expired {
+            self.expired = expired;
+            self.journal.liveness(now, expired);
+            for axis in &mut self.axes {
+                axis.core.set_expired(expired);
+            }
+            if expired {
+                stop |= StopRequest::HALT;
+            }
         }
         stop
     }

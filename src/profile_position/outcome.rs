@@ -290,6 +290,12 @@ pub enum Failure {
     /// Resume after the halt of a homing.
     #[error("a halted homing is not continued: stop(), enable and home again")]
     HomingHalted,
+    /// The program has not fed its liveness in time, or has dropped it: every axis was halted, and nothing is enabled, started or
+    /// resumed until it is fed or ended.
+    #[error(
+        "the program does not feed its liveness: every axis stays halted until it is fed or ended, or another takes its place; stops work all the same"
+    )]
+    LivenessExpired,
     /// An absolute move on an axis that does not know where it is.
     #[error(
         "the axis is not referenced: home it before absolute moves, or say in its settings that it has an absolute encoder or that unreferenced moves are allowed"

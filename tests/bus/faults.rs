@@ -306,17 +306,98 @@ fn a_program_that_no_longer_feeds_its_liveness_halts_every_axis() {
 }
 
 #[test]
-fn no_liveness_rule_is_forgotten_however_many_there_are() {
+fn a_new_liveness_takes_the_place_of_the_old_one() {
     let line = one_drive();
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
     let _moving = start_long_move(&mut rig);
-    let rules: Vec<Liveness> = (0..40).map(|_| rig.net().liveness(50 * MS)).collect();
-    // All but the first are fed.
-    for _ in 0..10 {
-        rules.iter().skip(1).for_each(Liveness::feed);
+    let mut rules: Vec<Liveness> = (0..40).map(|_| rig.net().liveness(50 * MS)).collect();
+    let last = rules.pop().unwrap();
+    // Nobody feeds the others, and then they are dropped.
+    for n in 0..10 {
+        last.feed();
         rig.run_for(20 * MS);
+        if n == 5 {
+            rules.clear();
+        }
     }
+    assert!(!rig.net().axis("x").unwrap().status().halted);
+    drop(last);
+    rig.run_for(2 * MS);
     assert!(rig.net().axis("x").unwrap().status().halted);
+    rig.shutdown();
+}
+
+/// Expired, by time or because it was dropped: what would set the axis going is refused, what stops it works, and there is a way back.
+#[test]
+fn an_expired_liveness_lets_nothing_start_and_everything_stop_until_it_is_over() {
+    for (dropped, ended_anew) in [(false, false), (true, true), (false, true)] {
+        let line = one_drive();
+        let builder = Network::builder().link(line.wire()).drive(0, akd2g());
+        let mut rig = Rig::start(builder).unwrap();
+        let (pp, moved) = rig.starts_a_long_move("x");
+        let (x, y) = (rig.net().axis("x").unwrap(), rig.net().axis("y").unwrap());
+        let mut live = Some(rig.net().liveness(50 * MS));
+        rig.run_for(20 * MS);
+        assert!(!x.status().halted);
+        if dropped {
+            live = None;
+        }
+        rig.run_for(500 * MS);
+        assert!(x.status().halted && x.status().velocity == 0);
+        let expired = |result: Result<(), servocrab::axis::AxisError>| {
+            let failure = result.unwrap_err().failure();
+            assert_eq!(failure, Some(servocrab::axis::Failure::LivenessExpired));
+        };
+        expired(rig.until(x.resume()));
+        expired(rig.until(y.enable()));
+        expired(rig.until(async { pp.move_abs(0, SetPoint::new()).await.map(drop) }));
+        rig.until(x.halt()).unwrap();
+        rig.until(x.stop()).unwrap();
+        assert!(rig.until(moved.done()).is_err());
+        expired(rig.until(x.enable()));
+        line.segment().axis_mut(0, 1).unwrap().inject_fault(0x7500);
+        rig.run_for(300 * MS);
+        rig.until(y.reset_fault()).unwrap();
+        rig.until(x.quick_stop()).unwrap();
+        rig.until(x.disable()).unwrap();
+        expired(rig.until(x.enable()));
+        match live.take().filter(|_| !ended_anew) {
+            Some(live) => {
+                live.feed();
+                rig.until(x.enable()).unwrap();
+                live.end();
+            }
+            None => rig.net().liveness(50 * MS).end(),
+        }
+        rig.run_for(200 * MS);
+        rig.until(async {
+            x.enable().await.unwrap();
+            y.enable().await.unwrap();
+            let moved = pp.move_rel(100, SetPoint::new()).await.unwrap();
+            moved.done().await.unwrap();
+        });
+        rig.shutdown();
+    }
+}
+
+#[test]
+fn an_axis_that_has_halted_for_liveness_goes_on_by_resume_once_it_is_fed() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let (_pp, moved) = rig.starts_a_long_move("x");
+    let x = rig.net().axis("x").unwrap();
+    let live = rig.net().liveness(50 * MS);
+    rig.run_for(500 * MS);
+    live.feed();
+    rig.run_for(20 * MS);
+    assert!(
+        x.status().halted && x.status().velocity == 0,
+        "fed is not resumed"
+    );
+    live.feed();
+    rig.until(x.resume()).unwrap();
+    live.end();
+    rig.until(moved.done_through_halt()).unwrap();
     rig.shutdown();
 }
 

@@ -40,7 +40,12 @@ impl Network {
         }
     }
 
-    /// Has every axis halt when the program does not feed the returned rule for this time.
+    /// Has every axis halt when the program does not feed the returned rule for this time, or drops it. From then on, until it is fed,
+    /// ended, or another takes its place, nothing is enabled, resumed or started
+    /// ([`Failure::LivenessExpired`](crate::axis::Failure::LivenessExpired)); stops, `disable` and `reset_fault` work all the time.
+    /// What has halted goes on only by `resume`.
+    ///
+    /// There is one rule: the last one that was asked for.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -56,12 +61,12 @@ impl Network {
     ///     alive.feed(); // once in each turn of the program's own loop
     ///     smol::Timer::after(Duration::from_millis(10)).await;
     /// }
+    /// alive.end(); // dropped without it, it would halt every axis
     /// # net.shutdown().await;
     /// # Ok(())
     /// # })
     /// # }
     /// ```
-    #[must_use = "a rule that is not fed halts every axis"]
     pub fn liveness(&self, timeout: Duration) -> Liveness {
         let (liveness, watch) = Liveness::new(timeout);
         self.control.add_watch(watch);
