@@ -93,3 +93,5 @@ pub mod profile_position;
 pub mod profile_velocity;
 pub mod sii;
 pub mod units;
+#[cfg(feature = "std")]
+mod wakes;

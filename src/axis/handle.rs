@@ -108,20 +108,20 @@ impl Axis {
         self.handles.shared.snapshot()
     }
 
-    /// The next snapshot in which anything but the cycle's number and age differs. Once the network is closed it is the
-    /// last one, at once, and says that the drive is lost.
-    pub async fn changed(&self) -> Snapshot {
+    /// The next snapshot in which anything but the cycle's number and age differs; `None` once the network has ended. The last one before
+    /// that says that the drive is lost.
+    ///
+    /// ```
+    /// # async fn example(axis: servocrab::axis::Axis) {
+    /// while let Some(status) = axis.changed().await {
+    ///     println!("{:?} at {}", status.state, status.position);
+    /// }
+    /// # }
+    /// ```
+    #[must_use = "it is `None` once the network has ended, and then at once: a loop that does not look at it goes round for ever"]
+    pub async fn changed(&self) -> Option<Snapshot> {
         let shared = &self.handles.shared;
-        let _watch = shared.setup.groups.watch();
-        let before = shared.changes.load(Ordering::Acquire);
-        shared
-            .changed
-            .until(|| {
-                (shared.is_closed() || shared.changes.load(Ordering::Acquire) != before)
-                    .then_some(())
-            })
-            .await;
-        shared.snapshot()
+        shared.until_changed().await.then(|| shared.snapshot())
     }
 
     /// Selects Profile Position and leases it. The lease ends by [`ProfilePosition::release`] or by dropping it.

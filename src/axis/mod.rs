@@ -59,8 +59,6 @@ mod stop_handle;
 mod tickets;
 #[cfg(feature = "std")]
 mod together;
-#[cfg(feature = "std")]
-mod waiters;
 
 pub use self::core::AxisCore;
 pub use crate::profile_position::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
@@ -98,5 +96,3 @@ pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess}
 pub use stop_handle::StopHandle;
 #[cfg(feature = "std")]
 pub use together::{AxisSet, GroupQueue, Groups, TogetherError, together};
-#[cfg(feature = "std")]
-pub(crate) use waiters::{Waiters, stored};

@@ -11,9 +11,11 @@ use super::{
     restart::Again,
     shared::Shared,
     status::{Head, differs, pack, silent},
-    waiters::stored,
 };
-use crate::ds402::{Controlword, Mode};
+use crate::{
+    ds402::{Controlword, Mode},
+    wakes::stored,
+};
 
 /// Carries commands from the handles to the axis core, and its reports and snapshots back. Order of a cycle:
 ///
@@ -140,6 +142,7 @@ impl AxisPort {
         self.pass(core, inputs);
         stored();
         self.wake();
+        self.shared.setup.groups.hand_over();
     }
 
     /// As [`after_step`](Self::after_step), without waking those who wait for a change; gives the snapshot where more in it
@@ -211,7 +214,7 @@ impl AxisPort {
     #[inline]
     pub(crate) fn wake(&mut self) {
         if core::mem::take(&mut self.changed) {
-            self.shared.changed.wake_claimed();
+            self.shared.ring_changed();
         }
     }
 
@@ -228,6 +231,7 @@ impl AxisPort {
         };
         self.shared.status.publish(pack(&lost), None);
         self.shared.close();
+        self.shared.setup.groups.hand_over();
     }
 
     /// Submits what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.

@@ -16,15 +16,15 @@ use super::{
     slots::{Joined, MOTIONS, QUEUED_AT_MOST, Slots, mark, stop_place},
     status::StatusCell,
     tickets::{Ticket, Tickets},
-    waiters::Waiters,
 };
 use crate::{
     coe::ObjectAddress,
     ds402::{Controlword, State},
+    wakes::Waiters,
 };
 
-/// Futures that wait for changes of one axis before they must poll.
-const WAITERS_PER_AXIS: usize = 32;
+/// The channel of futures that wait for a change; those of the commands' slots follow.
+const CHANGED: u32 = 0;
 /// Set in the noted mode once one was noted.
 const NOTED: i16 = 1 << 8;
 
@@ -33,9 +33,9 @@ pub(crate) struct Shared {
     pub(crate) setup: AxisSetup,
     pub(crate) identity: Arc<AxisIdentity>,
     pub(crate) status: StatusCell,
-    /// Woken when a snapshot shows something new.
-    pub(crate) changed: Waiters,
-    /// How often that was.
+    /// Futures that wait for a command, or for a change.
+    waiters: Arc<Waiters>,
+    /// How often a snapshot has shown something new.
     pub(crate) changes: AtomicU64,
     /// Whether a mode is leased.
     pub(crate) leased: AtomicBool,
@@ -63,7 +63,7 @@ impl Shared {
         Self {
             identity: Arc::new(setup.identity.clone()),
             status: StatusCell::new(snapshot, setup.layout.input_bytes()),
-            changed: Waiters::new(WAITERS_PER_AXIS),
+            waiters: setup.groups.waiters(),
             changes: AtomicU64::new(0),
             leased: AtomicBool::new(false),
             asked: AtomicBool::new(false),
@@ -293,12 +293,22 @@ impl Shared {
         closed.then_some(Err(Failure::BusLost { delivery }))
     }
 
-    /// Waits until what is reported of this command makes `ready` give a value.
+    /// Waits until `ready` gives a value: it is asked again whenever there is an event of this command.
     pub(crate) async fn until<T>(&self, id: CommandId, ready: impl FnMut() -> Option<T>) -> T {
-        self.slots
-            .of(id)
-            .map_or(&self.changed, |slot| &slot.waiters)
-            .until(ready)
+        self.waiters.until(channel(id), ready).await
+    }
+
+    /// Waits for the next change; false if there can be none any more. The end is one.
+    pub(crate) async fn until_changed(&self) -> bool {
+        // In this order, as they are stored in the other one: who begins to wait after the end knows of it.
+        let before = self.changes.load(Ordering::Acquire);
+        let _watch = self.setup.groups.watch();
+        self.waiters
+            .until(CHANGED, || {
+                let is_closed = self.is_closed();
+                let is_changed = self.changes.load(Ordering::Acquire) != before;
+                (is_changed || is_closed).then_some(is_changed)
+            })
             .await
     }
 
@@ -457,7 +467,7 @@ impl Shared {
                 self.slots.mark_last(slot, id, mark::DONE, mark::LEFT);
             }
         }
-        slot.waiters.wake_all();
+        self.waiters.announce(channel(id));
     }
 
     /// Another snapshot shows something new. Only one thread may do this.
@@ -468,12 +478,17 @@ impl Shared {
             .store(changes.wrapping_add(1), Ordering::Release);
     }
 
+    /// Wakes those who wait for a change; to be called after [`stored`](crate::wakes::stored).
+    #[inline]
+    pub(super) fn ring_changed(&self) {
+        self.waiters.ring(CHANGED);
+    }
+
     /// The bus is gone: every future resolves, none is left waiting.
     pub(super) fn close(&self) {
         self.closed.store(true, Ordering::Release);
         self.note_change();
-        self.slots.wake_all();
-        self.changed.wake_all();
+        self.waiters.ring_all(u64::MAX);
     }
 }
 
@@ -484,6 +499,11 @@ const fn lane(command: Command) -> StopRequest {
         Command::QuickStop => StopRequest::QUICK_STOP,
         _ => StopRequest::STOP,
     }
+}
+
+/// Where futures wait for this command.
+const fn channel(id: CommandId) -> u32 {
+    CHANGED + 1 + (id.0 & 0xFF)
 }
 
 /// By its name: what else is in it tells a reader of a log nothing.

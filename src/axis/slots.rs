@@ -5,7 +5,7 @@ use core::sync::atomic::{AtomicU8, AtomicU32, AtomicU64, Ordering};
 
 use crossbeam_queue::ArrayQueue;
 
-use super::{Command, CommandId, Completion, Failure, waiters::Waiters};
+use super::{Command, CommandId, Completion, Failure};
 
 /// Motions under way at once, of one axis, with the questions whether they would be refused.
 pub(super) const MOTIONS: u8 = 32;
@@ -20,9 +20,6 @@ const ASKED_AT_MOST: u8 = 8;
 /// What the queue of commands holds at most: a stop that has just failed may be in it beside its successor.
 pub(super) const QUEUED_AT_MOST: usize =
     SHARED as usize + 2 * STOPS as usize * ASKED_AT_MOST as usize;
-/// Futures that wait for one command before they must poll, and for one stop, which is shared.
-const WAITERS_PER_COMMAND: usize = 4;
-const WAITERS_PER_STOP: usize = 64;
 /// Set in the demand of a jog as long as it is held.
 const HELD: u64 = 1 << 32;
 /// In place of how often a stop is in the queue: it has its result.
@@ -47,7 +44,6 @@ pub(super) struct Slot {
     /// How often a stop is in the queue.
     queued: AtomicU8,
     pub(super) result: ArrayQueue<Result<Completion, Failure>>,
-    pub(super) waiters: Waiters,
 }
 
 pub(super) mod mark {
@@ -95,9 +91,7 @@ impl Slots {
             free
         };
         Self {
-            slots: (0..SHARED + STOPS)
-                .map(|slot| Slot::new(slot >= SHARED))
-                .collect(),
+            slots: (0..SHARED + STOPS).map(|_| Slot::new()).collect(),
             motions: free(0..MOTIONS),
             others: free(MOTIONS..SHARED),
         }
@@ -157,12 +151,6 @@ impl Slots {
             self.give_back(id);
         }
     }
-
-    pub(super) fn wake_all(&self) {
-        for slot in &self.slots {
-            slot.waiters.wake_all();
-        }
-    }
 }
 
 /// How a stop was joined that is under way.
@@ -177,12 +165,7 @@ pub(super) enum Joined {
 }
 
 impl Slot {
-    fn new(is_stop: bool) -> Self {
-        let waiters = if is_stop {
-            WAITERS_PER_STOP
-        } else {
-            WAITERS_PER_COMMAND
-        };
+    fn new() -> Self {
         Self {
             id: AtomicU32::new(0),
             marks: AtomicU8::new(0),
@@ -190,7 +173,6 @@ impl Slot {
             demand: AtomicU64::new(0),
             queued: AtomicU8::new(0),
             result: ArrayQueue::new(1),
-            waiters: Waiters::new(waiters),
         }
     }
 

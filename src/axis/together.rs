@@ -8,17 +8,20 @@ use std::sync::Arc;
 
 use crossbeam_queue::ArrayQueue;
 
-use crate::profile_position::{Move, MoveCommand, MoveRequest};
+use crate::{
+    profile_position::{Move, MoveCommand, MoveRequest},
+    wakes::{End, Waiters, Wakes},
+};
 
 use super::{
     AxisCore, AxisError, AxisErrorKind, Command, CommandId, Failure, pending::Pending,
-    shared::Shared, waiters::Waiters,
+    shared::Shared,
 };
 
 /// Groups that wait to start at once, of one network.
 const GROUPS: usize = 16;
-/// Futures that sleep until a time before they must poll.
-const SLEEPERS: usize = 64;
+/// Those who sleep all wait on one channel.
+const TIME: u32 = 0;
 
 /// Where moves are asked to start together: one queue for all axes of a network, a clone in each [`AxisSetup`](super::AxisSetup).
 /// With it goes the word that anything was asked of any of these axes.
@@ -46,10 +49,14 @@ struct Queues {
     /// The time of the last cycle, and when the next of those who sleep is to be woken, in nanoseconds.
     now: AtomicU64,
     due: AtomicU64,
-    sleepers: Waiters,
+    sleepers: Arc<Waiters>,
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
+    /// Who wakes the futures of all axes.
+    wakes: Wakes,
+    /// None where somebody else ends it.
+    _end: Option<End>,
 }
 
 #[derive(Debug)]
@@ -72,17 +79,43 @@ impl Default for GroupQueue {
 }
 
 impl GroupQueue {
-    /// An empty queue.
+    /// An empty queue. Futures of its axes are woken on a thread of its own, `servocrab-wake`, so that no waker of the program can
+    /// hold up whoever steps the axes.
     #[must_use]
     pub fn new() -> Self {
+        match Wakes::start(None) {
+            Ok((wakes, end)) => Self::of(wakes, Some(end)),
+            Err(error) => {
+                tracing::error!(%error, "there is no thread that wakes: the cycles wake, and wait for what they wake");
+                Self::in_virtual_time()
+            }
+        }
+    }
+
+    /// An empty queue for a loop in virtual time: futures are woken by [`AxisPort::after_step`](super::AxisPort::after_step), on its
+    /// thread, so that every run is the same.
+    #[must_use]
+    pub fn in_virtual_time() -> Self {
+        let (wakes, end) = Wakes::in_turn();
+        Self::of(wakes, Some(end))
+    }
+
+    /// An empty queue, and who wakes.
+    pub(crate) fn with(wakes: &Wakes) -> Self {
+        Self::of(wakes.clone(), None)
+    }
+
+    fn of(wakes: Wakes, end: Option<End>) -> Self {
         Self {
             queues: Arc::new(Queues {
+                sleepers: wakes.waiters(),
+                wakes,
+                _end: end,
                 asked: AtomicBool::new(false),
                 watchers: AtomicUsize::new(0),
                 cycles: AtomicU64::new(0),
                 now: AtomicU64::new(0),
                 due: AtomicU64::new(u64::MAX),
-                sleepers: Waiters::new(SLEEPERS),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
             }),
@@ -99,6 +132,16 @@ impl GroupQueue {
     pub(super) fn watch(&self) -> Watch<'_> {
         self.queues.watchers.fetch_add(1, Ordering::AcqRel);
         Watch(&self.queues)
+    }
+
+    /// Where the futures of an axis wait.
+    pub(super) fn waiters(&self) -> Arc<Waiters> {
+        self.queues.wakes.waiters()
+    }
+
+    /// Has those woken for whom there is something new.
+    pub(super) fn hand_over(&self) {
+        self.queues.wakes.hand_over();
     }
 
     /// How many cycles there were in which all axes were stepped, or left at rest.
@@ -121,7 +164,7 @@ impl GroupQueue {
             queues.due.fetch_min(nanoseconds(until), Ordering::SeqCst);
             None
         };
-        queues.sleepers.until(is_over).await;
+        queues.sleepers.until(TIME, is_over).await;
     }
 
     /// Says what time it is; to be called once a cycle.
@@ -153,7 +196,7 @@ impl Queues {
     fn wake_sleepers(&self) {
         // Who sleeps on says so again.
         self.due.store(u64::MAX, Ordering::SeqCst);
-        self.sleepers.wake_all();
+        self.sleepers.announce(TIME);
     }
 }
 
@@ -190,7 +233,7 @@ impl Groups {
         self.queues.asked.swap(false, Ordering::AcqRel)
     }
 
-    /// Whether anybody waits for a change of any of the axes, as far as [`stored`](super::stored) was called before.
+    /// Whether anybody waits for a change of any of the axes, as far as [`stored`](crate::wakes::stored) was called before.
     pub(crate) fn are_watched(&self) -> bool {
         self.queues.watchers.load(Ordering::Relaxed) != 0
     }

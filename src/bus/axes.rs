@@ -15,10 +15,11 @@ use crate::{
     axis::{
         Again, AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, BoxFuture,
         Command, CommandId, Failure, GroupQueue, Groups, Inputs, LivenessWatch, ParameterAccess,
-        StopRequest, stored,
+        StopRequest,
     },
     coe::{ObjectAddress, SdoError, SdoHandle},
     ds402::State,
+    wakes::{Wakes, stored},
 };
 
 /// The command by which the network itself disables an axis: no handle gives this number.
@@ -53,9 +54,10 @@ impl Axes {
     pub(super) fn open(
         drives: &[ReadyDrive],
         control: Arc<Control>,
+        wakes: &Wakes,
         log: Log,
     ) -> (Self, Vec<AxisSource>) {
-        let queue = GroupQueue::new();
+        let queue = GroupQueue::with(wakes);
         let mut axes = Vec::new();
         let mut sources = Vec::new();
         let mut recorded = Vec::new();

@@ -3,32 +3,40 @@
 use std::{
     sync::{
         Arc,
-        atomic::{AtomicU64, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     time::Duration,
 };
 
-use smol::channel::Receiver;
-
 use super::{NetworkError, cycle::Stepper, drive_data::Drives};
-use crate::axis::Waiters;
+use crate::wakes::{Waiters, Wakes};
 
-/// Futures that can sleep until the next cycle at the same time; more of them poll.
-const PLACES: usize = 64;
+/// All wait for the same.
+const CYCLE: u32 = 0;
 
 /// What the bus thread tells of each cycle.
 #[derive(Debug)]
 pub(super) struct Beat {
     ended_ns: AtomicU64,
-    waiters: Waiters,
+    /// There are no more cycles.
+    is_over: AtomicBool,
+    waiters: Arc<Waiters>,
 }
 
+/// The end of whoever has the cycles: without it there are none any more.
+pub(super) struct Beater(Arc<Beat>);
+
 impl Beat {
-    pub(super) fn new() -> Arc<Self> {
+    pub(super) fn new(wakes: &Wakes) -> Arc<Self> {
         Arc::new(Self {
             ended_ns: AtomicU64::new(0),
-            waiters: Waiters::new(PLACES),
+            is_over: AtomicBool::new(false),
+            waiters: wakes.waiters(),
         })
+    }
+
+    pub(super) fn beater(self: &Arc<Self>) -> Beater {
+        Beater(Arc::clone(self))
     }
 
     /// When the last cycle ended.
@@ -37,14 +45,21 @@ impl Beat {
     }
 }
 
-impl Stepper for Arc<Beat> {
+impl Drop for Beater {
+    fn drop(&mut self) {
+        self.0.is_over.store(true, Ordering::Release);
+        self.0.waiters.announce(CYCLE);
+    }
+}
+
+impl Stepper for Beater {
     fn before_send(&mut self, _: Duration, _: &mut Drives) {}
 
     /// To be called when everybody else has taken in what the cycle brought.
     fn after_receive(&mut self, now: Duration, _: &mut Drives) {
         let ns = u64::try_from(now.as_nanos()).unwrap_or(u64::MAX);
-        self.ended_ns.store(ns, Ordering::Release);
-        self.waiters.wake_all();
+        self.0.ended_ns.store(ns, Ordering::Release);
+        self.0.waiters.announce(CYCLE);
     }
 }
 
@@ -84,12 +99,11 @@ impl Stepper for Arc<Beat> {
 #[derive(Debug, Clone)]
 pub struct CycleClock {
     beat: Arc<Beat>,
-    over: Receiver<()>,
 }
 
 impl CycleClock {
-    pub(super) const fn new(beat: Arc<Beat>, over: Receiver<()>) -> Self {
-        Self { beat, over }
+    pub(super) const fn new(beat: Arc<Beat>) -> Self {
+        Self { beat }
     }
 
     /// When the last cycle ended, by the link's time: that of [`Link::now`](crate::link::Link::now), of the log and of the
@@ -118,14 +132,17 @@ impl CycleClock {
     }
 
     async fn until(&self, is_time: impl Fn(Duration) -> bool) -> Result<Duration, NetworkError> {
-        let ended = async {
-            let _ = self.over.recv().await;
-            Err(NetworkError::Thread("the network has ended".into()))
-        };
-        let cycle = self.beat.waiters.until(|| {
-            let now = self.now();
-            is_time(now).then_some(Ok(now))
+        let beat = &*self.beat;
+        let shown = beat.waiters.until(CYCLE, || {
+            // First this: the last cycle is one as well.
+            let is_over = beat.is_over.load(Ordering::Acquire);
+            let now = beat.ended();
+            (is_time(now) || is_over).then_some(now)
         });
-        smol::future::or(ended, cycle).await
+        let now = shown.await;
+        if is_time(now) {
+            return Ok(now);
+        }
+        Err(NetworkError::Thread("the network has ended".into()))
     }
 }

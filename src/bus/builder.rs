@@ -17,7 +17,10 @@ use super::{
     receiving::wake_on_time,
     supervisor::{self, Started},
 };
-use crate::link::{Link, RawSocket};
+use crate::{
+    link::{Link, RawSocket},
+    wakes::{End, Wakes},
+};
 
 /// Describes a network: its link, its cycle, its drives.
 ///
@@ -241,7 +244,14 @@ impl NetworkBuilder {
             let (log, writer) = Writer::start()?;
             (log, Some(writer))
         };
-        let control = Control::new(self.plan.drives.len() + self.plan.ios.len());
+        let (wakes, wakes_end) = if link.is_virtual() {
+            Wakes::in_turn()
+        } else {
+            let started = Wakes::start(self.real_time.priority());
+            started.map_err(|error| NetworkError::Thread(error.to_string()))?
+        };
+        let devices = self.plan.drives.len() + self.plan.ios.len();
+        let control = Control::new(devices, wakes);
         control.set_waker(link.waker());
         let (started, starting) = bounded(1);
         let (to_tell, steps) = unbounded();
@@ -257,6 +267,7 @@ impl NetworkBuilder {
             started,
             to_tell,
             alive,
+            wakes_end,
         };
         let starting = Starting {
             guard: Guard::new(control),
@@ -281,6 +292,8 @@ struct Parts {
     started: Sender<Result<Started, NetworkError>>,
     to_tell: Sender<StepDone>,
     alive: Sender<()>,
+    /// Last: see [`BusLoop`].
+    wakes_end: End,
 }
 
 impl Parts {
@@ -298,8 +311,7 @@ impl Parts {
         let receiving = self
             .receiving
             .unwrap_or_else(|| Receiving::suited_here(self.plan.cycle));
-        let counters = Arc::clone(&self.control.counters);
-        let reactor = Reactor::new(self.link, receiving, counters, self.log);
+        let reactor = Reactor::new(self.link, receiving, &self.control, self.log);
         let context = reactor.context().clone();
         let (started, to_tell) = (self.started, self.to_tell);
         let life =
@@ -307,7 +319,7 @@ impl Parts {
         if let Some(task) = context.spawn(life) {
             task.detach();
         }
-        BusLoop::new(reactor, self.writer, self.alive)
+        BusLoop::new(reactor, self.writer, self.alive, self.wakes_end)
     }
 }
 
@@ -326,9 +338,13 @@ impl Starting {
     /// # Errors
     /// As [`NetworkBuilder::start`].
     pub async fn network(self) -> Result<Network, NetworkError> {
+        let waiters = self.guard.waiters();
         let started = self.listener.tell_until(self.steps, self.started.recv());
         let ended = || NetworkError::Thread("it ended before the drives were in OP".into());
-        let started = started.await.unwrap_or_else(|_| Err(ended()));
+        let started = waiters
+            .relay(started)
+            .await
+            .unwrap_or_else(|_| Err(ended()));
         let started = match started {
             Ok(started) => started,
             Err(error) => {

@@ -9,6 +9,7 @@ use std::{
 use smol::channel::Sender;
 
 use super::{log::Writer, reactor::Reactor};
+use crate::wakes::{End, Wakes};
 
 /// The loop of a network: everything on the bus happens in its turns.
 pub struct BusLoop {
@@ -17,14 +18,24 @@ pub struct BusLoop {
     writer: Option<Writer>,
     /// Dropped at the end, which is what `Network::shutdown` waits for.
     alive: Option<Sender<()>>,
+    wakes: Wakes,
+    /// Last: what the fields before it ring for is woken by it.
+    _wakes_end: End,
 }
 
 impl BusLoop {
-    pub(super) const fn new(reactor: Reactor, writer: Option<Writer>, alive: Sender<()>) -> Self {
+    pub(super) fn new(
+        reactor: Reactor,
+        writer: Option<Writer>,
+        alive: Sender<()>,
+        wakes_end: End,
+    ) -> Self {
         Self {
+            wakes: reactor.wakes().clone(),
             reactor,
             writer,
             alive: Some(alive),
+            _wakes_end: wakes_end,
         }
     }
 
@@ -38,6 +49,7 @@ impl BusLoop {
                 writer.end();
             }
             self.alive = None;
+            self.wakes.hand_over();
         }
         goes_on
     }

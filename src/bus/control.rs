@@ -17,6 +17,7 @@ use super::{
 use crate::{
     axis::{LivenessWatch, StopRequest},
     coe::DriveId,
+    wakes::{Waiters, Wakes},
 };
 
 /// Network events that are kept for a program that does not look, beside four for each device: those of a whole line come at once.
@@ -49,20 +50,25 @@ pub(super) struct Control {
     waker: OnceLock<Waker>,
     pub(super) counters: Arc<Counters>,
     pub(super) beat: Arc<Beat>,
+    pub(super) wakes: Wakes,
+    /// The program's futures that wait for what the bus thread sends.
+    pub(super) waiters: Arc<Waiters>,
     pub(super) events: (Sender<NetworkEvent>, Receiver<NetworkEvent>),
     pub(super) questions: (Sender<Question>, Receiver<Question>),
 }
 
 impl Control {
     /// For so many devices.
-    pub(super) fn new(devices: usize) -> Arc<Self> {
+    pub(super) fn new(devices: usize, wakes: Wakes) -> Arc<Self> {
         Arc::new(Self {
             shutdown: AtomicBool::new(false),
             stop: AtomicU8::new(0),
             watches: SegQueue::new(),
             waker: OnceLock::new(),
             counters: Arc::default(),
-            beat: Beat::new(),
+            beat: Beat::new(&wakes),
+            waiters: wakes.waiters(),
+            wakes,
             events: smol::channel::bounded(EVENTS + EVENTS_OF_A_DEVICE * devices),
             questions: smol::channel::bounded(QUESTIONS),
         })
@@ -130,6 +136,12 @@ impl Guard {
         }
     }
 
+    /// Where the program waits for what is being made.
+    pub(super) fn waiters(&self) -> Arc<Waiters> {
+        let control = self.control.as_ref();
+        control.map_or_else(Waiters::direct, |control| Arc::clone(&control.waiters))
+    }
+
     /// Takes the thread in.
     pub(super) fn watch(&mut self, thread: JoinHandle<()>) {
         self.thread = Some(thread);
@@ -138,8 +150,10 @@ impl Guard {
     /// Waits until a loop that has failed, and the link with it, is gone: whoever tries again finds the link free. A program that turns
     /// the loop itself sees to that itself.
     pub(super) async fn gone(self, over: &Receiver<()>) {
-        if self.thread.is_some() {
-            let _ = over.recv().await;
+        if self.thread.is_some()
+            && let Some(control) = &self.control
+        {
+            let _ = control.waiters.relay(over.recv()).await;
         }
     }
 
@@ -261,7 +275,9 @@ mod tests {
 
     #[test]
     fn who_goes_away_while_a_failed_loop_ends_waits_for_its_thread() {
-        let control = Control::new(0);
+        let (wakes, end) = Wakes::in_turn();
+        let control = Control::new(0, wakes);
+        drop(end);
         let (alive, over) = smol::channel::bounded(1);
         let gone = Arc::new(AtomicBool::new(false));
         let (of_loop, is_gone) = (Arc::clone(&control), Arc::clone(&gone));

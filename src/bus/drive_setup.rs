@@ -242,11 +242,12 @@ pub(super) fn serve_mailbox(
         .sii
         .mailbox
         .filter(|mailbox| mailbox.protocols.coe())?;
-    let (client, sdo, emergencies) = MailboxClient::new(
+    let (client, sdo, emergencies) = MailboxClient::with(
         EthercrabMailbox::new(context.registers.main(), found.station, mailbox),
         TaskClock(Rc::clone(&context.time)),
         MailboxSettings::of(&found.sii, &mailbox),
         found.id.clone(),
+        || context.wakes.waiters(),
     );
     let log = context.log.clone();
     let client = client

@@ -22,6 +22,7 @@ use crate::{
     coe::{DriveId, Emergencies, ErrorTexts, SdoHandle},
     link::Link,
     sii::Sii,
+    wakes::Wakes,
 };
 
 /// ESC features, and the configured station alias (ETG.1000.4, registers).
@@ -107,7 +108,9 @@ impl Drop for Line {
 
 /// Looks at the line on this link, on a thread of its own.
 pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkError> {
-    let control = Control::new(0);
+    let (wakes, wakes_end) =
+        Wakes::start(None).map_err(|error| NetworkError::Thread(error.to_string()))?;
+    let control = Control::new(0, wakes);
     control.set_waker(link.waker());
     let (send_found, found) = bounded(1);
     let (alive, over) = bounded(1);
@@ -118,18 +121,18 @@ pub(super) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkErro
     let thread = thread::Builder::new()
         .name("servocrab-bus".into())
         .spawn(move || {
-            let counters = Arc::clone(&shared.counters);
-            let reactor = Reactor::new(link, Receiving::Block, counters, Log::default());
+            let reactor = Reactor::new(link, Receiving::Block, &shared, Log::default());
             let context = reactor.context().clone();
             if let Some(task) = context.spawn(life(context.clone(), shared, send_found)) {
                 task.detach();
             }
-            subscriber.of(|| BusLoop::new(reactor, None, alive).run());
+            subscriber.of(|| BusLoop::new(reactor, None, alive, wakes_end).run());
         })
         .map_err(|error| NetworkError::Thread(error.to_string()))?;
     guard.watch(thread);
     let ended = || NetworkError::Thread("it ended before the line was scanned".into());
-    let devices = match found.recv().await.unwrap_or_else(|_| Err(ended())) {
+    let found = control.waiters.relay(found.recv()).await;
+    let devices = match found.unwrap_or_else(|_| Err(ended())) {
         Ok(devices) => devices,
         Err(error) => {
             guard.gone(&over).await;

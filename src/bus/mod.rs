@@ -77,3 +77,5 @@ pub use registers::RegisterError;
 pub use statistics::{ClockStatistics, DriveStatistics, ReferenceClock, Statistics, Timing};
 pub use sync_managers::{SyncManagerError, WatchdogState};
 pub use watchdog::{WatchdogError, arm_watchdog};
+
+pub use crate::wakes::WakeStatistics;

@@ -22,6 +22,7 @@ use super::{
 use crate::{
     axis::{Axis, AxisSource},
     coe::{Emergencies, SdoHandle},
+    wakes::Waiters,
 };
 
 /// Drives in OP, exchanging process data on a thread of their own.
@@ -92,7 +93,7 @@ impl Network {
     /// The time of the cycles: to wait for the next inputs, and for pauses.
     #[must_use]
     pub fn clock(&self) -> CycleClock {
-        CycleClock::new(Arc::clone(&self.control.beat), self.over.clone())
+        CycleClock::new(Arc::clone(&self.control.beat))
     }
 
     /// SDO access to the drive at this position in the line, or at the place by which it was declared; `None` if no drive was
@@ -203,6 +204,7 @@ impl Network {
     pub fn events(&self) -> NetworkEvents {
         NetworkEvents {
             queue: self.control.events.1.clone(),
+            waiters: Arc::clone(&self.control.waiters),
         }
     }
 
@@ -254,7 +256,8 @@ impl Network {
             })?;
         let (to_tell, steps) = unbounded();
         let asked = self.ask(|reply| Question::Recover(index, to_tell, reply));
-        self.listener.tell_until(steps, asked).await?
+        let told = self.listener.tell_until(steps, asked);
+        self.control.waiters.relay(told).await?
     }
 
     async fn ask<T>(
@@ -273,7 +276,8 @@ impl Network {
             let _ = self.over.recv().await;
             Err(over())
         };
-        smol::future::or(answered, ended).await
+        let told = smol::future::or(answered, ended);
+        self.control.waiters.relay(told).await
     }
 
     /// Stops and disables all axes, leads the drives out of OP, and ends the thread. Whoever has the network may ask for it, also
@@ -281,7 +285,7 @@ impl Network {
     pub async fn shutdown(&self) {
         self.control.request_shutdown();
         // Ready when the bus loop is gone.
-        let _ = self.over.recv().await;
+        let _ = self.control.waiters.relay(self.over.recv()).await;
         self.join();
         self.control.end_events();
     }
@@ -338,12 +342,13 @@ impl fmt::Debug for Network {
 #[derive(Debug, Clone)]
 pub struct NetworkEvents {
     queue: Receiver<NetworkEvent>,
+    waiters: Arc<Waiters>,
 }
 
 impl NetworkEvents {
     /// The next event; `None` once the network is gone.
     pub async fn next(&self) -> Option<NetworkEvent> {
-        self.queue.recv().await.ok()
+        self.waiters.relay(self.queue.recv()).await.ok()
     }
 
     /// The next event, if there is one now.

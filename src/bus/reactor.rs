@@ -15,12 +15,13 @@ use async_task::Task;
 use ethercrab::{MainDevice, MainDeviceConfig, PduStorage, Timeouts};
 
 use super::{
-    Receiving, acyclic::Acyclic, cycle::Cycle, frame::Tag, gap::Gap, log::Log, receiving::Awaited,
-    registers::Registers, statistics::Counters, tasks::Tasks, time::Time,
+    Receiving, acyclic::Acyclic, control::Control, cycle::Cycle, frame::Tag, gap::Gap, log::Log,
+    receiving::Awaited, registers::Registers, statistics::Counters, tasks::Tasks, time::Time,
 };
 use crate::{
     coe::{Emergencies, EmergencyQueue},
     link::{LONGEST_FRAME, Link},
+    wakes::Wakes,
 };
 
 /// Frames of ethercrab's that can be on their way at once (a power of two; ethercrab takes 128 at most).
@@ -46,6 +47,8 @@ pub(super) struct Context {
     pub(super) cycle: Rc<RefCell<Option<Cycle>>>,
     pub(super) counters: Arc<Counters>,
     pub(super) log: Log,
+    /// Who wakes the program's futures.
+    pub(super) wakes: Wakes,
     /// Those of all drives: where they go in, and where they come out.
     pub(super) emergencies: (EmergencyQueue, Emergencies),
     over: Rc<Cell<bool>>,
@@ -81,7 +84,7 @@ impl Reactor {
     pub(super) fn new(
         link: Box<dyn Link>,
         receiving: Receiving,
-        counters: Arc<Counters>,
+        control: &Control,
         log: Log,
     ) -> Self {
         type Storage = PduStorage<SLOTS, { PduStorage::element_size(LONGEST_DATAGRAM) }>;
@@ -117,9 +120,10 @@ impl Reactor {
                 time,
                 tasks: Rc::downgrade(&tasks),
                 cycle: Rc::new(RefCell::new(None)),
-                counters,
+                counters: Arc::clone(&control.counters),
                 log,
-                emergencies: EmergencyQueue::new(EMERGENCIES),
+                emergencies: EmergencyQueue::new(EMERGENCIES, control.wakes.waiters()),
+                wakes: control.wakes.clone(),
                 over: Rc::new(Cell::new(false)),
             },
             tasks,
@@ -130,6 +134,10 @@ impl Reactor {
 
     pub(super) fn now(&self) -> Duration {
         self.link.now()
+    }
+
+    pub(super) fn wakes(&self) -> &Wakes {
+        &self.context.wakes
     }
 
     pub(super) fn context(&self) -> &Context {
@@ -144,10 +152,13 @@ impl Reactor {
             self.receive(now);
         }
         let next = self.exchange(now);
+        // At once: an outcome is worth a hand-over behind its frame.
+        self.context.wakes.hand_over();
         let mut busy = false;
         if !next.is_some_and(|next| next.in_flight) {
             busy = self.acyclic_work(next.map(|next| next.gap));
             self.context.log.hand_over();
+            self.context.wakes.hand_over();
         }
         if !busy {
             self.wait(now, next);

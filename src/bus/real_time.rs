@@ -153,6 +153,11 @@ impl RealTime {
         self
     }
 
+    /// The priority of its real-time class, if it is to have one.
+    pub(super) fn priority(&self) -> Option<u8> {
+        self.scheduling.map(Scheduling::priority)
+    }
+
     /// Gives it to the calling thread; for programs that run the loop on a thread of their own.
     ///
     /// # Errors

@@ -11,7 +11,7 @@ use std::{
 use super::cable::CableLoad;
 use super::dc::Measured;
 use super::histogram::{Durations, Recorder};
-use crate::coe::DriveId;
+use crate::{coe::DriveId, wakes::WakeStatistics};
 
 /// What the bus loop has counted since it started.
 ///
@@ -44,6 +44,8 @@ pub struct Statistics {
     pub acyclic_in_cycle: u64,
     /// How the cycles keep step with the reference clock, where there is one.
     pub clock: Option<ClockStatistics>,
+    /// What the program's wakers did.
+    pub wakes: WakeStatistics,
 }
 
 /// How the cycles keep step with the reference clock of the network's distributed clocks. The phase error is by how much later
@@ -249,6 +251,7 @@ impl Counters {
             not_sent: self.not_sent.get(),
             acyclic_in_cycle: self.acyclic_in_cycle.get(),
             clock: self.clock.read(),
+            wakes: WakeStatistics::default(),
         }
     }
 }

@@ -25,6 +25,7 @@ use super::{
 use crate::{
     axis::{AxisSource, Delivery, Failure},
     coe::{DriveId, Emergencies, SdoHandle},
+    wakes::WakeStatistics,
 };
 
 /// How often the shutdown flag is looked at.
@@ -117,13 +118,18 @@ async fn start(
     let progress = Progress::new(context, steps, plan.drives.len(), plan.ios.len());
     let progress = Rc::new(progress);
     let ready = bring_up::configure(context, plan, &progress).await?;
-    let (axes, sources) = Axes::open(&ready.drives, Arc::clone(control), context.log.clone());
+    let (axes, sources) = Axes::open(
+        &ready.drives,
+        Arc::clone(control),
+        &context.wakes,
+        context.log.clone(),
+    );
     let axes = Rc::new(RefCell::new(axes));
     let ports = Ports::open(ready.drives.len(), &ready.ios);
     let ios = ports.handles();
     let ports = Rc::new(RefCell::new(ports));
     let stepper = (Rc::clone(&axes), Rc::clone(&ports));
-    let stepper = Box::new((stepper, Arc::clone(&control.beat)));
+    let stepper = Box::new((stepper, control.beat.beater()));
     bring_up::start_cycles(context, &ready, stepper, period).await?;
     bring_up::operate(context, &ready, period, &progress).await?;
     // Handles show what the last cycle was: whoever looks at once is to see devices in OP.
@@ -200,6 +206,7 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
     let mut usual = None;
     let mut lost = vec![false; running.devices.len()];
     let mut lock = LockWatch::new();
+    let mut wakers = WakeStatistics::default();
     while !control.is_shutdown() {
         context.time.rest(LOOK_EVERY).await;
         if let Some(event) = lock.look(context.counters.clock.read())
@@ -214,6 +221,11 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
             context.log.note(context.time.now(), note);
             let reference = DriveId::clone(reference);
             control.report(NetworkEvent::Clock { reference, event });
+        }
+        let seen = context.wakes.statistics();
+        if seen.slow > wakers.slow || seen.panicked > wakers.panicked {
+            context.log.note(context.time.now(), Note::Wakers(seen));
+            wakers = seen;
         }
         let Some((al_status, wrong)) = look(context, control, &running.ids, &mut lost) else {
             return;

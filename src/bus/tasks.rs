@@ -13,6 +13,8 @@ use std::{
 use async_task::{Runnable, Task};
 use crossbeam_queue::{ArrayQueue, SegQueue};
 
+use crate::wakes::on_bus;
+
 /// More tasks than a line has: one for the network, two for each drive.
 const PLACES: usize = 1024;
 
@@ -84,7 +86,7 @@ impl Tasks {
         let Some(runnable) = self.ready.next() else {
             return false;
         };
-        runnable.run();
+        on_bus(|| runnable.run());
         true
     }
 }

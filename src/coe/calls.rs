@@ -16,6 +16,7 @@ use smol::channel::{Receiver, Sender, bounded};
 
 use super::client::{Dialogue, Failure, MailboxSettings};
 use super::error::Transfer;
+use crate::wakes::Waiters;
 
 /// Bytes that are got ready for an answer of unknown length, as long as none was longer: more than most objects have.
 const USUAL_ROOM: usize = 4096;
@@ -68,6 +69,8 @@ struct Calls {
     /// Room for a call from each place.
     waiting: ArrayQueue<Call>,
     client: AtomicWaker,
+    /// The program's futures that wait for an answer, or for a place.
+    waiters: Arc<Waiters>,
     callers_gone: AtomicBool,
     client_gone: AtomicBool,
     settings: MailboxSettings,
@@ -76,7 +79,7 @@ struct Calls {
 }
 
 /// The callers' end and the client's.
-pub(super) fn calls(settings: MailboxSettings) -> (Callers, Served) {
+pub(super) fn calls(settings: MailboxSettings, waiters: Arc<Waiters>) -> (Callers, Served) {
     // One is served while the others wait.
     let count = settings.request_capacity.max(1).saturating_add(1);
     let place = || Place {
@@ -95,6 +98,7 @@ pub(super) fn calls(settings: MailboxSettings) -> (Callers, Served) {
         free,
         waiting: ArrayQueue::new(count),
         client: AtomicWaker::new(),
+        waiters,
         callers_gone: AtomicBool::new(false),
         client_gone: AtomicBool::new(false),
         settings,
@@ -129,6 +133,10 @@ impl Callers {
 
     /// Hands `request` to the client, once there is a place for it, and waits for its answer; `None` if the client is gone.
     pub(super) async fn call(&self, request: Request) -> Option<Answer> {
+        self.0.waiters.relay(self.call_directly(request)).await
+    }
+
+    async fn call_directly(&self, request: Request) -> Option<Answer> {
         let calls = &*self.0;
         let place = calls.free.1.recv().await.ok()?;
         let seated = Seated { calls, place };

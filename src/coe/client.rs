@@ -23,6 +23,7 @@ use super::mail_signal::MailSignal;
 use super::mailbox::{MailboxError, SHORTEST_MAILBOX, sdo_mail};
 use super::sdo::{SdoFault, Step, abort_request};
 use super::transport::{LinkFault, MailboxTransport};
+use crate::wakes::Waiters;
 
 #[cfg(test)]
 mod tests;
@@ -119,8 +120,20 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         settings: MailboxSettings,
         drive: DriveId,
     ) -> (Self, SdoHandle, Emergencies) {
-        let (callers, calls) = calls(settings);
-        let (queue, emergencies) = EmergencyQueue::new(settings.emergency_capacity);
+        let waiters = Waiters::direct;
+        Self::with(transport, clock, settings, drive, waiters)
+    }
+
+    /// The same; who waits for it, waits at these.
+    pub(crate) fn with(
+        transport: T,
+        clock: C,
+        settings: MailboxSettings,
+        drive: DriveId,
+        waiters: impl Fn() -> Arc<Waiters>,
+    ) -> (Self, SdoHandle, Emergencies) {
+        let (callers, calls) = calls(settings, waiters());
+        let (queue, emergencies) = EmergencyQueue::new(settings.emergency_capacity, waiters());
         let drive = Arc::new(drive);
         let read_length = settings.read_length.max(SHORTEST_MAILBOX);
         let client = Self {

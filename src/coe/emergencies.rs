@@ -12,6 +12,7 @@ use smol::stream::{Stream, StreamExt, unfold};
 use super::emergency::Emergency;
 use super::error::DriveId;
 use super::error_texts::ErrorTexts;
+use crate::wakes::Waiters;
 
 /// An emergency message, whose it is, when it was read, and what it means.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -95,6 +96,7 @@ impl fmt::Display for EmergencyReport {
 #[derive(Debug, Clone)]
 pub struct Emergencies {
     queue: Receiver<Queued>,
+    waiters: Arc<Waiters>,
     overflow: Arc<Overflow>,
 }
 
@@ -102,7 +104,7 @@ impl Emergencies {
     /// The next report; `None` once the bus is gone and all have been taken.
     pub async fn next(&self) -> Option<EmergencyReport> {
         loop {
-            let queued = self.queue.recv().await.ok()?;
+            let queued = self.waiters.relay(self.queue.recv()).await.ok()?;
             if let Some(report) = self.overflow.report(queued) {
                 return Some(report);
             }
@@ -186,8 +188,8 @@ pub(crate) struct EmergencyQueue {
 }
 
 impl EmergencyQueue {
-    /// A queue of this many emergencies.
-    pub(crate) fn new(capacity: usize) -> (Self, Emergencies) {
+    /// A queue of this many emergencies, and where those wait who want them.
+    pub(crate) fn new(capacity: usize, waiters: Arc<Waiters>) -> (Self, Emergencies) {
         let capacity = capacity.max(1);
         // One more, for the place of what was lost.
         let (sender, receiver) = bounded(capacity.saturating_add(1));
@@ -199,6 +201,7 @@ impl EmergencyQueue {
         };
         let emergencies = Emergencies {
             queue: receiver,
+            waiters,
             overflow,
         };
         (queue, emergencies)
@@ -251,7 +254,7 @@ mod tests {
 
     #[test]
     fn what_is_lost_is_told_once_in_its_place() {
-        let (queue, emergencies) = EmergencyQueue::new(3);
+        let (queue, emergencies) = EmergencyQueue::new(3, Waiters::direct());
         (1..=5).for_each(|code| queue.push(emergency(code)));
         assert_eq!(taken(&emergencies), [1, 2, 3, -2]);
         assert!(taken(&emergencies).is_empty());
@@ -261,7 +264,7 @@ mod tests {
 
     #[test]
     fn what_comes_after_a_loss_is_behind_it() {
-        let (queue, emergencies) = EmergencyQueue::new(3);
+        let (queue, emergencies) = EmergencyQueue::new(3, Waiters::direct());
         (1..=5).for_each(|code| queue.push(emergency(code)));
         assert!(emergencies.try_next().is_some());
         assert!(emergencies.try_next().is_some());
@@ -276,7 +279,7 @@ mod tests {
     #[test]
     fn none_is_missing_from_the_numbers_while_another_thread_takes_them() {
         const SENT: u64 = 20_000;
-        let (queue, emergencies) = EmergencyQueue::new(2);
+        let (queue, emergencies) = EmergencyQueue::new(2, Waiters::direct());
         let reader = std::thread::spawn(move || {
             smol::block_on(async {
                 let mut seen = 0;

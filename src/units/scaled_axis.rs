@@ -141,8 +141,10 @@ impl ScaledAxis {
     }
 
     /// As [`Axis::changed`], with position and velocity in the program's units.
-    pub async fn changed(&self) -> ScaledStatus {
-        self.seen(self.axis.changed().await)
+    #[must_use = "it is `None` once the network has ended"]
+    pub async fn changed(&self) -> Option<ScaledStatus> {
+        let snapshot = self.axis.changed().await?;
+        Some(self.seen(snapshot))
     }
 
     fn seen(&self, snapshot: Snapshot) -> ScaledStatus {

@@ -29,7 +29,9 @@ fn every_future_resolves_when_the_bus_thread_ends_and_says_how_far_its_set_point
         unsent.poll().unwrap().unwrap_err().failure(),
         lost(Delivery::NotSent)
     );
-    assert!(changed.poll().unwrap().lost);
+    assert!(changed.poll().unwrap().unwrap().lost);
+    // A loop over the changes ends with the bus.
+    assert_eq!(Task::new(axis.changed()).poll(), Some(None));
     assert!(axis.status().lost);
     let refused = Task::new(axis.enable()).poll().unwrap().unwrap_err();
     assert!(matches!(refused.kind, AxisErrorKind::Closed));

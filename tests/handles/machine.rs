@@ -149,7 +149,7 @@ impl Machine {
     }
 
     pub(crate) fn of(axes: usize, variant: &Variant) -> Self {
-        let queue = GroupQueue::new();
+        let queue = GroupQueue::in_virtual_time();
         let mut machine = Self {
             stations: (0..axes)
                 .map(|index| Station::new(index, &queue, variant))

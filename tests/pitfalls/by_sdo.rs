@@ -115,7 +115,7 @@ impl Station {
                 drive: Arc::clone(&drive),
                 cycles: Arc::clone(&cycles),
             }),
-            groups: GroupQueue::new(),
+            groups: GroupQueue::in_virtual_time(),
             index: 0,
         }
         .open(&core);

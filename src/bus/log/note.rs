@@ -10,6 +10,7 @@ use crate::{
     bus::{AlError, AlState, AlStatus, BringUpStep, ClockEvent, NetworkEvent, Recovered},
     coe::{DriveId, MailNote},
     ds402::{Controlword, State, Statusword},
+    wakes::WakeStatistics,
 };
 
 /// One event to be logged.
@@ -47,6 +48,8 @@ pub(in crate::bus) enum Note {
     NoAbortConnection {
         axis: String,
     },
+    /// A waker of the program holds up the others, or has panicked.
+    Wakers(WakeStatistics),
     /// At the end, axes still move.
     NotStopped,
     /// At the end, a drive did not go into this state.
@@ -126,6 +129,7 @@ impl Note {
             | Self::Unfed
             | Self::Clock(..)
             | Self::NotStopped
+            | Self::Wakers(_)
             | Self::NotOnTheWayDown { .. } => Level::WARN,
         }
     }
@@ -172,6 +176,19 @@ impl Note {
                     axis,
                     ?at,
                     "no object 6007h: the drive alone decides what it does when the process data stop"
+                );
+            }
+            Self::Wakers(WakeStatistics {
+                slow,
+                longest,
+                panicked,
+            }) => {
+                tracing::warn!(
+                    slow,
+                    ?longest,
+                    panicked,
+                    ?at,
+                    "a waker of the program blocks or has panicked: no other future is woken while one blocks"
                 );
             }
             Self::NotStopped => {

@@ -17,6 +17,7 @@ use crate::{
     coe::{DriveId, MailNote},
     ds402::{Controlword, State, Statusword},
     sii::Identity,
+    wakes::WakeStatistics,
 };
 
 thread_local! {
@@ -144,6 +145,7 @@ fn the_level_of_a_note_is_that_of_its_event_and_each_says_when_it_happened() {
             total: 14,
         },
         Note::NotStopped,
+        Note::Wakers(WakeStatistics::default()),
         Note::NotOnTheWayDown {
             drive: drive(),
             state: AlState::SafeOp,

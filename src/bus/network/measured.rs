@@ -31,7 +31,10 @@ impl Network {
     /// ```
     #[must_use]
     pub fn statistics(&self) -> Statistics {
-        self.control.counters.read()
+        Statistics {
+            wakes: self.control.wakes.statistics(),
+            ..self.control.counters.read()
+        }
     }
 
     /// How steady the cycles were, as histograms.

@@ -47,7 +47,7 @@ fn answer(served: &Served, call: Call) {
 #[test]
 fn every_caller_gets_its_own_answer_and_every_place_is_given_back_though_callers_go_away() {
     const CALLS: u16 = 400;
-    let (callers, served) = calls(settings(2));
+    let (callers, served) = calls(settings(2), Waiters::direct());
     let callers = Arc::new(callers);
     let asked: Vec<_> = (0..6u16)
         .map(|thread| {
@@ -93,7 +93,7 @@ fn every_caller_gets_its_own_answer_and_every_place_is_given_back_though_callers
 
 #[test]
 fn what_a_caller_leaves_behind_is_no_answer_for_the_next() {
-    let (callers, served) = calls(settings(1));
+    let (callers, served) = calls(settings(1), Waiters::direct());
     let mut context = Context::from_waker(Waker::noop());
     for left in [1, 2] {
         {
@@ -118,7 +118,7 @@ fn what_a_caller_leaves_behind_is_no_answer_for_the_next() {
 
 #[test]
 fn calls_that_wait_for_a_place_or_an_answer_end_with_the_client() {
-    let (callers, served) = calls(settings(1));
+    let (callers, served) = calls(settings(1), Waiters::direct());
     let callers = Arc::new(callers);
     let waiting: Vec<_> = (0..4)
         .map(|index| {
@@ -137,7 +137,7 @@ fn calls_that_wait_for_a_place_or_an_answer_end_with_the_client() {
 
 #[test]
 fn the_client_serves_what_was_asked_and_ends_when_nobody_can_ask() {
-    let (callers, served) = calls(settings(1));
+    let (callers, served) = calls(settings(1), Waiters::direct());
     let mut context = Context::from_waker(Waker::noop());
     {
         let mut call = pin!(callers.call(request(1)));
