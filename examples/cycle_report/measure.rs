@@ -12,7 +12,7 @@ use std::{
 use indicatif::{ProgressBar, ProgressStyle};
 use servocrab::bus::{
     CableLoad, ClockStatistics, DevicePorts, DriveStatistics, Network, NetworkEvent, PortErrors,
-    Statistics, Timing,
+    Statistics, Timing, WakeStatistics,
 };
 
 /// Events that are told; a loose cable makes many.
@@ -138,6 +138,11 @@ fn counted_since(now: &Statistics, before: &Statistics) -> Statistics {
             beyond: clock.beyond - before.clock.map_or(0, |before| before.beyond),
             ..clock
         }),
+        wakes: WakeStatistics {
+            slow: now.wakes.slow - before.wakes.slow,
+            panicked: now.wakes.panicked - before.wakes.panicked,
+            ..now.wakes
+        },
     }
 }
 
