@@ -11,14 +11,14 @@ mod tree;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::num::NonZero;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::thread;
 use std::time::Instant;
 
 use self::build::Built;
 use self::judge::Executable;
-use self::table::{Mutant, Target};
+use self::table::{Fault, Mutant, Target};
 use self::tree::{Sources, Tree};
 
 /// Puts each defect of tests/mutants.toml into a copy of the tree and demands that its tests find it.
@@ -43,34 +43,46 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
     for fault in &faults {
         println!("mutants: {fault}");
     }
-    let chosen = choose(&mutants, &args.ids)?;
-    if args.check || !faults.is_empty() {
+    if args.check {
         println!("mutants: {} rows, {} faults", mutants.len(), faults.len());
-        return if faults.is_empty() {
-            Ok(())
-        } else {
-            Err("tests/mutants.toml and the code disagree".into())
-        };
+        return over(&faults);
     }
+    let chosen = choose(&mutants, &args.ids)?;
     let jobs = args
         .jobs
         .or_else(|| thread::available_parallelism().ok())
         .map_or(1, NonZero::get);
     sources.read_constant_functions()?;
-    let faults = Work::new(root, &mutants, &sources, jobs).all(&chosen)?;
+    let work = Work {
+        root,
+        mutants: &mutants,
+        sources: &sources,
+        tree: Tree::new(root),
+        jobs,
+        whole: args.ids.is_empty(),
+        faults: Mutex::new(faults),
+    };
+    let faults = work.all(&chosen)?;
+    println!();
     for fault in &faults {
         println!("mutants: {fault}");
     }
+    let of = |mutant: &Mutant| faults.iter().any(|fault| fault.of == mutant.id);
+    let caught = chosen.iter().filter(|number| !of(&mutants[**number]));
+    let took = begun.elapsed().as_secs_f64();
     println!(
-        "mutants: {} of {} caught in {:.0} s",
-        chosen.len() - faults.len().min(chosen.len()),
-        chosen.len(),
-        begun.elapsed().as_secs_f64()
+        "mutants: {} of {} caught in {took:.0} s",
+        caught.count(),
+        chosen.len()
     );
-    if faults.is_empty() {
-        Ok(())
-    } else {
-        Err(format!("{} faults", faults.len()).into())
+    over(&faults)
+}
+
+fn over(faults: &[Fault]) -> crate::Result<()> {
+    match faults.len() {
+        0 => Ok(()),
+        1 => Err("one fault".into()),
+        faults => Err(format!("{faults} faults").into()),
     }
 }
 
@@ -90,7 +102,7 @@ fn choose<'a>(mutants: &'a [Mutant], ids: &[String]) -> crate::Result<Vec<usize>
 }
 
 /// The tests that rows name and that are nowhere. A test in a macro is found by its name alone.
-fn tests_missing(root: &std::path::Path, mutants: &[Mutant]) -> Vec<String> {
+fn tests_missing(root: &Path, mutants: &[Mutant]) -> Vec<Fault> {
     let mut faults = Vec::new();
     let mut texts: BTreeMap<&Target, String> = BTreeMap::new();
     for mutant in mutants {
@@ -112,7 +124,10 @@ fn tests_missing(root: &std::path::Path, mutants: &[Mutant]) -> Vec<String> {
             for test in tests {
                 let name = test.rsplit("::").next().unwrap_or(test);
                 if !text.contains(name) {
-                    faults.push(format!("{}: there is no test {target} {test}", mutant.id));
+                    faults.push(Fault::new(
+                        &mutant.id,
+                        format!("there is no test {target} {test}"),
+                    ));
                 }
             }
         }
@@ -122,33 +137,19 @@ fn tests_missing(root: &std::path::Path, mutants: &[Mutant]) -> Vec<String> {
 
 /// What there is to do, and what came of it.
 struct Work<'a> {
+    root: &'a Path,
     mutants: &'a [Mutant],
     sources: &'a Sources<'a>,
     tree: Tree,
     jobs: usize,
-    root: &'a std::path::Path,
-    faults: Mutex<Vec<String>>,
+    /// Each suite passes as a whole without a mutant, not only the tests that are named.
+    whole: bool,
+    faults: Mutex<Vec<Fault>>,
 }
 
-impl<'a> Work<'a> {
-    fn new(
-        root: &'a std::path::Path,
-        mutants: &'a [Mutant],
-        sources: &'a Sources<'a>,
-        jobs: usize,
-    ) -> Self {
-        Self {
-            mutants,
-            sources,
-            tree: Tree::new(root),
-            jobs,
-            root,
-            faults: Mutex::default(),
-        }
-    }
-
+impl Work<'_> {
     /// Judges these mutants. What is wrong with them, a line each.
-    fn all(mut self, chosen: &[usize]) -> crate::Result<Vec<String>> {
+    fn all(mut self, chosen: &[usize]) -> crate::Result<Vec<Fault>> {
         self.tree.take_dependencies(self.root)?;
         let targets: BTreeSet<&Target> = chosen
             .iter()
@@ -167,6 +168,9 @@ impl<'a> Work<'a> {
             .filter(|mutant| !without.contains(&self.mutants[*mutant].number()));
         self.share(ready, |mutant| self.judge(mutant, &executables));
         for mutant in single {
+            if without.contains(&self.mutants[mutant].number()) {
+                continue;
+            }
             self.tree.put(self.sources, mutant)?;
             let judged = self.single(mutant);
             self.tree.take_out(self.sources, mutant)?;
@@ -180,7 +184,10 @@ impl<'a> Work<'a> {
         &mut self,
         targets: &BTreeSet<&Target>,
     ) -> crate::Result<(BTreeMap<Target, PathBuf>, BTreeSet<u32>)> {
-        let mut without = BTreeSet::new();
+        // Those that have no place.
+        let broken = |mutant: &&Mutant| self.is_at_fault(&mutant.id);
+        let broken = self.mutants.iter().filter(broken);
+        let mut without: BTreeSet<_> = broken.map(Mutant::number).collect();
         loop {
             let begun = Instant::now();
             self.tree.write(self.sources, &without)?;
@@ -209,7 +216,7 @@ impl<'a> Work<'a> {
                         .iter()
                         .filter(|mutant| mutants.contains(&mutant.number()))
                     {
-                        self.fault(format!("{}: does not compile", mutant.id));
+                        self.fault(&mutant.id, "does not compile");
                     }
                     without.extend(mutants);
                 }
@@ -250,7 +257,7 @@ impl<'a> Work<'a> {
                 scope.spawn(|| {
                     while let Some(one) = next() {
                         if let Err(error) = action(one) {
-                            self.fault(error.to_string());
+                            self.fault(&"a test", error.to_string());
                         }
                     }
                 });
@@ -258,12 +265,7 @@ impl<'a> Work<'a> {
         });
     }
 
-    fn suite(
-        &self,
-        target: &Target,
-        path: &std::path::Path,
-        chosen: &[usize],
-    ) -> crate::Result<()> {
+    fn suite(&self, target: &Target, path: &Path, chosen: &[usize]) -> crate::Result<()> {
         let begun = Instant::now();
         let of = chosen
             .iter()
@@ -274,7 +276,7 @@ impl<'a> Work<'a> {
             target,
             path,
         };
-        match executable.suite(&needed)? {
+        match executable.without_mutant(&needed, self.whole)? {
             Ok(()) => println!(
                 "{target}: passes without a mutant ({:.0} s)",
                 begun.elapsed().as_secs_f64()
@@ -282,7 +284,7 @@ impl<'a> Work<'a> {
             Err((faults, output)) => {
                 println!("{output}");
                 for fault in faults {
-                    self.fault(format!("{target} without a mutant: {fault}"));
+                    self.fault(target, fault);
                 }
             }
         }
@@ -309,7 +311,7 @@ impl<'a> Work<'a> {
                 ),
                 Err((wrong, output)) => {
                     println!("{:60} {took:5.1} s  {wrong}\n{output}", mutant.id);
-                    self.fault(format!("{}: {target} {wrong}", mutant.id));
+                    self.fault(&mutant.id, format!("{target} {wrong}"));
                 }
             }
         }
@@ -331,15 +333,20 @@ impl<'a> Work<'a> {
             }
             Built::Errors { text, .. } => {
                 println!("{text}");
-                self.fault(format!("{}: does not compile", of.id));
+                self.fault(&of.id, "does not compile");
                 Ok(())
             }
         }
     }
 
-    fn fault(&self, fault: String) {
+    fn fault(&self, of: &dyn std::fmt::Display, what: impl Into<String>) {
         if let Ok(mut faults) = self.faults.lock() {
-            faults.push(fault);
+            faults.push(Fault::new(of, what));
         }
+    }
+
+    fn is_at_fault(&self, id: &str) -> bool {
+        let faults = self.faults.lock();
+        faults.is_ok_and(|faults| faults.iter().any(|fault| fault.of == id))
     }
 }

@@ -163,10 +163,9 @@ impl File {
                     })
                     .min_by_key(|block| block.len());
                 let Some(around) = around else {
-                    return Err(format!(
-                        "{}: outside of all blocks, where nothing can be chosen at run time",
-                        change.id
-                    ));
+                    return Err(
+                        "outside of all blocks, where nothing can be chosen at run time".to_owned(),
+                    );
                 };
                 constants.extend(edits[0].constant.clone());
                 let copy = Copy {

@@ -32,6 +32,29 @@ impl Mutant {
     }
 }
 
+/// What is wrong with a mutant, or with what else is named.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Fault {
+    /// The id, or the file or suite.
+    pub(crate) of: String,
+    what: String,
+}
+
+impl Fault {
+    pub(crate) fn new(of: &dyn fmt::Display, what: impl Into<String>) -> Self {
+        Self {
+            of: of.to_string(),
+            what: what.into(),
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.of, self.what)
+    }
+}
+
 /// One change of the code.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -149,13 +172,13 @@ struct Row {
 }
 
 /// All rows, with what is wrong with them.
-pub(crate) fn read(root: &Path) -> crate::Result<(Vec<Mutant>, Vec<String>)> {
+pub(crate) fn read(root: &Path) -> crate::Result<(Vec<Mutant>, Vec<Fault>)> {
     let text = std::fs::read_to_string(root.join("tests/mutants.toml"))?;
     let page = std::fs::read_to_string(root.join("docs/conformance.md"))?;
     rows(&text, &page)
 }
 
-fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<String>)> {
+fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<Fault>)> {
     let table: Table = toml::from_str(text)?;
     let mut page = of_the_page(page);
     let mut faults = Vec::new();
@@ -168,7 +191,7 @@ fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<String>)> {
             Some(Ok(test)) => {
                 tests.entry(test.target).or_default().insert(test.name);
             }
-            Some(Err(wrong)) => faults.push(format!("{}: {wrong}", row.id)),
+            Some(Err(wrong)) => faults.push(Fault::new(&row.id, wrong)),
             None => {}
         }
         if let Some(rows) = page.remove(&row.id) {
@@ -180,17 +203,17 @@ fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<String>)> {
             tests.entry(target).or_default().extend(rows);
         }
         if tests.is_empty() {
-            faults.push(format!(
-                "{}: neither the row nor docs/conformance.md names a test",
-                row.id
+            faults.push(Fault::new(
+                &row.id,
+                "neither the row nor docs/conformance.md names a test",
             ));
         }
         if row.why.trim().is_empty() || row.single.as_ref().is_some_and(|why| why.trim().is_empty())
         {
-            faults.push(format!("{}: no reason", row.id));
+            faults.push(Fault::new(&row.id, "no reason"));
         }
         if row.edits.is_empty() {
-            faults.push(format!("{}: changes nothing", row.id));
+            faults.push(Fault::new(&row.id, "changes nothing"));
         }
         let mutant = Mutant {
             id: row.id,
@@ -199,20 +222,24 @@ fn rows(text: &str, page: &str) -> crate::Result<(Vec<Mutant>, Vec<String>)> {
             single: row.single.is_some(),
         };
         if !ids.insert(mutant.id.clone()) || !numbers.insert(mutant.number()) {
-            faults.push(format!(
-                "{}: another row has this id or its number",
-                mutant.id
+            faults.push(Fault::new(
+                &mutant.id,
+                "another row has this id or its number",
             ));
         }
         mutants.push(mutant);
     }
     for id in page.keys() {
-        faults.push(format!("docs/conformance.md names {id}, which has no row"));
+        faults.push(Fault::new(
+            id,
+            "docs/conformance.md names it, but it has no row",
+        ));
     }
     let single = mutants.iter().filter(|mutant| mutant.single).count();
     if single > MOST_SINGLE {
-        faults.push(format!(
-            "{single} rows are built singly, {MOST_SINGLE} may be"
+        faults.push(Fault::new(
+            &"tests/mutants.toml",
+            format!("{single} rows are built singly, {MOST_SINGLE} may be"),
         ));
     }
     Ok((mutants, faults))
@@ -248,7 +275,7 @@ mod tests {
     fn a_row_has_its_own_test_and_those_of_the_page() {
         let text = row("drive-a", "") + &row("01-b", r#"test = "--lib a::tests::b""#);
         let (mutants, faults) = rows(&text, PAGE).expect("a table");
-        assert_eq!(faults, Vec::<String>::new());
+        assert_eq!(faults, []);
         let of = |mutant: &Mutant| -> Vec<String> {
             let tests = mutant.tests.iter();
             tests
@@ -271,13 +298,14 @@ mod tests {
     fn the_page_and_the_table_name_each_other() {
         let text = row("drive-a", "") + &row("drive-unused", "") + &row("drive-a", "");
         let (_, faults) = rows(&text, PAGE).expect("a table");
+        let faults: Vec<_> = faults.iter().map(ToString::to_string).collect();
         assert_eq!(
             faults,
             [
                 "drive-unused: neither the row nor docs/conformance.md names a test",
                 "drive-a: neither the row nor docs/conformance.md names a test",
                 "drive-a: another row has this id or its number",
-                "docs/conformance.md names 01-b, which has no row",
+                "01-b: docs/conformance.md names it, but it has no row",
             ]
         );
     }
@@ -293,7 +321,8 @@ mod tests {
             })
             .collect();
         let (_, faults) = rows(&text, "").expect("a table");
-        assert_eq!(faults, ["31 rows are built singly, 30 may be"]);
+        let many = "31 rows are built singly, 30 may be";
+        assert_eq!(faults, [Fault::new(&"tests/mutants.toml", many)]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::rewrite::{Change, File, Placed, Rewritten};
-use super::table::Mutant;
+use super::table::{Fault, Mutant};
 
 /// The packages that can have mutants, by their manifests.
 const MANIFESTS: [(&str, &str); 2] = [("Cargo.toml", "mutants"), ("sim/Cargo.toml", "../mutants")];
@@ -69,7 +69,7 @@ pub(crate) struct Sources<'a> {
 
 impl<'a> Sources<'a> {
     /// Reads the files that the rows name. What has no place in them is added to the faults.
-    pub(crate) fn read(root: &'a Path, mutants: &'a [Mutant], faults: &mut Vec<String>) -> Self {
+    pub(crate) fn read(root: &'a Path, mutants: &'a [Mutant], faults: &mut Vec<Fault>) -> Self {
         let mut files = BTreeMap::new();
         let mut placed: BTreeMap<_, Vec<_>> = BTreeMap::new();
         for name in mutants
@@ -81,20 +81,19 @@ impl<'a> Sources<'a> {
             let text = fs::read_to_string(root.join(name)).map_err(|error| error.to_string());
             match text.and_then(|text| File::read(text).map_err(|error| error.to_string())) {
                 Ok(file) => drop(files.insert(name.to_owned(), file)),
-                Err(error) => faults.push(format!("{name}: {error}")),
+                Err(error) => faults.push(Fault::new(&name, error)),
             }
         }
         for (number, mutant) in mutants.iter().enumerate() {
             for edit in &mutant.edits {
-                let Some(file) = files.get(&edit.file) else {
-                    continue;
-                };
-                match file.place(edit) {
+                let unread = || format!("{} cannot be read", edit.file);
+                let file = files.get(&edit.file).ok_or_else(unread);
+                match file.and_then(|file| file.place(edit)) {
                     Ok(edit_placed) => placed
                         .entry((edit.file.clone(), number))
                         .or_default()
                         .push(edit_placed),
-                    Err(wrong) => faults.push(format!("{}: {wrong}", mutant.id)),
+                    Err(wrong) => faults.push(Fault::new(&mutant.id, wrong)),
                 }
             }
         }
@@ -108,32 +107,26 @@ impl<'a> Sources<'a> {
         sources
     }
 
-    /// What is no Rust with a mutant in it is a fault.
-    fn parse(&self, faults: &mut Vec<String>) {
+    /// What has no choice, or is no Rust with a mutant in it, is a fault.
+    fn parse(&self, faults: &mut Vec<Fault>) {
+        let none = BTreeSet::new();
         for (name, file) in &self.files {
             let changes = self.changes(name, &BTreeSet::new());
-            match file.with_choices(&changes, &BTreeSet::new()) {
-                Err(wrong) => faults.push(wrong),
-                Ok(rewritten) if syn::parse_file(&rewritten.text).is_ok() => {}
-                Ok(_) => {
-                    for mutant in self.of(name) {
-                        if let Err(error) =
-                            syn::parse_file(&file.with(&self.placed[&(name.clone(), mutant)]))
-                        {
-                            faults
-                                .push(format!("{}: is no Rust: {error}", self.mutants[mutant].id));
-                        }
-                    }
+            let rewritten = file.with_choices(&changes, &none);
+            if rewritten.is_ok_and(|rewritten| syn::parse_file(&rewritten.text).is_ok()) {
+                continue;
+            }
+            for change in changes {
+                let alone = file.with_choices(std::slice::from_ref(&change), &none);
+                let parsed = alone.and_then(|alone| {
+                    let parsed = syn::parse_file(&alone.text);
+                    parsed.map_err(|error| format!("is no Rust: {error}"))
+                });
+                if let Err(wrong) = parsed {
+                    faults.push(Fault::new(&change.id, wrong));
                 }
             }
         }
-    }
-
-    fn of(&self, file: &str) -> impl Iterator<Item = usize> {
-        self.placed
-            .keys()
-            .filter(move |(name, _)| name == file)
-            .map(|(_, mutant)| *mutant)
     }
 
     /// Reads the other files that have constant functions: one that calls a function with a mutant is none any more.
