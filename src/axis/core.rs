@@ -60,7 +60,7 @@ pub(super) use cycle;
 /// axis.step(Duration::from_millis(1), Inputs::Fresh(&[0x50, 0x02, 0, 0, 0, 0]), &mut outputs);
 /// assert_eq!(outputs[0], 0x06);
 /// ```
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct AxisCore {
     pub(super) config: AxisConfig,
     pub(super) bounds: Bounds,

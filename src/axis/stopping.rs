@@ -36,7 +36,7 @@ pub(super) enum Wait {
 }
 
 /// The stop under way.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Stopping {
     pub(super) stage: Stage,
     /// Whether the axis is to be disabled at the end.

@@ -52,7 +52,7 @@ pub(crate) enum Verdict {
 }
 
 /// The sequencing of one drive axis' homing.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Procedure {
     stage: Stage,
     /// How long an axis with an error may take to come to rest.

@@ -33,7 +33,7 @@ pub(super) enum Next {
 }
 
 /// The set-points that the drive has acknowledged and not ended, in order.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Chain {
     held: [Option<Track>; HELD],
     /// One that is over by the drive's word, bit 12, and whose end the axis has not been seen at.
@@ -43,7 +43,7 @@ pub(super) struct Chain {
 }
 
 /// A set-point whose place the next one has taken.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Over {
     track: Track,
     /// How the next one was started, and when it was seen to have taken over, from where.

@@ -6,11 +6,19 @@ use super::{CommandId, Event};
 const CAPACITY: usize = 96;
 
 /// Reports in the order in which they arose.
-#[derive(Debug)]
+#[derive(Clone)]
 pub(crate) struct Events {
     ring: [Option<(CommandId, Event)>; CAPACITY],
     first: usize,
     len: usize,
+}
+
+impl core::fmt::Debug for Events {
+    /// Those that wait.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let waiting = (0..self.len).map(|at| self.ring.get((self.first + at) % CAPACITY));
+        f.debug_list().entries(waiting.flatten().flatten()).finish()
+    }
 }
 
 impl Events {

@@ -17,7 +17,7 @@ use super::{
 };
 
 /// The sequencing of set-points towards one drive axis.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Sequencer {
     bit4: Bit4,
     bits: Controlword,

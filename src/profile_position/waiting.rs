@@ -18,7 +18,7 @@ pub(super) struct Request {
 }
 
 /// A queue of fixed size.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Waiting {
     places: [Option<Request>; PLACES],
 }

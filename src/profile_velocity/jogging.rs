@@ -39,7 +39,7 @@ enum Stage {
 }
 
 /// The jog of one drive axis.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Jogging {
     stage: Stage,
     ramps: Parameters,

@@ -31,6 +31,7 @@ fn the_laws_hold() {
         kept,
         from: number("ORACLE_FROM").unwrap_or(1),
         cycles: number("ORACLE_CYCLES").unwrap_or(400_000),
+        seconds: number("ORACLE_SECONDS").unwrap_or(u64::MAX),
         threads: number("ORACLE_THREADS").unwrap_or(1),
         keep: number("ORACLE_KEEP").unwrap_or(1),
     };

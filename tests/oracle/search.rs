@@ -20,6 +20,8 @@ pub struct Search {
     pub from: u64,
     pub cycles: u64,
     pub threads: u64,
+    /// And for at most so many seconds.
+    pub seconds: u64,
     /// Ends after so many violations.
     pub keep: u64,
 }
@@ -54,7 +56,11 @@ impl Search {
                         let place = kept.fetch_add(1, Ordering::Relaxed);
                         let seed = match self.kept.get(place) {
                             Some(&seed) => seed,
-                            None if spent.load(Ordering::Relaxed) >= self.cycles => break,
+                            None if spent.load(Ordering::Relaxed) >= self.cycles
+                                || begin.elapsed().as_secs() >= self.seconds =>
+                            {
+                                break;
+                            }
                             None => next.fetch_add(1, Ordering::Relaxed),
                         };
                         let told = live(seed, &Cut::default(), false);

@@ -1,6 +1,7 @@
 //! The project's own commands. `cargo xtask --help` lists them.
 
 mod mutants;
+mod prove;
 
 use std::process::ExitCode;
 
@@ -17,11 +18,13 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Mutants(mutants::Args),
+    Prove(prove::Args),
 }
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Mutants(args) => mutants::run(&args),
+        Command::Prove(args) => prove::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,0 +1,115 @@
+//! The searches that go on for as long as they are let: the second oracle, the model check, the end of life.
+
+use std::process::Command;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Searches with new seeds for what breaks a law: the second oracle, the model check, the end of life.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Two minutes in all; without it the oracle lives through 10⁹ axis-cycles.
+    #[arg(long)]
+    quick: bool,
+    /// The first seed; without it a new one, which is printed.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Axis-cycles of the oracle.
+    #[arg(long)]
+    cycles: Option<u64>,
+}
+
+/// One test target, and what its environment says.
+struct Part {
+    target: &'static str,
+    /// With the standard library, or the core alone.
+    std: bool,
+    environment: Vec<(&'static str, String)>,
+}
+
+pub(crate) fn run(args: &Args) -> crate::Result<()> {
+    let seed = args.seed.unwrap_or_else(new_seed);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let cycles = args.cycles.unwrap_or(if args.quick {
+        u64::MAX / 2
+    } else {
+        1_000_000_000
+    });
+    let mut oracle = vec![
+        ("ORACLE_FROM", seed.to_string()),
+        ("ORACLE_CYCLES", cycles.to_string()),
+        ("ORACLE_THREADS", threads.to_string()),
+        ("ORACLE_KEEP", "20".to_owned()),
+    ];
+    if args.quick && args.cycles.is_none() {
+        oracle.push(("ORACLE_SECONDS", "60".to_owned()));
+    }
+    let model = vec![
+        ("MODEL_THREADS", threads.to_string()),
+        (
+            "MODEL_SECONDS",
+            if args.quick { "40" } else { "3600" }.to_owned(),
+        ),
+    ];
+    println!("seed {seed}, {threads} processors");
+    let parts = [
+        Part {
+            target: "oracle",
+            std: false,
+            environment: oracle,
+        },
+        Part {
+            target: "model",
+            std: false,
+            environment: model,
+        },
+        Part {
+            target: "end_of_life",
+            std: true,
+            environment: vec![("END_OF_LIFE_SEED", seed.to_string())],
+        },
+    ];
+    let mut failed = Vec::new();
+    for part in parts.iter().filter(|part| exists(part.target)) {
+        println!("\n=== {}", part.target);
+        if !test(part)? {
+            failed.push(part.target);
+        }
+    }
+    if failed.is_empty() {
+        Ok(())
+    } else {
+        Err(format!("{} failed; --seed {seed} repeats it", failed.join(", ")).into())
+    }
+}
+
+fn exists(target: &str) -> bool {
+    let tests = crate::root().join("tests");
+    tests.join(target).join("main.rs").is_file() || tests.join(format!("{target}.rs")).is_file()
+}
+
+fn test(part: &Part) -> crate::Result<bool> {
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo
+        .current_dir(crate::root())
+        .args(["test", "--quiet", "--release"]);
+    if !part.std {
+        cargo.arg("--no-default-features");
+    }
+    cargo.args([
+        "--test",
+        part.target,
+        "--",
+        "--include-ignored",
+        "--nocapture",
+    ]);
+    cargo.envs(part.environment.iter().map(|(name, value)| (name, value)));
+    Ok(cargo.status()?.success())
+}
+
+/// Not the one of another run.
+fn new_seed() -> u64 {
+    let now = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    // Small enough to be typed again, and lives of one run do not come again in the next.
+    now.as_millis() as u64 % 1_000_000_000 * 100_000
+}
