@@ -90,6 +90,7 @@ async fn home(lift: &Axis) -> Result<(), AxisError> {
         .offset(0);
     let homed = homing
         .home(parameters)
+        // A lift that has not found its switch by then is stopped.
         .within(Duration::from_secs(20))
         .await?;
     println!(

@@ -98,6 +98,7 @@ fn after_a_homing_a_distance_counts_from_where_the_axis_stands() {
     let home = rig.send(Command::Home(HomingCommand {
         method: HomingMethod(37),
         offset: None,
+        until: None,
     }));
     rig.finish(home).unwrap();
     mode(&mut rig, Mode::ProfilePosition);

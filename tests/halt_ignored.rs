@@ -74,6 +74,7 @@ fn homing(rig: &mut Rig) -> CommandId {
     let id = rig.send(Command::Home(HomingCommand {
         method: HomingMethod(18),
         offset: None,
+        until: None,
     }));
     rig.run(300);
     assert!(rig.drive.velocity() > 9_000.0);

@@ -204,6 +204,7 @@ impl Life {
         self.send(Command::Home(HomingCommand {
             method: HomingMethod(method),
             offset: None,
+            until: None,
         }));
     }
 

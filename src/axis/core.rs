@@ -243,6 +243,14 @@ impl AxisCore {
         withdrawn
     }
 
+    /// Ends the homing with this id as by [`StopRequest::STOP`], if it was sent and has not ended: nobody waits for it any more.
+    #[cfg(feature = "std")]
+    pub(super) fn end_homing(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
+        if self.homing.is_under_way(id) {
+            self.apply_stop(now, StopRequest::STOP, outputs);
+        }
+    }
+
     /// Whether a gated move has all that it needs in this cycle.
     #[must_use]
     pub fn is_armed(&self, id: CommandId) -> bool {

@@ -82,7 +82,7 @@ pub enum AxisErrorKind {
     /// An object could not be read or written by SDO.
     #[error("{0}")]
     Sdo(Arc<SdoError>),
-    /// The caller's own deadline passed; nothing was stopped by that.
+    /// The caller waited no longer; nothing was stopped by that.
     #[error(
         "no outcome within {within:?} (statusword {statusword}); it goes on, unless it is stopped"
     )]

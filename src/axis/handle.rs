@@ -271,10 +271,22 @@ impl Handles {
         }
     }
 
-    /// Gives a motion up, so far as it was not sent.
-    pub(super) fn withdraw(&self, id: CommandId) {
+    /// Gives a motion up, so far as it was not sent. `ends`: a homing that was sent is stopped.
+    pub(super) fn withdraw(&self, id: CommandId, ends: bool) {
         self.given_up.store(id.0, Ordering::Release);
-        self.shared.withdraw(id);
+        self.shared.withdraw(id, ends);
+    }
+
+    /// This much later by the network's time: [`AxisErrorKind::Late`], by which nothing is stopped.
+    pub(crate) async fn late<T>(&self, within: Duration) -> Result<T, AxisError> {
+        let groups = &self.shared.setup.groups;
+        groups
+            .sleep_until(groups.now().saturating_add(within))
+            .await;
+        Err(self.shared.error(AxisErrorKind::Late {
+            within,
+            statusword: self.shared.snapshot().statusword,
+        }))
     }
 
     fn parameters(&self) -> &dyn ParameterAccess {
@@ -310,7 +322,7 @@ impl Handles {
     pub(super) async fn read_error_code(&self) -> Option<u16> {
         let read = async { self.read_parameter(ERROR_CODE).await.ok() };
         let late = async {
-            smol::Timer::after(ERROR_CODE_DEADLINE).await;
+            let _ = self.late::<()>(ERROR_CODE_DEADLINE).await;
             None
         };
         let value = smol::future::or(read, late).await?;

@@ -222,6 +222,9 @@ impl AxisCore {
                 Verdict::StopIt => {
                     self.begin_quick_stop(now);
                 }
+                Verdict::EndIt => {
+                    self.begin_stop(now, Failure::QuickStopped);
+                }
             },
             Mode::ProfileVelocity => self.jogging.step(&cycle, &mut self.events),
             _ => {}

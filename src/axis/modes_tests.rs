@@ -105,6 +105,7 @@ fn by_switch() -> Command {
     Command::Home(HomingCommand {
         method: HomingMethod::NEGATIVE_LIMIT,
         offset: None,
+        until: None,
     })
 }
 

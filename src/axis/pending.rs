@@ -8,20 +8,30 @@ use super::{
     last_stop::LastStop, tickets::Ticket,
 };
 
-/// One command under way. Dropped before its drive has seen anything of it, a move is withdrawn; other commands go on.
+/// What becomes of a command when nobody waits for it any more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum OnDrop {
+    GoOn,
+    /// So far as its drive has seen nothing of it.
+    Withdraw,
+    /// Withdrawn or, where its drive has seen something of it, stopped.
+    End,
+}
+
+/// One command under way. Dropped before its drive has seen anything of it, a motion is withdrawn; other commands go on.
 #[derive(Debug)]
 pub(crate) struct Pending {
     pub(crate) handles: Arc<Handles>,
     pub(crate) id: CommandId,
     ticket: Arc<Ticket>,
-    withdraw_on_drop: bool,
+    on_drop: OnDrop,
     halts_seen: AtomicU32,
 }
 
 impl Pending {
     pub(super) fn submit(handles: Arc<Handles>, command: Command) -> Result<Self, AxisError> {
         let ticket = handles.shared.submit(command);
-        Self::of(handles, ticket, false)
+        Self::of(handles, ticket, OnDrop::GoOn)
     }
 
     /// What starts a motion and was asked for when this was the last stop.
@@ -31,22 +41,27 @@ impl Pending {
         asked: LastStop,
     ) -> Result<Self, AxisError> {
         let ticket = handles.shared.submit_asked(command, asked);
-        Self::of(handles, ticket, true)
+        Self::of(handles, ticket, OnDrop::Withdraw)
     }
 
     fn of(
         handles: Arc<Handles>,
         ticket: Result<Arc<Ticket>, AxisErrorKind>,
-        withdraw_on_drop: bool,
+        on_drop: OnDrop,
     ) -> Result<Self, AxisError> {
         let ticket = ticket.map_err(|kind| handles.shared.error(kind))?;
         Ok(Self {
             id: ticket.id,
             ticket,
-            withdraw_on_drop,
+            on_drop,
             halts_seen: AtomicU32::new(0),
             handles,
         })
+    }
+
+    /// Dropped before its end, the homing is stopped.
+    pub(crate) const fn end_on_drop(&mut self) {
+        self.on_drop = OnDrop::End;
     }
 
     pub(crate) fn ticket(&self) -> Arc<Ticket> {
@@ -90,7 +105,9 @@ impl Pending {
                 self.result().map(|result| result.map(|_| ()))
             })
             .await;
-        self.withdraw_on_drop = false;
+        if self.on_drop == OnDrop::Withdraw {
+            self.on_drop = OnDrop::GoOn;
+        }
         match result {
             Ok(()) => Ok(()),
             Err(failure) => Err(self.handles.fail(failure).await),
@@ -112,8 +129,8 @@ impl Pending {
 impl Drop for Pending {
     fn drop(&mut self) {
         let shared = &self.handles.shared;
-        if self.withdraw_on_drop && !shared.is_done(self.id) {
-            self.handles.withdraw(self.id);
+        if self.on_drop != OnDrop::GoOn && !shared.is_done(self.id) {
+            self.handles.withdraw(self.id, self.on_drop == OnDrop::End);
         }
         shared.leave(self.id);
     }

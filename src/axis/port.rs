@@ -81,8 +81,11 @@ impl AxisPort {
             self.take_commands(core, now, outputs);
         }
         for _ in 0..withdrawn {
-            if let Some(id) = shared.take_withdrawn() {
-                core.withdraw(id, outputs);
+            if let Some((id, ends)) = shared.take_withdrawn()
+                && !core.withdraw(id, outputs)
+                && ends
+            {
+                core.end_homing(now, id, outputs);
             }
         }
         // And after them: one that was let go before it began never leaves 0.

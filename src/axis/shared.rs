@@ -43,7 +43,8 @@ pub(crate) struct Shared {
     asked: AtomicBool,
     /// With the stop that was the last one when each was asked for.
     queue: ArrayQueue<(CommandId, Command, LastStop)>,
-    withdrawn: ArrayQueue<CommandId>,
+    /// With whether it is to be stopped where it was sent.
+    withdrawn: ArrayQueue<(CommandId, bool)>,
     slots: Slots,
     tickets: Tickets,
     stop: AtomicU8,
@@ -234,9 +235,9 @@ impl Shared {
         }
     }
 
-    /// Gives a command up, so far as it was not sent.
-    pub(crate) fn withdraw(&self, id: CommandId) {
-        let _ = self.withdrawn.push(id);
+    /// Gives a command up, so far as it was not sent. `ends`: a homing that was sent is stopped.
+    pub(crate) fn withdraw(&self, id: CommandId, ends: bool) {
+        let _ = self.withdrawn.push((id, ends));
         self.ask();
     }
 
@@ -408,7 +409,7 @@ impl Shared {
         self.withdrawn.len()
     }
 
-    pub(super) fn take_withdrawn(&self) -> Option<CommandId> {
+    pub(super) fn take_withdrawn(&self) -> Option<(CommandId, bool)> {
         self.withdrawn.pop()
     }
 

@@ -10,7 +10,8 @@ use core::{
 
 use crate::{
     axis::{
-        Axis, AxisError, AxisErrorKind, BoxFuture, Command, Completion, Failure, Lease, Pending,
+        Axis, AxisError, AxisErrorKind, BoxFuture, Command, Completion, Delivery, Failure, Lease,
+        Pending, WaitingFor,
     },
     coe::{Number, Object, Writable, obj},
     ds402::Mode,
@@ -89,8 +90,8 @@ impl Homing {
     /// ([`Snapshot::referenced`](crate::axis::Snapshot::referenced)).
     ///
     /// Method (6098h) and what else is given are written by SDO and confirmed first, or go with the process data where they
-    /// are mapped. There is no deadline for the travel unless one is given by [`Home::within`]. Dropped before bit 4 rose,
-    /// the homing is withdrawn; later, the drive goes on with it, and any stop of the axis ends it.
+    /// are mapped. There is no limit for the travel unless one is given by [`Home::within`]. Dropped before bit 4 rose,
+    /// the homing is withdrawn; later, the axis is stopped, unless it was asked to go on by [`Home::keep_homing`].
     ///
     /// # Errors
     /// Of the future:
@@ -99,14 +100,16 @@ impl Homing {
     /// - [`Failure::Halted`] when somebody halted the axis: a halted homing is over, and the axis is to be stopped;
     /// - [`Failure::QuickStopped`], [`Failure::Disabled`], [`Failure::Fault`], [`Failure::BusLost`];
     /// - [`Failure::Timeout`] when the drive does not show that it has begun: then whether it has is unknown, and
-    ///   [`Axis::stop`] comes before the next try;
+    ///   [`Axis::stop`] comes before the next try; or when it does not end within the time that it was given, by which it is stopped;
     /// - [`Failure::Zero`] for a speed or acceleration of 0;
     /// - what refuses every motion: not enabled, halted, another homing under way.
     pub fn home(&self, parameters: impl Into<HomingParameters>) -> Home<'_> {
-        let parameters = parameters.into();
         Home {
             homing: self,
-            result: Box::pin(self.run(parameters)),
+            parameters: parameters.into(),
+            limit: None,
+            keep: false,
+            result: None,
         }
     }
 
@@ -118,7 +121,37 @@ impl Homing {
         self.axis.release().await
     }
 
-    async fn run(&self, parameters: HomingParameters) -> Result<Homed, AxisError> {
+    /// `until`: when it is stopped. `keep`: it goes on when nobody waits for it any more.
+    async fn run(
+        &self,
+        parameters: HomingParameters,
+        until: Option<Duration>,
+        keep: bool,
+    ) -> Result<Homed, AxisError> {
+        let asking = self.ask(parameters, until);
+        let mut pending = match until {
+            Some(until) => smol::future::or(asking, self.late_before(until)).await?,
+            None => asking.await?,
+        };
+        if !keep {
+            pending.end_on_drop();
+        }
+        pending.accepted().await?;
+        self.axis.trace("homing");
+        let result = homed(&pending).await;
+        self.axis.trace(match &result {
+            Ok(_) => "homed",
+            Err(_) => "homing ended",
+        });
+        result
+    }
+
+    /// Writes the parameters and asks for the homing.
+    async fn ask(
+        &self,
+        parameters: HomingParameters,
+        until: Option<Duration>,
+    ) -> Result<Pending, AxisError> {
         let handles = &self.axis.handles;
         // A stop that comes while parameters are being written stops this homing as well.
         let asked = handles.shared.last_stop();
@@ -135,17 +168,24 @@ impl Homing {
         let command = HomingCommand {
             method: parameters.method,
             offset,
+            until,
         };
-        let mut pending = self.axis.submit_motion(Command::Home(command), asked)?;
+        let pending = self.axis.submit_motion(Command::Home(command), asked)?;
         claim.sent(&pending);
-        pending.accepted().await?;
-        self.axis.trace("homing");
-        let result = homed(&pending).await;
-        self.axis.trace(match &result {
-            Ok(_) => "homed",
-            Err(_) => "homing ended",
-        });
-        result
+        Ok(pending)
+    }
+
+    /// The time is over, and nothing was asked for.
+    async fn late_before<T>(&self, until: Duration) -> Result<T, AxisError> {
+        let shared = &self.axis.handles.shared;
+        shared.setup.groups.sleep_until(until).await;
+        let status = shared.snapshot();
+        Err(shared.error(AxisErrorKind::Failed(Failure::Timeout {
+            waiting_for: WaitingFor::HomingEnd,
+            statusword: status.statusword,
+            controlword: status.controlword,
+            delivery: Delivery::NotSent,
+        })))
     }
 
     async fn write(&self, parameters: &HomingParameters) -> Result<(), AxisError> {
@@ -215,29 +255,58 @@ async fn homed(pending: &Pending) -> Result<Homed, AxisError> {
     }
 }
 
-/// The wait for the end of a homing.
+/// A homing, and the wait for its end. Dropped after bit 4 rose it stops the axis (bit 8, then quick stop).
 #[must_use = "futures do nothing unless awaited"]
 pub struct Home<'a> {
     homing: &'a Homing,
-    result: BoxFuture<'a, Result<Homed, AxisError>>,
+    parameters: HomingParameters,
+    limit: Option<Duration>,
+    keep: bool,
+    result: Option<BoxFuture<'a, Result<Homed, AxisError>>>,
 }
 
 impl<'a> Home<'a> {
-    /// Waits no longer than this, by the clock of the program; then [`AxisErrorKind::Late`]. That stops nothing: stop the
-    /// axis, if it shall not go on looking for its home.
-    pub fn within(self, deadline: Duration) -> Self {
-        let homing = self.homing;
-        let late = async move {
-            smol::Timer::after(deadline).await;
-            let shared = &homing.axis.handles.shared;
-            Err(shared.error(AxisErrorKind::Late {
-                within: deadline,
-                statusword: shared.snapshot().statusword,
-            }))
-        };
-        Home {
+    /// Has the axis stopped (bit 8, then quick stop) where the homing has not ended within this time of the network, from when it is
+    /// first polled: [`Failure::Timeout`] with [`WaitingFor::HomingEnd`]. The axis is stopped also when this future is not polled any
+    /// more. After [`keep_homing`](Self::keep_homing) only the wait ends, with [`AxisErrorKind::Late`].
+    pub const fn within(mut self, limit: Duration) -> Self {
+        self.limit = Some(limit);
+        self
+    }
+
+    /// Lets the drive go on with the homing when this is dropped, or when its time is over, for the reason given. Somebody else has
+    /// to stop the axis then, if it does not find its home.
+    pub fn keep_homing(mut self, reason: &str) -> Self {
+        let identity = self.homing.axis.identity();
+        tracing::info!(
+            axis = identity.axis,
+            drive = %identity.drive,
+            reason,
+            "goes on homing when nobody waits for it"
+        );
+        self.keep = true;
+        self
+    }
+
+    fn begin(&self) -> BoxFuture<'a, Result<Homed, AxisError>> {
+        let Self {
             homing,
-            result: Box::pin(smol::future::or(self.result, late)),
+            parameters,
+            limit,
+            keep,
+            ..
+        } = *self;
+        let handles = &homing.axis.handles;
+        match limit {
+            Some(limit) if keep => Box::pin(smol::future::or(
+                homing.run(parameters, None, true),
+                handles.late(limit),
+            )),
+            limit => {
+                let now = handles.shared.setup.groups.now();
+                let until = limit.map(|limit| now.saturating_add(limit));
+                Box::pin(homing.run(parameters, until, keep))
+            }
         }
     }
 }
@@ -246,7 +315,13 @@ impl Future for Home<'_> {
     type Output = Result<Homed, AxisError>;
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        self.result.as_mut().poll(cx)
+        if self.result.is_none() {
+            self.result = Some(self.begin());
+        }
+        match &mut self.result {
+            Some(result) => result.as_mut().poll(cx),
+            None => Poll::Pending,
+        }
     }
 }
 

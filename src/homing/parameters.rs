@@ -1,5 +1,7 @@
 //! What one homing asks of a drive.
 
+use core::time::Duration;
+
 use super::HomingMethod;
 
 /// The method of a homing, and its speeds, acceleration and offset. What is left out is what the drive holds.
@@ -76,4 +78,14 @@ pub struct HomingCommand {
     /// Home offset 607Ch, where it is known: the software position limits 607Dh are counted from there, and by it a method
     /// that moves nothing is recognized as done; taken for 0 there where it is not known.
     pub offset: Option<i32>,
+    /// When it is to have ended, by the clock of [`AxisCore::step`](crate::axis::AxisCore::step); none for a travel without a limit.
+    /// A homing that has not ended then is stopped: bit 8, then quick stop.
+    pub until: Option<Duration>,
+}
+
+impl HomingCommand {
+    /// Whether it is to have ended by now.
+    pub(super) fn is_late(&self, now: Duration) -> bool {
+        self.until.is_some_and(|until| now >= until)
+    }
 }

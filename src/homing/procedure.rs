@@ -12,7 +12,9 @@ use core::time::Duration;
 
 use crate::{
     ds402::Controlword,
-    profile_position::{CommandId, Completion, Cycle, Delivery, Event, Events, Failure},
+    profile_position::{
+        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, WaitingFor,
+    },
 };
 
 use super::{HomingCommand, run::Run};
@@ -49,6 +51,8 @@ pub(crate) enum Verdict {
     Attained,
     /// The drive reports an error and does not come to rest: stop it.
     StopIt,
+    /// It has not ended in its time: halt it, then stop it.
+    EndIt,
 }
 
 /// The sequencing of one drive axis' homing.
@@ -98,6 +102,11 @@ impl Procedure {
             } => delivered.is_some() || !in_mode,
             _ => false,
         }
+    }
+
+    /// Whether the homing with this number was sent and has not ended.
+    pub(crate) fn is_under_way(&self, id: CommandId) -> bool {
+        matches!(self.stage, Stage::High(run) if run.sent && run.id == id)
     }
 
     /// Whether bit 4 was sent without an answer: only a stop clears that.
@@ -195,7 +204,17 @@ impl Procedure {
                 let seen = delivered.is_some_and(|since| {
                     cycle.now.saturating_sub(since) >= 2 * cycle.traits.drive_cycle
                 });
-                if let Some((id, command)) = *waiting
+                if let Some((_, command)) = *waiting
+                    && command.is_late(cycle.now)
+                {
+                    let failure = Failure::Timeout {
+                        waiting_for: WaitingFor::HomingEnd,
+                        statusword: cycle.sample.statusword,
+                        controlword: cycle.controlword,
+                        delivery: Delivery::NotSent,
+                    };
+                    self.withdraw_unsent(failure, events);
+                } else if let Some((id, command)) = *waiting
                     && seen
                     && cycle.delivered
                     && !cycle.halted
@@ -233,6 +252,13 @@ impl Procedure {
             Err(Failure::HomingError { moving: true }) => {
                 self.stage = Stage::Abandoned;
                 Verdict::StopIt
+            }
+            Err(Failure::Timeout {
+                waiting_for: WaitingFor::HomingEnd,
+                ..
+            }) => {
+                self.stage = Stage::Abandoned;
+                Verdict::EndIt
             }
             Err(Failure::Timeout { .. }) => {
                 self.stage = Stage::Unknown;

@@ -93,6 +93,18 @@ impl Run {
         } else {
             None
         };
+        if self.command.is_late(cycle.now) {
+            return Some(Err(Failure::Timeout {
+                waiting_for: WaitingFor::HomingEnd,
+                statusword: word,
+                controlword: cycle.controlword,
+                delivery: if self.begun {
+                    Delivery::Accepted
+                } else {
+                    Delivery::Unknown
+                },
+            }));
+        }
         if done && self.is_mine(cycle) {
             self.begun = true;
             let held = |since| cycle.now.saturating_sub(since) >= cycle.bounds.settle;

@@ -56,6 +56,7 @@ impl Dialogue {
             HomingCommand {
                 method,
                 offset: Some(-500),
+                until: None,
             },
             &mut this.events,
         );
@@ -332,6 +333,7 @@ fn bit_4_rises_only_after_a_low_that_was_delivered_in_this_mode_for_two_cycles_o
         HomingCommand {
             method: HomingMethod::NEGATIVE_LIMIT,
             offset: None,
+            until: None,
         },
         &mut homing.events,
     );

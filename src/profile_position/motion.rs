@@ -178,18 +178,11 @@ pub struct Done<'a> {
 }
 
 impl<'a> Done<'a> {
-    /// Waits no longer than this, by the clock of the program; then [`AxisErrorKind::Late`]. That stops nothing: the
-    /// move goes on, and can be waited for again.
+    /// Waits no longer than this, by the network's time, from when it is first polled; then [`AxisErrorKind::Late`]. That stops
+    /// nothing: the move goes on, and can be waited for again.
     pub fn within(self, deadline: Duration) -> Self {
         let pending = self.pending;
-        let late = async move {
-            smol::Timer::after(deadline).await;
-            let shared = &pending.handles.shared;
-            Err(shared.error(AxisErrorKind::Late {
-                within: deadline,
-                statusword: shared.snapshot().statusword,
-            }))
-        };
+        let late = pending.handles.late(deadline);
         Done {
             pending,
             result: Box::pin(smol::future::or(self.result, late)),

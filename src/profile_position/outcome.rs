@@ -69,6 +69,8 @@ pub enum WaitingFor {
     Acknowledge,
     /// The drive to show that it is homing: "in progress" in bits 10, 12 and 13.
     HomingStart,
+    /// A homing to end within the time that it was given. It is stopped.
+    HomingEnd,
     /// The mode in 6061h.
     Mode(Mode),
     /// Velocity zero.
@@ -82,6 +84,7 @@ impl core::fmt::Display for WaitingFor {
             Self::AcknowledgeLow => f.write_str("bit 12 (set-point acknowledge) to fall"),
             Self::Acknowledge => f.write_str("bit 12 (set-point acknowledge) to rise"),
             Self::HomingStart => f.write_str("the homing to begin (bits 10, 12 and 13 to fall)"),
+            Self::HomingEnd => f.write_str("the homing to end"),
             Self::Mode(mode) => write!(f, "mode {} in 6061h", mode.raw()),
             Self::Standstill => f.write_str("standstill"),
         }
@@ -340,6 +343,8 @@ struct TimeoutText(WaitingFor, Delivery);
 impl core::fmt::Display for TimeoutText {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match (self.0, self.1) {
+            (WaitingFor::HomingEnd, Delivery::NotSent) => f.write_str("; it was not started"),
+            (WaitingFor::HomingEnd, _) => f.write_str("; the axis is being stopped"),
             (WaitingFor::AcknowledgeLow | WaitingFor::Acknowledge, delivery)
             | (_, delivery @ (Delivery::Unknown | Delivery::Accepted)) => {
                 write!(f, "; {}", DeliveryText(delivery))

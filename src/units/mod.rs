@@ -35,7 +35,7 @@ pub use scaled_axis::{ScaledAxis, ScaledStatus};
 #[cfg(feature = "std")]
 pub use scaled_failure::ScaledFailure;
 #[cfg(feature = "std")]
-pub use scaled_homing::{ScaledHomed, ScaledHoming};
+pub use scaled_homing::{ScaledHome, ScaledHomed, ScaledHoming};
 #[cfg(feature = "std")]
 pub use scaled_jog::{ScaledJog, ScaledProfileVelocity};
 #[cfg(feature = "std")]

@@ -1,11 +1,16 @@
 //! Homing with a scale in front.
 
-use core::time::Duration;
+use core::{
+    future::Future,
+    pin::Pin,
+    task::{Context, Poll},
+    time::Duration,
+};
 
-use super::{ScaledAxis, ScaledHomingParameters, scaled_failure::in_units};
+use super::{Scale, ScaledAxis, ScaledHomingParameters, scaled_failure::in_units};
 use crate::{
     axis::AxisError,
-    homing::{Homed, Homing},
+    homing::{Home, Homing},
 };
 
 impl ScaledAxis {
@@ -43,7 +48,7 @@ impl ScaledAxis {
 /// let parameters = ScaledHomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
 ///     .speeds(50.0, 5.0)
 ///     .acceleration(1_000.0);
-/// let homed = homing.home_within(parameters, Duration::from_secs(60)).await?;
+/// let homed = homing.home(parameters).within(Duration::from_secs(60)).await?;
 /// assert!(homed.position.abs() < 1.0, "{} mm", homed.position);
 /// homing.release().await?; // for the next mode
 /// # net.shutdown().await;
@@ -74,31 +79,16 @@ impl ScaledHoming {
     /// Homes the axis, as [`Homing::home`].
     ///
     /// # Errors
-    /// [`AxisErrorKind::Scale`](crate::axis::AxisErrorKind::Scale) for a number that cannot be converted: nothing was written then. Otherwise as
-    /// [`Homing::home`].
-    pub async fn home(
-        &self,
-        parameters: impl Into<ScaledHomingParameters>,
-    ) -> Result<ScaledHomed, AxisError> {
-        let parameters = self
-            .axis
-            .convert(|scale| scale.homing(&parameters.into()))?;
-        self.homed(self.inner.home(parameters).await)
-    }
-
-    /// The same, waiting no longer than this: as [`Home::within`](crate::homing::Home::within).
-    ///
-    /// # Errors
-    /// As [`home`](Self::home), and [`AxisErrorKind::Late`](crate::axis::AxisErrorKind::Late), by which nothing is stopped.
-    pub async fn home_within(
-        &self,
-        parameters: impl Into<ScaledHomingParameters>,
-        deadline: Duration,
-    ) -> Result<ScaledHomed, AxisError> {
-        let parameters = self
-            .axis
-            .convert(|scale| scale.homing(&parameters.into()))?;
-        self.homed(self.inner.home(parameters).within(deadline).await)
+    /// Of the future: [`AxisErrorKind::Scale`](crate::axis::AxisErrorKind::Scale) for a number that cannot be converted: nothing was written
+    /// then. Otherwise as [`Homing::home`].
+    pub fn home(&self, parameters: impl Into<ScaledHomingParameters>) -> ScaledHome<'_> {
+        let parameters = self.axis.convert(|scale| scale.homing(&parameters.into()));
+        ScaledHome {
+            inner: parameters
+                .map(|parameters| self.inner.home(parameters))
+                .map_err(Some),
+            scale: *self.axis.scale(),
+        }
     }
 
     /// As [`Homing::release`].
@@ -108,13 +98,54 @@ impl ScaledHoming {
     pub async fn release(self) -> Result<(), AxisError> {
         self.inner.release().await
     }
+}
 
-    fn homed(&self, homed: Result<Homed, AxisError>) -> Result<ScaledHomed, AxisError> {
-        let scale = self.axis.scale();
-        homed
-            .map(|homed| ScaledHomed {
-                position: scale.position_of(homed.position),
-            })
-            .map_err(|error| in_units(error, *scale))
+/// A homing, and the wait for its end, as [`Home`].
+#[must_use = "futures do nothing unless awaited"]
+#[derive(Debug)]
+pub struct ScaledHome<'a> {
+    /// What could not be converted is told once.
+    inner: Result<Home<'a>, Option<AxisError>>,
+    scale: Scale,
+}
+
+impl ScaledHome<'_> {
+    /// As [`Home::within`].
+    pub fn within(self, limit: Duration) -> Self {
+        Self {
+            inner: self.inner.map(|home| home.within(limit)),
+            ..self
+        }
+    }
+
+    /// As [`Home::keep_homing`].
+    pub fn keep_homing(self, reason: &str) -> Self {
+        Self {
+            inner: self.inner.map(|home| home.keep_homing(reason)),
+            ..self
+        }
+    }
+}
+
+impl Future for ScaledHome<'_> {
+    type Output = Result<ScaledHomed, AxisError>;
+
+    fn poll(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        let this = self.get_mut();
+        let scale = this.scale;
+        match &mut this.inner {
+            Ok(home) => Pin::new(home).poll(cx).map(|homed| {
+                homed
+                    .map(|homed| ScaledHomed {
+                        position: scale.position_of(homed.position),
+                    })
+                    .map_err(|error| in_units(error, scale))
+            }),
+            Err(error) => match error.take() {
+                Some(error) => Poll::Ready(Err(error)),
+                // It has been told: it is not to be polled again.
+                None => Poll::Pending,
+            },
+        }
     }
 }

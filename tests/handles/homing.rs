@@ -1,7 +1,9 @@
 //! Homing: what the future tells, what the drive's ledger says, and what is left on the wire for the next mode.
 
+use core::{sync::atomic::Ordering, time::Duration};
+
 use servocrab::{
-    axis::{AxisErrorKind, Failure, Referencing, WaitingFor},
+    axis::{AxisErrorKind, Delivery, Failure, Referencing, WaitingFor},
     coe::obj,
     ds402::{Mode, State},
     homing::{Homed, HomingMethod, HomingParameters},
@@ -43,7 +45,7 @@ fn to_the_switch() -> HomingParameters {
 }
 
 /// Until it is written and queued, and nothing of it is sent.
-fn begin<T>(machine: &mut Machine, home: &mut Task<'_, T>) {
+fn begin_homing<T>(machine: &mut Machine, home: &mut Task<'_, T>) {
     assert!(home.poll().is_none());
     machine.cycle();
     assert!(home.poll().is_none());
@@ -266,7 +268,7 @@ fn a_halt_ends_a_homing_and_no_resume_brings_it_back() {
     let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
-    begin(&mut machine, &mut home);
+    begin_homing(&mut machine, &mut home);
     machine.run(60);
     assert!(home.poll().is_none());
     axis.stop_handle().halt();
@@ -325,7 +327,7 @@ fn every_end_of_a_homing_has_its_name_and_nothing_moves_after_it() {
         let (mut machine, axis) = Machine::enabled_of(&variant());
         let homing = machine.finish(axis.homing()).unwrap();
         let mut home = Task::new(homing.home(to_the_switch()));
-        begin(&mut machine, &mut home);
+        begin_homing(&mut machine, &mut home);
         machine.run(60);
         assert!(home.poll().is_none());
         end(&mut machine, &axis);
@@ -350,24 +352,132 @@ fn every_end_of_a_homing_has_its_name_and_nothing_moves_after_it() {
 }
 
 #[test]
-fn a_homing_is_withdrawn_before_bit_4_and_goes_on_after_it() {
-    let (mut machine, axis) = Machine::enabled_of(&variant());
-    let homing = machine.finish(axis.homing()).unwrap();
-    let mut home = Task::new(homing.home(to_the_switch()));
-    begin(&mut machine, &mut home);
-    drop(home);
-    machine.run(100);
-    assert!(machine.drive().homings().is_empty());
+fn a_homing_that_is_dropped_is_withdrawn_before_bit_4_and_stopped_after_it() {
+    // Bit 4 rises in one of these cycles, and in some the frame is under way.
+    for cycles in 0..40 {
+        let (mut machine, axis) = Machine::enabled_of(&variant());
+        let homing = machine.finish(axis.homing()).unwrap();
+        let mut home = Task::new(homing.home(to_the_switch()));
+        for _ in 0..cycles {
+            assert!(home.poll().is_none());
+            machine.cycle();
+        }
+        let was_sent = axis.status().has_set_point;
+        machine.cycle_while(|| drop(home));
+        machine.cycle();
+        let word = *machine.stations[0].words.last().unwrap();
+        assert_eq!(
+            word & HALT != 0,
+            was_sent || !machine.drive().homings().is_empty()
+        );
+        machine.run(1_500);
+        let (at, state) = (machine.drive().mechanical_position(), axis.status().state);
+        assert!(
+            at > 19_000,
+            "dropped after {cycles} cycles it went on to {at}"
+        );
+        assert_eq!(
+            state == State::OperationEnabled,
+            machine.drive().homings().is_empty()
+        );
+        assert!(!axis.status().referenced);
+        // And the next one works.
+        machine.finish(axis.enable()).unwrap();
+        machine.finish(homing.home(to_the_switch())).unwrap();
+    }
+}
 
-    let mut home = Task::new(homing.home(to_the_switch()));
-    begin(&mut machine, &mut home);
-    machine.run(20);
-    drop(home);
-    let busy = machine.finish(homing.home(to_the_switch())).unwrap_err();
-    assert_eq!(busy.failure(), Some(Failure::Busy));
-    machine.run(3_000);
-    assert_eq!(outcomes(&machine.drive()), [HomingOutcome::Attained]);
-    assert!(axis.status().referenced);
+#[test]
+fn a_homing_that_does_not_end_in_its_time_is_stopped_polled_or_not() {
+    for is_polled in [true, false] {
+        let (mut machine, axis) = Machine::enabled_of(&variant());
+        let homing = machine.finish(axis.homing()).unwrap();
+        let limit = Duration::from_millis(100);
+        let mut home = Task::new(homing.home(to_the_switch()).within(limit));
+        let begin = machine.now;
+        begin_homing(&mut machine, &mut home);
+        while machine.now < begin + limit {
+            assert_eq!(machine.stations[0].words.last().unwrap() & HALT, 0);
+            if is_polled {
+                assert!(home.poll().is_none());
+            }
+            machine.cycle();
+        }
+        machine.cycle();
+        assert_eq!(machine.stations[0].words.last().unwrap() & HALT, HALT);
+        machine.run(1_000);
+        assert_eq!(machine.drive().velocity(), 0.0);
+        assert!(machine.drive().mechanical_position() > 17_000);
+        assert_eq!(axis.status().state, State::SwitchOnDisabled);
+        let error = machine.finish_task(&mut home).unwrap_err();
+        assert!(
+            matches!(
+                error.failure(),
+                Some(Failure::Timeout {
+                    waiting_for: WaitingFor::HomingEnd,
+                    delivery: Delivery::Accepted,
+                    ..
+                })
+            ),
+            "{error}"
+        );
+        assert!(!axis.status().referenced);
+    }
+}
+
+#[test]
+fn a_homing_whose_time_is_over_before_bit_4_is_not_started() {
+    for ms in 0..6 {
+        let (mut machine, axis) = Machine::enabled_of(&variant());
+        machine.stations[0]
+            .sdo
+            .slow_writes
+            .store(true, Ordering::Relaxed);
+        let homing = machine.finish(axis.homing()).unwrap();
+        let limit = Duration::from_millis(ms);
+        let error = machine
+            .finish(homing.home(to_the_switch()).within(limit))
+            .unwrap_err();
+        assert!(
+            matches!(
+                error.failure(),
+                Some(Failure::Timeout {
+                    waiting_for: WaitingFor::HomingEnd,
+                    delivery: Delivery::NotSent,
+                    ..
+                })
+            ),
+            "{ms} ms: {error}"
+        );
+        machine.run(100);
+        assert!(machine.drive().homings().is_empty(), "{ms} ms");
+        machine.finish(homing.home(to_the_switch())).unwrap();
+    }
+}
+
+#[test]
+fn a_homing_goes_on_without_its_future_only_where_that_was_asked_for_in_words() {
+    for is_limited in [true, false] {
+        let (mut machine, axis) = Machine::enabled_of(&variant());
+        let homing = machine.finish(axis.homing()).unwrap();
+        let home = homing
+            .home(to_the_switch())
+            .keep_homing("the panel's stop button is watched elsewhere");
+        if is_limited {
+            let late = machine.finish(home.within(Duration::from_millis(60)));
+            assert!(matches!(late.unwrap_err().kind, AxisErrorKind::Late { .. }));
+        } else {
+            let mut home = Task::new(home);
+            begin_homing(&mut machine, &mut home);
+            machine.run(20);
+            drop(home);
+        }
+        let busy = machine.finish(homing.home(to_the_switch())).unwrap_err();
+        assert_eq!(busy.failure(), Some(Failure::Busy));
+        machine.run(3_000);
+        assert_eq!(outcomes(&machine.drive()), [HomingOutcome::Attained]);
+        assert!(axis.status().referenced);
+    }
 }
 
 #[test]
@@ -375,7 +485,7 @@ fn a_stop_while_parameters_are_being_written_stops_the_homing_too() {
     let (mut machine, axis) = Machine::enabled_of(&variant());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut home = Task::new(homing.home(to_the_switch()));
-    begin(&mut machine, &mut home);
+    begin_homing(&mut machine, &mut home);
     axis.stop_handle().halt();
     let error = machine.finish_task(&mut home).unwrap_err();
     assert_eq!(error.failure(), Some(Failure::Halted));

@@ -141,9 +141,12 @@ fn a_deadline_of_the_caller_ends_the_wait_and_not_the_move() {
     let moved = machine
         .finish(pp.move_abs(10_000, SetPoint::new()))
         .unwrap();
-    // The machine stands still meanwhile: only the program's clock runs.
-    let late = smol::block_on(moved.done().within(Duration::from_millis(2))).unwrap_err();
+    // The time of the network: it stands still while the machine does.
+    let mut wait = Task::new(moved.done().within(Duration::from_millis(20)));
+    let begin = machine.now;
+    let late = machine.finish_task(&mut wait).unwrap_err();
     assert!(matches!(late.kind, AxisErrorKind::Late { .. }));
+    assert_eq!(machine.now - begin, Duration::from_millis(20));
     let reached = Outcome::Reached { position: 10_000 };
     assert_eq!(machine.finish(moved.done()).unwrap(), reached);
     let in_time = smol::block_on(moved.done().within(Duration::from_secs(60)));

@@ -558,6 +558,7 @@ impl Life {
                     let command = HomingCommand {
                         method,
                         offset: None,
+                        until: None,
                     };
                     self.submit(Command::Home(command), Kind::Home, 0)?;
                 }

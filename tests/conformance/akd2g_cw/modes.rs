@@ -73,6 +73,7 @@ fn rig(way: i64) -> Rig {
 const BY_THE_SWITCH: Command = Command::Home(HomingCommand {
     method: HomingMethod::NEGATIVE_LIMIT,
     offset: None,
+    until: None,
 });
 
 #[test]

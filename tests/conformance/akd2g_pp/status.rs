@@ -87,6 +87,7 @@ pub(super) fn library_knows_that_home_is_attained() {
     let home = rig.send(Command::Home(HomingCommand {
         method: HomingMethod::CURRENT_POSITION,
         offset: None,
+        until: None,
     }));
     assert!(rig.finish(home).is_ok(), "{:?}", rig.outcome(home));
     let select = rig.send(Command::SelectMode(Mode::ProfilePosition));

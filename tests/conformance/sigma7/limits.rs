@@ -308,6 +308,7 @@ pub(super) fn library_has_limits_once_the_axis_is_homed() {
     let homing = rig.send(Command::Home(HomingCommand {
         method: HomingMethod::NEGATIVE_LIMIT,
         offset: None,
+        until: None,
     }));
     assert!(rig.finish(homing).is_ok(), "{:?}", rig.outcome(homing));
     let select = rig.send(Command::SelectMode(Mode::ProfilePosition));
