@@ -21,6 +21,10 @@ use self::judge::Executable;
 use self::table::{Fault, Mutant, Target};
 use self::tree::{Sources, Tree};
 
+/// So many tests that wait in real time run beside the others: up to half a minute for what a mutant keeps from coming.
+const REAL_TIME_JOBS: usize = 2;
+const REAL_TIME: [&str; 2] = ["link", "logging"];
+
 /// Puts each defect of tests/mutants.toml into a copy of the tree and demands that its tests find it.
 #[derive(clap::Args)]
 pub(crate) struct Args {
@@ -135,6 +139,21 @@ fn tests_missing(root: &Path, mutants: &[Mutant]) -> Vec<Fault> {
     faults
 }
 
+/// What is run at once.
+enum Job<'a> {
+    /// The tests of a target without a mutant.
+    Suite(&'a Target),
+    /// Those that a mutant fails.
+    Mutant(usize, &'a Target),
+}
+
+impl Job<'_> {
+    fn is_in_real_time(&self) -> bool {
+        let (Self::Suite(target) | Self::Mutant(_, target)) = self;
+        REAL_TIME.contains(&target.name.as_str())
+    }
+}
+
 /// What there is to do, and what came of it.
 struct Work<'a> {
     root: &'a Path,
@@ -156,21 +175,26 @@ impl Work<'_> {
             .flat_map(|mutant| self.mutants[*mutant].tests.keys())
             .collect();
         let (executables, without) = self.build(&targets)?;
-        let (single, switched): (Vec<usize>, Vec<usize>) = chosen
+        let (single, chosen_at_run_time): (Vec<usize>, Vec<usize>) = chosen
             .iter()
+            .filter(|mutant| !without.contains(&self.mutants[**mutant].number()))
             .partition(|mutant| self.mutants[**mutant].single);
 
-        self.share(targets.iter().copied(), |target| {
-            self.suite(target, &executables[target], chosen)
+        let suites = targets.iter().map(|target| Job::Suite(target));
+        let of = chosen_at_run_time.iter();
+        let mutants = of.flat_map(|number| {
+            let targets = self.mutants[*number].tests.keys();
+            targets.map(|target| Job::Mutant(*number, target))
         });
-        let ready = switched
-            .into_iter()
-            .filter(|mutant| !without.contains(&self.mutants[*mutant].number()));
-        self.share(ready, |mutant| self.judge(mutant, &executables));
+        let (real_time, others) = suites.chain(mutants).partition(Job::is_in_real_time);
+        self.share(
+            [(self.jobs, others), (REAL_TIME_JOBS, real_time)],
+            |job| match job {
+                Job::Suite(target) => self.suite(target, &executables[target], chosen),
+                Job::Mutant(mutant, target) => self.judge(mutant, target, &executables[target]),
+            },
+        );
         for mutant in single {
-            if without.contains(&self.mutants[mutant].number()) {
-                continue;
-            }
             self.tree.put(self.sources, mutant)?;
             let judged = self.single(mutant);
             self.tree.take_out(self.sources, mutant)?;
@@ -244,23 +268,25 @@ impl Work<'_> {
         Ok(Built::Executables(all))
     }
 
-    /// Does the same with each of them, on all processors.
-    fn share<T: Send>(
+    /// Does what there is to do, so many of each queue at a time.
+    fn share<'a>(
         &self,
-        of: impl Iterator<Item = T>,
-        action: impl Fn(T) -> crate::Result<()> + Sync,
+        queues: [(usize, VecDeque<Job<'a>>); 2],
+        action: impl Fn(Job<'a>) -> crate::Result<()> + Sync,
     ) {
-        let waiting: Mutex<VecDeque<T>> = Mutex::new(of.collect());
-        let next = || waiting.lock().ok()?.pop_front();
+        let queues = queues.map(|(workers, queue)| (workers, Mutex::new(queue)));
+        let next = |queue: &Mutex<VecDeque<Job<'a>>>| queue.lock().ok()?.pop_front();
         thread::scope(|scope| {
-            for _ in 0..self.jobs {
-                scope.spawn(|| {
-                    while let Some(one) = next() {
-                        if let Err(error) = action(one) {
-                            self.fault(&"a test", error.to_string());
+            for (workers, queue) in &queues {
+                for _ in 0..*workers {
+                    scope.spawn(|| {
+                        while let Some(job) = next(queue) {
+                            if let Err(error) = action(job) {
+                                self.fault(&"a test", error.to_string());
+                            }
                         }
-                    }
-                });
+                    });
+                }
             }
         });
     }
@@ -291,28 +317,27 @@ impl Work<'_> {
         Ok(())
     }
 
-    fn judge(&self, mutant: usize, executables: &BTreeMap<Target, PathBuf>) -> crate::Result<()> {
-        let mutant = &self.mutants[mutant];
-        for (target, tests) in &mutant.tests {
-            let begun = Instant::now();
-            let executable = Executable {
-                tree: &self.tree,
-                target,
-                path: &executables[target],
-            };
-            let number = (!mutant.single).then(|| mutant.number());
-            let judged = executable.judge(&mutant.id, number, tests)?;
-            let took = begun.elapsed().as_secs_f64();
-            match judged {
-                Ok(()) => println!(
-                    "{:60} {took:5.1} s  caught by {target} ({})",
-                    mutant.id,
-                    tests.len()
-                ),
-                Err((wrong, output)) => {
-                    println!("{:60} {took:5.1} s  {wrong}\n{output}", mutant.id);
-                    self.fault(&mutant.id, format!("{target} {wrong}"));
-                }
+    fn judge(&self, mutant: usize, target: &Target, path: &Path) -> crate::Result<()> {
+        let Mutant {
+            id, tests, single, ..
+        } = &self.mutants[mutant];
+        let begun = Instant::now();
+        let executable = Executable {
+            tree: &self.tree,
+            target,
+            path,
+        };
+        let number = (!single).then(|| self.mutants[mutant].number());
+        let judged = executable.judge(id, number, &tests[target])?;
+        let took = begun.elapsed().as_secs_f64();
+        match judged {
+            Ok(()) => println!(
+                "{id:60} {took:5.1} s  caught by {target} ({})",
+                tests[target].len()
+            ),
+            Err((wrong, output)) => {
+                println!("{id:60} {took:5.1} s  {wrong}\n{output}");
+                self.fault(id, format!("{target} {wrong}"));
             }
         }
         Ok(())
@@ -329,7 +354,8 @@ impl Work<'_> {
                     of.id,
                     begun.elapsed().as_secs_f64()
                 );
-                self.judge(mutant, &executables)
+                let mut all = executables.iter();
+                all.try_for_each(|(target, path)| self.judge(mutant, target, path))
             }
             Built::Errors { text, .. } => {
                 println!("{text}");

@@ -274,12 +274,18 @@ impl Tree {
 
     /// Takes over what other steps have built of other packages; cargo builds what it cannot use of it.
     pub(crate) fn take_dependencies(&self, root: &Path) -> io::Result<()> {
-        let built = std::env::var_os("CARGO_TARGET_DIR")
-            .map_or_else(|| root.join("target"), PathBuf::from)
-            .join("debug");
-        if self.target.exists() || !built.is_dir() {
+        let target = std::env::var_os("CARGO_TARGET_DIR");
+        let target = target.map_or_else(|| root.join("target"), PathBuf::from);
+        if self.target.exists() {
             return Ok(());
         }
+        // The other masters of tests/interop.
+        for master in ["interop/soem", "interop/etherage"] {
+            if target.join(master).is_dir() {
+                copy(&target.join(master), &self.target.join(master))?;
+            }
+        }
+        let built = target.join("debug");
         for part in [".fingerprint", "build", "deps"] {
             let part_built = built.join(part);
             if !part_built.is_dir() {
