@@ -2,7 +2,10 @@
 
 use crate::coe::{ObjectAddress, obj};
 
-use super::Failure;
+use super::{
+    Failure,
+    circle::{Circle, Turn},
+};
 
 /// Positions from `min` to `max`, both included, in the drive's position units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -35,10 +38,14 @@ impl PositionRange {
     /// ```
     #[must_use]
     pub fn wrap(&self, position: i64) -> i32 {
-        let min = i64::from(self.min);
-        match self.length() {
-            Some(turn) => (min + (position - min).rem_euclid(turn.into())) as i32,
-            None => position as i32,
+        // On the circle, and there is no turn where both ends are one: it fits.
+        Circle::<32>::wrap(self.turn(), position) as i32
+    }
+
+    pub(crate) const fn turn(&self) -> Turn {
+        Turn {
+            min: self.min as i64,
+            max: self.max as i64,
         }
     }
 }

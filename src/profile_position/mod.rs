@@ -4,6 +4,7 @@
 
 mod bit4;
 mod chain;
+mod circle;
 mod cycle;
 mod events;
 mod limits;

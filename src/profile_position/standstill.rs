@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::PositionRange;
+use super::{PositionRange, circle::Circle};
 
 /// Follows velocity and position through the cycles.
 #[derive(Debug, Clone, Copy, Default)]
@@ -27,15 +27,8 @@ impl Bounds {
     /// bits.
     #[inline]
     pub(crate) fn way(&self, from: i32, to: i32) -> i64 {
-        let Some(turn) = self.turn_length() else {
-            return to.wrapping_sub(from).into();
-        };
-        let forward = (i64::from(to) - i64::from(from)).rem_euclid(turn);
-        if forward > turn / 2 {
-            forward - turn
-        } else {
-            forward
-        }
+        let turn = self.turn.as_ref().map(PositionRange::turn);
+        Circle::<32>::way(turn, from.into(), to.into())
     }
 
     /// How far two positions lie apart, the shorter way.
@@ -50,10 +43,9 @@ impl Bounds {
 
     /// Where an axis stands that has gone this far from a position.
     pub(crate) fn after(&self, from: i32, distance: i32) -> i32 {
-        match self.turn {
-            Some(turn) => turn.wrap(i64::from(from) + i64::from(distance)),
-            None => from.wrapping_add(distance),
-        }
+        let turn = self.turn.as_ref().map(PositionRange::turn);
+        // On the circle it fits.
+        Circle::<32>::after(turn, from.into(), distance.into()) as i32
     }
 
     /// The length of a modulo axis' turn; none on the number circle of 32 bits.

@@ -442,7 +442,8 @@ impl Life {
         self.say(|life| {
             let word = u16::from_le_bytes([life.outputs[0], life.outputs[1]]);
             format!(
-                "next word {word:04X}, drive {:?}, at {:.0} v {:.0}, {:?}",
+                "next word {word:04X}, sent {:?}, drive {:?}, at {:.0} v {:.0}, {:?}",
+                life.sent,
                 life.drive.state,
                 life.drive.position,
                 life.drive.velocity,
@@ -674,7 +675,7 @@ impl Life {
             && snapshot.controlword.bits() & 0xF == 0xF
             && snapshot.state == servocrab::ds402::State::OperationEnabled
             && self.drive.state == State::Enabled
-            && (snapshot.has_set_point || self.is_moving())
+            && (snapshot.has_set_point || self.drive.demand_velocity != 0.0)
     }
 
     fn has_stopped(&mut self, kind: Kind) -> Result<(), ()> {
@@ -707,7 +708,7 @@ impl Life {
             low = low.min(position);
             high = high.max(position);
         }
-        high - low > 2.0 * self.window + 2.0 * f64::from(self.drive.making.dither) + 4.0
+        high - low > 2.5 * self.window + 2.0 * f64::from(self.drive.making.dither) + 4.0
     }
 
     /// One bus cycle.
@@ -894,6 +895,7 @@ impl Life {
         if leads_down
             && matches!(self.drive.state, State::Enabled | State::QuickStop)
             && self.is_moving()
+            && !self.is_enabling()
             && self.cycle - since <= self.stop_limit
             && !self.drive_is_deaf()
         {
@@ -907,6 +909,12 @@ impl Life {
             );
         }
         Ok(())
+    }
+
+    /// Whether the axis is on its way to Operation enabled, by the steps down from there as well.
+    fn is_enabling(&self) -> bool {
+        let mut pending = self.pending.iter().map(|id| self.issued[*id as usize]);
+        pending.any(|issued| issued.kind == Kind::Enable)
     }
 
     fn drive_is_deaf(&self) -> bool {
