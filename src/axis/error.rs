@@ -92,6 +92,14 @@ pub enum AxisErrorKind {
         /// The last statusword seen.
         statusword: Statusword,
     },
+    /// A path has moves of another axis: nothing of such a move was sent.
+    #[error(
+        "this move is one of axis {axis}: a path moves one axis, use `axis::together` for several"
+    )]
+    OtherAxis {
+        /// The axis that it is of.
+        axis: String,
+    },
     /// Moves are started together on the axes of one network, at least one, each axis once.
     #[error("moves that start together need axes of one network, each of them once")]
     NotTogether,

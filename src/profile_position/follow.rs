@@ -1,46 +1,105 @@
-//! A path: moves from a stream, sent as the drive has room for them.
+//! A path: moves from an iterator or a stream, sent as the drive has room for them.
 
 use core::{
     fmt,
-    marker::PhantomData,
+    future::poll_fn,
     pin::Pin,
     task::{Context, Poll},
 };
-use std::collections::VecDeque;
+use std::{collections::VecDeque, sync::Arc};
 
-use smol::stream::Stream;
+use smol::stream::{self, Stream};
 
-use crate::axis::{AxisError, BoxFuture};
+use crate::axis::{AxisError, AxisErrorKind, BoxFuture};
 
 use super::{Move, MoveCommand, MoveRequest, Outcome, ProfilePosition};
 
 /// One move of a path, and how it ended.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Followed {
     /// What was asked for.
     pub command: MoveCommand,
     /// Its outcome.
-    pub result: Result<Outcome, AxisError>,
+    pub outcome: Outcome,
 }
 
+/// A move of a path did not end well, or could not be sent.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("move {number} of the path (to {}): {error}", .command.target)]
+pub struct PathError {
+    /// Which one, from 0 on.
+    pub number: usize,
+    /// What was asked for.
+    pub command: MoveCommand,
+    /// Why.
+    pub error: AxisError,
+}
+
+impl From<PathError> for AxisError {
+    fn from(failed: PathError) -> Self {
+        failed.error
+    }
+}
+
+/// What gives the moves of a path, `M`: every [`IntoIterator`] and every [`Stream`]. `Kind` tells which of them it is, and is inferred.
+pub trait Path<M, Kind> {
+    /// The moves as a stream.
+    type Stream: Stream<Item = M>;
+
+    /// Makes it that.
+    fn into_stream(self) -> Self::Stream;
+}
+
+/// A [`Path`] that is an iterator.
+#[derive(Debug)]
+pub enum ByIterator {}
+
+/// A [`Path`] that is a stream.
+#[derive(Debug)]
+pub enum ByStream {}
+
+impl<I: IntoIterator> Path<I::Item, ByIterator> for I {
+    type Stream = stream::Iter<I::IntoIter>;
+
+    fn into_stream(self) -> Self::Stream {
+        stream::iter(self)
+    }
+}
+
+impl<S: Stream> Path<S::Item, ByStream> for S {
+    type Stream = S;
+
+    fn into_stream(self) -> Self::Stream {
+        self
+    }
+}
+
+/// A move under way, by its number and what was asked for.
+type UnderWay<T> = (usize, MoveCommand, BoxFuture<'static, Result<T, AxisError>>);
+
 /// The outcomes of a path's moves, in their order, from [`ProfilePosition::follow`]. It sends nothing unless it is polled.
-#[must_use = "a path is sent while its outcomes are taken"]
+#[must_use = "a path is sent while its outcomes are taken: `finish` takes them all"]
 pub struct Follow<'a, S> {
+    lease: &'a ProfilePosition,
     /// `None` once it has ended, or a move has failed.
-    moves: Option<S>,
-    sending: Option<(MoveCommand, BoxFuture<'static, Result<Move, AxisError>>)>,
-    under_way: VecDeque<(MoveCommand, BoxFuture<'static, Result<Outcome, AxisError>>)>,
-    lease: PhantomData<&'a ProfilePosition>,
+    moves: Option<Pin<Box<S>>>,
+    count: usize,
+    sending: Option<UnderWay<Move>>,
+    under_way: VecDeque<UnderWay<Outcome>>,
+    /// The first that was told, for [`finish`](Self::finish).
+    failed: Option<PathError>,
+    last: Option<Outcome>,
 }
 
 impl ProfilePosition {
-    /// Sends the moves of a stream one after another and keeps the drive's buffer filled: the next one is taken from the
-    /// stream as soon as the one before is acknowledged, and is sent when the drive has room. Gives every outcome, in the
-    /// order of the moves.
+    /// Sends the moves of an iterator or a stream one after another and keeps the drive's buffer filled: the next one is taken as soon
+    /// as the one before is acknowledged, and is sent when the drive has room. Gives every outcome, in the order of the moves;
+    /// [`Follow::finish`] gives the one result of them all.
     ///
-    /// After the first move that does not end well nothing more is taken from the stream; what was sent or waits by then is
+    /// After the first move that does not end well nothing more is taken; what was sent or waits by then is
     /// reported to its end. A halt so ends the path behind the moves that the drive holds, which go on when the axis is
-    /// resumed. Dropped, the move that waits is withdrawn, and those that the drive holds are executed.
+    /// resumed. Dropped, the move that waits is withdrawn, and those that the drive holds are executed. A move of another axis is such a
+    /// failure as well ([`AxisErrorKind::OtherAxis`]), and is not sent.
     ///
     /// Give the moves [`Start::AfterCurrent`](super::Start::AfterCurrent) or [`Start::Blend`](super::Start::Blend): one with
     /// [`Start::Immediately`](super::Start::Immediately) supersedes those before it, which is a failure of theirs.
@@ -48,38 +107,81 @@ impl ProfilePosition {
     /// ```no_run
     /// # async fn path(pp: &servocrab::profile_position::ProfilePosition) -> Result<(), servocrab::axis::AxisError> {
     /// use servocrab::profile_position::{SetPoint, Start};
-    /// use smol::stream::{self, StreamExt};
     ///
     /// let blend = SetPoint::new().velocity(20_000).start(Start::Blend);
-    /// let mut path = pp.follow(stream::iter([1_000, 4_000, 9_000].map(|target| pp.abs(target, blend))));
-    /// while let Some(followed) = path.next().await {
-    ///     println!("{} ended: {:?}", followed.command.target, followed.result?);
+    /// let there = [1_000, 4_000, 9_000].map(|target| pp.abs(target, blend));
+    /// pp.follow(there).finish().await?;
+    ///
+    /// let back = [4_000, 1_000, 0].map(|target| pp.abs(target, blend));
+    /// let mut path = pp.follow(back);
+    /// while let Some(followed) = path.try_next().await? {
+    ///     println!("{}: {}", followed.command.target, followed.outcome);
     /// }
     /// # Ok(())
     /// # }
     /// ```
-    pub fn follow<S>(&self, moves: S) -> Follow<'_, S>
-    where
-        S: Stream<Item = MoveRequest> + Unpin,
-    {
+    pub fn follow<K, P: Path<MoveRequest, K>>(&self, moves: P) -> Follow<'_, P::Stream> {
         Follow {
-            moves: Some(moves),
+            lease: self,
+            moves: Some(Box::pin(moves.into_stream())),
+            count: 0,
             sending: None,
             under_way: VecDeque::new(),
-            lease: PhantomData,
+            failed: None,
+            last: None,
         }
     }
 }
 
-impl<S: Stream<Item = MoveRequest> + Unpin> Follow<'_, S> {
-    /// Takes the next move from the stream, where none is being sent. Whether there is one to send now.
+impl<S: Stream<Item = MoveRequest>> Follow<'_, S> {
+    /// The next outcome; none after the last one.
+    #[must_use = "a move that did not end well is told here"]
+    pub async fn next(&mut self) -> Option<Result<Followed, PathError>> {
+        poll_fn(|cx| Pin::new(&mut *self).poll_next(cx)).await
+    }
+
+    /// The next outcome, and a failure as an error; none after the last one.
+    ///
+    /// # Errors
+    /// [`PathError`] of a move that did not end well.
+    pub async fn try_next(&mut self) -> Result<Option<Followed>, PathError> {
+        self.next().await.transpose()
+    }
+
+    /// Sends what is left and waits for the end of all moves. Gives the outcome of the last one; none where the path is empty.
+    ///
+    /// # Errors
+    /// The first [`PathError`], also where it was told by [`next`](Self::next) before.
+    pub async fn finish(mut self) -> Result<Option<Outcome>, PathError> {
+        while let Some(followed) = self.next().await {
+            // It is kept.
+            drop(followed);
+        }
+        match self.failed {
+            Some(failed) => Err(failed),
+            None => Ok(self.last),
+        }
+    }
+
+    /// Takes the next move, where none is being sent. Whether there is one to send now.
     fn take_next(&mut self, cx: &mut Context<'_>) -> bool {
         if self.sending.is_none()
             && let Some(moves) = &mut self.moves
         {
-            match Pin::new(moves).poll_next(cx) {
+            match moves.as_mut().poll_next(cx) {
                 Poll::Ready(Some(request)) => {
-                    self.sending = Some((request.command, Box::pin(request.send())));
+                    let (number, command) = (self.count, request.command);
+                    self.count += 1;
+                    let shared = &self.lease.axis.handles.shared;
+                    let sending: BoxFuture<'static, _> =
+                        if Arc::ptr_eq(shared, &request.axis.handles.shared) {
+                            Box::pin(request.send())
+                        } else {
+                            let axis = request.axis.identity().axis.clone();
+                            let error = shared.error(AxisErrorKind::OtherAxis { axis });
+                            Box::pin(core::future::ready(Err(error)))
+                        };
+                    self.sending = Some((number, command, sending));
                 }
                 Poll::Ready(None) => self.moves = None,
                 Poll::Pending => {}
@@ -87,29 +189,54 @@ impl<S: Stream<Item = MoveRequest> + Unpin> Follow<'_, S> {
         }
         self.sending.is_some()
     }
+
+    /// What is told of a move that has ended.
+    fn ended(
+        &mut self,
+        number: usize,
+        command: MoveCommand,
+        result: Result<Outcome, AxisError>,
+    ) -> Result<Followed, PathError> {
+        match result {
+            Ok(outcome) => {
+                self.last = Some(outcome);
+                Ok(Followed { command, outcome })
+            }
+            Err(error) => {
+                self.moves = None;
+                let failed = PathError {
+                    number,
+                    command,
+                    error,
+                };
+                self.failed.get_or_insert_with(|| failed.clone());
+                Err(failed)
+            }
+        }
+    }
 }
 
-impl<S: Stream<Item = MoveRequest> + Unpin> Stream for Follow<'_, S> {
-    type Item = Followed;
+impl<S: Stream<Item = MoveRequest>> Stream for Follow<'_, S> {
+    type Item = Result<Followed, PathError>;
 
-    fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Followed>> {
+    fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         let this = self.get_mut();
         while this.take_next(cx) {
-            let Some((command, sending)) = &mut this.sending else {
+            let Some((number, command, sending)) = &mut this.sending else {
                 break;
             };
             let Poll::Ready(sent) = sending.as_mut().poll(cx) else {
                 break;
             };
-            let command = *command;
+            let (number, command) = (*number, *command);
             this.sending = None;
             if sent.is_err() {
                 this.moves = None;
             }
             let end = async move { sent?.done_through_halt().await };
-            this.under_way.push_back((command, Box::pin(end)));
+            this.under_way.push_back((number, command, Box::pin(end)));
         }
-        let Some((command, end)) = this.under_way.front_mut() else {
+        let Some((number, command, end)) = this.under_way.front_mut() else {
             let over = this.moves.is_none() && this.sending.is_none();
             return if over {
                 Poll::Ready(None)
@@ -120,23 +247,62 @@ impl<S: Stream<Item = MoveRequest> + Unpin> Stream for Follow<'_, S> {
         let Poll::Ready(result) = end.as_mut().poll(cx) else {
             return Poll::Pending;
         };
-        let command = *command;
+        let (number, command) = (*number, *command);
         this.under_way.pop_front();
-        if result.is_err() {
-            this.moves = None;
-        }
-        Poll::Ready(Some(Followed { command, result }))
+        Poll::Ready(Some(this.ended(number, command, result)))
     }
 }
 
 impl<S> fmt::Debug for Follow<'_, S> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let sending = self.sending.as_ref().map(|(_, command, _)| command);
         f.debug_struct("Follow")
-            .field(
-                "sending",
-                &self.sending.as_ref().map(|(command, _)| command),
-            )
+            .field("sending", &sending)
             .field("under_way", &self.under_way.len())
             .finish_non_exhaustive()
     }
 }
+
+/// What a program leaves unused of a path warns.
+///
+/// ```
+/// #![deny(unused_must_use)]
+/// # use servocrab::profile_position::{PathError, ProfilePosition, SetPoint};
+/// async fn path(pp: &ProfilePosition) -> Result<(), PathError> {
+///     let mut path = pp.follow([pp.abs(1, SetPoint::new())]);
+///     let _ = path.next().await;
+///     path.finish().await?;
+///     Ok(())
+/// }
+/// ```
+///
+/// ```compile_fail
+/// #![deny(unused_must_use)]
+/// # use servocrab::profile_position::{PathError, ProfilePosition, SetPoint};
+/// async fn path(pp: &ProfilePosition) -> Result<(), PathError> {
+///     pp.follow([pp.abs(1, SetPoint::new())]);
+///     Ok(())
+/// }
+/// ```
+///
+/// ```compile_fail
+/// #![deny(unused_must_use)]
+/// # use servocrab::profile_position::{PathError, ProfilePosition, SetPoint};
+/// async fn path(pp: &ProfilePosition) -> Result<(), PathError> {
+///     let mut path = pp.follow([pp.abs(1, SetPoint::new())]);
+///     path.next().await;
+///     path.finish().await?;
+///     Ok(())
+/// }
+/// ```
+///
+/// ```compile_fail
+/// #![deny(unused_must_use)]
+/// # use servocrab::profile_position::{PathError, ProfilePosition, SetPoint};
+/// async fn path(pp: &ProfilePosition) -> Result<(), PathError> {
+///     pp.follow([pp.abs(1, SetPoint::new())]).finish().await;
+///     Ok(())
+/// }
+/// ```
+#[cfg(doctest)]
+struct Unused;

@@ -35,7 +35,7 @@ use super::{Failure, Move, MoveCommand, Reference, SetPoint, by_sdo::BySdo};
 /// ```
 #[derive(Debug)]
 pub struct ProfilePosition {
-    axis: Axis,
+    pub(super) axis: Axis,
     _lease: Lease,
 }
 

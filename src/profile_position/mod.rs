@@ -37,7 +37,7 @@ pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};
 #[cfg(feature = "std")]
 pub(crate) use by_sdo::{BySdo, WrittenParameters};
 #[cfg(feature = "std")]
-pub use follow::{Follow, Followed};
+pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
 #[cfg(feature = "std")]
 pub use handle::{MoveRequest, ProfilePosition};
 #[cfg(feature = "std")]

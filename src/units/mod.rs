@@ -39,4 +39,6 @@ pub use scaled_homing::{ScaledHome, ScaledHomed, ScaledHoming};
 #[cfg(feature = "std")]
 pub use scaled_jog::{ScaledJog, ScaledProfileVelocity};
 #[cfg(feature = "std")]
-pub use scaled_request::{ScaledFollow, ScaledFollowed, ScaledMoveRequest, together};
+pub use scaled_request::{
+    ScaledFollow, ScaledFollowed, ScaledMoveRequest, ScaledPathError, together,
+};

@@ -163,22 +163,20 @@ impl ScaledMove {
     }
 
     fn outcome(&self, outcome: Result<Outcome, AxisError>) -> Result<ScaledOutcome, AxisError> {
-        outcome_in_units(outcome, self.scale)
+        outcome
+            .map(|outcome| in_scale(outcome, self.scale))
+            .map_err(|error| in_units(error, self.scale))
     }
 }
 
-pub(super) fn outcome_in_units(
-    outcome: Result<Outcome, AxisError>,
-    scale: Scale,
-) -> Result<ScaledOutcome, AxisError> {
+pub(super) fn in_scale(outcome: Outcome, scale: Scale) -> ScaledOutcome {
     match outcome {
-        Ok(Outcome::Reached { position }) => Ok(ScaledOutcome::Reached {
+        Outcome::Reached { position } => ScaledOutcome::Reached {
             position: scale.position_of(position),
-        }),
-        Ok(Outcome::Passed { position }) => Ok(ScaledOutcome::Passed {
+        },
+        Outcome::Passed { position } => ScaledOutcome::Passed {
             position: scale.position_of(position),
-        }),
-        Err(error) => Err(in_units(error, scale)),
+        },
     }
 }
 

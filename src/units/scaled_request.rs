@@ -1,6 +1,7 @@
 //! Moves in a program's own units that are not sent yet: several axes at once, and paths.
 
 use core::{
+    future::poll_fn,
     pin::Pin,
     task::{Context, Poll},
 };
@@ -8,12 +9,12 @@ use core::{
 use smol::stream::{Map, Stream, StreamExt};
 
 use super::{
-    Scale, ScaledMove, ScaledOutcome, ScaledProfilePosition, scaled::outcome_in_units,
+    Scale, ScaledMove, ScaledOutcome, ScaledProfilePosition, scaled::in_scale,
     scaled_failure::in_units,
 };
 use crate::{
     axis::{self, AxisError, TogetherError},
-    profile_position::{Follow, MoveRequest, Reference},
+    profile_position::{ByStream, Follow, MoveRequest, Path, PathError, Reference},
 };
 
 /// A move in a program's own units that is not sent yet.
@@ -92,21 +93,52 @@ pub async fn together(
 }
 
 /// One move of a path, and how it ended, in a program's own units.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScaledFollowed {
     /// What its target counts from.
     pub reference: Reference,
     /// Where to, or how far: units.
     pub target: f64,
     /// Its outcome.
-    pub result: Result<ScaledOutcome, AxisError>,
+    pub outcome: ScaledOutcome,
+}
+
+/// A move of a path did not end well, or could not be sent, in a program's own units.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("move {number} of the path (to {target}): {error}")]
+pub struct ScaledPathError {
+    /// Which one, from 0 on.
+    pub number: usize,
+    /// What its target counts from.
+    pub reference: Reference,
+    /// Where to, or how far: units.
+    pub target: f64,
+    /// Why.
+    pub error: AxisError,
+}
+
+impl From<ScaledPathError> for AxisError {
+    fn from(failed: ScaledPathError) -> Self {
+        failed.error
+    }
+}
+
+impl ScaledPathError {
+    fn new(failed: PathError, scale: Scale) -> Self {
+        Self {
+            number: failed.number,
+            reference: failed.command.reference,
+            target: scale.position_of(failed.command.target),
+            error: in_units(failed.error, scale),
+        }
+    }
 }
 
 /// A stream of moves in the drive's units.
 type InCounts<S> = Map<S, fn(ScaledMoveRequest) -> MoveRequest>;
 
 /// The outcomes of a path's moves, in their order, from [`ScaledProfilePosition::follow`]. It sends nothing unless it is polled.
-#[must_use = "a path is sent while its outcomes are taken"]
+#[must_use = "a path is sent while its outcomes are taken: `finish` takes them all"]
 #[derive(Debug)]
 pub struct ScaledFollow<'a, S> {
     inner: Follow<'a, InCounts<S>>,
@@ -114,44 +146,77 @@ pub struct ScaledFollow<'a, S> {
 }
 
 impl ScaledProfilePosition {
-    /// Sends the moves of a stream one after another, as [`ProfilePosition::follow`](crate::profile_position::ProfilePosition::follow).
+    /// Sends the moves of an iterator or a stream one after another, as
+    /// [`ProfilePosition::follow`](crate::profile_position::ProfilePosition::follow).
     ///
     /// ```no_run
     /// # async fn path(on_x: &servocrab::units::ScaledProfilePosition) -> Result<(), servocrab::axis::AxisError> {
     /// use servocrab::{profile_position::Start, units::ScaledSetPoint};
-    /// use smol::stream::{self, StreamExt};
     ///
     /// let blend = ScaledSetPoint::new().velocity(40.0).start(Start::Blend);
     /// let moves = [on_x.abs(1.0, blend)?, on_x.abs(4.0, blend)?, on_x.abs(9.5, blend)?];
-    /// let mut path = on_x.follow(stream::iter(moves));
-    /// while let Some(followed) = path.next().await {
-    ///     println!("{} mm: {}", followed.target, followed.result?);
+    /// let mut path = on_x.follow(moves);
+    /// while let Some(followed) = path.try_next().await? {
+    ///     println!("{} mm: {}", followed.target, followed.outcome);
     /// }
     /// # Ok(())
     /// # }
     /// ```
-    pub fn follow<S>(&self, moves: S) -> ScaledFollow<'_, S>
-    where
-        S: Stream<Item = ScaledMoveRequest> + Unpin,
-    {
+    pub fn follow<K, P: Path<ScaledMoveRequest, K>>(
+        &self,
+        moves: P,
+    ) -> ScaledFollow<'_, P::Stream> {
+        let in_counts: fn(ScaledMoveRequest) -> MoveRequest = |request| request.inner;
+        let moves: InCounts<P::Stream> = moves.into_stream().map(in_counts);
         ScaledFollow {
-            inner: self.inner().follow(moves.map(|request| request.inner)),
+            inner: self.inner().follow::<ByStream, _>(moves),
             scale: self.scale(),
         }
     }
 }
 
-impl<S: Stream<Item = ScaledMoveRequest> + Unpin> Stream for ScaledFollow<'_, S> {
-    type Item = ScaledFollowed;
+impl<S: Stream<Item = ScaledMoveRequest>> ScaledFollow<'_, S> {
+    /// As [`Follow::next`].
+    #[must_use = "a move that did not end well is told here"]
+    pub async fn next(&mut self) -> Option<Result<ScaledFollowed, ScaledPathError>> {
+        poll_fn(|cx| Pin::new(&mut *self).poll_next(cx)).await
+    }
 
-    fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<ScaledFollowed>> {
+    /// As [`Follow::try_next`].
+    ///
+    /// # Errors
+    /// As [`Follow::try_next`], in the program's units.
+    pub async fn try_next(&mut self) -> Result<Option<ScaledFollowed>, ScaledPathError> {
+        self.next().await.transpose()
+    }
+
+    /// As [`Follow::finish`].
+    ///
+    /// # Errors
+    /// As [`Follow::finish`], in the program's units.
+    pub async fn finish(self) -> Result<Option<ScaledOutcome>, ScaledPathError> {
+        let scale = self.scale;
+        let end = self.inner.finish().await;
+        end.map(|last| last.map(|last| in_scale(last, scale)))
+            .map_err(|failed| ScaledPathError::new(failed, scale))
+    }
+}
+
+impl<S: Stream<Item = ScaledMoveRequest>> Stream for ScaledFollow<'_, S> {
+    type Item = Result<ScaledFollowed, ScaledPathError>;
+
+    fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         let this = self.get_mut();
         let scale = this.scale;
         Pin::new(&mut this.inner).poll_next(cx).map(|followed| {
-            followed.map(|followed| ScaledFollowed {
-                reference: followed.command.reference,
-                target: scale.position_of(followed.command.target),
-                result: outcome_in_units(followed.result, scale),
+            followed.map(|followed| {
+                followed
+                    .map(|followed| ScaledFollowed {
+                        reference: followed.command.reference,
+                        target: scale.position_of(followed.command.target),
+                        outcome: in_scale(followed.outcome, scale),
+                    })
+                    .map_err(|failed| ScaledPathError::new(failed, scale))
             })
         })
     }

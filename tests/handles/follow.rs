@@ -1,8 +1,8 @@
 //! Paths: moves from a stream, kept flowing into the drive's buffer.
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure},
-    profile_position::{Follow, Followed, MoveRequest, Outcome, SetPoint, Start},
+    axis::{AxisError, AxisErrorKind, Failure},
+    profile_position::{Follow, Followed, MoveRequest, Outcome, PathError, SetPoint, Start},
 };
 use smol::stream::{self, Stream, StreamExt};
 
@@ -12,9 +12,9 @@ fn blend() -> SetPoint {
     SetPoint::new().start(Start::Blend)
 }
 
-fn all<S>(machine: &mut Machine, path: &mut Follow<'_, S>) -> Vec<Followed>
+fn all<S>(machine: &mut Machine, path: &mut Follow<'_, S>) -> Vec<Result<Followed, PathError>>
 where
-    S: Stream<Item = MoveRequest> + Unpin,
+    S: Stream<Item = MoveRequest>,
 {
     let mut ends = Vec::new();
     while let Some(followed) = machine.finish(path.next()) {
@@ -30,20 +30,16 @@ fn a_path_of_blended_moves_passes_each_target_in_order_without_a_stop() {
     let targets = [6_000, 12_000, 18_000, 24_000, 30_000];
     let mut path = pp.follow(stream::iter(targets.map(|target| pp.abs(target, blend()))));
     let ends = all(&mut machine, &mut path);
+    let ends: Vec<_> = ends.into_iter().map(Result::unwrap).collect();
     let order: Vec<_> = ends.iter().map(|end| end.command.target).collect();
     assert_eq!(order, targets);
     let (last, passed) = ends.split_last().unwrap();
     for end in passed {
-        assert!(
-            matches!(end.result, Ok(Outcome::Passed { .. })),
-            "{:?}",
-            end.result
-        );
+        assert!(matches!(end.outcome, Outcome::Passed { .. }), "{end:?}");
     }
-    assert!(matches!(
-        last.result,
-        Ok(Outcome::Reached { position: 30_000 })
-    ));
+    let reached = Outcome::Reached { position: 30_000 };
+    assert_eq!(last.outcome, reached);
+    assert_eq!(machine.finish(path.finish()).unwrap(), Some(reached));
     assert_eq!(machine.drive().ledger().len(), 5);
 }
 
@@ -87,16 +83,18 @@ fn a_halt_ends_the_path_behind_the_moves_that_the_drive_holds() {
     machine.finish(axis.resume()).unwrap();
     let ends = all(&mut machine, &mut path);
     assert_eq!(ends.len(), 3, "{ends:?}");
-    assert!(matches!(ends[0].result, Ok(Outcome::Reached { .. })));
-    assert!(matches!(
-        ends[1].result,
-        Ok(Outcome::Reached { position: 10_000 })
-    ));
-    let refused = ends[2].result.as_ref().unwrap_err();
-    assert!(matches!(
-        refused.kind,
-        AxisErrorKind::Failed(Failure::Halted)
-    ));
+    let outcomes: Vec<_> = ends
+        .iter()
+        .map(|end| end.as_ref().map(|end| end.outcome))
+        .collect();
+    assert!(matches!(outcomes[0], Ok(Outcome::Reached { .. })));
+    assert_eq!(outcomes[1].unwrap(), Outcome::Reached { position: 10_000 });
+    let refused = outcomes[2].unwrap_err();
+    assert_eq!((refused.number, refused.command.target), (2, 15_000));
+    assert_eq!(refused.error.failure(), Some(Failure::Halted));
+    // Whoever has not looked at it is told by the one result.
+    let failed = machine.finish(path.finish()).unwrap_err();
+    assert_eq!(failed.error.failure(), Some(Failure::Halted));
     assert_eq!(machine.drive().ledger().len(), 2);
 }
 
@@ -124,4 +122,68 @@ fn an_empty_path_is_over_at_once() {
     let pp = machine.finish(axis.profile_position()).unwrap();
     let mut path = pp.follow(stream::empty());
     assert!(all(&mut machine, &mut path).is_empty());
+}
+
+#[test]
+fn the_one_result_of_a_path_is_its_first_failure_or_its_last_outcome() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let after = SetPoint::new().start(Start::AfterCurrent);
+    // An iterator, a stream, and one that is pinned where it is.
+    let moves = || (1..=4).map(|n| pp.abs(n * 1_000, after));
+    let reached = Some(Outcome::Reached { position: 4_000 });
+    assert_eq!(
+        machine.finish(pp.follow(moves()).finish()).unwrap(),
+        reached
+    );
+    let path = pp.follow(stream::iter(moves()).then(|request| async { request }));
+    assert_eq!(machine.finish(path.finish()).unwrap(), reached);
+    let none: [MoveRequest; 0] = [];
+    assert_eq!(machine.finish(pp.follow(none).finish()).unwrap(), None);
+
+    let mut finishing = Task::new(
+        pp.follow([pp.abs(90_000, after), pp.abs(0, after)])
+            .finish(),
+    );
+    for _ in 0..100 {
+        assert!(finishing.poll().is_none());
+        machine.cycle();
+    }
+    machine.finish(axis.quick_stop()).unwrap();
+    let failed = machine.finish_task(&mut finishing).unwrap_err();
+    assert_eq!((failed.number, failed.command.target), (0, 90_000));
+    let error = AxisError::from(failed);
+    assert_eq!(error.failure(), Some(Failure::QuickStopped));
+}
+
+#[test]
+fn a_path_refuses_a_move_of_another_axis_and_sends_nothing_of_it() {
+    let mut machine = Machine::new(2);
+    let (one, other) = (machine.axis(0), machine.axis(1));
+    machine.finish(one.enable()).unwrap();
+    machine.finish(other.enable()).unwrap();
+    let pp = machine.finish(one.profile_position()).unwrap();
+    let elsewhere = machine.finish(other.profile_position()).unwrap();
+    let after = SetPoint::new().start(Start::AfterCurrent);
+    let moves = [
+        pp.abs(500, after),
+        elsewhere.abs(700, after),
+        pp.abs(900, after),
+    ];
+    let failed = machine.finish(pp.follow(moves).finish()).unwrap_err();
+    assert_eq!((failed.number, failed.command.target), (1, 700));
+    assert_eq!(failed.error.identity.axis, "axis0");
+    assert!(
+        matches!(&failed.error.kind, AxisErrorKind::OtherAxis { axis } if axis == "axis1"),
+        "{failed}"
+    );
+    machine.run(200);
+    assert_eq!(
+        machine.drive().ledger().len(),
+        1,
+        "the one before it was executed"
+    );
+    assert_eq!(machine.drive().position(), 500);
+    let there = machine.stations[1].drive.lock().unwrap();
+    assert!(there.ledger().is_empty());
 }

@@ -427,32 +427,35 @@ fn a_homing_that_does_not_end_in_its_time_is_stopped_polled_or_not() {
 
 #[test]
 fn a_homing_whose_time_is_over_before_bit_4_is_not_started() {
-    for ms in 0..6 {
+    let mut not_sent = 0;
+    for ms in 0..14 {
         let (mut machine, axis) = Machine::enabled_of(&variant());
-        machine.stations[0]
-            .sdo
-            .slow_writes
-            .store(true, Ordering::Relaxed);
+        let sdo = &machine.stations[0].sdo;
+        sdo.slow_writes.store(true, Ordering::Relaxed);
         let homing = machine.finish(axis.homing()).unwrap();
+        let from = machine.stations[0].words.len();
         let limit = Duration::from_millis(ms);
-        let error = machine
-            .finish(homing.home(to_the_switch()).within(limit))
-            .unwrap_err();
-        assert!(
-            matches!(
-                error.failure(),
-                Some(Failure::Timeout {
-                    waiting_for: WaitingFor::HomingEnd,
-                    delivery: Delivery::NotSent,
-                    ..
-                })
-            ),
-            "{ms} ms: {error}"
-        );
-        machine.run(100);
-        assert!(machine.drive().homings().is_empty(), "{ms} ms");
+        let home = homing.home(to_the_switch()).within(limit);
+        let error = machine.finish(home).unwrap_err();
+        let Some(Failure::Timeout {
+            waiting_for: WaitingFor::HomingEnd,
+            delivery,
+            ..
+        }) = error.failure()
+        else {
+            panic!("{ms} ms: {error}");
+        };
+        machine.run(500);
+        let words = &machine.stations[0].words[from..];
+        let rise = words.iter().position(|word| word & BIT_4 != 0);
+        let rise = rise.map(|cycles| Duration::from_millis(cycles as u64 + 1));
+        assert!(rise.is_none_or(|rise| rise <= limit), "{ms} ms: {rise:?}");
+        assert_eq!(rise.is_none(), delivery == Delivery::NotSent, "{ms} ms");
+        not_sent += usize::from(rise.is_none());
+        machine.finish(axis.enable()).unwrap();
         machine.finish(homing.home(to_the_switch())).unwrap();
     }
+    assert!((6..13).contains(&not_sent), "{not_sent}");
 }
 
 #[test]

@@ -225,6 +225,23 @@ fn stops_that_are_asked_for_while_one_is_under_way_share_its_end() {
     }
 }
 
+#[test]
+fn disables_of_a_standing_axis_share_its_end() {
+    let (mut machine, axis) = Machine::enabled();
+    machine.run(200);
+    let mut disables = Vec::new();
+    while axis.status().state == State::OperationEnabled {
+        let mut disable = Task::new(axis.disable());
+        assert!(disable.poll().is_none());
+        disables.push(disable);
+        machine.cycle();
+    }
+    assert!(disables.len() > 1);
+    for disable in &mut disables {
+        machine.finish_task(disable).unwrap();
+    }
+}
+
 /// However often it was asked for, and whatever was asked for in between.
 #[test]
 fn a_stop_that_is_shared_ends_what_was_asked_for_before_each_of_those_who_share_it() {

@@ -88,7 +88,10 @@ fn a_path_and_its_end_are_told_in_the_programs_units() {
     let followed: Vec<_> = machine.finish(path.collect());
     let ends: Vec<_> = followed
         .iter()
-        .map(|followed| (followed.reference, followed.target))
+        .map(|followed| match followed {
+            Ok(followed) => (followed.reference, followed.target),
+            Err(failed) => (failed.reference, failed.target),
+        })
         .collect();
     assert_eq!(
         ends,
@@ -100,8 +103,8 @@ fn a_path_and_its_end_are_told_in_the_programs_units() {
     );
     let texts: Vec<_> = followed
         .into_iter()
-        .map(|followed| match followed.result {
-            Ok(outcome) => outcome.to_string(),
+        .map(|followed| match followed {
+            Ok(followed) => followed.outcome.to_string(),
             Err(error) => error.to_string(),
         })
         .collect();
