@@ -9,11 +9,9 @@ use serde::Deserialize;
 use super::table::Target;
 use super::tree::Tree;
 
-/// What is built, it is built as fast as can be: it runs once for each mutant, and not for long.
-const FAST: [&str; 2] = [
-    "--config=profile.test.package.servocrab.opt-level=0",
-    "--config=profile.test.package.servocrab-sim.opt-level=0",
-];
+/// The library and its tests are built as fast as can be: they run once for each mutant, and not for long. The simulated
+/// drives, through which nearly all that time goes, keep the optimisation of the tests' profile.
+const FAST: &str = "--config=profile.test.package.servocrab.opt-level=0";
 
 /// What came of it.
 pub(crate) enum Built {
@@ -75,7 +73,7 @@ pub(crate) fn build(
             "--package",
             package,
         ])
-        .args(FAST)
+        .arg(FAST)
         .args(targets.iter().flat_map(|target| target.arguments()))
         .current_dir(&tree.root)
         .envs(environment())
