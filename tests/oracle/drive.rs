@@ -230,7 +230,7 @@ pub struct Drive {
     next_trouble: u64,
     image: [u8; INPUT_BYTES],
     pub ledger: Vec<Latch>,
-    /// An edge with bit 5 low came onto a full buffer.
+    /// An edge with bit 5 low came onto a full buffer, of none of which the end was where the axis stood.
     pub overrun: Option<u32>,
     /// Habits end with the disturbed part of a life.
     pub healed: bool,
@@ -416,7 +416,9 @@ impl Drive {
             let absolute = self
                 .active
                 .is_some_and(|active| !self.ledger[active.index].relative);
-            if absolute && self.demand_velocity != 0.0 && self.has(Habit::Bit10Glitch) {
+            // And on a slow one the axis is where it was, for all that shows.
+            let fast = self.demand_velocity.abs() * 0.02 > 20.0 * self.making.window;
+            if absolute && fast && self.has(Habit::Bit10Glitch) {
                 self.glitch = true;
             }
             return;
@@ -658,8 +660,11 @@ impl Drive {
     fn latch(&mut self, out: &Outputs) {
         let immediate = out.bit(5);
         if self.pending.is_some() && !immediate {
-            // Full: no document says that it is taken.
-            self.overrun = Some(out.velocity);
+            // Full: no document says that it is taken. One that is at its end before it begins may be over for all that shows.
+            let mut held = self.active.iter().chain(&self.pending);
+            if !held.any(|held| (held.goal - self.demand).abs() <= self.making.window + 2.0) {
+                self.overrun = Some(out.velocity);
+            }
             return;
         }
         let behind = self.active.filter(|_| !immediate);
@@ -789,6 +794,8 @@ impl Drive {
 
     fn position_mode(&mut self, halted: bool, dt: f64) {
         if halted {
+            // What bit 10 shows afterwards is of the halt.
+            self.show_reached_while_waiting = false;
             let ramp = self
                 .active
                 .map_or(self.making.quick_ramp, |active| active.deceleration);
@@ -968,7 +975,11 @@ impl Drive {
         let goes = self.active.is_some();
         let halted = out.bit(8);
         let at_rest = self.demand_velocity == 0.0;
-        let waits = goes && self.wait > 0 && self.show_reached_while_waiting;
+        // And with no way to go it stays.
+        let short = self
+            .active
+            .is_some_and(|active| (active.goal - self.demand).abs() <= self.making.window);
+        let waits = goes && (self.wait > 0 || short) && self.show_reached_while_waiting && at_rest;
         let now = if halted && self.state == State::Enabled {
             at_rest && !(self.habits.has(Habit::HaltWithoutBit10) && self.mode == 1)
         } else if waits {
@@ -987,7 +998,7 @@ impl Drive {
         } else {
             0
         };
-        let needed = if self.habits.has(Habit::Bit10ByWindow) {
+        let needed = if self.habits.has(Habit::Bit10ByWindow) && !waits {
             self.making.window_ticks
         } else {
             0
