@@ -148,6 +148,9 @@ pub struct Deadlines {
     pub disable: Duration,
     /// From bit 4 to bit 12, and for bit 12 to fall before a set-point.
     pub acknowledge: Duration,
+    /// From bit 12 until an acknowledged set-point shows that it has begun: bit 10 falls, or the axis leaves where it stood. Then
+    /// [`Failure::NotBegun`](super::Failure::NotBegun). Give more where a brake or an input of the drive holds the axis back for longer.
+    pub begin: Duration,
     /// From bit 8 or bit 2 to standstill.
     pub standstill: Duration,
     /// From 6060h to 6061h.
@@ -162,6 +165,7 @@ impl Default for Deadlines {
             enable: Duration::from_secs(5),
             disable: Duration::from_secs(5),
             acknowledge: Duration::from_millis(500),
+            begin: Duration::from_secs(2),
             standstill: Duration::from_secs(10),
             mode: Duration::from_secs(1),
             fault_reset: Duration::from_millis(300),

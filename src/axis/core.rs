@@ -19,6 +19,7 @@ use super::{
     AxisConfig, Inputs, Referencing, Snapshot, StopRequest,
     calm::{Calm, News},
     fields::Sight,
+    intake::Pace,
     modes::ModeChange,
     power::Power,
     stopping::Stopping,
@@ -39,8 +40,10 @@ macro_rules! cycle {
             delivered: $delivered,
             halted: $core.halted,
             blind: $core.blind_cycles,
+            stalled: $core.pace.stalled,
             limit_tells: $core.limit_tells,
             acknowledge: $core.config.deadlines.acknowledge,
+            begin: $core.config.deadlines.begin,
             controlword: $core.sent,
         }
     };
@@ -106,6 +109,7 @@ pub struct AxisCore {
     /// How many cycles without inputs there were before the last one with them.
     pub(super) blind_cycles: u32,
     pub(super) undelivered_cycles: u32,
+    pub(super) pace: Pace,
     /// Whether bit 11 was ever seen low in Operation enabled.
     pub(super) limit_tells: bool,
     pub(super) cycle: u64,
@@ -155,6 +159,7 @@ impl AxisCore {
             stale_cycles: 0,
             blind_cycles: 0,
             undelivered_cycles: 0,
+            pace: Pace::default(),
             limit_tells: false,
             cycle: 0,
             expired: false,

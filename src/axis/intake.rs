@@ -9,6 +9,37 @@ use crate::{
 
 use super::{AxisCore, Inputs, power::Power};
 
+/// How far apart the cycles with inputs are: a host that stalls sees as little as one whose frames are lost.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Pace {
+    /// The last cycle with inputs that was computed as a whole.
+    last: (u64, Duration),
+    /// From it to the one before.
+    gap: Option<Duration>,
+    /// For how many cycles nothing was seen before the last one, by the clock; 0 where that is not known.
+    pub(super) stalled: u32,
+}
+
+impl Pace {
+    /// Takes in a cycle with inputs, after so many without.
+    fn observe(&mut self, now: Duration, cycle: u64, stale: u32) {
+        let (last, at) = core::mem::replace(&mut self.last, (cycle, now));
+        let cycles = stale.saturating_add(1);
+        // Between others lie those that were not computed as a whole.
+        let gap = (cycle.wrapping_sub(last) == u64::from(cycles))
+            .then(|| now.saturating_sub(at) / cycles);
+        self.stalled = match (core::mem::replace(&mut self.gap, gap), gap) {
+            (Some(before), Some(gap)) if gap / 2 > before => {
+                let times = gap.as_micros() / before.as_micros().max(1);
+                u32::try_from(times)
+                    .unwrap_or(u32::MAX)
+                    .saturating_mul(cycles)
+            }
+            _ => 0,
+        };
+    }
+}
+
 impl AxisCore {
     /// Takes in what a cycle brought. Whether the outputs are known to have been delivered.
     pub(super) fn take_in(&mut self, now: Duration, inputs: Inputs<'_>) -> bool {
@@ -34,6 +65,7 @@ impl AxisCore {
         self.answered = sample.is_some();
         if self.answered {
             self.blind_cycles = self.stale_cycles;
+            self.pace.observe(now, self.cycle, self.stale_cycles);
         }
         self.stale_cycles = if self.answered {
             0

@@ -100,8 +100,10 @@ impl Dialogue {
             delivered: self.delivered,
             halted: self.halted,
             blind: 0,
+            stalled: 0,
             limit_tells: true,
             acknowledge: Duration::from_millis(500),
+            begin: Duration::from_secs(2),
             controlword: self.sent,
         };
         self.verdict = self.procedure.step(&cycle, &mut self.events);

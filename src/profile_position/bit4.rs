@@ -40,6 +40,8 @@ pub(super) struct Raised {
     /// Where the set-point begins and where it ends, judged when it rose.
     pub(super) begin: i32,
     pub(super) end: Option<i32>,
+    /// Where it leads, also where its end is not known to the count.
+    pub(super) goal: Option<i32>,
     /// Whether it begins at rest.
     pub(super) from_rest: bool,
 }

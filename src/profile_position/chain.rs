@@ -6,7 +6,8 @@ use crate::ds402::Controlword;
 
 use super::{
     BufferSignal, Cycle, Delivery, Event, Events, Failure, MoveCommand, Reference, RelativeBase,
-    Start, StartBits, Traits, track::Track,
+    Start, StartBits, Traits,
+    track::{Rest, Sight, Track},
 };
 
 /// Set-points that the drive may hold.
@@ -40,6 +41,8 @@ pub(super) struct Chain {
     over: Option<Over>,
     /// The end of the last set-point, where the axis has arrived.
     last_end: Option<i32>,
+    /// Whether the drive has been given up on beginning one that it has acknowledged: it may still do so.
+    not_begun: bool,
 }
 
 /// A set-point whose place the next one has taken.
@@ -53,6 +56,11 @@ struct Over {
 }
 
 impl Chain {
+    /// Whether one has just ended that the drive may still begin.
+    pub(super) const fn take_not_begun(&mut self) -> bool {
+        core::mem::replace(&mut self.not_begun, false)
+    }
+
     pub(super) fn is_empty(&self) -> bool {
         self.held.iter().all(Option::is_none)
     }
@@ -113,6 +121,10 @@ impl Chain {
         next: Next,
         events: &mut Events,
     ) {
+        // A single set-point, with nothing behind it, ends where the axis stands, whatever was not seen of its way.
+        let alone = self.over.is_none() && self.held[1].is_none() && next == Next::None;
+        let stalled = cycle.with_stall();
+        let cycle = if alone { cycle } else { &stalled };
         let undecided = self.follow_over(cycle, events);
         if next == Next::Perhaps && !undecided {
             self.follow_doubtful(cycle, events);
@@ -120,17 +132,38 @@ impl Chain {
         }
         match &mut self.held {
             [Some(first), Some(second)] => {
+                second.note_behind(first, cycle);
                 first.note(cycle, false);
                 // When bit 12 has fallen, the next one has taken over, and bit 11 is of that.
                 if cycle.is_acknowledging() {
                     first.note_limit(cycle);
                 }
                 let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
-                let left = cycle.traits.buffer_signal != BufferSignal::Acknowledge
-                    && first.is_left_behind(cycle);
-                let over = shown || left || first.is_over_with(second, cycle);
+                let left = first.is_left_behind(second, cycle)
+                    && cycle.traits.buffer_signal != BufferSignal::Acknowledge;
+                let rest = if shown || left {
+                    None
+                } else {
+                    first.rests_with(second, cycle)
+                };
+                let over = shown || left || rest.is_some();
                 if over && next == Next::None && !undecided {
-                    if shown && !first.was_at_end(cycle) {
+                    if let Some(Rest::NextNotBegun | Rest::NoneBegun) = rest {
+                        let not_begun = Err(Failure::NotBegun {
+                            actual: cycle.sample.position,
+                        });
+                        let outcome = match rest {
+                            Some(Rest::NextNotBegun) => first.ended_into(second.start, cycle),
+                            _ => not_begun,
+                        };
+                        events.push(first.id, Event::Done(outcome));
+                        events.push(second.id, Event::Done(not_begun));
+                        self.held = [None; HELD];
+                        self.last_end = None;
+                        self.not_begun = true;
+                        return;
+                    }
+                    if shown && first.sight(cycle) != Sight::There {
                         self.over = Some(Over {
                             track: *first,
                             next: second.start,
@@ -141,7 +174,7 @@ impl Chain {
                         let outcome = first.ended_into(second.start, cycle);
                         events.push(first.id, Event::Done(outcome));
                     }
-                    second.becomes_active(cycle.now, cycle.sample.position, cycle.bounds);
+                    second.takes_over(first, cycle);
                     self.last_end = first.end;
                     self.held.rotate_left(1);
                     self.held[HELD - 1] = None;
@@ -177,6 +210,7 @@ impl Chain {
         match outcome {
             Some(outcome) if !undecided => {
                 self.last_end = if outcome.is_ok() { track.end } else { None };
+                self.not_begun |= matches!(outcome, Err(Failure::NotBegun { .. }));
                 events.push(track.id, Event::Done(outcome));
                 self.held[0] = None;
                 true
@@ -217,11 +251,15 @@ impl Chain {
         };
         over.track.note(cycle, false);
         let waited = cycle.now.saturating_sub(over.since) >= cycle.bounds.settle;
-        if !waited && !over.track.was_at_end(cycle) {
+        if !waited && over.track.sight(cycle) != Sight::There {
             return true;
         }
         let outcome = match over.track.ended_into(over.next, cycle) {
             Err(Failure::MissedTarget { target, .. }) => Err(Failure::MissedTarget {
+                target,
+                actual: over.position,
+            }),
+            Err(Failure::Unseen { target, .. }) => Err(Failure::Unseen {
                 target,
                 actual: over.position,
             }),
@@ -290,7 +328,6 @@ impl Chain {
     /// Where a move will end, where the documents and the position tell.
     pub(super) fn end_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         match command.reference {
-            Reference::Absolute => Some(command.target),
             // A drive that counts from the actual position takes it on the way, behind the end of the move before by the
             // following error.
             Reference::Relative
@@ -300,6 +337,14 @@ impl Chain {
             {
                 None
             }
+            Reference::Absolute | Reference::Relative => self.goal_of(command, cycle),
+        }
+    }
+
+    /// Where a move leads, also where its end is not known to the count.
+    pub(super) fn goal_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
+        match command.reference {
+            Reference::Absolute => Some(command.target),
             Reference::Relative => {
                 let base = self.base_of(command, cycle);
                 base.map(|base| cycle.bounds.after(base, command.target))

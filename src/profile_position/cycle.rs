@@ -21,16 +21,28 @@ pub(crate) struct Cycle<'a> {
     pub(crate) halted: bool,
     /// How many cycles before this one brought no inputs.
     pub(crate) blind: u32,
+    /// How many cycles, by the clock, the host has stood still before this one.
+    pub(crate) stalled: u32,
     /// Whether bit 11 (internal limit active) was ever seen low in Operation enabled: of a drive that shows it always it says
     /// nothing.
     pub(crate) limit_tells: bool,
     /// Deadline of each wait for bit 12.
     pub(crate) acknowledge: Duration,
+    /// How long a set-point may take to show that it has begun.
+    pub(crate) begin: Duration,
     /// The word sent with this cycle, for errors.
     pub(crate) controlword: Controlword,
 }
 
 impl Cycle<'_> {
+    /// The same, blind for as long as the host has stood still too.
+    pub(super) fn with_stall(&self) -> Self {
+        Self {
+            blind: self.blind.max(self.stalled),
+            ..*self
+        }
+    }
+
     /// Bit 12.
     pub(super) fn is_acknowledging(&self) -> bool {
         let statusword = self.sample.statusword;

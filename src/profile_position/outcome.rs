@@ -149,6 +149,26 @@ pub enum Failure {
         /// Position actual value 6064h.
         actual: i32,
     },
+    /// The drive went on to the next move, and nothing was seen of the axis when it was, or was not, at this one's target: inputs did
+    /// not arrive.
+    #[error(
+        "the drive has gone on to the next move while nothing was seen of the axis, which is at {actual}: whether it was at {target} is not known"
+    )]
+    Unseen {
+        /// The position asked for.
+        target: i32,
+        /// Position actual value 6064h.
+        actual: i32,
+    },
+    /// The drive has acknowledged the move, and nothing has shown in time that it has begun: bit 10 has stayed high, and the axis
+    /// stands where it stood. It counts as held by the drive, which may begin it at any time, until `stop()`.
+    #[error(
+        "the drive has acknowledged the move and has not begun it, the axis stands at {actual}: it may begin at any time; stop() it, and look for a brake or an input that holds it"
+    )]
+    NotBegun {
+        /// Position actual value 6064h.
+        actual: i32,
+    },
     /// The move was sent to replace those of a full buffer, where the drive acknowledges nothing, and its motion has not
     /// shown that the drive took it.
     #[error(

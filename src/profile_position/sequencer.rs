@@ -109,7 +109,20 @@ impl Sequencer {
     /// One cycle of a calm axis with a set-point under way: whether that has ended.
     #[inline]
     pub(crate) fn follow(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
-        self.chain.follow_active(cycle, Next::None, false, events)
+        let ended = self.chain.follow_active(cycle, Next::None, false, events);
+        if ended {
+            self.note_not_begun(events);
+        }
+        ended
+    }
+
+    /// A set-point that the drive has acknowledged and not begun is one that it may begin at any time: nothing more is sent before a
+    /// stop.
+    fn note_not_begun(&mut self, events: &mut Events) {
+        if self.chain.take_not_begun() {
+            self.unknown = true;
+            self.withdraw_unsent(Failure::NeedsStop, events);
+        }
     }
 
     /// The motion profile type 6086h of the move that a new one would follow; none where it would follow none.
@@ -231,6 +244,7 @@ impl Sequencer {
                 false => Next::None,
             };
             self.chain.follow(cycle, room_shown, next, events);
+            self.note_not_begun(events);
             self.start_next(cycle, events);
         }
         accepted
@@ -366,6 +380,7 @@ impl Sequencer {
                 since: cycle.now,
                 begin: self.chain.begin_of(&request.command, cycle),
                 end: self.chain.end_of(&request.command, cycle),
+                goal: self.chain.goal_of(&request.command, cycle),
                 from_rest: self.chain.begins_at_rest(&request.command, cycle),
             },
             sent: false,

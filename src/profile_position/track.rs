@@ -9,6 +9,59 @@ use super::{
     standstill::Bounds, waiting::Request,
 };
 
+/// So many cycles at least have to show an axis away from an end before it counts as left.
+const AWAY_CYCLES: u8 = 3;
+
+/// What was seen of an axis at the end of a set-point that another has followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sight {
+    There,
+    /// It may have been there in cycles that brought no inputs.
+    Unseen,
+    Elsewhere,
+}
+
+/// What an axis at rest with two set-points held means for them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Rest {
+    BothOver,
+    /// The first is over, and the second has not begun in time.
+    NextNotBegun,
+    NoneBegun,
+}
+
+/// The bounds of an axis that does not keep within its window, span by span: in two spans within the same bounds it is at rest.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lingering {
+    span: Option<(Duration, i32, i32)>,
+    before: Option<(i32, i32)>,
+    rests: bool,
+}
+
+impl Lingering {
+    /// Takes in a cycle with bit 10 high. Whether the axis is at rest.
+    fn observe(&mut self, cycle: &Cycle<'_>) -> bool {
+        let (now, position) = (cycle.now, cycle.sample.position);
+        let (since, low, high) = self.span.unwrap_or((now, position, position));
+        let (low, high) = (low.min(position), high.max(position));
+        self.span = Some((since, low, high));
+        if now.saturating_sub(since) >= cycle.begin {
+            let same = |a: i32, b: i32| a.abs_diff(b) <= cycle.bounds.position;
+            self.rests = self
+                .before
+                .is_some_and(|before| same(before.0, low) && same(before.1, high));
+            self.before = Some((low, high));
+            self.span = None;
+        }
+        self.rests
+    }
+
+    /// How far apart its bounds are.
+    fn width(&self) -> u32 {
+        self.before.map_or(0, |(low, high)| low.abs_diff(high))
+    }
+}
+
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Track {
@@ -17,6 +70,10 @@ pub(super) struct Track {
     pub(super) start: Start,
     /// Where it ends, where that is known.
     pub(super) end: Option<i32>,
+    /// Where it leads, also where its end is not known to the count.
+    goal: Option<i32>,
+    /// Of a distance, how far it leads.
+    distance: Option<i32>,
     /// Whether it begins at rest: then the axis goes to its end without passing it before.
     pub(super) from_rest: bool,
     /// Whether it was begun by a drive in motion, which may be too fast to stop at its end, and come back to it.
@@ -30,9 +87,10 @@ pub(super) struct Track {
     /// Whether its end was near when it became active: then what is left of the motion before, within the window, looks like
     /// leaving or passing it.
     short: bool,
-    /// Whether bit 11 (internal limit active) was seen low since it became active. A drive that shows it all the time may have
-    /// limited the move, and the axis may pass the end that was asked for on its way to another.
+    /// Whether bit 11 (internal limit active) was seen low since it became active, and high. A drive that shows it all the time
+    /// may have limited the move, and the axis may pass the end that was asked for on its way to another.
     unlimited: bool,
+    limited: bool,
     /// Whether an edge of bit 12 has acknowledged it; else its own motion has to show that the drive has taken it.
     confirmed: bool,
     /// Whether whoever waits has been told that the axis stands halted.
@@ -41,6 +99,14 @@ pub(super) struct Track {
     since: Duration,
     /// Whether bit 10 was seen low since then: only then a high one is news.
     left_target: bool,
+    /// Whether it became active behind another. A low bit 10 may be of that one still.
+    follows: bool,
+    /// Where the axis stood when it became active. None where it did not stand: then where it has come to rest without a word of bit 10.
+    stood: Option<i32>,
+    /// What bounds an axis that does not come to rest within its window, with bit 10 high.
+    lingering: Lingering,
+    /// With another behind it: since when it is at rest with bit 10.
+    resting: Option<Duration>,
     /// The last position within the window around its end.
     arrived: Option<i32>,
     /// On which side of its end the axis was when it became active: the sign of end − position.
@@ -54,8 +120,21 @@ pub(super) struct Track {
     /// Where the axis was in the last cycle, and the longest way that it has gone in one.
     before: i32,
     fastest: u32,
-    /// Whether the axis may have been at the end between two cycles.
+    /// Whether it has come so near between two cycles that it was at the end.
     near: bool,
+    /// How fast the axis would have had to be, in counts a cycle, to have been at the end while nothing was seen of it.
+    unseen: u32,
+    /// Whether the axis was seen at the end, or beyond it, whatever it has done since.
+    seen_there: bool,
+    /// With another behind it: whether the axis was at the end or beyond, and has not come back to it; whether it has stood there; how far it was on the far side of the
+    /// end, seen from where the next leads; since when it has been away on the way there, in so many cycles.
+    was_there: bool,
+    rested: bool,
+    astray: i64,
+    away: Option<(Duration, u8)>,
+    farthest: i64,
+    /// How long its way was when it became active.
+    length: u32,
     /// Whether its side and its way have to be taken anew, from where the axis goes on.
     resumed: bool,
 }
@@ -66,6 +145,7 @@ impl Track {
             request: Request { id, command, .. },
             begin,
             end,
+            goal,
             from_rest,
             ..
         } = raised;
@@ -73,6 +153,11 @@ impl Track {
             id,
             start: command.set_point.start,
             end,
+            goal,
+            distance: match command.reference {
+                Reference::Absolute => None,
+                Reference::Relative => Some(command.target),
+            },
             from_rest,
             overshoots: !from_rest && command.set_point.start == Start::Immediately,
             confirmed,
@@ -82,8 +167,13 @@ impl Track {
             far: false,
             short: false,
             unlimited: false,
+            limited: false,
             since: cycle.now,
             left_target: false,
+            follows: false,
+            stood: None,
+            lingering: Lingering::default(),
+            resting: None,
             arrived: None,
             side: 0,
             way: 0,
@@ -93,6 +183,14 @@ impl Track {
             before: begin,
             fastest: 0,
             near: false,
+            unseen: u32::MAX,
+            seen_there: false,
+            was_there: false,
+            rested: false,
+            astray: 0,
+            away: None,
+            farthest: 0,
+            length: 0,
             resumed: false,
         };
         track.becomes_active(cycle.now, begin, cycle.bounds);
@@ -114,19 +212,49 @@ impl Track {
         self.left_target = false;
         self.arrived = None;
         self.unlimited = false;
+        self.limited = false;
         self.near = false;
+        self.unseen = u32::MAX;
+        self.seen_there = false;
         self.fastest = 0;
         self.before = position;
+        self.stood = self.from_rest.then_some(position);
+        self.lingering = Lingering::default();
+        self.resting = None;
         self.turn(position, bounds);
     }
 
+    /// It is the active one from now on, in place of `before`. Where that was seen at its end, this one's way began there, however far
+    /// the axis has come on it meanwhile.
+    pub(super) fn takes_over(&mut self, before: &Self, cycle: &Cycle<'_>) {
+        let position = cycle.sample.position;
+        let unseen = self.unseen;
+        self.becomes_active(cycle.now, position, cycle.bounds);
+        // What was not seen may have been its whole way, and as fast as the one before.
+        self.unseen = unseen;
+        self.fastest = before.fastest;
+        if let Some(begin) = before.end
+            && before.sight(cycle) == Sight::There
+        {
+            self.stood = self.stood.and(Some(begin));
+            self.turn(begin, cycle.bounds);
+            self.remaining = self
+                .end
+                .map_or(0, |end| cycle.bounds.distance(end, position));
+        }
+        self.follows = true;
+    }
+
     /// It goes on after a halt: what bit 10 showed before is of no meaning for it.
-    pub(super) const fn goes_on(&mut self, now: Duration, from_rest: bool, active: bool) {
+    pub(super) fn goes_on(&mut self, now: Duration, from_rest: bool, active: bool) {
         self.since = now;
         self.left_target = false;
         self.halt_told = false;
         self.from_rest = from_rest && (active || self.from_rest);
         self.overshoots = !from_rest;
+        self.follows = false;
+        self.lingering = Lingering::default();
+        self.resting = None;
         // The halt may have carried the axis past the end, to which the drive goes back.
         self.arrived = None;
         self.resumed = true;
@@ -135,8 +263,9 @@ impl Track {
     /// Takes in bit 11 of a cycle in which it is surely the active one.
     #[inline(always)]
     pub(super) fn note_limit(&mut self, cycle: &Cycle<'_>) {
-        let statusword = cycle.sample.statusword;
-        self.unlimited |= !statusword.contains(Statusword::INTERNAL_LIMIT);
+        let limited = cycle.sample.statusword.contains(Statusword::INTERNAL_LIMIT);
+        self.unlimited |= !limited;
+        self.limited |= limited;
     }
 
     /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
@@ -144,12 +273,13 @@ impl Track {
     pub(super) fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
         let statusword = cycle.sample.statusword;
         self.left_target |= !statusword.contains(Statusword::TARGET_REACHED);
-        let Some(end) = self.end else { return };
         let position = cycle.sample.position;
         let resumed = core::mem::take(&mut self.resumed);
         if resumed {
             self.before = position;
+            self.stood = self.from_rest.then_some(position);
         }
+        let Some(end) = self.end else { return };
         if resumed || (self.far && !self.is_far(position, cycle.bounds)) {
             self.turn(position, cycle.bounds);
         }
@@ -174,32 +304,61 @@ impl Track {
             // It was replaced too fast to stop at its end: it has overshot, and comes back.
             self.arrived = None;
             self.turn(position, cycle.bounds);
+            self.seen_there = true;
         }
     }
 
-    /// Whether the way since the last cycle is long enough to have led to the end and back.
+    /// Whether the way since the last cycle is long enough to have led to the end; and after cycles without inputs, how fast the axis
+    /// would have had to be to have been there.
     fn look_between(&mut self, cycle: &Cycle<'_>, remaining: u32) {
         let way = cycle.bounds.distance(self.before, cycle.sample.position);
         self.before = cycle.sample.position;
-        let reach = if cycle.blind == 0 {
+        if cycle.blind == 0 {
             self.fastest = self.fastest.max(way);
-            way
+            self.near |= remaining <= way.saturating_add(cycle.bounds.position);
         } else {
-            self.fastest.saturating_mul(cycle.blind.saturating_add(1))
-        };
-        self.near |= remaining <= reach.saturating_add(cycle.bounds.position);
+            self.note_unseen(self.remaining, remaining, cycle);
+        }
     }
 
-    /// Whether the position has shown that the axis was at the end, or may have been there unseen.
-    pub(super) fn was_at_end(&self, cycle: &Cycle<'_>) -> bool {
+    fn note_unseen(&mut self, before: u32, after: u32, cycle: &Cycle<'_>) {
+        let there_and_back = before.saturating_add(after);
+        self.unseen = self
+            .unseen
+            .min(there_and_back / cycle.blind.saturating_add(1));
+    }
+
+    /// Takes in a cycle as the one behind `first`, before that does: what was not seen may be of this one, too.
+    pub(super) fn note_behind(&mut self, first: &Self, cycle: &Cycle<'_>) {
+        if cycle.blind != 0
+            && let Some(end) = self.end
+        {
+            let remaining = |position| cycle.bounds.distance(end, position);
+            let (before, after) = (remaining(first.before), remaining(cycle.sample.position));
+            self.note_unseen(before, after, cycle);
+        }
+    }
+
+    /// What was seen of the axis at the end.
+    pub(super) fn sight(&self, cycle: &Cycle<'_>) -> Sight {
         let position = cycle.sample.position;
-        self.end.is_none_or(|end| {
-            if self.unlimited || !cycle.limit_tells {
-                self.near || self.arrived.is_some() || self.passed(position)
-            } else {
-                cycle.bounds.distance(end, position) <= cycle.bounds.position
-            }
-        })
+        let Some(end) = self.end else {
+            return Sight::There;
+        };
+        let shown = if self.unlimited || !cycle.limit_tells {
+            self.near || self.arrived.is_some() || self.seen_there || self.passed(position)
+        } else {
+            cycle.bounds.distance(end, position) <= cycle.bounds.position
+        };
+        // The fastest that was seen need not be the fastest that there was.
+        let fastest = self.fastest.max(cycle.bounds.position).saturating_mul(4);
+        let blind = self.unseen <= fastest;
+        let limit_unseen = cycle.limit_tells && !self.unlimited && !self.limited;
+        match shown {
+            true => Sight::There,
+            false if blind || limit_unseen => Sight::Unseen,
+            false => Sight::Elsewhere,
+        }
     }
 
     /// Whether a set-point that stops at this one's end may be queued behind it: the position will show without doubt
@@ -218,43 +377,103 @@ impl Track {
         self.end.is_some() && !self.turns && !self.far && !self.short && self.unlimited
     }
 
-    /// Whether the position shows that it has ended and the next one is under way: the axis was at the end, or has
-    /// passed it, and is away from it again. Being at the end is not enough: the drive may still be finishing this one,
-    /// and has no place for another before that. One that may come back to its end is not over beyond it.
-    pub(super) fn is_left_behind(&self, cycle: &Cycle<'_>) -> bool {
+    /// Whether the position shows that it has ended and `next` is under way. Neither being at the end is enough, for the drive may
+    /// still be finishing this one, nor being past it, for the axis may be ahead of its demand and come back. It has to be well on
+    /// the way to the next end: half of that, and half as far as this one's own way was, or away from the window for the settle time;
+    /// or to leave after it has stood. One that may come back to its end is not over beyond it.
+    pub(super) fn is_left_behind(&mut self, next: &Self, cycle: &Cycle<'_>) -> bool {
+        let (Some(end), Some(goal)) = (self.end, next.goal) else {
+            return false;
+        };
         let position = cycle.sample.position;
+        let window = i64::from(cycle.bounds.position);
+        // A way of more than half the number circle does not show its direction.
+        let Some(way) = goal.checked_sub(end).map(i64::from) else {
+            return false;
+        };
+        if self.short || self.turns || self.far || way.abs() <= 3 * window {
+            return false;
+        }
         let passed = self.passed(position);
-        self.end.is_some_and(|end| {
-            cycle.bounds.distance(end, position) > cycle.bounds.position
-                && !self.short
-                && !(self.overshoots && passed)
-                && (passed || self.arrived.is_some())
+        self.was_there |= passed || self.arrived.is_some();
+        self.seen_there |= self.was_there;
+        let gone = i64::from(position.wrapping_sub(end)) * way.signum();
+        if gone <= window {
+            self.rested |= gone >= -window && self.is_steady(cycle);
+            self.astray = if self.was_there {
+                self.astray.max(-gone)
+            } else {
+                0
+            };
+            self.away = None;
+            return false;
+        }
+        let (since, cycles) = self.away.unwrap_or((cycle.now, 0));
+        let cycles = cycles.saturating_add(1);
+        self.away = Some((since, cycles));
+        if !self.was_there || (self.overshoots && passed) {
+            return false;
+        }
+        // One that comes back is not on its way.
+        let goes_on = gone >= self.farthest;
+        self.farthest = self.farthest.max(gone);
+        let half = way.abs() / 2;
+        let stayed =
+            cycle.now.saturating_sub(since) >= cycle.bounds.settle && cycles >= AWAY_CYCLES;
+        let far = gone >= half && (gone >= i64::from(self.length / 2) || stayed);
+        let leaves = self.rested && gone >= half.min(3 * window);
+        (far || leaves) && goes_on && gone > self.astray
+    }
+
+    /// Whether both this one and `next` are over, with the axis at rest: it has been under way, or had no way to go, and has stood with
+    /// bit 10 for the settle time at the end of the next one; elsewhere, for as long as that may take to begin.
+    pub(super) fn rests_with(&mut self, next: &Self, cycle: &Cycle<'_>) -> Option<Rest> {
+        let reached = cycle.sample.statusword.contains(Statusword::TARGET_REACHED);
+        let steady = || {
+            let standstill = cycle.standstill;
+            standstill.steady_since(cycle.now, next.since, cycle.bounds)
+        };
+        if !(reached && (steady() || self.lingering.observe(cycle))) {
+            self.resting = None;
+            return None;
+        }
+        let resting = *self.resting.get_or_insert(cycle.now);
+        let (position, window) = (cycle.sample.position, cycle.bounds.position);
+        let at = |end: i32| cycle.bounds.distance(end, position) <= window;
+        let moved = self.stood.is_some_and(|stood| !at(stood));
+        let begun = self.left_target || moved || self.remaining <= window;
+        if begun && next.end.is_none_or(at) {
+            return Some(Rest::BothOver);
+        }
+        let late = cycle.now.saturating_sub(resting) >= cycle.begin;
+        late.then_some(if begun {
+            Rest::NextNotBegun
+        } else {
+            Rest::NoneBegun
         })
     }
 
-    /// Whether both this one and `next` are over, wherever the axis is: it has been under way, or had no way to go, and
-    /// has stood with bit 10 for the settle time.
-    pub(super) fn is_over_with(&self, next: &Self, cycle: &Cycle<'_>) -> bool {
-        (self.left_target || self.remaining <= cycle.bounds.position)
-            && cycle.sample.statusword.contains(Statusword::TARGET_REACHED)
-            && cycle
-                .standstill
-                .steady_since(cycle.now, next.since, cycle.bounds)
+    /// Whether the axis has stood with bit 10 for the settle time: nothing that the drive holds is under way.
+    pub(super) fn is_at_rest(&mut self, cycle: &Cycle<'_>) -> bool {
+        cycle.sample.statusword.contains(Statusword::TARGET_REACHED)
+            && (self.is_steady(cycle) || self.lingering.observe(cycle))
     }
 
-    /// Whether the axis has stood with bit 10 for the settle time: nothing that the drive holds is under way.
-    pub(super) fn is_at_rest(&self, cycle: &Cycle<'_>) -> bool {
-        cycle.sample.statusword.contains(Statusword::TARGET_REACHED)
-            && cycle
-                .standstill
-                .steady_since(cycle.now, self.since, cycle.bounds)
+    fn is_steady(&self, cycle: &Cycle<'_>) -> bool {
+        cycle
+            .standstill
+            .steady_since(cycle.now, self.since, cycle.bounds)
     }
 
     /// How it ended, with one that was started as `next` taking over.
     pub(super) fn ended_into(&self, next: Start, cycle: &Cycle<'_>) -> Result<Completion, Failure> {
         let position = cycle.sample.position;
-        match self.end {
-            Some(target) if !self.was_at_end(cycle) => Err(self.missed(target, position)),
+        match (self.end, self.sight(cycle)) {
+            (Some(target), Sight::Elsewhere) => Err(self.missed(target, position)),
+            (Some(target), Sight::Unseen) => Err(Failure::Unseen {
+                target,
+                actual: position,
+            }),
             _ if next == Start::Blend => Ok(Completion::Passed { position }),
             // Between two cycles it was at its end; the nearest that was seen is the better word.
             _ => Ok(Completion::Reached {
@@ -265,25 +484,48 @@ impl Track {
 
     /// When and how it ended, as the last set-point.
     #[inline(always)]
-    pub(super) fn outcome(&self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
+    pub(super) fn outcome(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
         if !cycle.sample.statusword.contains(Statusword::TARGET_REACHED) {
             return None;
         }
+        self.end_shown(cycle)
+    }
+
+    /// With bit 10 high: a bit 10 that was never seen low since then may be that of the set-point or halt before. Then the axis has to
+    /// have come to rest elsewhere than where it stood, or it has no way to go; else the set-point has not begun.
+    #[inline(never)]
+    fn end_shown(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
         let position = cycle.sample.position;
-        let reached = Ok(Completion::Reached { position });
-        let steady = cycle
-            .standstill
-            .steady_since(cycle.now, self.since, cycle.bounds);
-        // A bit 10 that was never seen low since then may be that of the set-point or halt before. An axis that stands for
-        // the settle time all the same is not on its way: its position decides.
-        let told = self.left_target || steady;
-        match self.end {
-            Some(end) if cycle.bounds.distance(end, position) <= cycle.bounds.position => {
-                told.then_some(reached)
-            }
-            Some(target) => steady.then_some(Err(self.missed(target, position))),
-            None => told.then_some(reached),
+        let window = cycle.bounds.position;
+        let reached = Some(Ok(Completion::Reached { position }));
+        let within = self
+            .end
+            .is_some_and(|end| cycle.bounds.distance(end, position) <= window);
+        if self.left_target && (within || self.end.is_none()) {
+            return reached;
         }
+        let steady = self.is_steady(cycle);
+        let lingers = !steady && self.lingering.observe(cycle);
+        if !(steady || lingers) {
+            return None;
+        }
+        let no_way = self
+            .distance
+            .is_some_and(|way| way.unsigned_abs() <= window);
+        if within || (self.end.is_none() && no_way) {
+            return reached;
+        }
+        let stood = *self.stood.get_or_insert(position);
+        let slack = if lingers { self.lingering.width() } else { 0 };
+        let moved = cycle.bounds.distance(stood, position) > window.saturating_add(slack);
+        if moved || (self.left_target && !self.follows) {
+            return match self.end {
+                Some(target) => Some(Err(self.missed(target, position))),
+                None => reached,
+            };
+        }
+        let late = cycle.now.saturating_sub(self.since) >= cycle.begin;
+        late.then_some(Err(Failure::NotBegun { actual: position }))
     }
 
     /// It is over, and the axis is elsewhere.
@@ -301,6 +543,12 @@ impl Track {
         self.crossed = false;
         self.remaining = self.end.map_or(0, |end| bounds.distance(end, position));
         self.approaching = false;
+        self.length = self.remaining;
+        self.was_there = false;
+        self.rested = false;
+        self.astray = 0;
+        self.away = None;
+        self.farthest = 0;
         self.far = self.is_far(position, bounds);
         self.short = self.remaining <= bounds.position.saturating_mul(3);
     }

@@ -24,6 +24,17 @@ impl fmt::Display for ScaledFailure {
                 scale.position_of(actual),
                 scale.position_of(target)
             ),
+            Failure::Unseen { target, actual } => write!(
+                f,
+                "the drive has gone on to the next move while nothing was seen of the axis, which is at {}: whether it was at {} is not known",
+                scale.position_of(actual),
+                scale.position_of(target)
+            ),
+            Failure::NotBegun { actual } => write!(
+                f,
+                "the drive has acknowledged the move and has not begun it, the axis stands at {}: it may begin at any time; stop() it, and look for a brake or an input that holds it",
+                scale.position_of(actual)
+            ),
             Failure::Unconfirmed { target, actual } => write!(
                 f,
                 "the drive has not acknowledged the move, its buffer was full, and stands at {} instead of {}: it may not have taken it",
@@ -60,6 +71,8 @@ pub(super) fn in_units(error: AxisError, scale: Scale) -> AxisError {
     match error.kind {
         AxisErrorKind::Failed(
             failure @ (Failure::MissedTarget { .. }
+            | Failure::Unseen { .. }
+            | Failure::NotBegun { .. }
             | Failure::Unconfirmed { .. }
             | Failure::PerhapsSuperseded { .. }
             | Failure::BeyondLimit { .. }

@@ -303,7 +303,7 @@ fn bit_10_of_a_halt_is_not_an_arrival() {
 }
 
 #[test]
-fn two_clamped_moves_both_end() {
+fn of_two_clamped_moves_the_second_has_shown_nothing() {
     for start in [Start::AfterCurrent, Start::Blend] {
         let mut world = world(Behaviour::akd2g());
         for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
@@ -311,15 +311,13 @@ fn two_clamped_moves_both_end() {
         }
         let first = world.submit(to(8_000, Start::Immediately));
         let second = world.submit(to(9_000, start));
-        for (id, target) in [(first, 8_000), (second, 9_000)] {
-            assert_eq!(
-                finish(&mut world, id),
-                Err(Failure::MissedTarget {
-                    target,
-                    actual: 5_000
-                }),
-                "{start:?}"
-            );
+        let missed = Failure::MissedTarget {
+            target: 8_000,
+            actual: 5_000,
+        };
+        let not_begun = Failure::NotBegun { actual: 5_000 };
+        for (id, failure) in [(first, missed), (second, not_begun)] {
+            assert_eq!(finish(&mut world, id), Err(failure), "{start:?}");
         }
     }
 }

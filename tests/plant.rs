@@ -1,0 +1,477 @@
+//! Moves of an axis that lags behind its demand, goes past its ends, dithers and begins late; judged by what the drive has done.
+#![allow(missing_docs)]
+
+#[path = "common/plant.rs"]
+mod plant;
+#[path = "common/twins.rs"]
+mod twins;
+
+use plant::{Bus, End, Habits, Link, random};
+use servocrab::axis::{Command, CommandId, Completion, Failure};
+use servocrab::profile_position::{BufferSignal, Reference, SetPoint, Start};
+
+/// An axis that goes 32 counts past its end at 500 000 counts/s², critically damped.
+fn overshooting() -> Habits {
+    Habits {
+        frequency: 125.0,
+        ..Habits::default()
+    }
+}
+
+fn after() -> SetPoint {
+    SetPoint::new().start(Start::AfterCurrent)
+}
+
+/// `Reached` and `Passed` are true of each of these moves, none went into a full buffer, and each has ended.
+fn judge(bus: &Bus, moves: &[CommandId]) -> Result<(), String> {
+    for id in moves {
+        let Some((at, result)) = bus.told(*id) else {
+            return Err(format!("{id:?} has no end"));
+        };
+        let entry = bus.entry(*id);
+        if let Some(lost) = entry.filter(|entry| !entry.taken) {
+            return Err(format!(
+                "{id:?} went into a full buffer: {lost:?}, {result:?}"
+            ));
+        }
+        let ended = entry.and_then(|entry| entry.ended);
+        let over = ended
+            .is_some_and(|(when, how)| when <= at && matches!(how, End::Stopped | End::Passed));
+        match result {
+            Ok(_) if !over => return Err(format!("{id:?} was told {result:?} at {at}: {entry:?}")),
+            // An axis that cuts a corner has not been at its end.
+            Err(Failure::MissedTarget { .. })
+                if entry
+                    .is_some_and(|entry| entry.nearest <= f64::from(bus.drive.habits.window)) =>
+            {
+                return Err(format!("{id:?} was told {result:?} at {at}: {entry:?}"));
+            }
+            Err(Failure::Timeout { .. } | Failure::NotBegun { .. }) => {
+                return Err(format!("{id:?} was told {result:?} at {at}: {entry:?}"));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn an_axis_that_goes_past_its_end_has_not_left_it() {
+    for signal in [BufferSignal::None, BufferSignal::Unknown] {
+        let mut bus = Bus::enabled(overshooting(), |config| {
+            config.traits.buffer_signal = signal
+        });
+        let moves = [
+            bus.abs(10_000, SetPoint::new()),
+            bus.abs(20_000, after()),
+            bus.abs(30_000, after()),
+            bus.abs(25_000, after()),
+        ];
+        for id in moves {
+            let end = bus.finish(id);
+            assert!(
+                matches!(end, Ok(Completion::Reached { .. })),
+                "{signal:?} {id:?}: {end:?}"
+            );
+        }
+        assert_eq!(judge(&bus, &moves), Ok(()), "{signal:?}");
+    }
+}
+
+/// What one random run drew, and what came of it.
+fn sweep(seed: u64, wild: bool) -> Result<(), String> {
+    let mut state = seed;
+    let mut draw = |range: core::ops::Range<i64>| {
+        let span = (range.end - range.start) as u64;
+        range.start + (random(&mut state) % span) as i64
+    };
+    let shows_room = draw(0..4) == 0;
+    let window = [5, 10, 20, 50, 100, 300][draw(0..6) as usize];
+    let habits = Habits {
+        frequency: draw(25..400) as f64,
+        damping: draw(4..13) as f64 / 10.0,
+        window: window as i32,
+        window_time: draw(1..20) as u32,
+        ends_settled: draw(0..2) == 0,
+        shows_room,
+        dither: draw(0..3) as i32,
+        acknowledge_delay: draw(0..4) as u32,
+        ..Habits::default()
+    };
+    let signal = match (shows_room, draw(0..2)) {
+        (true, _) => BufferSignal::Acknowledge,
+        (false, 0) => BufferSignal::None,
+        (false, _) => BufferSignal::Unknown,
+    };
+    let mut bus = Bus::new(habits, |config| {
+        config.traits.buffer_signal = signal;
+        config.tolerances.position = window;
+    });
+    bus.latency = draw(0..3) as usize;
+    bus.period = [1, 1, 1, 2, 4, 20][draw(0..if wild { 6 } else { 4 }) as usize];
+    let faults = if wild {
+        [0, 1, 5][draw(0..3) as usize]
+    } else {
+        0
+    };
+    bus.enable();
+    let mut moves = Vec::new();
+    let mut at = 0;
+    for _ in 0..draw(3..7) {
+        let start = match draw(0..5) {
+            _ if moves.is_empty() => Start::Immediately,
+            0..3 => Start::AfterCurrent,
+            _ => Start::Blend,
+        };
+        let far = [200, 2_000, 20_000][draw(0..3) as usize];
+        at += draw(-far..far);
+        let set_point = SetPoint::new()
+            .start(start)
+            .acceleration(draw(50..2_000) as u32 * 1_000)
+            .deceleration(draw(50..2_000) as u32 * 1_000);
+        // As many as may wait.
+        while moves.len() >= 3
+            && bus.outcome(moves[moves.len() - 3]).is_none()
+            && bus.drive.now < 60_000
+        {
+            let link = link(draw(0..1_000), faults);
+            bus.cycle_over(link);
+        }
+        moves.push(bus.abs(at as i32, set_point));
+        let pause = [0, 5, 50, 400][draw(0..4) as usize];
+        for _ in 0..pause {
+            let link = link(draw(0..1_000), faults);
+            bus.cycle_over(link);
+        }
+    }
+    while moves.iter().any(|id| bus.outcome(*id).is_none()) && bus.drive.now < 90_000 {
+        let link = link(draw(0..1_000), faults);
+        bus.cycle_over(link);
+    }
+    if std::env::var_os("PLANT_PRINT").is_some() {
+        for event in &bus.events {
+            println!("{event:?}");
+        }
+        for entry in &bus.drive.ledger {
+            println!("{entry:?}");
+        }
+    }
+    judge(&bus, &moves).map_err(|what| {
+        format!(
+            "seed {seed}, {signal:?}, {:?}, period {}: {what}",
+            bus.drive.habits, bus.period
+        )
+    })
+}
+
+/// So many of a hundred frames do not come back as they should.
+fn link(drawn: i64, faults: i64) -> Link {
+    match drawn {
+        drawn if drawn >= faults * 10 => Link::Good,
+        drawn if drawn % 3 == 0 => Link::RequestLost,
+        drawn if drawn % 3 == 1 => Link::ReplyLost,
+        _ => Link::Miscounted,
+    }
+}
+
+fn search(wild: bool) {
+    let runs = std::env::var("PLANT_RUNS")
+        .ok()
+        .and_then(|runs| runs.parse().ok())
+        .unwrap_or(400);
+    let from = std::env::var("PLANT_FROM")
+        .ok()
+        .and_then(|from| from.parse().ok())
+        .unwrap_or(0);
+    let failed: Vec<String> = (from..from + runs)
+        .filter_map(|seed| sweep(seed, wild).err())
+        .collect();
+    assert!(
+        failed.is_empty(),
+        "{} of {runs}:\n{}",
+        failed.len(),
+        failed[..failed.len().min(5)].join("\n")
+    );
+}
+
+#[test]
+fn no_size_of_overshoot_makes_a_place_free_that_is_not() {
+    search(false);
+}
+
+#[test]
+fn nor_does_it_with_frames_lost_and_long_cycles() {
+    search(true);
+}
+
+/// A chain of two, with `blind` so many cycles from moment `moment` on; `stall`: as one long cycle.
+fn blind_around_an_arrival(
+    habits: &Habits,
+    targets: [i32; 3],
+    moment: u32,
+    blind: u32,
+    stall: bool,
+) -> Result<[Result<Completion, Failure>; 3], String> {
+    let signal = if habits.shows_room {
+        BufferSignal::Acknowledge
+    } else {
+        BufferSignal::None
+    };
+    let mut bus = Bus::enabled(habits.clone(), |config| {
+        config.traits.buffer_signal = signal;
+        config.loss.stale_cycles = 60;
+        config.loss.undelivered_cycles = 90;
+    });
+    let fast = SetPoint::new()
+        .acceleration(4_000_000)
+        .deceleration(4_000_000);
+    let moves = [
+        bus.abs(targets[0], fast),
+        bus.abs(targets[1], fast.start(Start::AfterCurrent)),
+        bus.abs(targets[2], fast.start(Start::AfterCurrent)),
+    ];
+    bus.run(moment as usize);
+    if stall {
+        bus.cycle_after(Link::Good, blind + 1);
+    } else {
+        for _ in 0..blind {
+            bus.cycle_over(Link::ReplyLost);
+        }
+    }
+    let outcomes = moves.map(|id| bus.finish(id));
+    judge(&bus, &moves).map_err(|what| {
+        format!("{habits:?} {targets:?}, blind for {blind} from {moment}, stall {stall}: {what}")
+    })?;
+    Ok(outcomes)
+}
+
+#[test]
+fn a_target_that_was_passed_unseen_is_not_missed() {
+    let (mut runs, mut unseen, mut failed) = (0, 0, Vec::new());
+    for shows_room in [true, false] {
+        for frequency in [0.0, 300.0] {
+            let habits = Habits {
+                shows_room,
+                frequency,
+                ..Habits::default()
+            };
+            for targets in [
+                [300, -300, 0],
+                [2_000, 1_000, 3_000],
+                [60, 20, 100],
+                [120, 240, 120],
+            ] {
+                for moment in (0..220).step_by(2) {
+                    for (blind, stall) in
+                        [(2, false), (5, false), (9, false), (30, true), (120, true)]
+                    {
+                        runs += 1;
+                        match blind_around_an_arrival(&habits, targets, moment, blind, stall) {
+                            Ok(outcomes) => {
+                                unseen += outcomes
+                                    .iter()
+                                    .filter(|outcome| {
+                                        matches!(outcome, Err(Failure::Unseen { .. }))
+                                    })
+                                    .count()
+                            }
+                            Err(what) => failed.push(what),
+                        }
+                    }
+                }
+            }
+        }
+    }
+    assert!(
+        failed.is_empty(),
+        "{} of {runs}: {:#?}",
+        failed.len(),
+        &failed[..failed.len().min(5)]
+    );
+    assert!(unseen > 0, "of {runs}");
+    println!("{runs} runs, {unseen} ends unseen");
+}
+
+#[test]
+fn a_target_that_is_passed_between_two_long_cycles_is_not_missed() {
+    for shows_room in [true, false] {
+        for frequency in [0.0, 300.0] {
+            for (first, second) in [
+                (300, 0),
+                (900, 100),
+                (2_000, 1_900),
+                (140, -2_000),
+                (5_000, 9_000),
+            ] {
+                for phase in 0..20 {
+                    let habits = Habits {
+                        shows_room,
+                        frequency,
+                        ..Habits::default()
+                    };
+                    let mut bus = Bus::enabled(habits, |config| {
+                        config.traits.buffer_signal = if shows_room {
+                            BufferSignal::Acknowledge
+                        } else {
+                            BufferSignal::None
+                        };
+                    });
+                    bus.period = 20;
+                    bus.cycle_after(Link::Good, 20 + phase);
+                    let fast = SetPoint::new()
+                        .acceleration(4_000_000)
+                        .deceleration(4_000_000);
+                    let moves = [
+                        bus.abs(first, fast),
+                        bus.abs(second, fast.start(Start::AfterCurrent)),
+                        bus.abs(first, fast.start(Start::AfterCurrent)),
+                    ];
+                    for id in moves {
+                        bus.finish(id).ok();
+                    }
+                    assert_eq!(
+                        judge(&bus, &moves),
+                        Ok(()),
+                        "{shows_room} {frequency} {first} {second} {phase}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_set_point_that_the_drive_begins_late_has_neither_ended_nor_missed() {
+    for signal in [BufferSignal::None, BufferSignal::Acknowledge] {
+        for start_delay in [150, 400, 1_500] {
+            let habits = Habits {
+                start_delay,
+                ..Habits::default()
+            };
+            let mut bus = Bus::enabled(habits, |config| config.traits.buffer_signal = signal);
+            let absolute = bus.abs(5_000, SetPoint::new());
+            assert_eq!(
+                bus.finish(absolute),
+                Ok(Completion::Reached { position: 5_000 }),
+                "{start_delay}"
+            );
+            let relative = bus.rel(-2_000, SetPoint::new());
+            assert_eq!(
+                bus.finish(relative),
+                Ok(Completion::Reached { position: 3_000 }),
+                "{start_delay}"
+            );
+            let nowhere = bus.rel(0, SetPoint::new());
+            assert_eq!(
+                bus.finish(nowhere),
+                Ok(Completion::Reached { position: 3_000 })
+            );
+        }
+    }
+}
+
+/// Neither its end nor its base is known.
+#[test]
+fn a_distance_from_nowhere_that_has_not_begun_is_not_reached() {
+    let habits = Habits {
+        start_delay: 150,
+        ..Habits::default()
+    };
+    let mut bus = Bus::enabled(habits, |_| {});
+    let id = bus.rel(2_000, SetPoint::new());
+    bus.wait_accepted(id);
+    bus.run(140);
+    assert_eq!(bus.outcome(id), None);
+    bus.finish(id).ok();
+    assert!(bus.entry(id).and_then(|entry| entry.ended).is_some());
+}
+
+#[test]
+fn a_set_point_that_does_not_begin_counts_as_held_until_a_stop() {
+    for reference in [Reference::Absolute, Reference::Relative] {
+        let habits = Habits {
+            start_delay: 2_500,
+            ..Habits::default()
+        };
+        let mut bus = Bus::enabled(habits, |_| {});
+        let id = bus.go(reference, 5_000, SetPoint::new());
+        bus.wait_accepted(id);
+        let accepted = bus.now;
+        assert_eq!(bus.finish(id), Err(Failure::NotBegun { actual: 0 }));
+        assert_eq!(bus.now.saturating_sub(accepted).as_millis(), 2_000);
+        assert!(bus.core.snapshot().has_set_point);
+        let refused = bus.abs(100, SetPoint::new());
+        assert_eq!(bus.outcome(refused), Some(Err(Failure::NeedsStop)));
+        let stop = bus.send(Command::Stop);
+        assert!(bus.finish(stop).is_ok());
+        assert!(!bus.core.snapshot().has_set_point && !bus.drive.holds_any());
+        bus.enable();
+        bus.run(3_000);
+        assert_eq!(bus.drive.demand, 0.0, "it has never begun");
+        bus.drive.habits.start_delay = 0;
+        let again = bus.abs(100, SetPoint::new());
+        assert!(bus.finish(again).is_ok());
+    }
+}
+
+#[test]
+fn a_drive_that_rests_between_queued_moves_with_bit_10_high_is_followed_to_the_last() {
+    for shows_room in [true, false] {
+        for dwell in [50, 250, 900] {
+            for frequency in [0.0, 125.0] {
+                let habits = Habits {
+                    dwell,
+                    shows_room,
+                    frequency,
+                    ..Habits::default()
+                };
+                let mut bus = Bus::enabled(habits, |config| {
+                    config.traits.buffer_signal = if shows_room {
+                        BufferSignal::Acknowledge
+                    } else {
+                        BufferSignal::None
+                    };
+                });
+                let moves = [
+                    bus.abs(5_000, SetPoint::new()),
+                    bus.abs(9_000, after()),
+                    bus.abs(-3_000, after()),
+                    bus.abs(-2_000, after()),
+                ];
+                for id in moves {
+                    let end = bus.finish(id);
+                    assert!(
+                        matches!(end, Ok(Completion::Reached { .. })),
+                        "{shows_room} {dwell} {id:?}: {end:?}"
+                    );
+                }
+                assert_eq!(judge(&bus, &moves), Ok(()), "{shows_room} {dwell}");
+            }
+        }
+    }
+}
+
+#[test]
+fn an_axis_that_rests_beside_its_end_and_does_not_stand_still_has_missed_it() {
+    for (droop, dither) in [(60, 20), (-60, 20), (200, 90)] {
+        let habits = Habits {
+            droop,
+            dither,
+            frequency: 125.0,
+            ..Habits::default()
+        };
+        let mut bus = Bus::enabled(habits, |_| {});
+        let id = bus.abs(5_000, SetPoint::new());
+        let end = bus.finish(id);
+        assert!(
+            matches!(end, Err(Failure::MissedTarget { target: 5_000, .. })),
+            "{droop} {dither}: {end:?}"
+        );
+        // The same with another behind it.
+        let first = bus.abs(0, SetPoint::new());
+        bus.wait_accepted(first);
+        let second = bus.abs(3_000, after());
+        bus.finish(first).ok();
+        bus.finish(second).ok();
+    }
+}
