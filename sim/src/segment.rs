@@ -6,7 +6,7 @@ use crate::al::AlState;
 use crate::cable::{self, BadCable};
 use crate::datagram::execute;
 use crate::device::Device;
-use crate::ds402::Axis;
+use crate::ds402::{Axis, Plant};
 use crate::frame::{datagrams, is_ethercat, mark_source};
 use crate::topology::Topology;
 
@@ -150,6 +150,28 @@ impl Segment {
     /// An axis to be changed.
     pub fn axis_mut(&mut self, position: usize, axis: usize) -> Option<&mut Axis> {
         self.device_mut(position)?.axis_mut(axis)
+    }
+
+    /// Hangs a plant on every axis of the segment; each has a seed of its own.
+    pub fn set_plant(&mut self, plant: Plant) {
+        for (position, device) in (0u64..).zip(&mut self.devices) {
+            let seed = plant.seed.wrapping_add(position << 8);
+            device.set_plant(plant.with_seed(seed));
+        }
+    }
+
+    /// The segment with [`Plant::ideal`] on every axis that it has now, for tests of words and figures.
+    ///
+    /// ```
+    /// use servocrab_sim::{Segment, ds402::Plant, personality};
+    ///
+    /// let segment = Segment::new().with(personality::akd2g()).ideal();
+    /// assert_eq!(segment.axis(0, 1).map(|axis| axis.plant().dither), Some(0));
+    /// ```
+    #[must_use]
+    pub fn ideal(mut self) -> Self {
+        self.set_plant(Plant::ideal());
+        self
     }
 
     /// The last whole buffer of outputs that reached a SubDevice.

@@ -13,7 +13,7 @@ use crate::al::{AlMachine, AlState};
 use crate::coe::{Server, emergency_payload};
 use crate::description::{Description, Direction, SyncManagerUse};
 use crate::drive::{Drive, DriveBlueprint};
-use crate::ds402::Axis;
+use crate::ds402::{Axis, Plant};
 use crate::esc::{Esc, Place};
 use crate::mailbox::Mailbox;
 use crate::sii;
@@ -140,6 +140,14 @@ impl Device {
     /// An axis to be changed, counted from zero.
     pub fn axis_mut(&mut self, axis: usize) -> Option<&mut Axis> {
         self.drive.as_mut()?.axes_mut().get_mut(axis)
+    }
+
+    /// Hangs a plant on every axis; each has a seed of its own, one more than the axis before.
+    pub fn set_plant(&mut self, plant: Plant) {
+        let axes = self.drive.iter_mut().flat_map(Drive::axes_mut);
+        for (number, axis) in (0..).zip(axes) {
+            axis.set_plant(plant.with_seed(plant.seed.wrapping_add(number)));
+        }
     }
 
     /// The outputs that the device used in its last cycle in OP. Those of a device that is no drive fall to 0 when it leaves

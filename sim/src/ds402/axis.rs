@@ -10,6 +10,7 @@ use super::emergency::{self, Emergency};
 use super::homing::HomingState;
 use super::ledger::{Executed, Homing, VelocityPhase};
 use super::objects::{self, Address, Entry, Objects, SetError};
+use super::plant::{Plant, Shaft};
 use super::power::Fault;
 use super::state::State;
 use super::status::Reached;
@@ -43,7 +44,7 @@ pub struct Disturbances {
     pub deaf_to_halt: bool,
     /// Quick stop (bit 2 of the controlword low) is not obeyed in Operation enabled.
     pub deaf_to_quick_stop: bool,
-    /// The shaft does not turn: the actual position stays. Released, the actual position is the demand again.
+    /// The shaft does not turn: the actual position stays. Released, the shaft follows its demand again.
     pub blocked: bool,
     /// Bit 10 of the statusword is 0 in homing mode until a homing has ended: "in progress" all the time.
     pub progress_before_homing: bool,
@@ -95,10 +96,12 @@ pub struct Axis {
     pub(super) machine_offset: i64,
     /// Digital inputs that a test sets, apart from the machine's switches.
     inputs: u32,
-    pub(super) actual: i64,
-    pub(super) actual_velocity: f64,
-    pub(super) lagging: VecDeque<(i64, f64)>,
+    pub(super) shaft: Shaft,
+    pub(super) lagging: VecDeque<(f64, f64)>,
+    /// Where the shaft was when it moved last, in counts, and when that was.
+    pub(super) anchor: i64,
     pub(super) moved_at: Option<Duration>,
+    pub(super) stands_since: Option<Duration>,
 
     pub(super) ledger: Vec<Executed>,
     pub(super) homings: Vec<Homing>,
@@ -115,6 +118,7 @@ impl Axis {
         let (referenced, mechanical) = (machine.absolute_encoder, machine.start);
         let position = if referenced { mechanical } else { 0 };
         Axis {
+            shaft: Shaft::at(behaviour.plant, position),
             objects: Objects::new(&behaviour),
             behaviour,
             disturbances: Disturbances::default(),
@@ -139,10 +143,10 @@ impl Axis {
             velocity: VelocityState::default(),
             machine_offset: mechanical.saturating_sub(position),
             inputs: 0,
-            actual: position,
-            actual_velocity: 0.0,
             lagging: VecDeque::new(),
+            anchor: position,
             moved_at: None,
+            stands_since: None,
             ledger: Vec::new(),
             homings: Vec::new(),
             velocity_phases: Vec::new(),
@@ -256,9 +260,9 @@ impl Axis {
         &self.velocity_phases
     }
 
-    /// Where the axis stands, in counts from the machine's own zero. Homing shifts [`Axis::position`], never this.
+    /// Where the shaft is, in counts from the machine's own zero. Homing shifts [`Axis::position`], never this.
     pub fn mechanical_position(&self) -> i64 {
-        self.actual.saturating_add(self.machine_offset)
+        self.shaft.counts.saturating_add(self.machine_offset)
     }
 
     /// Whether the drive knows where the machine's zero is: by homing, or by an absolute encoder.
@@ -266,14 +270,59 @@ impl Axis {
         self.referenced
     }
 
-    /// Actual position in counts. It counts on where 6064h, a 32-bit value, wraps.
+    /// Where the shaft is, in counts, as of the servo's last cycle. It counts on where 6064h, a 32-bit value, wraps, and
+    /// does not dither as 6064h does ([`Axis::encoder`]).
     pub fn position(&self) -> i64 {
-        self.actual
+        self.shaft.counts
     }
 
-    /// Actual velocity in counts/s.
+    /// How fast the shaft is, in counts/s; 606Ch is an estimate of it.
     pub fn velocity(&self) -> f64 {
-        self.actual_velocity
+        self.shaft.velocity
+    }
+
+    /// The encoder's position in counts, before it is turned and wrapped as 6064h shows it.
+    pub fn encoder(&self) -> i64 {
+        self.shaft.encoder
+    }
+
+    /// Where the trajectory generator is, in counts (6062h), and how fast, in counts/s (606Bh).
+    pub fn demand(&self) -> (i64, f64) {
+        (self.trajectory.counts(), self.trajectory.velocity())
+    }
+
+    /// Whether the axis stands: nothing is planned, and the shaft is not faster than [`Plant::standstill_velocity`].
+    pub fn stands(&self) -> bool {
+        self.trajectory.stands() && self.shaft.is_slow()
+    }
+
+    /// The cycle since which [`Axis::stands`] has held without a break; none while the axis moves.
+    pub fn stands_since(&self) -> Option<Duration> {
+        self.stands_since
+    }
+
+    /// The cycle in which the shaft was last seen beyond what loads make of an axis that stands.
+    pub fn moved_at(&self) -> Option<Duration> {
+        self.moved_at
+    }
+
+    /// How the shaft follows its demand.
+    pub fn plant(&self) -> &Plant {
+        &self.behaviour.plant
+    }
+
+    /// Hangs another plant on the axis, where its shaft is and as fast; it stays over a power failure.
+    ///
+    /// ```
+    /// use servocrab_sim::ds402::{Axis, Behaviour, Plant};
+    ///
+    /// let mut axis = Axis::new(Behaviour::generic());
+    /// axis.set_plant(Plant::seeded(4711));
+    /// assert_eq!(axis.plant().seed, 4711);
+    /// ```
+    pub fn set_plant(&mut self, plant: Plant) {
+        self.behaviour.plant = plant;
+        self.shaft.change(plant);
     }
 
     /// The statusword (6041h) of the last cycle.
@@ -296,7 +345,7 @@ impl Axis {
         emergency::register_of(self.fault.code)
     }
 
-    /// Whether the actual position changed in a cycle later than `time`.
+    /// Whether the shaft moved in a cycle later than `time`, by more than loads make of an axis that stands.
     pub fn moved_since(&self, time: Duration) -> bool {
         self.moved_at.is_some_and(|at| at > time)
     }
@@ -311,7 +360,8 @@ impl Axis {
         if !self.state.is_powered() {
             self.trajectory.place(position);
             self.lagging.clear();
-            self.actual = position;
+            self.shaft.place(position);
+            self.anchor = position;
             self.buffer.previous_target = position;
         }
     }
@@ -357,10 +407,11 @@ impl Axis {
     pub(super) fn shift_coordinates(&mut self, machine_offset: i64) {
         let by = self.machine_offset.saturating_sub(machine_offset);
         self.machine_offset = machine_offset;
-        self.actual = self.actual.saturating_add(by);
+        self.shaft.shift(by);
+        self.anchor = self.anchor.saturating_add(by);
         self.trajectory.shift(by);
         for (position, _) in &mut self.lagging {
-            *position = position.saturating_add(by);
+            *position += by as f64;
         }
         self.buffer.previous_target = self.trajectory.counts();
     }

@@ -4,6 +4,7 @@ use core::time::Duration;
 
 use super::machine::Machine;
 use super::objects::Entry;
+use super::plant::Plant;
 
 /// When bit 12 (set-point acknowledge) of the statusword rises and falls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -200,7 +201,7 @@ pub struct Behaviour {
     pub limit_violation: LimitViolation,
     /// A following error that is too large for too long.
     pub following_error: FollowingError,
-    /// Cycles by which the actual position lags behind the demand position.
+    /// Cycles by which the demand reaches the plant late.
     pub actual_lag_cycles: u32,
     /// Counts/s² by which an axis without power slows down.
     pub coast_deceleration: u32,
@@ -216,6 +217,8 @@ pub struct Behaviour {
     pub home_offset: HomeOffset,
     /// Limit switches outside of homing.
     pub limit_switches: LimitSwitches,
+    /// How the shaft follows the demand, and what the drive measures of it.
+    pub plant: Plant,
     /// What is fixed to the machine: switches, index pulse, ends of travel.
     pub machine: Machine,
     /// Values that 6086h takes: 0 linear, 1 sin²; the ramps are linear with any other.
@@ -230,4 +233,20 @@ pub struct Behaviour {
     pub quick_stop_option: i16,
     /// 6007h at power-up.
     pub abort_connection_option: i16,
+}
+
+impl Behaviour {
+    /// The same drive with another plant.
+    ///
+    /// ```
+    /// use servocrab_sim::ds402::{Axis, Behaviour, Plant};
+    ///
+    /// let axis = Axis::new(Behaviour::akd2g().with_plant(Plant::ideal()));
+    /// assert_eq!(axis.plant(), &Plant::ideal());
+    /// ```
+    #[must_use]
+    pub fn with_plant(mut self, plant: Plant) -> Behaviour {
+        self.plant = plant;
+        self
+    }
 }

@@ -1,5 +1,6 @@
 //! The set-points that a drive holds, and what the handshake of bits 4 and 12 remembers.
 
+use core::time::Duration;
 use std::collections::VecDeque;
 
 use super::behaviour::AckPolicy;
@@ -18,6 +19,8 @@ pub(super) struct Buffer {
     pub(super) edge_due: Option<u32>,
     /// A single set-point is asked for, and is taken after arrival.
     pub(super) asked: bool,
+    /// When the active set-point sets off, while it waits for that.
+    pub(super) sets_off_at: Option<Duration>,
     /// The last target was outside the limits.
     pub(super) limited: bool,
     pub(super) previous_target: i64,
@@ -48,6 +51,7 @@ impl Buffer {
 
     /// Takes out everything, in order.
     pub(super) fn drain(&mut self) -> Vec<SetPoint> {
+        self.sets_off_at = None;
         self.active
             .take()
             .into_iter()

@@ -15,6 +15,10 @@ pub struct Executed {
     pub ended_at: Option<Duration>,
     /// Demand position at that moment, in counts; the target itself where it was reached or passed.
     pub end_position: Option<i64>,
+    /// Where the shaft was at that moment, in counts.
+    pub shaft_position: Option<i64>,
+    /// How fast the shaft was at that moment, in counts/s.
+    pub shaft_velocity: Option<f64>,
     /// Bit 6 at the edge: the value is a distance.
     pub relative: bool,
     /// Bit 5 at the edge.

@@ -35,6 +35,7 @@ mod ledger;
 mod machine;
 mod motion;
 mod objects;
+mod plant;
 mod positioning;
 mod power;
 mod presets;
@@ -58,6 +59,7 @@ pub use ledger::{
 };
 pub use machine::Machine;
 pub use objects::{Access, DataType, Entry, Mapping, SetError};
+pub use plant::Plant;
 pub use state::State;
 
 #[cfg(test)]

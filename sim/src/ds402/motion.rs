@@ -243,6 +243,8 @@ impl Axis {
         if let Some(line) = self.ledger.get_mut(set_point.line) {
             line.ended_at = Some(now);
             line.end_position = Some(position);
+            line.shaft_position = Some(self.shaft.counts);
+            line.shaft_velocity = Some(self.shaft.velocity);
             line.outcome = outcome;
         }
         if outcome == Outcome::Replaced

@@ -198,6 +198,7 @@ pub(super) const VELOCITY_WINDOW: Address = (0x606D, 0);
 pub(super) const VELOCITY_WINDOW_TIME: Address = (0x606E, 0);
 pub(super) const VELOCITY_THRESHOLD: Address = (0x606F, 0);
 pub(super) const VELOCITY_THRESHOLD_TIME: Address = (0x6070, 0);
+pub(super) const TORQUE_ACTUAL: Address = (0x6077, 0);
 pub(super) const TARGET_POSITION: Address = (0x607A, 0);
 pub(super) const RANGE_MIN: Address = (0x607B, 1);
 pub(super) const RANGE_MAX: Address = (0x607B, 2);

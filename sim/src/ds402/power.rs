@@ -90,7 +90,7 @@ impl Axis {
                 // One cycle at least, so that it can be seen.
                 let seen = self.cycles_in_state > 1;
                 let free = self.option(objects::FAULT_REACTION_OPTION) == 0;
-                if seen && (free || self.trajectory.stands()) {
+                if seen && (free || self.has_stopped()) {
                     self.cut_power(State::Fault);
                 }
             }
@@ -145,7 +145,7 @@ impl Axis {
                 self.leave_operation(State::SwitchedOn, objects::DISABLE_OPERATION_OPTION);
             }
             (State::QuickStopActive, Command::EnableOperation)
-                if self.behaviour.transition_16 && self.trajectory.stands() && self.connected =>
+                if self.behaviour.transition_16 && self.has_stopped() && self.connected =>
             {
                 self.enter_operation();
             }
@@ -179,7 +179,7 @@ impl Axis {
     }
 
     fn finish_leaving(&mut self) {
-        if let Some(to) = self.leaving_to.filter(|_| self.trajectory.stands()) {
+        if let Some(to) = self.leaving_to.filter(|_| self.has_stopped()) {
             self.cut_power(to);
         }
     }
@@ -200,7 +200,7 @@ impl Axis {
     fn quick_stop_leads_out(&self) -> bool {
         match self.option(objects::QUICK_STOP_OPTION) {
             0 => true,
-            1..=4 => self.trajectory.stands(),
+            1..=4 => self.has_stopped(),
             _ => false,
         }
     }
@@ -256,12 +256,23 @@ impl Axis {
     fn cut_power(&mut self, to: State) {
         self.discard_motion(Cause::Disabled);
         let demand = self.trajectory.counts();
-        if self.disturbances.blocked || self.within_ends(demand) != demand {
-            self.trajectory.place(self.actual);
+        if !self.behaviour.plant.is_rigid() {
+            // The shaft coasts from where it is, not from where it should be.
+            let (position, velocity) = (self.shaft.position, self.shaft.velocity);
+            self.trajectory.catch(position, velocity);
+            self.shaft.caught();
+            self.lagging.clear();
+        } else if self.disturbances.blocked || self.within_ends(demand) != demand {
+            self.trajectory.place(self.shaft.counts);
             self.lagging.clear();
         }
         self.stop_on(Ramp::Coast);
         self.enter(to);
+    }
+
+    /// Whether a ramp has ended. A rigid shaft stands with its demand, however late it shows that.
+    fn has_stopped(&self) -> bool {
+        self.trajectory.stands() && (self.behaviour.plant.is_rigid() || self.shaft.is_slow())
     }
 
     fn enter(&mut self, state: State) {

@@ -15,6 +15,8 @@ use super::objects::{
     VELOCITY_ENCODER_NUMERATOR,
 };
 
+use super::plant::Plant;
+
 use Access::ReadWrite as Rw;
 use DataType::{I16, I32, U16, U32};
 use Mapping::{None as No, Rx};
@@ -104,6 +106,7 @@ impl Behaviour {
             homing_method_refused_at_write: false,
             home_offset: HomeOffset::HomeReadsOffset,
             limit_switches: LimitSwitches::Shown,
+            plant: Plant::default(),
             machine: Machine::default(),
             profile_types: &[0],
             without: &[],

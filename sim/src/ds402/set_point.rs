@@ -1,10 +1,15 @@
 //! One set-point: what is sampled at the rising edge of bit 4, where it leads, and how it joins the one before.
 
+use core::time::Duration;
+
 use super::axis::Axis;
 use super::behaviour::{LimitViolation, LimitsOff, RelativeBase};
 use super::ledger::{Executed, Outcome};
 use super::objects;
 use super::trajectory::{Bounds, Shape};
+
+/// More than this is a mistake of whoever set it, and would never end.
+const LONGEST_START_DELAY: Duration = Duration::from_secs(10);
 
 /// A set-point in the buffer.
 #[derive(Debug, Clone, Copy)]
@@ -81,6 +86,8 @@ impl Axis {
             start_position: None,
             ended_at: None,
             end_position: None,
+            shaft_position: None,
+            shaft_velocity: None,
             relative,
             bit_5: bit(5),
             bit_9: bit(9),
@@ -130,10 +137,13 @@ impl Axis {
         let Some(mut active) = self.buffer.active.filter(|active| !active.started) else {
             return;
         };
+        if self.waits_to_set_off() {
+            return;
+        }
         let position = self.trajectory.counts();
         let target = active.target.unwrap_or_else(|| {
             let base = if active.base == RelativeBase::Actual {
-                self.actual
+                self.shaft.encoder
             } else {
                 position
             };
@@ -155,6 +165,23 @@ impl Axis {
         }
         self.run(active);
         self.plan_junction();
+    }
+
+    /// From standstill the axis sets off later than its set-point is taken (`Plant::start_delay`).
+    fn waits_to_set_off(&mut self) -> bool {
+        let delay = self.behaviour.plant.start_delay.min(LONGEST_START_DELAY);
+        if !delay.is_zero() && self.trajectory.stands() {
+            let now = self.now;
+            let at = *self
+                .buffer
+                .sets_off_at
+                .get_or_insert(now.saturating_add(delay));
+            if now < at {
+                return true;
+            }
+        }
+        self.buffer.sets_off_at = None;
+        false
     }
 
     pub(super) fn run(&mut self, set_point: SetPoint) {

@@ -59,6 +59,11 @@ impl State {
         )
     }
 
+    /// Whether the drive controls its shaft.
+    pub(super) fn controls(self) -> bool {
+        self.is_powered() && self != State::SwitchedOn
+    }
+
     /// Whether the power section may be on.
     pub fn is_powered(self) -> bool {
         matches!(

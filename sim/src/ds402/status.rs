@@ -6,7 +6,7 @@ use super::axis::Axis;
 use super::behaviour::{FollowingError, LimitSwitches, ReachedPolicy};
 use super::emergency;
 use super::homing::HOMING;
-use super::machine::{NEGATIVE_LIMIT, POSITIVE_LIMIT};
+use super::machine::{Machine, NEGATIVE_LIMIT, POSITIVE_LIMIT};
 use super::motion::PROFILE_POSITION;
 use super::objects;
 use super::state::State;
@@ -42,44 +42,47 @@ impl Reached {
 }
 
 impl Axis {
-    /// The actual position follows the demand, by so many cycles later.
+    /// The shaft follows the demand, by so many cycles later.
     pub(super) fn follow_demand(&mut self) {
-        let before = self.actual;
-        self.lagging
-            .push_back((self.trajectory.counts(), self.trajectory.velocity()));
+        let demand = (self.trajectory.position(), self.trajectory.velocity());
+        self.lagging.push_back(demand);
         while self.lagging.len() > self.behaviour.actual_lag_cycles as usize + 1 {
             self.lagging.pop_front();
         }
-        if self.disturbances.blocked {
-            self.actual_velocity = 0.0;
-        } else if let Some(&(position, velocity)) = self.lagging.front() {
-            self.actual = self.within_ends(position);
-            self.actual_velocity = if self.actual == position {
-                velocity
-            } else {
-                0.0
-            };
-        }
-        if self.actual != before {
+        let demand = self.lagging.front().copied().unwrap_or(demand);
+        let machine = &self.behaviour.machine;
+        let offset = self.machine_offset;
+        self.shaft.follow(
+            self.behaviour.period,
+            demand,
+            self.state.controls(),
+            self.disturbances.blocked,
+            |position| reach(machine, offset, position),
+        );
+        let moved = self.shaft.counts.saturating_sub(self.anchor);
+        if moved.saturating_abs() > self.behaviour.plant.rest_band() {
+            self.anchor = self.shaft.counts;
             self.moved_at = Some(self.now);
         }
+        self.stands_since = self.stands().then(|| self.stands_since.unwrap_or(self.now));
     }
 
     /// Where the shaft gets to for a demand, in reported counts.
     pub(super) fn within_ends(&self, position: i64) -> i64 {
-        let mechanical = position.saturating_add(self.machine_offset);
-        let reached = self.behaviour.machine.within_ends(mechanical);
-        position.saturating_add(reached.saturating_sub(mechanical))
+        reach(&self.behaviour.machine, self.machine_offset, position)
+    }
+
+    /// By how much the demand is ahead of what the encoder shows, as of the servo's last cycle.
+    fn following_error(&self) -> i64 {
+        let (demand, delayed) = (self.trajectory.position(), self.lagging.front());
+        let ahead = delayed.map_or(0.0, |(position, _)| demand - position);
+        ((self.shaft.demand + ahead).round() as i64).saturating_sub(self.shaft.encoder)
     }
 
     pub(super) fn check_following_error(&mut self) {
         let window = self.objects.value(objects::FOLLOWING_WINDOW);
-        let controlled = matches!(self.state, State::OperationEnabled | State::QuickStopActive);
-        let error = self
-            .trajectory
-            .counts()
-            .saturating_sub(self.actual)
-            .saturating_abs();
+        let controlled = self.state.controls() && self.state != State::FaultReactionActive;
+        let error = self.following_error().saturating_abs();
         if !controlled || window == WINDOW_OFF || error <= window {
             self.reached.outside_since = None;
             if self.behaviour.following_error == FollowingError::BitOnly {
@@ -101,16 +104,21 @@ impl Axis {
     pub(super) fn publish(&mut self, controlword: u16) {
         let (reached, stale) = self.update_reached(controlword);
         let statusword = self.compose_statusword(reached, stale);
+        let statusword = if self.shaft.composes_word(self.behaviour.period) {
+            i64::from(statusword)
+        } else {
+            self.objects.value(objects::STATUSWORD)
+        };
         let (demand, actual) = (
             self.turned(self.trajectory.counts()),
-            self.turned(self.actual),
+            self.turned(self.shaft.encoder),
         );
         let velocity = |velocity: f64| {
             let turned = self.turned_velocity(velocity);
             saturated(self.objects.shown_velocity(turned))
         };
         let values = [
-            (objects::STATUSWORD, i64::from(statusword)),
+            (objects::STATUSWORD, statusword),
             (objects::DIGITAL_INPUTS, i64::from(self.switches())),
             (objects::POSITION_DEMAND, wrapped(self.in_range(demand))),
             (objects::POSITION_ACTUAL, wrapped(self.in_range(actual))),
@@ -122,10 +130,14 @@ impl Axis {
                 objects::VELOCITY_DEMAND,
                 velocity(self.trajectory.velocity()),
             ),
-            (objects::VELOCITY_ACTUAL, velocity(self.actual_velocity)),
+            (
+                objects::VELOCITY_ACTUAL,
+                velocity(self.shaft.shown_velocity()),
+            ),
+            (objects::TORQUE_ACTUAL, self.shaft.torque),
             (
                 objects::FOLLOWING_ERROR_ACTUAL,
-                saturated(demand.saturating_sub(actual)),
+                saturated(self.turned(self.following_error())),
             ),
         ];
         for (address, value) in values {
@@ -136,7 +148,7 @@ impl Axis {
     /// Bit 10, and whether it is an old one. With halt, and in Quick stop active: the axis stands. Else by the mode; in
     /// profile position mode: all set-points are done, by the drive's policy.
     fn update_reached(&mut self, controlword: u16) -> (bool, bool) {
-        let stands = self.trajectory.stands() && self.actual_velocity == 0.0;
+        let stands = self.stands();
         let reached = match self.state {
             State::QuickStopActive => stands,
             State::OperationEnabled if self.buffer.halted && controlword & 0x0100 != 0 => stands,
@@ -166,8 +178,7 @@ impl Axis {
             (false, _) => self.trajectory.counts(),
         };
         let window = self.objects.value(objects::POSITION_WINDOW);
-        let within =
-            window == WINDOW_OFF || target.saturating_sub(self.actual).saturating_abs() <= window;
+        let within = window == WINDOW_OFF || self.is_within(target, window);
         if policy == ReachedPolicy::TrajectoryEnd || window == WINDOW_OFF {
             return !open && self.trajectory.stands();
         }
@@ -178,6 +189,11 @@ impl Axis {
         let since = *self.reached.in_window_since.get_or_insert(self.now);
         self.now.saturating_sub(since)
             >= milliseconds(self.objects.value(objects::POSITION_WINDOW_TIME))
+    }
+
+    /// Whether the encoder shows a position no further from a target than a window.
+    fn is_within(&self, target: i64, window: i64) -> bool {
+        target.saturating_sub(self.shaft.encoder).saturating_abs() <= window
     }
 
     fn compose_statusword(&mut self, reached: bool, stale: bool) -> u16 {
@@ -230,8 +246,15 @@ impl Axis {
             * value(objects::FEED)
             * value(objects::POSITION_DIVISOR);
         // Three 32-bit factors and a position of 63 bits can exceed even 128 bits.
-        (i128::from(self.actual).saturating_mul(times) / over) as i64
+        (i128::from(self.shaft.encoder).saturating_mul(times) / over) as i64
     }
+}
+
+/// Where the shaft gets to for a position, in reported counts.
+fn reach(machine: &Machine, offset: i64, position: i64) -> i64 {
+    let mechanical = position.saturating_add(offset);
+    let reached = machine.within_ends(mechanical);
+    position.saturating_add(reached.saturating_sub(mechanical))
 }
 
 /// A position as a 32-bit object shows it: it wraps.

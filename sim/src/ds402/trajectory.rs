@@ -218,6 +218,16 @@ impl Trajectory {
         *self = Trajectory::at(position);
     }
 
+    /// Puts the axis elsewhere with a velocity and nothing planned.
+    pub(super) fn catch(&mut self, position: f64, velocity: f64) {
+        let floor = self.floor;
+        *self = Trajectory::at(0);
+        self.floor = floor;
+        self.position = position;
+        self.segment_start = position;
+        self.velocity = velocity;
+    }
+
     /// Moves on by `dt` seconds and returns what is left of it when the plan ended before.
     pub(super) fn advance(&mut self, mut dt: f64) -> f64 {
         while let Some(segment) = self

@@ -87,7 +87,7 @@ impl Axis {
     pub(super) fn velocity_reached(&mut self) -> bool {
         let target = self.target_velocity();
         let window = self.objects.velocity(objects::VELOCITY_WINDOW);
-        if (self.actual_velocity - target).abs() > window {
+        if (self.shaft.shown_velocity() - target).abs() > window {
             self.velocity.in_window_since = None;
             return false;
         }
@@ -99,7 +99,7 @@ impl Axis {
     /// Bit 12, speed zero: not when the velocity was above the threshold 606Fh for longer than 6070h.
     pub(super) fn speed_is_zero(&mut self) -> bool {
         let threshold = self.objects.velocity(objects::VELOCITY_THRESHOLD);
-        if self.actual_velocity.abs() <= threshold {
+        if self.shaft.shown_velocity().abs() <= threshold {
             self.velocity.fast_since = None;
             return true;
         }

@@ -7,7 +7,7 @@ use crate::description::{
 };
 use crate::device::{Blueprint, Device};
 use crate::drive::{AxisStatusObject, DriveBlueprint};
-use crate::ds402::{Axis, Behaviour, DataType};
+use crate::ds402::{Axis, Behaviour, DataType, Plant};
 use crate::pdo::PdoLimits;
 
 /// What is added to a profile object's index for each further axis (DSP 402 v2: 800h).
@@ -108,7 +108,7 @@ pub struct Servo {
 
 impl Servo {
     pub(super) fn new(model: Model) -> Self {
-        Self {
+        let servo = Self {
             behaviours: vec![(model.behaviour)(); model.axes],
             model,
             supports_lrw: true,
@@ -116,7 +116,24 @@ impl Servo {
             clock_demand: None,
             alias: 0,
             pdos: super::servo_pdos::Changes::default(),
+        };
+        servo.plant(Plant::default())
+    }
+
+    /// Hangs a plant on every axis; each has a seed of its own, one more than the axis before.
+    ///
+    /// ```
+    /// use servocrab_sim::{ds402::Plant, personality::Servo};
+    ///
+    /// let drive = Servo::akd2g().plant(Plant::ideal()).build();
+    /// assert_eq!(drive.axis(1).map(|axis| axis.plant().dither), Some(0));
+    /// ```
+    #[must_use]
+    pub fn plant(mut self, plant: Plant) -> Self {
+        for (number, behaviour) in (0..).zip(&mut self.behaviours) {
+            behaviour.plant = plant.with_seed(plant.seed.wrapping_add(number));
         }
+        self
     }
 
     /// Gives the drive a serial number.

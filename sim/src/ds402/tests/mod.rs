@@ -6,6 +6,7 @@ mod homing;
 mod motion;
 mod options;
 mod personalities;
+mod plant;
 mod ramps;
 mod random;
 mod sequence;
@@ -15,7 +16,7 @@ mod velocity;
 
 use core::time::Duration;
 
-use super::{Axis, Behaviour, Executed, Outcome, State};
+use super::{Axis, Behaviour, Executed, Outcome, Plant, State};
 
 /// An axis with its own time; 1 ms per cycle.
 #[derive(Clone)]
@@ -28,7 +29,7 @@ impl Bench {
     /// An axis in Switch on disabled, in profile position mode, with small numbers in the profile objects.
     fn new(behaviour: Behaviour) -> Bench {
         let mut bench = Bench {
-            axis: Axis::new(behaviour),
+            axis: Axis::new(behaviour.with_plant(Plant::ideal())),
             now: Duration::ZERO,
         };
         bench.set(0x6060, 1);
