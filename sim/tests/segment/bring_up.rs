@@ -6,7 +6,7 @@ use crate::master::{BRD, BWR, FPRD, FPWR, LRW, Master, frame};
 use servocrab_sim::{AlState, Segment, personality};
 
 fn drive() -> Master {
-    Master::new(Segment::new().with(personality::akd2g()))
+    Master::new(Segment::new().with(personality::akd2g()).ideal())
 }
 
 /// Outputs of both axes with axis 1's controlword, target and velocity.
