@@ -209,7 +209,7 @@ fn a_hundred_thousand_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_
         let drive = Servo::akd2g().with_complete_access();
         segment.with(drive.with_sdo_information().build())
     });
-    let segment = Arc::new(Mutex::new(segment));
+    let segment = Arc::new(Mutex::new(segment.ideal()));
     let drive = |name: &str| {
         DriveConfig::new(drives::akd2g())
             .axis(name)

@@ -139,7 +139,9 @@ impl MakeWriter<'_> for Gate {
 
 /// An axis `x` in real time.
 fn line() -> (Arc<Mutex<Segment>>, NetworkBuilder) {
-    let segment = Arc::new(Mutex::new(Segment::new().with(personality::generic())));
+    let segment = Arc::new(Mutex::new(
+        Segment::new().with(personality::generic()).ideal(),
+    ));
     let shared = Arc::clone(&segment);
     let wire = Wire::new(move |frame: &mut [u8], now| {
         uncounted(|| shared.lock().unwrap().process(frame, now))

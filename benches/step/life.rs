@@ -108,7 +108,7 @@ pub(crate) fn live(axes: usize) {
     for _ in 0..axes {
         segment.push(personality::generic());
     }
-    let segment = Arc::new(Mutex::new(segment));
+    let segment = Arc::new(Mutex::new(segment.ideal()));
     let silent = Arc::new(AtomicBool::new(false));
     let unheard = Arc::clone(&silent);
     // One axis in so many dithers; 0: none.

@@ -3,7 +3,7 @@
 //! A [`Segment`] is a line of SubDevices. [`Segment::process`] takes a whole Ethernet frame through it and back, as a
 //! ring of real ones would: datagrams, working counters, FMMUs, sync managers, mailboxes, AL states. Time is an argument,
 //! so a test runs thousands of cycles in milliseconds. [`ds402::Axis`] is the drive behind the objects, with a ledger of
-//! the set-points it executed.
+//! the set-points it executed, and [`ds402::Plant`] is the shaft that hangs on it. What goes wrong is [`Faults`], from a seed.
 //!
 //! Nothing here shares code or constants with a MainDevice library: it is written from the standards and the drives'
 //! documents, so that one misreading cannot cancel out.
@@ -26,6 +26,7 @@ pub mod link;
 mod mailbox;
 mod pdo;
 pub mod personality;
+mod seeded_faults;
 mod segment;
 mod sii;
 mod topology;
@@ -41,4 +42,5 @@ pub use drive::{AxisStatusObject, DriveBlueprint, PlainEntry, PlainObject};
 pub use esi_file::{EsiDrive, EsiError};
 pub use faults::{Fault, FaultyWire};
 pub use pdo::{PdoHabit, PdoLimits};
+pub use seeded_faults::{Faults, FaultsError, FaultyLine, Outage, PlantChoice, Rate};
 pub use segment::{CycleRecord, Segment};

@@ -105,3 +105,33 @@ fn it_runs_for_the_time_asked_for_and_traces_without_frames_or_says_what_right_i
     // Two axes, a row each millisecond for 0.3 s.
     assert!(text.lines().count() > 400, "{} lines", text.lines().count());
 }
+
+#[test]
+fn faults_that_are_not_known_or_do_not_fit_the_line_are_refused_with_what_is_known() {
+    let with = |faults| {
+        run(&[
+            "--interface",
+            "nosuchif0",
+            "--drive",
+            "generic",
+            "--faults",
+            faults,
+            "--seed",
+            "7",
+        ])
+    };
+    let output = with("los=1%");
+    assert_eq!(output.status.code(), Some(2));
+    for known in ["there is no fault \"los\"", "loss", "delay", "cut", "plant"] {
+        assert!(errors(&output).contains(known), "{}", errors(&output));
+    }
+    let output = with("loss=1%,cut=2s@1");
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(
+        errors(&output),
+        "servocrab-sim: there is no SubDevice 1: the line has 1, counted from 0\n"
+    );
+    // With faults that fit it comes as far as the interface.
+    let output = with("loss=1%,delay=200us,cut=2s@0,plant=seeded");
+    assert!(errors(&output).contains("nosuchif0"), "{}", errors(&output));
+}

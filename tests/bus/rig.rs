@@ -27,7 +27,13 @@ const LIMIT: Duration = Duration::from_secs(120);
 pub(crate) struct Line(pub(crate) Arc<Mutex<Segment>>);
 
 impl Line {
+    /// With ideal axes: where the shaft is, is where the words say.
     pub(crate) fn new(segment: Segment) -> Self {
+        Self::on_plants(segment.ideal())
+    }
+
+    /// With the plants that the segment has.
+    pub(crate) fn on_plants(segment: Segment) -> Self {
         Self(Arc::new(Mutex::new(segment)))
     }
 

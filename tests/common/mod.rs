@@ -16,7 +16,7 @@ use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::{Mode, Statusword};
 use servocrab::pdo_map::{Direction, Layout};
 use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint};
-use servocrab_sim::ds402::{Axis, Behaviour, Executed};
+use servocrab_sim::ds402::{Axis, Behaviour, Executed, Plant};
 
 /// What happens to one cycle's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,7 +86,7 @@ impl Rig {
         change(&mut config);
         Self {
             core: Twins::new(config),
-            drive: Axis::new(behaviour),
+            drive: Axis::new(behaviour.with_plant(Plant::ideal())),
             now: Duration::ZERO,
             outputs: vec![0; layout.output_bytes()],
             words: Vec::new(),
@@ -105,6 +105,12 @@ impl Rig {
         let mut rig = Self::akd2g();
         rig.enable();
         rig
+    }
+
+    /// Hangs a plant on the drive, which is ideal without it.
+    pub fn on_plant(mut self, plant: Plant) -> Self {
+        self.drive.set_plant(plant);
+        self
     }
 
     pub fn enable(&mut self) {

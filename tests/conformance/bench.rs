@@ -3,7 +3,9 @@
 
 use core::time::Duration;
 
-use servocrab_sim::ds402::{Access, Axis, Behaviour, DataType, Entry, Mapping, Outcome, State};
+use servocrab_sim::ds402::{
+    Access, Axis, Behaviour, DataType, Entry, Mapping, Outcome, Plant, State,
+};
 
 /// What the profile objects hold unless a test says otherwise.
 pub(crate) const VELOCITY: i64 = 10_000;
@@ -20,7 +22,7 @@ impl Drive {
     /// Just powered up and in Switch on disabled; nothing has been written.
     pub(crate) fn powered_up(behaviour: Behaviour) -> Self {
         let mut drive = Self {
-            axis: Axis::new(behaviour),
+            axis: Axis::new(behaviour.with_plant(Plant::ideal())),
             now: Duration::ZERO,
         };
         drive.run(5);

@@ -80,6 +80,7 @@ pub(crate) struct Line(Arc<Mutex<Counted>>);
 
 impl Line {
     pub(crate) fn new(segment: Segment) -> Self {
+        let segment = segment.ideal();
         Self(Arc::new(Mutex::new(Counted {
             segment,
             seen: 0,

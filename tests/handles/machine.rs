@@ -250,7 +250,9 @@ impl Station {
             ..Parameters::default()
         };
         let core = AxisCore::new(config);
-        let drive: Drive = Arc::new(Mutex::new(ds402::Axis::new(variant.behaviour.clone())));
+        let drive: Drive = Arc::new(Mutex::new(ds402::Axis::new(
+            variant.behaviour.clone().with_plant(ds402::Plant::ideal()),
+        )));
         let sdo = Arc::new(Sdo {
             drive: Arc::clone(&drive),
             written: Mutex::default(),

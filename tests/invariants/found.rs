@@ -10,7 +10,7 @@ use servocrab::ds402::QuickStopOption;
 use servocrab::profile_position::{
     BufferSignal, MoveCommand, Parameters, Reference, SetPoint, Start,
 };
-use servocrab_sim::ds402::{AckFault, Axis, Behaviour, Outcome, State};
+use servocrab_sim::ds402::{AckFault, Axis, Behaviour, Outcome, Plant, State};
 
 use super::world::{Link, World};
 
@@ -24,7 +24,12 @@ fn world(behaviour: Behaviour) -> World {
         deceleration: Some(500_000),
         ..Parameters::default()
     };
-    let mut world = World::new(Axis::new(behaviour), config, Duration::from_millis(1), 0);
+    let mut world = World::new(
+        Axis::new(behaviour.with_plant(Plant::ideal())),
+        config,
+        Duration::from_millis(1),
+        0,
+    );
     let id = world.submit(Command::Enable);
     assert_eq!(finish(&mut world, id), Ok(Completion::Done));
     world
@@ -477,7 +482,12 @@ fn a_place_that_became_free_by_itself_is_no_sign_that_the_replacement_was_taken(
             ..Parameters::default()
         };
         let (period, late) = (Duration::from_millis(2), 3);
-        let mut world = World::new(Axis::new(behaviour), config, period, late);
+        let mut world = World::new(
+            Axis::new(behaviour.with_plant(Plant::ideal())),
+            config,
+            period,
+            late,
+        );
         let id = world.submit(Command::Enable);
         assert_eq!(finish(&mut world, id), Ok(Completion::Done));
         let first = world.submit(to(20, Start::Immediately));

@@ -8,7 +8,7 @@ use servocrab::profile_position::{
     BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Start, StartBits,
     Traits,
 };
-use servocrab_sim::ds402::{AckFault, AckPolicy, Axis, Behaviour, ReachedPolicy, State};
+use servocrab_sim::ds402::{AckFault, AckPolicy, Axis, Behaviour, Plant, ReachedPolicy, State};
 
 use super::rarer::Rarer;
 use super::wider::Wider;
@@ -224,7 +224,7 @@ fn build(
     if let Some(rarer) = &mut rarer {
         rarer.change(&mut behaviour, &mut config);
     }
-    let mut drive = Axis::new(behaviour);
+    let mut drive = Axis::new(behaviour.with_plant(Plant::ideal()));
     if let Some(wider) = wider {
         wider.set_up(&mut drive);
     }

@@ -15,7 +15,7 @@ use servocrab::{
     drives,
     profile_position::{Outcome, SetPoint, Start},
 };
-use servocrab_sim::{AlState, Segment, ds402::State, personality};
+use servocrab_sim::{AlState, Segment, ds402::Plant, ds402::State, personality};
 
 use crate::{
     cable::{Cable, Trouble, Weather},
@@ -113,6 +113,7 @@ impl Life {
             members.push(Member::Drive(Box::new(drives::generic()), vec![axis]));
             segment.push(personality::generic());
         }
+        segment.set_plant(Plant::ideal());
         let judge = Judge::on(&mut segment);
         let mut weather = Weather::new(seed ^ 0x7765_6174);
         weather.rates = rates(&mut random);

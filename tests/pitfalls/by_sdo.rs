@@ -97,7 +97,9 @@ impl Station {
         config.referencing = Referencing::UnreferencedMovesAllowed;
         config.traits = traits;
         let core = AxisCore::new(config);
-        let drive = Arc::new(Mutex::new(ds402::Axis::new(behaviour)));
+        let drive = Arc::new(Mutex::new(ds402::Axis::new(
+            behaviour.with_plant(ds402::Plant::ideal()),
+        )));
         let cycles = Arc::new(AtomicUsize::new(0));
         let (source, port) = AxisSetup {
             identity: AxisIdentity {

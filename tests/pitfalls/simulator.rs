@@ -3,7 +3,7 @@
 
 use core::time::Duration;
 
-use servocrab_sim::ds402::{Axis, Behaviour, Outcome, State};
+use servocrab_sim::ds402::{Axis, Behaviour, Outcome, Plant, State};
 
 /// Each drive that there is, by its name.
 fn drives() -> [(&'static str, Behaviour); 5] {
@@ -25,7 +25,7 @@ impl Drive {
     /// In Operation enabled, at 0.
     fn enabled(behaviour: Behaviour) -> Self {
         let mut drive = Self {
-            axis: Axis::new(behaviour),
+            axis: Axis::new(behaviour.with_plant(Plant::ideal())),
             now: Duration::ZERO,
         };
         for (object, value) in [

@@ -209,6 +209,11 @@ impl Device {
         self.esc.set_clock(self.crystal.0, self.crystal.1);
     }
 
+    /// Gives the crystal of the distributed clock another error, as [`Device::set_clock`] does, from the same time at power-up.
+    pub fn set_drift(&mut self, drift_ppm: f64) {
+        self.set_clock(self.crystal.0, drift_ppm);
+    }
+
     /// The distributed clock's copy of the system time at this time of the simulation, in nanoseconds.
     #[must_use]
     pub fn system_time(&self, now: Duration) -> u64 {

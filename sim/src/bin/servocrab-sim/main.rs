@@ -16,7 +16,9 @@ use clap::{Parser, ValueEnum};
 use machine::MachineArguments;
 use servocrab_sim::link::{FRAME_CAPACITY, RawSocket};
 use servocrab_sim::personality::Servo;
-use servocrab_sim::{Device, EsiDrive, EsiError, Segment, personality};
+use servocrab_sim::{
+    Device, EsiDrive, EsiError, Faults, FaultsError, FaultyLine, Segment, personality,
+};
 use trace::Trace;
 
 /// How long the program waits for a frame before it looks at the time again.
@@ -50,6 +52,15 @@ struct Arguments {
     /// Milliseconds that a device takes to answer a mail
     #[arg(long, value_name = "MS", default_value_t = 0)]
     mailbox_ms: u64,
+    /// What goes wrong, such as loss=1%,delay=200us,cut=2s@1; the documentation of servocrab_sim::Faults has the list
+    #[arg(long, value_name = "FAULTS", value_parser = faults, default_value = "")]
+    faults: Faults,
+    /// Seed of the faults
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Axes that are exactly where they are told, in place of those with following error, overshoot and dither
+    #[arg(long)]
+    ideal: bool,
     /// Seconds to run; without it, until SIGINT or SIGTERM
     #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
     duration: Option<Duration>,
@@ -102,9 +113,13 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         device.set_mailbox_delay(Duration::from_millis(arguments.mailbox_ms));
         segment.push(device);
     }
+    if arguments.ideal {
+        segment = segment.ideal();
+    }
+    let mut line = FaultyLine::new(segment, &arguments.faults.clone().seed(arguments.seed))?;
     let socket = RawSocket::open(&arguments.interface)?;
     let trace = match &arguments.trace {
-        Some(path) => Some(start_trace(path, &mut segment)?),
+        Some(path) => Some(start_trace(path, line.segment_mut())?),
         None => None,
     };
     let stop = Arc::new(AtomicBool::new(false));
@@ -112,25 +127,30 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))?;
 
     // In one piece: whoever waits for the first line may read no further.
-    print!("{}", greeting(&arguments.interface, &segment));
+    print!("{}", greeting(&arguments.interface, line.segment()));
     std::io::stdout().flush()?;
 
     let start = Instant::now();
     let mut flushed = Duration::ZERO;
     let mut buffer = [0; FRAME_CAPACITY];
     while !stop.load(Ordering::Relaxed) {
-        socket.wait(WAIT)?;
+        let late = line.next_arrival();
+        match late.map(|at| at.saturating_sub(start.elapsed())) {
+            // The socket waits for whole milliseconds, a frame that is on its way back for less.
+            Some(left) if left < WAIT => std::thread::sleep(left),
+            _ => socket.wait(WAIT)?,
+        }
         for _ in 0..BURST {
             let Some(length) = socket.receive(&mut buffer)? else {
                 break;
             };
             let frame = buffer.get_mut(..length).unwrap_or(&mut []);
-            if segment.process(frame, start.elapsed()) {
-                socket.send(frame)?;
-            }
+            line.send(frame, start.elapsed());
+            answer(&mut line, &socket, start.elapsed())?;
         }
         let now = start.elapsed();
-        segment.advance(now);
+        line.advance(now);
+        answer(&mut line, &socket, now)?;
         if let Some(trace) = &trace
             && now - flushed >= FLUSH_EVERY
         {
@@ -145,7 +165,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         lock(trace).flush()?;
     }
     // Whoever started it may have stopped listening.
-    let _ = std::io::stdout().write_all(farewell(&segment).as_bytes());
+    let _ = std::io::stdout().write_all(farewell(&line).as_bytes());
     Ok(())
 }
 
@@ -201,13 +221,32 @@ fn greeting(interface: &str, segment: &Segment) -> String {
     text
 }
 
-/// A line for each SubDevice: what a MainDevice has asked of it.
-fn farewell(segment: &Segment) -> String {
-    let accesses = segment.devices().iter().enumerate().map(|(place, device)| {
-        let (sii, mails) = (device.sii_accesses(), device.mails_taken());
-        format!("{place}: {sii} accesses to the SII, {mails} mails\n")
-    });
-    accesses.collect()
+/// Sends what has come back.
+fn answer(line: &mut FaultyLine, socket: &RawSocket, now: Duration) -> std::io::Result<()> {
+    while let Some(frame) = line.receive(now) {
+        socket.send(&frame)?;
+    }
+    Ok(())
+}
+
+/// A line for each SubDevice: what a MainDevice has asked of it, and one for each fault: how often it happened.
+fn farewell(line: &FaultyLine) -> String {
+    let accesses = line
+        .segment()
+        .devices()
+        .iter()
+        .enumerate()
+        .map(|(place, device)| {
+            let (sii, mails) = (device.sii_accesses(), device.mails_taken());
+            format!("{place}: {sii} accesses to the SII, {mails} mails\n")
+        });
+    let faults = line.seen().iter();
+    let faults = faults.map(|(name, times)| format!("fault {name}: {times} times\n"));
+    accesses.chain(faults).collect()
+}
+
+fn faults(text: &str) -> Result<Faults, FaultsError> {
+    text.parse()
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
