@@ -26,7 +26,9 @@ const NEVER: Duration = Duration::from_secs(60);
 
 /// One drive with an axis `x`, and its network, which is not started yet.
 fn line() -> (Arc<Mutex<Segment>>, NetworkBuilder) {
-    let segment = Arc::new(Mutex::new(Segment::new().with(personality::akd2g()).ideal()));
+    let segment = Arc::new(Mutex::new(
+        Segment::new().with(personality::akd2g()).ideal(),
+    ));
     let wired = Arc::clone(&segment);
     let wire = Wire::new(move |frame: &mut [u8], now| wired.lock().unwrap().process(frame, now));
     (segment, builder().link(wire))
