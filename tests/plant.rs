@@ -8,7 +8,7 @@ mod twins;
 
 use plant::{Bus, End, Habits, Link, random};
 use servocrab::axis::{Command, CommandId, Completion, Failure};
-use servocrab::profile_position::{BufferSignal, Reference, SetPoint, Start};
+use servocrab::profile_position::{BufferSignal, MoveCommand, Reference, SetPoint, Start};
 
 /// An axis that goes 32 counts past its end at 500 000 counts/s², critically damped.
 fn overshooting() -> Habits {
@@ -473,5 +473,69 @@ fn an_axis_that_rests_beside_its_end_and_does_not_stand_still_has_missed_it() {
         let second = bus.abs(3_000, after());
         bus.finish(first).ok();
         bus.finish(second).ok();
+    }
+}
+
+#[test]
+fn a_move_on_a_ready_axis_rises_in_the_next_frame() {
+    const BIT_4: u16 = 1 << 4;
+    let mut bus = Bus::enabled(Habits::default(), |_| {});
+    for (target, last) in [
+        (1_000, Link::Good),
+        (2_000, Link::ReplyLost),
+        (3_000, Link::RequestLost),
+        (4_000, Link::Miscounted),
+    ] {
+        bus.run(50);
+        bus.cycle_over(last);
+        let id = bus.abs(target, SetPoint::new());
+        let at_once = bus.word() & BIT_4 != 0;
+        assert_eq!(at_once, last == Link::Good, "after {last:?}");
+        if !at_once {
+            // Not before fresh inputs, whatever else comes.
+            bus.cycle_over(last);
+            assert_eq!(bus.word() & BIT_4, 0, "after {last:?}");
+            bus.cycle();
+            assert_eq!(bus.word() & BIT_4, BIT_4, "after {last:?}");
+        }
+        assert!(bus.finish(id).is_ok());
+    }
+}
+
+#[test]
+fn a_move_in_the_frame_of_a_resume_waits_until_that_was_sent() {
+    const BIT_4: u16 = 1 << 4;
+    let mut bus = Bus::enabled(Habits::default(), |_| {});
+    let halt = bus.send(Command::Halt);
+    assert!(bus.finish(halt).is_ok());
+    bus.send(Command::Resume);
+    let id = bus.abs(1_000, SetPoint::new());
+    assert_eq!(bus.word() & (BIT_4 | 1 << 8), 0);
+    assert!(bus.finish(id).is_ok());
+}
+
+#[test]
+fn moves_that_start_together_are_not_released_on_old_inputs() {
+    let gated = |target| {
+        Command::Move(MoveCommand {
+            reference: Reference::Absolute,
+            target,
+            set_point: SetPoint::new(),
+            gated: true,
+        })
+    };
+    for last in [Link::ReplyLost, Link::RequestLost, Link::Miscounted] {
+        let mut bus = Bus::enabled(Habits::default(), |_| {});
+        bus.run(50);
+        let id = bus.send(gated(1_000));
+        assert!(bus.core.is_armed(id));
+        bus.cycle_over(last);
+        assert!(!bus.core.is_armed(id), "{last:?}");
+        bus.core.fire(bus.now, id, &mut bus.outputs);
+        assert_eq!(bus.word() & 1 << 4, 0, "{last:?}");
+        bus.cycle();
+        assert!(bus.core.is_armed(id), "{last:?}");
+        bus.core.fire(bus.now, id, &mut bus.outputs);
+        assert!(bus.finish(id).is_ok());
     }
 }

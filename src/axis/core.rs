@@ -263,12 +263,38 @@ impl AxisCore {
     }
 
     /// Releases a gated, armed move: its bit 4 rises in the outputs that are sent next. Call it in the cycle in which
-    /// [`AxisCore::is_armed`] said so, after `step`.
+    /// [`AxisCore::is_armed`] said so, after `step`. On inputs that are not fresh nothing is released.
     pub fn fire(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
-        if let Some(sample) = self.sample {
+        if let Some(sample) = self.sample
+            && self.has_fresh_inputs()
+        {
             let cycle = cycle!(self, now, &sample, true);
             self.sequencer.fire(id, &cycle, &mut self.events);
             self.write_outputs(outputs);
+        }
+    }
+
+    /// Whether the last step had inputs of the drive, and the outputs before them were delivered.
+    const fn has_fresh_inputs(&self) -> bool {
+        self.answered && self.undelivered_cycles == 0
+    }
+
+    /// The move that has just been taken in rises in the next frame, if the last inputs were fresh and nothing is in its way. After
+    /// others it waits for the next fresh ones.
+    pub(super) fn start_move_now(&mut self, now: Duration) {
+        let Some(sample) = self.sample else { return };
+        let ready = self.has_fresh_inputs()
+            && !self.halted
+            && !self.stop_unsent
+            && !self.sent.contains(Controlword::HALT)
+            && sample.state() == State::OperationEnabled
+            && self.power.is_driving()
+            && !self.stopping.is_active()
+            && self.mode == Mode::ProfilePosition
+            && sample.mode == self.mode;
+        if ready {
+            let cycle = cycle!(self, now, &sample, true);
+            self.sequencer.start_next(&cycle, &mut self.events);
         }
     }
 

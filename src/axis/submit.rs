@@ -43,7 +43,7 @@ impl AxisCore {
             Command::PrepareMode(mode) => self.select_mode(now, id, mode, true),
             Command::Home(command) => self.start_homing(id, command),
             Command::Jog(set_point) => self.start_jog(id, set_point),
-            Command::Move(command) => self.start_move(id, command),
+            Command::Move(command) => self.start_move(now, id, command),
             Command::CheckMove(command) => {
                 let result = self.check_unmapped_move(command).map(|()| Completion::Done);
                 self.done(id, result);
@@ -161,9 +161,12 @@ impl AxisCore {
         }
     }
 
-    fn start_move(&mut self, id: CommandId, command: MoveCommand) {
+    fn start_move(&mut self, now: Duration, id: CommandId, command: MoveCommand) {
         match self.check_move(command) {
-            Ok(command) => self.sequencer.submit(id, command, &mut self.events),
+            Ok(command) => {
+                self.sequencer.submit(id, command, &mut self.events);
+                self.start_move_now(now);
+            }
             Err(failure) => self.done(id, Err(failure)),
         }
     }
@@ -317,6 +320,8 @@ impl AxisCore {
         }
         let has_motion = self.has_motion();
         self.withdraw_unsent(failure);
+        // Nothing starts in its frame, also where there is nothing to stop.
+        self.stop_unsent = true;
         if !has_motion && self.is_standing(now) {
             return false;
         }

@@ -318,7 +318,8 @@ impl Sequencer {
         self.withdraw_unsent(Failure::NeedsStop, events);
     }
 
-    fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
+    /// The move whose turn it is starts, if all that it needs is there.
+    pub(crate) fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
         self.armed = None;
         let Some(request) = self.waiting.first() else {
             return;

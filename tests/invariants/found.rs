@@ -526,7 +526,6 @@ fn a_move_that_is_taken_after_the_one_before_has_ended_is_not_passed_on_its_way(
         run(&mut world, 1);
     }
     let second = world.submit(to(3_130, Start::AfterCurrent));
-    run(&mut world, 1);
     while world.done(first).is_none() {
         world.cycle(StopRequest::empty(), false, Link::Undelivered);
     }
