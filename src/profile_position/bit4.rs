@@ -42,6 +42,8 @@ pub(super) struct Raised {
     pub(super) end: Option<i32>,
     /// Where it leads, also where its end is not known to the count.
     pub(super) goal: Option<i32>,
+    /// Of a distance, the end of the set-point before it, where that is known: the drive may count from it.
+    pub(super) previous: Option<i32>,
     /// Whether it begins at rest.
     pub(super) from_rest: bool,
 }

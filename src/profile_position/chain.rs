@@ -341,6 +341,14 @@ impl Chain {
         }
     }
 
+    /// The end of the last set-point, held or arrived at, where it is known.
+    pub(super) fn previous_end(&self) -> Option<i32> {
+        match self.held.iter().flatten().last() {
+            Some(before) => before.end,
+            None => self.last_end,
+        }
+    }
+
     /// Where a move leads, also where its end is not known to the count.
     pub(super) fn goal_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         match command.reference {

@@ -160,6 +160,15 @@ pub enum Failure {
         /// Position actual value 6064h.
         actual: i32,
     },
+    /// The drive says target reached after a distance, and the axis stands elsewhere than where that could lead from any place that is
+    /// known: the drive counts from another, or has limited the move. Its documents do not say what distances count from.
+    #[error(
+        "the drive reports its target reached at {actual}, which is not where the distance leads from where the axis was: it counts from elsewhere or has limited the move; look for a limit in the drive"
+    )]
+    EndNotKnown {
+        /// Position actual value 6064h.
+        actual: i32,
+    },
     /// The drive has acknowledged the move, and nothing has shown in time that it has begun: bit 10 has stayed high, and the axis
     /// stands where it stood. It counts as held by the drive, which may begin it at any time, until `stop()`.
     #[error(

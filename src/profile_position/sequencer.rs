@@ -382,6 +382,7 @@ impl Sequencer {
                 begin: self.chain.begin_of(&request.command, cycle),
                 end: self.chain.end_of(&request.command, cycle),
                 goal: self.chain.goal_of(&request.command, cycle),
+                previous: self.chain.previous_end(),
                 from_rest: self.chain.begins_at_rest(&request.command, cycle),
             },
             sent: false,

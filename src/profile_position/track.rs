@@ -62,6 +62,41 @@ impl Lingering {
     }
 }
 
+/// What a distance may count from, where the drive's documents do not say, or the position does not show it: the end before it, or where
+/// the axis, or its demand, was when the drive took it.
+#[derive(Debug, Clone, Copy)]
+struct Bases {
+    previous: Option<i32>,
+    position: i32,
+    /// How far the drive's base may be from that position.
+    slack: u32,
+}
+
+impl Bases {
+    fn of(begin: i32, previous: Option<i32>, from_rest: bool, cycle: &Cycle<'_>) -> Self {
+        // In motion the drive took it between these two cycles, and its demand may be ahead of the axis by several times that way.
+        let way = if from_rest {
+            0
+        } else {
+            cycle.bounds.distance(begin, cycle.sample.position)
+        };
+        Self {
+            previous,
+            position: begin,
+            slack: way.saturating_mul(8).saturating_add(cycle.bounds.position),
+        }
+    }
+
+    /// Whether a distance may end at this position.
+    fn lead_to(&self, position: i32, distance: i32, bounds: &Bounds) -> bool {
+        let near = |base: i32, slack: u32| {
+            let end = bounds.after(base, distance);
+            bounds.distance(end, position) <= bounds.position.saturating_add(slack)
+        };
+        near(self.position, self.slack) || self.previous.is_some_and(|end| near(end, 0))
+    }
+}
+
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Track {
@@ -72,8 +107,9 @@ pub(super) struct Track {
     pub(super) end: Option<i32>,
     /// Where it leads, also where its end is not known to the count.
     goal: Option<i32>,
-    /// Of a distance, how far it leads.
+    /// Of a distance, how far it leads, and what is known of where it counts from.
     distance: Option<i32>,
+    bases: Bases,
     /// Whether it begins at rest: then the axis goes to its end without passing it before.
     pub(super) from_rest: bool,
     /// Whether it was begun by a drive in motion, which may be too fast to stop at its end, and come back to it.
@@ -146,6 +182,7 @@ impl Track {
             begin,
             end,
             goal,
+            previous,
             from_rest,
             ..
         } = raised;
@@ -158,6 +195,7 @@ impl Track {
                 Reference::Absolute => None,
                 Reference::Relative => Some(command.target),
             },
+            bases: Bases::of(begin, previous, from_rest, cycle),
             from_rest,
             overshoots: !from_rest && command.set_point.start == Start::Immediately,
             confirmed,
@@ -501,7 +539,13 @@ impl Track {
         let within = self
             .end
             .is_some_and(|end| cycle.bounds.distance(end, position) <= window);
-        if self.left_target && (within || self.end.is_none()) {
+        // Where a distance leads that has no known end.
+        let may_end_here = match (self.end, self.goal, self.distance) {
+            (Some(_), ..) => false,
+            (None, None, Some(way)) => self.bases.lead_to(position, way, cycle.bounds),
+            (None, ..) => true,
+        };
+        if self.left_target && (within || may_end_here) {
             return reached;
         }
         let steady = self.is_steady(cycle);
@@ -521,7 +565,8 @@ impl Track {
         if moved || (self.left_target && !self.follows) {
             return match self.end {
                 Some(target) => Some(Err(self.missed(target, position))),
-                None => reached,
+                None if may_end_here => reached,
+                None => Some(Err(Failure::EndNotKnown { actual: position })),
             };
         }
         let late = cycle.now.saturating_sub(self.since) >= cycle.begin;

@@ -30,6 +30,11 @@ impl fmt::Display for ScaledFailure {
                 scale.position_of(actual),
                 scale.position_of(target)
             ),
+            Failure::EndNotKnown { actual } => write!(
+                f,
+                "the drive reports its target reached at {}, which is not where the distance leads from where the axis was: it counts from elsewhere or has limited the move; look for a limit in the drive",
+                scale.position_of(actual)
+            ),
             Failure::NotBegun { actual } => write!(
                 f,
                 "the drive has acknowledged the move and has not begun it, the axis stands at {}: it may begin at any time; stop() it, and look for a brake or an input that holds it",
@@ -73,6 +78,7 @@ pub(super) fn in_units(error: AxisError, scale: Scale) -> AxisError {
             failure @ (Failure::MissedTarget { .. }
             | Failure::Unseen { .. }
             | Failure::NotBegun { .. }
+            | Failure::EndNotKnown { .. }
             | Failure::Unconfirmed { .. }
             | Failure::PerhapsSuperseded { .. }
             | Failure::BeyondLimit { .. }

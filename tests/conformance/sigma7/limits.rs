@@ -154,14 +154,11 @@ pub(super) fn library_checks_every_target_that_it_knows() {
         let refused = rig.abs(9_000, SetPoint::new().start(start));
         assert!(is_refused(&rig, refused, 8_000), "{start:?}");
     }
-    // Where a distance leads is the drive's to know: it limits the move, and that is told.
+    // What the first distance counts from is the drive's to know: it limits the move, and the axis is not where that could lead.
     let id = rig.rel(9_000, SetPoint::new());
     let outcome = rig.finish(id);
     assert_eq!(rig.drive.position(), 8_000);
-    assert!(
-        !matches!(outcome, Ok(Completion::Reached { position: 9_000 })),
-        "{outcome:?}"
-    );
+    assert_eq!(outcome, Err(Failure::EndNotKnown { actual: 8_000 }));
 }
 
 /// An incremental drive at 3 000 of its machine, with a limit switch at its zero: homed by it, its zero is there.
