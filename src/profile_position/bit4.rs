@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::{CommandId, Cycle, waiting::Request};
+use super::{CommandId, Cycle, Start, waiting::Request};
 
 /// So many frames later, at the latest, the inputs show what the drive has seen in one: it takes outputs in at one SYNC0, works
 /// until the next, and what it has put out then is fetched by the frame after that. Assumed, no document says.
@@ -46,6 +46,13 @@ pub(super) struct Raised {
     pub(super) previous: Option<i32>,
     /// Whether it begins at rest.
     pub(super) from_rest: bool,
+}
+
+impl Raised {
+    /// Whether it replaces the others, and its end is not known: it may be theirs.
+    pub(super) fn may_end_anywhere(&self) -> bool {
+        self.request.command.set_point.start == Start::Immediately && self.end.is_none()
+    }
 }
 
 impl Bit4 {
@@ -108,9 +115,14 @@ impl Bit4 {
         matches!(self, &Self::Low { delivered: Some(at), .. } if cycle.is_seen(at))
     }
 
-    /// Whether a set-point is on its way: the drive may have taken it already, and its acknowledge is still to come.
-    pub(super) const fn is_on_its_way(&self) -> bool {
-        matches!(self, Self::High { sent: true, .. })
+    /// The set-point that is on its way: the drive may have taken it already, and its acknowledge is still to come.
+    pub(super) const fn on_its_way(&self) -> Option<&Raised> {
+        match self {
+            Self::High {
+                raised, sent: true, ..
+            } => Some(raised),
+            _ => None,
+        }
     }
 
     /// The move whose bit 4 has risen in the outputs and has not been sent.

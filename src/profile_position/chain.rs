@@ -27,10 +27,14 @@ pub(super) enum Place {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Next {
     None,
-    /// Its acknowledge is still to come.
-    Comes,
+    /// Its acknowledge is still to come. `anywhere`: it replaces the others, and may end anywhere, at their ends, too.
+    Comes {
+        anywhere: bool,
+    },
     /// Its acknowledge has not come in time: whether the drive has taken it stays unknown.
-    Perhaps,
+    Perhaps {
+        anywhere: bool,
+    },
 }
 
 /// The set-points that the drive has acknowledged and not ended, in order.
@@ -126,8 +130,10 @@ impl Chain {
         let stalled = cycle.with_stall();
         let cycle = if alone { cycle } else { &stalled };
         let undecided = self.follow_over(cycle, events);
-        if next == Next::Perhaps && !undecided {
-            self.follow_doubtful(cycle, events);
+        if let Next::Perhaps { anywhere } = next
+            && !undecided
+        {
+            self.follow_doubtful(anywhere, cycle, events);
             return;
         }
         match &mut self.held {
@@ -203,7 +209,7 @@ impl Chain {
         track.note_limit(cycle);
         // What one shows that is taken and not acknowledged yet is not the end of this one; its own end, where that is
         // known, is.
-        let known = track.end.is_some();
+        let known = track.end.is_some() && next != (Next::Comes { anywhere: true });
         let outcome = track
             .outcome(cycle)
             .filter(|outcome| next == Next::None || (known && outcome.is_ok()));
@@ -221,14 +227,15 @@ impl Chain {
 
     /// A later set-point may have replaced them: what the axis passes says nothing of them. At the end of the last of them that
     /// one has arrived; where the axis stands otherwise, none of them is known to be what has led it there.
-    fn follow_doubtful(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
+    fn follow_doubtful(&mut self, anywhere: bool, cycle: &Cycle<'_>, events: &mut Events) {
         let actual = cycle.sample.position;
         let last = self.held.iter().flatten().count();
         for (place, held) in self.held.iter_mut().enumerate() {
             let Some(track) = held else { continue };
             track.note(cycle, false);
             let at_rest = track.is_at_rest(cycle);
-            let may_arrive = track.end.is_some() && place + 1 == last && (last == 1 || at_rest);
+            let may_arrive =
+                track.end.is_some() && !anywhere && place + 1 == last && (last == 1 || at_rest);
             let outcome = match track.outcome(cycle) {
                 Some(Ok(completion)) if may_arrive => Ok(completion),
                 _ if at_rest => Err(Failure::PerhapsSuperseded { actual }),

@@ -28,6 +28,8 @@ pub(crate) struct Sequencer {
     /// Sent onto a full buffer and not acknowledged; bit 4 is low again. The fall of bit 12 will be its acknowledge.
     unconfirmed: Option<Raised>,
     unknown: bool,
+    /// Whether that one would have replaced the others and may end anywhere.
+    anywhere: bool,
     armed: Option<CommandId>,
     /// Whether bit 9 (remote) was ever seen high: of a drive that never shows it it says nothing.
     remote_tells: bool,
@@ -44,6 +46,7 @@ impl Sequencer {
             chain: Chain::default(),
             unconfirmed: None,
             unknown: false,
+            anywhere: false,
             armed: None,
             remote_tells: false,
         }
@@ -202,6 +205,7 @@ impl Sequencer {
         }
         self.bits = Controlword::empty();
         self.unknown = false;
+        self.anywhere = false;
     }
 
     /// The axis stands halted: says so for each set-point that the drive keeps.
@@ -238,10 +242,15 @@ impl Sequencer {
         let accepted = self.follow_bit4(cycle, events);
         if !cycle.halted {
             let room_shown = self.bit4.is_low_acknowledged(cycle);
-            let next = match self.bit4.is_on_its_way() || self.unconfirmed.is_some() {
-                _ if self.unknown => Next::Perhaps,
-                true => Next::Comes,
-                false => Next::None,
+            let on_its_way = self.bit4.on_its_way().or(self.unconfirmed.as_ref());
+            let next = match on_its_way {
+                _ if self.unknown => Next::Perhaps {
+                    anywhere: self.anywhere,
+                },
+                Some(raised) => Next::Comes {
+                    anywhere: raised.may_end_anywhere(),
+                },
+                None => Next::None,
             };
             self.chain.follow(cycle, room_shown, next, events);
             self.note_not_begun(events);
@@ -315,6 +324,7 @@ impl Sequencer {
         let failure = cycle.timeout(waiting_for, Delivery::Unknown);
         events.push(raised.request.id, Event::Done(Err(failure)));
         self.unknown = true;
+        self.anywhere = raised.may_end_anywhere();
         self.withdraw_unsent(Failure::NeedsStop, events);
     }
 
