@@ -162,6 +162,8 @@ pub struct Latch {
     /// When the demand set off for it.
     pub began: Option<u64>,
     pub end: Option<(u64, End)>,
+    /// From where it begins to its end.
+    pub way: f64,
     /// How near the demand came to its end.
     pub nearest: f64,
     /// How near the axis came to it, as it shows itself.
@@ -687,6 +689,7 @@ impl Drive {
             goal,
             began: None,
             end: None,
+            way: (goal - behind.map_or(self.demand, |behind| behind.goal)).abs(),
             nearest: (goal - self.demand).abs(),
             axis_nearest: (goal - self.position).abs(),
         });
@@ -924,7 +927,7 @@ impl Drive {
             }
         } else {
             // Friction.
-            let loss = 20_000.0 * dt;
+            let loss = 200_000.0 * dt;
             self.velocity = if self.velocity.abs() <= loss {
                 0.0
             } else {

@@ -83,6 +83,10 @@ struct Issued {
     kind: Kind,
     target: i32,
     since: u64,
+    /// The drive had the power to move the axis when it was asked for.
+    powered: bool,
+    /// The axis was halted while it was under way.
+    halted: bool,
     /// Its bit 4 went out with its name.
     sent: bool,
     accepted: bool,
@@ -403,8 +407,11 @@ impl Life {
                 Command::Move(command) => command.target,
                 _ => 0,
             };
-            let wait = 2 * self.settle as u64;
-            for _ in 0..wait {
+            // It coasts first, where its drive has no power.
+            let wait = self.cycle + cycles(self, 3_000);
+            let mut rests = 0;
+            while rests < 2 * self.settle && self.cycle < wait {
+                rests = if self.is_moving() { 0 } else { rests + 1 };
                 self.step(StopRequest::empty())?;
             }
             let id = self.submit(command, kind, target)?;
@@ -493,6 +500,8 @@ impl Life {
                     kind: Kind::Release,
                     target: 0,
                     since: 0,
+                    powered: false,
+                    halted: false,
                     sent: false,
                     accepted: false,
                     done: true,
@@ -644,6 +653,8 @@ impl Life {
             kind,
             target,
             since: self.cycle,
+            powered: self.drive.state.is_powered(),
+            halted: false,
             sent: false,
             accepted: false,
             done: false,
@@ -675,7 +686,8 @@ impl Life {
             && snapshot.controlword.bits() & 0xF == 0xF
             && snapshot.state == servocrab::ds402::State::OperationEnabled
             && self.drive.state == State::Enabled
-            && (snapshot.has_set_point || self.drive.demand_velocity != 0.0)
+            && (snapshot.has_set_point
+                || (self.drive.mode == 1 && self.drive.demand_velocity != 0.0 && self.is_moving()))
     }
 
     fn has_stopped(&mut self, kind: Kind) -> Result<(), ()> {
@@ -963,6 +975,12 @@ impl Life {
         if drive.demand_velocity != 0.0 || drive.holds().is_some() || self.blind {
             self.at_rest_since = self.cycle;
         }
+        if self.sent.bit(8) {
+            // Of what the axis passes while it halts the core claims nothing.
+            for id in &self.pending {
+                self.issued[*id as usize].halted = true;
+            }
+        }
         let Some(gap) = drive.holds() else {
             return Ok(());
         };
@@ -1074,7 +1092,9 @@ impl Life {
             return Ok(());
         }
         let halts_nothing = issued.kind == Kind::Halt && self.drive.state != State::Enabled;
-        if issued.kind.stops() && !halts_nothing && self.stops_while_moving() {
+        // One without power that coasts stops by nothing that is asked for.
+        let coasts = !issued.powered && !self.drive.state.is_powered();
+        if issued.kind.stops() && !halts_nothing && !coasts && self.stops_while_moving() {
             return self.broken(
                 "a stop ends at standstill",
                 format!(
@@ -1087,7 +1107,10 @@ impl Life {
             issued.kind,
             Kind::Stop | Kind::QuickStop | Kind::Disable | Kind::Release
         );
+        // A jog ends by its 0, which is in the next frame.
+        let jog_ends = self.drive.mode == 3 && Outputs::read(&self.outputs).target_velocity == 0;
         if gone
+            && !jog_ends
             && let Some(gap) = self.drive.holds()
             && gap > self.window + 2.0
             && self.sent.word & 0x0F == 0x0F
@@ -1189,10 +1212,17 @@ impl Life {
                 }
                 let Some(latch) = latch else { return Ok(()) };
                 let forgets = self.habits.has(Habit::HaltForgets);
+                // One with no way to go is over for all that shows, and what then shows is of it.
+                let before = issued
+                    .latch
+                    .and_then(|index| self.drive.ledger.get(index.checked_sub(1)?));
+                let behind_a_short_one = before.is_some_and(|before| before.way <= slack);
                 match name {
                     // The drive may have gone on before the axis was there.
                     "MissedTarget"
                         if !forgets
+                            && !issued.halted
+                            && !behind_a_short_one
                             && (latch.end.is_none()
                                 || (!matches!(latch.end, Some((_, End::Dropped)))
                                     && latch.axis_nearest
