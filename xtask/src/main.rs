@@ -1,5 +1,6 @@
 //! The project's own commands. `cargo xtask --help` lists them.
 
+mod motion_table;
 mod mutants;
 mod prove;
 
@@ -17,12 +18,14 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    MotionTable(motion_table::Args),
     Mutants(mutants::Args),
     Prove(prove::Args),
 }
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
+        Command::MotionTable(args) => motion_table::run(&args),
         Command::Mutants(args) => mutants::run(&args),
         Command::Prove(args) => prove::run(&args),
     };
