@@ -147,7 +147,9 @@ fn cell(situation: Situation, command: Option<Command>, disturbance: Disturbance
     rig.run(1_500);
     let stood = rig.drive.position();
     rig.run(200);
-    assert_eq!(rig.drive.position(), stood, "{situation:?} {command:?}");
+    // Loads push the shaft by less than that.
+    let moved = (rig.drive.position() - stood).abs();
+    assert!(moved <= 10, "{situation:?} {command:?}: {moved}");
     let of = |id: Option<CommandId>| id.map_or_else(|| "-".to_owned(), |id| in_words(&rig, id));
     let halted = rig.words.last().is_some_and(|word| word & 0x100 != 0);
     let edges = rig.words[frames - 1..]

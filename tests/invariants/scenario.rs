@@ -60,6 +60,13 @@ pub struct Lies {
 
 /// The bits of a seed that choose another drive begin here.
 pub const OTHER_DRIVES: u32 = 40;
+/// Set for a life on a plant, another one for each seed; else the shaft is where the demand is.
+const ON_PLANT: u32 = 44;
+
+pub const fn on_plant(seed: u64) -> u64 {
+    seed | 1 << ON_PLANT
+}
+
 /// Cycles of a run with disturbances, before the quiet end.
 pub const RUN: usize = 2_500;
 /// Acceleration and deceleration of moves that name none, counts/s².
@@ -110,13 +117,16 @@ pub fn live(seed: u64, names: Names) -> Life {
     };
     let mut wider = Wider::of(seed);
     let mut rarer = Rarer::of(seed);
-    let world = build(
+    let mut world = build(
         &mut random,
         lag_cycles,
         starts,
         wider.as_mut(),
         rarer.as_mut(),
     );
+    if seed == on_plant(seed) {
+        world.drive.set_plant(Plant::seeded(seed));
+    }
     let mut player = Player {
         wider,
         rarer,

@@ -9,7 +9,7 @@ use servocrab::axis::{
 };
 use servocrab::ds402::Statusword;
 use servocrab::profile_position::MoveCommand;
-use servocrab_sim::ds402::{Axis, Executed};
+use servocrab_sim::ds402::{Axis, Executed, State};
 
 use crate::twins::Twins;
 
@@ -82,6 +82,8 @@ pub struct Frame {
     /// The drive after its cycles that followed.
     pub position: i64,
     pub velocity: f64,
+    /// Where its trajectory generator was, and how fast, while the drive controlled the axis.
+    pub demand: Option<(i64, f64)>,
     pub lane: StopRequest,
     pub lost_after: bool,
 }
@@ -268,6 +270,7 @@ impl World {
             sample: inputs.map(|inputs| sample(&inputs)),
             position: self.drive.position(),
             velocity: self.drive.velocity(),
+            demand: controls(self.drive.state()).then(|| self.drive.demand()),
             lane,
             lost_after: self.core.snapshot().lost,
         });
@@ -378,4 +381,12 @@ fn sample(inputs: &[u8]) -> Sample {
         mode: inputs[2].cast_signed(),
         position: i32::from_le_bytes([inputs[3], inputs[4], inputs[5], inputs[6]]),
     }
+}
+
+/// Whether a drive in this state turns its axis.
+fn controls(state: State) -> bool {
+    matches!(
+        state,
+        State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
+    )
 }

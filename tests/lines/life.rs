@@ -113,7 +113,7 @@ impl Life {
             members.push(Member::Drive(Box::new(drives::generic()), vec![axis]));
             segment.push(personality::generic());
         }
-        segment.set_plant(Plant::ideal());
+        segment.set_plant(Plant::seeded(seed));
         let judge = Judge::on(&mut segment);
         let mut weather = Weather::new(seed ^ 0x7765_6174);
         weather.rates = rates(&mut random);

@@ -19,8 +19,8 @@
 //! | [`Plant::bandwidth_hz`] | Hz | 40 | 15 to 80 |
 //! | [`Plant::damping`] | 1 | 0.9 | 0.5 to 1.5 |
 //! | [`Plant::feed_forward`] | share | 0.95 | 0.8 to 1 |
-//! | [`Plant::dither`] | counts | ±1 | ±1 to ±4 |
-//! | [`Plant::load_step`] | counts | 3 | 0 to 8 |
+//! | [`Plant::dither`] | counts | ±1 | ±1 to ±3 |
+//! | [`Plant::load_step`] | counts | 3 | 0 to 6 |
 //! | [`Plant::load_every`] | time | 250 ms | 50 ms to 1 s |
 //! | [`Plant::load_recovery`] | time | 10 ms | 5 to 40 ms |
 //! | [`Plant::velocity_filter`] | time | 5 ms | 1 to 20 ms |
@@ -178,8 +178,9 @@ impl Plant {
             bandwidth_hz: pick(&[15, 20, 30, 40, 60, 80]) as f64,
             damping: pick(&[5, 7, 9, 10, 12, 15]) as f64 / 10.0,
             feed_forward: pick(&[80, 90, 95, 100]) as f64 / 100.0,
-            dither: pick(&[1, 1, 2, 4]) as u32,
-            load_step: pick(&[0, 2, 4, 8]) as u32,
+            // Together less than the position window of 10 counts that the drives have.
+            dither: pick(&[1, 1, 2, 3]) as u32,
+            load_step: pick(&[0, 2, 4, 6]) as u32,
             load_every: millis(pick(&[50, 250, 1_000])),
             load_recovery: millis(pick(&[5, 10, 40])),
             velocity_filter: millis(pick(&[1, 5, 20])),
