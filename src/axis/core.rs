@@ -234,14 +234,15 @@ impl AxisCore {
         self.events.pop()
     }
 
-    /// Withdraws a move that has not been sent, which then ends as [`Failure::Withdrawn`]; a rise of bit 4 that is in the
-    /// outputs and not sent is taken back. Returns whether there was such a move: afterwards it is too late, and the
+    /// Withdraws a motion that has not been sent, or a change of mode, which then ends as [`Failure::Withdrawn`]; a rise of bit 4 that
+    /// is in the outputs and not sent is taken back. Returns whether there was such a move: afterwards it is too late, and the
     /// handshake completes.
     pub fn withdraw(&mut self, id: CommandId, outputs: &mut [u8]) -> bool {
         let (failure, events) = (Failure::Withdrawn, &mut self.events);
         let withdrawn = self.sequencer.withdraw(id, failure, events)
             || self.homing.withdraw(id, failure, events)
-            || self.jogging.withdraw(id, failure, events);
+            || self.jogging.withdraw(id, failure, events)
+            || self.withdraw_mode_change(id);
         if withdrawn {
             self.write_outputs(outputs);
         }
@@ -250,10 +251,12 @@ impl AxisCore {
 
     /// Ends the homing with this id as by [`StopRequest::STOP`], if it was sent and has not ended: nobody waits for it any more.
     #[cfg(feature = "std")]
-    pub(super) fn end_homing(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
-        if self.homing.is_under_way(id) {
+    pub(super) fn end_homing(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
+        let ends = self.homing.is_under_way(id);
+        if ends {
             self.apply_stop(now, StopRequest::STOP, outputs);
         }
+        ends
     }
 
     /// Whether a gated move has all that it needs in this cycle.

@@ -159,6 +159,16 @@ impl AxisCore {
         }
     }
 
+    /// Gives up the change of mode with this id: nobody waits for it. The mode before is in the outputs again.
+    pub(super) fn withdraw_mode_change(&mut self, id: CommandId) -> bool {
+        let mut of_id = self.mode_change.iter().filter(|change| change.id == id);
+        let is_pending = of_id.any(|change| change.step != Step::BySdo);
+        if is_pending {
+            self.fail_mode_change(Failure::Withdrawn);
+        }
+        is_pending
+    }
+
     pub(super) fn fail_mode_change(&mut self, failure: Failure) {
         if let Some(change) = self
             .mode_change

@@ -59,6 +59,12 @@ impl Pending {
         })
     }
 
+    /// Dropped before its end, the change of mode is given up.
+    pub(crate) const fn withdraw_on_drop(mut self) -> Self {
+        self.on_drop = OnDrop::Withdraw;
+        self
+    }
+
     /// Dropped before its end, the homing is stopped.
     pub(crate) const fn end_on_drop(&mut self) {
         self.on_drop = OnDrop::End;

@@ -9,7 +9,7 @@ use super::{
     calm::News,
     last_stop::{LastStop, StopKind},
     restart::Again,
-    shared::Shared,
+    shared::{Shared, WITHDRAWN_AT_MOST, Withdrawn},
     status::{Head, differs, pack, silent},
 };
 use crate::{
@@ -72,21 +72,18 @@ impl AxisPort {
 
         // Before the commands: a jog that was let go makes room for the next.
         self.follow_jog(core, now, outputs);
-        // A command is queued before it is withdrawn: whoever is withdrawn by now is found in the queue below.
-        let withdrawn = shared.withdrawn_count();
+        let not_taken = shared
+            .has_withdrawn()
+            .then(|| self.withdraw_taken(core, now, outputs));
         self.take_commands(core, now, outputs);
         let stop = shared.take_stop();
         if !stop.is_empty() {
             // What was queued before the stop was asked for is stopped with the rest, not started after it.
             self.take_commands(core, now, outputs);
         }
-        for _ in 0..withdrawn {
-            if let Some((id, ends)) = shared.take_withdrawn()
-                && !core.withdraw(id, outputs)
-                && ends
-            {
-                core.end_homing(now, id, outputs);
-            }
+        // A command is queued before it is withdrawn: who was not found before was in the queue.
+        for withdrawn in not_taken.into_iter().flatten().flatten() {
+            withdraw(core, now, withdrawn, outputs);
         }
         // And after them: one that was let go before it began never leaves 0.
         self.follow_jog(core, now, outputs);
@@ -237,6 +234,27 @@ impl AxisPort {
         self.shared.setup.groups.hand_over();
     }
 
+    /// What the program has given up makes room for the commands that are queued. Gives those that may be among these.
+    #[cold]
+    fn withdraw_taken(
+        &self,
+        core: &mut AxisCore,
+        now: Duration,
+        outputs: &mut [u8],
+    ) -> [Option<Withdrawn>; WITHDRAWN_AT_MOST] {
+        let mut not_found = [None; WITHDRAWN_AT_MOST];
+        for place in &mut not_found {
+            let Some(withdrawn) = self.shared.take_withdrawn() else {
+                break;
+            };
+            if !withdraw(core, now, withdrawn, outputs) {
+                *place = Some(withdrawn);
+            }
+        }
+        self.pass_events(core);
+        not_found
+    }
+
     /// Submits what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.
     fn take_commands(&self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
         // At most what the queue holds: whoever fills it again at once waits for the next cycle.
@@ -293,6 +311,12 @@ impl AxisPort {
             self.shared.report(id, event);
         }
     }
+}
+
+/// Takes back what was not sent, and ends a homing that was and is to end. False if there was neither.
+fn withdraw(core: &mut AxisCore, now: Duration, withdrawn: Withdrawn, outputs: &mut [u8]) -> bool {
+    core.withdraw(withdrawn.id, outputs)
+        || (withdrawn.ends && core.end_homing(now, withdrawn.id, outputs))
 }
 
 impl Drop for AxisPort {

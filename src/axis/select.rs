@@ -14,7 +14,8 @@ impl Axis {
         let fields = &handles.shared.setup.fields;
         if fields.mode.is_none() {
             // Nothing is written before the axis has said that it stands and that nothing of the last mode is left.
-            self.run(Command::PrepareMode(mode)).await?;
+            let preparing = self.submit(Command::PrepareMode(mode))?;
+            preparing.withdraw_on_drop().done().await?;
             if fields.mode_display.is_none() {
                 // What was read before says nothing from here on.
                 handles.shared.note_mode(Mode::None.raw());
@@ -23,7 +24,7 @@ impl Axis {
                 .write_parameter(MODE_OF_OPERATION, vec![mode.raw().cast_unsigned()])
                 .await?;
         }
-        let pending = self.submit(Command::SelectMode(mode))?;
+        let pending = self.submit(Command::SelectMode(mode))?.withdraw_on_drop();
         if fields.mode_display.is_some() {
             return pending.done().await.map(drop);
         }

@@ -13,7 +13,7 @@ use super::{
     Event, Failure, Snapshot, StopRequest,
     last_stop::{LastStop, StopCount, StopKind},
     output_cells::OutputCells,
-    slots::{Joined, MOTIONS, QUEUED_AT_MOST, Slots, mark, stop_place},
+    slots::{Joined, QUEUED_AT_MOST, SHARED, Slots, mark, stop_place},
     status::StatusCell,
     tickets::{Ticket, Tickets},
 };
@@ -27,6 +27,17 @@ use crate::{
 const CHANGED: u32 = 0;
 /// Set in the noted mode once one was noted.
 const NOTED: i16 = 1 << 8;
+
+/// A slot gives at most one withdrawal between two cycles, and one that was there before.
+pub(super) const WITHDRAWN_AT_MOST: usize = 2 * SHARED as usize;
+
+/// A command that was given up.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Withdrawn {
+    pub(super) id: CommandId,
+    /// A homing that was sent is to be stopped.
+    pub(super) ends: bool,
+}
 
 /// One axis, seen from both sides.
 pub(crate) struct Shared {
@@ -43,8 +54,7 @@ pub(crate) struct Shared {
     asked: AtomicBool,
     /// With the stop that was the last one when each was asked for.
     queue: ArrayQueue<(CommandId, Command, LastStop)>,
-    /// With whether it is to be stopped where it was sent.
-    withdrawn: ArrayQueue<(CommandId, bool)>,
+    withdrawn: ArrayQueue<Withdrawn>,
     slots: Slots,
     tickets: Tickets,
     stop: AtomicU8,
@@ -69,8 +79,7 @@ impl Shared {
             leased: AtomicBool::new(false),
             asked: AtomicBool::new(false),
             queue: ArrayQueue::new(QUEUED_AT_MOST),
-            // A slot gives at most one withdrawal between two cycles, and one that was there before.
-            withdrawn: ArrayQueue::new(2 * usize::from(MOTIONS)),
+            withdrawn: ArrayQueue::new(WITHDRAWN_AT_MOST),
             slots: Slots::new(),
             tickets: Tickets::new(),
             stop: AtomicU8::new(0),
@@ -237,7 +246,7 @@ impl Shared {
 
     /// Gives a command up, so far as it was not sent. `ends`: a homing that was sent is stopped.
     pub(crate) fn withdraw(&self, id: CommandId, ends: bool) {
-        let _ = self.withdrawn.push((id, ends));
+        let _ = self.withdrawn.push(Withdrawn { id, ends });
         self.ask();
     }
 
@@ -405,11 +414,11 @@ impl Shared {
             .store(limit.unwrap_or(0), Ordering::Release);
     }
 
-    pub(super) fn withdrawn_count(&self) -> usize {
-        self.withdrawn.len()
+    pub(super) fn has_withdrawn(&self) -> bool {
+        !self.withdrawn.is_empty()
     }
 
-    pub(super) fn take_withdrawn(&self) -> Option<(CommandId, bool)> {
+    pub(super) fn take_withdrawn(&self) -> Option<Withdrawn> {
         self.withdrawn.pop()
     }
 

@@ -3,6 +3,7 @@
 #![allow(missing_docs)]
 
 mod bus;
+mod cancelled;
 mod chaos;
 mod fields;
 mod follow;
