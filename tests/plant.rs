@@ -261,7 +261,7 @@ fn a_target_that_was_passed_unseen_is_not_missed() {
                 [60, 20, 100],
                 [120, 240, 120],
             ] {
-                for moment in (0..220).step_by(2) {
+                for moment in (0..220).step_by(4) {
                     for (blind, stall) in
                         [(2, false), (5, false), (9, false), (30, true), (120, true)]
                     {
