@@ -479,7 +479,7 @@ impl Track {
         let (position, window) = (cycle.sample.position, cycle.bounds.position);
         let at = |end: i32| cycle.bounds.distance(end, position) <= window;
         let moved = self.stood.is_some_and(|stood| !at(stood));
-        let begun = self.left_target || moved || self.remaining <= window;
+        let begun = self.left_target || moved || self.has_no_way(window);
         if begun && next.end.is_none_or(at) {
             return Some(Rest::BothOver);
         }
@@ -553,10 +553,7 @@ impl Track {
         if !(steady || lingers) {
             return None;
         }
-        let no_way = self
-            .distance
-            .is_some_and(|way| way.unsigned_abs() <= window);
-        if within || (self.end.is_none() && no_way) {
+        if within || (self.end.is_none() && self.has_no_way(window)) {
             return reached;
         }
         let stood = *self.stood.get_or_insert(position);
@@ -571,6 +568,16 @@ impl Track {
         }
         let late = cycle.now.saturating_sub(self.since) >= cycle.begin;
         late.then_some(Err(Failure::NotBegun { actual: position }))
+    }
+
+    /// Whether it had no way to go when it was begun. A distance of which nobody knows from where it counts has none only from rest: what it
+    /// has replaced may have led anywhere.
+    fn has_no_way(&self, window: u32) -> bool {
+        let short = |way: i32| way.unsigned_abs() <= window;
+        match self.end {
+            Some(_) => self.remaining <= window,
+            None => self.from_rest && self.distance.is_some_and(short),
+        }
     }
 
     /// It is over, and the axis is elsewhere.
