@@ -53,7 +53,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     halted_jog(&lift).await?;
 
     lift.disable().await?;
-    net.shutdown().await;
+    net.shutdown().await?;
     Ok(())
 }
 

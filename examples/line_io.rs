@@ -85,7 +85,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     println!("lift: {moved:?}");
     println!("valves: {:08b}", outputs(&line));
     axis.disable().await?;
-    net.shutdown().await;
+    net.shutdown().await?;
     println!("valves at the end: {:08b}", outputs(&line));
     Ok(())
 }

@@ -146,7 +146,7 @@ async fn run(line: &Line, net: Network) -> Result<()> {
     machine.x.enable().await?;
     machine.cycle().await?;
     println!("and goes on");
-    net.shutdown().await;
+    net.shutdown().await?;
     Ok(())
 }
 
@@ -204,7 +204,7 @@ mod tests {
             let machine = Machine::new(&net)?;
             machine.home().await?;
             let done = asked(&machine).await;
-            net.shutdown().await;
+            net.shutdown().await?;
             done
         })
     }

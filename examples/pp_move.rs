@@ -132,7 +132,7 @@ async fn run(
     while let Some(report) = emergencies.try_next() {
         eprintln!("{report}");
     }
-    net.shutdown().await;
+    net.shutdown().await?;
     match moved {
         Some(Ok(outcome)) => {
             println!("{outcome:?}");

@@ -90,7 +90,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     drop((belts, lifts));
     belt.disable().await?;
     lift.disable().await?;
-    net.shutdown().await;
+    net.shutdown().await?;
     Ok(())
 }
 

@@ -36,7 +36,7 @@
 //!
 //!     profile_position.release().await?;
 //!     x.disable().await?;
-//!     net.shutdown().await;
+//!     net.shutdown().await?;
 //!     Ok(())
 //! })
 //! # }

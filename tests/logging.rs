@@ -276,7 +276,7 @@ fn a_subscriber_that_blocks_keeps_no_cycle_and_no_handle_waiting_and_what_is_mis
     );
     output.assert_silent_bus(before);
     drop(output);
-    within(net.shutdown());
+    within(net.shutdown()).unwrap();
 }
 
 #[test]
@@ -286,7 +286,7 @@ fn a_network_ends_in_order_though_its_subscriber_blocks_and_the_last_lines_come_
     within(net.axis("x").unwrap().enable()).unwrap();
     gate.set_shut(true);
     let ended = async {
-        net.shutdown().await;
+        net.shutdown().await.unwrap();
         true
     };
     let ended = smol::block_on(smol::future::or(ended, async {
@@ -325,7 +325,7 @@ fn a_subscriber_that_panics_loses_its_line_and_stops_neither_cycles_nor_the_line
     });
     drop(gate.until_line(&["axis=\"x\"", "from=OperationEnabled", "state changed"]));
     assert_eq!(gate.output().panics_at, None, "it has");
-    within(net.shutdown());
+    within(net.shutdown()).unwrap();
     let state = segment.lock().unwrap().devices()[0].al_state();
     assert_eq!(state, AlState::Init);
 }

@@ -436,7 +436,7 @@ async fn move_all(builder: NetworkBuilder, place: usize, drives: usize) -> Stati
         })
         .await;
     let statistics = net.statistics();
-    net.shutdown().await;
+    net.shutdown().await.unwrap();
     statistics
 }
 

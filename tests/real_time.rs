@@ -106,7 +106,7 @@ fn a_bus_thread_has_what_was_asked_for_or_the_network_does_not_start() {
             let (_, priority, policy) = thread("servocrab-log");
             assert_eq!((priority, policy), (0, 0), "the log is for later");
             assert!(locked_bytes() > 100_000, "{}", locked_bytes());
-            smol::block_on(network.shutdown());
+            smol::block_on(network.shutdown()).unwrap();
         }
         Err(NetworkError::RealTime(error)) => {
             // A user without the rights; the next test looks at the errors.
@@ -134,7 +134,7 @@ fn the_log_of_a_network_that_a_real_time_thread_starts_has_no_real_time() {
     assert_eq!((priority, policy), (7, 1), "as its starter");
     let (_, priority, policy) = thread("servocrab-log");
     assert_eq!((priority, policy), (0, 0), "not as its starter");
-    smol::block_on(network.shutdown());
+    smol::block_on(network.shutdown()).unwrap();
 }
 
 #[test]

@@ -24,7 +24,7 @@ pub(crate) fn servocrab(interface: &str, drives: usize) -> Duration {
     }
     let network = smol::block_on(builder.start()).expect("the line comes up");
     let took = begun.elapsed();
-    smol::block_on(network.shutdown());
+    smol::block_on(network.shutdown()).unwrap();
     took
 }
 

@@ -81,7 +81,7 @@ async fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let net = builder(arguments).await?.start().await?;
     let time = Duration::from_secs(arguments.seconds.into());
     let report = measure::measure(&net, time, cycle(arguments)).await;
-    net.shutdown().await;
+    net.shutdown().await?;
     let report = report?;
     if arguments.json {
         put(format_args!(

@@ -103,7 +103,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
         x.status().state,
         y.status().state
     );
-    net.shutdown().await;
+    net.shutdown().await?;
 
     let picture = Picture {
         title: "Two axes of a simulated AKD2G in Profile Position mode",

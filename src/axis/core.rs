@@ -391,6 +391,22 @@ impl AxisCore {
         self.standstill.is_standing(now, &self.bounds)
     }
 
+    /// Whether the axis stands; of one that does not answer, whether it did when it answered last.
+    #[cfg(feature = "std")]
+    pub(crate) fn stands(&self, now: Duration) -> bool {
+        self.standing || (self.answered && self.is_standing(now))
+    }
+
+    /// How long a disable may take at most, with the stop of a moving axis before it.
+    #[cfg(feature = "std")]
+    pub(crate) const fn longest_stop(&self) -> Duration {
+        let deadlines = &self.config.deadlines;
+        let stops = deadlines.standstill.saturating_mul(2);
+        stops
+            .saturating_add(deadlines.disable)
+            .saturating_add(self.config.tolerances.settle)
+    }
+
     /// Whether the axis' positions are known to mean what the program means.
     pub(super) fn is_referenced(&self) -> bool {
         self.homed || self.config.referencing == Referencing::AbsoluteEncoder
@@ -398,14 +414,19 @@ impl AxisCore {
 
     /// Every pending command but moves ends with `failure`, and what they were doing ends with them.
     pub(super) fn fail_commands(&mut self, failure: Failure) {
+        self.fail_commands_but_stops(failure);
+        while let Some(id) = self.stopping.pop_waiter() {
+            self.done(id, Err(failure));
+        }
+    }
+
+    /// The same, where those who wait for a stop wait on.
+    pub(super) fn fail_commands_but_stops(&mut self, failure: Failure) {
         if let Some(id) = self.power.take_waiter() {
             self.done(id, Err(failure));
         }
         self.fail_mode_change(failure);
         self.fail_resume(failure);
-        while let Some(id) = self.stopping.pop_waiter() {
-            self.done(id, Err(failure));
-        }
     }
 
     /// The one composer of controlwords.

@@ -45,7 +45,7 @@ use super::{
 /// assert!((x.status().position - 20_000).abs() < 50);
 /// x.stop().await?;
 /// x.disable().await?;
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

@@ -97,6 +97,11 @@ impl AxisCore {
                 || self.undelivered_cycles >= loss.undelivered_cycles)
         {
             self.lose(now);
+        } else if self.lost && self.stale_cycles == loss.stale_cycles {
+            // It answered until now: stops were to end by what it shows.
+            self.fail_commands(Failure::BusLost {
+                delivery: Delivery::NotSent,
+            });
         }
         delivered
     }
@@ -111,19 +116,36 @@ impl AxisCore {
             || (self.sent_velocity == 0 && self.outgoing_velocity != 0)
     }
 
-    /// The drive does not answer: everything ends, and what still reaches it is a quick stop.
+    /// The drive does not answer, or whether it receives its outputs is not known: everything ends, and what still reaches it is a
+    /// quick stop. Of one that answers, those who wait for a stop wait for what it shows.
     pub(super) fn lose(&mut self, now: Duration) {
         self.lost = true;
         self.homed_before_loss = self.homed;
         self.homed = false;
         let driven = self.power.is_driving();
-        self.fail_motions(|delivery| Failure::BusLost { delivery });
-        self.fail_commands(Failure::BusLost {
-            delivery: Delivery::NotSent,
-        });
+        let of = self.failure_of_loss();
+        self.fail_motions(of);
+        let failure = of(Delivery::NotSent);
+        if self.answered {
+            self.fail_commands_but_stops(failure);
+        } else {
+            self.fail_commands(failure);
+        }
         if driven && !self.begin_quick_stop(now) {
             let reacts = self.state() == State::FaultReactionActive;
             self.power = if reacts { Power::Holding } else { Power::Off };
+        }
+    }
+
+    /// What is said of commands of a drive that counts as lost.
+    pub(super) fn failure_of_loss(&self) -> fn(Delivery) -> Failure {
+        if self.answered {
+            |delivery| Failure::Undelivered {
+                delivery,
+                counter: None,
+            }
+        } else {
+            |delivery| Failure::BusLost { delivery }
         }
     }
 }

@@ -61,7 +61,9 @@ mod tickets;
 mod together;
 
 pub use self::core::AxisCore;
-pub use crate::profile_position::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
+pub use crate::profile_position::{
+    CommandId, Completion, Delivery, Event, Failure, WaitingFor, WorkingCounter,
+};
 pub use command::{Command, Inputs, StopRequest};
 pub use config::{AxisConfig, Deadlines, Loss, Tolerances};
 #[cfg(feature = "std")]

@@ -14,6 +14,7 @@ use super::{
 };
 use crate::{
     ds402::{Controlword, Mode},
+    profile_position::WorkingCounter,
     wakes::stored,
 };
 
@@ -35,6 +36,8 @@ pub struct AxisPort {
     changed: bool,
     /// Why nothing is enabled or moved any more.
     ended: Option<Failure>,
+    /// Why it is not known whether the drive's outputs were delivered.
+    miscounted: Option<WorkingCounter>,
 }
 
 impl AxisPort {
@@ -44,6 +47,7 @@ impl AxisPort {
             published: pack(&shared.snapshot()),
             changed: false,
             ended: None,
+            miscounted: None,
             shared,
         }
     }
@@ -118,6 +122,12 @@ impl AxisPort {
     /// As [`end`](Self::end), with what is said of what is refused, and of what ends because the axis is disabled.
     pub(crate) const fn end_because(&mut self, cause: Failure) {
         self.ended = Some(cause);
+    }
+
+    /// Why it is not known whether the outputs of the last cycle were delivered, where that is so.
+    #[inline]
+    pub(crate) const fn note_miscount(&mut self, counter: Option<WorkingCounter>) {
+        self.miscounted = counter;
     }
 
     /// Begins again with its core, which it restarts: whatever handles have asked for or set before does not come into effect
@@ -306,6 +316,10 @@ impl AxisPort {
                     Some(cause @ Failure::ClockJumped),
                     Event::Done(Err(Failure::Disabled { .. })),
                 ) => Event::Done(Err(cause)),
+                (_, Event::Done(Err(Failure::Undelivered { delivery, .. }))) => {
+                    let counter = self.miscounted;
+                    Event::Done(Err(Failure::Undelivered { delivery, counter }))
+                }
                 _ => event,
             };
             self.shared.report(id, event);

@@ -18,7 +18,7 @@ impl Axis {
     /// let stop = net.axis("x")?.stop_handle();
     /// // From any thread, or a signal handler:
     /// std::thread::spawn(move || stop.quick_stop());
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }

@@ -22,13 +22,13 @@ impl AxisCore {
     }
 
     fn begin(&mut self, now: Duration, id: CommandId, command: Command) {
-        if self.is_lost() {
-            self.done(
-                id,
-                Err(Failure::BusLost {
-                    delivery: Delivery::NotSent,
-                }),
-            );
+        let stops = matches!(
+            command,
+            Command::Halt | Command::Stop | Command::QuickStop | Command::Disable
+        );
+        if self.is_lost() && !(stops && self.answered) {
+            let failure = self.failure_of_loss()(Delivery::NotSent);
+            self.done(id, Err(failure));
             return;
         }
         if self.expired && command.sets_going() {

@@ -325,7 +325,7 @@ impl Group {
 /// for motion in &moves {
 ///     motion.done().await?;
 /// }
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

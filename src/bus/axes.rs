@@ -3,6 +3,7 @@
 use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 
 use super::{
+    MovingAxis,
     black_box::{BlackBox, RecordedAxis, RecordedCycle, Trouble},
     control::Control,
     cycle::Stepper,
@@ -143,10 +144,13 @@ impl Axes {
         self.disable_asked = Some(cause);
     }
 
-    /// Whether no axis that answers can move any more.
-    pub(super) fn are_disabled(&self) -> bool {
-        self.axes.iter().all(|axis| {
+    /// The axes that may be moving: what answers and is powered or does not stand, and what does not answer and was so when it did last.
+    pub(super) fn moving(&self, now: Duration) -> impl Iterator<Item = MovingAxis> {
+        let all = self.axes.iter().zip(&self.recorded);
+        all.filter_map(move |(axis, recorded)| {
             let snapshot = axis.core.snapshot();
+            let answers = snapshot.answered || !snapshot.lost;
+            let stands = axis.core.stands(now);
             let powered = matches!(
                 snapshot.state,
                 State::SwitchedOn
@@ -154,8 +158,22 @@ impl Axes {
                     | State::QuickStopActive
                     | State::FaultReactionActive
             );
-            snapshot.lost || !powered
+            let may_move = !stands || (answers && powered);
+            may_move.then(|| MovingAxis {
+                axis: recorded.identity.clone(),
+                state: snapshot.state,
+                position: snapshot.position,
+                stands,
+                answers,
+            })
         })
+    }
+
+    /// How long it may take until the slowest axis stands and is disabled: a halt that misses its deadline, a quick stop after that,
+    /// and the way down.
+    pub(super) fn longest_stop(&self) -> Duration {
+        let stops = self.axes.iter().map(|axis| axis.core.longest_stop());
+        stops.max().unwrap_or_default()
     }
 
     /// What came upon which axis since the last time.
@@ -219,6 +237,11 @@ impl Stepper for Rc<RefCell<Axes>> {
 
     fn after_receive(&mut self, now: Duration, drives: &mut Drives) {
         let this = &mut *self.borrow_mut();
+        if drives.take_doubted() {
+            for axis in &mut this.axes {
+                axis.port.note_miscount(drives.miscounted(axis.drive));
+            }
+        }
         for (index, axis) in this.axes.iter_mut().enumerate() {
             let core = &mut axis.core;
             let step = |inputs: Inputs<'_>, unchanged: bool, outputs: &mut [u8]| {

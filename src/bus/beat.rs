@@ -91,7 +91,7 @@ impl Stepper for Beater {
 /// }
 /// gripper.set(true);
 /// clock.sleep(Duration::from_millis(30)).await?; // until it has closed
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

@@ -103,7 +103,7 @@ impl BusLoop {
     ///     let took = clock.now() - before;
     ///     assert!((80..81).contains(&took.as_secs()), "{took:?}");
     ///     assert!(ram.status().position.abs() < 10);
-    ///     net.shutdown().await;
+    ///     net.shutdown().await?;
     ///     Ok(())
     /// })
     /// # }

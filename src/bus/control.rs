@@ -11,8 +11,8 @@ use crossbeam_queue::SegQueue;
 use smol::channel::{Receiver, Sender};
 
 use super::{
-    AlStatus, BlackBox, DevicePorts, NetworkError, Recovered, RegisterError, beat::Beat,
-    progress::StepDone, statistics::Counters,
+    AlStatus, BlackBox, DevicePorts, Miscounted, MovingAxis, NetworkError, Recovered,
+    RegisterError, beat::Beat, progress::StepDone, statistics::Counters,
 };
 use crate::{
     axis::{LivenessWatch, StopRequest},
@@ -55,6 +55,8 @@ pub(super) struct Control {
     pub(super) waiters: Arc<Waiters>,
     pub(super) events: (Sender<NetworkEvent>, Receiver<NetworkEvent>),
     pub(super) questions: (Sender<Question>, Receiver<Question>),
+    /// At the end, the axes that were not seen to stand.
+    pub(super) left_moving: OnceLock<Vec<MovingAxis>>,
 }
 
 impl Control {
@@ -71,6 +73,7 @@ impl Control {
             wakes,
             events: smol::channel::bounded(EVENTS + EVENTS_OF_A_DEVICE * devices),
             questions: smol::channel::bounded(QUESTIONS),
+            left_moving: OnceLock::new(),
         })
     }
 
@@ -194,6 +197,9 @@ pub enum NetworkEvent {
     /// One of its axes has a fault, or counts as lost: with what its last cycles were. Told some milliseconds later, so that
     /// they hold what came of it.
     Trouble(Arc<BlackBox>),
+    /// The working counter of a datagram stays wrong although its devices answer: whose outputs are delivered is not known, and their axes
+    /// count as lost. With what the registers of each device show.
+    Miscounted(Arc<Miscounted>),
     /// The cycles and the reference clock of the distributed clocks.
     Clock {
         /// The SubDevice whose clock is the reference.
@@ -251,6 +257,7 @@ impl NetworkEvent {
             Self::Lost(drive) | Self::Back(drive) | Self::InOp(drive) => drive,
             Self::LeftOp { drive, .. } => drive,
             Self::Trouble(black_box) => &black_box.axis.drive,
+            Self::Miscounted(miscounted) => miscounted.suspect(),
             Self::Clock { reference, .. } => reference,
         }
     }
@@ -264,6 +271,7 @@ impl std::fmt::Display for NetworkEvent {
             Self::LeftOp { drive, status } => write!(f, "{drive} has left OP: it is in {status}"),
             Self::InOp(drive) => write!(f, "{drive} is in OP again"),
             Self::Trouble(black_box) => write!(f, "{black_box}"),
+            Self::Miscounted(miscounted) => write!(f, "{miscounted}"),
             Self::Clock { reference, event } => write!(f, "{reference}: {event}"),
         }
     }

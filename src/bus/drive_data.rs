@@ -3,7 +3,7 @@
 use std::ops::{Deref, DerefMut};
 
 use super::packing::{Member, Sign};
-use crate::axis::Inputs;
+use crate::{axis::Inputs, profile_position::WorkingCounter};
 
 /// Fills unanswered input areas. As a statusword it decodes to no state (CiA DSP 402 v2.0, table 7).
 pub(super) const PATTERN: u8 = 0xFF;
@@ -18,6 +18,8 @@ pub(super) struct Drives {
     written: bool,
     /// Whether one was taken away since the last cycle was judged.
     disturbed: bool,
+    /// Whether it was not known of any in the last cycle whether its outputs were delivered.
+    pub(super) doubted: bool,
 }
 
 /// One drive's share of the exchange.
@@ -35,6 +37,8 @@ pub(super) struct DriveData {
     pub(super) answer: Answer,
     /// Whether it counts as lost: then nothing is expected of it.
     pub(super) lost: bool,
+    /// The working counter because of which it is not known whether its outputs were delivered, where it has answered.
+    pub(super) miscounted: Option<WorkingCounter>,
     /// Whether it is in OP, so that it acts on its outputs.
     pub(super) operational: bool,
     /// Whether it was seen to have left OP: it may close its outputs then, and counts for its inputs alone.
@@ -63,6 +67,7 @@ impl Drives {
             drives: members.iter().map(DriveData::new).collect(),
             written: true,
             disturbed: false,
+            doubted: false,
         }
     }
 
@@ -90,6 +95,19 @@ impl Drives {
             self.written = true;
         }
         Some(others)
+    }
+
+    /// The working counter because of which it is not known whether the outputs of the drive at this place were delivered.
+    pub(super) fn miscounted(&self, place: usize) -> Option<WorkingCounter> {
+        let drive = self.drives.get(place)?;
+        drive
+            .miscounted
+            .filter(|_| drive.answer == Answer::Answered)
+    }
+
+    /// Whether that is not known of any. For whoever asks first.
+    pub(super) fn take_doubted(&mut self) -> bool {
+        core::mem::take(&mut self.doubted)
     }
 
     /// One of them is being set up anew from now on: nothing of it is taken.
@@ -138,6 +156,7 @@ impl DriveData {
             changed: false,
             answer: Answer::Stale,
             lost: false,
+            miscounted: None,
             operational: false,
             fallen: false,
             away: false,

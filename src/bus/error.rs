@@ -7,8 +7,9 @@ use super::{
     RegisterError, SyncManagerError, TopologyError, WatchdogState,
 };
 use crate::{
-    axis::FieldError,
+    axis::{AxisIdentity, FieldError},
     coe::{DriveId, SdoError},
+    ds402::State,
     link::RawSocketError,
     parameters::StartUpError,
     pdo_map::{MappingError, Step, verify::Differences},
@@ -94,6 +95,9 @@ pub enum NetworkError {
         /// How long it was waited for.
         after: Duration,
     },
+    /// The network has ended, and these axes were not seen to stand without power: the drives have left OP all the same.
+    #[error("the network has ended, and not every axis was seen to stand: {}", ListOf(.0))]
+    StillMoving(Vec<MovingAxis>),
     /// A drive could not be configured.
     #[error("{drive:#}: {step}: {error}")]
     Drive {
@@ -104,6 +108,52 @@ pub enum NetworkError {
         /// What went wrong.
         error: Box<DriveFault>,
     },
+}
+
+/// An axis that was not seen to stand without power at the end of its network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct MovingAxis {
+    /// Which one.
+    pub axis: AxisIdentity,
+    /// The state that it showed last.
+    pub state: State,
+    /// Position actual value 6064h, as it was shown last.
+    pub position: i32,
+    /// Whether it stood then.
+    pub stands: bool,
+    /// Whether its drive answers.
+    pub answers: bool,
+}
+
+impl fmt::Display for MovingAxis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            axis,
+            state,
+            position,
+            stands,
+            answers,
+        } = self;
+        let moved = if *stands { "stands" } else { "moves" };
+        let seen = if *answers {
+            ""
+        } else {
+            ", as last seen: its drive does not answer"
+        };
+        write!(f, "{axis} {moved} at {position} in {state}{seen}")
+    }
+}
+
+struct ListOf<'a>(&'a [MovingAxis]);
+
+impl fmt::Display for ListOf<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, axis) in self.0.iter().enumerate() {
+            let before = if place == 0 { "" } else { "; " };
+            write!(f, "{before}{axis}")?;
+        }
+        Ok(())
+    }
 }
 
 /// Why cycles are not in step, and what to do.

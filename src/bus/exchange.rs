@@ -15,7 +15,7 @@ use super::judging::{judge_calmly, judge_part};
 use super::mailbox_states::{MailboxStates, Watched};
 use super::packing::{Frame, Member, Packed, Sign, pack};
 use super::statistics::Counters;
-use crate::link::Link;
+use crate::{link::Link, profile_position::WorkingCounter};
 
 /// The most frames of a cycle: each has its place in a byte of its source address.
 const MOST_FRAMES: usize = 255;
@@ -219,6 +219,10 @@ impl Exchange {
                 judge_part(part, answer, self.cycle, &mut self.drives, &mut events)
             });
             part.calm = verdict.calm;
+            part.miscounted = verdict.miscounted.map(|counter| {
+                let cycles = part.miscounted.map_or(0, |(_, cycles)| cycles);
+                (counter, cycles.saturating_add(1))
+            });
             self.all_fresh &= verdict.fresh;
             self.changed |= verdict.changed;
             if !verdict.right && frame.is_some() {
@@ -267,6 +271,18 @@ impl Exchange {
                 }
             }
         }
+    }
+
+    /// The working counters that were wrong in so many cycles one after the other, and who shares the datagram.
+    pub(super) fn miscounted(
+        &self,
+        cycles: u32,
+    ) -> impl Iterator<Item = (WorkingCounter, impl Iterator<Item = usize>)> {
+        self.packed.parts.iter().filter_map(move |part| {
+            let (counter, for_cycles) = part.miscounted?;
+            let sharing = part.shares.iter().map(|share| share.drive);
+            (for_cycles >= cycles).then_some((counter, sharing))
+        })
     }
 
     /// Keeps the frames that were just sent, at `time`, and what became of those before. To be called while they are away.

@@ -3,6 +3,7 @@
 use super::drive_data::{Answer, Drives, are_equal};
 use super::exchange::Events;
 use super::packing::{Part, Sign};
+use crate::profile_position::WorkingCounter;
 
 /// What was judged of a datagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,6 +17,8 @@ pub(super) struct Verdict {
     pub(super) calm: bool,
     /// It has brought other inputs than the one before.
     pub(super) changed: bool,
+    /// Its working counter, where that came back and was wrong.
+    pub(super) miscounted: Option<WorkingCounter>,
 }
 
 /// Takes the inputs of the drives that share a datagram. An answer that is not [`Answer::Fresh`] is noted with the drive, and
@@ -64,8 +67,14 @@ pub(super) fn judge_part(
         changed |= take_equal_to_the_pattern(part, bytes, drives);
     }
     let right = all || is_right_with_closed_outputs(part, drives, expected, counter);
+    let miscounted = counter.filter(|_| !right).map(|got| WorkingCounter {
+        datagram: part.number,
+        expected,
+        got,
+        devices: u16::try_from(part.shares.len()).unwrap_or(u16::MAX),
+    });
     if !right {
-        doubt(part, drives);
+        doubt(part, miscounted, drives);
     }
     let fresh = right && !silent;
     Verdict {
@@ -74,6 +83,7 @@ pub(super) fn judge_part(
         // Where nobody is to count, that nobody has says something only of who has left OP.
         calm: fresh && all && !lost && expected > 0,
         changed,
+        miscounted,
     }
 }
 
@@ -113,6 +123,7 @@ pub(super) fn judge_calmly(
         fresh: !silent,
         calm: !silent,
         changed,
+        miscounted: None,
     })
 }
 
@@ -136,12 +147,14 @@ fn is_right_with_closed_outputs(
 }
 
 /// It is not known whose outputs were delivered.
-fn doubt(part: &Part, drives: &mut Drives) {
+fn doubt(part: &Part, miscounted: Option<WorkingCounter>, drives: &mut Drives) {
+    drives.doubted = true;
     for share in &part.shares {
         if let Some(drive) = drives.get_mut(share.drive)
             && drive.answer == Answer::Fresh
         {
             drive.answer = Answer::Answered;
+            drive.miscounted = miscounted;
         }
     }
 }

@@ -31,6 +31,7 @@ mod line;
 mod line_check;
 mod log;
 mod mailbox_states;
+mod miscount;
 mod network;
 mod packing;
 mod plan;
@@ -59,7 +60,7 @@ pub use config::DriveConfig;
 pub use control::{ClockEvent, NetworkEvent};
 pub use dc::{DistributedClock, TopologyError};
 pub use eeprom::EepromError;
-pub use error::{BringUpStep, DriveFault, NetworkError};
+pub use error::{BringUpStep, DriveFault, MovingAxis, NetworkError};
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict};
 pub use histogram::Durations;
 pub use io::{
@@ -67,6 +68,7 @@ pub use io::{
     Sampled, Stale,
 };
 pub use line::{Line, LineDevice};
+pub use miscount::{DeviceFinding, Finding, Miscounted};
 pub use network::{Network, NetworkEvents, NetworkStop};
 pub use port_errors::{DevicePorts, PortErrors};
 pub use progress::BringUpProgress;

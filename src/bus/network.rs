@@ -111,7 +111,7 @@ impl Network {
     /// let sdo = net.sdo(0).ok_or("no drive was declared there")?;
     /// sdo.write(obj::QUICK_STOP_DECELERATION, 150_000).await?;
     /// assert_eq!(sdo.read(obj::QUICK_STOP_DECELERATION).await?, 150_000);
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -159,7 +159,7 @@ impl Network {
     ///     eprintln!("{cause}");
     /// }
     /// # assert_eq!(report.and_then(EmergencyReport::emergency).unwrap().emergency.code, 0x8611);
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -195,7 +195,7 @@ impl Network {
     ///     }
     /// };
     /// # smol::future::or(told, async {}).await;
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -280,14 +280,27 @@ impl Network {
         self.control.waiters.relay(told).await
     }
 
-    /// Stops and disables all axes, leads the drives out of OP, and ends the thread. Whoever has the network may ask for it, also
-    /// while others wait for something of it: they are told that it is closed, and so is everybody who asks for something later.
-    pub async fn shutdown(&self) {
+    /// Stops and disables all axes, brings the drives out of OP, and ends the thread. Whoever has the network may ask for it, also
+    /// while others wait for something of it: these get an error, and so does everybody who asks for something later.
+    ///
+    /// The drives stay in OP until every axis that answers stands without power. That takes at most, for the slowest axis, twice
+    /// [`Deadlines::standstill`](crate::axis::Deadlines::standstill), once [`Deadlines::disable`](crate::axis::Deadlines::disable), the settle
+    /// time of its [`Tolerances`](crate::axis::Tolerances) and a second; then at most a second for each of the four steps down. Dropping the network
+    /// does the same; what is an error here is only logged then.
+    ///
+    /// # Errors
+    /// [`NetworkError::StillMoving`] with the axes that did not stand without power by then, or whose drives no longer answered while they
+    /// moved: what these do now is up to their own watchdog. The network has ended all the same.
+    pub async fn shutdown(&self) -> Result<(), NetworkError> {
         self.control.request_shutdown();
         // Ready when the bus loop is gone.
         let _ = self.control.waiters.relay(self.over.recv()).await;
         self.join();
         self.control.end_events();
+        match self.control.left_moving.get() {
+            Some(moving) => Err(NetworkError::StillMoving(moving.clone())),
+            None => Ok(()),
+        }
     }
 
     fn drive(&self, place: DevicePlace) -> Option<&StartedDrive> {

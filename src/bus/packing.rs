@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::dc::{self, Distribution, Slot};
 use super::frame::{self, Composer, DATAGRAM_OVERHEAD, command};
 use super::mailbox_states::{self, STATUS, STATUS_BYTES};
+use crate::profile_position::WorkingCounter;
 
 const AL_STATUS: u16 = 0x0130;
 /// Bytes of data of the AL status broadcast.
@@ -55,6 +56,10 @@ pub(super) struct Part {
     pub(super) shares: Vec<Share>,
     /// Whether it was judged as calm in the last cycle.
     pub(super) calm: bool,
+    /// Its place among all of them.
+    pub(super) number: u16,
+    /// Its working counter, if it was wrong in the last cycle, and in how many before that one after the other.
+    pub(super) miscounted: Option<(WorkingCounter, u32)>,
 }
 
 /// A drive's place in a datagram, with what it adds to the working counter.
@@ -242,6 +247,8 @@ impl Packer {
                 ..share
             });
             parts.push(Part {
+                number: u16::try_from(parts.len()).unwrap_or(u16::MAX),
+                miscounted: None,
                 frame,
                 shares: shares.collect(),
                 data,

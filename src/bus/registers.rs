@@ -1,11 +1,12 @@
 //! Reading and writing of SubDevice registers and memory by acyclic futures, each with a deadline.
 
-use std::{rc::Rc, time::Duration};
+use std::{cell::RefCell, rc::Rc, time::Duration};
 
 use ethercrab::{Command, MainDevice, error::Error};
 
 use super::{
     acyclic::{GIVEN_UP_AFTER, is_lost},
+    sync_managers::{Area, AreaDirection},
     time::Time,
 };
 
@@ -31,11 +32,33 @@ pub enum RegisterError {
 pub(super) struct Registers {
     main: &'static MainDevice<'static>,
     time: Rc<Time>,
+    /// How the process data of each station were set up.
+    areas: Rc<RefCell<Vec<(u16, Area, AreaDirection)>>>,
 }
 
 impl Registers {
     pub(super) fn new(main: &'static MainDevice<'static>, time: Rc<Time>) -> Self {
-        Self { main, time }
+        Self {
+            main,
+            time,
+            areas: Rc::default(),
+        }
+    }
+
+    /// Notes how an area of a station's process data is set up.
+    pub(super) fn note_area(&self, station: u16, area: Area, direction: AreaDirection) {
+        let mut areas = self.areas.borrow_mut();
+        areas.retain(|(at, before, _)| *at != station || before.number() != area.number());
+        areas.push((station, area, direction));
+    }
+
+    /// How those of this station were set up last.
+    pub(super) fn areas(&self, station: u16) -> Vec<(Area, AreaDirection)> {
+        let areas = self.areas.borrow();
+        let of_station = areas.iter().filter(|(at, ..)| *at == station);
+        of_station
+            .map(|(_, area, direction)| (*area, *direction))
+            .collect()
     }
 
     pub(super) fn time(&self) -> &Rc<Time> {

@@ -15,6 +15,7 @@ use super::{
     discovery::Found,
     io::{Io, Ports},
     log::Note,
+    miscount::MiscountWatch,
     plan::LinePlan,
     port_errors,
     progress::{Progress, StepDone},
@@ -33,7 +34,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(5);
 /// How often AL states are read while something is wrong with them.
 const AL_EVERY: Duration = Duration::from_millis(20);
 /// How long axes may take to stop and disable at the end, beside their own deadlines.
-const DISABLE_LIMIT: Duration = Duration::from_secs(15);
+const DISABLE_LIMIT: Duration = Duration::from_secs(1);
 /// How long each AL state may take on the way down.
 const DOWN_LIMIT: Duration = Duration::from_secs(1);
 /// Error indication and SAFEOP, in the AL states of a line OR-ed together.
@@ -85,7 +86,7 @@ pub(super) async fn supervise(
                 let answering = answer(&context, &running, &control);
                 smol::future::or(watching, answering).await;
             }
-            end(&context, &running, period).await;
+            end(&context, &running, &control, period).await;
         }
         Some(Err(error)) => {
             leave(&context).await;
@@ -207,6 +208,11 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
     let mut lost = vec![false; running.devices.len()];
     let mut lock = LockWatch::new();
     let mut wakers = WakeStatistics::default();
+    let mut miscounts = MiscountWatch::new();
+    let devices = running.devices.iter().zip(&running.ids);
+    let stations: Vec<_> = devices
+        .map(|(device, id)| (device.station, Arc::clone(id)))
+        .collect();
     while !control.is_shutdown() {
         context.time.rest(LOOK_EVERY).await;
         if let Some(event) = lock.look(context.counters.clock.read())
@@ -230,6 +236,7 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
         let Some((al_status, wrong)) = look(context, control, &running.ids, &mut lost) else {
             return;
         };
+        miscounts.look(context, control, &stations);
         // After what happened to the drives, so that one follows from the other.
         let axes = &running.axes;
         let troubles = axes.borrow_mut().take_troubles();
@@ -311,27 +318,33 @@ fn black_box(
 }
 
 /// The end in order: axes stopped and disabled, all other outputs 0, then SAFEOP, no more cycles, PREOP, INIT.
-async fn end(context: &Context, running: &Running, period: Duration) {
+async fn end(context: &Context, running: &Running, control: &Control, period: Duration) {
     let time = &context.time;
     let axes = &running.axes;
     axes.borrow_mut().disable(Failure::BusLost {
         delivery: Delivery::NotSent,
     });
-    let until = time.now() + DISABLE_LIMIT;
+    let limit = axes.borrow().longest_stop().saturating_add(DISABLE_LIMIT);
+    let until = time.now().saturating_add(limit);
     loop {
         // The first look is after a cycle, so that what was asked for has been sent.
-        time.sleep(period * 2).await;
-        if axes.borrow().are_disabled() {
-            break;
+        time.sleep(period.saturating_mul(2)).await;
+        // Those that do not answer are not waited for: their drives have stopped them by their watchdog, or will.
+        let all = axes.borrow();
+        if all.moving(time.now()).any(|axis| axis.answers) && time.now() < until {
+            continue;
         }
-        if time.now() >= until {
+        let moving: Vec<_> = all.moving(time.now()).collect();
+        if !moving.is_empty() {
             context.log.note(time.now(), Note::NotStopped);
-            break;
+            // Nobody else sets it.
+            let _ = control.left_moving.set(moving);
         }
+        break;
     }
     // A brake or a valve holds what it holds for as long as an axis moves.
     running.ports.borrow_mut().end();
-    time.sleep(period * 2).await;
+    time.sleep(period.saturating_mul(2)).await;
     let mut there: Vec<_> = running.devices.iter().zip(&running.ids).collect();
     for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
         let asked = there.iter().map(|(device, _)| {

@@ -186,33 +186,86 @@ impl Area {
         station: u16,
         direction: AreaDirection,
     ) -> Result<(), RegisterError> {
-        let manager = SYNC_MANAGER + 8 * u16::from(self.number);
-        let fmmu = FMMU + 16 * u16::from(self.fmmu);
+        registers.note_area(station, *self, direction);
+        let (manager, fmmu) = self.registers();
         // A sync manager may only be changed while it is switched off.
         registers.write(station, manager + ACTIVATE, &[0]).await?;
         registers.write(station, fmmu + 12, &[0]).await?;
         if self.length == 0 {
             return Ok(());
         }
+        let setting = self.manager_setting(direction);
+        registers.write(station, manager, &setting).await?;
+        registers.write(station, manager + ACTIVATE, &[1]).await?;
+        let setting = self.fmmu_setting(direction);
+        registers.write(station, fmmu, &setting).await
+    }
+
+    pub(super) const fn number(&self) -> u8 {
+        self.number
+    }
+
+    pub(super) const fn fmmu(&self) -> u8 {
+        self.fmmu
+    }
+
+    /// Whether the device's sync manager is as it was written.
+    pub(super) async fn is_managed(
+        &self,
+        registers: &Registers,
+        station: u16,
+        direction: AreaDirection,
+    ) -> Result<bool, RegisterError> {
+        let [s0, s1, l0, l1, control, _, activate, _] =
+            registers.read(station, self.registers().0).await?;
+        let is_on = activate & 1 != 0;
+        if self.length == 0 {
+            return Ok(!is_on);
+        }
+        let setting = self.manager_setting(direction);
+        Ok(is_on && [s0, s1, l0, l1, control] == setting)
+    }
+
+    /// Whether the device's FMMU is as it was written.
+    pub(super) async fn is_mapped(
+        &self,
+        registers: &Registers,
+        station: u16,
+        direction: AreaDirection,
+    ) -> Result<bool, RegisterError> {
+        let found: [u8; 16] = registers.read(station, self.registers().1).await?;
+        if self.length == 0 {
+            return Ok(found[12] & 1 == 0);
+        }
+        let setting = self.fmmu_setting(direction);
+        Ok(found[12] & 1 != 0 && found[..12] == setting[..12])
+    }
+
+    /// Of its sync manager and of its FMMU.
+    const fn registers(&self) -> (u16, u16) {
+        (
+            SYNC_MANAGER + 8 * self.number as u16,
+            FMMU + 16 * self.fmmu as u16,
+        )
+    }
+
+    /// Start, length and control byte of the sync manager.
+    fn manager_setting(&self, direction: AreaDirection) -> [u8; 5] {
         let [s0, s1] = self.start.to_le_bytes();
         let [l0, l1] = self.length.to_le_bytes();
-        let control = self.control(direction);
-        registers
-            .write(station, manager, &[s0, s1, l0, l1, control])
-            .await?;
-        registers.write(station, manager + ACTIVATE, &[1]).await?;
+        [s0, s1, l0, l1, self.control(direction)]
+    }
+
+    /// The whole FMMU.
+    fn fmmu_setting(&self, direction: AreaDirection) -> [u8; 16] {
+        let [s0, s1] = self.start.to_le_bytes();
+        let [l0, l1] = self.length.to_le_bytes();
         let [a0, a1, a2, a3] = self.logical.to_le_bytes();
         let kind = match direction {
             AreaDirection::Outputs { .. } => 2,
             AreaDirection::Inputs => 1,
         };
-        registers
-            .write(
-                station,
-                fmmu,
-                &[a0, a1, a2, a3, l0, l1, 0, 7, s0, s1, 0, kind, 1, 0, 0, 0],
-            )
-            .await
+        [a0, a1, a2, a3, l0, l1, 0, 7, s0, s1, 0, kind, 1, 0, 0, 0]
     }
 
     /// Whether the sync manager really triggers the watchdog.

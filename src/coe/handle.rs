@@ -34,7 +34,7 @@ mod information;
 /// assert_eq!(bytes, 150_000_u32.to_le_bytes());
 /// let refused = sdo.read_bytes(0x5FFF, 0).await.unwrap_err();
 /// assert!(matches!(refused.error, SdoError::Aborted { .. }), "{refused}"); // no such object
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

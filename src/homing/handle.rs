@@ -45,7 +45,7 @@ use super::{HomingCommand, HomingParameters};
 /// homing.home(parameters).within(Duration::from_secs(60)).await?;
 /// assert!(lift.status().referenced);
 /// homing.release().await?; // for the next mode
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

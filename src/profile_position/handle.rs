@@ -28,7 +28,7 @@ use super::{Failure, Move, MoveCommand, Reference, SetPoint, by_sdo::BySdo};
 /// assert!(matches!(first.done().await?, Outcome::Passed { .. })); // without a stop
 /// assert!(matches!(second.done().await?, Outcome::Reached { .. }));
 /// profile_position.release().await?; // for the next mode
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

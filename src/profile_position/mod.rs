@@ -28,7 +28,7 @@ mod motion;
 pub(crate) use cycle::Cycle;
 pub(crate) use events::Events;
 pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
-pub use outcome::{CommandId, Completion, Delivery, Event, Failure, WaitingFor};
+pub use outcome::{CommandId, Completion, Delivery, Event, Failure, WaitingFor, WorkingCounter};
 pub(crate) use sequencer::Sequencer;
 pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};
 pub(crate) use standstill::{Bounds, Standstill};

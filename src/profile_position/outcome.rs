@@ -133,6 +133,16 @@ pub enum Failure {
         /// How far the set-point came.
         delivery: Delivery,
     },
+    /// The drive answers, but the working counter of the datagram that it shares stays wrong: whether its outputs arrive is not known. It is
+    /// told to quick stop. Stops are accepted, and end by what it shows. Which device is the cause: see the network's events
+    /// (`NetworkEvent::Miscounted`).
+    #[error("the drive answers, but whether it receives its outputs is not known{}; {}", CounterText(*.counter), DeliveryText(*.delivery))]
+    Undelivered {
+        /// How far the set-point came.
+        delivery: Delivery,
+        /// The datagram's working counter, where it is known.
+        counter: Option<WorkingCounter>,
+    },
     /// The reference clock of the distributed clocks has jumped, and all axes of the network were stopped and disabled: who has
     /// moved it, and what drives that follow it do now, is not known. It holds until the network is started anew.
     #[error(
@@ -342,6 +352,42 @@ pub enum Failure {
     /// The caller gave the command up before it was sent.
     #[error("withdrawn before it was sent")]
     Withdrawn,
+}
+
+/// A working counter that is wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WorkingCounter {
+    /// The number of the datagram among those of the process data, from 0.
+    pub datagram: u16,
+    /// What its devices count when all of them exchange their data.
+    pub expected: u16,
+    /// What they counted.
+    pub got: u16,
+    /// How many devices share the datagram.
+    pub devices: u16,
+}
+
+impl core::fmt::Display for WorkingCounter {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self {
+            datagram,
+            expected,
+            got,
+            devices,
+        } = self;
+        write!(
+            f,
+            "datagram {datagram} of {devices} devices has the working counter {got}, expected {expected}"
+        )
+    }
+}
+
+struct CounterText(Option<WorkingCounter>);
+
+impl core::fmt::Display for CounterText {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        self.0.map_or(Ok(()), |counter| write!(f, ": {counter}"))
+    }
 }
 
 struct FaultCode(Option<u16>);

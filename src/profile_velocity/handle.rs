@@ -34,7 +34,7 @@ use super::JogSetPoint;
 /// jog.set(-2_000)?; // back, slower
 /// jog.release().await?; // it stands
 /// pv.release().await?;
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

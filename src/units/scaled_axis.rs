@@ -110,7 +110,7 @@ impl Axis {
 /// let motion = profile_position.move_abs(0.5, ScaledSetPoint::new().velocity(40.0)).await?;
 /// let position = motion.done().await?.position();
 /// assert!((position - 0.5).abs() < 0.001, "{position} mm");
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

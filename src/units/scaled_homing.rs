@@ -51,7 +51,7 @@ impl ScaledAxis {
 /// let homed = homing.home(parameters).within(Duration::from_secs(60)).await?;
 /// assert!(homed.position.abs() < 1.0, "{} mm", homed.position);
 /// homing.release().await?; // for the next mode
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

@@ -41,7 +41,7 @@ impl ScaledAxis {
 /// jog.set(-2.0)?; // back, slower
 /// jog.release().await?; // it stands
 /// pv.release().await?;
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

@@ -56,7 +56,7 @@ impl ScaledMoveRequest {
 ///     println!("{}", motion.done().await?);
 /// }
 /// assert!((turret.status().position - 90.0).abs() < 0.5);
-/// # net.shutdown().await;
+/// # net.shutdown().await?;
 /// # Ok(())
 /// # })
 /// # }

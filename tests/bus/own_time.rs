@@ -62,7 +62,7 @@ fn whoever_waits_for_a_cycle_is_told_that_the_network_has_ended() {
     let clock = net.clock();
     let waits = thread::spawn(move || smol::block_on(clock.sleep(Duration::MAX)));
     let clock = net.clock();
-    smol::block_on(net.shutdown());
+    smol::block_on(net.shutdown()).unwrap();
     let told = waits.join().unwrap();
     assert!(matches!(told, Err(NetworkError::Thread(_))), "{told:?}");
     let told = smol::block_on(clock.next_cycle());
@@ -78,7 +78,7 @@ fn a_network_that_others_hold_can_be_ended() {
     let x = net.axis("x").unwrap();
     smol::block_on(x.enable()).unwrap();
     let (panel, events, emergencies) = (Arc::clone(&net), net.events(), net.all_emergencies());
-    smol::block_on(net.shutdown());
+    smol::block_on(net.shutdown()).unwrap();
     let segment = line.segment();
     assert!(!segment.axis(0, 0).unwrap().state().is_powered());
     assert_eq!(segment.device(0).unwrap().al_state(), AlState::Init);

@@ -81,7 +81,7 @@ fn an_interface_that_goes_down_under_way_is_told_and_counted_and_ends_in_order()
     longest.store(0, Relaxed);
     let asked = rig.bus.now();
     let net = rig.net.take().unwrap();
-    turn_until(&mut rig.bus, net.shutdown());
+    turn_until(&mut rig.bus, net.shutdown()).unwrap();
     assert!(rig.bus.now() - asked < 30_000 * MS);
 }
 

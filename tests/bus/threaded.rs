@@ -39,7 +39,7 @@ fn a_network_runs_on_its_own_thread_and_ends_in_order() {
         let motion = mode.move_abs(1_000, set_point).await.unwrap();
         motion.done().await.unwrap();
         assert!(net.statistics().cycles > 10);
-        net.shutdown().await;
+        net.shutdown().await.unwrap();
     });
     let segment = segment.lock().unwrap();
     assert_eq!(segment.devices()[0].al_state(), AlState::Init);

@@ -112,7 +112,7 @@ fn two_hundred_tasks_asleep_on_the_cycles_clock_are_polled_once_a_cycle() {
     poll_woken(&mut watchers, most);
     turn_a_cycle(&mut bus);
     assert_eq!(poll_woken(&mut watchers, most), 0, "the axis rests");
-    bus.run_until(net.shutdown());
+    bus.run_until(net.shutdown()).unwrap();
     poll_woken(&mut tasks, most);
     poll_woken(&mut watchers, most);
     assert!(

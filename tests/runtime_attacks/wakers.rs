@@ -80,7 +80,7 @@ fn cycles_go_on_while_a_waker_blocks_and_it_is_told() {
     gate.1.notify_all();
     until("it is woken", || woken.load(SeqCst));
     drop((waiting, other));
-    smol::block_on(net.shutdown());
+    smol::block_on(net.shutdown()).unwrap();
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn a_waker_that_panics_ends_nothing_but_its_own_future() {
             .await
             .unwrap();
         assert_eq!(net.statistics().wakes.panicked, 3);
-        net.shutdown().await;
+        net.shutdown().await.unwrap();
     });
     let segment = segment.lock().unwrap();
     assert_eq!(segment.devices()[0].al_state(), AlState::Init);
@@ -146,7 +146,7 @@ fn a_waker_may_call_whatever_it_likes() {
         net.clock().next_cycle().await.unwrap();
         net.clock().next_cycle().await.unwrap();
         axis.enable().await.unwrap();
-        net.shutdown().await;
+        net.shutdown().await.unwrap();
     });
 }
 
@@ -249,7 +249,7 @@ fn no_waker_is_woken_or_dropped_on_the_bus_thread() {
     finish(events.next(), &waker).unwrap();
     finish(axis.reset_fault(), &waker).unwrap();
     finish(net.recover(0), &waker).unwrap();
-    finish(net.shutdown(), &waker);
+    finish(net.shutdown(), &waker).unwrap();
     drop(kept);
     let seen = seen.lock().unwrap();
     let on = |thread: &str| seen.iter().filter(|line| line.ends_with(thread)).count();

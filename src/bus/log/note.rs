@@ -7,7 +7,9 @@ use tracing::Level;
 
 use crate::{
     axis::{AxisIdentity, StopRequest},
-    bus::{AlError, AlState, AlStatus, BringUpStep, ClockEvent, NetworkEvent, Recovered},
+    bus::{
+        AlError, AlState, AlStatus, BringUpStep, ClockEvent, Miscounted, NetworkEvent, Recovered,
+    },
     coe::{DriveId, MailNote},
     ds402::{Controlword, State, Statusword},
     wakes::WakeStatistics,
@@ -48,6 +50,8 @@ pub(in crate::bus) enum Note {
     NoAbortConnection {
         axis: String,
     },
+    /// The working counter of a datagram stays wrong.
+    Miscounted(Arc<Miscounted>),
     /// A waker of the program holds up the others, or has panicked.
     Wakers(WakeStatistics),
     /// At the end, axes still move.
@@ -130,6 +134,7 @@ impl Note {
             | Self::Clock(..)
             | Self::NotStopped
             | Self::Wakers(_)
+            | Self::Miscounted(_)
             | Self::NotOnTheWayDown { .. } => Level::WARN,
         }
     }
@@ -178,6 +183,7 @@ impl Note {
                     "no object 6007h: the drive alone decides what it does when the process data stop"
                 );
             }
+            Self::Miscounted(miscounted) => tracing::warn!(?at, "{miscounted}"),
             Self::Wakers(WakeStatistics {
                 slow,
                 longest,

@@ -24,7 +24,7 @@ impl Network {
     /// let (cycles, lost) = (now.cycles - before.cycles, now.lost - before.lost);
     /// println!("{lost} frames of {cycles} cycles were lost");
     /// assert!(cycles > 0);
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -54,7 +54,7 @@ impl Network {
     ///     println!("99 % of {} cycles began at most {most:?} late, the worst {worst:?}", late.count());
     ///     assert!(most <= worst);
     /// }
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -77,7 +77,7 @@ impl Network {
     /// let load = net.cable_load();
     /// println!("{} bytes: {:?} on the cable", load.bytes, load.time());
     /// assert!(load.shortest_cycle() < std::time::Duration::from_micros(50));
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -103,7 +103,7 @@ impl Network {
     ///     println!("{}: silent in {} cycles", drive.drive, drive.stale_cycles);
     /// }
     /// assert_eq!(told.len(), 1);
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -141,7 +141,7 @@ impl Network {
     ///     println!("{}: sent {:?}, came back {statusword:?}", cycle.number, cycle.controlword);
     /// }
     /// assert_eq!(black_box.axis.axis, "x");
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -178,7 +178,7 @@ impl Network {
     ///     }
     /// }
     /// assert_eq!(ports.len(), 1);
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }

@@ -28,7 +28,7 @@ impl Network {
     /// let stop = net.stop_handle();
     /// // On the thread of the panel's stop button:
     /// std::thread::spawn(move || stop.stop_all(StopRequest::QUICK_STOP));
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
@@ -62,7 +62,7 @@ impl Network {
     ///     smol::Timer::after(Duration::from_millis(10)).await;
     /// }
     /// alive.end(); // dropped without it, it would halt every axis
-    /// # net.shutdown().await;
+    /// # net.shutdown().await?;
     /// # Ok(())
     /// # })
     /// # }
