@@ -92,6 +92,8 @@ pub mod pdo_map;
 pub mod profile_position;
 pub mod profile_velocity;
 pub mod sii;
+#[cfg(feature = "std")]
+mod sync;
 pub mod units;
 #[cfg(feature = "std")]
 mod wakes;

@@ -7,7 +7,8 @@
 //! goes by chance whether the answer is there before. At 1 kHz (`1kHz`) it is from when the cycle was due to when it was over, lateness of
 //! waking up included. The rows `fast-simulated` are of one round against the
 //! simulated segment. The rows `first` and `second` are of two networks in one process, at 8 axes each and 1 kHz; `alone` of one of
-//! them while the other rests; processor time there is of the whole process, for each cycle of either. With numbers of axes, masters,
+//! them while the other rests. `servocrab-awaited` has 64 tasks that wait for every cycle, on another thread of the same core; its row
+//! `1kHz-woken` is from the receiving of the cycle's last frame until the last of them has run. Processor time of two networks is of the whole process, for each cycle of either. With numbers of axes, masters,
 //! modes or `two` as arguments only those are measured.
 
 mod floor;
@@ -39,7 +40,7 @@ use rustix::thread::{CpuSet, sched_getaffinity};
 use talk::Talk;
 use timer::Timer;
 
-const MASTERS: [&str; 7] = [
+const MASTERS: [&str; 8] = [
     "floor-block",
     "floor-spin",
     "servocrab-block",
@@ -47,7 +48,10 @@ const MASTERS: [&str; 7] = [
     "ethercrab-task",
     "ethercrab-uring",
     "pysoem",
+    AWAITED,
 ];
+/// `servocrab-block`, while 64 tasks on a thread of the same core wait for every cycle.
+const AWAITED: &str = "servocrab-awaited";
 /// Pairs of lines, each in one process.
 const PAIRS: [[&str; 2]; 2] = [
     ["floor-first", "floor-second"],
@@ -95,6 +99,7 @@ fn master(who: &str, axes: usize, frames: &Path) {
         "floor-spin" => floor::floor(&interface, true, frames),
         "servocrab-block" => ours::servocrab(&interface, axes, false, frames),
         "servocrab-spin" => ours::servocrab(&interface, axes, true, frames),
+        AWAITED => ours::awaited(&interface, axes),
         "ethercrab-task" => stock::ethercrab(&interface, axes, false),
         _ => stock::ethercrab(&interface, axes, true),
     }
@@ -231,6 +236,12 @@ struct Chosen {
 }
 
 impl Chosen {
+    /// The modes in which this master takes its turns.
+    fn modes_of(&self, who: &str) -> impl Iterator<Item = Mode> {
+        let woken = (who == AWAITED).then_some(Mode::Woken);
+        self.modes.clone().into_iter().chain(woken)
+    }
+
     /// What the arguments name, or all.
     fn new(arguments: &[String]) -> Self {
         fn among<T>(
@@ -293,7 +304,7 @@ fn with_axes(axes: usize, [core, other]: [usize; 2], chosen: &Chosen) -> Vec<Row
     let mut rows = Vec::new();
     let mut masters: Vec<(usize, Talk)> = Vec::new();
     // This library before the floor, which sends its frames.
-    for place in [2, 3, 4, 5, 6, 0, 1] {
+    for place in [2, 3, 4, 5, 6, 7, 0, 1] {
         if !chosen.masters.contains(&MASTERS[place]) {
             continue;
         }
@@ -344,7 +355,7 @@ fn with_axes(axes: usize, [core, other]: [usize; 2], chosen: &Chosen) -> Vec<Row
     let mut measured = Vec::new();
     for _ in 0..ROUNDS {
         for (place, master) in &mut masters {
-            for mode in chosen.modes.iter().copied() {
+            for mode in chosen.modes_of(MASTERS[*place]) {
                 let how = if mode == Mode::Held {
                     "hold"
                 } else {
@@ -352,21 +363,24 @@ fn with_axes(axes: usize, [core, other]: [usize; 2], chosen: &Chosen) -> Vec<Row
                 };
                 reflector.ask(&format!("{how} {place}"));
                 let cycles = match mode {
-                    Mode::Paced => PACED_CYCLES,
+                    Mode::Paced | Mode::Woken => PACED_CYCLES,
                     Mode::Fast | Mode::Held | Mode::Simulated => FAST_CYCLES,
                 };
-                let timer = (mode != Mode::Paced).then(|| Timer::start(core));
+                let timer =
+                    (!matches!(mode, Mode::Paced | Mode::Woken)).then(|| Timer::start(core));
                 measured.push((*place, mode, master.measure(mode, cycles)));
                 drop(timer);
             }
         }
     }
-    for mode in chosen.modes.iter().copied() {
+    for mode in chosen.modes_of(AWAITED) {
         for (place, who) in MASTERS.into_iter().enumerate() {
             let rounds = measured
                 .iter()
                 .filter(|(at, of, _)| (*at, *of) == (place, mode));
-            if !chosen.masters.contains(&who) {
+            let is_measured =
+                chosen.masters.contains(&who) && chosen.modes_of(who).any(|of| of == mode);
+            if !is_measured {
                 continue;
             }
             let row = Row {

@@ -27,6 +27,8 @@ pub(crate) enum Mode {
     Paced,
     /// One cycle behind the other, against the simulated segment.
     Simulated,
+    /// One cycle a millisecond: from the receiving of its last frame until the last of the tasks that wait for it has run.
+    Woken,
 }
 
 impl Mode {
@@ -39,6 +41,7 @@ impl Mode {
             Self::Held => "fast-held",
             Self::Paced => "1kHz",
             Self::Simulated => "fast-simulated",
+            Self::Woken => "1kHz-woken",
         }
     }
 }
@@ -94,7 +97,13 @@ pub(crate) fn serve(mut run: impl FnMut(Mode, usize) -> Measured) {
     for line in io::stdin().lock().lines() {
         let line = line.expect("text");
         let (mode, cycles) = line.split_once(' ').expect("a mode and a number of cycles");
-        let modes = [Mode::Fast, Mode::Held, Mode::Paced, Mode::Simulated];
+        let modes = [
+            Mode::Fast,
+            Mode::Held,
+            Mode::Paced,
+            Mode::Simulated,
+            Mode::Woken,
+        ];
         let mode = modes.into_iter().find(|one| one.name() == mode);
         let mode = mode.expect("one of them");
         let measured = run(mode, cycles.parse().expect("a number"));
@@ -124,7 +133,7 @@ pub(crate) fn cycles(mode: Mode, count: usize, spin: bool, mut cycle: impl FnMut
                 start = next;
             }
         }
-        Mode::Paced => {
+        Mode::Paced | Mode::Woken => {
             let mut due = now_ns();
             for _ in 0..count {
                 due += PERIOD_NS;

@@ -6,7 +6,12 @@ use std::{
     io,
     path::Path,
     pin::pin,
+    sync::{
+        Mutex,
+        atomic::{AtomicU64, Ordering},
+    },
     task::{Context, Poll, Waker},
+    thread,
     time::Duration,
 };
 
@@ -31,6 +36,60 @@ pub(crate) fn servocrab(interface: &str, axes: usize, spin: bool, frames: &Path)
     let mut line = Line::bring_up(interface, axes, spin);
     write_frames(frames, &last_frames(&mut line.bus));
     serve(|mode, count| line.measure(mode, count));
+}
+
+/// The same asleep, while many tasks of the program wait for every cycle.
+pub(crate) fn awaited(interface: &str, axes: usize) {
+    let mut line = Line::bring_up(interface, axes, false);
+    let woken: &'static Woken = Box::leak(Box::default());
+    let clock = line._network.clock();
+    thread::spawn(move || {
+        let executor = smol::LocalExecutor::new();
+        for _ in 0..TASKS {
+            let clock = clock.clone();
+            let task = executor.spawn(async move {
+                while clock.next_cycle().await.is_ok() {
+                    woken.note();
+                }
+            });
+            task.detach();
+        }
+        smol::block_on(executor.run(std::future::pending::<()>()));
+    });
+    serve(|mode, count| {
+        woken.times.lock().expect("nobody panics").clear();
+        let measured = line.measure(mode, count);
+        let times = woken.times.lock().expect("nobody panics");
+        match mode {
+            Mode::Woken => Measured::new(
+                times.clone(),
+                (measured.cpu * 1e3) as u64 * times.len() as u64,
+            ),
+            _ => measured,
+        }
+    });
+}
+
+/// Tasks that wait.
+const TASKS: u64 = 64;
+/// When the last frame of the last cycle was received.
+static RECEIVED: AtomicU64 = AtomicU64::new(0);
+
+/// When the tasks have run.
+#[derive(Default)]
+struct Woken {
+    count: AtomicU64,
+    times: Mutex<Vec<u64>>,
+}
+
+impl Woken {
+    fn note(&self) {
+        // Where a cycle found them running still, the last one of two cycles counts.
+        if (self.count.fetch_add(1, Ordering::Relaxed) + 1).is_multiple_of(TASKS) {
+            let took = now_ns().saturating_sub(RECEIVED.load(Ordering::Relaxed));
+            self.times.lock().expect("nobody panics").push(took);
+        }
+    }
 }
 
 /// A line whose axes are enabled.
@@ -132,7 +191,7 @@ fn enable(bus: &mut BusLoop, axes: &[Axis]) {
 }
 
 fn measure(bus: &mut BusLoop, mode: Mode, count: usize) -> Measured {
-    FAST.set(mode != Mode::Paced);
+    FAST.set(!matches!(mode, Mode::Paced | Mode::Woken));
     PATIENT.set(mode == Mode::Simulated);
     // The first cycle after a rest is late.
     begin(16);
@@ -267,6 +326,7 @@ impl Link for Watched {
         if matches!(received, Ok(Some(_))) {
             self.away = self.away.saturating_sub(1);
             if self.away == 0 {
+                RECEIVED.store(now_ns(), Ordering::Relaxed);
                 self.goes_on();
             }
         }

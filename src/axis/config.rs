@@ -159,6 +159,30 @@ pub struct Deadlines {
     pub fault_reset: Duration,
 }
 
+#[cfg(feature = "std")]
+impl Deadlines {
+    /// All of them, by their names.
+    pub(crate) const fn each(&self) -> impl IntoIterator<Item = (&'static str, Duration)> + use<> {
+        // A new one is not forgotten here.
+        let Self {
+            enable,
+            disable,
+            acknowledge,
+            standstill,
+            mode,
+            fault_reset,
+        } = *self;
+        [
+            ("deadline `enable`", enable),
+            ("deadline `disable`", disable),
+            ("deadline `acknowledge`", acknowledge),
+            ("deadline `standstill`", standstill),
+            ("deadline `mode`", mode),
+            ("deadline `fault_reset`", fault_reset),
+        ]
+    }
+}
+
 impl Default for Deadlines {
     fn default() -> Self {
         Self {

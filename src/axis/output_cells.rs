@@ -1,10 +1,9 @@
 //! Mapped objects of a drive's outputs that are none of the axis' own, as the program sets them. Only atomics.
 
-use core::sync::atomic::{AtomicU64, Ordering};
-
 use crate::{
     coe::{Number, ObjectAddress},
     pdo_map::{Direction, Field, Layout, Place},
+    sync::{AtomicU64, Ordering},
 };
 
 /// Set in an output cell once a program has written it, and until that has been taken in.

@@ -38,6 +38,8 @@ pub struct AxisPort {
     ended: Option<Failure>,
     /// Why it is not known whether the drive's outputs were delivered.
     miscounted: Option<WorkingCounter>,
+    /// Whether it is told so: without a wrong counter, a drive whose outputs are not delivered has left OP.
+    knows_counters: bool,
 }
 
 impl AxisPort {
@@ -48,6 +50,7 @@ impl AxisPort {
             changed: false,
             ended: None,
             miscounted: None,
+            knows_counters: false,
             shared,
         }
     }
@@ -122,6 +125,11 @@ impl AxisPort {
     /// As [`end`](Self::end), with what is said of what is refused, and of what ends because the axis is disabled.
     pub(crate) const fn end_because(&mut self, cause: Failure) {
         self.ended = Some(cause);
+    }
+
+    /// From now on [`note_miscount`](Self::note_miscount) says why.
+    pub(crate) const fn know_counters(&mut self) {
+        self.knows_counters = true;
     }
 
     /// Why it is not known whether the outputs of the last cycle were delivered, where that is so.
@@ -318,7 +326,11 @@ impl AxisPort {
                 ) => Event::Done(Err(cause)),
                 (_, Event::Done(Err(Failure::Undelivered { delivery, .. }))) => {
                     let counter = self.miscounted;
-                    Event::Done(Err(Failure::Undelivered { delivery, counter }))
+                    Event::Done(Err(if counter.is_none() && self.knows_counters {
+                        Failure::BusLost { delivery }
+                    } else {
+                        Failure::Undelivered { delivery, counter }
+                    }))
                 }
                 _ => event,
             };

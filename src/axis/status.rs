@@ -1,9 +1,10 @@
 //! The snapshot of an axis as the bus thread publishes it and handles read it: two copies, of which one is always whole.
 
-use core::sync::atomic::{AtomicU64, AtomicUsize, Ordering, fence};
-
 use super::Snapshot;
-use crate::ds402::{Controlword, Mode, Statusword};
+use crate::{
+    ds402::{Controlword, Mode, Statusword},
+    sync::{AtomicU64, AtomicUsize, Ordering, fence, spin_loop},
+};
 
 /// Words before the input bytes.
 const HEAD: usize = 4;
@@ -127,7 +128,7 @@ impl StatusCell {
             if self.published.load(Ordering::Relaxed) == published {
                 return value;
             }
-            core::hint::spin_loop();
+            spin_loop();
         }
     }
 

@@ -140,7 +140,7 @@ impl Acyclic {
         let mut all = self.collect(now, gap);
         let mut refused = false;
         for away in &mut self.away {
-            let overdue = now >= away.sent_at + RESEND_AFTER;
+            let overdue = now >= away.sent_at.saturating_add(RESEND_AFTER);
             if away.sendings == 0 || overdue && away.sendings < away.most_sendings {
                 if overdue {
                     let takes = on_wire(away.frame.len());
@@ -167,7 +167,7 @@ impl Acyclic {
         let mut place = 0;
         while let Some(away) = self.away.get(place) {
             let again = (1..away.most_sendings).contains(&away.sendings);
-            if again || now < away.sent_at + RESEND_AFTER {
+            if again || now < away.sent_at.saturating_add(RESEND_AFTER) {
                 place += 1;
                 continue;
             }
@@ -251,7 +251,10 @@ impl Acyclic {
         if self.held {
             return None;
         }
-        self.away.iter().map(|a| a.sent_at + RESEND_AFTER).min()
+        self.away
+            .iter()
+            .map(|a| a.sent_at.saturating_add(RESEND_AFTER))
+            .min()
     }
 
     /// Hands the answers in a frame with this number to ethercrab, if it is the answer to one that is away.

@@ -37,6 +37,8 @@ pub(super) struct Axes {
     expired: bool,
     /// All axes are to be disabled with the next frame, for this reason.
     disable_asked: Option<Failure>,
+    /// Whether it was not known of the outputs of the last cycle whether they were delivered.
+    was_doubted: bool,
     journal: Journal,
     /// In the order of `axes`.
     recorded: Vec<RecordedAxis>,
@@ -83,7 +85,8 @@ impl Axes {
                     groups: queue.clone(),
                     index: axes.len(),
                 };
-                let (source, port) = setup.open(&core);
+                let (source, mut port) = setup.open(&core);
+                port.know_counters();
                 sources.push(source);
                 axes.push(RunningAxis {
                     drive: place,
@@ -102,6 +105,7 @@ impl Axes {
             recorded,
             control,
             disable_asked: None,
+            was_doubted: false,
         };
         (running, sources)
     }
@@ -237,7 +241,9 @@ impl Stepper for Rc<RefCell<Axes>> {
 
     fn after_receive(&mut self, now: Duration, drives: &mut Drives) {
         let this = &mut *self.borrow_mut();
-        if drives.take_doubted() {
+        let is_doubted = drives.take_doubted();
+        if is_doubted || this.was_doubted {
+            this.was_doubted = is_doubted;
             for axis in &mut this.axes {
                 axis.port.note_miscount(drives.miscounted(axis.drive));
             }

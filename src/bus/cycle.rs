@@ -170,8 +170,9 @@ impl Cycle {
         self.stepper.before_send(now, &mut self.exchange.drives);
         self.exchange.send(link, counters);
         self.sent_at = now;
-        self.receive_until = now + self.deadline;
-        self.next_start += self.period * periods;
+        self.receive_until = now.saturating_add(self.deadline);
+        let later = self.period.saturating_mul(periods);
+        self.next_start = self.next_start.saturating_add(later);
         // The books are kept while nothing waits for it.
         self.exchange.record(now);
         counters.lateness.record(late);
@@ -228,7 +229,7 @@ impl Cycle {
 fn earlier(time: Duration, sooner: i64) -> Duration {
     let by = Duration::from_nanos(sooner.unsigned_abs());
     if sooner < 0 {
-        time + by
+        time.saturating_add(by)
     } else {
         time.saturating_sub(by)
     }

@@ -46,7 +46,7 @@ pub(super) struct DriveData {
     /// Whether it is being set up anew: it counts as lost, and what it adds to a working counter meanwhile is nobody's loss.
     pub(super) away: bool,
     stale_cycles: u32,
-    patience: u32,
+    pub(super) patience: u32,
     pub(super) sign: Sign,
 }
 

@@ -74,6 +74,9 @@ pub enum NetworkError {
     /// Devices are missing, swapped, moved or other ones, or there are more: nothing was configured.
     #[error(transparent)]
     WrongLine(#[from] LineMismatch),
+    /// A time that was set cannot be meant.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// Two devices were declared at one place, or one name for two axes, or there is no axis.
     #[error("{0}")]
     Declaration(String),
@@ -108,6 +111,22 @@ pub enum NetworkError {
         /// What went wrong.
         error: Box<DriveFault>,
     },
+}
+
+/// A time that was set and is too short or too long: nothing was started.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{of}: the {setting} is set to {got:?}: set it to at least {least:?} and at most {most:?}")]
+pub struct SettingError {
+    /// Whose setting it is: the network's or an axis'.
+    pub of: String,
+    /// The name of the setting.
+    pub setting: &'static str,
+    /// What was set.
+    pub got: Duration,
+    /// The shortest that is allowed.
+    pub least: Duration,
+    /// The longest that is allowed.
+    pub most: Duration,
 }
 
 /// An axis that was not seen to stand without power at the end of its network.

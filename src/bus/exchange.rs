@@ -273,15 +273,16 @@ impl Exchange {
         }
     }
 
-    /// The working counters that were wrong in so many cycles one after the other, and who shares the datagram.
+    /// The working counters that are wrong, whether for so long that a silent drive would count as lost, and who shares the datagram.
     pub(super) fn miscounted(
         &self,
-        cycles: u32,
-    ) -> impl Iterator<Item = (WorkingCounter, impl Iterator<Item = usize>)> {
-        self.packed.parts.iter().filter_map(move |part| {
-            let (counter, for_cycles) = part.miscounted?;
+    ) -> impl Iterator<Item = (WorkingCounter, bool, impl Iterator<Item = usize>)> {
+        self.packed.parts.iter().filter_map(|part| {
+            let (counter, cycles) = part.miscounted?;
             let sharing = part.shares.iter().map(|share| share.drive);
-            (for_cycles >= cycles).then_some((counter, sharing))
+            let drives = sharing.clone().filter_map(|place| self.drives.get(place));
+            let patience = drives.map(|drive| drive.patience).max().unwrap_or(0);
+            Some((counter, cycles >= patience, sharing))
         })
     }
 

@@ -17,7 +17,7 @@ pub(super) struct Verdict {
     pub(super) calm: bool,
     /// It has brought other inputs than the one before.
     pub(super) changed: bool,
-    /// Its working counter, where that came back and was wrong.
+    /// Its working counter, where that came back and was wrong although all of its drives answer, but for those that are lost.
     pub(super) miscounted: Option<WorkingCounter>,
 }
 
@@ -67,6 +67,11 @@ pub(super) fn judge_part(
         changed |= take_equal_to_the_pattern(part, bytes, drives);
     }
     let right = all || is_right_with_closed_outputs(part, drives, expected, counter);
+    // One that is silent, and not yet lost, is not counted: that tells enough.
+    let is_explained = part.shares.iter().any(|share| {
+        let drive = drives.get(share.drive);
+        drive.is_some_and(|drive| drive.answer == Answer::Stale && !drive.lost)
+    });
     let miscounted = counter.filter(|_| !right).map(|got| WorkingCounter {
         datagram: part.number,
         expected,
@@ -83,7 +88,7 @@ pub(super) fn judge_part(
         // Where nobody is to count, that nobody has says something only of who has left OP.
         calm: fresh && all && !lost && expected > 0,
         changed,
-        miscounted,
+        miscounted: miscounted.filter(|_| !is_explained),
     }
 }
 

@@ -13,9 +13,6 @@ use super::{
 };
 use crate::{coe::DriveId, profile_position::WorkingCounter};
 
-/// After so many cycles one after the other a wrong working counter is looked into.
-const CYCLES: u32 = 10;
-
 /// A datagram of the process data whose working counter stays wrong, and what the registers of its devices show.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Miscounted {
@@ -123,11 +120,11 @@ impl MiscountWatch {
     ) {
         let mut cycle = context.cycle.borrow_mut();
         let Some(cycle) = cycle.as_mut() else { return };
-        let all = |cycles| cycle.exchange.miscounted(cycles);
+        let all = || cycle.exchange.miscounted();
         let known = &mut self.known;
-        known.retain(|known| all(1).any(|(counter, _)| counter.datagram == known.datagram));
-        for (counter, places) in all(CYCLES) {
-            if known.iter().any(|known| known.datagram == counter.datagram) {
+        known.retain(|known| all().any(|(counter, ..)| counter.datagram == known.datagram));
+        for (counter, lasts, places) in all() {
+            if !lasts || known.iter().any(|known| known.datagram == counter.datagram) {
                 continue;
             }
             known.push(counter);

@@ -60,7 +60,7 @@ pub use config::DriveConfig;
 pub use control::{ClockEvent, NetworkEvent};
 pub use dc::{DistributedClock, TopologyError};
 pub use eeprom::EepromError;
-pub use error::{BringUpStep, DriveFault, MovingAxis, NetworkError};
+pub use error::{BringUpStep, DriveFault, MovingAxis, NetworkError, SettingError};
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict};
 pub use histogram::Durations;
 pub use io::{

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::{
-    BringUpStep, DevicePlace, Expected, IoConfig, NetworkError, Present,
+    BringUpStep, DevicePlace, Expected, IoConfig, NetworkError, Present, SettingError,
     config::{DriveConfig, Watchdog},
     discovery::Found,
     line::ALIAS,
@@ -13,6 +13,12 @@ use super::{
 
 /// The longest time after which a silent drive must count as lost: until then, nothing that waits for it resolves.
 const LONGEST_LOSS: Duration = Duration::from_secs(60);
+
+/// What the settings of times may be.
+const CYCLES: [Duration; 2] = [Duration::from_micros(50), Duration::from_secs(1)];
+const WATCHDOGS: [Duration; 2] = [Duration::from_micros(100), Duration::from_millis(6500)];
+const DEADLINES: [Duration; 2] = [Duration::from_millis(1), Duration::from_secs(3600)];
+const SETTLING: [Duration; 2] = [Duration::ZERO, Duration::from_secs(60)];
 
 /// What the program wants of the line.
 #[derive(Debug, Clone)]
@@ -34,11 +40,21 @@ impl LinePlan {
         if self.drives.is_empty() && self.ios.is_empty() {
             return wrong("no drive was declared".into());
         }
-        if self.cycle < Duration::from_micros(50) || self.cycle > Duration::from_secs(1) {
-            return wrong(format!(
-                "a cycle of {:?} is not between 50 µs and 1 s",
-                self.cycle
-            ));
+        let within = |of: &str, setting, got, [least, most]: [Duration; 2]| {
+            if (least..=most).contains(&got) {
+                return Ok(());
+            }
+            Err(NetworkError::Setting(SettingError {
+                of: of.to_owned(),
+                setting,
+                got,
+                least,
+                most,
+            }))
+        };
+        within("the network", "cycle", self.cycle, CYCLES)?;
+        if let Watchdog::Armed(Some(time)) = self.watchdog {
+            within("the network", "watchdog", time, WATCHDOGS)?;
         }
         let declared = self.declared();
         for (number, (place, _)) in declared.iter().enumerate() {
@@ -75,6 +91,13 @@ impl LinePlan {
                     return wrong(format!("two axes are named `{}`", axis.name));
                 }
                 names.push(&axis.name);
+                let of = format!("axis `{}`", axis.name);
+                for (setting, time) in axis.deadlines.each() {
+                    within(&of, setting, time, DEADLINES)?;
+                }
+                if let Some(tolerances) = axis.tolerances {
+                    within(&of, "settle time", tolerances.settle, SETTLING)?;
+                }
                 if let Some(loss) = axis.loss {
                     let longest = self
                         .cycle

@@ -253,7 +253,7 @@ impl Reactor {
                 .flatten()
                 .min()
         };
-        let longest = now + LONGEST_WAIT;
+        let longest = now.saturating_add(LONGEST_WAIT);
         let until = until.map_or(longest, |until| until.min(longest));
         if until <= now {
             return;

@@ -74,7 +74,7 @@ impl Receiving {
             (Self::Block, _) | (_, Awaited::Nothing) => until,
             (Self::Spin, _) => return None,
             (Self::SpinThenBlock { spin }, Awaited::Frames { sent }) => {
-                if now < sent + spin {
+                if now < sent.saturating_add(spin) {
                     return None;
                 }
                 until

@@ -25,13 +25,7 @@ pub(crate) use relay::on_bus;
 use waiters::{Signal, lock};
 pub(crate) use waiters::{Waiters, stored};
 
-use sync::{Arc, AtomicBool, AtomicU64, Mutex, Ordering};
-
-/// What `waiters` is made of; the models of `loom/` have their own.
-mod sync {
-    pub(super) use core::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
-    pub(super) use std::sync::{Arc, Mutex, MutexGuard};
-}
+use crate::sync::{Arc, AtomicBool, AtomicU64, Mutex, Ordering, fence};
 
 /// Futures that are woken at once as a rule.
 const ROOM: usize = 256;
@@ -141,7 +135,8 @@ impl Wakes {
 
     #[inline(never)]
     fn wake(&self) {
-        self.0.signal.news.store(false, Ordering::SeqCst);
+        // Taken before what was rung is looked at.
+        self.0.signal.news.swap(false, Ordering::AcqRel);
         match self.0.thread.get() {
             Some(thread) => thread.unpark(),
             None => self.wake_rung(),
@@ -151,7 +146,8 @@ impl Wakes {
     /// On the thread that wakes.
     fn serve(&self) {
         loop {
-            let over = self.0.signal.over.load(Ordering::SeqCst);
+            let over = self.0.signal.over.load(Ordering::Acquire);
+            fence(Ordering::SeqCst);
             self.wake_rung();
             if over {
                 return;
@@ -239,7 +235,7 @@ impl Waiters {
 
 impl Drop for End {
     fn drop(&mut self) {
-        self.0.0.signal.over.store(true, Ordering::SeqCst);
+        self.0.0.signal.end();
         self.0.wake();
     }
 }

@@ -9,7 +9,7 @@ use core::{
 };
 use std::sync::PoisonError;
 
-use super::sync::{Arc, AtomicBool, AtomicU64, Mutex, MutexGuard, Ordering, fence};
+use crate::sync::{Arc, AtomicBool, AtomicU64, Mutex, MutexGuard, Ordering, fence};
 
 /// What all waiters of a network share with those who wake.
 #[derive(Debug)]
@@ -44,6 +44,14 @@ struct Place {
     waker: Option<Waker>,
 }
 
+impl Signal {
+    /// From now on whoever rings wakes as well; to be called before somebody looks for the last time.
+    pub(super) fn end(&self) {
+        self.over.store(true, Ordering::Relaxed);
+        fence(Ordering::SeqCst);
+    }
+}
+
 impl Waiters {
     pub(super) fn new(signal: Arc<Signal>) -> Self {
         Self {
@@ -70,10 +78,11 @@ impl Waiters {
 
     /// Rings on all of these channels, whether anybody waits or not.
     pub(crate) fn ring_all(&self, channels: u64) {
-        self.rung.fetch_or(channels, Ordering::SeqCst);
-        self.signal.news.store(true, Ordering::SeqCst);
-        // In this order: whoever looks for the last time sees what was rung, or it is seen here that nobody looks.
-        if self.signal.over.load(Ordering::SeqCst) {
+        self.rung.fetch_or(channels, Ordering::Release);
+        self.signal.news.store(true, Ordering::Release);
+        // Pairs with the fence in `Signal::end`: who looks for the last time sees what was rung, or it is seen here that nobody looks.
+        fence(Ordering::SeqCst);
+        if self.signal.over.load(Ordering::Relaxed) {
             let mut wakers = Vec::new();
             self.take_rung(&mut wakers);
             wakers.into_iter().for_each(Waker::wake);
@@ -82,10 +91,10 @@ impl Waiters {
 
     /// Takes the wakers of those who wait on a channel that was rung.
     pub(super) fn take_rung(&self, wakers: &mut Vec<Waker>) {
-        if self.rung.load(Ordering::SeqCst) == 0 {
+        if self.rung.load(Ordering::Relaxed) == 0 {
             return;
         }
-        let rung = self.rung.swap(0, Ordering::SeqCst);
+        let rung = self.rung.swap(0, Ordering::AcqRel);
         let mut places = lock(&self.places);
         for place in &mut places.all {
             if place.channels & rung != 0 {

@@ -203,14 +203,24 @@ pub fn stale_advances_nothing(life: &Life) -> Result<(), String> {
         if frame.got == Got::Stale
             && let Some(report) = of_step().find(|report| {
                 let lost = matches!(report.event, Event::Done(Err(Failure::BusLost { .. })));
-                !(newly && lost || is_resume_sent(report.id, report.event))
+                let silent = stale == loss.stale_cycles;
+                !((newly || silent) && lost || is_resume_sent(report.id, report.event))
             })
         {
             return Err(format!("frame {at}: stale inputs led to {report:?}"));
         }
-        if newly {
+        // Of a drive that answers, stops end by what it shows.
+        let goes_on = |command| {
+            let stops = matches!(
+                command,
+                Command::Halt | Command::Stop | Command::QuickStop | Command::Disable
+            );
+            stops && frame.got == Got::Answered
+        };
+        if newly || (lost && stale == loss.stale_cycles) {
             let open = world.issued.iter().find(|issued| {
                 issued.frame <= at
+                    && !goes_on(issued.command)
                     && world
                         .done(issued.id)
                         .is_none_or(|(report, _)| report.frame > at)

@@ -3,6 +3,7 @@
 #![allow(missing_docs)]
 
 mod many;
+mod settings;
 mod wakers;
 
 use std::{

@@ -1,6 +1,6 @@
 //! A device's inputs as the bus thread publishes them and handles read them: two copies, of which one is always whole.
 
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering, fence};
+use crate::sync::{AtomicU64, AtomicUsize, Ordering, fence, spin_loop};
 
 /// The cycle, and what is known of the inputs.
 const HEAD: usize = 2;
@@ -89,7 +89,7 @@ impl Cell {
             if before & 1 == 0 && copy.sequence.load(Ordering::Relaxed) == before {
                 return (Head::of_words(head), inputs);
             }
-            std::hint::spin_loop();
+            spin_loop();
         }
     }
 }

@@ -328,7 +328,7 @@ impl Recovery {
     async fn until(&self, is_so: impl Fn(&Self) -> bool) -> Result<(), Failed> {
         let limit = bring_up::EXCHANGE_LIMIT + 4 * self.period;
         let time = &self.context.time;
-        let until = time.now() + limit;
+        let until = time.now().saturating_add(limit);
         loop {
             self.two_cycles().await;
             if is_so(self) {

@@ -1,0 +1,42 @@
+//! Every order in which threads can run is tried on what the bus thread and the program share: waiters, the status of an axis, its
+//! outputs, the inputs of other devices. The files are those of the library; only `sync` is another.
+
+#![allow(dead_code, unused_imports, reason = "the models use part of each file")]
+
+mod axis;
+mod io;
+mod models;
+mod wakes;
+
+/// What the shared files are made of.
+mod sync {
+    pub(crate) use loom::hint::spin_loop;
+    pub(crate) use loom::sync::atomic::{
+        AtomicBool, AtomicU64, AtomicUsize, Ordering, fence,
+    };
+    pub(crate) use loom::sync::{Arc, Mutex, MutexGuard};
+}
+
+mod coe {
+    pub(crate) use servocrab::coe::{Number, ObjectAddress};
+}
+
+mod ds402 {
+    pub(crate) use servocrab::ds402::{Controlword, Mode, Statusword};
+}
+
+mod pdo_map {
+    pub(crate) use servocrab::pdo_map::{Direction, Field, Layout, Place};
+}
+
+fn main() {
+    let mut models = 0;
+    for (name, model) in models::ALL {
+        let mut builder = loom::model::Builder::new();
+        builder.preemption_bound = Some(3);
+        builder.check(model);
+        println!("{name}: no order of the threads breaks it");
+        models += 1;
+    }
+    println!("{models} models");
+}
