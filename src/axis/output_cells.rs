@@ -44,7 +44,8 @@ impl OutputCells {
             return false;
         };
         let value = NEW | WRITTEN | u64::from(raw);
-        cell.value.store(value, Ordering::Release);
+        // Exchanged and not stored: it has its place among the other exchanges of this cell.
+        cell.value.swap(value, Ordering::Release);
         true
     }
 

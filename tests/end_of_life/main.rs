@@ -22,7 +22,11 @@ use servocrab::{
     link::Wire,
     profile_position::SetPoint,
 };
-use servocrab_sim::{Segment, ds402::Machine, ds402::State, personality::Servo};
+use servocrab_sim::{
+    Segment,
+    ds402::{Machine, Plant, State},
+    personality::Servo,
+};
 
 const MS: Duration = Duration::from_millis(1);
 const SECOND: Duration = Duration::from_secs(1);
@@ -93,7 +97,8 @@ impl Line {
         };
         let servo = move || {
             let machine = machine.clone();
-            Servo::akd2g().change(move |drive| {
+            // The ideal axis: its velocity at rest is 0, so that it can be judged by that.
+            Servo::akd2g().plant(Plant::ideal()).change(move |drive| {
                 drive.machine = machine.clone();
                 drive.coast_deceleration = 500_000;
             })

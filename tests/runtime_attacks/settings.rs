@@ -36,10 +36,11 @@ fn with_axis(change: impl FnOnce(DriveConfig) -> DriveConfig) -> Option<&'static
 #[test]
 fn every_deadline_is_checked_where_it_is_declared() {
     type Field = fn(&mut Deadlines) -> &mut Duration;
-    let fields: [(&str, Field); 6] = [
+    let fields: [(&str, Field); 7] = [
         ("deadline `enable`", |all| &mut all.enable),
         ("deadline `disable`", |all| &mut all.disable),
         ("deadline `acknowledge`", |all| &mut all.acknowledge),
+        ("deadline `begin`", |all| &mut all.begin),
         ("deadline `standstill`", |all| &mut all.standstill),
         ("deadline `mode`", |all| &mut all.mode),
         ("deadline `fault_reset`", |all| &mut all.fault_reset),
