@@ -29,7 +29,10 @@ pub(crate) const ALL: [(&str, fn()); 6] = [
     ("waiters: nor where two wait", two_futures_are_both_woken),
     ("waiters: nor at the end", the_end_loses_no_ring),
     ("status cell: no mixture", no_status_is_a_mixture),
-    ("output cells: the last one set", the_output_set_last_is_sent),
+    (
+        "output cells: the last one set",
+        the_output_set_last_is_sent,
+    ),
     ("input cell: no mixture", no_inputs_are_a_mixture),
 ];
 

@@ -394,7 +394,12 @@ impl AxisCore {
     /// Whether the axis stands; of one that does not answer, whether it did when it answered last.
     #[cfg(feature = "std")]
     pub(crate) fn stands(&self, now: Duration) -> bool {
-        self.standing || (self.answered && self.is_standing(now))
+        // A position that stays is enough, whatever 606Ch makes of it.
+        let is_steady = || {
+            let standstill = &self.standstill;
+            standstill.steady_since(now, Duration::ZERO, &self.bounds)
+        };
+        self.standing || (self.answered && (self.is_standing(now) || is_steady()))
     }
 
     /// How long a disable may take at most, with the stop of a moving axis before it.

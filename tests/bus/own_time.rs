@@ -96,5 +96,5 @@ fn a_network_that_others_hold_can_be_ended() {
         emergencies.next().await.is_some()
     }))));
     // Once more is no mistake.
-    smol::block_on(panel.shutdown());
+    smol::block_on(panel.shutdown()).unwrap();
 }

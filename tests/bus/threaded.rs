@@ -90,6 +90,6 @@ fn when_a_start_is_given_up_its_link_is_free_again_and_the_drives_are_in_init() 
     let wire = Wire::new(move |frame: &mut [u8], now| shared.lock().unwrap().process(frame, now));
     smol::block_on(async {
         let net = Network::builder().link(wire).drive(0, akd2g()).start();
-        net.await.unwrap().shutdown().await;
+        net.await.unwrap().shutdown().await.unwrap();
     });
 }
