@@ -31,7 +31,7 @@ use crate::{
 /// Longer than any bring-up, well or not.
 const START_LIMIT: Duration = Duration::from_secs(60);
 /// Longer than any end: 15 s for axes that stop, a second for each state.
-const END_LIMIT: Duration = Duration::from_secs(20);
+const END_LIMIT: Duration = Duration::from_secs(40);
 
 /// No answer is later than that.
 const LATE: Duration = Duration::from_millis(1_500);
