@@ -442,9 +442,9 @@ fn a_drive_whose_working_counter_is_short_answers_and_its_failure_names_the_data
     );
     // Who it is.
     let found = loop {
-        match until(&mut bus, events.next()).unwrap() {
-            NetworkEvent::Miscounted(miscounted) => break miscounted,
-            _ => {}
+        let event = until(&mut bus, events.next()).unwrap();
+        if let NetworkEvent::Miscounted(miscounted) = event {
+            break miscounted;
         }
     };
     assert_eq!((found.counter.got, found.counter.expected), (5, 3));
