@@ -33,7 +33,8 @@ fn main() -> ExitCode {
 async fn run() -> Result<(), Box<dyn Error>> {
     let segment = Segment::new()
         .with(personality::generic())
-        .with(personality::generic());
+        .with(personality::generic())
+        .ideal();
     let line = Arc::new(Mutex::new((segment, Duration::ZERO)));
     let net = Network::builder()
         .link(wire(&line))

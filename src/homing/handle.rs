@@ -32,7 +32,7 @@ use super::{HomingCommand, HomingParameters};
 /// # smol::block_on(async {
 /// # // The axis stands 5000 counts above its negative limit switch.
 /// # let servo = Servo::generic().change(|drive| drive.machine.negative_limit = Some(-5_000));
-/// # let mut segment = Segment::new().with(servo.build());
+/// # let mut segment = Segment::new().with(servo.build()).ideal();
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
 /// # let drive = DriveConfig::new(drives::generic()).axis("lift");
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
