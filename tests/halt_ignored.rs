@@ -168,7 +168,8 @@ fn a_stop_on_a_ramp_waits_for_it_however_gentle_it_is() {
                 let set_point = SetPoint::new().deceleration(deceleration);
                 moving_with(&mut rig, set_point);
                 let stop = rig.send(Command::Stop);
-                while rig.drive.velocity() != 0.0 {
+                // Slower than by its window in its settle time it stands.
+                while rig.drive.velocity().abs() > 100.0 {
                     rig.cycle();
                     let word = rig.words[rig.words.len() - 1];
                     assert!(!is_quick_stop(word), "{latency} {profile_type}");
@@ -225,7 +226,7 @@ fn an_axis_that_is_driven_slower_all_the_time_and_never_stands_is_stopped_at_the
     assert!(matches!(
         rig.finish(halt),
         Err(Failure::Timeout {
-            waiting_for: WaitingFor::Standstill,
+            waiting_for: WaitingFor::Standstill(_),
             ..
         })
     ));

@@ -16,7 +16,7 @@ fn an_axis_is_enabled_step_by_step_and_nothing_moves() {
     rig.enable();
     rig.run(100);
     // Quick stop as long as nothing is known of the drive.
-    assert_eq!(rig.distinct_words(0), [0x0B, 0x00, 0x06, 0x07, 0x0F]);
+    assert_eq!(rig.distinct_words(1), [0x0B, 0x00, 0x06, 0x07, 0x0F]);
     assert_eq!(rig.drive.position(), 777);
     assert!(rig.ledger().is_empty());
 }

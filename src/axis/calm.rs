@@ -55,7 +55,7 @@ impl AxisCore {
             && matches!(inputs, Inputs::Fresh(_))
             && self.stale_cycles == 0
             // Else the time alone may bring it to rest.
-            && (self.standing || self.standstill.shows_velocity())
+            && self.is_standing()
     }
 
     /// Whether moreover its port has been told of everything: such a step may be left out, if it is counted later.
@@ -116,7 +116,6 @@ impl AxisCore {
         }
         self.standstill
             .observe(now, position, sample.velocity, &self.bounds);
-        self.standing = self.is_standing(now);
         self.cycle = self.cycle.wrapping_add(1);
         self.news = match self.news {
             News::Nothing | News::Motion => News::Motion,
@@ -187,6 +186,7 @@ impl AxisCore {
         let enabled = sample.state() == State::OperationEnabled && driving;
         let in_mode = enabled && sample.mode == self.mode;
         let calm = delivered
+            && self.brake.is_calm(driving)
             && settled
             && sent
             && self.blind_cycles == 0
@@ -197,6 +197,7 @@ impl AxisCore {
             && self.stopping.is_calm()
             && self.homing.is_calm(in_mode && self.mode == Mode::Homing)
             && self.jogging.is_calm()
+            && (self.sequencer.holds_any() || !self.sequencer.has_end_velocity())
             && self
                 .sequencer
                 .is_calm(in_mode && self.mode == Mode::ProfilePosition);

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::{Mode, QuickStopOption, SupportedModes},
+    ds402::{Mode, QuickStopOption, StopOptions, SupportedModes},
     profile_position::{Bounds, Limits, Parameters, PositionRange, Traits},
 };
 
@@ -43,6 +43,9 @@ pub struct AxisConfig {
     pub loss: Loss,
     /// Quick stop option code 605Ah as read from the drive: where a quick stop ends.
     pub quick_stop: QuickStopOption,
+    /// Option codes 605Bh to 605Eh as read from the drive. Where bit 8 lets the axis coast, `halt` is refused, and every other stop is a
+    /// quick stop at once.
+    pub stop_options: StopOptions,
     /// What moves use for the parameters that they leave out: what the drive held when the axis attached.
     pub defaults: Parameters,
     /// What moves are checked against before they are sent: what the drive held when the axis attached. With a mailbox
@@ -69,6 +72,7 @@ impl AxisConfig {
             deadlines: Deadlines::default(),
             loss: Loss::default(),
             quick_stop: QuickStopOption(2),
+            stop_options: StopOptions::default(),
             defaults: Parameters::default(),
             limits: Limits::trust_drive(),
             modulo: None,
@@ -90,14 +94,17 @@ impl AxisConfig {
     }
 
     /// With its turn among its limits, and the bounds within which this axis counts as standing.
-    pub(super) const fn with_bounds(mut self) -> (Self, Bounds) {
+    pub(super) fn with_bounds(mut self) -> (Self, Bounds) {
         self.limits = self.limits_with(self.limits);
-        let bounds = Bounds {
-            position: self.tolerances.position,
-            velocity: self.tolerances.velocity,
-            settle: self.tolerances.settle,
-            turn: self.modulo,
-        };
+        let tolerances = &self.tolerances;
+        let drive_cycle = self.traits.drive_cycle;
+        let bounds = Bounds::new(
+            tolerances.position,
+            tolerances.velocity,
+            tolerances.settle,
+            drive_cycle,
+            self.modulo,
+        );
         (self, bounds)
     }
 }
@@ -114,10 +121,10 @@ impl AxisConfig {
 pub struct Tolerances {
     /// Position units between target and 6064h at arrival: by default the drive's position window 6067h.
     pub position: u32,
-    /// Velocity units of 606Ch up to which the axis stands, where that is mapped: 0 by default. A real drive's 606Ch is seldom
-    /// 0 at rest: give what its encoder makes of standstill, or stops wait for their deadline.
+    /// Velocity units of 606Ch up to which it says that the axis stands, where it is mapped: 0 by default, and at most the window in a
+    /// settle time. It shortens the settle time of an axis at rest, and never replaces it: noise at rest does no harm.
     pub velocity: u32,
-    /// How long 6064h must stay within the window to count as standing, where 606Ch is not mapped, and as not on its way.
+    /// How long 6064h must stay within the window to count as standing, and as not on its way.
     pub settle: Duration,
 }
 

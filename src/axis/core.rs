@@ -10,19 +10,20 @@ use crate::{
     ds402::{Controlword, Mode, PowerCommand, Sample, State, Statusword},
     homing::Procedure,
     profile_position::{
-        Bounds, CommandId, Completion, Event, Events, Failure, Sequencer, Standstill,
+        Bounds, CommandId, Completion, Event, Events, Failure, LastSeen, Sequencer, Standstill,
     },
     profile_velocity::Jogging,
 };
 
 use super::{
     AxisConfig, Inputs, Referencing, Snapshot, StopRequest,
+    brake::Brake,
     calm::{Calm, News},
     fields::Sight,
     intake::Pace,
-    modes::ModeChange,
+    modes::{MODE_BITS, ModeChange},
     power::Power,
-    stopping::Stopping,
+    stopping::{Stopping, Wait},
     submit::Resuming,
 };
 
@@ -34,6 +35,7 @@ macro_rules! cycle {
             sample: $sample,
             standstill: &$core.standstill,
             bounds: &$core.bounds,
+            last_seen: &$core.last_seen,
             traits: &$core.config.traits,
             limits: &$core.config.limits,
             referenced: $core.is_referenced(),
@@ -59,8 +61,11 @@ pub(super) use cycle;
 /// let mut axis = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
 /// let mut outputs = [0; 6];
 /// axis.submit(Duration::ZERO, CommandId(1), Command::Enable, &mut outputs);
-/// // The drive shows Switch on disabled at position 0; the answer is Shutdown, 06h.
-/// axis.step(Duration::from_millis(1), Inputs::Fresh(&[0x50, 0x02, 0, 0, 0, 0]), &mut outputs);
+/// // The drive shows Switch on disabled at position 0, for two of its cycles; the answer is Shutdown, 06h.
+/// for ms in 1..=3 {
+///     let now = Duration::from_millis(ms);
+///     axis.step(now, Inputs::Fresh(&[0x50, 0x02, 0, 0, 0, 0]), &mut outputs);
+/// }
 /// assert_eq!(outputs[0], 0x06);
 /// ```
 #[derive(Debug, Clone)]
@@ -69,8 +74,8 @@ pub struct AxisCore {
     pub(super) bounds: Bounds,
     pub(super) sample: Option<Sample>,
     pub(super) standstill: Standstill,
-    /// Whether the axis was standing in the last cycle with inputs.
-    pub(super) standing: bool,
+    pub(super) last_seen: LastSeen,
+    pub(super) brake: Brake,
     pub(super) sequencer: Sequencer,
     pub(super) homing: Procedure,
     pub(super) jogging: Jogging,
@@ -136,7 +141,8 @@ impl AxisCore {
             config,
             sample: None,
             standstill: Standstill::default(),
-            standing: false,
+            last_seen: LastSeen::default(),
+            brake: Brake::default(),
             power: Power::Off,
             stopping: Stopping::default(),
             events: Events::new(),
@@ -386,20 +392,21 @@ impl AxisCore {
         self.events.push(id, Event::Done(result));
     }
 
-    /// Whether the axis stands now. Without any inputs it is not known to stand.
-    pub(super) fn is_standing(&self, now: Duration) -> bool {
-        self.standstill.is_standing(now, &self.bounds)
+    /// Whether the axis stood in the last cycle with inputs. Without any it is not known to stand.
+    #[inline]
+    pub(super) const fn is_standing(&self) -> bool {
+        self.standstill.is_standing()
+    }
+
+    /// Whether the axis has come to rest from all that its drive has done, or may have done.
+    pub(super) const fn is_at_rest(&self) -> bool {
+        self.is_standing() || !self.brake.may_drive()
     }
 
     /// Whether the axis stands; of one that does not answer, whether it did when it answered last.
     #[cfg(feature = "std")]
-    pub(crate) fn stands(&self, now: Duration) -> bool {
-        // A position that stays is enough, whatever 606Ch makes of it.
-        let is_steady = || {
-            let standstill = &self.standstill;
-            standstill.steady_since(now, Duration::ZERO, &self.bounds)
-        };
-        self.standing || (self.answered && (self.is_standing(now) || is_steady()))
+    pub(crate) const fn stands(&self) -> bool {
+        self.is_standing()
     }
 
     /// How long a disable may take at most, with the stop of a moving axis before it.
@@ -420,8 +427,8 @@ impl AxisCore {
     /// Every pending command but moves ends with `failure`, and what they were doing ends with them.
     pub(super) fn fail_commands(&mut self, failure: Failure) {
         self.fail_commands_but_stops(failure);
-        while let Some(id) = self.stopping.pop_waiter() {
-            self.done(id, Err(failure));
+        while let Some((id, instead)) = self.stopping.next_waiter() {
+            self.done(id, Err(instead.unwrap_or(failure)));
         }
     }
 
@@ -434,31 +441,49 @@ impl AxisCore {
         self.fail_resume(failure);
     }
 
+    /// The same, and those who wait for a halt fail.
+    pub(super) fn fail_others(&mut self, failure: Failure) {
+        self.fail_commands_but_stops(failure);
+        while let Some(id) = self
+            .stopping
+            .take_waiter(|wait| matches!(wait, Wait::Halt { .. }))
+        {
+            self.done(id, Err(failure));
+        }
+    }
+
     /// The one composer of controlwords.
     fn compose(&self) -> Controlword {
         let state = self.state();
-        if state == State::FaultReactionActive && !matches!(self.power, Power::Holding) {
-            // The drive is stopping by 605Eh; no other word may disturb it.
-            return self.sent.difference(Controlword::FAULT_RESET);
-        }
         let halt = if self.halted {
             Controlword::HALT
         } else {
             Controlword::empty()
         };
-        let power = if self.stopping.is_quick() {
+        let traits = &self.config.traits;
+        let command = if self.stopping.is_quick() {
             PowerCommand::QuickStop
         } else if self.stopping.is_switching_off() && state != State::QuickStopActive {
+            // A drive that ignores quick stop, or has stopped the axis by it.
             PowerCommand::DisableVoltage
         } else {
-            self.power.command(
-                state,
-                self.sample.as_ref(),
-                self.standing,
-                &self.config.traits,
-            )
+            let command = self.power.command(state, self.sample.as_ref(), traits);
+            if self.power.leads_down(command) && self.brake.holds(self.is_standing()) {
+                PowerCommand::QuickStop
+            } else {
+                command
+            }
         };
-        power.controlword() | self.mode_bits() | halt | self.manufacturer
+        let bits = if command == PowerCommand::QuickStop
+            && !self.power.allows_mode_bits()
+            && !self.is_standing()
+        {
+            // During quick stop they stay as they were sent last.
+            self.sent & (MODE_BITS | Controlword::HALT)
+        } else {
+            self.mode_bits() | halt
+        };
+        command.controlword() | bits | self.manufacturer
     }
 
     pub(super) fn write_outputs(&mut self, outputs: &mut [u8]) {

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{Controlword, State},
-    profile_position::{Delivery, Failure},
+    profile_position::{Delivery, Failure, LastSeen},
 };
 
 use super::{AxisCore, Inputs, power::Power};
@@ -82,13 +82,25 @@ impl AxisCore {
         }
         self.observe_quiet(now, delivered);
         if let Some(sample) = sample {
-            if sample.state() == State::QuickStopActive && self.state() != sample.state() {
+            if self.begins_to_stop(now, sample.state()) {
                 self.standstill.begin_anew();
             }
             self.sample = Some(sample);
             self.standstill
                 .observe(now, sample.position, sample.velocity, &self.bounds);
-            self.standing = self.is_standing(now);
+            if self.awaits_standstill() {
+                self.last_seen.observe(now, &sample, &self.bounds);
+            } else {
+                self.last_seen = LastSeen::default();
+            }
+            self.brake.observe(
+                now,
+                sample.state(),
+                self.standstill.is_standing(),
+                !self.power.leads_up(),
+                2 * self.config.traits.drive_cycle,
+                self.config.deadlines.standstill,
+            );
             self.observe(now, &sample, delivered);
         }
         let loss = self.config.loss;
@@ -104,6 +116,25 @@ impl AxisCore {
             });
         }
         delivered
+    }
+
+    /// Whether anybody waits for the axis to stand.
+    fn awaits_standstill(&self) -> bool {
+        self.stopping.is_active()
+            || !self.stopping.has_no_waiter()
+            || self.jogging.is_released()
+            || matches!(self.power, Power::Resetting { .. })
+    }
+
+    /// Whether the drive may have begun just now to stop an axis that was under way: that it stood before says nothing then.
+    fn begins_to_stop(&self, now: Duration, state: State) -> bool {
+        let Some(before) = &self.sample else {
+            return false;
+        };
+        let leaves = before.state() == State::OperationEnabled && state != before.state();
+        let enters = state == State::QuickStopActive && state != before.state();
+        (leaves || enters)
+            && !(self.is_standing() && (!self.has_motion() || self.stands_halted(now)))
     }
 
     /// Whether a motion may begin with the outputs composed last.
@@ -132,8 +163,7 @@ impl AxisCore {
             self.fail_commands(failure);
         }
         if driven && !self.begin_quick_stop(now) {
-            let reacts = self.state() == State::FaultReactionActive;
-            self.power = if reacts { Power::Holding } else { Power::Off };
+            self.power = Power::Off;
         }
     }
 

@@ -3,6 +3,7 @@
 //! The core joins power sequencing, the active mode and the one composer of controlwords. It is stepped once a cycle,
 //! either by the bus thread of a `Network` or by a program with a cyclic exchange of its own.
 
+mod brake;
 mod calm;
 mod check;
 #[cfg(feature = "std")]
@@ -62,7 +63,7 @@ mod together;
 
 pub use self::core::AxisCore;
 pub use crate::profile_position::{
-    CommandId, Completion, Delivery, Event, Failure, WaitingFor, WorkingCounter,
+    CommandId, Completion, Delivery, Event, Failure, Unrest, WaitingFor, WorkingCounter,
 };
 pub use command::{Command, Inputs, StopRequest};
 pub use config::{AxisConfig, Deadlines, Loss, Tolerances};

@@ -12,7 +12,7 @@ use crate::{
 use super::{AxisCore, core::cycle};
 
 /// The bits of the controlword that mean something else in each mode.
-const MODE_BITS: Controlword = Controlword::NEW_SET_POINT
+pub(super) const MODE_BITS: Controlword = Controlword::NEW_SET_POINT
     .union(Controlword::CHANGE_IMMEDIATELY)
     .union(Controlword::RELATIVE)
     .union(Controlword::BLEND);
@@ -30,7 +30,7 @@ pub(super) struct ModeChange {
 /// How far a change of mode is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Step {
-    /// Until the drive has surely seen the bits of the last mode low and its target velocity 0; then it is written, or
+    /// Until the axis stands and the drive has surely seen the bits of the last mode low and its target velocity 0; then it is written, or
     /// whoever writes it by SDO is told.
     Quiet { by_sdo: bool },
     /// 6060h is in the outputs.
@@ -52,7 +52,7 @@ impl AxisCore {
 
     /// Lets go of a jog: target velocity 0 in the next outputs. It is done at standstill. False if it is not held any more.
     pub fn release_jog(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
-        let until = now + self.config.deadlines.standstill;
+        let until = now.saturating_add(self.config.deadlines.standstill);
         let held = self.jogging.release(id, until);
         if held {
             self.write_outputs(outputs);
@@ -84,7 +84,7 @@ impl AxisCore {
             self.done(id, Err(Failure::ModeNotSupported { mode: to }));
         } else if self.halted {
             self.done(id, Err(Failure::Halted));
-        } else if !self.is_idle() || (self.power.is_driving() && !self.is_standing(now)) {
+        } else if !self.is_idle() || self.has_motion() {
             self.done(id, Err(Failure::Moving));
         } else if self.stopping.is_active()
             || self
@@ -97,7 +97,7 @@ impl AxisCore {
                 id,
                 to,
                 before: self.mode,
-                deadline: now + self.config.deadlines.mode,
+                deadline: now.saturating_add(self.config.deadlines.mode),
                 step: Step::Quiet { by_sdo },
             };
             self.mode_change = Some(change);
@@ -117,7 +117,7 @@ impl AxisCore {
         let quiet = self
             .quiet_since
             .is_some_and(|since| now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle);
-        if !quiet {
+        if !quiet || (self.power.is_driving() && !self.standstill.is_standing()) {
             return;
         }
         // 607Ah still holds the last move's target or distance; another mode may follow it at once.
@@ -154,7 +154,12 @@ impl AxisCore {
         } else if now >= change.deadline {
             self.mode_change = None;
             self.mode = change.before;
-            let failure = self.timeout(WaitingFor::Mode(change.to), Delivery::NotSent);
+            let moves = matches!(change.step, Step::Quiet { .. }) && !self.is_standing();
+            let failure = if moves {
+                Failure::Moving
+            } else {
+                self.timeout(WaitingFor::Mode(change.to), Delivery::NotSent)
+            };
             self.done(change.id, Err(failure));
         }
     }
@@ -277,7 +282,10 @@ impl AxisCore {
 
     /// Whether the drive follows a set-point of any mode, or may.
     pub(super) fn has_motion(&self) -> bool {
-        self.sequencer.has_set_point() || self.homing.has_motion() || self.jogging.has_motion()
+        self.sequencer.has_set_point()
+            || self.homing.has_motion()
+            || self.jogging.has_motion()
+            || (self.sequencer.has_end_velocity() && self.power.is_driving() && !self.is_standing())
     }
 
     /// Whether nothing waits and nothing is under way, in any mode.

@@ -25,6 +25,7 @@ struct Played {
     outputs: [u8; 11],
     now: Duration,
     mode: i8,
+    position: i32,
     velocity: i32,
     last: u32,
 }
@@ -37,16 +38,17 @@ impl Played {
             outputs: [0; 11],
             now: Duration::ZERO,
             mode: 1,
+            position: 0,
             velocity: 0,
             last: 0,
         };
         let enabling = this.submit(Command::Enable);
-        for statusword in [0x0250, 0x0231, 0x0233, 0x0237] {
+        for statusword in [0x0250, 0x0250, 0x0250, 0x0231, 0x0233, 0x0237] {
             this.shows(statusword);
         }
         assert_eq!(this.outcome(enabling), Some(Ok(Completion::Done)));
         let selecting = this.submit(Command::SelectMode(mode));
-        for _ in 0..5 {
+        for _ in 0..30 {
             this.shows(0x0637);
             this.mode = this.outputs[6] as i8;
         }
@@ -64,6 +66,8 @@ impl Played {
     fn shows(&mut self, statusword: u16) {
         self.now += Duration::from_millis(1);
         let mut inputs = [0; 11];
+        self.position += self.velocity;
+        inputs[2..6].copy_from_slice(&self.position.to_le_bytes());
         inputs[..2].copy_from_slice(&statusword.to_le_bytes());
         inputs[6] = self.mode as u8;
         inputs[7..].copy_from_slice(&self.velocity.to_le_bytes());
@@ -125,7 +129,7 @@ fn a_homing_error_that_does_not_come_to_rest_is_ended_by_a_quick_stop() {
     assert_eq!(drive.outcome(homing), Some(Err(moving)));
     assert_eq!(drive.word() & 0x0004, 0, "bit 2 is low");
     drive.velocity = 0;
-    drive.shows_for(3, 0x0250);
+    drive.shows_for(20, 0x0250);
     assert_eq!(drive.word() & 0x0010, 0);
     assert!(!drive.core.snapshot().has_set_point);
 }
@@ -172,7 +176,7 @@ fn a_jog_that_was_let_go_is_at_rest_only_after_the_drive_has_had_the_zero() {
     drive.shows_for(50, 0x0237);
     assert_eq!(drive.outcome(jog), None);
     drive.velocity = 0;
-    drive.shows(0x0637);
+    drive.shows_for(14, 0x0637);
     assert!(matches!(
         drive.outcome(jog),
         Some(Ok(Completion::Stopped { .. }))

@@ -20,12 +20,7 @@ impl AxisCore {
     pub(super) fn observe(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
         if state.is_fault() && !matches!(self.power, Power::Resetting { .. }) {
-            self.observe_fault(state);
-        }
-        if state == State::Fault {
-            self.halted = false;
-            self.halt_delivered = None;
-            self.lower_mode_bits();
+            self.observe_fault(now);
         }
         self.observe_mode_change(now, sample);
         self.observe_power(now, sample, delivered);
@@ -39,15 +34,27 @@ impl AxisCore {
         }
     }
 
-    /// A fault ends everything; nothing here resets it.
-    fn observe_fault(&mut self, state: State) {
+    /// A fault ends everything; nothing here resets it. Should the drive go on by itself, the axis is led down. Who waits for a stop
+    /// waits for the standstill.
+    fn observe_fault(&mut self, now: Duration) {
         let failure = self.fault().unwrap_or(Failure::Fault { code: None });
         self.fail_motions(|_| failure);
-        self.fail_commands(failure);
-        self.stopping.stage = Stage::None;
-        self.stopping.off = false;
-        if state == State::Fault {
-            self.leave_operation(Power::Off);
+        if !matches!(self.stopping.stage, Stage::Settling { .. }) {
+            self.stopping.off = false;
+            self.stopping.stage = if self.stopping.note_fault(failure) {
+                self.settling(now)
+            } else {
+                Stage::None
+            };
+        }
+        self.fail_others(failure);
+        self.leave_operation(Power::Off);
+    }
+
+    /// Waiting for the standstill of an axis that is stopped already, as far as this can be.
+    pub(super) fn settling(&self, now: Duration) -> Stage {
+        Stage::Settling {
+            until: now.saturating_add(self.config.deadlines.standstill),
         }
     }
 
@@ -62,7 +69,12 @@ impl AxisCore {
     fn observe_power(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
         match self.power {
-            Power::Off | Power::Holding => {}
+            Power::Off => {}
+            Power::Holding => {
+                if self.brake.is_down() && self.is_at_rest() {
+                    self.power = Power::Off;
+                }
+            }
             Power::Ready => {
                 if state == State::SwitchOnDisabled {
                     self.power = Power::Off;
@@ -73,7 +85,13 @@ impl AxisCore {
                 goal: _,
                 deadline,
             } => {
-                if is_down(state) {
+                if state == State::OperationEnabled && !self.is_standing() {
+                    // It was not at rest after all, or something has set it in motion since.
+                    self.power = Power::Off;
+                    self.begin_quick_stop(now);
+                    self.stopping.off = true;
+                    self.wait_for_stop(now, id);
+                } else if is_down(state) && self.is_at_rest() {
                     self.leave_operation(if state == State::ReadyToSwitchOn {
                         Power::Ready
                     } else {
@@ -100,7 +118,7 @@ impl AxisCore {
                 } else if now >= deadline {
                     self.power = Power::Off;
                     self.done(id, Err(self.why_not_enabled(sample)));
-                } else if state != State::OperationEnabled {
+                } else if self.brake.is_down() {
                     self.halted = false;
                     self.halt_delivered = None;
                     self.power = Power::Enabling {
@@ -117,21 +135,15 @@ impl AxisCore {
                 {
                     if self.stopping.is_active() {
                         // Somebody waits for the standstill, which the drive now brings about its own way.
-                        self.stopping.stage = Stage::Quick {
-                            until: Some(now + self.config.deadlines.standstill),
-                        };
+                        let standstill = self.config.deadlines.standstill;
+                        self.stopping.begin_quick(now.saturating_add(standstill));
                     } else {
-                        self.observe_drop(state);
+                        self.observe_drop(now, state);
                     }
                 }
             }
             Power::Resetting { id, phase, edges } => {
-                if state.is_fault() {
-                    self.observe_reset(now, id, phase, edges, state, delivered);
-                } else {
-                    self.leave_operation(Power::Off);
-                    self.done(id, Ok(Completion::Stopped { state }));
-                }
+                self.observe_reset(now, id, phase, edges, state, delivered);
             }
         }
     }
@@ -159,19 +171,20 @@ impl AxisCore {
     }
 
     /// The drive has left Operation enabled by itself, or by somebody else's stop.
-    fn observe_drop(&mut self, state: State) {
+    fn observe_drop(&mut self, now: Duration, state: State) {
         let (failure, power) = if state == State::QuickStopActive {
             (Failure::QuickStopped, Power::Holding)
         } else {
             (Failure::Disabled { state }, Power::Off)
         };
         self.fail_motions(|_| failure);
-        while let Some(id) = self.stopping.take_waiter(|wait| wait == Wait::Stop) {
-            self.done(id, Ok(Completion::Stopped { state }));
-        }
-        self.fail_commands(failure);
-        self.stopping.stage = Stage::None;
+        self.fail_others(failure);
         self.stopping.off = false;
+        self.stopping.stage = if self.stopping.has_no_waiter() {
+            Stage::None
+        } else {
+            self.settling(now)
+        };
         self.leave_operation(power);
     }
 
@@ -184,52 +197,88 @@ impl AxisCore {
         state: State,
         delivered: bool,
     ) {
+        let deadlines = self.config.deadlines;
+        let low = ResetPhase::Low {
+            until: now.saturating_add(RESET_PAUSE),
+            reaction: now.saturating_add(deadlines.standstill),
+            shown: None,
+        };
+        let seen = |since| self.has_seen(now, Some(since)) && now > since;
+        let spent = edges >= RESET_EDGES;
         let phase = match phase {
-            ResetPhase::Low { until, reaction } => {
-                if state != State::Fault && now >= reaction {
-                    let failure = self.timeout(WaitingFor::State(State::Fault), Delivery::NotSent);
-                    self.power = Power::Off;
-                    self.done(id, Err(failure));
-                    return;
-                }
-                let low = delivered && !self.sent.contains(Controlword::FAULT_RESET);
-                if state != State::Fault || !low || now < until {
-                    return;
-                }
-                ResetPhase::High {
-                    until: now + self.config.deadlines.fault_reset,
+            ResetPhase::Low { .. } | ResetPhase::High { .. } if !state.is_fault() => {
+                ResetPhase::Gone {
+                    since: now,
+                    until: now.saturating_add(deadlines.standstill),
                 }
             }
-            ResetPhase::High { until } => {
-                if now < until {
+            ResetPhase::Low {
+                until,
+                reaction,
+                shown,
+            } => {
+                let is_fault = state == State::Fault;
+                let shown = is_fault.then(|| shown.unwrap_or(now));
+                let is_low = delivered && !self.sent.contains(Controlword::FAULT_RESET);
+                let stands = self.is_standing();
+                if stands && is_low && now >= until && shown.is_some_and(seen) {
+                    ResetPhase::High {
+                        until: now.saturating_add(deadlines.fault_reset),
+                    }
+                } else if now >= reaction {
+                    let waiting_for = if is_fault {
+                        self.standstill_awaited()
+                    } else {
+                        WaitingFor::State(State::Fault)
+                    };
+                    let failure = self.timeout(waiting_for, Delivery::NotSent);
+                    self.end_reset(id, Err(failure));
+                    return;
+                } else {
+                    ResetPhase::Low {
+                        until,
+                        reaction,
+                        shown,
+                    }
+                }
+            }
+            ResetPhase::High { until } if now < until => return,
+            ResetPhase::High { .. } | ResetPhase::Gone { .. } if state.is_fault() && spent => {
+                let failure = self.fault().unwrap_or(Failure::Fault { code: None });
+                self.end_reset(id, Err(failure));
+                return;
+            }
+            ResetPhase::High { .. } => low,
+            ResetPhase::Gone { .. } if state.is_fault() => low,
+            ResetPhase::Gone { since, until } => {
+                if is_down(state) && seen(since) {
+                    self.end_reset(id, Ok(Completion::Stopped { state }));
                     return;
                 }
-                if edges >= RESET_EDGES {
-                    let failure = self.fault().unwrap_or(Failure::Fault { code: None });
-                    self.leave_operation(Power::Off);
-                    self.done(id, Err(failure));
+                if now >= until {
+                    let waiting_for = WaitingFor::State(State::SwitchOnDisabled);
+                    let failure = self.timeout(waiting_for, Delivery::NotSent);
+                    self.end_reset(id, Err(failure));
                     return;
                 }
-                ResetPhase::Low {
-                    until: now + RESET_PAUSE,
-                    reaction: now + self.config.deadlines.standstill,
-                }
+                ResetPhase::Gone { since, until }
             }
         };
         let edges = edges + u8::from(matches!(phase, ResetPhase::High { .. }));
         self.power = Power::Resetting { id, phase, edges };
     }
 
+    fn end_reset(&mut self, id: CommandId, result: Result<Completion, Failure>) {
+        self.leave_operation(Power::Off);
+        self.done(id, result);
+    }
+
     fn observe_halt(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         if !self.halted {
             self.stopping.begin_halt();
-            // The axis left Operation enabled before it was seen to stand: its stop is over all the same.
-            let state = sample.state();
-            while let Some(id) = self
-                .stopping
-                .take_waiter(|wait| matches!(wait, Wait::Halt { .. }))
-            {
-                self.done(id, Ok(Completion::Stopped { state }));
+            // The axis left Operation enabled before it was seen to stand: who waited for the halt waits for that all the same.
+            if self.stopping.halts_become_stops() && !self.stopping.is_active() {
+                self.stopping.stage = self.settling(now);
             }
             return;
         }
@@ -240,7 +289,7 @@ impl AxisCore {
             let slowing = &mut self.stopping.slowing;
             slowing.observe(now, sample.position, &self.bounds);
         }
-        if self.stands_halted(now, sample) {
+        if self.stands_halted(now) {
             // Of a stop under way the halt is the first part alone: no set-point is kept, and who waits is told of the stop.
             if !self.stopping.is_active() {
                 self.homing.halted(&mut self.events);
@@ -268,7 +317,7 @@ impl AxisCore {
             .stopping
             .take_waiter(|w| matches!(w, Wait::Halt { until } if now >= until))
         {
-            let failure = self.timeout(WaitingFor::Standstill, Delivery::NotSent);
+            let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
             self.done(id, Err(failure));
         }
         if self.stopping.slowing.runs_on() && self.stopping.unwatched {
@@ -276,12 +325,15 @@ impl AxisCore {
         }
     }
 
-    /// Whether bit 8 has brought the axis to rest: by bit 10 and the velocity, or by a position that stays, both seen
-    /// only after the drive has had the time to take bit 8 in.
-    pub(super) fn stands_halted(&self, now: Duration, sample: &Sample) -> bool {
-        self.has_seen_halt(now)
-            && sample.statusword.contains(Statusword::TARGET_REACHED)
-            && self.is_standing(now)
+    /// Whether bit 8 has brought the axis to rest. With a set-point that may have set it off just before, by what was seen after the
+    /// drive has had the time to take bit 8 in.
+    pub(super) fn stands_halted(&self, now: Duration) -> bool {
+        let seen = self.halt_delivered.map_or(Duration::MAX, |delivered| {
+            delivered.saturating_add(2 * self.config.traits.drive_cycle)
+        });
+        now >= seen
+            && self.is_standing()
+            && (!self.has_motion() || self.standstill.stands_since(now, seen, &self.bounds))
     }
 
     /// Whether the drive has had the time to take bit 8 in.
@@ -293,10 +345,18 @@ impl AxisCore {
         let state = sample.state();
         match self.stopping.stage {
             Stage::None => {}
+            Stage::Watching { until, from } => {
+                let distance = self.bounds.distance(from, sample.position);
+                if self.is_standing() {
+                    self.finish_stop(state);
+                } else if distance > self.bounds.position || now >= until {
+                    self.begin_halting(now, Failure::QuickStopped);
+                }
+            }
             Stage::Halting { until } => {
                 // A drive that ignores bit 8 would let the axis run on until the deadline.
                 let ignored = self.stopping.slowing.runs_on();
-                if ignored || self.stands_halted(now, sample) || now >= until {
+                if ignored || self.stands_halted(now) || now >= until {
                     self.begin_quick_stop(now);
                 }
             }
@@ -304,26 +364,34 @@ impl AxisCore {
                 // A drive that stays there although 605Ah said otherwise when it was read is believed in the end.
                 let late = until.is_none_or(|until| now >= until);
                 let holds = state == State::QuickStopActive
-                    && (self.config.quick_stop.stays_in_quick_stop_active() || late)
-                    && self.is_standing(now);
-                if holds || matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled) {
+                    && (self.config.quick_stop.stays_in_quick_stop_active() || late);
+                let off = matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled);
+                if (holds && self.is_standing()) || (off && self.is_at_rest()) {
                     self.finish_quick_stop(now, state);
                 } else if self.ignores_quick_stop(now, sample, delivered) {
                     self.give_quick_stop_up(now);
-                } else if self.stopping.quick_delivered.is_none()
-                    && until.is_some_and(|until| now >= until)
-                {
-                    // It is commanded on; those who wait are told that it has not worked.
-                    self.stopping.stage = Stage::Quick { until: None };
-                    let failure = self.timeout(WaitingFor::Standstill, Delivery::Accepted);
-                    self.fail_motions(|_| failure);
-                    self.fail_commands(failure);
+                } else if self.stopping.quick_delivered.is_none() && late && until.is_some() {
+                    self.give_waiting_up(state);
+                }
+            }
+            Stage::Settling { until } => {
+                if matches!(state, State::OperationEnabled | State::QuickStopActive) {
+                    let standstill = self.config.deadlines.standstill;
+                    self.stopping.begin_quick(now.saturating_add(standstill));
+                } else if self.is_at_rest() {
+                    self.finish_stop(state);
+                } else if now >= until {
+                    self.give_waiting_up(state);
                 }
             }
             Stage::Off { until } => {
                 if is_down(state) {
                     self.leave_operation(self.power);
-                    self.finish_stop(state);
+                    if self.is_at_rest() || self.stopping.has_no_waiter() {
+                        self.finish_stop(state);
+                    } else {
+                        self.stopping.stage = self.settling(now);
+                    }
                 } else if now >= until {
                     self.stopping.stage = Stage::None;
                     let failure = self.timeout(
@@ -334,6 +402,24 @@ impl AxisCore {
                 }
             }
         }
+    }
+
+    /// Those who wait are told that the axis does not come to rest. A drive in Operation enabled is commanded on.
+    fn give_waiting_up(&mut self, state: State) {
+        let failure = self.timeout(self.standstill_awaited(), Delivery::Accepted);
+        self.fail_motions(|_| failure);
+        self.fail_commands(failure);
+        if state == State::OperationEnabled {
+            self.stopping.stage = Stage::Quick { until: None };
+            return;
+        }
+        self.stopping.stage = Stage::None;
+        self.stopping.off = false;
+        self.leave_operation(if state == State::QuickStopActive {
+            Power::Holding
+        } else {
+            Power::Off
+        });
     }
 
     fn finish_quick_stop(&mut self, now: Duration, state: State) {
@@ -347,7 +433,7 @@ impl AxisCore {
         if state == State::QuickStopActive && off {
             self.leave_operation(Power::Off);
             self.stopping.stage = Stage::Off {
-                until: now + self.config.deadlines.disable,
+                until: now.saturating_add(self.config.deadlines.disable),
             };
         } else {
             self.leave_operation(if state == State::QuickStopActive {
@@ -361,8 +447,8 @@ impl AxisCore {
 
     fn finish_stop(&mut self, state: State) {
         self.stopping.stage = Stage::None;
-        while let Some(id) = self.stopping.pop_waiter() {
-            self.done(id, Ok(Completion::Stopped { state }));
+        while let Some((id, failure)) = self.stopping.next_waiter() {
+            self.done(id, failure.map_or(Ok(Completion::Stopped { state }), Err));
         }
     }
 
@@ -372,6 +458,11 @@ impl AxisCore {
             // A set-point that the drive took while halted is kept as well: whoever asked for it is told.
             self.stopping.halt_reported = false;
         }
+    }
+
+    /// A wait for standstill, with what was seen instead.
+    fn standstill_awaited(&self) -> WaitingFor {
+        WaitingFor::Standstill(self.last_seen.unrest(&self.bounds))
     }
 
     pub(super) fn timeout(&self, waiting_for: WaitingFor, delivery: Delivery) -> Failure {

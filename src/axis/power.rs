@@ -48,10 +48,17 @@ pub(super) enum Power {
 /// Where bit 7 is.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum ResetPhase {
-    /// Low at least until then, and until that was delivered and the fault reaction is over, for which there is a deadline.
-    Low { until: Duration, reaction: Duration },
+    /// Low at least until then, and until that was delivered, Fault is surely shown and the axis stands, for which there is a
+    /// deadline. Since when Fault is shown.
+    Low {
+        until: Duration,
+        reaction: Duration,
+        shown: Option<Duration>,
+    },
     /// High until then, or until the fault is gone.
     High { until: Duration },
+    /// Low, since no fault is shown any more: since when, and until when the drive may take to Switch on disabled.
+    Gone { since: Duration, until: Duration },
 }
 
 impl Power {
@@ -65,22 +72,20 @@ impl Power {
         matches!(self, Self::Enabled)
     }
 
-    /// Whether the voltage is to be disabled, or the axis held, whoever has enabled it: no set-point of ours is followed.
-    pub(super) const fn is_leaving(&self) -> bool {
-        matches!(
-            self,
-            Self::Off
-                | Self::Ready
-                | Self::Holding
-                | Self::Disabling {
-                    goal: PowerGoal::Off,
-                    ..
-                }
-                | Self::Enabling {
-                    was_down: false,
-                    ..
-                }
-        )
+    /// Whether the drive is led, or stays led, to Operation enabled.
+    pub(super) const fn leads_up(&self) -> bool {
+        matches!(self, Self::Enabled | Self::Enabling { was_down: true, .. })
+    }
+
+    /// Whether this command of it takes, or may take, the axis' power.
+    pub(super) const fn leads_down(&self, command: PowerCommand) -> bool {
+        match command {
+            PowerCommand::DisableVoltage => true,
+            PowerCommand::Shutdown | PowerCommand::SwitchOn => !self.leads_up(),
+            PowerCommand::EnableOperation | PowerCommand::QuickStop | PowerCommand::FaultReset => {
+                false
+            }
+        }
     }
 
     /// The command that leads on from `state`.
@@ -88,18 +93,8 @@ impl Power {
         &self,
         state: State,
         sample: Option<&Sample>,
-        standing: bool,
         traits: &Traits,
     ) -> PowerCommand {
-        let may_be_driven = match state {
-            State::QuickStopActive => true,
-            State::OperationEnabled => self.is_leaving(),
-            _ => self.is_leaving() && sample.is_none(),
-        };
-        if may_be_driven && !standing {
-            // Disabling the voltage now would let the axis coast. Where it is not driven both words lead to the same.
-            return PowerCommand::QuickStop;
-        }
         match self {
             Self::Off => PowerCommand::DisableVoltage,
             Self::Ready => next_command(state, PowerGoal::Ready),

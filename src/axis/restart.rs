@@ -9,7 +9,7 @@ use crate::{
     profile_velocity::Jogging,
 };
 
-use super::{AxisConfig, AxisCore, power::Power, stopping::Stopping};
+use super::{AxisConfig, AxisCore, brake::Brake, power::Power, stopping::Stopping};
 
 /// What is known of the drive of an axis that begins again.
 #[derive(Debug)]
@@ -70,7 +70,7 @@ impl AxisCore {
         (self.config, self.bounds) = config.with_bounds();
         self.sample = None;
         self.standstill = Standstill::default();
-        self.standing = false;
+        self.brake = Brake::default();
         self.limit_tells = false;
         self.noted_mode = Mode::None;
     }
@@ -88,7 +88,7 @@ mod tests {
         let mut core = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
         let (mut outputs, mut now) = ([0; 6], Duration::ZERO);
         core.submit(now, CommandId(1), Command::Enable, &mut outputs);
-        for word in [0x0250, 0x0231, 0x0233, 0x0237, statusword] {
+        for word in [0x0250, 0x0250, 0x0250, 0x0231, 0x0233, 0x0237, statusword] {
             now += Duration::from_millis(1);
             let [low, high] = u16::to_le_bytes(word);
             core.step(now, Inputs::Fresh(&[low, high, 0, 0, 0, 0]), &mut outputs);
@@ -115,14 +115,17 @@ mod tests {
     #[test]
     fn a_drive_that_is_lost_in_its_fault_reaction_gets_a_quick_stop() {
         let (mut core, mut outputs, now) = enabled_then(0x023F);
-        assert_eq!(outputs[0], 0x0F, "its reaction is left alone");
+        assert_eq!(outputs[0], 0x0B, "its reaction ignores that");
         for _ in 0..core.config.loss.stale_cycles {
             core.step(now, Inputs::Stale, &mut outputs);
         }
         assert!(core.is_lost());
         assert_eq!(u16::from_le_bytes([outputs[0], outputs[1]]), QUICK_STOP);
-        // Fault: the reaction is over.
-        core.step(now, Inputs::Fresh(&[0x38, 0x02, 0, 0, 0, 0]), &mut outputs);
+        // Fault: the reaction is over, and the axis stands.
+        for cycle in 1..=110 {
+            let now = now + Duration::from_millis(cycle);
+            core.step(now, Inputs::Fresh(&[0x38, 0x02, 0, 0, 0, 0]), &mut outputs);
+        }
         assert_eq!(u16::from_le_bytes([outputs[0], outputs[1]]), 0);
     }
 }

@@ -46,7 +46,7 @@ impl Slowing {
             way: 0,
         };
         let span = self.span.get_or_insert(begin);
-        span.way += bounds.way(span.position, position);
+        span.way = span.way.saturating_add(bounds.way(span.position, position));
         span.position = position;
         let time = now.saturating_sub(span.since);
         let way = span.way.unsigned_abs();
@@ -75,12 +75,8 @@ mod tests {
 
     /// Whether an axis whose position after so many milliseconds is this is found to run on, within five seconds.
     fn runs_on(turn: Option<PositionRange>, at: impl Fn(f64) -> f64) -> Option<u32> {
-        let bounds = Bounds {
-            position: 10,
-            velocity: 0,
-            settle: Duration::from_millis(100),
-            turn,
-        };
+        let settle = Duration::from_millis(100);
+        let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), turn);
         let mut slowing = Slowing::default();
         (0..5_000).find(|&cycle| {
             let position = at(f64::from(cycle)).round() as i64;

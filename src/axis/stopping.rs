@@ -18,10 +18,15 @@ pub(super) enum Stage {
     /// No stop is under way; the axis may be halted.
     #[default]
     None,
+    /// No set-point is known, and whether the axis stands is not known yet: nothing is sent until then, or until it has left this
+    /// place.
+    Watching { until: Duration, from: i32 },
     /// Halting, with the quick stop to follow at standstill or then.
     Halting { until: Duration },
     /// Quick stop, to be at standstill by then; without a time it is commanded on without anybody waiting.
     Quick { until: Option<Duration> },
+    /// The drive stops the axis by itself, or has left it without power: it is to stand by then.
+    Settling { until: Duration },
     /// Voltage being disabled: after the quick stop, or in place of one that the drive ignores.
     Off { until: Duration },
 }
@@ -33,6 +38,8 @@ pub(super) enum Wait {
     Halt { until: Duration },
     /// The end of the stop.
     Stop,
+    /// The standstill of an axis whose stop was overtaken by a fault.
+    Faulted(Failure),
 }
 
 /// The stop under way.
@@ -110,12 +117,43 @@ impl Stopping {
         }
     }
 
-    pub(super) fn has_no_waiter(&self) -> bool {
-        self.waiters.iter().all(Option::is_none)
+    /// Whoever waits for a stop has heard of a fault, and waits for the standstill alone. Whether there is anybody.
+    pub(super) fn note_fault(&mut self, failure: Failure) -> bool {
+        let mut waits = false;
+        for (_, wait) in self.waiters.iter_mut().flatten() {
+            if *wait == Wait::Stop {
+                *wait = Wait::Faulted(failure);
+            }
+            waits |= matches!(wait, Wait::Faulted(_));
+        }
+        waits
     }
 
-    pub(super) fn pop_waiter(&mut self) -> Option<CommandId> {
-        self.take_waiter(|_| true)
+    /// Whoever waits for a halt waits for the standstill alone. Whether there is anybody.
+    pub(super) fn halts_become_stops(&mut self) -> bool {
+        let mut waits = false;
+        for (_, wait) in self.waiters.iter_mut().flatten() {
+            if matches!(wait, Wait::Halt { .. }) {
+                *wait = Wait::Stop;
+                waits = true;
+            }
+        }
+        waits
+    }
+
+    /// Takes one waiter, and what it was to be told instead of the end of its stop.
+    pub(super) fn next_waiter(&mut self) -> Option<(CommandId, Option<Failure>)> {
+        let place = self.waiters.iter_mut().find(|place| place.is_some())?;
+        let (id, wait) = place.take()?;
+        let failure = match wait {
+            Wait::Faulted(failure) => Some(failure),
+            Wait::Stop | Wait::Halt { .. } => None,
+        };
+        Some((id, failure))
+    }
+
+    pub(super) fn has_no_waiter(&self) -> bool {
+        self.waiters.iter().all(Option::is_none)
     }
 
     /// Takes one waiter for which `which` holds.
@@ -166,7 +204,8 @@ impl AxisCore {
         self.fail_commands(Failure::QuickStopIgnored);
         self.power = Power::Off;
         self.stopping.off = false;
-        let until = now + self.config.deadlines.disable;
+        self.brake.give_up();
+        let until = now.saturating_add(self.config.deadlines.disable);
         self.stopping.stage = Stage::Off { until };
     }
 }

@@ -69,7 +69,6 @@ impl AxisCore {
     }
 
     fn enable(&mut self, now: Duration, id: CommandId) {
-        let state = self.state();
         let refused = if let Some(fault) = self.fault() {
             Some(fault)
         } else if self.stopping.is_active() || (self.stop_unsent && !self.power.is_driving()) {
@@ -91,11 +90,10 @@ impl AxisCore {
             return;
         }
         self.lower_mode_bits();
-        let was_down = self.sample.is_some() && state != State::OperationEnabled;
         self.power = Power::Enabling {
             id,
-            deadline: now + self.config.deadlines.enable,
-            was_down,
+            deadline: now.saturating_add(self.config.deadlines.enable),
+            was_down: self.brake.is_down(),
         };
     }
 
@@ -111,7 +109,7 @@ impl AxisCore {
         }
         let state = self.state();
         if state.is_fault() {
-            self.done(id, Ok(Completion::Stopped { state }));
+            self.await_standstill(now, id);
             return;
         }
         self.cancel_enabling(Failure::Disabled { state });
@@ -120,7 +118,7 @@ impl AxisCore {
             self.wait_for_stop(now, id);
             return;
         }
-        let deadline = now + self.config.deadlines.disable;
+        let deadline = now.saturating_add(self.config.deadlines.disable);
         match self.power {
             Power::Enabled => {
                 self.power = Power::Disabling {
@@ -129,9 +127,7 @@ impl AxisCore {
                     deadline,
                 };
             }
-            _ if is_down(state) => {
-                self.done(id, Ok(Completion::Stopped { state }));
-            }
+            _ if is_down(state) => self.await_standstill(now, id),
             _ => {
                 self.power = Power::Disabling {
                     id,
@@ -149,12 +145,13 @@ impl AxisCore {
         } else if matches!(self.power, Power::Resetting { .. }) {
             self.done(id, Err(Failure::Busy));
         } else {
-            let reaction = now + self.config.deadlines.standstill;
+            let reaction = now.saturating_add(self.config.deadlines.standstill);
             self.power = Power::Resetting {
                 id,
                 phase: ResetPhase::Low {
                     until: now,
                     reaction,
+                    shown: None,
                 },
                 edges: 0,
             };
@@ -172,21 +169,24 @@ impl AxisCore {
     }
 
     fn halt(&mut self, now: Duration, id: CommandId) {
-        let state = self.state();
         if let Some(fault) = self.fault() {
             self.done(id, Err(fault));
+            return;
+        }
+        if self.power.is_driving() && !self.stopping.is_quick() && !self.halts_under_control() {
+            self.done(id, Err(Failure::HaltCoasts));
             return;
         }
         self.begin_halt(now);
         if self.stopping.is_quick() || self.stopping.is_switching_off() {
             self.wait_for_stop(now, id);
         } else if self.power.is_driving() {
-            let until = now + self.config.deadlines.standstill;
+            let until = now.saturating_add(self.config.deadlines.standstill);
             if !self.stopping.wait(id, Wait::Halt { until }) {
                 self.done(id, Err(Failure::Busy));
             }
         } else {
-            self.done(id, Ok(Completion::Stopped { state }));
+            self.await_standstill(now, id);
         }
     }
 
@@ -210,7 +210,7 @@ impl AxisCore {
                 });
                 return;
             }
-        } else if self.stop_unsent && (self.has_motion() || !self.is_standing(now)) {
+        } else if self.stop_unsent && (self.has_motion() || !self.is_standing()) {
             Err(Failure::Busy)
         } else if self.sequencer.is_unknown() || self.homing.is_unknown() {
             Err(Failure::NeedsStop)
@@ -220,7 +220,7 @@ impl AxisCore {
             Err(Failure::ResumeUnsupported)
         } else {
             self.halted = false;
-            let stands = self.sample.is_some_and(|s| self.stands_halted(now, &s));
+            let stands = self.stands_halted(now);
             self.resuming = Some(Resuming {
                 id,
                 from_rest: Some(stands),
@@ -237,7 +237,7 @@ impl AxisCore {
         };
         if let Some(from_rest) = from_rest {
             self.sequencer.resumed(now, from_rest);
-            while let Some(waiter) = self.stopping.pop_waiter() {
+            while let Some((waiter, _)) = self.stopping.next_waiter() {
                 self.done(waiter, Err(Failure::Superseded));
             }
         }
@@ -257,18 +257,17 @@ impl AxisCore {
         if !state.is_fault() && self.begin_stop(now, Failure::QuickStopped) {
             self.wait_for_stop(now, id);
         } else {
-            self.done(id, Ok(Completion::Stopped { state }));
+            self.await_standstill(now, id);
         }
     }
 
     fn quick_stop(&mut self, now: Duration, id: CommandId) {
-        let state = self.state();
         if let Some(fault) = self.fault() {
             self.done(id, Err(fault));
         } else if self.begin_quick_stop(now) {
             self.wait_for_stop(now, id);
         } else {
-            self.done(id, Ok(Completion::Stopped { state }));
+            self.await_standstill(now, id);
         }
     }
 
@@ -276,9 +275,22 @@ impl AxisCore {
         self.stop(now, id);
     }
 
-    fn wait_for_stop(&mut self, now: Duration, id: CommandId) {
+    /// There is nothing to send: it is done when the axis stands.
+    fn await_standstill(&mut self, now: Duration, id: CommandId) {
+        if self.is_at_rest() {
+            let state = self.state();
+            self.done(id, Ok(Completion::Stopped { state }));
+            return;
+        }
+        if !self.stopping.is_active() {
+            self.stopping.stage = self.settling(now);
+        }
+        self.wait_for_stop(now, id);
+    }
+
+    pub(super) fn wait_for_stop(&mut self, now: Duration, id: CommandId) {
         self.stopping
-            .set_deadline(now + self.config.deadlines.standstill);
+            .set_deadline(now.saturating_add(self.config.deadlines.standstill));
         if !self.stopping.wait(id, Wait::Stop) {
             self.done(id, Err(Failure::Busy));
         }
@@ -287,7 +299,7 @@ impl AxisCore {
     /// Bit 8 from the next frame on. Moves that are not sent fail as halted.
     pub(super) fn begin_halt(&mut self, now: Duration) {
         self.cancel_enabling(Failure::Halted);
-        if self.runs_unasked(now) {
+        if self.runs_unasked() || (self.power.is_driving() && !self.halts_under_control()) {
             self.begin_quick_stop(now);
             return;
         }
@@ -309,11 +321,15 @@ impl AxisCore {
     /// Moves that are not sent fail as `failure`.
     pub(super) fn begin_stop(&mut self, now: Duration, failure: Failure) -> bool {
         self.cancel_enabling(failure);
-        if self.runs_unasked(now) || self.stopping.is_switching_off() {
+        if self.runs_unasked() || self.stopping.is_switching_off() {
             return self.begin_quick_stop(now);
         }
         if !self.power.is_driving() || self.state().is_fault() {
             return false;
+        }
+        let disables = matches!(failure, Failure::Disabled { .. });
+        if matches!(self.stopping.stage, Stage::Watching { .. }) && disables {
+            self.stopping.stage = Stage::None;
         }
         if self.stopping.is_active() {
             return true;
@@ -322,14 +338,42 @@ impl AxisCore {
         self.withdraw_unsent(failure);
         // Nothing starts in its frame, also where there is nothing to stop.
         self.stop_unsent = true;
-        if !has_motion && self.is_standing(now) {
+        if !has_motion && self.is_standing() {
             return false;
         }
-        self.fail_resume(failure);
-        self.begin_halt(now);
-        let until = now + self.config.deadlines.standstill;
-        self.stopping.stage = Stage::Halting { until };
+        if let Some(from) = self.rests_perhaps()
+            && !disables
+        {
+            let until = now.saturating_add(self.config.tolerances.settle.saturating_mul(2));
+            self.stopping.stage = Stage::Watching { until, from };
+            return true;
+        }
+        self.begin_halting(now, failure);
         true
+    }
+
+    /// Where the axis is, if nothing is known that it could be moving for.
+    fn rests_perhaps(&self) -> Option<i32> {
+        let sample = self.sample?;
+        let enabled = sample.state() == State::OperationEnabled;
+        (enabled && !self.halted && !self.has_motion()).then_some(sample.position)
+    }
+
+    /// Whether bit 8 stops the axis and does not let it coast.
+    const fn halts_under_control(&self) -> bool {
+        self.config.stop_options.halts_under_control()
+    }
+
+    pub(super) fn begin_halting(&mut self, now: Duration, failure: Failure) {
+        self.withdraw_unsent(failure);
+        self.fail_resume(failure);
+        if !self.halts_under_control() {
+            self.begin_quick_stop(now);
+            return;
+        }
+        self.begin_halt(now);
+        let until = now.saturating_add(self.config.deadlines.standstill);
+        self.stopping.stage = Stage::Halting { until };
     }
 
     /// Bit 2 low from the next frame on. False when the axis is not enabled: it has nothing to stop.
@@ -338,27 +382,33 @@ impl AxisCore {
         if self.stopping.is_switching_off() {
             return true;
         }
-        if (!self.power.is_driving() && !self.runs_unasked(now)) || self.state().is_fault() {
+        let enabled = self.power.is_driving() || self.state() == State::OperationEnabled;
+        if self.state().is_fault() || !(enabled || self.runs_unasked()) {
             return false;
+        }
+        if let Power::Disabling { id, .. } = self.power {
+            // What it sends would leave the way in which the axis stops to 605Bh.
+            self.power = Power::Off;
+            self.stopping.off = true;
+            self.wait_for_stop(now, id);
         }
         self.withdraw_unsent(Failure::QuickStopped);
         self.fail_resume(Failure::QuickStopped);
         if !self.stopping.is_quick() {
-            self.stopping
-                .begin_quick(now + self.config.deadlines.standstill);
+            let standstill = self.config.deadlines.standstill;
+            self.stopping.begin_quick(now.saturating_add(standstill));
         }
         true
     }
 
     /// Whether the drive moves, or holds, an axis that we have not enabled: it is stopping by quick stop. It was found so, or
     /// somebody else has enabled it.
-    fn runs_unasked(&self, now: Duration) -> bool {
+    fn runs_unasked(&self) -> bool {
         let powered = matches!(
             self.state(),
             State::OperationEnabled | State::QuickStopActive
         );
-        matches!(self.power, Power::Off | Power::Ready | Power::Holding)
-            && (self.stopping.is_quick() || powered && !self.is_standing(now))
+        !self.power.is_driving() && (self.stopping.is_quick() || powered && !self.is_standing())
     }
 
     fn cancel_enabling(&mut self, failure: Failure) {

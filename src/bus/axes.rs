@@ -149,12 +149,12 @@ impl Axes {
     }
 
     /// The axes that may be moving: what answers and is powered or does not stand, and what does not answer and was so when it did last.
-    pub(super) fn moving(&self, now: Duration) -> impl Iterator<Item = MovingAxis> {
+    pub(super) fn moving(&self) -> impl Iterator<Item = MovingAxis> {
         let all = self.axes.iter().zip(&self.recorded);
         all.filter_map(move |(axis, recorded)| {
             let snapshot = axis.core.snapshot();
             let answers = snapshot.answered || !snapshot.lost;
-            let stands = axis.core.stands(now);
+            let stands = axis.core.stands();
             let powered = matches!(
                 snapshot.state,
                 State::SwitchedOn

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     axis::{AxisConfig, AxisFields, Tolerances},
     coe::{AbortCode, AxisOffset, DriveError, Number, Object, Readable, SdoError, SdoHandle, obj},
-    ds402::{AbortConnection, QuickStopOption, SupportedModes},
+    ds402::{AbortConnection, QuickStopOption, StopOptions, SupportedModes},
     profile_position::{self, Limits, RelativeBase},
 };
 
@@ -44,6 +44,20 @@ impl Job {
         if let Some(code) = read_if_there(sdo, obj::QUICK_STOP_OPTION.offset(offset)).await? {
             config.quick_stop = QuickStopOption(code);
         }
+        if !config.quick_stop.stops_under_control() && !axis.coasts {
+            let axis = axis.name.clone();
+            return Err((
+                BringUpStep::Parameters,
+                DriveFault::QuickStopCoasts { axis },
+            ));
+        }
+        config.stop_options = StopOptions {
+            shutdown: read_if_there(sdo, obj::SHUTDOWN_OPTION.offset(offset)).await?,
+            disable_operation: read_if_there(sdo, obj::DISABLE_OPERATION_OPTION.offset(offset))
+                .await?,
+            halt: read_if_there(sdo, obj::HALT_OPTION.offset(offset)).await?,
+            fault_reaction: read_if_there(sdo, obj::FAULT_REACTION_OPTION.offset(offset)).await?,
+        };
         config.supported_modes = match sdo.read(obj::SUPPORTED_MODES.offset(offset)).await {
             Ok(modes) => Some(SupportedModes::from_bits_retain(modes)),
             // It need not be there, and only helps where it is.

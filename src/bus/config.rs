@@ -44,6 +44,8 @@ pub(super) struct AxisDeclaration {
     pub(super) referencing: Referencing,
     pub(super) limits: Option<Limits>,
     pub(super) modulo: Option<Turn>,
+    /// Whether its quick stop may let it coast.
+    pub(super) coasts: bool,
     outputs: Vec<AnyObject>,
     inputs: Vec<AnyObject>,
 }
@@ -96,6 +98,7 @@ impl DriveConfig {
             referencing: Referencing::default(),
             limits: None,
             modulo: None,
+            coasts: false,
             outputs: Vec::new(),
             inputs: Vec::new(),
         });
@@ -151,6 +154,14 @@ impl DriveConfig {
     #[must_use]
     pub fn limits(mut self, axis: &str, limits: Limits) -> Self {
         self.with_axis(axis, |axis| axis.limits = Some(limits));
+        self
+    }
+
+    /// Accepts a drive whose quick stop option code 605Ah is 0: at quick stop it switches off, and the axis coasts. Without this such a
+    /// drive is refused. A `stop()` of this axis halts it first, by bit 8.
+    #[must_use]
+    pub fn coast_at_quick_stop(mut self, axis: &str) -> Self {
+        self.with_axis(axis, |axis| axis.coasts = true);
         self
     }
 

@@ -336,6 +336,14 @@ pub enum DriveFault {
         /// The value read back.
         value: i16,
     },
+    /// Quick stop option code 605Ah is 0: at quick stop the drive switches off, and the axis coasts.
+    #[error(
+        "605Ah of axis {axis} is 0: it would coast at quick stop; set 605Ah in the start-up list, or accept it with `DriveConfig::coast_at_quick_stop`"
+    )]
+    QuickStopCoasts {
+        /// The axis' name.
+        axis: String,
+    },
     /// A modulo axis without a turn: its 607Bh is missing, empty, or the whole range of its type.
     #[error(
         "axis {axis} is to be a modulo axis, but 607Bh holds no turn: set it in the start-up list, or give the turn with the axis"

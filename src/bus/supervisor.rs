@@ -331,10 +331,10 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
         time.sleep(period.saturating_mul(2)).await;
         // Those that do not answer are not waited for: their drives have stopped them by their watchdog, or will.
         let all = axes.borrow();
-        if all.moving(time.now()).any(|axis| axis.answers) && time.now() < until {
+        if all.moving().any(|axis| axis.answers) && time.now() < until {
             continue;
         }
-        let moving: Vec<_> = all.moving(time.now()).collect();
+        let moving: Vec<_> = all.moving().collect();
         if !moving.is_empty() {
             context.log.note(time.now(), Note::NotStopped);
             // Nobody else sets it.

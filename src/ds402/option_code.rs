@@ -1,4 +1,4 @@
-//! Option codes that this library reads or writes: quick stop (605Ah) and abort connection (6007h).
+//! Option codes that this library reads or writes: quick stop (605Ah), the other stops (605Bh to 605Eh) and abort connection (6007h).
 
 /// Quick stop option code, object 605Ah: how the drive stops at quick stop and where it ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -15,6 +15,34 @@ impl QuickStopOption {
     #[must_use]
     pub const fn stops_under_control(self) -> bool {
         !matches!(self.0, 0)
+    }
+}
+
+/// The other option codes of stops, 605Bh to 605Eh, as read from a drive; none where it has no such object.
+///
+/// ```
+/// use servocrab::ds402::StopOptions;
+/// let options = StopOptions { halt: Some(0), ..StopOptions::default() };
+/// assert!(!options.halts_under_control());
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct StopOptions {
+    /// Shutdown option code 605Bh: what 06h does in Operation enabled, by which a standing axis is disabled. 0 cuts the power at once, 1 after
+    /// a ramp.
+    pub shutdown: Option<i16>,
+    /// Disable operation option code 605Ch: the same for 07h, which this library does not send in Operation enabled.
+    pub disable_operation: Option<i16>,
+    /// Halt option code 605Dh: how the drive stops at bit 8.
+    pub halt: Option<i16>,
+    /// Fault reaction option code 605Eh: how the drive stops at a fault. 0 lets the axis coast.
+    pub fault_reaction: Option<i16>,
+}
+
+impl StopOptions {
+    /// Whether bit 8 stops the axis on a ramp or at a limit; with 605Dh = 0 the drive lets it coast.
+    #[must_use]
+    pub const fn halts_under_control(self) -> bool {
+        !matches!(self.halt, Some(0))
     }
 }
 

@@ -109,8 +109,7 @@ impl Run {
             self.begun = true;
             let held = |since| cycle.now.saturating_sub(since) >= cycle.bounds.settle;
             // Where standstill does not show because 606Ch is never quiet, the drive's word counts after a while.
-            let stands = cycle.standstill.is_standing(cycle.now, cycle.bounds)
-                || self.done_since.is_some_and(held);
+            let stands = cycle.standstill.is_standing() || self.done_since.is_some_and(held);
             return stands.then_some(Ok(Completion::Homed {
                 position: cycle.sample.position,
             }));
@@ -166,7 +165,7 @@ impl Run {
         standstill: Duration,
     ) -> Option<Result<Completion, Failure>> {
         let since = *self.error_since.get_or_insert(cycle.now);
-        let moving = !at_rest && !cycle.standstill.is_standing(cycle.now, cycle.bounds);
+        let moving = !at_rest && !cycle.standstill.is_standing();
         let late = cycle.now.saturating_sub(since) >= standstill;
         (!moving || late).then_some(Err(Failure::HomingError { moving }))
     }

@@ -7,8 +7,8 @@ use super::{HomingCommand, HomingMethod, Procedure, Verdict};
 use crate::{
     ds402::{Controlword, Mode, Sample, Statusword},
     profile_position::{
-        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Limits, Standstill,
-        Traits, WaitingFor,
+        Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, LastSeen, Limits,
+        Standstill, Traits, WaitingFor,
     },
 };
 
@@ -27,6 +27,7 @@ struct Dialogue {
     procedure: Procedure,
     events: Events,
     standstill: Standstill,
+    last_seen: LastSeen,
     now: Duration,
     velocity: i32,
     position: i32,
@@ -43,6 +44,7 @@ impl Dialogue {
             procedure: Procedure::new(Duration::from_secs(1)),
             events: Events::new(),
             standstill: Standstill::default(),
+            last_seen: LastSeen::default(),
             now: Duration::ZERO,
             velocity: 0,
             position: 500,
@@ -72,14 +74,11 @@ impl Dialogue {
     /// One cycle of 1 ms, in which the drive shows these bits.
     fn shows(&mut self, bits: u16) -> &mut Self {
         self.now += Duration::from_millis(1);
+        self.position += self.velocity;
         self.sent = self.procedure.bits();
         self.procedure.mark_sent(self.now);
-        let bounds = Bounds {
-            position: 10,
-            velocity: 0,
-            settle: Duration::from_millis(100),
-            turn: None,
-        };
+        let settle = Duration::from_millis(100);
+        let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), None);
         let sample = Sample {
             statusword: Statusword::from_bits_retain(ENABLED | bits),
             mode: Mode::Homing,
@@ -93,6 +92,7 @@ impl Dialogue {
             now: self.now,
             sample: &sample,
             standstill: &self.standstill,
+            last_seen: &self.last_seen,
             bounds: &bounds,
             traits: &Traits::cia402(),
             limits: &Limits::trust_drive(),
@@ -146,7 +146,12 @@ fn bit_4_stays_high_from_the_start_until_the_homing_is_attained_and_at_rest() {
     homing.shows(ATTAINED_MOVING);
     assert!(homing.is_high());
     homing.velocity = 0;
-    homing.shows(DONE);
+    homing.position = 500;
+    for _ in 0..20 {
+        if homing.verdict != Verdict::Attained {
+            homing.shows(DONE);
+        }
+    }
     assert_eq!(homing.verdict, Verdict::Attained);
     assert!(!homing.is_high());
     assert_eq!(homing.reports(), [homed()]);
@@ -208,7 +213,7 @@ fn what_moves_or_rises_before_the_drive_can_have_seen_bit_4_is_not_of_this_homin
 fn a_drive_that_shows_progress_all_the_time_may_finish_before_the_axis_is_seen_to_move() {
     for method in [HomingMethod::NEGATIVE_LIMIT, HomingMethod::CURRENT_POSITION] {
         let mut homing = Dialogue::begin(method, IN_PROGRESS);
-        homing.shows_for(4, IN_PROGRESS).shows(DONE);
+        homing.shows_for(20, IN_PROGRESS).shows(DONE);
         assert_eq!(homing.reports(), [Event::Accepted, homed()], "{method:?}");
     }
 }
@@ -290,7 +295,7 @@ fn an_error_is_reported_at_rest_and_an_axis_that_does_not_come_to_rest_is_stoppe
 #[test]
 fn a_homing_without_motion_is_attained_by_the_edge_of_bit_12_though_progress_was_never_seen() {
     let mut homing = Dialogue::begin(HomingMethod::CURRENT_POSITION, NOT_STARTED);
-    homing.shows(NOT_STARTED).shows(DONE);
+    homing.shows(NOT_STARTED).shows_for(13, DONE);
     assert_eq!(homing.reports(), [Event::Accepted, homed()]);
     // By a method that moves, the same is not enough.
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);

@@ -316,9 +316,19 @@ impl Chain {
         match command.set_point.start {
             Start::AfterCurrent => true,
             Start::Blend | Start::Immediately => {
-                self.is_empty() && cycle.standstill.is_standing(cycle.now, cycle.bounds)
+                self.is_empty() && (cycle.standstill.is_standing() || self.has_arrived(cycle))
             }
         }
+    }
+
+    /// Whether the axis is where the last set-point ended, and 606Ch says that it stands there.
+    fn has_arrived(&self, cycle: &Cycle<'_>) -> bool {
+        let (position, bounds) = (cycle.sample.position, cycle.bounds);
+        let slow = |velocity: i32| velocity.unsigned_abs() <= bounds.velocity;
+        cycle.sample.velocity.is_some_and(slow)
+            && self
+                .last_end
+                .is_some_and(|end| bounds.distance(end, position) <= bounds.position)
     }
 
     /// Where a move begins: behind another at the end of that, where it is known; else where the axis is.

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::ds402::{Controlword, Sample, Statusword};
 
-use super::{Bounds, Delivery, Failure, Limits, Standstill, Traits, WaitingFor};
+use super::{Bounds, Delivery, Failure, LastSeen, Limits, Standstill, Traits, WaitingFor};
 
 /// What the sequencer needs to know of a cycle.
 #[derive(Debug, Clone, Copy)]
@@ -13,6 +13,7 @@ pub(crate) struct Cycle<'a> {
     pub(crate) sample: &'a Sample,
     pub(crate) standstill: &'a Standstill,
     pub(crate) bounds: &'a Bounds,
+    pub(crate) last_seen: &'a LastSeen,
     pub(crate) traits: &'a Traits,
     pub(crate) limits: &'a Limits,
     pub(crate) referenced: bool,
@@ -41,6 +42,11 @@ impl Cycle<'_> {
             blind: self.blind.max(self.stalled),
             ..*self
         }
+    }
+
+    /// A wait for standstill, with what was seen instead.
+    pub(crate) fn standstill(&self) -> WaitingFor {
+        WaitingFor::Standstill(self.last_seen.unrest(self.bounds))
     }
 
     /// Bit 12.

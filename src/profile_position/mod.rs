@@ -28,10 +28,12 @@ mod motion;
 pub(crate) use cycle::Cycle;
 pub(crate) use events::Events;
 pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
-pub use outcome::{CommandId, Completion, Delivery, Event, Failure, WaitingFor, WorkingCounter};
+pub use outcome::{
+    CommandId, Completion, Delivery, Event, Failure, Unrest, WaitingFor, WorkingCounter,
+};
 pub(crate) use sequencer::Sequencer;
 pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};
-pub(crate) use standstill::{Bounds, Standstill};
+pub(crate) use standstill::{Bounds, LastSeen, Standstill};
 pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};
 
 #[cfg(feature = "std")]

@@ -73,8 +73,44 @@ pub enum WaitingFor {
     HomingEnd,
     /// The mode in 6061h.
     Mode(Mode),
-    /// Velocity zero.
-    Standstill,
+    /// Standstill: a position that stays within its window for the settle time.
+    Standstill(Unrest),
+}
+
+/// What a drive showed of an axis that was to stand, in the last settle time or two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Unrest {
+    /// The least and the greatest position actual value 6064h.
+    pub positions: (i32, i32),
+    /// The position window within which it had to stay.
+    pub window: u32,
+    /// For how long, in milliseconds.
+    pub settle_ms: u32,
+    /// The least and the greatest velocity actual value 606Ch, where that is mapped, and the threshold up to which it says that the axis
+    /// stands.
+    pub velocities: Option<(i32, i32, u32)>,
+}
+
+impl core::fmt::Display for Unrest {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self {
+            positions: (least, greatest),
+            window,
+            settle_ms,
+            velocities,
+        } = self;
+        write!(
+            f,
+            "6064h showed {least}…{greatest} and is to stay within {window} for {settle_ms} ms"
+        )?;
+        match velocities {
+            Some((least, greatest, threshold)) => write!(
+                f,
+                "; 606Ch showed {least}…{greatest}, the threshold is {threshold}"
+            ),
+            None => Ok(()),
+        }
+    }
 }
 
 impl core::fmt::Display for WaitingFor {
@@ -86,7 +122,7 @@ impl core::fmt::Display for WaitingFor {
             Self::HomingStart => f.write_str("the homing to begin (bits 10, 12 and 13 to fall)"),
             Self::HomingEnd => f.write_str("the homing to end"),
             Self::Mode(mode) => write!(f, "mode {} in 6061h", mode.raw()),
-            Self::Standstill => f.write_str("standstill"),
+            Self::Standstill(seen) => write!(f, "standstill: {seen}"),
         }
     }
 }
@@ -104,6 +140,11 @@ pub enum Failure {
     /// stays set.
     #[error("the axis was told to halt (bit 8) and does not get slower: stop or quick_stop it")]
     HaltIgnored,
+    /// Halt option code 605Dh is 0: the drive would let the axis coast at bit 8, which was not sent.
+    #[error(
+        "halt option code 605Dh is 0: the axis would coast at halt (bit 8), which was not sent; stop() it, or set 605Dh"
+    )]
+    HaltCoasts,
     /// The axis was told to quick stop (bit 2 of the controlword low), and its drive stays in Operation enabled and does not slow it
     /// down. Its voltage is being disabled in place of that: the axis coasts, or a brake stops it.
     #[error(

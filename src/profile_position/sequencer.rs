@@ -67,6 +67,13 @@ impl Sequencer {
         &self.parameters
     }
 
+    /// Whether the last set-point was to end in motion.
+    pub(crate) fn has_end_velocity(&self) -> bool {
+        self.parameters
+            .end_velocity
+            .is_some_and(|velocity| velocity != 0)
+    }
+
     /// The target follows the axis while no set-point can be active: whoever looks at it later finds no jump.
     pub(crate) const fn follow_position(&mut self, position: i32) {
         self.target = position;

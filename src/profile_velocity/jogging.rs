@@ -9,7 +9,7 @@ use core::time::Duration;
 use crate::{
     ds402::State,
     profile_position::{
-        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters, WaitingFor,
+        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters,
     },
 };
 
@@ -85,6 +85,10 @@ impl Jogging {
 
     pub(crate) const fn is_held(&self) -> bool {
         matches!(self.stage, Stage::Held { .. })
+    }
+
+    pub(crate) const fn is_released(&self) -> bool {
+        matches!(self.stage, Stage::Released { .. })
     }
 
     pub(crate) const fn is_idle(&self) -> bool {
@@ -220,7 +224,7 @@ impl Jogging {
                 let id = *id;
                 // What the drive shows before it has taken the 0 in may be the rest from which it is only just starting.
                 let at_rest = delivered.is_some_and(|since| {
-                    let taken_in = since + 2 * cycle.traits.drive_cycle;
+                    let taken_in = since.saturating_add(2 * cycle.traits.drive_cycle);
                     cycle.now >= taken_in
                         && cycle
                             .standstill
@@ -232,7 +236,7 @@ impl Jogging {
                     events.push(id, Event::Done(Ok(Completion::Stopped { state })));
                 } else if cycle.now >= *until {
                     let failure = Failure::Timeout {
-                        waiting_for: WaitingFor::Standstill,
+                        waiting_for: cycle.standstill(),
                         statusword: cycle.sample.statusword,
                         controlword: cycle.controlword,
                         delivery: Delivery::Accepted,

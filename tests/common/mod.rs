@@ -50,6 +50,8 @@ pub struct Rig {
     pub latency: usize,
     /// What the stop lane holds for the next frame.
     pub stop: StopRequest,
+    /// What the next frame brings back as the statusword, whatever the drive shows.
+    pub forged: Option<u16>,
     layout: Layout,
     on_their_way: VecDeque<Vec<u8>>,
     next_id: u32,
@@ -94,6 +96,7 @@ impl Rig {
             events: Vec::new(),
             latency: 0,
             stop: StopRequest::empty(),
+            forged: None,
             layout,
             on_their_way: VecDeque::new(),
             next_id: 0,
@@ -113,7 +116,9 @@ impl Rig {
         self
     }
 
+    /// Enables an axis that has been there for some time.
     pub fn enable(&mut self) {
+        self.run(120);
         let id = self.send(Command::Enable);
         assert_eq!(self.finish(id), Ok(Completion::Done));
     }
@@ -160,6 +165,7 @@ impl Rig {
         self.sent.clone_from(&self.outputs);
         // A drive answers with what it put into its inputs before this frame passed.
         let inputs = self.inputs();
+        self.forged = None;
         if link != Link::RequestLost {
             self.deliver();
         }
@@ -280,7 +286,11 @@ impl Rig {
         let mut image = vec![0; self.layout.input_bytes()];
         for (object, place) in self.layout.objects(Direction::Inputs) {
             let value = self.drive.get(object.index, object.subindex);
-            let value = value.expect("the drive has the object").to_le_bytes();
+            let value = match self.forged {
+                Some(word) if object.index == 0x6041 => word.into(),
+                _ => value.expect("the drive has the object"),
+            };
+            let value = value.to_le_bytes();
             let bytes = usize::from(place.bits / 8);
             image[place.byte..place.byte + bytes].copy_from_slice(&value[..bytes]);
         }

@@ -323,6 +323,7 @@ fn a_move_that_was_queued_before_a_stop_is_not_started_after_it() {
 #[test]
 fn a_halt_taken_back_in_the_same_cycle_is_no_halt() {
     let (mut machine, axis) = Machine::enabled();
+    machine.run(150);
     let mut halting = Task::new(axis.halt());
     let mut resuming = Task::new(axis.resume());
     let _ = (halting.poll(), resuming.poll());

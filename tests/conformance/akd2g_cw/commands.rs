@@ -175,8 +175,8 @@ pub(super) fn drive_enables_operation() {
 pub(super) fn library_enables_operation() {
     let rig = enabled();
     assert_eq!(rig.drive.state(), State::OperationEnabled);
-    // From when the state was seen.
-    assert_eq!(rig.distinct_words(1), [0x00, 0x06, 0x07, 0x0F]);
+    // Quick stop until the state was seen for two of the drive's cycles.
+    assert_eq!(rig.distinct_words(1), [0x0B, 0x00, 0x06, 0x07, 0x0F]);
 }
 
 /// In Fault, the cause gone.

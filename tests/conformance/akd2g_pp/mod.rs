@@ -606,7 +606,7 @@ const ROWS: &[Row] = &[
             "drive-halted-at-once"
         ),
         library: by!(
-            status::library_waits_for_bit_10_in_a_halt,
+            status::library_ends_a_halt_no_earlier_than_bit_10,
             "library-halt-by-velocity"
         ),
     },

@@ -118,8 +118,8 @@ impl Example {
         let end = i32::try_from(self.end()).expect("small");
         assert_eq!(rig.finish(id), Ok(Completion::Reached { position: end }));
         assert_eq!(
-            rig.distinct_words(0),
-            [0x00, 0x06, 0x07, 0x0F, self.start, 0x0F],
+            rig.distinct_words(1),
+            [0x0B, 0x00, 0x06, 0x07, 0x0F, self.start, 0x0F],
             "bits 5 and 6 come and go with bit 4"
         );
         assert_eq!(rig.ledger().len(), 1);

@@ -171,7 +171,7 @@ pub(super) fn library_leaves_a_quick_stop_through_the_state_machine() {
     rig.enable();
     assert_eq!(
         rig.distinct_words(from),
-        [0x00, 0x06, 0x07, 0x0F],
+        [0x0B, 0x00, 0x06, 0x07, 0x0F],
         "step by step"
     );
 }

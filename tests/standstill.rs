@@ -1,0 +1,390 @@
+//! Whether an axis stands, on a drive whose encoder and velocity are those of a motor: they are never quite still.
+#![allow(missing_docs)]
+
+use core::time::Duration;
+
+use servocrab::axis::{
+    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Deadlines, Event, Failure,
+    Inputs, Referencing, StopRequest, Tolerances, WaitingFor,
+};
+use servocrab::ds402::{Mode, QuickStopOption, State, StopOptions};
+use servocrab::profile_position::{MoveCommand, Reference, SetPoint};
+
+const HALT: u16 = 1 << 8;
+
+/// A drive that does what a word says, with a motor whose inputs have noise.
+struct Plant {
+    core: AxisCore,
+    outputs: [u8; 6],
+    events: Vec<(CommandId, Event)>,
+    now: Duration,
+    cycle: Duration,
+    word: u16,
+    state: u16,
+    acknowledged: bool,
+    position: f64,
+    /// Counts a second, and what of it is lost in a second when it stops.
+    velocity: f64,
+    deceleration: f64,
+    noise: [i32; 2],
+    /// 606Ch is a fraction of this many counts a second.
+    velocity_unit: f64,
+    seed: u32,
+    next: u32,
+    /// It stays in Operation enabled on 06h.
+    slow_to_shut_down: bool,
+}
+
+impl Plant {
+    fn new(change: impl FnOnce(&mut AxisConfig)) -> Self {
+        let mut fields = AxisFields::at(0, 0);
+        fields.actual_velocity = Some(6);
+        let mut config = AxisConfig::new(fields);
+        config.quick_stop = QuickStopOption(6);
+        config.referencing = Referencing::AbsoluteEncoder;
+        change(&mut config);
+        let mut plant = Self {
+            core: AxisCore::new(config),
+            outputs: [0; 6],
+            events: Vec::new(),
+            now: Duration::ZERO,
+            cycle: Duration::from_millis(1),
+            word: 0,
+            state: 0x0250,
+            acknowledged: false,
+            position: 0.0,
+            velocity: 0.0,
+            deceleration: 200_000.0,
+            noise: [0, 1],
+            velocity_unit: 1.0,
+            seed: 1,
+            next: 0,
+            slow_to_shut_down: false,
+        };
+        plant.core.note_mode(Mode::ProfilePosition);
+        plant.run(200);
+        let enable = plant.send(Command::Enable);
+        assert_eq!(plant.finish(enable), Ok(Completion::Done));
+        plant
+    }
+
+    /// On its way at this velocity, with a set-point that it never reaches.
+    fn moving(velocity: f64, change: impl FnOnce(&mut AxisConfig)) -> Self {
+        let mut plant = Self::new(change);
+        plant.send(Command::Move(MoveCommand {
+            reference: Reference::Absolute,
+            target: 1_000_000_000,
+            set_point: SetPoint::new(),
+            gated: false,
+        }));
+        plant.run(20);
+        plant.velocity = velocity;
+        plant.run(200);
+        assert!(plant.core.snapshot().has_set_point);
+        plant
+    }
+
+    fn send(&mut self, command: Command) -> CommandId {
+        self.next += 1;
+        let id = CommandId(self.next);
+        self.core.submit(self.now, id, command, &mut self.outputs);
+        id
+    }
+
+    fn random(&mut self, amplitude: i32) -> i32 {
+        self.seed = self
+            .seed
+            .wrapping_mul(1_664_525)
+            .wrapping_add(1_013_904_223);
+        let span = 2 * amplitude + 1;
+        (self.seed >> 16) as i32 % span - amplitude
+    }
+
+    fn step(&mut self) {
+        self.now += self.cycle;
+        let (position, velocity) = (self.random(self.noise[0]), self.random(self.noise[1]));
+        let position = self.position as i32 + position;
+        let velocity = (self.velocity / self.velocity_unit) as i32 + velocity;
+        let shown = self.state | u16::from(self.acknowledged) << 12;
+        let mut inputs = [0; 10];
+        inputs[..2].copy_from_slice(&shown.to_le_bytes());
+        inputs[2..6].copy_from_slice(&position.to_le_bytes());
+        inputs[6..].copy_from_slice(&velocity.to_le_bytes());
+        self.word = u16::from_le_bytes([self.outputs[0], self.outputs[1]]);
+        self.obey();
+        self.core
+            .step(self.now, Inputs::Fresh(&inputs), &mut self.outputs);
+        while let Some(event) = self.core.poll_event() {
+            self.events.push(event);
+        }
+        self.position += self.velocity * self.cycle.as_secs_f64();
+    }
+
+    /// Bit 10 is never set.
+    fn obey(&mut self) {
+        self.state = match (self.state, self.word & 0x000F) {
+            (0x0250, 0x06) => 0x0231,
+            (0x0231, 0x07) => 0x0233,
+            (0x0233, 0x0F) => 0x0237,
+            (0x0237, 0x0B) => 0x0217,
+            (0x0237, 0x06) if !self.slow_to_shut_down => 0x0231,
+            (_, word) if word & 2 == 0 => 0x0250,
+            (state, _) => state,
+        };
+        self.acknowledged = self.state == 0x0237 && self.word & 1 << 4 != 0;
+        if self.word & HALT != 0 || self.state != 0x0237 {
+            let less = self.deceleration * self.cycle.as_secs_f64();
+            self.velocity = if self.velocity > less {
+                self.velocity - less
+            } else {
+                0.0
+            };
+        }
+    }
+
+    fn run(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.step();
+        }
+    }
+
+    fn outcome(&self, id: CommandId) -> Option<Result<Completion, Failure>> {
+        self.events.iter().find_map(|&(of, event)| match event {
+            Event::Done(result) if of == id => Some(result),
+            _ => None,
+        })
+    }
+
+    fn finish(&mut self, id: CommandId) -> Result<Completion, Failure> {
+        for _ in 0..30_000 {
+            if let Some(result) = self.outcome(id) {
+                return result;
+            }
+            self.step();
+        }
+        panic!("it has no end");
+    }
+
+    /// Runs to the end of this command; gives the cycles for which the axis had stood by then.
+    fn stood_at_the_end_of(&mut self, id: CommandId) -> usize {
+        let mut stood = 0;
+        while self.outcome(id).is_none() {
+            self.step();
+            stood = if self.velocity == 0.0 { stood + 1 } else { 0 };
+        }
+        assert!(
+            matches!(self.outcome(id), Some(Ok(Completion::Stopped { .. }))),
+            "{:?}",
+            self.outcome(id)
+        );
+        stood
+    }
+}
+
+const STOPS: [(Command, usize); 4] = [
+    (Command::Halt, 1),
+    (Command::QuickStop, 1),
+    // Halt, then quick stop.
+    (Command::Stop, 2),
+    (Command::Disable, 2),
+];
+
+#[test]
+fn noise_of_a_count_on_606ch_holds_no_stop_up() {
+    for noise in [[0, 1], [1, 0], [3, 50], [0, 0]] {
+        for (command, _) in STOPS {
+            let mut plant = Plant::moving(40_000.0, |_| {});
+            plant.noise = noise;
+            let id = plant.send(command);
+            let stood = plant.stood_at_the_end_of(id);
+            // The settle time, and four cycles; some more where quick stop follows the halt.
+            assert!(
+                (1..=110).contains(&stood),
+                "{command:?}, {noise:?}: {stood}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_606ch_that_is_still_as_well_shortens_the_settle_time() {
+    for (command, parts) in STOPS {
+        let mut plant = Plant::moving(40_000.0, |_| {});
+        plant.noise = [0, 0];
+        let id = plant.send(command);
+        let stood = plant.stood_at_the_end_of(id);
+        assert!((1..=20 * parts).contains(&stood), "{command:?}: {stood}");
+    }
+}
+
+#[test]
+fn a_threshold_as_wide_as_a_revolution_a_second_takes_no_moving_axis_for_a_standing_one() {
+    // 2²⁰ counts a revolution; 606Ch counts thousandths of revolutions a second, or counts.
+    for velocity_unit in [1.0, 1_048.576] {
+        for threshold in [1_000, 1 << 20] {
+            let turning = 0.9 * f64::from(1 << 20);
+            let mut plant = Plant::moving(turning, |config| {
+                config.tolerances = Tolerances {
+                    position: 524,
+                    velocity: threshold,
+                    ..Tolerances::default()
+                };
+            });
+            plant.velocity_unit = velocity_unit;
+            plant.deceleration = 1_000_000.0;
+            for command in [Command::Halt, Command::QuickStop] {
+                let id = plant.send(command);
+                assert!(plant.stood_at_the_end_of(id) > 0, "{command:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_standstill_that_does_not_come_says_what_was_seen() {
+    let mut plant = Plant::moving(40_000.0, |_| {});
+    plant.noise = [40, 2];
+    let id = plant.send(Command::QuickStop);
+    let failure = plant.finish(id).unwrap_err();
+    let Failure::Timeout {
+        waiting_for: WaitingFor::Standstill(seen),
+        ..
+    } = failure
+    else {
+        panic!("{failure}");
+    };
+    assert_eq!(seen.velocities, Some((-2, 2, 0)));
+    assert_eq!(seen.positions.1 - seen.positions.0, 80, "{seen}");
+    let text = failure.to_string();
+    assert!(
+        text.contains("606Ch showed -2…2, the threshold is 0"),
+        "{text}"
+    );
+}
+
+#[test]
+fn samples_before_and_after_a_stall_do_not_show_that_it_stood_in_between() {
+    // One position just before the stall and the same after it, and the axis is turning all the time.
+    let mut plant = Plant::moving(40_000.0, |config| config.fields.actual_velocity = None);
+    let id = plant.send(Command::QuickStop);
+    plant.deceleration = 0.0;
+    plant.run(20);
+    assert_eq!(plant.core.snapshot().state, State::QuickStopActive);
+    let stuck = plant.position;
+    for _ in 0..3 {
+        plant.position = stuck;
+        plant.cycle = Duration::from_millis(200);
+        plant.step();
+        plant.cycle = Duration::from_millis(1);
+        plant.position = stuck;
+        plant.step();
+    }
+    assert_eq!(plant.outcome(id), None);
+    plant.run(200);
+    assert_eq!(plant.outcome(id), None);
+}
+
+#[test]
+fn slow_cycles_need_five_samples() {
+    let mut plant = Plant::new(|config| config.fields.actual_velocity = None);
+    plant.cycle = Duration::from_millis(60);
+    plant.velocity = 40_000.0;
+    plant.run(5);
+    let id = plant.send(Command::QuickStop);
+    plant.velocity = 0.0;
+    let stood = plant.stood_at_the_end_of(id);
+    assert!((4..=6).contains(&stood), "{stood}");
+}
+
+#[test]
+fn a_halt_without_bit_10_is_done_when_the_axis_stands() {
+    let mut plant = Plant::moving(40_000.0, |config| config.fields.actual_velocity = None);
+    let id = plant.send(Command::Halt);
+    let stood = plant.stood_at_the_end_of(id);
+    assert!((100..=104).contains(&stood), "{stood}");
+    let stop = plant.send(Command::Stop);
+    assert!(plant.stood_at_the_end_of(stop) < 10);
+}
+
+#[test]
+fn a_disable_whose_axis_moves_after_all_is_stopped_by_quick_stop() {
+    for command in [None, Some(Command::QuickStop)] {
+        let mut plant = Plant::new(|_| {});
+        plant.slow_to_shut_down = true;
+        let disable = plant.send(Command::Disable);
+        plant.step();
+        plant.velocity = 100_000.0;
+        plant.step();
+        assert_eq!(plant.word & 0x0F, 0x06, "{command:?}");
+        let id = command.map(|command| plant.send(command));
+        plant.run(2);
+        assert_eq!(plant.word & 0x0F, 0x0B, "{command:?}");
+        assert!(plant.velocity > 90_000.0);
+        for id in [Some(disable), id].into_iter().flatten() {
+            while plant.outcome(id).is_none() {
+                plant.step();
+            }
+            assert_eq!(plant.velocity, 0.0, "{command:?}");
+            let Some(Ok(Completion::Stopped { state })) = plant.outcome(id) else {
+                panic!("{command:?}: {:?}", plant.outcome(id));
+            };
+            assert_ne!(state, State::OperationEnabled, "{command:?}");
+        }
+    }
+}
+
+#[test]
+fn where_605dh_is_0_bit_8_is_never_sent_and_every_stop_is_a_quick_stop_at_once() {
+    let coasts = |config: &mut AxisConfig| {
+        config.stop_options = StopOptions {
+            halt: Some(0),
+            ..StopOptions::default()
+        };
+    };
+    let mut plant = Plant::moving(40_000.0, coasts);
+    let refused = plant.send(Command::Halt);
+    plant.step();
+    assert_eq!(plant.outcome(refused), Some(Err(Failure::HaltCoasts)));
+    assert_eq!(plant.word & 0x10F, 0x0F);
+    for command in [Command::Stop, Command::Disable, Command::Release] {
+        let mut plant = Plant::moving(40_000.0, coasts);
+        let id = plant.send(command);
+        plant.step();
+        assert_eq!(plant.word & 0x10F, 0x0B, "{command:?}");
+        assert!(plant.stood_at_the_end_of(id) > 0);
+    }
+    for stop in [StopRequest::HALT, StopRequest::STOP] {
+        let mut plant = Plant::moving(40_000.0, coasts);
+        plant.core.apply_stop(plant.now, stop, &mut plant.outputs);
+        plant.step();
+        assert_eq!(plant.word & 0x10F, 0x0B, "{stop:?}");
+    }
+}
+
+#[test]
+fn deadlines_without_an_end_are_no_overflow() {
+    let endless = Deadlines {
+        enable: Duration::MAX,
+        disable: Duration::MAX,
+        acknowledge: Duration::MAX,
+        standstill: Duration::MAX,
+        mode: Duration::MAX,
+        fault_reset: Duration::MAX,
+        ..Deadlines::default()
+    };
+    for (command, _) in STOPS {
+        let mut plant = Plant::moving(40_000.0, |config| {
+            config.deadlines = endless;
+            config.tolerances.settle = Duration::MAX;
+        });
+        plant.send(command);
+        plant.run(500);
+        assert_eq!(plant.velocity, 0.0, "{command:?}");
+    }
+    let mut plant = Plant::moving(40_000.0, |config| config.deadlines = endless);
+    plant.state = 0x0238;
+    plant.run(3);
+    plant.velocity = 0.0;
+    plant.send(Command::ResetFault);
+    plant.run(500);
+}

@@ -1,0 +1,307 @@
+//! A statusword that is wrong for one cycle, and states that follow each other in ways that the standard does not know: a moving axis
+//! keeps its brake, everything asked for ends, and the axis can be enabled again.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::Rig;
+use servocrab::axis::{Command, CommandId, Completion, Failure, StopRequest};
+use servocrab::ds402::{QuickStopOption, State};
+use servocrab::profile_position::SetPoint;
+use servocrab_sim::ds402::{self, Behaviour};
+
+/// A word of each state, and one of none.
+const WORDS: [u16; 9] = [
+    0x0200, 0x0250, 0x0231, 0x0233, 0x0237, 0x0217, 0x023F, 0x0238, 0x022A,
+];
+
+fn rig(option: i16, shows_velocity: bool) -> Rig {
+    let behaviour = Behaviour {
+        quick_stop_option: option,
+        ..Behaviour::akd2g()
+    };
+    let mut rig = Rig::new(behaviour, |config| {
+        config.quick_stop = QuickStopOption(option);
+        if !shows_velocity {
+            config.fields.actual_velocity = None;
+        }
+    });
+    // A quick stop of a fifth of a second, and slow ramps.
+    rig.drive.set(0x6085, 0, 200_000).unwrap();
+    rig
+}
+
+/// On its way at 50 000 counts/s.
+fn moving(option: i16, shows_velocity: bool) -> (Rig, CommandId) {
+    let mut rig = rig(option, shows_velocity);
+    rig.enable();
+    let id = rig.abs(10_000_000, SetPoint::new().deceleration(200_000));
+    rig.wait_accepted(id);
+    rig.run(300);
+    assert!(rig.drive.velocity() > 40_000.0);
+    (rig, id)
+}
+
+fn is_powered(rig: &Rig) -> bool {
+    use ds402::State::{FaultReactionActive, OperationEnabled, QuickStopActive};
+    matches!(
+        rig.drive.state(),
+        OperationEnabled | QuickStopActive | FaultReactionActive
+    )
+}
+
+/// One cycle, in which a moving axis must not lose its power. Where 605Ah is 0 the drive lets it coast by quick stop itself; then no other
+/// word may have done so.
+fn cycle(rig: &mut Rig, option: i16, what: &str) {
+    rig.cycle();
+    let moves = rig.drive.velocity() != 0.0;
+    if option == 0 {
+        let sent = rig.words.last().unwrap();
+        assert!(!moves || sent & 2 != 0, "{what}: {sent:04X} is sent");
+    } else {
+        assert!(is_powered(rig) || !moves, "{what}: it coasts");
+    }
+}
+
+fn to_rest(rig: &mut Rig, option: i16, what: &str) {
+    for _ in 0..12_000 {
+        if rig.drive.velocity() == 0.0 {
+            for _ in 0..400 {
+                cycle(rig, option, what);
+            }
+            if rig.drive.velocity() == 0.0 {
+                return;
+            }
+        }
+        cycle(rig, option, what);
+    }
+    panic!("{what}: it does not come to rest");
+}
+
+/// Everything leads on from where this has ended.
+fn is_usable(rig: &mut Rig, what: &str) {
+    if rig.core.snapshot().state == State::Fault {
+        let reset = rig.send(Command::ResetFault);
+        assert!(rig.finish(reset).is_ok(), "{what}: reset");
+    }
+    let at = rig.drive.position() as i32;
+    let enable = rig.send(Command::Enable);
+    assert_eq!(rig.finish(enable), Ok(Completion::Done), "{what}: enable");
+    rig.run(200);
+    assert_eq!(rig.drive.position() as i32, at, "{what}: it moves unasked");
+    let halted = rig.core.snapshot().halted;
+    if halted {
+        let resume = rig.send(Command::Resume);
+        assert!(rig.finish(resume).is_ok());
+    }
+    let target = at + 500;
+    let id = rig.abs(target, SetPoint::new());
+    let reached = Ok(Completion::Reached { position: target });
+    assert_eq!(rig.finish(id), reached, "{what}: a move");
+}
+
+#[test]
+fn one_wrong_word_does_not_let_a_moving_axis_coast() {
+    for option in 0..=8 {
+        for word in WORDS {
+            for shows_velocity in [true, false] {
+                let what = format!("605Ah {option}, {word:04X}, 606Ch {shows_velocity}");
+                let (mut rig, id) = moving(option, shows_velocity);
+                rig.forged = Some(word);
+                cycle(&mut rig, option, &what);
+                if matches!(word, 0x0237 | 0x022A) {
+                    // What it is, and what is no state at all: nothing has happened.
+                    rig.run(100);
+                    assert!(rig.drive.velocity() > 40_000.0, "{what}");
+                    assert_eq!(rig.outcome(id), None, "{what}");
+                    continue;
+                }
+                assert!(rig.outcome(id).is_some(), "{what}");
+                to_rest(&mut rig, option, &what);
+                is_usable(&mut rig, &what);
+            }
+        }
+    }
+}
+
+const COMMANDS: [Command; 6] = [
+    Command::Halt,
+    Command::Stop,
+    Command::QuickStop,
+    Command::Disable,
+    Command::Enable,
+    Command::ResetFault,
+];
+
+#[test]
+fn nor_does_it_while_something_is_asked_for() {
+    for option in [2, 6] {
+        for word in WORDS {
+            for command in COMMANDS {
+                for (before, after) in [(0, 0), (0, 1), (1, 0), (3, 0), (40, 0), (600, 0)] {
+                    let what = format!("605Ah {option}, {word:04X}, {before} {command:?} {after}");
+                    let (mut rig, _) = moving(option, true);
+                    let mut id = None;
+                    if after == 0 {
+                        id = Some(rig.send(command));
+                    }
+                    for _ in 0..before {
+                        cycle(&mut rig, option, &what);
+                    }
+                    rig.forged = Some(word);
+                    cycle(&mut rig, option, &what);
+                    let id = id.unwrap_or_else(|| rig.send(command));
+                    for _ in 0..700 {
+                        cycle(&mut rig, option, &what);
+                    }
+                    assert!(rig.outcome(id).is_some(), "{what}: it has no end");
+                    if rig.drive.velocity() == 0.0 {
+                        to_rest(&mut rig, option, &what);
+                        let standing = matches!(command, Command::Halt | Command::Stop);
+                        if !(standing && rig.core.snapshot().has_set_point) {
+                            is_usable(&mut rig, &what);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_stop_that_ends_well_ends_at_standstill_whatever_one_word_shows() {
+    for option in [2, 6] {
+        for word in WORDS {
+            for command in [
+                Command::Halt,
+                Command::Stop,
+                Command::QuickStop,
+                Command::Disable,
+            ] {
+                for wait in [0, 1, 2, 5, 20, 100, 180, 240] {
+                    let what = format!("605Ah {option}, {word:04X} {wait} after {command:?}");
+                    let (mut rig, _) = moving(option, true);
+                    let id = rig.send(command);
+                    for _ in 0..wait {
+                        cycle(&mut rig, option, &what);
+                    }
+                    rig.forged = Some(word);
+                    let mut fastest = 0.0;
+                    for _ in 0..12_000 {
+                        if let Some(result) = rig.outcome(id) {
+                            assert!(result.is_err() || fastest == 0.0, "{what}: at {fastest}");
+                            break;
+                        }
+                        cycle(&mut rig, option, &what);
+                        fastest = rig.drive.velocity().abs();
+                    }
+                    assert!(rig.outcome(id).is_some(), "{what}: it has no end");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_fault_is_reset_only_at_standstill_and_when_it_was_shown_for_two_drive_cycles() {
+    for reaction in [0, 2] {
+        let (mut rig, _) = moving(2, true);
+        rig.drive.set(0x605E, 0, reaction).unwrap();
+        rig.drive.inject_fault(0x7305);
+        rig.cycle();
+        rig.cycle();
+        let reset = rig.send(Command::ResetFault);
+        let mut shown = 0;
+        while rig.outcome(reset).is_none() {
+            let fault = rig.drive.state() == ds402::State::Fault;
+            rig.cycle();
+            if rig.words.last().unwrap() & 0x80 != 0 {
+                assert_eq!(rig.drive.velocity(), 0.0, "605Eh = {reaction}");
+                assert!(shown >= 2, "605Eh = {reaction}: {shown}");
+            }
+            shown = if fault { shown + 1 } else { 0 };
+        }
+        let state = State::SwitchOnDisabled;
+        assert_eq!(rig.outcome(reset), Some(Ok(Completion::Stopped { state })));
+    }
+}
+
+#[test]
+fn stops_in_a_fault_reaction_are_done_when_the_axis_stands() {
+    for command in [Command::Stop, Command::Disable] {
+        for before in [false, true] {
+            let (mut rig, _) = moving(2, false);
+            rig.drive.set(0x605E, 0, 1).unwrap();
+            let early = before.then(|| rig.send(command));
+            rig.cycle();
+            rig.drive.inject_fault(0x7305);
+            rig.cycle();
+            rig.cycle();
+            assert_eq!(rig.core.snapshot().state, State::FaultReactionActive);
+            let id = early.unwrap_or_else(|| rig.send(command));
+            while rig.outcome(id).is_none() {
+                rig.cycle();
+            }
+            assert_eq!(rig.drive.velocity(), 0.0, "{command:?}");
+            match rig.outcome(id) {
+                Some(Err(Failure::Fault { .. })) if before => {}
+                Some(Ok(Completion::Stopped { state })) if !before => assert!(state.is_fault()),
+                other => panic!("{command:?}: {other:?}"),
+            }
+        }
+    }
+}
+
+/// Any state for a cycle or some, with a move or stop asked for in each cycle around it.
+#[test]
+fn every_state_may_follow_every_other() {
+    let asked: [Option<Command>; 5] = [
+        None,
+        Some(Command::Stop),
+        Some(Command::QuickStop),
+        Some(Command::Disable),
+        Some(Command::Halt),
+    ];
+    for first in WORDS {
+        for second in WORDS {
+            for command in asked {
+                for at in 0..3 {
+                    for lane in [false, true] {
+                        let what = format!("{first:04X} {second:04X} {command:?} {at} {lane}");
+                        let (mut rig, id) = moving(2, true);
+                        let mut stop = None;
+                        for (cycle, word) in [Some(first), Some(second), None].iter().enumerate() {
+                            if cycle == at {
+                                match command {
+                                    Some(Command::QuickStop) if lane => {
+                                        rig.stop = StopRequest::QUICK_STOP;
+                                    }
+                                    Some(Command::Stop) if lane => rig.stop = StopRequest::STOP,
+                                    Some(command) => stop = Some(rig.send(command)),
+                                    None => {}
+                                }
+                            }
+                            rig.forged = *word;
+                            self::cycle(&mut rig, 2, &what);
+                        }
+                        let harmless = |word| matches!(word, 0x0237 | 0x022A);
+                        for _ in 0..700 {
+                            self::cycle(&mut rig, 2, &what);
+                        }
+                        if harmless(first) && harmless(second) && command.is_none() {
+                            assert!(rig.drive.velocity() > 40_000.0, "{what}");
+                            continue;
+                        }
+                        assert_eq!(rig.drive.velocity(), 0.0, "{what}");
+                        if let Some(stop) = stop {
+                            assert!(rig.outcome(stop).is_some(), "{what}: no end");
+                        }
+                        if command != Some(Command::Halt) || rig.outcome(id).is_some() {
+                            is_usable(&mut rig, &what);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
