@@ -119,6 +119,13 @@ struct Row {
     velocity: f64,
 }
 
+impl Row {
+    /// Whether the shaft rests: what is left of its swing is slower than a count in a millisecond.
+    fn rests(&self) -> bool {
+        self.velocity.abs() < 1_000.0
+    }
+}
+
 /// Ends the simulator in order and reads what it wrote of axis 1.
 fn trace(simulator: Process, file: &PathBuf) -> Vec<Row> {
     let mut rows = whole_trace(simulator, file);
@@ -210,7 +217,7 @@ fn killed_in_mid_move_the_drive_stops_by_its_watchdog() {
     let fell = fell_from_op(&rows).expect("it has just been seen");
     assert!(rows[fell - 1].velocity > 0.0, "it was moving until then");
     let last = rows.last().expect("rows");
-    assert_eq!(last.velocity, 0.0);
+    assert!(last.rests(), "velocity {}", last.velocity);
     assert!(
         last.position < 1_000_000.0,
         "it stopped short of its target"
@@ -233,7 +240,7 @@ fn ctrl_c_in_mid_move_stops_and_disables() {
     assert!(rest.starts_with("disabled at "), "{rest:?}");
     let rows = trace(simulator, &file);
     let last = rows.last().expect("rows");
-    assert_eq!(last.velocity, 0.0);
+    assert!(last.rests(), "velocity {}", last.velocity);
     assert!(last.position < 1_000_000.0);
     assert_eq!(last.statusword & 0x4F, 0x40, "Switch on disabled");
     assert_ne!(last.al_state, 8, "OP was left");
@@ -482,8 +489,12 @@ fn two_networks_in_one_process_move_their_own_axes_and_see_nothing_of_each_other
                 targets.len(),
                 "line {place}, drive {drive}, axis {axis}"
             );
+            // The shaft of a real axis rests within its window, not on the count.
             let last = own.last().expect("rows").position;
-            assert_eq!(last, f64::from(targets[4]), "line {place}, drive {drive}");
+            assert!(
+                (last - f64::from(targets[4])).abs() <= 10.0,
+                "line {place}, drive {drive}: {last}"
+            );
         }
     }
 }

@@ -117,7 +117,8 @@ fn each_kind_of_start_is_the_word_of_the_akd2gs_bit_tables() {
         };
         rig.wait_accepted(second);
         rig.run(2);
-        assert_eq!(rig.distinct_words(from), [0x000F, word, 0x000F], "{row:?}");
+        // On a ready axis it rises in the next frame.
+        assert_eq!(rig.distinct_words(from), [word, 0x000F], "{row:?}");
         let line = &rig.ledger()[1];
         assert_eq!(
             (line.bit_5, line.relative, line.bit_9),

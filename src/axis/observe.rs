@@ -60,7 +60,10 @@ impl AxisCore {
 
     /// The drive is out of Operation enabled: bits 4 and 8 fall.
     fn leave_operation(&mut self, power: Power) {
-        self.power = power;
+        // A reset that is under way goes on to its own end.
+        if !matches!(self.power, Power::Resetting { .. }) {
+            self.power = power;
+        }
         self.halted = false;
         self.halt_delivered = None;
         self.lower_mode_bits();
@@ -269,6 +272,7 @@ impl AxisCore {
     }
 
     fn end_reset(&mut self, id: CommandId, result: Result<Completion, Failure>) {
+        self.power = Power::Off;
         self.leave_operation(Power::Off);
         self.done(id, result);
     }

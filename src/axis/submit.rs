@@ -341,8 +341,9 @@ impl AxisCore {
         if !has_motion && self.is_standing() {
             return false;
         }
-        if let Some(from) = self.rests_perhaps()
+        if !has_motion
             && !disables
+            && let Some(from) = self.rests_perhaps()
         {
             let until = now.saturating_add(self.config.tolerances.settle.saturating_mul(2));
             self.stopping.stage = Stage::Watching { until, from };

@@ -213,7 +213,11 @@ pub fn stale_advances_nothing(life: &Life) -> Result<(), String> {
         let goes_on = |command| {
             let stops = matches!(
                 command,
-                Command::Halt | Command::Stop | Command::QuickStop | Command::Disable
+                Command::Halt
+                    | Command::Stop
+                    | Command::QuickStop
+                    | Command::Disable
+                    | Command::Release
             );
             stops && frame.got == Got::Answered
         };

@@ -21,7 +21,7 @@ use crate::{
 
 pub const MS: Duration = Duration::from_millis(1);
 /// Longer than any command of an axis takes, but for a move.
-const COMMAND_LIMIT: Duration = Duration::from_secs(20);
+const COMMAND_LIMIT: Duration = Duration::from_secs(30);
 /// Longer than any SDO transfer takes: some replies of a second each, behind those of others.
 pub const SDO_LIMIT: Duration = Duration::from_secs(40);
 /// Longer than it takes to lead a device back, or to fail with it.
