@@ -5,7 +5,7 @@ use core::time::Duration;
 use crate::{
     ds402::{Controlword, Mode, State},
     homing::Procedure,
-    profile_position::{Sequencer, Standstill},
+    profile_position::{Delivery, Sequencer, Standstill},
     profile_velocity::Jogging,
 };
 
@@ -30,6 +30,8 @@ impl AxisCore {
         if !self.lost {
             self.lose(now);
         }
+        // Of a drive that answers, those who wait for a stop have waited on. What it shows from now on is of another beginning.
+        self.fail_commands(self.failure_of_loss()(Delivery::NotSent));
         match again {
             Again::Unknown => {}
             Again::Kept => self.homed = self.homed_before_loss,
@@ -79,7 +81,7 @@ impl AxisCore {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::axis::{AxisFields, Command, CommandId, Inputs};
+    use crate::axis::{AxisFields, Command, CommandId, Event, Inputs};
 
     const QUICK_STOP: u16 = 0x0B;
 
@@ -110,6 +112,31 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn who_waits_for_a_stop_of_a_drive_that_answers_is_not_forgotten() {
+        let (mut core, mut outputs, mut now) = enabled_then(0x0237);
+        for cycle in 1..=core.config.loss.undelivered_cycles {
+            now += Duration::from_millis(1);
+            let position = (cycle as i32 * 100).to_le_bytes();
+            let moving = [
+                0x37,
+                0x02,
+                position[0],
+                position[1],
+                position[2],
+                position[3],
+            ];
+            core.step(now, Inputs::Answered(&moving), &mut outputs);
+        }
+        assert!(core.is_lost());
+        core.submit(now, CommandId(2), Command::Stop, &mut outputs);
+        while core.poll_event().is_some() {}
+        core.restart(now, Again::Kept, &mut outputs);
+        let (id, event) = core.poll_event().expect("the stop has an end");
+        assert_eq!(id, CommandId(2));
+        assert!(matches!(event, Event::Done(Err(_))), "{event:?}");
     }
 
     #[test]
