@@ -246,7 +246,6 @@ fn live(
         position: window,
         velocity: u32::MAX,
         settle: span,
-        ..Tolerances::default()
     };
     config.deadlines = Deadlines {
         enable: span,

@@ -59,7 +59,7 @@ fn judge(bus: &Bus, moves: &[CommandId]) -> Result<(), String> {
 fn an_axis_that_goes_past_its_end_has_not_left_it() {
     for signal in [BufferSignal::None, BufferSignal::Unknown] {
         let mut bus = Bus::enabled(overshooting(), |config| {
-            config.traits.buffer_signal = signal
+            config.traits.buffer_signal = signal;
         });
         let moves = [
             bus.abs(10_000, SetPoint::new()),
@@ -273,7 +273,7 @@ fn a_target_that_was_passed_unseen_is_not_missed() {
                                     .filter(|outcome| {
                                         matches!(outcome, Err(Failure::Unseen { .. }))
                                     })
-                                    .count()
+                                    .count();
                             }
                             Err(what) => failed.push(what),
                         }

@@ -45,7 +45,7 @@ impl Ticket {
 impl Tickets {
     pub(super) fn new() -> Self {
         Self {
-            held: Mutex::new(vec![Weak::new(); SHARED.into()]),
+            held: Mutex::new((0..SHARED).map(|_| Weak::new()).collect()),
             stops: Mutex::default(),
         }
     }

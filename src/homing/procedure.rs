@@ -105,6 +105,7 @@ impl Procedure {
     }
 
     /// Whether the homing with this number was sent and has not ended.
+    #[cfg(feature = "std")]
     pub(crate) fn is_under_way(&self, id: CommandId) -> bool {
         matches!(self.stage, Stage::High(run) if run.sent && run.id == id)
     }

@@ -190,7 +190,11 @@ impl<S: Stream<Item = MoveRequest>> Follow<'_, S> {
         self.sending.is_some()
     }
 
-    /// What is told of a move that has ended.
+    /// What a move that has ended gives.
+    #[expect(
+        clippy::result_large_err,
+        reason = "once for each move, and never on the bus thread"
+    )]
     fn ended(
         &mut self,
         number: usize,

@@ -175,7 +175,7 @@ impl Life {
             let has = random.one_in(density);
             // Those with which little else can be judged come seldom.
             let rare = matches!(habit, Habit::QuickStopIgnored | Habit::HaltIgnored);
-            if has && !single && !(rare && !random.one_in(4)) {
+            if has && !single && (!rare || random.one_in(4)) {
                 habits = habits.with(habit);
             }
         }
@@ -789,7 +789,7 @@ impl Life {
         self.trail.push_back(self.drive.position);
         self.match_ledger()?;
         self.judge_state()?;
-        if self.cycle % 128 == 0 {
+        if self.cycle.is_multiple_of(128) {
             self.judge_waits()?;
         }
         Ok(())
@@ -802,7 +802,7 @@ impl Life {
             Inputs::Answered(_) => " answered",
             Inputs::Stale => " stale",
         };
-        let moves = self.cycle % 25 == 0 && self.drive.velocity.abs() > 1.0;
+        let moves = self.cycle.is_multiple_of(25) && self.drive.velocity.abs() > 1.0;
         if self.shown != (self.sent.word, status) || !kind.is_empty() || moves {
             self.shown = (self.sent.word, status);
             let position = i32::from_le_bytes([image[3], image[4], image[5], image[6]]);

@@ -78,7 +78,7 @@ impl Reader {
 impl<'ast> Visit<'ast> for Reader {
     fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
         self.within(item.ident.to_string(), |reader| {
-            visit::visit_item_mod(reader, item)
+            visit::visit_item_mod(reader, item);
         });
     }
 
@@ -93,7 +93,7 @@ impl<'ast> Visit<'ast> for Reader {
 
     fn visit_item_trait(&mut self, item: &'ast syn::ItemTrait) {
         self.within(item.ident.to_string(), |reader| {
-            visit::visit_item_trait(reader, item)
+            visit::visit_item_trait(reader, item);
         });
     }
 
@@ -120,31 +120,31 @@ impl<'ast> Visit<'ast> for Reader {
 
     fn visit_item_const(&mut self, item: &'ast syn::ItemConst) {
         self.other(&item.ident.to_string(), item.span(), |reader| {
-            visit::visit_item_const(reader, item)
+            visit::visit_item_const(reader, item);
         });
     }
 
     fn visit_impl_item_const(&mut self, item: &'ast syn::ImplItemConst) {
         self.other(&item.ident.to_string(), item.span(), |reader| {
-            visit::visit_impl_item_const(reader, item)
+            visit::visit_impl_item_const(reader, item);
         });
     }
 
     fn visit_item_static(&mut self, item: &'ast syn::ItemStatic) {
         self.other(&item.ident.to_string(), item.span(), |reader| {
-            visit::visit_item_static(reader, item)
+            visit::visit_item_static(reader, item);
         });
     }
 
     fn visit_item_struct(&mut self, item: &'ast syn::ItemStruct) {
         self.other(&item.ident.to_string(), item.span(), |reader| {
-            visit::visit_item_struct(reader, item)
+            visit::visit_item_struct(reader, item);
         });
     }
 
     fn visit_item_enum(&mut self, item: &'ast syn::ItemEnum) {
         self.other(&item.ident.to_string(), item.span(), |reader| {
-            visit::visit_item_enum(reader, item)
+            visit::visit_item_enum(reader, item);
         });
     }
 
