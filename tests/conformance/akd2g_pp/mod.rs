@@ -182,7 +182,7 @@ const ROWS: &[Row] = &[
         ),
         library: by!(
             profile::library_steps_through_the_states_before_a_move,
-            "26-transitions-unread"
+            "library-skips-switch-on"
         ),
     },
     Row {
