@@ -196,7 +196,6 @@ fn a_range_wraps_every_number() {
 
 /// Nothing that a program sets, no time and no position makes the core fail.
 #[test]
-#[ignore = "some arithmetic on times is not total yet"]
 fn no_time_and_no_setting_is_too_long_for_the_core() {
     let times = [
         Duration::ZERO,

@@ -98,7 +98,7 @@ impl AxisCore {
                 sample.state(),
                 self.standstill.is_standing(),
                 !self.power.leads_up(),
-                2 * self.config.traits.drive_cycle,
+                self.config.traits.surely_seen(),
                 self.config.deadlines.standstill,
             );
             self.observe(now, &sample, delivered);

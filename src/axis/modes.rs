@@ -116,7 +116,7 @@ impl AxisCore {
         };
         let quiet = self
             .quiet_since
-            .is_some_and(|since| now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle);
+            .is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen());
         if !quiet || (self.power.is_driving() && !self.standstill.is_standing()) {
             return;
         }

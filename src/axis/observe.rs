@@ -333,7 +333,7 @@ impl AxisCore {
     /// drive has had the time to take bit 8 in.
     pub(super) fn stands_halted(&self, now: Duration) -> bool {
         let seen = self.halt_delivered.map_or(Duration::MAX, |delivered| {
-            delivered.saturating_add(2 * self.config.traits.drive_cycle)
+            delivered.saturating_add(self.config.traits.surely_seen())
         });
         now >= seen
             && self.is_standing()

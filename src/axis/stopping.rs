@@ -169,8 +169,7 @@ impl Stopping {
 impl AxisCore {
     /// Whether the drive has had the time to take in what was delivered then.
     pub(super) fn has_seen(&self, now: Duration, delivered: Option<Duration>) -> bool {
-        delivered
-            .is_some_and(|since| now.saturating_sub(since) >= 2 * self.config.traits.drive_cycle)
+        delivered.is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen())
     }
 
     /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower, or has

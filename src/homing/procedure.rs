@@ -203,7 +203,7 @@ impl Procedure {
                 }
                 // The drive has surely seen bit 4 low in this mode, and shows the bits of this mode, after two of its cycles.
                 let seen = delivered.is_some_and(|since| {
-                    cycle.now.saturating_sub(since) >= 2 * cycle.traits.drive_cycle
+                    cycle.now.saturating_sub(since) >= cycle.traits.surely_seen()
                 });
                 if let Some((_, command)) = *waiting
                     && command.is_late(cycle.now)

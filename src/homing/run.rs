@@ -73,7 +73,7 @@ impl Run {
         let progress = is_in_progress(word);
         let seen = self
             .delivered
-            .is_some_and(|since| cycle.now.saturating_sub(since) >= 2 * cycle.traits.drive_cycle);
+            .is_some_and(|since| cycle.now.saturating_sub(since) >= cycle.traits.surely_seen());
         self.begun |= if self.stale_progress {
             seen && !error && (attained || cycle.sample.position != self.position)
         } else {
@@ -142,7 +142,11 @@ impl Run {
         // after bit 4 is proof as well. Without one, the drive has had bit 4 for so long that it would show it if it were
         // still at work, and the axis reads what it reads at home: then even a drive that has not seen bit 4 tells the truth.
         let long_enough = |since: Duration| {
-            cycle.now.saturating_sub(since) >= cycle.bounds.settle.max(4 * cycle.traits.drive_cycle)
+            cycle.now.saturating_sub(since)
+                >= cycle
+                    .bounds
+                    .settle
+                    .max(cycle.traits.surely_seen().saturating_mul(2))
         };
         !self.stale_attained
             || (self.reads_home(cycle)

@@ -60,9 +60,9 @@ impl Cycle<'_> {
         self.sample.statusword.contains(Statusword::REMOTE)
     }
 
-    /// Whether the drive has surely seen what was delivered at that time: two of its own cycles have passed.
+    /// Whether the drive has surely seen what was delivered at that time.
     pub(super) fn is_seen(&self, delivered: Duration) -> bool {
-        self.now.saturating_sub(delivered) >= 2 * self.traits.drive_cycle
+        self.now.saturating_sub(delivered) >= self.traits.surely_seen()
     }
 
     /// Whether the time for each wait for bit 12 is over.

@@ -120,6 +120,12 @@ impl Traits {
         }
     }
 
+    /// The time after which the drive has surely seen a delivered word: two of its own cycles.
+    #[must_use]
+    pub const fn surely_seen(&self) -> Duration {
+        self.drive_cycle.saturating_mul(2)
+    }
+
     /// The bits that a kind of start takes on this drive.
     #[must_use]
     pub const fn bits(&self, start: Start) -> StartBits {

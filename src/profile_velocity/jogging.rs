@@ -224,7 +224,7 @@ impl Jogging {
                 let id = *id;
                 // What the drive shows before it has taken the 0 in may be the rest from which it is only just starting.
                 let at_rest = delivered.is_some_and(|since| {
-                    let taken_in = since.saturating_add(2 * cycle.traits.drive_cycle);
+                    let taken_in = since.saturating_add(cycle.traits.surely_seen());
                     cycle.now >= taken_in
                         && cycle
                             .standstill
