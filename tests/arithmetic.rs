@@ -221,7 +221,12 @@ fn no_time_and_no_setting_is_too_long_for_the_core() {
                     }),
                     Some(PositionRange { min: 5, max: 5 }),
                 ] {
-                    live(start, span, window, modulo, &words);
+                    let held =
+                        std::panic::catch_unwind(|| live(start, span, window, modulo, &words));
+                    assert!(
+                        held.is_ok(),
+                        "from {start:?}, times {span:?}, window {window}, {modulo:?}"
+                    );
                     lives += 1;
                 }
             }
