@@ -45,6 +45,11 @@ pub(super) struct Chain {
     over: Option<Over>,
     /// The end of the last set-point, where the axis has arrived.
     last_end: Option<i32>,
+    /// Whether the last one has ended with no way to go, and nothing has shown that the drive had begun it: it may do so yet, before the next.
+    unseen: bool,
+    /// Whether the last one has ended without a proof of it: the axis came to rest elsewhere than at its end, and what brought it there may
+    /// have been something else. The drive may hold that one still, until a later one has led the axis to its end.
+    unproven: bool,
     /// Whether the drive has been given up on beginning one that it has acknowledged: it may still do so.
     not_begun: bool,
 }
@@ -65,6 +70,16 @@ impl Chain {
         core::mem::replace(&mut self.not_begun, false)
     }
 
+    /// Whether the drive may hold one of which the end was told already.
+    pub(super) const fn is_unproven(&self) -> bool {
+        self.unproven
+    }
+
+    /// The drive has dropped all of them.
+    pub(super) const fn forget(&mut self) {
+        self.unproven = false;
+    }
+
     pub(super) fn is_empty(&self) -> bool {
         self.held.iter().all(Option::is_none)
     }
@@ -75,9 +90,12 @@ impl Chain {
     }
 
     /// Takes in a set-point that the drive has acknowledged; with `Immediately` it is the only one from now on.
-    pub(super) fn push(&mut self, track: Track, events: &mut Events) {
+    pub(super) fn push(&mut self, mut track: Track, events: &mut Events) {
         if track.start == Start::Immediately {
             self.fail_all(|_| Failure::Superseded, events);
+            self.unproven = false;
+        } else if self.is_empty() && (self.unseen || self.unproven) {
+            track.comes_after_doubt(self.unproven);
         }
         if let Some(place) = self.held.iter_mut().find(|place| place.is_none()) {
             *place = Some(track);
@@ -92,6 +110,7 @@ impl Chain {
             events.push(track.id, Event::Done(Err(of(track.delivery()))));
         }
         self.last_end = None;
+        self.unseen = false;
     }
 
     /// The axis stands halted: says so for each of them, once for each halt.
@@ -216,6 +235,9 @@ impl Chain {
         match outcome {
             Some(outcome) if !undecided => {
                 self.last_end = if outcome.is_ok() { track.end } else { None };
+                let begun = track.has_begun(cycle);
+                self.unseen = outcome.is_ok() && !begun;
+                self.unproven = outcome.is_err() || (self.unproven && !begun);
                 self.not_begun |= matches!(outcome, Err(Failure::NotBegun { .. }));
                 events.push(track.id, Event::Done(outcome));
                 self.held[0] = None;
@@ -284,7 +306,7 @@ impl Chain {
         let [Some(active), next] = &self.held else {
             return Place::Free;
         };
-        let full = next.is_some();
+        let full = next.is_some() || (self.unproven && start != Start::Immediately);
         let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
         match start {
             Start::Immediately if full => match (command.reference, traits.buffer_signal) {

@@ -84,6 +84,7 @@ impl Sequencer {
         self.unknown
             || self.unconfirmed.is_some()
             || !self.chain.is_empty()
+            || self.chain.is_unproven()
             || matches!(self.bit4, Bit4::High { sent: true, .. } | Bit4::Abandoned)
     }
 
@@ -207,6 +208,7 @@ impl Sequencer {
     /// its set-points.
     pub(crate) fn lower(&mut self) {
         self.unconfirmed = None;
+        self.chain.forget();
         if !self.bit4.is_low() {
             self.bit4 = Bit4::LOW;
         }

@@ -135,8 +135,11 @@ pub(super) struct Track {
     since: Duration,
     /// Whether bit 10 was seen low since then: only then a high one is news.
     left_target: bool,
-    /// Whether it became active behind another. A low bit 10 may be of that one still.
+    /// Whether it became active behind another, or behind one that was over with no way to go and may begin yet. A low bit 10 may be of
+    /// that one still.
     follows: bool,
+    /// Whether the drive may have to execute another before it: then that one may have moved the axis.
+    doubted: bool,
     /// Where the axis stood when it became active. None where it did not stand: then where it has come to rest without a word of bit 10.
     stood: Option<i32>,
     /// What bounds an axis that does not come to rest within its window, with bit 10 high.
@@ -209,6 +212,7 @@ impl Track {
             since: cycle.now,
             left_target: false,
             follows: false,
+            doubted: false,
             stood: None,
             lingering: Lingering::default(),
             resting: None,
@@ -283,6 +287,21 @@ impl Track {
         self.follows = true;
     }
 
+    /// The one before it has ended, and nothing has shown that the drive had begun it. `unproven`: nor that it has ended.
+    pub(super) const fn comes_after_doubt(&mut self, unproven: bool) {
+        self.follows = true;
+        self.doubted = unproven;
+    }
+
+    /// Whether anything but the position of its end has shown that the drive has begun it: it has moved the axis, or bit 10 was low for it.
+    pub(super) fn has_begun(&self, cycle: &Cycle<'_>) -> bool {
+        let gone = |stood| cycle.bounds.distance(stood, cycle.sample.position);
+        let rests = self
+            .stood
+            .is_some_and(|stood| gone(stood) <= cycle.bounds.position);
+        !rests || (self.left_target && !self.follows)
+    }
+
     /// It goes on after a halt: what bit 10 showed before is of no meaning for it.
     pub(super) fn goes_on(&mut self, now: Duration, from_rest: bool, active: bool) {
         self.since = now;
@@ -290,7 +309,6 @@ impl Track {
         self.halt_told = false;
         self.from_rest = from_rest && (active || self.from_rest);
         self.overshoots = !from_rest;
-        self.follows = false;
         self.lingering = Lingering::default();
         self.resting = None;
         // The halt may have carried the axis past the end, to which the drive goes back.
@@ -558,7 +576,8 @@ impl Track {
         }
         let stood = *self.stood.get_or_insert(position);
         let slack = if lingers { self.lingering.width() } else { 0 };
-        let moved = cycle.bounds.distance(stood, position) > window.saturating_add(slack);
+        let gone = cycle.bounds.distance(stood, position);
+        let moved = gone > window.saturating_add(slack) && !self.doubted;
         if moved || (self.left_target && !self.follows) {
             return match self.end {
                 Some(target) => Some(Err(self.missed(target, position))),

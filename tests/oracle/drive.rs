@@ -307,16 +307,18 @@ impl Drive {
         &self.image
     }
 
-    /// Whether it holds a set-point whose end the demand has not come to, in any mode.
+    /// Whether it holds a set-point whose end the demand has not come to, in any mode; and how far the longest way is that one of them has
+    /// still to go. One with no way to go is over for all that shows, and so are two of them one behind the other, however far both lead.
     pub fn holds(&self) -> Option<f64> {
         if self.state != State::Enabled {
             return None;
         }
         match self.mode {
-            1 => self
-                .pending
-                .or(self.active)
-                .map(|set_point| (set_point.goal - self.demand).abs()),
+            1 => self.active.map(|active| {
+                let way = (active.goal - self.demand).abs();
+                let behind = self.pending.map(|next| (next.goal - active.goal).abs());
+                way.max(behind.unwrap_or(0.0))
+            }),
             3 if self.out.target_velocity != 0 => Some(f64::INFINITY),
             6 if self.homing.is_some() => Some(f64::INFINITY),
             _ => None,

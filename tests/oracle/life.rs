@@ -969,6 +969,11 @@ impl Life {
         Ok(())
     }
 
+    /// A way of this length is none, for all that 6064h shows.
+    fn no_way(&self) -> f64 {
+        self.window + 2.0 + 2.0 * f64::from(self.drive.making.dither)
+    }
+
     /// The laws of what the core knows.
     fn judge_state(&mut self) -> Result<(), ()> {
         let drive = &self.drive;
@@ -992,7 +997,7 @@ impl Life {
         let drives = snapshot.controlword.bits() & 0x8F == 0x0F && self.sent.word & 0x8F == 0x0F;
         if drives
             && !snapshot.has_set_point
-            && gap > self.window + 2.0
+            && gap > self.no_way()
             && drive.word_in_effect() & 0x0F == 0x0F
         {
             let waits = drive.waits();
@@ -1112,7 +1117,7 @@ impl Life {
         if gone
             && !jog_ends
             && let Some(gap) = self.drive.holds()
-            && gap > self.window + 2.0
+            && gap > self.no_way()
             && self.sent.word & 0x0F == 0x0F
         {
             return self.broken(
@@ -1140,7 +1145,7 @@ impl Life {
     ) -> Result<(), ()> {
         let ledger = &self.drive.ledger;
         let making = &self.drive.making;
-        let slack = self.window + 2.0 + 2.0 * f64::from(making.dither);
+        let slack = self.no_way();
         let latch = issued.latch.map(|index| {
             // One that was replaced by another to the same end may show itself there by that.
             let mut latch = ledger[index];
