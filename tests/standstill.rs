@@ -33,6 +33,9 @@ struct Plant {
     next: u32,
     /// It stays in Operation enabled on 06h.
     slow_to_shut_down: bool,
+    /// Its inputs stay as they were last.
+    frozen: bool,
+    inputs: [u8; 10],
 }
 
 impl Plant {
@@ -60,6 +63,8 @@ impl Plant {
             seed: 1,
             next: 0,
             slow_to_shut_down: false,
+            frozen: false,
+            inputs: [0; 10],
         };
         plant.core.note_mode(Mode::ProfilePosition);
         plant.run(200);
@@ -106,14 +111,16 @@ impl Plant {
         let position = self.position as i32 + position;
         let velocity = (self.velocity / self.velocity_unit) as i32 + velocity;
         let shown = self.state | u16::from(self.acknowledged) << 12;
-        let mut inputs = [0; 10];
-        inputs[..2].copy_from_slice(&shown.to_le_bytes());
-        inputs[2..6].copy_from_slice(&position.to_le_bytes());
-        inputs[6..].copy_from_slice(&velocity.to_le_bytes());
+        let inputs = &mut self.inputs;
+        if !self.frozen {
+            inputs[..2].copy_from_slice(&shown.to_le_bytes());
+            inputs[2..6].copy_from_slice(&position.to_le_bytes());
+            inputs[6..].copy_from_slice(&velocity.to_le_bytes());
+        }
         self.word = u16::from_le_bytes([self.outputs[0], self.outputs[1]]);
         self.obey();
         self.core
-            .step(self.now, Inputs::Fresh(&inputs), &mut self.outputs);
+            .step(self.now, Inputs::Fresh(&self.inputs), &mut self.outputs);
         while let Some(event) = self.core.poll_event() {
             self.events.push(event);
         }
@@ -387,4 +394,118 @@ fn deadlines_without_an_end_are_no_overflow() {
     plant.velocity = 0.0;
     plant.send(Command::ResetFault);
     plant.run(500);
+}
+
+/// Enabled, without a set-point, and only just at rest.
+fn just_arrived() -> Plant {
+    let mut plant = Plant::new(|_| {});
+    plant.velocity = 40_000.0;
+    plant.run(5);
+    plant.velocity = 0.0;
+    plant.run(5);
+    plant
+}
+
+#[test]
+fn a_stop_with_nothing_to_stop_halts_at_once_and_takes_no_power() {
+    for (command, by_lane) in [
+        (Command::Stop, false),
+        (Command::Release, false),
+        (Command::Stop, true),
+    ] {
+        for halts in [None, Some(0), Some(30)] {
+            let what = format!("{command:?}, by the lane: {by_lane}, halt after {halts:?}");
+            let mut plant = just_arrived();
+            let id = if by_lane {
+                let stop = StopRequest::STOP;
+                plant.core.apply_stop(plant.now, stop, &mut plant.outputs);
+                None
+            } else {
+                Some(plant.send(command))
+            };
+            for cycle in 0..110 {
+                if halts == Some(cycle) {
+                    plant.send(Command::Halt);
+                }
+                plant.step();
+                assert_eq!(plant.word & 0x000F, 0x000F, "{what}: {:04X}", plant.word);
+                assert!(cycle > 90 || plant.word & HALT != 0, "{what}: {cycle}");
+            }
+            if let Some(id) = id {
+                let state = State::OperationEnabled;
+                let stopped = Some(Ok(Completion::Stopped { state }));
+                assert_eq!(plant.outcome(id), stopped, "{what}");
+            }
+            assert_eq!(plant.word & HALT != 0, halts.is_some(), "{what}");
+            assert_eq!(plant.core.snapshot().halted, halts.is_some(), "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_stop_of_an_axis_that_leaves_its_place_goes_on_to_the_quick_stop() {
+    // Something moves it, slowly.
+    let mut plant = Plant::new(|_| {});
+    plant.velocity = 400.0;
+    plant.deceleration = 2_000.0;
+    plant.run(50);
+    let id = plant.send(Command::Stop);
+    plant.step();
+    assert_eq!(plant.word, 0x010F);
+    let state = State::QuickStopActive;
+    assert_eq!(plant.finish(id), Ok(Completion::Stopped { state }));
+    assert_eq!(plant.velocity, 0.0);
+}
+
+#[test]
+fn a_disable_during_a_stop_with_nothing_to_stop_switches_off() {
+    let mut plant = just_arrived();
+    let stop = plant.send(Command::Stop);
+    plant.run(30);
+    let disable = plant.send(Command::Disable);
+    let state = State::SwitchOnDisabled;
+    assert_eq!(plant.finish(disable), Ok(Completion::Stopped { state }));
+    assert!(plant.outcome(stop).is_some());
+}
+
+#[test]
+fn a_position_that_is_new_only_once_in_four_of_the_drives_cycles_shows_no_rest() {
+    // Its inputs stay for three of its cycles: longer than the settle time.
+    let mut plant = Plant::moving(40_000.0, |config| {
+        config.tolerances.settle = Duration::from_millis(20);
+        config.traits.drive_cycle = Duration::from_millis(8);
+        config.fields.actual_velocity = None;
+    });
+    let id = plant.send(Command::Halt);
+    plant.run(10);
+    plant.frozen = true;
+    plant.run(24);
+    plant.frozen = false;
+    assert_eq!(plant.outcome(id), None);
+    assert!(plant.velocity > 10_000.0);
+    let stood = plant.stood_at_the_end_of(id);
+    assert!((32..=40).contains(&stood), "{stood}");
+}
+
+#[test]
+fn a_halted_axis_whose_drive_leaves_operation_enabled_by_itself_keeps_its_brake() {
+    for velocity in [true, false] {
+        let mut plant = Plant::moving(40_000.0, |config| {
+            if !velocity {
+                config.fields.actual_velocity = None;
+            }
+        });
+        let halt = plant.send(Command::Halt);
+        assert!(plant.finish(halt).is_ok());
+        plant.run(200);
+        // Fault reaction for a cycle, in which the drive takes its set-point up again.
+        plant.state = 0x021F;
+        plant.step();
+        plant.velocity = 8_000.0;
+        for _ in 0..8 {
+            plant.step();
+            assert_eq!(plant.word & 0x000F, 0x000B, "{:04X}", plant.word);
+            plant.state = 0x0237;
+        }
+    }
 }

@@ -416,7 +416,7 @@ impl AxisCore {
         let stops = deadlines.standstill.saturating_mul(2);
         stops
             .saturating_add(deadlines.disable)
-            .saturating_add(self.config.tolerances.settle)
+            .saturating_add(self.bounds.settle)
     }
 
     /// Whether the axis' positions are known to mean what the program means.

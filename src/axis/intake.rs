@@ -126,7 +126,8 @@ impl AxisCore {
             || matches!(self.power, Power::Resetting { .. })
     }
 
-    /// Whether the drive may have begun just now to stop an axis that was under way: that it stood before says nothing then.
+    /// Whether the drive may have begun just now to stop an axis that was under way, or that it may set going: that it stood before says
+    /// nothing then. One that stands halted has come to rest from that, for a quick stop of ours; what the drive does by itself is its own affair.
     fn begins_to_stop(&self, now: Duration, state: State) -> bool {
         let Some(before) = &self.sample else {
             return false;
@@ -134,7 +135,8 @@ impl AxisCore {
         let leaves = before.state() == State::OperationEnabled && state != before.state();
         let enters = state == State::QuickStopActive && state != before.state();
         (leaves || enters)
-            && !(self.is_standing() && (!self.has_motion() || self.stands_halted(now)))
+            && !(self.is_standing()
+                && (!self.has_motion() || (self.stopping.is_quick() && self.stands_halted(now))))
     }
 
     /// Whether a motion may begin with the outputs composed last.

@@ -349,15 +349,16 @@ impl AxisCore {
         let state = sample.state();
         match self.stopping.stage {
             Stage::None => {}
-            Stage::Watching { until, from } => {
-                let distance = self.bounds.distance(from, sample.position);
-                if self.is_standing() {
-                    self.finish_stop(state);
-                } else if distance > self.bounds.position || now >= until {
-                    self.begin_halting(now, Failure::QuickStopped);
+            Stage::Halting { until, from } => {
+                // From one side of its end to the other.
+                let near = self.bounds.position.saturating_mul(2);
+                let distance = |from| self.bounds.distance(from, sample.position);
+                let from = from.filter(|&from| distance(from) <= near);
+                self.stopping.stage = Stage::Halting { until, from };
+                if from.is_some() && self.stands_halted(now) {
+                    self.finish_without_quick_stop(state);
+                    return;
                 }
-            }
-            Stage::Halting { until } => {
                 // A drive that ignores bit 8 would let the axis run on until the deadline.
                 let ignored = self.stopping.slowing.runs_on();
                 if ignored || self.stands_halted(now) || now >= until {
@@ -447,6 +448,16 @@ impl AxisCore {
             });
             self.finish_stop(state);
         }
+    }
+
+    /// The axis stands where it was, and nothing is known that it could move for: bit 8 is as it was before.
+    fn finish_without_quick_stop(&mut self, state: State) {
+        if self.stopping.lent {
+            self.halted = false;
+            self.halt_delivered = None;
+            self.stopping.begin_halt();
+        }
+        self.finish_stop(state);
     }
 
     fn finish_stop(&mut self, state: State) {

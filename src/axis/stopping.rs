@@ -18,11 +18,9 @@ pub(super) enum Stage {
     /// No stop is under way; the axis may be halted.
     #[default]
     None,
-    /// No set-point is known, and whether the axis stands is not known yet: nothing is sent until then, or until it has left this
-    /// place.
-    Watching { until: Duration, from: i32 },
-    /// Halting, with the quick stop to follow at standstill or then.
-    Halting { until: Duration },
+    /// Halting, with the quick stop to follow at standstill or then. Of an axis that is known to move for nothing, where it was: if
+    /// it comes to rest and has not left that place, there is nothing to abandon.
+    Halting { until: Duration, from: Option<i32> },
     /// Quick stop, to be at standstill by then; without a time it is commanded on without anybody waiting.
     Quick { until: Option<Duration> },
     /// The drive stops the axis by itself, or has left it without power: it is to stand by then.
@@ -52,6 +50,8 @@ pub(super) struct Stopping {
     pub(super) halt_reported: bool,
     /// Whether bit 8 was asked for by something that nobody waits for: liveness, a stop handle.
     pub(super) unwatched: bool,
+    /// Whether bit 8 is the stop's own: it falls again where there is nothing to abandon.
+    pub(super) lent: bool,
     /// What bit 8 does.
     pub(super) slowing: Slowing,
     /// Since when a drive that stays in Operation enabled is known to have been sent bit 2 low, and what that does.
@@ -72,6 +72,7 @@ impl Stopping {
     /// Bit 8 begins, or is over.
     pub(super) fn begin_halt(&mut self) {
         self.unwatched = false;
+        self.lent = false;
         self.slowing = Slowing::default();
     }
 

@@ -309,6 +309,7 @@ impl AxisCore {
         self.withdraw_unsent(Failure::Halted);
         self.fail_resume(Failure::Halted);
         self.stop_unsent = true;
+        self.stopping.lent = false;
         if !self.halted {
             self.halted = true;
             self.halt_delivered = None;
@@ -328,10 +329,10 @@ impl AxisCore {
             return false;
         }
         let disables = matches!(failure, Failure::Disabled { .. });
-        if matches!(self.stopping.stage, Stage::Watching { .. }) && disables {
-            self.stopping.stage = Stage::None;
-        }
         if self.stopping.is_active() {
+            if disables && let Stage::Halting { from, .. } = &mut self.stopping.stage {
+                *from = None;
+            }
             return true;
         }
         let has_motion = self.has_motion();
@@ -341,40 +342,27 @@ impl AxisCore {
         if !has_motion && self.is_standing() {
             return false;
         }
-        if !has_motion
-            && !disables
-            && let Some(from) = self.rests_perhaps()
-        {
-            let until = now.saturating_add(self.config.tolerances.settle.saturating_mul(2));
-            self.stopping.stage = Stage::Watching { until, from };
-            return true;
+        self.fail_resume(failure);
+        if !self.halts_under_control() {
+            return self.begin_quick_stop(now);
         }
-        self.begin_halting(now, failure);
+        let rests_perhaps = !has_motion && !disables && !self.halted;
+        let from = match self.sample {
+            Some(sample) if rests_perhaps && sample.state() == State::OperationEnabled => {
+                Some(sample.position)
+            }
+            _ => None,
+        };
+        self.begin_halt(now);
+        self.stopping.lent = from.is_some();
+        let until = now.saturating_add(self.config.deadlines.standstill);
+        self.stopping.stage = Stage::Halting { until, from };
         true
-    }
-
-    /// Where the axis is, if nothing is known that it could be moving for.
-    fn rests_perhaps(&self) -> Option<i32> {
-        let sample = self.sample?;
-        let enabled = sample.state() == State::OperationEnabled;
-        (enabled && !self.halted && !self.has_motion()).then_some(sample.position)
     }
 
     /// Whether bit 8 stops the axis and does not let it coast.
     const fn halts_under_control(&self) -> bool {
         self.config.stop_options.halts_under_control()
-    }
-
-    pub(super) fn begin_halting(&mut self, now: Duration, failure: Failure) {
-        self.withdraw_unsent(failure);
-        self.fail_resume(failure);
-        if !self.halts_under_control() {
-            self.begin_quick_stop(now);
-            return;
-        }
-        self.begin_halt(now);
-        let until = now.saturating_add(self.config.deadlines.standstill);
-        self.stopping.stage = Stage::Halting { until };
     }
 
     /// Bit 2 low from the next frame on. False when the axis is not enabled: it has nothing to stop.

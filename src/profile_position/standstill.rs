@@ -14,8 +14,8 @@ const GAP: u32 = 4;
 /// is no faster by that than by the whole of both.
 const SHORTER: u32 = 8;
 
-/// But not less than so many of the drive's own cycles: its position may be new only once in each.
-const SHORTER_CYCLES: u32 = 4;
+/// But neither is less than so many of the drive's own cycles: its position may be new only once in each.
+const DRIVE_CYCLES: u32 = 4;
 
 /// In no time at all every axis stands.
 const LEAST_SETTLE: Duration = Duration::from_millis(1);
@@ -93,11 +93,10 @@ impl Bounds {
         drive_cycle: Duration,
         turn: Option<PositionRange>,
     ) -> Self {
-        let settle = settle.max(LEAST_SETTLE);
+        let drive_cycles = drive_cycle.saturating_mul(DRIVE_CYCLES);
+        let settle = settle.max(drive_cycles).max(LEAST_SETTLE);
         let fastest = u128::from(position) * 1_000_000_000 / settle.as_nanos();
-        let shorter = (settle / SHORTER)
-            .max(drive_cycle.saturating_mul(SHORTER_CYCLES))
-            .min(settle);
+        let shorter = (settle / SHORTER).max(drive_cycles);
         Self {
             position,
             velocity: u32::try_from(fastest).map_or(velocity, |fastest| velocity.min(fastest)),

@@ -7,7 +7,7 @@ use servocrab::profile_position::{MoveCommand, Reference};
 
 use super::orders::start_bits;
 use super::scenario::{Life, RAMP, Starts};
-use super::world::{DRIVE_CYCLE, Got, Outputs, Sample};
+use super::world::{DRIVE_CYCLE, Got, Outputs, Sample, World};
 
 const OPERATION_ENABLED: u16 = 0x0027;
 const OF_STATE: u16 = 0x006F;
@@ -174,7 +174,7 @@ pub fn no_bit_outlives(life: &Life) -> Result<(), String> {
             });
             let in_operation = last_seen.is_none_or(|sample| enabled(&sample));
             let leaves = sent.word & 0x0002 == 0;
-            if in_operation && !resumed && !leaves {
+            if in_operation && !resumed && !leaves && !is_lent(world, at) {
                 return fail("bit 8 falls in Operation enabled and nobody resumes");
             }
         }
@@ -188,6 +188,29 @@ pub fn no_bit_outlives(life: &Life) -> Result<(), String> {
         return Err(format!("{rises_of_7} edges of bit 7"));
     }
     Ok(())
+}
+
+/// Whether bit 8 was up to this frame that of a stop alone, which nobody's halt has shared, and the drive holds no set-point: then there was
+/// nothing to abandon.
+fn is_lent(world: &World, at: usize) -> bool {
+    let frames = &world.frames;
+    let rose = (0..at)
+        .rev()
+        .find(|&frame| !frames[frame].sent.bit(8))
+        .map_or(0, |before| before + 1);
+    let halts = frames[rose..=at]
+        .iter()
+        .any(|frame| frame.lane.contains(StopRequest::HALT))
+        || world
+            .issued
+            .iter()
+            .any(|issued| (rose..=at).contains(&issued.frame) && issued.command == Command::Halt);
+    let now = frames[at].now;
+    let holds = world
+        .ledger()
+        .iter()
+        .any(|line| line.latched_at <= now && line.ended_at.is_none_or(|ended| ended > now));
+    !halts && !holds
 }
 
 /// Invariant 8.

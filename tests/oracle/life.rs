@@ -112,6 +112,9 @@ struct Life {
     slow_left: u64,
     window: f64,
     settle: usize,
+    /// And where 606Ch may shorten that.
+    shorter: usize,
+    shows_velocity: bool,
     limit: u64,
     stop_limit: u64,
     issued: Vec<Issued>,
@@ -313,13 +316,15 @@ impl Life {
             slow_left: 0,
             window: f64::from(window),
             settle,
+            shorter: (settle / 8).max(4 * slow as usize),
+            shows_velocity,
             limit: cycles(longest + Duration::from_secs(1)),
             stop_limit,
             issued: Vec::new(),
             pending: Vec::new(),
             gated: Vec::new(),
             trail: VecDeque::new(),
-            trail_length: settle + 16,
+            trail_length: settle + 32,
             sent_before: Outputs::default(),
             sent: Outputs::default(),
             stopping_since: None,
@@ -701,18 +706,21 @@ impl Life {
         )
     }
 
-    /// Whether the axis truly moves: by more than what standstill permits, in the settle time.
+    /// Whether the axis truly moves: faster than what standstill permits, and by more than that.
     fn is_moving(&self) -> bool {
-        if self.drive.velocity.abs() * self.settle as f64 * self.period.as_secs_f64()
-            < self.window / 2.0
-        {
-            return false;
-        }
-        self.moved(self.settle, 0)
+        let fast = self.drive.velocity.abs() * self.settle as f64 * self.period.as_secs_f64();
+        fast >= self.window / 2.0 && !self.stood(0)
     }
 
-    /// Whether it has moved by more than that in the settle time up to `ago` cycles before now.
-    fn moved(&self, cycles: usize, ago: usize) -> bool {
+    /// Whether the axis, `ago` cycles before now, had stayed where it was for the settle time. Where 606Ch is mapped an eighth of that
+    /// time within an eighth of the window shows it as well, by the definition of standstill; before that it may have moved.
+    fn stood(&self, ago: usize) -> bool {
+        self.stayed(self.settle, 2.5 * self.window, ago)
+            || (self.shows_velocity && self.stayed(self.shorter, 2.5 * self.window / 8.0, ago))
+    }
+
+    /// Whether in so many cycles up to `ago` cycles before now it has stayed within this, and what 6064h adds to that.
+    fn stayed(&self, cycles: usize, within: f64, ago: usize) -> bool {
         let end = self.trail.len().saturating_sub(ago);
         let from = end.saturating_sub(cycles);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -720,7 +728,7 @@ impl Life {
             low = low.min(position);
             high = high.max(position);
         }
-        high - low > 2.5 * self.window + 2.0 * f64::from(self.drive.making.dither) + 4.0
+        high - low <= within + 2.0 * f64::from(self.drive.making.dither) + 4.0
     }
 
     /// One bus cycle.
@@ -1133,8 +1141,8 @@ impl Life {
 
     /// Whether the axis moved in every settle time that the core can have looked at.
     fn stops_while_moving(&self) -> bool {
-        let late = 8 * self.slow as usize;
-        self.is_moving() && self.moved(self.settle, late.min(self.trail_length - self.settle))
+        let late = (8 * self.slow as usize).min(self.trail_length - self.settle);
+        self.is_moving() && (0..=late).all(|ago| !self.stood(ago))
     }
 
     fn judge_move(
