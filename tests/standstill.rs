@@ -35,6 +35,8 @@ struct Plant {
     slow_to_shut_down: bool,
     /// Its inputs stay as they were last.
     frozen: bool,
+    /// It does not answer.
+    silent: bool,
     inputs: [u8; 10],
 }
 
@@ -64,6 +66,7 @@ impl Plant {
             next: 0,
             slow_to_shut_down: false,
             frozen: false,
+            silent: false,
             inputs: [0; 10],
         };
         plant.core.note_mode(Mode::ProfilePosition);
@@ -119,8 +122,12 @@ impl Plant {
         }
         self.word = u16::from_le_bytes([self.outputs[0], self.outputs[1]]);
         self.obey();
-        self.core
-            .step(self.now, Inputs::Fresh(&self.inputs), &mut self.outputs);
+        let inputs = if self.silent {
+            Inputs::Stale
+        } else {
+            Inputs::Fresh(&self.inputs)
+        };
+        self.core.step(self.now, inputs, &mut self.outputs);
         while let Some(event) = self.core.poll_event() {
             self.events.push(event);
         }
@@ -489,7 +496,7 @@ fn a_position_that_is_new_only_once_in_four_of_the_drives_cycles_shows_no_rest()
 
 #[test]
 fn a_halted_axis_whose_drive_leaves_operation_enabled_by_itself_keeps_its_brake() {
-    for velocity in [true, false] {
+    for (velocity, stops) in [(true, false), (false, false), (true, true), (false, true)] {
         let mut plant = Plant::moving(40_000.0, |config| {
             if !velocity {
                 config.fields.actual_velocity = None;
@@ -498,14 +505,36 @@ fn a_halted_axis_whose_drive_leaves_operation_enabled_by_itself_keeps_its_brake(
         let halt = plant.send(Command::Halt);
         assert!(plant.finish(halt).is_ok());
         plant.run(200);
-        // Fault reaction for a cycle, in which the drive takes its set-point up again.
+        if stops {
+            // In the cycle in which the quick stop is on its way.
+            plant.send(Command::Stop);
+            plant.step();
+        }
+        // Fault reaction, in which the drive takes its set-point up again.
         plant.state = 0x021F;
         plant.step();
         plant.velocity = 8_000.0;
         for _ in 0..8 {
             plant.step();
             assert_eq!(plant.word & 0x000F, 0x000B, "{:04X}", plant.word);
-            plant.state = 0x0237;
         }
+    }
+}
+
+#[test]
+fn an_axis_with_a_set_point_is_not_known_to_stand_when_its_drive_is_heard_again() {
+    // Its set-point has not begun.
+    let mut plant = Plant::moving(0.0, |_| {});
+    plant.silent = true;
+    plant.run(9);
+    plant.state = 0x021F;
+    plant.velocity = 3_000.0;
+    plant.run(1);
+    assert!(plant.core.snapshot().lost);
+    plant.silent = false;
+    plant.run(1);
+    for _ in 0..20 {
+        plant.step();
+        assert_eq!(plant.word & 0x000F, 0x000B, "{:04X}", plant.word);
     }
 }

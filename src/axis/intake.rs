@@ -134,9 +134,9 @@ impl AxisCore {
         };
         let leaves = before.state() == State::OperationEnabled && state != before.state();
         let enters = state == State::QuickStopActive && state != before.state();
+        let obeys = self.stopping.is_quick() && !state.is_fault();
         (leaves || enters)
-            && !(self.is_standing()
-                && (!self.has_motion() || (self.stopping.is_quick() && self.stands_halted(now))))
+            && !(self.is_standing() && (!self.has_motion() || (obeys && self.stands_halted(now))))
     }
 
     /// Whether a motion may begin with the outputs composed last.
@@ -156,6 +156,10 @@ impl AxisCore {
         self.homed_before_loss = self.homed;
         self.homed = false;
         let driven = self.power.is_driving();
+        if self.has_motion() {
+            // Since it was seen last its drive may have set off.
+            self.standstill.begin_anew();
+        }
         let of = self.failure_of_loss();
         self.fail_motions(of);
         let failure = of(Delivery::NotSent);

@@ -289,7 +289,14 @@ impl Life {
             + deadlines.mode
             + 3 * (deadlines.fault_reset + Duration::from_millis(100))
             + 2 * tolerances.settle;
+        let mut hits = Hits::default();
+        for habit in [Habit::Overshoot, Habit::Creeps] {
+            if habits.has(habit) {
+                hits.hit(habit);
+            }
+        }
         let told = Told {
+            hits,
             making: format!(
                 "{making:?}, period {period:?}, slow {slow}, window {window}, settle {:?}, 606Ch {shows_velocity}, {:?}, {:?}, acknowledge {:?}",
                 tolerances.settle,
@@ -897,10 +904,12 @@ impl Life {
         if drives {
             self.stopping_since = None;
             if before & 0x18F == 0x10F && word & 0x100 == 0 {
-                if !self.resume_asked
-                    && self.drive.state == State::Enabled
-                    && self.drive.holds().is_some()
-                {
+                // What is over for all that shows may have its last counts before it.
+                let holds = self
+                    .drive
+                    .holds()
+                    .is_some_and(|gap| gap > self.window + 2.0);
+                if !self.resume_asked && self.drive.state == State::Enabled && holds {
                     return self.broken(
                         "bit 8 falls by a resume",
                         format!("{before:04X}h, then {word:04X}h, and nobody asked"),
