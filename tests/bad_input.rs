@@ -10,7 +10,7 @@
 mod machine;
 
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Command, CommandId, Failure, Referencing},
+    axis::{Axis, AxisError, AxisErrorKind, Command, CommandId, Delivery, Failure, Referencing},
     coe::ObjectAddress,
     drives,
     ds402::Mode,
@@ -290,7 +290,9 @@ fn rows() -> Vec<Row> {
             plain(),
             Halted,
             Ask::Abs(100, fast),
-            failed!(Failure::Halted),
+            failed!(Failure::Halted {
+                delivery: Delivery::NotSent
+            }),
         ),
         row(
             "in a fault",
@@ -306,7 +308,8 @@ fn rows() -> Vec<Row> {
             Ask::Rel(100, fast),
             failed!(Failure::WrongMode {
                 expected: Mode::ProfilePosition,
-                shown: Mode::ProfileVelocity
+                shown: Mode::ProfileVelocity,
+                delivery: Delivery::NotSent
             }),
         ),
         row(

@@ -239,7 +239,12 @@ fn a_stop_between_the_edge_and_its_proof_says_that_it_is_unknown() {
     rig.run_until(10, |rig| rig.words.last() == Some(&0x3F));
     let stop = rig.send(Command::QuickStop);
     assert!(rig.finish(stop).is_ok());
-    assert_eq!(rig.outcome(third), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(third),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        }))
+    );
 }
 
 #[test]

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Link, Rig};
-use servocrab::axis::{Command, CommandId, Completion, Failure, StopRequest};
+use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure, StopRequest};
 use servocrab::coe::obj;
 use servocrab::drives;
 use servocrab::ds402::{Mode, State};
@@ -118,7 +118,12 @@ fn a_stop_goes_on_to_its_quick_stop_as_soon_as_the_axis_is_known_to_run_on() {
             );
             assert!(matches!(rig.finish(stop), Ok(Completion::Stopped { .. })));
             assert_eq!(rig.drive.velocity(), 0.0);
-            assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+            assert_eq!(
+                rig.outcome(id),
+                Some(Err(Failure::QuickStopped {
+                    delivery: Delivery::Accepted
+                }))
+            );
         }
     }
 }
@@ -199,7 +204,12 @@ fn a_halt_says_that_the_axis_runs_on_and_leaves_it_to_the_program() {
     let stop = rig.send(Command::Stop);
     assert!(until_quick_stop(&mut rig, 5) <= 3);
     assert!(matches!(rig.finish(stop), Ok(Completion::Stopped { .. })));
-    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(id),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        }))
+    );
     let is_over = |outcome: Outcome| matches!(outcome, Outcome::Discarded(_));
     assert!(is_over(rig.ledger()[0].outcome));
 }
@@ -258,7 +268,12 @@ fn a_halt_that_nobody_waits_for_goes_on_to_a_quick_stop() {
         assert!(until_quick_stop(&mut rig, 300) <= noticed);
         rig.run(1_000);
         assert_eq!(rig.drive.velocity(), 0.0);
-        assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+        assert_eq!(
+            rig.outcome(id),
+            Some(Err(Failure::QuickStopped {
+                delivery: Delivery::Accepted
+            }))
+        );
     }
 }
 

@@ -4,7 +4,7 @@
 mod common;
 
 use common::Rig;
-use servocrab::axis::{Command, Completion, Event, Failure, Referencing};
+use servocrab::axis::{Command, Completion, Delivery, Event, Failure, Referencing};
 use servocrab::ds402::State;
 use servocrab::profile_position::{SetPoint, Start};
 use servocrab_sim::ds402::{Behaviour, Executed, FullBuffer, Outcome};
@@ -102,7 +102,12 @@ fn a_halt_keeps_the_set_point_and_resume_completes_it() {
     assert_eq!(rig.drive.velocity(), 0.0);
     assert_eq!(rig.reports(id), [Event::Accepted, Event::Halted]);
     let refused = rig.abs(0, SetPoint::new());
-    assert_eq!(rig.outcome(refused), Some(Err(Failure::Halted)));
+    assert_eq!(
+        rig.outcome(refused),
+        Some(Err(Failure::Halted {
+            delivery: Delivery::NotSent
+        }))
+    );
     rig.run(500);
     assert!(rig.outcome(id).is_none());
     let resume = rig.send(Command::Resume);
@@ -115,7 +120,12 @@ fn a_halt_keeps_the_set_point_and_resume_completes_it() {
 #[test]
 fn a_move_that_is_stopped_or_disabled_is_not_told_that_it_is_halted() {
     for (command, failure) in [
-        (Command::Stop, Failure::QuickStopped),
+        (
+            Command::Stop,
+            Failure::QuickStopped {
+                delivery: Delivery::Accepted,
+            },
+        ),
         (
             Command::Disable,
             Failure::Disabled {
@@ -134,6 +144,35 @@ fn a_move_that_is_stopped_or_disabled_is_not_told_that_it_is_halted() {
     }
 }
 
+/// What ends a move says whether its bit 4 had gone out, and whether the drive had acknowledged it.
+#[test]
+fn a_move_that_is_stopped_says_how_far_its_set_point_came() {
+    for command in [Command::Stop, Command::QuickStop] {
+        for came in [Delivery::NotSent, Delivery::Unknown, Delivery::Accepted] {
+            let mut rig = Rig::enabled();
+            let id = rig.abs(50_000, SetPoint::new());
+            match came {
+                Delivery::NotSent => {}
+                Delivery::Unknown => {
+                    rig.run_until(10, |rig| rig.word() & 0x10 != 0);
+                    rig.run(1);
+                    assert!(!rig.accepted(id), "{command:?}");
+                }
+                Delivery::Accepted => rig.wait_accepted(id),
+            }
+            let stop = rig.send(command);
+            assert!(rig.finish(stop).is_ok());
+            let failure = Failure::QuickStopped { delivery: came };
+            assert_eq!(rig.outcome(id), Some(Err(failure)), "{command:?} {came:?}");
+        }
+    }
+    let mut rig = Rig::enabled();
+    let unsent = rig.abs(50_000, SetPoint::new());
+    rig.send(Command::Halt);
+    let delivery = Delivery::NotSent;
+    assert_eq!(rig.outcome(unsent), Some(Err(Failure::Halted { delivery })));
+}
+
 #[test]
 fn a_quick_stop_loses_the_set_point_and_enabling_again_moves_nothing() {
     let mut rig = Rig::enabled();
@@ -147,7 +186,12 @@ fn a_quick_stop_loses_the_set_point_and_enabling_again_moves_nothing() {
             state: State::SwitchOnDisabled
         })
     );
-    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(id),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        }))
+    );
     let stood = rig.drive.position();
     rig.enable();
     rig.run(500);
@@ -188,7 +232,12 @@ fn stop_halts_first_and_then_abandons() {
         })
     ));
     assert_eq!(rig.distinct_words(from), [0x10F, 0x10B]);
-    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(id),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        }))
+    );
 }
 
 #[test]

@@ -8,7 +8,7 @@ mod common;
 
 use common::Rig;
 use servocrab::axis::{Delivery, Failure, WaitingFor};
-use servocrab::ds402::{Controlword, PowerCommand, State, Statusword, describe_error_code};
+use servocrab::ds402::{Controlword, Mode, PowerCommand, State, Statusword, describe_error_code};
 use servocrab::profile_position::{Reference, SetPoint, Start};
 
 const STATES: &str = include_str!("vectors/statusword_states.txt");
@@ -165,7 +165,20 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
         Failure::NotEnabled {
             state: State::ReadyToSwitchOn,
         },
-        Failure::Halted,
+        Failure::Halted {
+            delivery: Delivery::Accepted,
+        },
+        Failure::Halted {
+            delivery: Delivery::NotSent,
+        },
+        Failure::QuickStopped {
+            delivery: Delivery::Unknown,
+        },
+        Failure::WrongMode {
+            expected: Mode::ProfilePosition,
+            shown: Mode::Homing,
+            delivery: Delivery::Accepted,
+        },
         Failure::HaltIgnored,
         Failure::QuickStopIgnored,
         Failure::LocalControl,

@@ -270,8 +270,8 @@ impl Story {
             Err(error) => match &error.kind {
                 AxisErrorKind::Failed(
                     Failure::Superseded
-                    | Failure::Halted
-                    | Failure::QuickStopped
+                    | Failure::Halted { .. }
+                    | Failure::QuickStopped { .. }
                     | Failure::Fault { .. },
                 ) => self.tells(axis, &error.to_string()),
                 _ => return Err(error),

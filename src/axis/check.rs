@@ -2,7 +2,7 @@
 
 use crate::{
     ds402::Mode,
-    profile_position::{Failure, MoveCommand, Reference, Start, StartBits},
+    profile_position::{Delivery, Failure, MoveCommand, Reference, Start, StartBits},
 };
 
 use super::{AxisCore, Referencing, power::Power};
@@ -44,7 +44,7 @@ impl AxisCore {
             return Err(fault);
         }
         if self.stopping.is_active() {
-            return Err(Failure::QuickStopped);
+            return Err(Failure::QUICK_STOPPED);
         }
         if !matches!(self.power, Power::Enabled) {
             return Err(Failure::NotEnabled {
@@ -52,10 +52,14 @@ impl AxisCore {
             });
         }
         if self.halted {
-            return Err(Failure::Halted);
+            return Err(Failure::HALTED);
         }
         if self.mode_change.is_some() || shown != expected || self.mode != expected {
-            return Err(Failure::WrongMode { expected, shown });
+            return Err(Failure::WrongMode {
+                expected,
+                shown,
+                delivery: Delivery::NotSent,
+            });
         }
         Ok(())
     }

@@ -190,7 +190,7 @@ impl AxisCore {
             self.begin_quick_stop(now);
         }
         if stop.contains(StopRequest::STOP) {
-            self.begin_stop(now, Failure::QuickStopped);
+            self.begin_stop(now, Failure::QUICK_STOPPED);
         }
         if stop.contains(StopRequest::HALT) {
             self.begin_halt(now);

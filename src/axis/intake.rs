@@ -160,9 +160,8 @@ impl AxisCore {
             // Since it was seen last its drive may have set off.
             self.standstill.begin_anew();
         }
-        let of = self.failure_of_loss();
-        self.fail_motions(of);
-        let failure = of(Delivery::NotSent);
+        let failure = self.failure_of_loss();
+        self.fail_motions(failure);
         if self.answered {
             self.fail_commands_but_stops(failure);
         } else {
@@ -174,14 +173,16 @@ impl AxisCore {
     }
 
     /// What is said of commands of a drive that counts as lost.
-    pub(super) fn failure_of_loss(&self) -> fn(Delivery) -> Failure {
+    pub(super) fn failure_of_loss(&self) -> Failure {
         if self.answered {
-            |delivery| Failure::Undelivered {
-                delivery,
+            Failure::Undelivered {
+                delivery: Delivery::NotSent,
                 counter: None,
             }
         } else {
-            |delivery| Failure::BusLost { delivery }
+            Failure::BusLost {
+                delivery: Delivery::NotSent,
+            }
         }
     }
 }

@@ -64,12 +64,12 @@ impl StopCount {
     pub(super) fn since(&self, asked: LastStop, state: State) -> Option<Failure> {
         let LastStop(last) = self.last();
         (last != asked.0).then_some(match last & 3 {
-            kind if kind == StopKind::Halt as u32 => Failure::Halted,
+            kind if kind == StopKind::Halt as u32 => Failure::HALTED,
             kind if kind == StopKind::Disable as u32 => Failure::Disabled { state },
             kind if kind == StopKind::Restart as u32 => Failure::BusLost {
                 delivery: Delivery::NotSent,
             },
-            _ => Failure::QuickStopped,
+            _ => Failure::QUICK_STOPPED,
         })
     }
 }
@@ -84,10 +84,10 @@ mod tests {
         let before = stops.last();
         assert_eq!(stops.since(before, state), None);
         let kinds = [
-            (StopKind::Halt, Failure::Halted),
+            (StopKind::Halt, Failure::HALTED),
             (StopKind::Disable, Failure::Disabled { state }),
-            (StopKind::Stop, Failure::QuickStopped),
-            (StopKind::Stop, Failure::QuickStopped),
+            (StopKind::Stop, Failure::QUICK_STOPPED),
+            (StopKind::Stop, Failure::QUICK_STOPPED),
             (
                 StopKind::Restart,
                 Failure::BusLost {

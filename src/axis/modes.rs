@@ -83,7 +83,7 @@ impl AxisCore {
         {
             self.done(id, Err(Failure::ModeNotSupported { mode: to }));
         } else if self.halted {
-            self.done(id, Err(Failure::Halted));
+            self.done(id, Err(Failure::HALTED));
         } else if !self.is_idle() || self.has_motion() {
             self.done(id, Err(Failure::Moving));
         } else if self.stopping.is_active()
@@ -217,8 +217,9 @@ impl AxisCore {
                 let failure = Failure::WrongMode {
                     expected: self.mode,
                     shown: sample.mode,
+                    delivery: Delivery::NotSent,
                 };
-                self.fail_motions(|_| failure);
+                self.fail_motions(failure);
                 self.begin_quick_stop(now);
             }
             return;
@@ -238,7 +239,7 @@ impl AxisCore {
                     self.begin_quick_stop(now);
                 }
                 Verdict::EndIt => {
-                    self.begin_stop(now, Failure::QuickStopped);
+                    self.begin_stop(now, Failure::QUICK_STOPPED);
                 }
             },
             Mode::ProfileVelocity => self.jogging.step(&cycle, &mut self.events),
@@ -303,18 +304,18 @@ impl AxisCore {
         }
     }
 
-    /// Ends every motion with the failure that `of` gives for how far it came.
-    pub(super) fn fail_motions(&mut self, of: impl Fn(Delivery) -> Failure) {
-        self.sequencer.fail_all(&of, &mut self.events);
-        self.homing.fail(&of, &mut self.events);
-        self.jogging.end(&of, &mut self.events);
+    /// Ends every motion with this failure, which says how far each set-point came.
+    pub(super) fn fail_motions(&mut self, failure: Failure) {
+        self.sequencer.fail_all(failure, &mut self.events);
+        self.homing.fail(failure, &mut self.events);
+        self.jogging.end(failure, &mut self.events);
     }
 
     /// A stop takes over: what is not sent is not started, and a velocity that is held is let go with this frame.
     pub(super) fn withdraw_unsent(&mut self, failure: Failure) {
         self.sequencer.withdraw_unsent(failure, &mut self.events);
         self.homing.withdraw_unsent(failure, &mut self.events);
-        self.jogging.end(|_| failure, &mut self.events);
+        self.jogging.end(failure, &mut self.events);
     }
 
     /// The axis is out of Operation enabled: no bit of a mode stays, and nothing is held any more.
@@ -324,6 +325,6 @@ impl AxisCore {
         // Nothing that leads here leaves a jog; should one be left, it must not come back with the next enable.
         let state = self.state();
         self.jogging
-            .end(|_| Failure::Disabled { state }, &mut self.events);
+            .end(Failure::Disabled { state }, &mut self.events);
     }
 }

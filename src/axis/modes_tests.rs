@@ -3,7 +3,8 @@
 use core::time::Duration;
 
 use super::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs,
+    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Delivery, Event, Failure,
+    Inputs,
 };
 use crate::{
     ds402::Mode,
@@ -137,6 +138,7 @@ fn a_homing_error_that_does_not_come_to_rest_is_ended_by_a_quick_stop() {
 #[test]
 fn a_drive_that_leaves_the_mode_by_itself_is_stopped_with_nothing_left_in_the_outputs() {
     let wrong = |expected| Failure::WrongMode {
+        delivery: Delivery::Accepted,
         expected,
         shown: Mode::ProfilePosition,
     };

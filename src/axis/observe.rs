@@ -38,7 +38,7 @@ impl AxisCore {
     /// waits for the standstill.
     fn observe_fault(&mut self, now: Duration) {
         let failure = self.fault().unwrap_or(Failure::Fault { code: None });
-        self.fail_motions(|_| failure);
+        self.fail_motions(failure);
         if !matches!(self.stopping.stage, Stage::Settling { .. }) {
             self.stopping.off = false;
             self.stopping.stage = if self.stopping.note_fault(failure) {
@@ -176,11 +176,11 @@ impl AxisCore {
     /// The drive has left Operation enabled by itself, or by somebody else's stop.
     fn observe_drop(&mut self, now: Duration, state: State) {
         let (failure, power) = if state == State::QuickStopActive {
-            (Failure::QuickStopped, Power::Holding)
+            (Failure::QUICK_STOPPED, Power::Holding)
         } else {
             (Failure::Disabled { state }, Power::Off)
         };
-        self.fail_motions(|_| failure);
+        self.fail_motions(failure);
         self.fail_others(failure);
         self.stopping.off = false;
         self.stopping.stage = if self.stopping.has_no_waiter() {
@@ -411,8 +411,8 @@ impl AxisCore {
 
     /// Those who wait are told that the axis does not come to rest. A drive in Operation enabled is commanded on.
     fn give_waiting_up(&mut self, state: State) {
-        let failure = self.timeout(self.standstill_awaited(), Delivery::Accepted);
-        self.fail_motions(|_| failure);
+        let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
+        self.fail_motions(failure);
         self.fail_commands(failure);
         if state == State::OperationEnabled {
             self.stopping.stage = Stage::Quick { until: None };
@@ -432,9 +432,9 @@ impl AxisCore {
         let failure = if off {
             Failure::Disabled { state }
         } else {
-            Failure::QuickStopped
+            Failure::QUICK_STOPPED
         };
-        self.fail_motions(|_| failure);
+        self.fail_motions(failure);
         if state == State::QuickStopActive && off {
             self.leave_operation(Power::Off);
             self.stopping.stage = Stage::Off {

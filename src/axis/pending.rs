@@ -4,7 +4,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use std::sync::Arc;
 
 use super::{
-    AxisError, AxisErrorKind, Command, CommandId, Completion, Failure, handle::Handles,
+    AxisError, AxisErrorKind, Command, CommandId, Completion, Delivery, Failure, handle::Handles,
     last_stop::LastStop, tickets::Ticket,
 };
 
@@ -94,7 +94,12 @@ impl Pending {
                 self.result().or_else(|| {
                     let halts = self.handles.shared.halts(self.id);
                     self.halts_seen.store(halts, Ordering::Release);
-                    (seen != halts).then_some(Err(Failure::Halted))
+                    let delivery = if self.handles.shared.is_accepted(&self.ticket) {
+                        Delivery::Accepted
+                    } else {
+                        Delivery::Unknown
+                    };
+                    (seen != halts).then_some(Err(Failure::Halted { delivery }))
                 })
             })
             .await;

@@ -5,7 +5,7 @@ use core::time::Duration;
 use crate::{
     ds402::{Controlword, Mode, State},
     homing::Procedure,
-    profile_position::{Delivery, Sequencer, Standstill},
+    profile_position::{Sequencer, Standstill},
     profile_velocity::Jogging,
 };
 
@@ -31,7 +31,7 @@ impl AxisCore {
             self.lose(now);
         }
         // Of a drive that answers, those who wait for a stop have waited on. What it shows from now on is of another beginning.
-        self.fail_commands(self.failure_of_loss()(Delivery::NotSent));
+        self.fail_commands(self.failure_of_loss());
         match again {
             Again::Unknown => {}
             Again::Kept => self.homed = self.homed_before_loss,

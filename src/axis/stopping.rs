@@ -200,7 +200,7 @@ impl AxisCore {
 
     /// The drive does not stop the axis: without voltage it at least drives it no further.
     pub(super) fn give_quick_stop_up(&mut self, now: Duration) {
-        self.fail_motions(|_| Failure::QuickStopIgnored);
+        self.fail_motions(Failure::QuickStopIgnored);
         self.fail_commands(Failure::QuickStopIgnored);
         self.power = Power::Off;
         self.stopping.off = false;

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{PowerGoal, State},
-    profile_position::{CommandId, Completion, Delivery, Failure, MoveCommand},
+    profile_position::{CommandId, Completion, Failure, MoveCommand},
 };
 
 use super::{
@@ -27,7 +27,7 @@ impl AxisCore {
             Command::Halt | Command::Stop | Command::QuickStop | Command::Disable
         );
         if self.is_lost() && !(stops && self.answered) {
-            let failure = self.failure_of_loss()(Delivery::NotSent);
+            let failure = self.failure_of_loss();
             self.done(id, Err(failure));
             return;
         }
@@ -195,7 +195,7 @@ impl AxisCore {
         let result = if let Some(fault) = self.fault() {
             Err(fault)
         } else if self.stopping.is_active() {
-            Err(Failure::QuickStopped)
+            Err(Failure::QUICK_STOPPED)
         } else if !self.power.is_driving() {
             Err(Failure::NotEnabled { state })
         } else if self.resuming.is_some() {
@@ -254,7 +254,7 @@ impl AxisCore {
 
     fn stop(&mut self, now: Duration, id: CommandId) {
         let state = self.state();
-        if !state.is_fault() && self.begin_stop(now, Failure::QuickStopped) {
+        if !state.is_fault() && self.begin_stop(now, Failure::QUICK_STOPPED) {
             self.wait_for_stop(now, id);
         } else {
             self.await_standstill(now, id);
@@ -298,7 +298,7 @@ impl AxisCore {
 
     /// Bit 8 from the next frame on. Moves that are not sent fail as halted.
     pub(super) fn begin_halt(&mut self, now: Duration) {
-        self.cancel_enabling(Failure::Halted);
+        self.cancel_enabling(Failure::HALTED);
         if self.runs_unasked() || (self.power.is_driving() && !self.halts_under_control()) {
             self.begin_quick_stop(now);
             return;
@@ -306,8 +306,8 @@ impl AxisCore {
         if !self.power.is_driving() || self.stopping.is_quick() || self.state().is_fault() {
             return;
         }
-        self.withdraw_unsent(Failure::Halted);
-        self.fail_resume(Failure::Halted);
+        self.withdraw_unsent(Failure::HALTED);
+        self.fail_resume(Failure::HALTED);
         self.stop_unsent = true;
         self.stopping.lent = false;
         if !self.halted {
@@ -367,7 +367,7 @@ impl AxisCore {
 
     /// Bit 2 low from the next frame on. False when the axis is not enabled: it has nothing to stop.
     pub(super) fn begin_quick_stop(&mut self, now: Duration) -> bool {
-        self.cancel_enabling(Failure::QuickStopped);
+        self.cancel_enabling(Failure::QUICK_STOPPED);
         if self.stopping.is_switching_off() {
             return true;
         }
@@ -381,8 +381,8 @@ impl AxisCore {
             self.stopping.off = true;
             self.wait_for_stop(now, id);
         }
-        self.withdraw_unsent(Failure::QuickStopped);
-        self.fail_resume(Failure::QuickStopped);
+        self.withdraw_unsent(Failure::QUICK_STOPPED);
+        self.fail_resume(Failure::QUICK_STOPPED);
         if !self.stopping.is_quick() {
             let standstill = self.config.deadlines.standstill;
             self.stopping.begin_quick(now.saturating_add(standstill));

@@ -249,7 +249,7 @@ async fn homed(pending: &Pending) -> Result<Homed, AxisError> {
         Completion::Homed { position } => Ok(Homed { position }),
         // A homing has no other way to end well.
         _ => {
-            let kind = AxisErrorKind::Failed(Failure::QuickStopped);
+            let kind = AxisErrorKind::Failed(Failure::QUICK_STOPPED);
             Err(pending.handles.shared.error(kind))
         }
     }

@@ -157,16 +157,12 @@ impl Procedure {
         }
     }
 
-    /// Ends it with the failure that `of` gives for how far it came. Bit 4 stays as it was sent.
-    pub(crate) fn fail(&mut self, of: impl Fn(Delivery) -> Failure, events: &mut Events) {
-        self.withdraw_unsent(of(Delivery::NotSent), events);
+    /// Ends it with this failure, which says how far it came. Bit 4 stays as it was sent.
+    pub(crate) fn fail(&mut self, failure: Failure, events: &mut Events) {
+        self.withdraw_unsent(failure.with_delivery(Delivery::NotSent), events);
         if let Stage::High(run) = self.stage {
-            let delivery = if run.begun {
-                Delivery::Accepted
-            } else {
-                Delivery::Unknown
-            };
-            events.push(run.id, Event::Done(Err(of(delivery))));
+            let failure = failure.with_delivery(run.delivery());
+            events.push(run.id, Event::Done(Err(failure)));
             self.stage = Stage::Abandoned;
         }
     }
@@ -174,7 +170,10 @@ impl Procedure {
     /// The axis stands halted: the homing is over, and bit 4 falls.
     pub(crate) fn halted(&mut self, events: &mut Events) {
         if let Stage::High(run) = self.stage {
-            events.push(run.id, Event::Done(Err(Failure::Halted)));
+            let failure = Failure::Halted {
+                delivery: run.delivery(),
+            };
+            events.push(run.id, Event::Done(Err(failure)));
         }
         if matches!(self.stage, Stage::High(_) | Stage::Abandoned) {
             self.stage = Stage::Halted;

@@ -36,6 +36,15 @@ pub(super) struct Run {
 }
 
 impl Run {
+    /// How far it came, should it not end well.
+    pub(super) const fn delivery(&self) -> Delivery {
+        if self.begun {
+            Delivery::Accepted
+        } else {
+            Delivery::Unknown
+        }
+    }
+
     pub(super) const fn new(id: CommandId, command: HomingCommand, cycle: &Cycle<'_>) -> Self {
         let word = cycle.sample.statusword;
         Self {
@@ -98,11 +107,7 @@ impl Run {
                 waiting_for: WaitingFor::HomingEnd,
                 statusword: word,
                 controlword: cycle.controlword,
-                delivery: if self.begun {
-                    Delivery::Accepted
-                } else {
-                    Delivery::Unknown
-                },
+                delivery: self.delivery(),
             }));
         }
         if done && self.is_mine(cycle) {

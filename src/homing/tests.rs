@@ -369,7 +369,12 @@ fn a_halt_ends_it_at_standstill_with_bit_4_low_and_only_leaving_operation_clears
     assert!(!homing.is_high());
     assert_eq!(
         homing.reports(),
-        [Event::Accepted, Event::Done(Err(Failure::Halted))]
+        [
+            Event::Accepted,
+            Event::Done(Err(Failure::Halted {
+                delivery: Delivery::Accepted
+            }))
+        ]
     );
     assert!(homing.procedure.has_motion());
     homing.procedure.lower();
@@ -379,21 +384,22 @@ fn a_halt_ends_it_at_standstill_with_bit_4_low_and_only_leaving_operation_clears
 #[test]
 fn what_ends_it_says_how_far_it_came_and_leaves_bit_4_to_the_stop() {
     let bus_lost = |delivery| Failure::BusLost { delivery };
+    let lost = bus_lost(Delivery::NotSent);
     let ended = |delivery| Event::Done(Err(bus_lost(delivery)));
     let mut unsent = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
-    unsent.procedure.fail(bus_lost, &mut unsent.events);
+    unsent.procedure.fail(lost, &mut unsent.events);
     assert_eq!(unsent.reports(), [ended(Delivery::NotSent)]);
     assert!(!unsent.is_high());
 
     let mut sent = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
     sent.shows(NOT_STARTED);
-    sent.procedure.fail(bus_lost, &mut sent.events);
+    sent.procedure.fail(lost, &mut sent.events);
     assert_eq!(sent.reports(), [ended(Delivery::Unknown)]);
     assert!(sent.is_high());
 
     let mut begun = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
     begun.shows_for(3, IN_PROGRESS);
-    begun.procedure.fail(bus_lost, &mut begun.events);
+    begun.procedure.fail(lost, &mut begun.events);
     assert_eq!(
         begun.reports(),
         [Event::Accepted, ended(Delivery::Accepted)]

@@ -5,8 +5,8 @@ use core::time::Duration;
 use crate::ds402::Controlword;
 
 use super::{
-    BufferSignal, Cycle, Delivery, Event, Events, Failure, MoveCommand, Reference, RelativeBase,
-    Start, StartBits, Traits,
+    BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference, RelativeBase, Start,
+    StartBits, Traits,
     track::{Rest, Sight, Track},
 };
 
@@ -92,7 +92,7 @@ impl Chain {
     /// Takes in a set-point that the drive has acknowledged; with `Immediately` it is the only one from now on.
     pub(super) fn push(&mut self, mut track: Track, events: &mut Events) {
         if track.start == Start::Immediately {
-            self.fail_all(|_| Failure::Superseded, events);
+            self.fail_all(Failure::Superseded, events);
             self.unproven = false;
         } else if self.is_empty() && (self.unseen || self.unproven) {
             track.comes_after_doubt(self.unproven);
@@ -103,11 +103,12 @@ impl Chain {
     }
 
     /// Ends all of them, with the axis anywhere.
-    pub(super) fn fail_all(&mut self, of: impl Fn(Delivery) -> Failure, events: &mut Events) {
+    pub(super) fn fail_all(&mut self, failure: Failure, events: &mut Events) {
         let over = self.over.take().map(|over| over.track);
         let held = self.held.iter_mut().filter_map(Option::take);
         for track in over.into_iter().chain(held) {
-            events.push(track.id, Event::Done(Err(of(track.delivery()))));
+            let failure = failure.with_delivery(track.delivery());
+            events.push(track.id, Event::Done(Err(failure)));
         }
         self.last_end = None;
         self.unseen = false;

@@ -165,7 +165,7 @@ const fn outcome_of(completion: Completion) -> Result<Outcome, Failure> {
         Completion::Reached { position } => Ok(Outcome::Reached { position }),
         Completion::Passed { position } => Ok(Outcome::Passed { position }),
         Completion::Homed { .. } | Completion::Stopped { .. } | Completion::Done => {
-            Err(Failure::QuickStopped)
+            Err(Failure::QUICK_STOPPED)
         }
     }
 }

@@ -134,8 +134,11 @@ pub enum Failure {
     #[error("superseded by a later move")]
     Superseded,
     /// The axis is halted (bit 8). Resume it, or stop it.
-    #[error("the axis is halted: resume it or stop it first")]
-    Halted,
+    #[error("the axis is halted: resume it or stop it first{}", SentText(*.delivery))]
+    Halted {
+        /// How far the set-point came, for moves, homings and jogs; `NotSent` for others.
+        delivery: Delivery,
+    },
     /// The axis was told to halt (bit 8) and does not get slower: its drive ignores that, or goes on speeding up for a while. Bit 8
     /// stays set.
     #[error("the axis was told to halt (bit 8) and does not get slower: stop or quick_stop it")]
@@ -152,8 +155,11 @@ pub enum Failure {
     )]
     QuickStopIgnored,
     /// A quick stop or stop ended it; the set-point is gone.
-    #[error("ended by a quick stop; the set-point is gone")]
-    QuickStopped,
+    #[error("ended by a quick stop, no set-point is left{}", SentText(*.delivery))]
+    QuickStopped {
+        /// How far the set-point came, for moves, homings and jogs; `NotSent` for others.
+        delivery: Delivery,
+    },
     /// The axis was disabled, or left Operation enabled by itself.
     #[error("the axis was disabled (it is in {state})")]
     Disabled {
@@ -293,12 +299,19 @@ pub enum Failure {
         state: State,
     },
     /// Moves need the mode that they belong to.
-    #[error("mode {} is not active, 6061h shows {}: select it first", .expected.raw(), .shown.raw())]
+    #[error(
+        "mode {} is not active, 6061h shows {}: select it first{}",
+        .expected.raw(),
+        .shown.raw(),
+        SentText(*.delivery)
+    )]
     WrongMode {
         /// The mode that the command needs.
         expected: Mode,
         /// The mode display.
         shown: Mode,
+        /// How far the set-point came: a drive may leave the mode while it executes one.
+        delivery: Delivery,
     },
     /// The drive has no such mode: 6060h was not written.
     #[error("the drive has no {mode}: its supported drive modes 6502h do not name it")]
@@ -395,6 +408,32 @@ pub enum Failure {
     Withdrawn,
 }
 
+impl Failure {
+    /// [`Failure::Halted`] of what was not sent.
+    pub(crate) const HALTED: Self = Self::Halted {
+        delivery: Delivery::NotSent,
+    };
+    /// [`Failure::QuickStopped`] of what was not sent.
+    pub(crate) const QUICK_STOPPED: Self = Self::QuickStopped {
+        delivery: Delivery::NotSent,
+    };
+
+    /// This failure, of a command whose set-point came as far as this.
+    #[must_use]
+    pub(crate) fn with_delivery(mut self, came: Delivery) -> Self {
+        if let Self::Halted { delivery }
+        | Self::QuickStopped { delivery }
+        | Self::WrongMode { delivery, .. }
+        | Self::BusLost { delivery }
+        | Self::Undelivered { delivery, .. }
+        | Self::Timeout { delivery, .. } = &mut self
+        {
+            *delivery = came;
+        }
+        self
+    }
+}
+
 /// A working counter that is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WorkingCounter {
@@ -461,11 +500,22 @@ impl core::fmt::Display for TimeoutText {
         match (self.0, self.1) {
             (WaitingFor::HomingEnd, Delivery::NotSent) => f.write_str("; it was not started"),
             (WaitingFor::HomingEnd, _) => f.write_str("; the axis is being stopped"),
-            (WaitingFor::AcknowledgeLow | WaitingFor::Acknowledge, delivery)
-            | (_, delivery @ (Delivery::Unknown | Delivery::Accepted)) => {
+            (WaitingFor::AcknowledgeLow | WaitingFor::Acknowledge, delivery) => {
                 write!(f, "; {}", DeliveryText(delivery))
             }
-            (_, Delivery::NotSent) => Ok(()),
+            (_, delivery) => write!(f, "{}", SentText(delivery)),
+        }
+    }
+}
+
+/// How far a set-point came, if one was sent.
+struct SentText(Delivery);
+
+impl core::fmt::Display for SentText {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.0 {
+            Delivery::NotSent => Ok(()),
+            delivery => write!(f, "; {}", DeliveryText(delivery)),
         }
     }
 }

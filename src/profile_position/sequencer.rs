@@ -191,17 +191,18 @@ impl Sequencer {
         self.bit4.mark_sent(now);
     }
 
-    /// Ends everything with the failure that `of` gives for how far each set-point came. Bit 4 stays as it was sent.
-    pub(crate) fn fail_all(&mut self, of: impl Fn(Delivery) -> Failure, events: &mut Events) {
-        self.withdraw_unsent(of(Delivery::NotSent), events);
+    /// Ends everything with this failure, which says how far each set-point came. Bit 4 stays as it was sent.
+    pub(crate) fn fail_all(&mut self, failure: Failure, events: &mut Events) {
+        self.withdraw_unsent(failure.with_delivery(Delivery::NotSent), events);
+        let unknown = failure.with_delivery(Delivery::Unknown);
         if let Bit4::High { raised, .. } = self.bit4 {
-            events.push(raised.request.id, Event::Done(Err(of(Delivery::Unknown))));
+            events.push(raised.request.id, Event::Done(Err(unknown)));
             self.bit4 = Bit4::Abandoned;
         }
         if let Some(raised) = self.unconfirmed.take() {
-            events.push(raised.request.id, Event::Done(Err(of(Delivery::Unknown))));
+            events.push(raised.request.id, Event::Done(Err(unknown)));
         }
-        self.chain.fail_all(of, events);
+        self.chain.fail_all(failure, events);
     }
 
     /// Bit 4 goes low and nothing is held any more: the axis is out of Operation enabled and the drive has dropped

@@ -170,7 +170,7 @@ impl Jogging {
     ) -> bool {
         let unsent = matches!(self.stage, Stage::Held { id, sent: false, .. } if id == of);
         if unsent {
-            self.end(|_| failure, events);
+            self.end(failure, events);
         }
         unsent
     }
@@ -182,8 +182,8 @@ impl Jogging {
         }
     }
 
-    /// Ends it with the failure that `of` gives for how far it came; 0 from the next outputs on.
-    pub(crate) fn end(&mut self, of: impl Fn(Delivery) -> Failure, events: &mut Events) {
+    /// Ends it with this failure, which says how far it came; 0 from the next outputs on.
+    pub(crate) fn end(&mut self, failure: Failure, events: &mut Events) {
         let (id, delivery) = match self.stage {
             Stage::Idle => return,
             Stage::Held {
@@ -197,7 +197,7 @@ impl Jogging {
             Stage::Held { id, .. } | Stage::Released { id, .. } => (id, Delivery::Accepted),
         };
         self.stage = Stage::Idle;
-        events.push(id, Event::Done(Err(of(delivery))));
+        events.push(id, Event::Done(Err(failure.with_delivery(delivery))));
     }
 
     /// One cycle with fresh inputs in Operation enabled and mode 3.
@@ -241,7 +241,7 @@ impl Jogging {
                         controlword: cycle.controlword,
                         delivery: Delivery::Accepted,
                     };
-                    self.end(|_| failure, events);
+                    self.end(failure, events);
                 }
             }
             _ => {}

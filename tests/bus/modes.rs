@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use servocrab::{
-    axis::{Failure, Referencing, WaitingFor},
+    axis::{Delivery, Failure, Referencing, WaitingFor},
     bus::{DriveConfig, Network},
     coe::obj,
     drives,
@@ -93,7 +93,12 @@ fn a_jog_ends_with_the_programs_liveness_and_does_not_come_back() {
     rig.run_for(300 * MS);
     let status = y.status();
     assert!(status.halted && status.velocity == 0, "{status:?}");
-    assert_eq!(jog.ended(), Some(Failure::Halted));
+    assert_eq!(
+        jog.ended(),
+        Some(Failure::Halted {
+            delivery: Delivery::Accepted
+        })
+    );
     live.feed();
     rig.until(async {
         y.resume().await.unwrap();

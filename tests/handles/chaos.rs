@@ -134,7 +134,7 @@ fn live(seed: u64) -> (usize, usize) {
                         ..
                     } | Failure::Fault { .. }
                         | Failure::Disabled { .. }
-                        | Failure::QuickStopped
+                        | Failure::QuickStopped { .. }
                 )
             );
             assert!(

@@ -1,7 +1,7 @@
 //! Paths: moves from a stream, kept flowing into the drive's buffer.
 
 use servocrab::{
-    axis::{AxisError, AxisErrorKind, Failure},
+    axis::{AxisError, AxisErrorKind, Delivery, Failure},
     profile_position::{Follow, Followed, MoveRequest, Outcome, PathError, SetPoint, Start},
 };
 use smol::stream::{self, Stream, StreamExt};
@@ -91,10 +91,20 @@ fn a_halt_ends_the_path_behind_the_moves_that_the_drive_holds() {
     assert_eq!(outcomes[1].unwrap(), Outcome::Reached { position: 10_000 });
     let refused = outcomes[2].unwrap_err();
     assert_eq!((refused.number, refused.command.target), (2, 15_000));
-    assert_eq!(refused.error.failure(), Some(Failure::Halted));
+    assert_eq!(
+        refused.error.failure(),
+        Some(Failure::Halted {
+            delivery: Delivery::NotSent
+        })
+    );
     // Whoever has not looked at it is told by the one result.
     let failed = machine.finish(path.finish()).unwrap_err();
-    assert_eq!(failed.error.failure(), Some(Failure::Halted));
+    assert_eq!(
+        failed.error.failure(),
+        Some(Failure::Halted {
+            delivery: Delivery::Accepted
+        })
+    );
     assert_eq!(machine.drive().ledger().len(), 2);
 }
 
@@ -153,7 +163,12 @@ fn the_one_result_of_a_path_is_its_first_failure_or_its_last_outcome() {
     let failed = machine.finish_task(&mut finishing).unwrap_err();
     assert_eq!((failed.number, failed.command.target), (0, 90_000));
     let error = AxisError::from(failed);
-    assert_eq!(error.failure(), Some(Failure::QuickStopped));
+    assert_eq!(
+        error.failure(),
+        Some(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        })
+    );
 }
 
 #[test]

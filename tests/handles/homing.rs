@@ -275,13 +275,23 @@ fn a_halt_ends_a_homing_and_no_resume_brings_it_back() {
     machine.cycle();
     assert!(machine.stations[0].words.last().unwrap() & HALT != 0);
     let error = machine.finish_task(&mut home).unwrap_err();
-    assert_eq!(error.failure(), Some(Failure::Halted));
+    assert_eq!(
+        error.failure(),
+        Some(Failure::Halted {
+            delivery: Delivery::Accepted
+        })
+    );
     assert_eq!(machine.drive().velocity(), 0.0);
     let stood = machine.drive().mechanical_position();
     let refused = machine.finish(axis.resume()).unwrap_err();
     assert_eq!(refused.failure(), Some(Failure::HomingHalted));
     let refused = machine.finish(homing.home(to_the_switch())).unwrap_err();
-    assert_eq!(refused.failure(), Some(Failure::Halted));
+    assert_eq!(
+        refused.failure(),
+        Some(Failure::Halted {
+            delivery: Delivery::NotSent
+        })
+    );
     machine.run(200);
     assert_eq!(machine.drive().mechanical_position(), stood);
 
@@ -302,11 +312,19 @@ fn every_end_of_a_homing_has_its_name_and_nothing_moves_after_it() {
     let ends: [(End, Expected); 5] = [
         (
             |_, axis| axis.stop_handle().stop(),
-            |f| f == Failure::QuickStopped,
+            |f| {
+                f == Failure::QuickStopped {
+                    delivery: Delivery::Accepted,
+                }
+            },
         ),
         (
             |_, axis| axis.stop_handle().quick_stop(),
-            |f| f == Failure::QuickStopped,
+            |f| {
+                f == Failure::QuickStopped {
+                    delivery: Delivery::Accepted,
+                }
+            },
         ),
         (
             |machine, axis| {
@@ -491,7 +509,12 @@ fn a_stop_while_parameters_are_being_written_stops_the_homing_too() {
     begin_homing(&mut machine, &mut home);
     axis.stop_handle().halt();
     let error = machine.finish_task(&mut home).unwrap_err();
-    assert_eq!(error.failure(), Some(Failure::Halted));
+    assert_eq!(
+        error.failure(),
+        Some(Failure::Halted {
+            delivery: Delivery::Accepted
+        })
+    );
     machine.run(100);
     assert!(machine.drive().homings().is_empty());
     // Nothing had begun: the halt is a halt like any other.
@@ -587,7 +610,12 @@ fn a_homing_that_is_refused_writes_nothing() {
     assert!(homed.position.abs() < 100, "{homed:?}");
 
     machine.finish(axis.halt()).unwrap();
-    refused(&mut machine, |failure| failure == Failure::Halted);
+    refused(&mut machine, |failure| {
+        failure
+            == Failure::Halted {
+                delivery: Delivery::NotSent,
+            }
+    });
     machine.finish(axis.disable()).unwrap();
     refused(&mut machine, |failure| {
         matches!(failure, Failure::NotEnabled { .. })

@@ -1,7 +1,7 @@
 //! Jogging: a velocity for as long as it is held, and 0 in the frame after that.
 
 use servocrab::{
-    axis::{Axis, AxisErrorKind, Failure, Referencing},
+    axis::{Axis, AxisErrorKind, Delivery, Failure, Referencing},
     coe::obj,
     ds402::State,
     profile_position::{Outcome, SetPoint},
@@ -164,15 +164,27 @@ fn every_end_of_a_jog_has_its_name_and_no_motion_comes_back() {
     let ends: [(End, Expected); 6] = [
         (
             |_, axis| axis.stop_handle().halt(),
-            |f| f == Failure::Halted,
+            |f| {
+                f == Failure::Halted {
+                    delivery: Delivery::Accepted,
+                }
+            },
         ),
         (
             |_, axis| axis.stop_handle().stop(),
-            |f| f == Failure::QuickStopped,
+            |f| {
+                f == Failure::QuickStopped {
+                    delivery: Delivery::Accepted,
+                }
+            },
         ),
         (
             |_, axis| axis.stop_handle().quick_stop(),
-            |f| f == Failure::QuickStopped,
+            |f| {
+                f == Failure::QuickStopped {
+                    delivery: Delivery::Accepted,
+                }
+            },
         ),
         (
             |machine, axis| {
@@ -310,7 +322,12 @@ fn what_cannot_be_jogged_is_refused_with_the_reason_and_nothing_is_sent() {
     let from = frames(&machine);
     machine.finish(axis.halt()).unwrap();
     let error = machine.finish(pv.jog(1)).unwrap_err();
-    assert_eq!(error.failure(), Some(Failure::Halted));
+    assert_eq!(
+        error.failure(),
+        Some(Failure::Halted {
+            delivery: Delivery::Accepted
+        })
+    );
     machine.finish(axis.resume()).unwrap();
     machine.finish(axis.disable()).unwrap();
     let error = machine.finish(pv.jog(1)).unwrap_err();

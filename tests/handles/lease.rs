@@ -2,7 +2,7 @@
 
 use core::sync::atomic::Ordering;
 
-use servocrab::axis::{AxisErrorKind, Failure, together};
+use servocrab::axis::{AxisErrorKind, Delivery, Failure, together};
 use servocrab::ds402::Mode;
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::Behaviour;
@@ -42,7 +42,12 @@ fn release_stops_a_moving_axis_and_abandons_its_set_point() {
     machine.finish(pp.release()).unwrap();
     assert_eq!(machine.drive().velocity(), 0.0);
     let ended = machine.finish(moved.done_through_halt()).unwrap_err();
-    assert_eq!(ended.failure(), Some(Failure::QuickStopped));
+    assert_eq!(
+        ended.failure(),
+        Some(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        })
+    );
 }
 
 #[test]

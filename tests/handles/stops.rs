@@ -1,7 +1,7 @@
 //! Halts, stops, the stop lane, and what dropping handles does.
 
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Failure},
+    axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure},
     ds402::State,
     profile_position::{Outcome, SetPoint},
 };
@@ -22,7 +22,12 @@ fn a_halted_move_says_so_once_and_goes_on_to_its_target_after_resume() {
     machine.finish(axis.halt()).unwrap();
     assert_eq!(axis.status().velocity, 0);
     let halted = machine.finish(moved.done()).unwrap_err();
-    assert_eq!(halted.failure(), Some(Failure::Halted));
+    assert_eq!(
+        halted.failure(),
+        Some(Failure::Halted {
+            delivery: Delivery::Accepted
+        })
+    );
     let mut through = Task::new(moved.done_through_halt());
     let mut again = Task::new(moved.done());
     for _ in 0..100 {
@@ -30,7 +35,12 @@ fn a_halted_move_says_so_once_and_goes_on_to_its_target_after_resume() {
         machine.cycle();
     }
     let refused = machine.finish(pp.move_abs(1, SetPoint::new())).unwrap_err();
-    assert_eq!(refused.failure(), Some(Failure::Halted));
+    assert_eq!(
+        refused.failure(),
+        Some(Failure::Halted {
+            delivery: Delivery::NotSent
+        })
+    );
     machine.finish(axis.resume()).unwrap();
     let reached = Outcome::Reached { position: 20_000 };
     assert_eq!(machine.finish_task(&mut through).unwrap(), reached);
@@ -50,7 +60,12 @@ fn all_who_wait_for_a_move_hear_that_it_was_halted() {
     axis.stop_handle().halt();
     for wait in &mut waits {
         let halted = machine.finish_task(wait).unwrap_err();
-        assert_eq!(halted.failure(), Some(Failure::Halted));
+        assert_eq!(
+            halted.failure(),
+            Some(Failure::Halted {
+                delivery: Delivery::Accepted
+            })
+        );
     }
 }
 
@@ -66,7 +81,12 @@ fn a_quick_stop_says_where_the_drive_stands_and_ends_the_move() {
     let state = machine.finish(axis.quick_stop()).unwrap();
     assert_eq!(state, State::SwitchOnDisabled);
     let ended = machine.finish(moved.done()).unwrap_err();
-    assert_eq!(ended.failure(), Some(Failure::QuickStopped));
+    assert_eq!(
+        ended.failure(),
+        Some(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        })
+    );
     let stands = machine.drive().position();
     machine.finish(axis.enable()).unwrap();
     machine.run(200);
@@ -117,7 +137,20 @@ fn the_stop_lane_is_in_the_next_frame_whatever_is_queued() {
 
 #[test]
 fn a_halt_or_disable_that_finds_the_queue_full_is_in_the_next_frame_and_resolves() {
-    for (disables, ending) in [(false, Failure::Halted), (true, Failure::QuickStopped)] {
+    for (disables, ending) in [
+        (
+            false,
+            Failure::Halted {
+                delivery: Delivery::Accepted,
+            },
+        ),
+        (
+            true,
+            Failure::QuickStopped {
+                delivery: Delivery::Accepted,
+            },
+        ),
+    ] {
         let (mut machine, axis) = Machine::enabled();
         let pp = machine.finish(axis.profile_position()).unwrap();
         let moved = machine
@@ -315,7 +348,12 @@ fn a_move_that_was_queued_before_a_stop_is_not_started_after_it() {
     assert!(moving.poll().is_none());
     axis.stop_handle().stop();
     let refused = machine.finish_task(&mut moving).unwrap_err();
-    assert_eq!(refused.failure(), Some(Failure::QuickStopped));
+    assert_eq!(
+        refused.failure(),
+        Some(Failure::QuickStopped {
+            delivery: Delivery::NotSent
+        })
+    );
     machine.run(200);
     assert!(machine.drive().ledger().is_empty());
 }

@@ -1,7 +1,7 @@
 //! Moves that start together: all in one frame, or none.
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure, together},
+    axis::{AxisErrorKind, Delivery, Failure, together},
     profile_position::{Limits, PositionRange, ProfilePosition, RelativeBase, SetPoint},
 };
 
@@ -123,7 +123,12 @@ fn none_starts_when_one_is_stopped_before_the_frame() {
         assert_eq!(rose_later, rose, "nothing starts after the halt");
         if rose == [0, 0] {
             let error = starting.poll().unwrap().unwrap_err();
-            assert_eq!(error.error.failure(), Some(Failure::Halted));
+            assert_eq!(
+                error.error.failure(),
+                Some(Failure::Halted {
+                    delivery: Delivery::Accepted
+                })
+            );
             assert_eq!(error.error.identity.axis, "axis1");
         }
     }

@@ -1,7 +1,7 @@
 //! The same handles in millimetres: numbers are converted, and nothing else is different.
 
 use servocrab::{
-    axis::{AxisErrorKind, Failure, Referencing},
+    axis::{AxisErrorKind, Delivery, Failure, Referencing},
     coe::{ObjectAddress, obj},
     homing::HomingMethod,
     profile_position::{Limits, Reference, Start},
@@ -322,7 +322,12 @@ fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
     assert!(fast.contains("607Fh, 40"), "{fast}");
     let jog = machine.finish(pv.jog(1.0)).unwrap();
     machine.finish(axis.halt()).unwrap();
-    assert_eq!(jog.ended(), Some(Failure::Halted));
+    assert_eq!(
+        jog.ended(),
+        Some(Failure::Halted {
+            delivery: Delivery::Accepted
+        })
+    );
     machine.finish(axis.stop()).unwrap();
     machine.finish(pv.release()).unwrap();
 }

@@ -361,9 +361,24 @@ fn a_halt_beyond_the_end_of_a_blend_is_not_its_passing() {
 #[test]
 fn a_resume_beside_a_stop_in_the_same_cycle_says_that_bit_8_did_not_fall() {
     for (lane, failure) in [
-        (StopRequest::HALT, Failure::Halted),
-        (StopRequest::STOP, Failure::QuickStopped),
-        (StopRequest::QUICK_STOP, Failure::QuickStopped),
+        (
+            StopRequest::HALT,
+            Failure::Halted {
+                delivery: Delivery::NotSent,
+            },
+        ),
+        (
+            StopRequest::STOP,
+            Failure::QuickStopped {
+                delivery: Delivery::NotSent,
+            },
+        ),
+        (
+            StopRequest::QUICK_STOP,
+            Failure::QuickStopped {
+                delivery: Delivery::NotSent,
+            },
+        ),
     ] {
         for moves in [true, false] {
             let mut world = world(Behaviour::akd2g());
@@ -398,7 +413,12 @@ fn a_resume_of_an_axis_that_the_stop_lane_halts_in_that_cycle_is_refused() {
     let another = world.submit(Command::Resume);
     assert_eq!(finish(&mut world, another), Err(Failure::Busy));
     world.cycle(StopRequest::HALT, false, Link::Good);
-    assert_eq!(finish(&mut world, resume), Err(Failure::Halted));
+    assert_eq!(
+        finish(&mut world, resume),
+        Err(Failure::Halted {
+            delivery: Delivery::NotSent
+        })
+    );
     let resume = world.submit(Command::Resume);
     world.cycle(StopRequest::empty(), false, Link::ReplyLost);
     assert_eq!(
@@ -458,7 +478,12 @@ fn a_move_that_an_unacknowledged_one_may_have_replaced_ends_also_by_a_stop() {
     let stop = world.submit(Command::Stop);
     assert!(finish(&mut world, stop).is_ok());
     for id in held {
-        assert_eq!(finish(&mut world, id), Err(Failure::QuickStopped));
+        assert_eq!(
+            finish(&mut world, id),
+            Err(Failure::QuickStopped {
+                delivery: Delivery::Accepted
+            })
+        );
     }
 }
 

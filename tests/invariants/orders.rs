@@ -232,7 +232,7 @@ pub fn says_not_sent(result: Result<Completion, Failure>) -> bool {
         result,
         Err(Failure::Withdrawn
             | Failure::Busy
-            | Failure::Halted
+            | Failure::Halted { .. }
             | Failure::NeedsStop
             | Failure::Moving
             | Failure::NotEnabled { .. }

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex};
 
 use servocrab::axis::{
     Axis, AxisConfig, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSetup, AxisSource,
-    BoxFuture, Failure, GroupQueue, Inputs, ParameterAccess, Referencing, StopRequest,
+    BoxFuture, Delivery, Failure, GroupQueue, Inputs, ParameterAccess, Referencing, StopRequest,
 };
 use servocrab::coe::{AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj};
 use servocrab::drives;
@@ -320,30 +320,43 @@ fn pitfall_13_a_move_resolves_when_the_drive_has_taken_it_and_not_before() {
 fn pitfall_19_a_move_whose_parameters_are_still_being_written_does_not_outlive_a_stop() {
     type Stop = fn(&mut Station, &Axis);
     let stops: [(Stop, Failure); 5] = [
-        (|_, axis| axis.stop_handle().stop(), Failure::QuickStopped),
+        (
+            |_, axis| axis.stop_handle().stop(),
+            Failure::QuickStopped {
+                delivery: Delivery::Accepted,
+            },
+        ),
         (
             |station, axis| {
                 station.finish(axis.stop()).expect("it stands");
             },
-            Failure::QuickStopped,
+            Failure::QuickStopped {
+                delivery: Delivery::Accepted,
+            },
         ),
         (
             |station, _| station.port.request_stop(StopRequest::STOP),
-            Failure::QuickStopped,
+            Failure::QuickStopped {
+                delivery: Delivery::Accepted,
+            },
         ),
         (
             |station, axis| {
                 station.finish(axis.halt()).expect("halted");
                 station.finish(axis.resume()).expect("resumed");
             },
-            Failure::Halted,
+            Failure::Halted {
+                delivery: Delivery::Accepted,
+            },
         ),
         (
             |station, axis| {
                 station.finish(axis.quick_stop()).expect("stopped");
                 station.finish(axis.enable()).expect("enabled");
             },
-            Failure::QuickStopped,
+            Failure::QuickStopped {
+                delivery: Delivery::Accepted,
+            },
         ),
     ];
     for (stop, why) in stops {

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use servocrab::axis::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Failure, Inputs,
+    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Delivery, Failure, Inputs,
 };
 use servocrab::ds402::{Mode, QuickStopOption, State, Statusword, SupportedModes};
 use servocrab::profile_position::SetPoint;
@@ -55,7 +55,12 @@ fn pitfall_21_quick_stop_active_is_not_taken_for_operation_enabled() {
     rig.drive.connection_restored();
     rig.run(10);
     assert_eq!(rig.core.snapshot().state, State::QuickStopActive);
-    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(id),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        }))
+    );
     let refused = rig.abs(0, SetPoint::new());
     assert!(matches!(
         rig.outcome(refused),

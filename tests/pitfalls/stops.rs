@@ -1,6 +1,6 @@
 //! Pitfalls 14 to 19: halt, quick stop, and how soon they are sent.
 
-use servocrab::axis::{Command, CommandId, Completion, Failure, StopRequest};
+use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure, StopRequest};
 use servocrab::ds402::{Mode, QuickStopOption, State};
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{Behaviour, Outcome};
@@ -94,7 +94,12 @@ fn pitfall_16_no_mode_change_is_tried_while_bit_8_is_set() {
     let halt = rig.send(Command::Halt);
     assert!(rig.finish(halt).is_ok());
     let refused = rig.send(Command::SelectMode(Mode::Homing));
-    assert_eq!(rig.outcome(refused), Some(Err(Failure::Halted)));
+    assert_eq!(
+        rig.outcome(refused),
+        Some(Err(Failure::Halted {
+            delivery: Delivery::NotSent
+        }))
+    );
     let resume = rig.send(Command::Resume);
     assert!(rig.finish(resume).is_ok());
     let change = rig.send(Command::SelectMode(Mode::Homing));
@@ -246,7 +251,7 @@ fn pitfall_19_a_stop_withdraws_a_set_point_that_has_not_been_sent() {
         assert!(rig.ledger().is_empty());
         assert!(matches!(
             rig.outcome(id),
-            Some(Err(Failure::Halted | Failure::QuickStopped))
+            Some(Err(Failure::Halted { .. } | Failure::QuickStopped { .. }))
         ));
     }
 }
@@ -282,7 +287,12 @@ fn pitfall_17_a_quick_stop_whose_drive_stays_where_605ah_does_not_say_is_left_al
     rig.enable();
     let id = is_moving(&mut rig);
     quick_stop_holds(&mut rig);
-    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(id),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        }))
+    );
     rig.enable();
     is_back_at_0(&mut rig);
 }
@@ -300,7 +310,12 @@ fn pitfall_19_an_enable_does_not_go_on_where_a_stop_has_just_ended_another() {
     rig.run_until(100, |rig| rig.core.snapshot().state == State::SwitchedOn);
     let stop = rig.send(Command::QuickStop);
     let second = rig.send(Command::Enable);
-    assert_eq!(rig.outcome(first), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(first),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::NotSent
+        }))
+    );
     assert!(rig.outcome(stop).is_some());
     assert_eq!(rig.outcome(second), Some(Err(Failure::Busy)));
     rig.cycle();

@@ -257,7 +257,7 @@ fn is_over(outcome: &Result<Outcome, AxisError>) -> bool {
     let failure = outcome.as_ref().err().and_then(AxisError::failure);
     matches!(
         failure,
-        Some(Failure::BusLost { .. } | Failure::QuickStopped | Failure::Fault { .. })
+        Some(Failure::BusLost { .. } | Failure::QuickStopped { .. } | Failure::Fault { .. })
     )
 }
 

@@ -1,7 +1,7 @@
 //! "Example Sequence of Events": options 1 to 4, first with the document's own words on the simulated drive, then with
 //! the library's.
 
-use servocrab::axis::{Command, CommandId, Completion, Failure};
+use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure};
 use servocrab::profile_position::{Reference, SetPoint, Start};
 use servocrab_sim::ds402::{Behaviour, Cause, Outcome, State};
 
@@ -182,7 +182,12 @@ impl Example {
         assert!(rig.finish(stop).is_ok());
         // Bit 4 is still high: the document's own word.
         assert_eq!(rig.distinct_words(from), [self.quick_stop]);
-        assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+        assert_eq!(
+            rig.outcome(id),
+            Some(Err(Failure::QuickStopped {
+                delivery: Delivery::Unknown
+            }))
+        );
         let from = rig.words.len();
         rig.enable();
         rig.run(100);

@@ -1,6 +1,6 @@
 //! "Controlword Bit 2" and "Controlword Bit 8".
 
-use servocrab::axis::{Command, CommandId, Completion, Event, Failure};
+use servocrab::axis::{Command, CommandId, Completion, Delivery, Event, Failure};
 use servocrab::ds402::State as Shown;
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{Behaviour, Cause, Outcome, State};
@@ -103,7 +103,12 @@ pub(super) fn library_reports_a_quick_stop_only_at_rest() {
     assert_eq!(rig.outcome(stop), None);
     assert!(rig.finish(stop).is_ok());
     assert_eq!(rig.drive.velocity(), 0.0);
-    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(id),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        }))
+    );
 }
 
 #[test]
@@ -125,7 +130,12 @@ pub(super) fn library_moves_nothing_after_a_quick_stop() {
     let (mut rig, id) = under_way();
     let stop = rig.send(Command::QuickStop);
     assert!(rig.finish(stop).is_ok());
-    assert_eq!(rig.outcome(id), Some(Err(Failure::QuickStopped)));
+    assert_eq!(
+        rig.outcome(id),
+        Some(Err(Failure::QuickStopped {
+            delivery: Delivery::Accepted
+        }))
+    );
     let stood = rig.drive.position();
     rig.enable();
     rig.run(500);
@@ -341,7 +351,12 @@ pub(super) fn library_refuses_a_move_while_halted() {
     assert!(rig.finish(halt).is_ok());
     let from = rig.words.len();
     let id = rig.abs(5_000, SetPoint::new());
-    assert_eq!(rig.outcome(id), Some(Err(Failure::Halted)));
+    assert_eq!(
+        rig.outcome(id),
+        Some(Err(Failure::Halted {
+            delivery: Delivery::NotSent
+        }))
+    );
     rig.run(100);
     assert_eq!(rig.distinct_words(from), [0x10F], "nothing was sent");
     rig.send(Command::Resume);
