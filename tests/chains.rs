@@ -242,7 +242,7 @@ fn a_stop_between_the_edge_and_its_proof_says_that_it_is_unknown() {
     assert_eq!(
         rig.outcome(third),
         Some(Err(Failure::QuickStopped {
-            delivery: Delivery::Accepted
+            delivery: Delivery::Unknown
         }))
     );
 }

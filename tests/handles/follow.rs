@@ -102,7 +102,7 @@ fn a_halt_ends_the_path_behind_the_moves_that_the_drive_holds() {
     assert_eq!(
         failed.error.failure(),
         Some(Failure::Halted {
-            delivery: Delivery::Accepted
+            delivery: Delivery::NotSent
         })
     );
     assert_eq!(machine.drive().ledger().len(), 2);

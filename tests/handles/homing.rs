@@ -512,7 +512,7 @@ fn a_stop_while_parameters_are_being_written_stops_the_homing_too() {
     assert_eq!(
         error.failure(),
         Some(Failure::Halted {
-            delivery: Delivery::Accepted
+            delivery: Delivery::NotSent
         })
     );
     machine.run(100);

@@ -325,7 +325,7 @@ fn what_cannot_be_jogged_is_refused_with_the_reason_and_nothing_is_sent() {
     assert_eq!(
         error.failure(),
         Some(Failure::Halted {
-            delivery: Delivery::Accepted
+            delivery: Delivery::NotSent
         })
     );
     machine.finish(axis.resume()).unwrap();

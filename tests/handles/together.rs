@@ -126,7 +126,7 @@ fn none_starts_when_one_is_stopped_before_the_frame() {
             assert_eq!(
                 error.error.failure(),
                 Some(Failure::Halted {
-                    delivery: Delivery::Accepted
+                    delivery: Delivery::NotSent
                 })
             );
             assert_eq!(error.error.identity.axis, "axis1");
