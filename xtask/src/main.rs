@@ -1,5 +1,6 @@
 //! The project's own commands. `cargo xtask --help` lists them.
 
+mod house;
 mod motion_table;
 mod mutants;
 mod prove;
@@ -18,6 +19,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    House(house::Args),
     MotionTable(motion_table::Args),
     Mutants(mutants::Args),
     Prove(prove::Args),
@@ -25,6 +27,7 @@ enum Command {
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
+        Command::House(args) => house::run(&args),
         Command::MotionTable(args) => motion_table::run(&args),
         Command::Mutants(args) => mutants::run(&args),
         Command::Prove(args) => prove::run(&args),

@@ -1,0 +1,294 @@
+//! What a source file of the library has in it.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+use proc_macro2::{TokenStream, TokenTree};
+use syn::{
+    Attribute, Item, ItemEnum, ItemMod, ItemStruct, ItemTrait, UseTree, Visibility,
+    visit::{self, Visit},
+};
+
+/// One file below `src/`.
+#[derive(Default)]
+pub(super) struct SourceFile {
+    /// Below `src/`.
+    pub(super) path: String,
+    /// The module below the root that it is of.
+    pub(super) room: String,
+    /// Lines, of each kind.
+    pub(super) code: usize,
+    pub(super) comments: usize,
+    pub(super) tests: usize,
+    /// Items and fields that are `pub(crate)`, `pub(super)` or `pub(in …)`.
+    pub(super) restricted: usize,
+    pub(super) public_types: usize,
+    /// The names of its types.
+    pub(super) types: BTreeSet<String>,
+    /// Modules below the root that it names, outside its tests.
+    pub(super) imports: BTreeSet<String>,
+}
+
+impl SourceFile {
+    pub(super) fn read(text: &str, path: &Path) -> crate::Result<Self> {
+        let name = path.display().to_string();
+        let parts: Vec<String> = path
+            .with_extension("")
+            .iter()
+            .map(|part| part.to_string_lossy().into_owned())
+            .collect();
+        let is_test = parts
+            .iter()
+            .any(|part| part == "tests" || part.ends_with("_tests") || part == "testing");
+        let module: Vec<String> = match parts.last().map(String::as_str) {
+            Some("mod" | "lib") => parts[..parts.len() - 1].to_vec(),
+            _ => parts.clone(),
+        };
+        let mut file = Self {
+            room: parts[0].clone(),
+            path: name,
+            ..Self::default()
+        };
+        let parsed = syn::parse_file(text).map_err(|error| format!("{}: {error}", file.path))?;
+        let test_lines = test_lines(&parsed);
+        for (number, line) in text.lines().enumerate() {
+            let line = line.trim();
+            if line.is_empty() {
+            } else if is_test || test_lines.iter().any(|lines| lines.contains(&(number + 1))) {
+                file.tests += 1;
+            } else if line.starts_with("//") {
+                file.comments += 1;
+            } else {
+                file.code += 1;
+            }
+        }
+        if !is_test {
+            Reader {
+                file: &mut file,
+                module,
+            }
+            .visit_file(&parsed);
+        }
+        Ok(file)
+    }
+}
+
+fn is_test(attributes: &[Attribute]) -> bool {
+    attributes.iter().any(|attribute| {
+        attribute.path().is_ident("cfg")
+            && attribute
+                .parse_args::<syn::Ident>()
+                .is_ok_and(|name| name == "test")
+    })
+}
+
+fn test_lines(file: &syn::File) -> Vec<core::ops::RangeInclusive<usize>> {
+    file.items
+        .iter()
+        .filter_map(|item| match item {
+            Item::Mod(module) if is_test(&module.attrs) => {
+                let span = syn::spanned::Spanned::span(module);
+                Some(span.start().line..=span.end().line)
+            }
+            _ => None,
+        })
+        .collect()
+}
+
+struct Reader<'a> {
+    file: &'a mut SourceFile,
+    /// The path of the module that is being read.
+    module: Vec<String>,
+}
+
+impl Reader<'_> {
+    fn note_type(&mut self, name: &syn::Ident, visibility: &Visibility) {
+        self.file.types.insert(name.to_string());
+        self.file.public_types += usize::from(matches!(visibility, Visibility::Public(_)));
+    }
+
+    /// A path that begins with these names: which room it leads to.
+    fn note_path(&mut self, names: &[String]) {
+        let room = match names.first().map(String::as_str) {
+            Some("crate") => names.get(1).cloned(),
+            Some("super") => {
+                let up = names.iter().take_while(|name| *name == "super").count();
+                if up < self.module.len() {
+                    return;
+                }
+                names.get(up).cloned()
+            }
+            _ => return,
+        };
+        self.file.imports.extend(room);
+    }
+
+    fn note_use(&mut self, tree: &UseTree, before: &mut Vec<String>) {
+        match tree {
+            UseTree::Path(path) => {
+                before.push(path.ident.to_string());
+                self.note_use(&path.tree, before);
+                before.pop();
+            }
+            UseTree::Group(group) => {
+                for tree in &group.items {
+                    self.note_use(tree, before);
+                }
+            }
+            UseTree::Name(name) => {
+                before.push(name.ident.to_string());
+                self.note_path(before);
+                before.pop();
+            }
+            UseTree::Rename(rename) => {
+                before.push(rename.ident.to_string());
+                self.note_path(before);
+                before.pop();
+            }
+            UseTree::Glob(_) => self.note_path(before),
+        }
+    }
+
+    /// Paths in what a macro is given.
+    fn note_tokens(&mut self, tokens: TokenStream) {
+        let mut names: Vec<String> = Vec::new();
+        for token in tokens {
+            match token {
+                TokenTree::Ident(name) => names.push(name.to_string()),
+                TokenTree::Punct(mark) if mark.as_char() == ':' => {}
+                TokenTree::Group(group) => {
+                    self.note_path(&names);
+                    names.clear();
+                    self.note_tokens(group.stream());
+                }
+                _ => {
+                    self.note_path(&names);
+                    names.clear();
+                }
+            }
+            if let Some(start) = names.iter().rposition(|name| name == "crate") {
+                names.drain(..start);
+            }
+        }
+        self.note_path(&names);
+    }
+}
+
+impl<'ast> Visit<'ast> for Reader<'_> {
+    fn visit_visibility(&mut self, visibility: &'ast Visibility) {
+        self.file.restricted += usize::from(matches!(visibility, Visibility::Restricted(_)));
+    }
+
+    fn visit_item_mod(&mut self, module: &'ast ItemMod) {
+        if is_test(&module.attrs) {
+            return;
+        }
+        self.module.push(module.ident.to_string());
+        visit::visit_item_mod(self, module);
+        self.module.pop();
+    }
+
+    fn visit_item_struct(&mut self, item: &'ast ItemStruct) {
+        self.note_type(&item.ident, &item.vis);
+        visit::visit_item_struct(self, item);
+    }
+
+    fn visit_item_enum(&mut self, item: &'ast ItemEnum) {
+        self.note_type(&item.ident, &item.vis);
+        visit::visit_item_enum(self, item);
+    }
+
+    fn visit_item_trait(&mut self, item: &'ast ItemTrait) {
+        self.note_type(&item.ident, &item.vis);
+        visit::visit_item_trait(self, item);
+    }
+
+    fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
+        if !is_test(&item.attrs) {
+            self.visit_visibility(&item.vis);
+            self.note_use(&item.tree, &mut Vec::new());
+        }
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        let names: Vec<String> = path
+            .segments
+            .iter()
+            .map(|segment| segment.ident.to_string())
+            .collect();
+        self.note_path(&names);
+        visit::visit_path(self, path);
+    }
+
+    fn visit_macro(&mut self, call: &'ast syn::Macro) {
+        self.note_tokens(call.tokens.clone());
+        visit::visit_macro(self, call);
+    }
+}
+
+/// The rooms that reach each other both ways, of more than one room each.
+pub(super) fn knots<'a>(
+    rooms: &BTreeSet<&'a str>,
+    uses: &BTreeMap<&'a str, BTreeSet<&'a str>>,
+) -> Vec<BTreeSet<&'a str>> {
+    let reached = |from: &'a str| {
+        let mut seen = BTreeSet::new();
+        let mut ahead = vec![from];
+        while let Some(room) = ahead.pop() {
+            for &next in uses.get(room).into_iter().flatten() {
+                if seen.insert(next) {
+                    ahead.push(next);
+                }
+            }
+        }
+        seen
+    };
+    let reaches: BTreeMap<&str, BTreeSet<&str>> =
+        rooms.iter().map(|&room| (room, reached(room))).collect();
+    let knot_of = |room: &'a str| -> BTreeSet<&'a str> {
+        let there = &reaches[room];
+        let both = |other: &&'a str| there.contains(other) && reaches[other].contains(room);
+        rooms.iter().copied().filter(both).collect()
+    };
+    let knots: BTreeSet<BTreeSet<&str>> = rooms.iter().map(|&room| knot_of(room)).collect();
+    knots.into_iter().filter(|knot| knot.len() > 1).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(path: &str, text: &str) -> SourceFile {
+        SourceFile::read(text, Path::new(path)).expect("it parses")
+    }
+
+    #[test]
+    fn lines_items_and_types_are_counted_outside_the_tests() {
+        let text = "//! Two.\n\npub struct A {\n    pub(crate) b: u8,\n}\npub(super) fn c() {}\n#[cfg(test)]\nmod tests {\n    pub(super) struct A;\n}\n";
+        let file = read("axis/core.rs", text);
+        assert_eq!((file.code, file.comments, file.tests), (4, 1, 4));
+        assert_eq!((file.restricted, file.public_types), (2, 1));
+        assert!(file.types.contains("A") && file.types.len() == 1);
+    }
+
+    #[test]
+    fn imports_lead_to_rooms() {
+        let text = "use crate::{ds402::State, coe};\nuse super::Failure;\nuse super::super::bus::Net;\nfn f() { crate::units::of(); log!(a, crate::esi::X { y: 1 }) }\n";
+        let imports = read("axis/core.rs", text).imports;
+        let names: Vec<&str> = imports.iter().map(String::as_str).collect();
+        assert_eq!(names, ["bus", "coe", "ds402", "esi", "units"]);
+    }
+
+    #[test]
+    fn rooms_that_reach_each_other_through_others_are_one_knot() {
+        let rooms = BTreeSet::from(["a", "b", "c", "d"]);
+        let uses = BTreeMap::from([
+            ("a", BTreeSet::from(["b"])),
+            ("b", BTreeSet::from(["c", "d"])),
+            ("c", BTreeSet::from(["a"])),
+        ]);
+        assert_eq!(knots(&rooms, &uses), [BTreeSet::from(["a", "b", "c"])]);
+    }
+}
