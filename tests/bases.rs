@@ -6,24 +6,29 @@ mod common;
 use common::Rig;
 use servocrab::axis::{Command, Completion, Failure};
 use servocrab::coe::obj;
-use servocrab::drives;
+use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::Mode;
 use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::{Limits, PositionRange, RelativeBase, SetPoint, Start};
 use servocrab::profile_velocity::JogSetPoint;
-use servocrab_sim::ds402::Behaviour;
+use servocrab_sim::ds402::{Behaviour, ReachedPolicy};
 
-/// A drive whose relative moves count from the previous target, 60F2h = 0, and a library that knows.
-fn rig() -> Rig {
+/// An AKD2G that can be jogged.
+fn description() -> DriveDescription {
     let mut description = drives::akd2g();
     for axis in &mut description.axes {
         axis.outputs.push(obj::TARGET_VELOCITY.into());
     }
+    description
+}
+
+/// A drive whose relative moves count from the previous target, 60F2h = 0, and a library that knows.
+fn rig() -> Rig {
     let behaviour = Behaviour {
         relative_base: servocrab_sim::ds402::RelativeBase::PreviousTarget,
         ..Behaviour::akd2g()
     };
-    let mut rig = Rig::of(description, behaviour, |config| {
+    let mut rig = Rig::of(description(), behaviour, |config| {
         config.traits.relative_base = RelativeBase::PreviousTarget;
         config.limits = Limits {
             software: Some(PositionRange {
@@ -40,6 +45,16 @@ fn rig() -> Rig {
 fn mode(rig: &mut Rig, mode: Mode) {
     let id = rig.send(Command::SelectMode(mode));
     assert_eq!(rig.finish(id), Ok(Completion::Done));
+}
+
+/// Half a second with 20 000 counts/s.
+fn jog(rig: &mut Rig) {
+    mode(rig, Mode::ProfileVelocity);
+    let jog = rig.send(Command::Jog(JogSetPoint::from(20_000)));
+    rig.run(500);
+    rig.core.release_jog(rig.now, jog, &mut rig.outputs);
+    rig.finish(jog).unwrap();
+    mode(rig, Mode::ProfilePosition);
 }
 
 /// A distance is gone from where the axis stands, and reported so.
@@ -79,13 +94,26 @@ fn after_a_jog_a_distance_counts_from_where_the_axis_stands() {
     let mut rig = rig();
     let first = rig.abs(1_000, SetPoint::new());
     rig.finish(first).unwrap();
-    mode(&mut rig, Mode::ProfileVelocity);
-    let jog = rig.send(Command::Jog(JogSetPoint::from(20_000)));
-    rig.run(500);
-    rig.core.release_jog(rig.now, jog, &mut rig.outputs);
-    rig.finish(jog).unwrap();
-    mode(&mut rig, Mode::ProfilePosition);
+    jog(&mut rig);
     goes(&mut rig, 300);
+}
+
+#[test]
+fn of_no_length_after_a_jog_a_distance_may_have_a_way_to_go_where_nobody_knows_its_base() {
+    // Its bit 10 stays high on no way.
+    let behaviour = Behaviour {
+        reached: ReachedPolicy::Window,
+        ..Behaviour::akd2g()
+    };
+    let mut rig = Rig::of(description(), behaviour, |config| {
+        config.traits.relative_base = RelativeBase::Undocumented;
+    });
+    rig.enable();
+    let nowhere = rig.rel(0, SetPoint::new());
+    assert_eq!(rig.finish(nowhere), Ok(Completion::Reached { position: 0 }));
+    jog(&mut rig);
+    let nowhere = rig.rel(0, SetPoint::new());
+    assert!(matches!(rig.finish(nowhere), Err(Failure::NotBegun { .. })));
 }
 
 #[test]

@@ -29,6 +29,7 @@ const LATE: Habits = Habits {
     limits: None,
     from_actual: false,
     acknowledge_delay: 0,
+    halt_hides_bit_10: false,
 };
 
 /// Runs until this has an end; the drive never holds a set-point that the core does not know.
@@ -60,6 +61,8 @@ fn what_a_short_move_shows_when_it_begins_late_is_not_the_end_of_the_next() {
 
 /// A load moves the axis out of its window while the drive waits: bit 10 is high, and the move seems to have ended elsewhere.
 fn missed(bus: &mut Bus) {
+    // It is seen to stand first.
+    bus.run(110);
     let first = bus.abs(1_000, after());
     bus.wait_accepted(first);
     bus.drive.habits.droop = 60;

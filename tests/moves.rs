@@ -383,3 +383,32 @@ fn a_queued_move_that_is_executed_before_its_late_acknowledge_is_seen_is_not_the
     assert!(rig.finish(second).is_ok());
     assert!(rig.finish(first).is_ok(), "{:?}", rig.outcome(first));
 }
+
+#[test]
+fn a_replacement_to_nearly_the_same_end_is_not_the_end_of_the_move_that_it_replaces() {
+    use core::time::Duration;
+    for (deadline, late) in [(5_000, false), (300, true)] {
+        // It executes at once and acknowledges late.
+        let mut rig = Rig::new(Behaviour::akd2g(), |config| {
+            config.deadlines.acknowledge = Duration::from_millis(deadline);
+        });
+        rig.enable();
+        let first = rig.abs(10_000, SetPoint::new());
+        rig.wait_accepted(first);
+        rig.run(20);
+        rig.drive.disturbances().ack_delay_cycles = 2_000;
+        let second = rig.abs(10_008, SetPoint::new());
+        let end = rig.finish(second);
+        if late {
+            assert!(matches!(end, Err(Failure::Timeout { .. })), "{end:?}");
+            assert!(
+                matches!(rig.finish(first), Err(Failure::PerhapsSuperseded { .. })),
+                "{:?}",
+                rig.outcome(first)
+            );
+        } else {
+            assert!(matches!(end, Ok(Completion::Reached { .. })), "{end:?}");
+            assert_eq!(rig.outcome(first), Some(Err(Failure::Superseded)));
+        }
+    }
+}

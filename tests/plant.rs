@@ -1,6 +1,8 @@
 //! Moves of an axis that lags behind its demand, goes past its ends, dithers and begins late; judged by what the drive has done.
 #![allow(missing_docs)]
 
+use core::time::Duration;
+
 #[path = "common/plant.rs"]
 mod plant;
 #[path = "common/twins.rs"]
@@ -8,7 +10,9 @@ mod twins;
 
 use plant::{Bus, End, Habits, Link, random};
 use servocrab::axis::{Command, CommandId, Completion, Failure};
-use servocrab::profile_position::{BufferSignal, MoveCommand, Reference, SetPoint, Start};
+use servocrab::profile_position::{
+    BufferSignal, MoveCommand, Reference, RelativeBase, SetPoint, Start,
+};
 
 /// An axis that goes 32 counts past its end at 500 000 counts/s², critically damped.
 fn overshooting() -> Habits {
@@ -473,6 +477,220 @@ fn an_axis_that_rests_beside_its_end_and_does_not_stand_still_has_missed_it() {
         let second = bus.abs(3_000, after());
         bus.finish(first).ok();
         bus.finish(second).ok();
+    }
+}
+
+/// A slow axis, whose drive shows bit 10 as soon as its demand is at the end.
+fn slow() -> Habits {
+    Habits {
+        frequency: 25.0,
+        damping: 0.4,
+        window: 1_000,
+        ..Habits::default()
+    }
+}
+
+#[test]
+fn an_axis_that_still_settles_when_the_next_move_is_taken_has_not_missed_that() {
+    for start in [Start::AfterCurrent, Start::Immediately] {
+        let mut bus = Bus::enabled(slow(), |config| config.tolerances.position = 50);
+        let first = bus.abs(3_000, SetPoint::new());
+        assert!(bus.finish(first).is_ok());
+        let at = bus.drive.actual;
+        // The drive waits with bit 10 high, and the axis goes on to the end before.
+        bus.drive.habits.start_delay = 900;
+        let second = bus.abs(5_000, SetPoint::new().start(start));
+        bus.wait_accepted(second);
+        let mut furthest: f64 = 0.0;
+        for _ in 0..850 {
+            bus.cycle();
+            furthest = furthest.max((bus.drive.actual - at).abs());
+        }
+        assert!(furthest > 60.0, "it moves by {furthest}");
+        assert_eq!(bus.outcome(second), None, "{start:?}");
+        let end = bus.finish(second);
+        assert!(
+            matches!(end, Ok(Completion::Reached { .. })),
+            "{start:?}: {end:?}"
+        );
+    }
+}
+
+#[test]
+fn an_axis_that_sets_off_slowly_has_not_come_to_rest_where_it_was() {
+    for (start, target) in [(Start::AfterCurrent, 27), (Start::Immediately, -40)] {
+        let habits = Habits {
+            start_delay: 400,
+            ..slow()
+        };
+        let mut bus = Bus::enabled(habits, |_| {});
+        let id = bus.abs(target, SetPoint::new().start(start));
+        let end = bus.finish(id);
+        assert!(
+            matches!(end, Ok(Completion::Reached { .. })),
+            "{target}: {end:?}"
+        );
+        assert!((bus.drive.actual - f64::from(target)).abs() <= 11.0);
+        // With another behind it.
+        let first = bus.abs(0, SetPoint::new());
+        bus.wait_accepted(first);
+        let second = bus.abs(target, after());
+        for id in [first, second] {
+            let end = bus.finish(id);
+            assert!(
+                matches!(end, Ok(Completion::Reached { .. })),
+                "{target} {id:?}: {end:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_distance_from_an_axis_that_settles_ends_where_any_of_its_bases_lets_it() {
+    for base in [
+        RelativeBase::Demand,
+        RelativeBase::Actual,
+        RelativeBase::Undocumented,
+    ] {
+        for from_actual in [true, false] {
+            let habits = Habits {
+                from_actual,
+                ..slow()
+            };
+            let mut bus = Bus::enabled(habits, |config| config.traits.relative_base = base);
+            let first = bus.abs(3_000, SetPoint::new());
+            assert!(bus.finish(first).is_ok());
+            bus.run(40);
+            let off = (bus.drive.actual - 3_000.0).abs();
+            assert!(off > 30.0, "{off}");
+            let id = bus.rel(300, SetPoint::new());
+            let end = bus.finish(id);
+            assert!(
+                matches!(end, Ok(Completion::Reached { .. })),
+                "{base:?} {from_actual}: {end:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn bit_10_of_a_halt_that_is_still_shown_is_not_that_of_the_move_that_goes_on() {
+    for reference in [Reference::Absolute, Reference::Relative] {
+        for lost in [0, 8] {
+            let habits = Habits {
+                start_delay: 600,
+                halt_hides_bit_10: true,
+                ..Habits::default()
+            };
+            let mut bus = Bus::enabled(habits, |_| {});
+            bus.latency = 1;
+            let id = bus.go(reference, 1_000, SetPoint::new());
+            bus.wait_accepted(id);
+            let halt = bus.send(Command::Halt);
+            assert!(bus.finish(halt).is_ok());
+            bus.send(Command::Resume);
+            // The drive hears of it late.
+            for _ in 0..lost {
+                bus.cycle_over(Link::RequestLost);
+            }
+            let resumed = bus.drive.now;
+            let end = bus.finish(id);
+            assert!(
+                matches!(end, Ok(Completion::Reached { .. })),
+                "{reference:?} {lost}: {end:?}"
+            );
+            assert!(bus.drive.now - resumed > 500, "{reference:?} {lost}");
+            assert!((bus.drive.actual - 1_000.0).abs() < 1.0);
+        }
+    }
+}
+
+#[test]
+fn a_distance_of_no_length_after_a_miss_has_not_ended_before_it_begins() {
+    let habits = Habits {
+        limits: Some((-3_000, 3_000)),
+        ..Habits::default()
+    };
+    let mut bus = Bus::enabled(habits, |_| {});
+    // Whatever the drive counts from is where the axis was enabled, and then where it has arrived.
+    bus.run(100);
+    for target in [None, Some(1_000)] {
+        if let Some(target) = target {
+            let id = bus.abs(target, SetPoint::new());
+            assert!(bus.finish(id).is_ok());
+        }
+        let nowhere = bus.rel(0, SetPoint::new());
+        assert!(bus.finish(nowhere).is_ok(), "{target:?}");
+    }
+    let missed = bus.abs(5_000, SetPoint::new());
+    assert!(matches!(
+        bus.finish(missed),
+        Err(Failure::MissedTarget { .. })
+    ));
+    bus.run(150);
+    // It may count from 5000, and wait before it sets off.
+    let nowhere = bus.rel(0, SetPoint::new());
+    assert_eq!(
+        bus.finish(nowhere),
+        Err(Failure::NotBegun { actual: 3_000 })
+    );
+}
+
+#[test]
+fn distances_that_wait_have_not_ended_where_a_load_has_moved_the_axis() {
+    let habits = Habits {
+        start_delay: 900,
+        shows_room: true,
+        ..Habits::default()
+    };
+    let mut bus = Bus::enabled(habits, |config| {
+        config.traits.buffer_signal = BufferSignal::Acknowledge;
+    });
+    bus.run(150);
+    let first = bus.rel(700, SetPoint::new());
+    bus.wait_accepted(first);
+    let second = bus.rel(300, after());
+    bus.wait_accepted(second);
+    bus.drive.habits.droop = 60;
+    bus.run(400);
+    assert_eq!((bus.outcome(first), bus.outcome(second)), (None, None));
+    bus.drive.habits.droop = 0;
+    for id in [first, second] {
+        assert!(bus.finish(id).is_ok(), "{:?}", bus.outcome(id));
+    }
+    assert_eq!(judge(&bus, &[first, second]), Ok(()));
+}
+
+#[test]
+fn distances_that_wait_behind_one_that_is_short_have_not_ended_with_it() {
+    let habits = Habits {
+        start_delay: 400,
+        dwell: 400,
+        shows_room: true,
+        ..Habits::default()
+    };
+    for distances in [[5, 1_000, 5], [5, 1_000, 1_000], [5, -7, 900]] {
+        let mut bus = Bus::enabled(habits.clone(), |config| {
+            config.traits.buffer_signal = BufferSignal::Acknowledge;
+            config.deadlines.acknowledge = Duration::from_secs(5);
+        });
+        bus.run(150);
+        let moves = distances.map(|distance| bus.rel(distance, after()));
+        for id in moves {
+            bus.finish(id).ok();
+        }
+        // One within the window is over at once, for all that shows.
+        let long = moves
+            .iter()
+            .zip(distances)
+            .filter(|(_, way)| way.abs() > 10);
+        let long: Vec<_> = long.map(|(id, _)| *id).collect();
+        assert_eq!(judge(&bus, &long), Ok(()), "{distances:?}");
+        assert!(
+            moves
+                .iter()
+                .all(|id| bus.outcome(*id).is_some_and(|end| end.is_ok()))
+        );
     }
 }
 

@@ -229,7 +229,7 @@ impl AxisCore {
             return;
         }
         // No move of ours is under way: whoever looks at 607Ah finds no jump, not even after a homing has moved the zero.
-        self.sequencer.follow_position(sample.position);
+        self.sequencer.follow_other_mode(sample.position);
         let cycle = cycle!(self, now, sample, delivered);
         match self.mode {
             Mode::Homing => match self.homing.step(&cycle, &mut self.events) {

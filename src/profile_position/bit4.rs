@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use super::{CommandId, Cycle, Start, waiting::Request};
+use super::{CommandId, Cycle, Start, track::Bases, waiting::Request};
 
 /// So many frames later, at the latest, the inputs show what the drive has seen in one: it takes outputs in at one SYNC0, works
 /// until the next, and what it has put out then is fetched by the frame after that. Assumed, no document says.
@@ -39,6 +39,8 @@ pub(super) struct Raised {
     pub(super) since: Duration,
     /// Where the set-point begins and where it ends, judged when it rose.
     pub(super) begin: i32,
+    /// Where the axis was.
+    pub(super) at: i32,
     pub(super) end: Option<i32>,
     /// Where it leads, also where its end is not known to the count.
     pub(super) goal: Option<i32>,
@@ -46,12 +48,20 @@ pub(super) struct Raised {
     pub(super) previous: Option<i32>,
     /// Whether it begins at rest.
     pub(super) from_rest: bool,
+    /// Whether the axis stood there when bit 4 rose, with nothing that the drive held.
+    pub(super) stands: bool,
+    /// Whether it had not moved but by set-points that have ended well, since it was enabled.
+    pub(super) at_base: bool,
+    /// Whether it is behind another that the drive holds.
+    pub(super) queued: bool,
+    /// Behind a distance whose end is not known, what a distance counts from.
+    pub(super) behind: Option<Bases>,
 }
 
 impl Raised {
-    /// Whether it replaces the others, and its end is not known: it may be theirs.
-    pub(super) fn may_end_anywhere(&self) -> bool {
-        self.request.command.set_point.start == Start::Immediately && self.end.is_none()
+    /// Whether it replaces the others.
+    pub(super) fn replaces(&self) -> bool {
+        self.request.command.set_point.start == Start::Immediately
     }
 }
 

@@ -5,9 +5,9 @@ use core::time::Duration;
 use crate::ds402::Controlword;
 
 use super::{
-    BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference, RelativeBase, Start,
-    StartBits, Traits,
-    track::{Rest, Sight, Track},
+    Bounds, BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference, RelativeBase,
+    Start, StartBits, Traits,
+    track::{Bases, Rest, Sight, Track},
 };
 
 /// Set-points that the drive may hold.
@@ -27,11 +27,13 @@ pub(super) enum Place {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Next {
     None,
-    /// Its acknowledge is still to come. `anywhere`: it replaces the others, and may end anywhere, at their ends, too.
+    /// Its acknowledge is still to come. `replaces`: when it comes, the others have been replaced, and what shows before that may be its
+    /// way past their ends.
     Comes {
-        anywhere: bool,
+        replaces: bool,
     },
-    /// Its acknowledge has not come in time: whether the drive has taken it stays unknown.
+    /// Its acknowledge has not come in time: whether the drive has taken it stays unknown. `anywhere`: it replaces the others, and may
+    /// end anywhere, at their ends, too.
     Perhaps {
         anywhere: bool,
     },
@@ -50,6 +52,11 @@ pub(super) struct Chain {
     /// Whether the last one has ended without a proof of it: the axis came to rest elsewhere than at its end, and what brought it there may
     /// have been something else. The drive may hold that one still, until a later one has led the axis to its end.
     unproven: bool,
+    /// Whether the axis is where the last set-point has ended well, or where it was enabled: there a distance counts from, whatever the
+    /// drive counts from.
+    at_base: bool,
+    /// When the last one has ended.
+    ended: Duration,
     /// Whether the drive has been given up on beginning one that it has acknowledged: it may still do so.
     not_begun: bool,
 }
@@ -75,9 +82,10 @@ impl Chain {
         self.unproven
     }
 
-    /// The drive has dropped all of them.
+    /// The drive has dropped all of them, out of Operation enabled: when it is enabled again it begins where the axis then is.
     pub(super) const fn forget(&mut self) {
         self.unproven = false;
+        self.at_base = true;
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -91,6 +99,7 @@ impl Chain {
 
     /// Takes in a set-point that the drive has acknowledged; with `Immediately` it is the only one from now on.
     pub(super) fn push(&mut self, mut track: Track, events: &mut Events) {
+        self.at_base = false;
         if track.start == Start::Immediately {
             self.fail_all(Failure::Superseded, events);
             self.unproven = false;
@@ -228,8 +237,8 @@ impl Chain {
         track.note(cycle, true);
         track.note_limit(cycle);
         // What one shows that is taken and not acknowledged yet is not the end of this one; its own end, where that is
-        // known, is.
-        let known = track.end.is_some() && next != (Next::Comes { anywhere: true });
+        // known, is, unless the other has replaced it.
+        let known = track.end.is_some() && next != (Next::Comes { replaces: true });
         let outcome = track
             .outcome(cycle)
             .filter(|outcome| next == Next::None || (known && outcome.is_ok()));
@@ -239,6 +248,8 @@ impl Chain {
                 let begun = track.has_begun(cycle);
                 self.unseen = outcome.is_ok() && !begun;
                 self.unproven = outcome.is_err() || (self.unproven && !begun);
+                self.at_base = outcome.is_ok();
+                self.ended = cycle.now;
                 self.not_begun |= matches!(outcome, Err(Failure::NotBegun { .. }));
                 events.push(track.id, Event::Done(outcome));
                 self.held[0] = None;
@@ -338,10 +349,27 @@ impl Chain {
     pub(super) fn begins_at_rest(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> bool {
         match command.set_point.start {
             Start::AfterCurrent => true,
-            Start::Blend | Start::Immediately => {
-                self.is_empty() && (cycle.standstill.is_standing() || self.has_arrived(cycle))
-            }
+            Start::Blend | Start::Immediately => self.stands(cycle),
         }
+    }
+
+    /// Whether the axis stands, with no set-point that the drive holds.
+    pub(super) fn stands(&self, cycle: &Cycle<'_>) -> bool {
+        let stands = || {
+            let standstill = cycle.standstill;
+            standstill.stands_since(cycle.now, self.ended, cycle.bounds)
+        };
+        self.is_empty() && (stands() || self.has_arrived(cycle))
+    }
+
+    /// Whether whatever a distance may count from is where the axis has last come to rest.
+    pub(super) const fn is_at_base(&self) -> bool {
+        self.at_base
+    }
+
+    /// Another mode may lead the axis anywhere.
+    pub(super) const fn leave_base(&mut self) {
+        self.at_base = false;
     }
 
     /// Whether the axis is where the last set-point ended, and 606Ch says that it stands there.
@@ -356,13 +384,34 @@ impl Chain {
 
     /// Where a move begins: behind another at the end of that, where it is known; else where the axis is.
     pub(super) fn begin_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> i32 {
-        let behind = match command.set_point.start {
-            Start::AfterCurrent | Start::Blend => self.held.iter().flatten().last(),
-            Start::Immediately => None,
-        };
-        behind
+        self.before(command)
             .and_then(|before| before.end)
             .unwrap_or(cycle.sample.position)
+    }
+
+    /// The one that a move is to follow.
+    fn before(&self, command: &MoveCommand) -> Option<&Track> {
+        let queues = command.set_point.start != Start::Immediately;
+        self.held.iter().flatten().last().filter(|_| queues)
+    }
+
+    /// What a distance counts from behind one whose end is not known.
+    pub(super) fn bases_behind(&self, command: &MoveCommand, bounds: &Bounds) -> Option<Bases> {
+        self.before(command)?.bases_behind(bounds)
+    }
+
+    /// Whether a move is to follow one that the drive holds.
+    pub(super) fn queues(&self, command: &MoveCommand) -> bool {
+        self.before(command).is_some()
+    }
+
+    /// Whether one of them ends so near to a position that an axis there may have been led by either.
+    pub(super) fn ends_near(&self, position: i32, bounds: &Bounds) -> bool {
+        let near = |end| bounds.distance(end, position) <= bounds.position.saturating_mul(3);
+        self.held
+            .iter()
+            .flatten()
+            .any(|track| track.end.is_some_and(near))
     }
 
     /// Where a move will end, where the documents and the position tell.

@@ -79,6 +79,12 @@ impl Sequencer {
         self.target = position;
     }
 
+    /// The same in another mode, which may lead the axis anywhere.
+    pub(crate) const fn follow_other_mode(&mut self, position: i32) {
+        self.target = position;
+        self.chain.leave_base();
+    }
+
     /// Whether the drive has a set-point or may have one.
     pub(crate) fn has_set_point(&self) -> bool {
         self.unknown
@@ -258,7 +264,7 @@ impl Sequencer {
                     anywhere: self.anywhere,
                 },
                 Some(raised) => Next::Comes {
-                    anywhere: raised.may_end_anywhere(),
+                    replaces: raised.replaces(),
                 },
                 None => Next::None,
             };
@@ -334,7 +340,10 @@ impl Sequencer {
         let failure = cycle.timeout(waiting_for, Delivery::Unknown);
         events.push(raised.request.id, Event::Done(Err(failure)));
         self.unknown = true;
-        self.anywhere = raised.may_end_anywhere();
+        self.anywhere = raised.replaces()
+            && raised
+                .end
+                .is_none_or(|end| self.chain.ends_near(end, cycle.bounds));
         self.withdraw_unsent(Failure::NeedsStop, events);
     }
 
@@ -400,10 +409,15 @@ impl Sequencer {
                 request,
                 since: cycle.now,
                 begin: self.chain.begin_of(&request.command, cycle),
+                at: cycle.sample.position,
                 end: self.chain.end_of(&request.command, cycle),
                 goal: self.chain.goal_of(&request.command, cycle),
                 previous: self.chain.previous_end(),
                 from_rest: self.chain.begins_at_rest(&request.command, cycle),
+                stands: self.chain.stands(cycle),
+                at_base: self.chain.is_at_base(),
+                queued: self.chain.queues(&request.command),
+                behind: self.chain.bases_behind(&request.command, cycle.bounds),
             },
             sent: false,
             delivered: None,

@@ -5,7 +5,7 @@ use core::time::Duration;
 use crate::ds402::Statusword;
 
 use super::{
-    CommandId, Completion, Cycle, Delivery, Failure, Reference, Start, bit4::Raised,
+    CommandId, Completion, Cycle, Delivery, Failure, Reference, RelativeBase, Start, bit4::Raised,
     standstill::Bounds, waiting::Request,
 };
 
@@ -65,7 +65,7 @@ impl Lingering {
 /// What a distance may count from, where the drive's documents do not say, or the position does not show it: the end before it, or where
 /// the axis, or its demand, was when the drive took it.
 #[derive(Debug, Clone, Copy)]
-struct Bases {
+pub(super) struct Bases {
     previous: Option<i32>,
     position: i32,
     /// How far the drive's base may be from that position.
@@ -87,6 +87,22 @@ impl Bases {
         }
     }
 
+    /// The same at the end of a distance from them.
+    fn after(self, distance: i32, bounds: &Bounds) -> Self {
+        Self {
+            previous: self.previous.map(|end| bounds.after(end, distance)),
+            position: bounds.after(self.position, distance),
+            slack: self.slack.saturating_add(bounds.position),
+        }
+    }
+
+    /// Whether the axis was no further than this from the end before it.
+    fn are_near(&self, lag: u32, bounds: &Bounds) -> bool {
+        let lag = lag.max(bounds.position.saturating_mul(3));
+        self.previous
+            .is_none_or(|end| bounds.distance(end, self.position) <= lag)
+    }
+
     /// Whether a distance may end at this position.
     fn lead_to(&self, position: i32, distance: i32, bounds: &Bounds) -> bool {
         let near = |base: i32, slack: u32| {
@@ -95,6 +111,11 @@ impl Bases {
         };
         near(self.position, self.slack) || self.previous.is_some_and(|end| near(end, 0))
     }
+}
+
+/// How far an axis may lag behind its demand at the end of a way before this one.
+const fn lag_of(way: i32) -> u32 {
+    way.unsigned_abs() / 4
 }
 
 /// A set-point that the drive has acknowledged.
@@ -110,6 +131,13 @@ pub(super) struct Track {
     /// Of a distance, how far it leads, and what is known of where it counts from.
     distance: Option<i32>,
     bases: Bases,
+    /// Whether the axis stood where every base of a distance is.
+    at_base: bool,
+    /// Whether the axis stood when it was sent, with nothing that the drive held. Else it may swing on its way.
+    stood_before: bool,
+    swings: bool,
+    /// Whether a distance may count from a place beside the one that its end was reckoned from.
+    is_loose: bool,
     /// Whether it begins at rest: then the axis goes to its end without passing it before.
     pub(super) from_rest: bool,
     /// Whether it was begun by a drive in motion, which may be too fast to stop at its end, and come back to it.
@@ -133,8 +161,11 @@ pub(super) struct Track {
     pub(super) halt_told: bool,
     /// When it became the active one, or was resumed.
     since: Duration,
-    /// Whether bit 10 was seen low since then: only then a high one is news.
+    /// Whether bit 10 was seen low since then: only then a high one is news. And when it was last.
     left_target: bool,
+    low: Duration,
+    /// Resumed: until the drive has surely seen bit 8 low, bit 10 may still be that of the halt. No time is known before that was delivered.
+    halt_seen_over: Option<Duration>,
     /// Whether it became active behind another, or behind one that was over with no way to go and may begin yet. A low bit 10 may be of
     /// that one still.
     follows: bool,
@@ -182,12 +213,17 @@ impl Track {
     pub(super) fn new(raised: &Raised, confirmed: bool, cycle: &Cycle<'_>) -> Self {
         let &Raised {
             request: Request { id, command, .. },
+            since: _,
             begin,
+            at,
             end,
             goal,
             previous,
             from_rest,
-            ..
+            stands,
+            at_base,
+            queued,
+            behind,
         } = raised;
         let mut track = Self {
             id,
@@ -198,7 +234,11 @@ impl Track {
                 Reference::Absolute => None,
                 Reference::Relative => Some(command.target),
             },
-            bases: Bases::of(begin, previous, from_rest, cycle),
+            at_base: stands && at_base,
+            is_loose: false,
+            stood_before: stands,
+            swings: !stands,
+            bases: behind.unwrap_or_else(|| Bases::of(at, previous, from_rest, cycle)),
             from_rest,
             overshoots: !from_rest && command.set_point.start == Start::Immediately,
             confirmed,
@@ -211,6 +251,8 @@ impl Track {
             limited: false,
             since: cycle.now,
             left_target: false,
+            low: cycle.now,
+            halt_seen_over: None,
             follows: false,
             doubted: false,
             stood: None,
@@ -235,8 +277,26 @@ impl Track {
             length: 0,
             resumed: false,
         };
-        track.becomes_active(cycle.now, begin, cycle.bounds);
+        track.is_loose = track.is_loose_on(queued, cycle);
+        track.becomes_active(cycle, begin, stands);
         track
+    }
+
+    /// Whether what is known of where it counts from may be beside that. Behind another, only where that is over already, for all that
+    /// is known: far from its end it is not.
+    fn is_loose_on(&self, queued: bool, cycle: &Cycle<'_>) -> bool {
+        let Some(way) = self.distance else {
+            return false;
+        };
+        let known = cycle.traits.relative_base == RelativeBase::PreviousTarget
+            || (queued && !self.bases.are_near(lag_of(way), cycle.bounds));
+        self.end.is_none() || !known
+    }
+
+    /// Of a distance whose end is not known, what one behind it counts from.
+    pub(super) fn bases_behind(&self, bounds: &Bounds) -> Option<Bases> {
+        let distance = self.distance.filter(|_| self.end.is_none())?;
+        Some(self.bases.after(distance, bounds))
     }
 
     /// How far it came, should it not end well.
@@ -249,9 +309,10 @@ impl Track {
     }
 
     /// It is the active one from now on.
-    pub(super) fn becomes_active(&mut self, now: Duration, position: i32, bounds: &Bounds) {
-        self.since = now;
+    fn becomes_active(&mut self, cycle: &Cycle<'_>, position: i32, stands: bool) {
+        self.since = cycle.now;
         self.left_target = false;
+        self.low = cycle.now;
         self.arrived = None;
         self.unlimited = false;
         self.limited = false;
@@ -260,10 +321,10 @@ impl Track {
         self.seen_there = false;
         self.fastest = 0;
         self.before = position;
-        self.stood = self.from_rest.then_some(position);
+        self.stood = (self.from_rest && stands).then_some(position);
         self.lingering = Lingering::default();
         self.resting = None;
-        self.turn(position, bounds);
+        self.turn(position, cycle.bounds);
     }
 
     /// It is the active one from now on, in place of `before`. Where that was seen at its end, this one's way began there, however far
@@ -271,20 +332,21 @@ impl Track {
     pub(super) fn takes_over(&mut self, before: &Self, cycle: &Cycle<'_>) {
         let position = cycle.sample.position;
         let unseen = self.unseen;
-        self.becomes_active(cycle.now, position, cycle.bounds);
+        self.becomes_active(cycle, position, cycle.standstill.is_standing());
         // What was not seen may have been its whole way, and as fast as the one before.
         self.unseen = unseen;
         self.fastest = before.fastest;
         if let Some(begin) = before.end
             && before.sight(cycle) == Sight::There
         {
-            self.stood = self.stood.and(Some(begin));
+            self.stood = self.from_rest.then_some(begin);
             self.turn(begin, cycle.bounds);
             self.remaining = self
                 .end
                 .map_or(0, |end| cycle.bounds.distance(end, position));
         }
         self.follows = true;
+        self.swings = false;
     }
 
     /// The one before it has ended, and nothing has shown that the drive had begun it. `unproven`: nor that it has ended.
@@ -296,16 +358,20 @@ impl Track {
     /// Whether anything but the position of its end has shown that the drive has begun it: it has moved the axis, or bit 10 was low for it.
     pub(super) fn has_begun(&self, cycle: &Cycle<'_>) -> bool {
         let gone = |stood| cycle.bounds.distance(stood, cycle.sample.position);
-        let rests = self
-            .stood
-            .is_some_and(|stood| gone(stood) <= cycle.bounds.position);
-        !rests || (self.left_target && !self.follows)
+        let moved = match self.stood {
+            Some(stood) => gone(stood) > cycle.bounds.position,
+            // Begun at rest, with an axis that was not there yet, its motion may be of the one before.
+            None => !self.from_rest,
+        };
+        moved || (self.left_target && !self.follows)
     }
 
     /// It goes on after a halt: what bit 10 showed before is of no meaning for it.
     pub(super) fn goes_on(&mut self, now: Duration, from_rest: bool, active: bool) {
         self.since = now;
         self.left_target = false;
+        self.low = now;
+        self.halt_seen_over = Some(Duration::MAX);
         self.halt_told = false;
         self.from_rest = from_rest && (active || self.from_rest);
         self.overshoots = !from_rest;
@@ -328,7 +394,13 @@ impl Track {
     #[inline(always)]
     pub(super) fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
         let statusword = cycle.sample.statusword;
-        self.left_target |= !statusword.contains(Statusword::TARGET_REACHED);
+        if !statusword.contains(Statusword::TARGET_REACHED) {
+            self.left_target |= self.halt_seen_over.is_none();
+            self.low = cycle.now;
+        }
+        if self.halt_seen_over.is_some() {
+            self.note_end_of_halt(cycle);
+        }
         let position = cycle.sample.position;
         let resumed = core::mem::take(&mut self.resumed);
         if resumed {
@@ -362,6 +434,17 @@ impl Track {
             self.turn(position, cycle.bounds);
             self.seen_there = true;
         }
+    }
+
+    /// Bit 8 has fallen: from when on bit 10 is that of the set-point.
+    fn note_end_of_halt(&mut self, cycle: &Cycle<'_>) {
+        self.halt_seen_over = match self.halt_seen_over {
+            Some(Duration::MAX) if cycle.delivered => {
+                Some(cycle.now.saturating_add(cycle.traits.surely_seen()))
+            }
+            Some(over) if cycle.now >= over => None,
+            waits => waits,
+        };
     }
 
     /// Whether the way since the last cycle is long enough to have led to the end; and after cycles without inputs, how fast the axis
@@ -476,7 +559,10 @@ impl Track {
         let half = way.abs() / 2;
         let stayed =
             cycle.now.saturating_sub(since) >= cycle.bounds.settle && cycles >= AWAY_CYCLES;
-        let far = gone >= half && (gone >= i64::from(self.length / 2) || stayed);
+        // One that swung when it set off may swing back to where that was.
+        let back = self.swings && way.signum() != self.side;
+        let swing = if back { self.length } else { self.length / 2 };
+        let far = gone >= half && (gone >= i64::from(swing) || stayed);
         let leaves = self.rested && gone >= half.min(3 * window);
         (far || leaves) && goes_on && gone > self.astray
     }
@@ -487,7 +573,7 @@ impl Track {
         let reached = cycle.sample.statusword.contains(Statusword::TARGET_REACHED);
         let steady = || {
             let standstill = cycle.standstill;
-            standstill.steady_since(cycle.now, next.since, cycle.bounds)
+            standstill.steady_since(cycle.now, next.since.max(self.low), cycle.bounds)
         };
         if !(reached && (steady() || self.lingering.observe(cycle))) {
             self.resting = None;
@@ -498,9 +584,14 @@ impl Track {
         let at = |end: i32| cycle.bounds.distance(end, position) <= window;
         let moved = self.stood.is_some_and(|stood| !at(stood));
         let begun = self.left_target || moved || self.has_no_way(window);
-        if begun && next.end.is_none_or(at) {
+        let over = match next.end {
+            Some(end) => at(end),
+            None => next.may_end_at(position, cycle.bounds),
+        };
+        if begun && over {
             return Some(Rest::BothOver);
         }
+        let begun = begun && (self.end.is_some() || self.may_end_at(position, cycle.bounds));
         let late = cycle.now.saturating_sub(resting) >= cycle.begin;
         late.then_some(if begun {
             Rest::NextNotBegun
@@ -512,7 +603,15 @@ impl Track {
     /// Whether the axis has stood with bit 10 for the settle time: nothing that the drive holds is under way.
     pub(super) fn is_at_rest(&mut self, cycle: &Cycle<'_>) -> bool {
         cycle.sample.statusword.contains(Statusword::TARGET_REACHED)
-            && (self.is_steady(cycle) || self.lingering.observe(cycle))
+            && (self.is_settled(cycle) || self.lingering.observe(cycle))
+    }
+
+    /// Whether the axis has stood since bit 10 was low last. Before that it may have been about to set off.
+    fn is_settled(&self, cycle: &Cycle<'_>) -> bool {
+        let since = self.since.max(self.low);
+        cycle
+            .standstill
+            .steady_since(cycle.now, since, cycle.bounds)
     }
 
     fn is_steady(&self, cycle: &Cycle<'_>) -> bool {
@@ -557,16 +656,11 @@ impl Track {
         let within = self
             .end
             .is_some_and(|end| cycle.bounds.distance(end, position) <= window);
-        // Where a distance leads that has no known end.
-        let may_end_here = match (self.end, self.goal, self.distance) {
-            (Some(_), ..) => false,
-            (None, None, Some(way)) => self.bases.lead_to(position, way, cycle.bounds),
-            (None, ..) => true,
-        };
+        let may_end_here = self.may_end_at(position, cycle.bounds);
         if self.left_target && (within || may_end_here) {
             return reached;
         }
-        let steady = self.is_steady(cycle);
+        let steady = self.is_settled(cycle);
         let lingers = !steady && self.lingering.observe(cycle);
         if !(steady || lingers) {
             return None;
@@ -580,8 +674,8 @@ impl Track {
         let moved = gone > window.saturating_add(slack) && !self.doubted;
         if moved || (self.left_target && !self.follows) {
             return match self.end {
+                _ if may_end_here => reached,
                 Some(target) => Some(Err(self.missed(target, position))),
-                None if may_end_here => reached,
                 None => Some(Err(Failure::EndNotKnown { actual: position })),
             };
         }
@@ -589,19 +683,35 @@ impl Track {
         late.then_some(Err(Failure::NotBegun { actual: position }))
     }
 
-    /// Whether it had no way to go when it was begun. A distance of which nobody knows from where it counts has none only from rest: what it
-    /// has replaced may have led anywhere.
+    /// Whether this distance may lead to this position, from a place beside the one that its end was reckoned from, or where that is not
+    /// known.
+    fn may_end_at(&self, position: i32, bounds: &Bounds) -> bool {
+        let Some(way) = self.distance.filter(|_| self.is_loose) else {
+            return false;
+        };
+        match (self.end, self.goal) {
+            // It goes on from beside the end before it, by no more than what the axis lags behind.
+            (None, Some(goal)) => bounds.distance(goal, position) <= lag_of(way),
+            _ => self.bases.lead_to(position, way, bounds),
+        }
+    }
+
+    /// Whether it had no way to go when it was begun. A distance of which nobody knows from where it counts has none only where the last
+    /// set-point has ended, or the axis was enabled: what it has replaced, a jog or a target that was missed may have left its base
+    /// anywhere.
     fn has_no_way(&self, window: u32) -> bool {
         let short = |way: i32| way.unsigned_abs() <= window;
         match self.end {
             Some(_) => self.remaining <= window,
-            None => self.from_rest && self.distance.is_some_and(short),
+            None => self.at_base && self.distance.is_some_and(short),
         }
     }
 
     /// It is over, and the axis is elsewhere.
     const fn missed(&self, target: i32, actual: i32) -> Failure {
-        if self.confirmed {
+        if self.is_loose && !self.stood_before {
+            Failure::EndNotKnown { actual }
+        } else if self.confirmed {
             Failure::MissedTarget { target, actual }
         } else {
             Failure::Unconfirmed { target, actual }

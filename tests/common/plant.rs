@@ -42,6 +42,8 @@ pub struct Habits {
     pub from_actual: bool,
     /// Milliseconds from an edge of bit 4 to bit 12.
     pub acknowledge_delay: u32,
+    /// Bit 10 is low while the axis is halted.
+    pub halt_hides_bit_10: bool,
 }
 
 impl Default for Habits {
@@ -60,6 +62,7 @@ impl Default for Habits {
             limits: None,
             from_actual: false,
             acknowledge_delay: 0,
+            halt_hides_bit_10: false,
         }
     }
 }
@@ -201,10 +204,11 @@ impl Drive {
             Power::QuickStop => 0x0007,
         };
         let bit = |on: bool, bit: u16| u16::from(on) << bit;
+        let hidden = self.habits.halt_hides_bit_10 && self.last.word & BIT_8 != 0;
         state
             | 1 << 9
             | 1 << 4
-            | bit(self.reached, 10)
+            | bit(self.reached && !hidden, 10)
             | bit(self.limited, 11)
             | bit(self.acknowledge, 12)
     }

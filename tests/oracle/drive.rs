@@ -166,7 +166,7 @@ pub struct Latch {
     pub way: f64,
     /// How near the demand came to its end.
     pub nearest: f64,
-    /// How near the axis came to it, as it shows itself.
+    /// How near the axis came to it since it became the active one, as it shows itself.
     pub axis_nearest: f64,
 }
 
@@ -420,9 +420,12 @@ impl Drive {
             let absolute = self
                 .active
                 .is_some_and(|active| !self.ledger[active.index].relative);
-            // And on a slow one the axis is where it was, for all that shows.
+            // On a slow one the axis is where it was, for all that shows, and within the window of its end it has arrived.
             let fast = self.demand_velocity.abs() * 0.02 > 20.0 * self.making.window;
-            if absolute && fast && self.has(Habit::Bit10Glitch) {
+            let away = self.active.is_some_and(|active| {
+                (active.goal - self.position).abs() > 3.0 * self.making.window
+            });
+            if absolute && fast && away && self.has(Habit::Bit10Glitch) {
                 self.glitch = true;
             }
             return;
@@ -693,7 +696,7 @@ impl Drive {
             end: None,
             way: (goal - behind.map_or(self.demand, |behind| behind.goal)).abs(),
             nearest: (goal - self.demand).abs(),
-            axis_nearest: (goal - self.position).abs(),
+            axis_nearest: f64::INFINITY,
         });
         let set_point = SetPoint {
             index,
@@ -722,7 +725,7 @@ impl Drive {
                 0
             });
         }
-        if self.has(Habit::Bit10Stale) {
+        if self.reached && self.has(Habit::Bit10Stale) {
             self.stale_reached = self.random.below(6) as u32;
         }
     }

@@ -1193,8 +1193,10 @@ impl Life {
                 format!("{id} is {result:?}, and was never taken"),
             ),
             (Ok(Completion::Reached { .. }), Some(latch)) => {
-                // A distance from nobody knows where, whose drive has dropped it unseen: only its word is left.
-                let dropped = matches!(latch.end, Some((_, End::Dropped))) && latch.relative;
+                // Of one that its drive has dropped unseen its word is left, and that the axis was there, if that is not a distance
+                // from nobody knows where.
+                let there = latch.relative || latch.axis_nearest <= slack;
+                let dropped = matches!(latch.end, Some((_, End::Dropped))) && there;
                 if latch.nearest > slack + ahead_of_rest + two_ticks(&latch) && !dropped {
                     return self.broken(
                         "Reached: that set-point ended",
