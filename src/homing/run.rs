@@ -31,6 +31,10 @@ pub(super) struct Run {
     pub(super) begun: bool,
     /// Since when all three bits say done.
     done_since: Option<Duration>,
+    /// Since when bit 12 has said so of this one, and the axis stands.
+    attained_since: Option<Duration>,
+    /// Since when the drive has not been at work on this one, by bits 12 and 10.
+    over_since: Option<Duration>,
     /// Since when the drive has shown an error while moving.
     error_since: Option<Duration>,
 }
@@ -59,6 +63,8 @@ impl Run {
             position: cycle.sample.position,
             begun: false,
             done_since: None,
+            attained_since: None,
+            over_since: None,
             error_since: None,
         }
     }
@@ -77,16 +83,24 @@ impl Run {
             self.delivered.get_or_insert(cycle.now);
         }
         // The fall of what an earlier homing has left is this one's doing, and so is "in progress" where it is news. Where it
-        // is none, the axis moves, or bit 12 rises, after the drive has surely seen bit 4.
+        // is none, the axis leaves where it was, or bit 12 rises, after the drive has surely seen bit 4.
         let fell = self.stale_attained && !attained && !error;
         let progress = is_in_progress(word);
         let seen = self
             .delivered
             .is_some_and(|since| cycle.now.saturating_sub(since) >= cycle.traits.surely_seen());
+        let left =
+            cycle.bounds.distance(self.position, cycle.sample.position) > cycle.bounds.position;
         self.begun |= if self.stale_progress {
-            seen && !error && (attained || cycle.sample.position != self.position)
+            seen && !error && (attained || left)
         } else {
             fell || progress
+        };
+        let start = if self.stale_progress {
+            // It may take its time to leave.
+            cycle.acknowledge.max(cycle.begin)
+        } else {
+            cycle.acknowledge
         };
         self.stale_progress &= progress || attained;
         self.stale_attained &= attained;
@@ -97,12 +111,16 @@ impl Run {
             return self.error(cycle, at_rest, standstill);
         }
         let done = attained && at_rest && !error;
-        self.done_since = if done {
-            self.done_since.or(Some(cycle.now))
-        } else {
-            None
+        let since = |since: &mut Option<Duration>, holds: bool| {
+            *since = holds.then(|| since.unwrap_or(cycle.now));
+            since.map_or(Duration::ZERO, |since| cycle.now.saturating_sub(since))
         };
-        if self.command.is_late(cycle.now) {
+        let held = since(&mut self.done_since, done) >= cycle.bounds.settle;
+        let mine = attained && !error && self.is_mine(cycle);
+        let stands = cycle.standstill.is_standing();
+        let rested = since(&mut self.attained_since, mine && stands);
+        let over = since(&mut self.over_since, self.begun && !progress && !error);
+        if self.command.is_late(cycle.now) || over >= standstill {
             return Some(Err(Failure::Timeout {
                 waiting_for: WaitingFor::HomingEnd,
                 statusword: word,
@@ -110,16 +128,15 @@ impl Run {
                 delivery: self.delivery(),
             }));
         }
-        if done && self.is_mine(cycle) {
-            self.begun = true;
-            let held = |since| cycle.now.saturating_sub(since) >= cycle.bounds.settle;
-            // Where standstill does not show because 606Ch is never quiet, the drive's word counts after a while.
-            let stands = cycle.standstill.is_standing() || self.done_since.is_some_and(held);
-            return stands.then_some(Ok(Completion::Homed {
+        self.begun |= mine;
+        // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
+        // not come, the axis' rest.
+        if mine && ((at_rest && (stands || held)) || rested >= cycle.begin) {
+            return Some(Ok(Completion::Homed {
                 position: cycle.sample.position,
             }));
         }
-        if !self.begun && cycle.now.saturating_sub(self.since) >= cycle.acknowledge {
+        if !self.begun && cycle.now.saturating_sub(self.since) >= start {
             return Some(Err(if error {
                 // An error that has stood all the time, and the drive at rest: it did not even begin.
                 Failure::HomingError { moving: false }

@@ -40,8 +40,13 @@ struct Dialogue {
 impl Dialogue {
     /// A homing by this method that waits for its start, on a drive that shows these bits.
     fn begin(method: HomingMethod, bits: u16) -> Self {
+        Self::begin_within(Duration::from_secs(1), method, bits)
+    }
+
+    /// The same, with another deadline for standstill.
+    fn begin_within(standstill: Duration, method: HomingMethod, bits: u16) -> Self {
         let mut this = Self {
-            procedure: Procedure::new(Duration::from_secs(1)),
+            procedure: Procedure::new(standstill),
             events: Events::new(),
             standstill: Standstill::default(),
             last_seen: LastSeen::default(),
@@ -161,9 +166,15 @@ fn bit_4_stays_high_from_the_start_until_the_homing_is_attained_and_at_rest() {
 #[test]
 fn progress_that_the_drive_shows_before_it_has_seen_bit_4_is_not_that_of_this_homing() {
     // It never begins, whether bit 10 comes back or not.
-    for then in [IN_PROGRESS, NOT_STARTED] {
+    for (then, deadline) in [(IN_PROGRESS, 2_000), (NOT_STARTED, 500)] {
         let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, IN_PROGRESS);
-        homing.shows_for(3, IN_PROGRESS).shows_for(499, then);
+        homing.shows_for(3, IN_PROGRESS);
+        for cycle in 3..=deadline {
+            assert!(homing.reports().is_empty(), "{cycle}");
+            // Its encoder dithers.
+            homing.position = 500 + cycle % 3 - 1;
+            homing.shows(then);
+        }
         let reports = homing.reports();
         assert!(
             matches!(
@@ -182,14 +193,14 @@ fn progress_that_the_drive_shows_before_it_has_seen_bit_4_is_not_that_of_this_ho
         homing.shows_for(100, IN_PROGRESS);
         assert!(homing.reports().is_empty());
         if moves {
-            homing.position -= 1;
+            homing.position -= 11;
         } else {
             homing.shows(NOT_STARTED);
         }
         homing.shows(IN_PROGRESS);
         assert_eq!(homing.reports(), [Event::Accepted]);
         homing.position = 500;
-        homing.shows(DONE);
+        homing.shows_for(110, DONE);
         assert_eq!(homing.reports(), [homed()]);
     }
 }
@@ -198,7 +209,7 @@ fn progress_that_the_drive_shows_before_it_has_seen_bit_4_is_not_that_of_this_ho
 fn what_moves_or_rises_before_the_drive_can_have_seen_bit_4_is_not_of_this_homing() {
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, IN_PROGRESS);
     homing.delivered = false;
-    homing.position -= 1;
+    homing.position -= 20;
     homing.shows_for(100, IN_PROGRESS);
     assert!(homing.reports().is_empty());
     homing.position = 500;
@@ -215,6 +226,61 @@ fn a_drive_that_shows_progress_all_the_time_may_finish_before_the_axis_is_seen_t
         let mut homing = Dialogue::begin(method, IN_PROGRESS);
         homing.shows_for(20, IN_PROGRESS).shows(DONE);
         assert_eq!(homing.reports(), [Event::Accepted, homed()], "{method:?}");
+    }
+}
+
+#[test]
+fn a_homing_that_is_attained_without_bit_10_is_done_when_the_axis_has_rested() {
+    for method in [HomingMethod::NEGATIVE_LIMIT, HomingMethod::CURRENT_POSITION] {
+        let standstill = Duration::from_secs(10);
+        let mut homing = Dialogue::begin_within(standstill, method, NOT_STARTED);
+        homing.velocity = -50;
+        homing.shows_for(100, IN_PROGRESS);
+        // Still on its way.
+        homing.shows_for(500, ATTAINED_MOVING);
+        assert_eq!(homing.reports(), [Event::Accepted]);
+        homing.velocity = 0;
+        homing.position = 500;
+        homing.shows_for(400, ATTAINED_MOVING);
+        assert!(homing.reports().is_empty() && homing.is_high());
+        homing.shows_for(1_700, ATTAINED_MOVING);
+        assert_eq!(homing.reports(), [homed()]);
+        assert!(!homing.is_high());
+    }
+}
+
+#[test]
+fn a_homing_that_the_drive_is_no_longer_at_work_on_ends_in_time() {
+    // Attained, and never at rest; interrupted, at rest; attained, with a bit 10 that comes and goes.
+    for (bits, restless) in [
+        ([ATTAINED_MOVING, ATTAINED_MOVING], true),
+        ([NOT_STARTED, NOT_STARTED], false),
+        ([ATTAINED_MOVING, DONE], true),
+    ] {
+        let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+        homing.shows_for(100, IN_PROGRESS);
+        assert_eq!(homing.reports(), [Event::Accepted]);
+        for cycle in 0..=1_000 {
+            assert!(homing.reports().is_empty(), "{cycle}");
+            if restless {
+                homing.position = 500 + cycle % 2 * 40;
+            }
+            homing.shows(bits[(cycle % 2) as usize]);
+        }
+        let reports = homing.reports();
+        assert!(
+            matches!(
+                reports[..],
+                [Event::Done(Err(Failure::Timeout {
+                    waiting_for: WaitingFor::HomingEnd,
+                    delivery: Delivery::Accepted,
+                    ..
+                }))]
+            ),
+            "{reports:?}"
+        );
+        assert_eq!(homing.verdict, Verdict::EndIt);
+        assert!(homing.is_high(), "until it is stopped");
     }
 }
 

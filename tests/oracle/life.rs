@@ -1043,15 +1043,17 @@ impl Life {
                 .cycle
                 .saturating_sub(self.at_rest_since.max(issued.since));
             let seconds = rest as f64 * self.period.as_secs_f64();
-            if issued.kind == Kind::Move
-                && issued.accepted
-                && seconds > 6.0
-                && !self.core.snapshot().halted
-            {
+            let patience = match issued.kind {
+                Kind::Move if issued.accepted => 6.0,
+                Kind::Home => 3.0,
+                _ => f64::INFINITY,
+            };
+            if seconds > patience && !self.core.snapshot().halted {
                 return self.broken(
                     "every future ends",
                     format!(
-                        "{id} was accepted, and the drive has had nothing to do for {seconds:.1} s"
+                        "{id} {:?} waits, and the drive has had nothing to do for {seconds:.1} s",
+                        issued.kind
                     ),
                 );
             }
