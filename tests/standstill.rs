@@ -538,3 +538,19 @@ fn an_axis_with_a_set_point_is_not_known_to_stand_when_its_drive_is_heard_again(
         assert_eq!(plant.word & 0x000F, 0x000B, "{:04X}", plant.word);
     }
 }
+
+#[test]
+fn a_disable_that_waits_beside_a_quick_stop_ends_as_well() {
+    // Its drive shows Switched on for a moment, and takes the quick stop after that.
+    let mut plant = Plant::moving(40_000.0, |_| {});
+    plant.state = 0x0233;
+    plant.step();
+    let quick = plant.send(Command::QuickStop);
+    let disable = plant.send(Command::Disable);
+    plant.state = 0x0217;
+    let state = State::QuickStopActive;
+    assert_eq!(plant.finish(quick), Ok(Completion::Stopped { state }));
+    let state = State::SwitchOnDisabled;
+    assert_eq!(plant.finish(disable), Ok(Completion::Stopped { state }));
+    assert_eq!(plant.velocity, 0.0);
+}

@@ -60,8 +60,11 @@ impl AxisCore {
 
     /// The drive is out of Operation enabled: bits 4 and 8 fall.
     fn leave_operation(&mut self, power: Power) {
-        // A reset that is under way goes on to its own end.
-        if !matches!(self.power, Power::Resetting { .. }) {
+        // A reset that is under way goes on to its own end, and so does a disable that somebody waits for.
+        if !matches!(
+            self.power,
+            Power::Resetting { .. } | Power::Disabling { .. }
+        ) {
             self.power = power;
         }
         self.halted = false;
@@ -95,11 +98,12 @@ impl AxisCore {
                     self.stopping.off = true;
                     self.wait_for_stop(now, id);
                 } else if is_down(state) && self.is_at_rest() {
-                    self.leave_operation(if state == State::ReadyToSwitchOn {
+                    self.power = if state == State::ReadyToSwitchOn {
                         Power::Ready
                     } else {
                         Power::Off
-                    });
+                    };
+                    self.leave_operation(self.power);
                     self.done(id, Ok(Completion::Stopped { state }));
                 } else if now >= deadline {
                     let failure = self.timeout(
