@@ -51,6 +51,7 @@ impl fmt::Display for AxisIdentity {
 
 /// Why an operation of an axis did not end well.
 #[derive(Debug, Clone, thiserror::Error)]
+#[non_exhaustive]
 pub enum AxisErrorKind {
     /// The axis refused or failed.
     #[error("{0}")]

@@ -359,6 +359,7 @@ const fn speed(
 
 /// A mapping that an axis cannot work with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum FieldError {
     /// An object without which no axis works is not mapped.
     #[error("{object} is not mapped into the {direction}: an axis cannot work without it")]

@@ -99,6 +99,7 @@ impl fmt::Display for AlStatus {
 
 /// Why a SubDevice did not change its state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum AlError {
     /// It refused, or fell back.
     #[error("it refused and is in {0}")]

@@ -180,6 +180,7 @@ impl Drop for Guard {
 
 /// Something that happened to a drive of a running network.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum NetworkEvent {
     /// It no longer answers; its axes count as lost.
     Lost(DriveId),
@@ -211,6 +212,7 @@ pub enum NetworkEvent {
 
 /// What happened between the cycles and the reference clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ClockEvent {
     /// The phase error is beyond its bound again and again. Drives that cannot live with that say so themselves.
     OutOfStep {

@@ -34,6 +34,7 @@ const LONGEST: usize = 0x1_0000;
 
 /// Why the SII could not be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum EepromError {
     /// The registers could not be reached.
     #[error(transparent)]

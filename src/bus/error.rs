@@ -17,6 +17,7 @@ use crate::{
 
 /// Why a network could not be started, or a device of it not be led back.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum NetworkError {
     /// The raw socket could not be opened.
     #[error(transparent)]
@@ -241,6 +242,7 @@ impl fmt::Display for BringUpStep {
 
 /// What went wrong with a drive.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum DriveFault {
     /// The declared mapping is impossible.
     #[error(transparent)]

@@ -71,6 +71,7 @@ impl fmt::Display for Scheduling {
 
 /// Why a thread could not have what was asked for it, and what to change.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RealTimeError {
     /// The priority is none of a real-time class.
     #[error("{0}: real-time priorities are 1 to 99")]

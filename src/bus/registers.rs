@@ -15,6 +15,7 @@ const SLOT_RETRY: Duration = Duration::from_millis(1);
 
 /// Why an access to a register failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum RegisterError {
     /// No frame came back, though it was sent several times.
     #[error("no frame came back")]

@@ -42,6 +42,7 @@ pub(super) struct Area {
 
 /// Why the sync managers cannot hold the process data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SyncManagerError {
     /// The SII names no sync manager for these data.
     #[error("its SII names no sync manager for the {0}")]

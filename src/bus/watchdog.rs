@@ -11,6 +11,7 @@ use super::sync_managers::{
 
 /// Why a SubDevice's process-data watchdog is not armed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum WatchdogError {
     /// The SubDevice did not answer.
     #[error("SubDevice {station:04X}h did not answer while its watchdog was set: {error}")]

@@ -14,6 +14,7 @@ use crate::sii::Identity;
 
 /// An SDO transfer that failed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SdoError {
     /// The device refused the transfer.
     #[error("{transfer}: device refused: {code}")]

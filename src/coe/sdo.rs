@@ -39,6 +39,7 @@ pub enum Step {
 
 /// Why a transfer failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SdoFault {
     /// The device refused.
     #[error("aborted by the device: {0}")]

@@ -57,6 +57,7 @@ impl MailboxStatus {
 
 /// Why an access to a mailbox failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LinkFault {
     /// No frame came back: the access may or may not have taken effect.
     #[error("no frame came back")]

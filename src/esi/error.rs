@@ -43,6 +43,7 @@ impl fmt::Display for Place<'_> {
 
 /// What is wrong with an ESI file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum EsiFault {
     /// The file cannot be read.
     #[error("the file cannot be read: {0}")]

@@ -19,6 +19,7 @@ use super::{
 
 /// Why a raw socket could not be opened.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RawSocketError {
     /// The process may not open raw sockets.
     #[error(

@@ -75,6 +75,7 @@ impl fmt::Display for Place<'_> {
 
 /// What is wrong with a file.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum FileFault {
     /// It cannot be read or written.
     #[error("{0}")]

@@ -38,6 +38,7 @@ pub struct MemoryError {
 
 /// Why a drive's memory was not written.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MemoryFault {
     /// An axis of the drive is enabled.
     #[error(transparent)]

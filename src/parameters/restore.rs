@@ -38,6 +38,7 @@ fn doubt(object: Option<&ObjectAddress>) -> String {
 
 /// Why a restore did not come to its end.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum RestoreFault {
     /// An axis of the drive is enabled.
     #[error(transparent)]

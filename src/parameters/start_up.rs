@@ -240,6 +240,7 @@ impl fmt::Display for Place<'_> {
 
 /// Why an object does not hold what it was to hold.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum WriteFault {
     /// The transfer failed; the drive's own reason is in it if it refused.
     #[error(transparent)]

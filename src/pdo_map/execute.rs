@@ -190,6 +190,7 @@ async fn read_list<T: Number>(index: u16, sdo: &SdoHandle) -> Result<Vec<T>, Con
 
 /// A mapping that did not get into the drive.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ConfigureError {
     /// A step of the plan failed: the drive refused it or did not answer.
     #[error("{step}: {error}")]

@@ -236,6 +236,7 @@ impl<T> Eq for Field<T> {}
 
 /// A field that is not there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LayoutError {
     /// The object is not mapped in this direction.
     #[error("{object} {name} is not mapped into the {direction}")]

@@ -5,6 +5,7 @@ use crate::coe::ObjectAddress;
 
 /// A declaration that no drive, or not this one, can take.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MappingError {
     /// The object cannot be mapped in this direction.
     #[error("{object} {name} cannot be mapped into the {direction}")]

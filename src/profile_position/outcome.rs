@@ -60,6 +60,7 @@ pub enum Delivery {
 
 /// What a deadline was set on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum WaitingFor {
     /// A DS402 state.
     State(State),
@@ -129,6 +130,7 @@ impl core::fmt::Display for WaitingFor {
 
 /// Why a command did not end well. It never leaves a motion behind that was not asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Failure {
     /// A later move with [`Start::Immediately`] took this one's place.
     #[error("superseded by a later move")]

@@ -289,6 +289,7 @@ impl fmt::Display for Quantity {
 
 /// What is wrong with a number or a factor; nothing was sent.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ScaleError {
     /// NaN or infinity.
     #[error("{asked} is no {quantity}: give a finite number")]

@@ -18,6 +18,7 @@ pub(in crate::bus) struct Upstream {
 
 /// Why the wiring cannot be told. Positions count from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum TopologyError {
     /// Nothing is plugged into a port 0.
     #[error(

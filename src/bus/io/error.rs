@@ -19,6 +19,7 @@ pub struct IoError {
 
 /// Why an input or output cannot be had.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum IoErrorKind {
     /// There is none with this name.
     #[error("{name} is not among its {direction}: {}", List(.there))]
