@@ -209,18 +209,26 @@ impl ObjectAddress {
 
 /// A text that is no index and subindex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("an index and a subindex are expected, both in hexadecimal, such as 607Bh:02")]
+#[error(
+    "an index and a subindex are expected, both in hexadecimal, such as 607Bh:02 or 0x607B:2; without a subindex 00 is meant"
+)]
 pub struct NoAddress;
 
-/// Reads `607Bh:02` as it is shown; `6041h` is subindex 0.
+/// Reads what is shown, `607Bh:02`, and the other ways to write it: `607bh:2`, `0x607B:02`; `6041h` and `0x6041` are subindex 0. A
+/// number without a mark is none, since nothing says that it is hexadecimal.
 impl core::str::FromStr for ObjectAddress {
     type Err = NoAddress;
 
     fn from_str(text: &str) -> Result<Self, NoAddress> {
-        let (index, subindex) = text.split_once(':').unwrap_or((text, "00"));
-        let index = index.strip_suffix('h').ok_or(NoAddress)?;
-        let number = |digits: &str, length| {
-            let good = digits.len() == length && digits.bytes().all(|b| b.is_ascii_hexdigit());
+        let (index, subindex) = text.split_once(':').unwrap_or((text, "0"));
+        let index = index
+            .strip_suffix(['h', 'H'])
+            .or_else(|| index.strip_prefix("0x"))
+            .or_else(|| index.strip_prefix("0X"))
+            .ok_or(NoAddress)?;
+        let number = |digits: &str, most: usize| {
+            let good = (1..=most).contains(&digits.len())
+                && digits.bytes().all(|digit| digit.is_ascii_hexdigit());
             good.then(|| u16::from_str_radix(digits, 16).ok()).flatten()
         };
         let subindex = number(subindex, 2).and_then(|number| u8::try_from(number).ok());
@@ -346,6 +354,18 @@ pub enum Unit {
     RevolutionsPerSecond,
     /// Revolutions per minute.
     RevolutionsPerMinute,
+    /// Jerk units, as the drive's scaling sets them.
+    Jerk,
+    /// Thousandths of the motor's rated torque 6076h.
+    ThousandthsOfRatedTorque,
+    /// Thousandths of the motor's rated current 6075h.
+    ThousandthsOfRatedCurrent,
+    /// Milliamperes.
+    Milliamperes,
+    /// Thousandths of a newton metre.
+    MillinewtonMetres,
+    /// Millivolts.
+    Millivolts,
 }
 
 #[cfg(test)]
@@ -381,6 +401,40 @@ mod tests {
         assert_eq!(obj::STATUSWORD.axis(1).index(), 0x6041);
         assert_eq!(obj::VENDOR_ID.axis(2).index(), 0x1018);
         assert_eq!(obj::MIN_PROFILE_VELOCITY.axis(2).index(), 0x2010);
+    }
+
+    #[test]
+    fn an_address_is_read_in_each_way_that_it_is_written() {
+        for (text, index, subindex) in [
+            ("6081h", 0x6081, 0),
+            ("0x6081", 0x6081, 0),
+            ("607Bh:02", 0x607B, 2),
+            ("607bh:2", 0x607B, 2),
+            ("0x1018:1", 0x1018, 1),
+            ("0X1018:0A", 0x1018, 0x0A),
+        ] {
+            assert_eq!(
+                text.parse(),
+                Ok(ObjectAddress::new(index, subindex)),
+                "{text}"
+            );
+        }
+        let wrong = [
+            "",
+            "6081",
+            "h",
+            "0x",
+            "0x6081h",
+            "16081h",
+            "6081h:",
+            "6081h:100",
+            "60g1h",
+            "6081h:+1",
+            "-6081h",
+        ];
+        for text in wrong {
+            assert_eq!(text.parse::<ObjectAddress>(), Err(NoAddress), "{text}");
+        }
     }
 
     #[test]

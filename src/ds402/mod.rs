@@ -8,6 +8,7 @@ mod mode;
 mod option_code;
 mod power;
 mod sample;
+mod signals;
 mod words;
 
 pub use error_code::describe as describe_error_code;
@@ -15,4 +16,5 @@ pub use mode::{Mode, SupportedModes};
 pub use option_code::{AbortConnection, QuickStopOption, StopOptions};
 pub use power::{PowerCommand, PowerGoal, next_command};
 pub use sample::Sample;
+pub use signals::{DigitalInputs, DigitalOutputs, TouchProbeFunction, TouchProbeStatus};
 pub use words::{Controlword, State, Statusword};
