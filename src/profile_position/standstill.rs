@@ -20,12 +20,14 @@ const DRIVE_CYCLES: u32 = 4;
 /// In no time at all every axis stands.
 const LEAST_SETTLE: Duration = Duration::from_millis(1);
 
-/// Follows position and velocity through the cycles.
+/// Follows position and velocity through the cycles. Times are nanoseconds here: this runs in every cycle of every axis.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Standstill {
-    stay: Option<Stay>,
+    stay: Stay,
     /// A stay within a part of the window, with 606Ch within its threshold.
-    quiet: Option<Stay>,
+    quiet: Stay,
+    /// When the last sample came, for both.
+    last: u64,
     /// It stands since it came to where it is.
     stands: bool,
 }
@@ -33,37 +35,54 @@ pub(crate) struct Standstill {
 /// A position that stays.
 #[derive(Debug, Clone, Copy)]
 struct Stay {
+    /// Since when, less the time in which nothing was seen; [`NEVER`] where nothing stays.
+    since: u64,
     position: i32,
-    /// Since when, less the time in which nothing was seen.
-    since: Duration,
-    /// By when the next sample has to come.
-    next: Duration,
+}
+
+/// Later than every sample: the time from it on is 0.
+const NEVER: u64 = u64::MAX;
+
+impl Default for Stay {
+    fn default() -> Self {
+        Self {
+            since: NEVER,
+            position: 0,
+        }
+    }
 }
 
 impl Stay {
-    /// Begins with this sample, after which the next one has this time.
-    const fn new(now: Duration, position: i32, gap: Duration) -> Self {
-        Self {
-            position,
-            since: now,
-            next: now.saturating_add(gap),
+    /// Goes on with this sample, or begins with it where it is further away than that. Whether it goes on.
+    #[inline]
+    fn observe(&mut self, now: u64, position: i32, within: u32, bounds: &Bounds) -> bool {
+        let goes_on = self.since != NEVER && bounds.distance(self.position, position) <= within;
+        if !goes_on {
+            *self = Self {
+                since: now,
+                position,
+            };
         }
+        goes_on
     }
 
-    /// Goes on with one more sample.
-    #[inline]
-    fn go_on(&mut self, now: Duration, gap: Duration) {
-        if now > self.next {
-            let unseen = now.saturating_sub(self.next);
-            self.since = self.since.saturating_add(unseen);
-        }
-        self.next = now.saturating_add(gap);
+    /// No more than this counts of the time between the last two samples.
+    fn leave_out(&mut self, passed: u64, gap: u64) {
+        self.since = self.since.saturating_add(passed.saturating_sub(gap));
     }
 
     /// For how long it has stayed, all of it after `since`.
-    fn time_after(&self, now: Duration, since: Duration) -> Duration {
+    #[inline]
+    fn time_after(&self, now: u64, since: u64) -> u64 {
         now.saturating_sub(self.since.max(since))
     }
+}
+
+/// A time in nanoseconds; of more than 584 years, those.
+#[inline]
+const fn nanoseconds(time: Duration) -> u64 {
+    let seconds = time.as_secs().saturating_mul(1_000_000_000);
+    seconds.saturating_add(time.subsec_nanos() as u64)
 }
 
 /// The bounds within which an axis counts as standing.
@@ -73,13 +92,15 @@ pub(crate) struct Bounds {
     /// Of 606Ch: at most what leads through the window in the settle time.
     pub(crate) velocity: u32,
     pub(crate) settle: Duration,
+    /// The same in nanoseconds, like the times below.
+    settle_ns: u64,
     /// How long the position must stay where 606Ch says as well that the axis stands.
-    shorter: Duration,
+    shorter: u64,
     /// And within which part of the window.
     shorter_window: u32,
-    /// How much of the time between two samples counts, of both.
-    gap: Duration,
-    shorter_gap: Duration,
+    /// How much of the time between two samples counts, of both. The shorter one is not longer than the other.
+    gap: u64,
+    shorter_gap: u64,
     /// One turn of a modulo axis.
     pub(crate) turn: Option<PositionRange>,
 }
@@ -101,10 +122,11 @@ impl Bounds {
             position,
             velocity: u32::try_from(fastest).map_or(velocity, |fastest| velocity.min(fastest)),
             settle,
-            shorter,
+            settle_ns: nanoseconds(settle),
+            shorter: nanoseconds(shorter),
             shorter_window: (position / SHORTER).max(1),
-            gap: settle / GAP,
-            shorter_gap: shorter / GAP,
+            gap: nanoseconds(settle / GAP),
+            shorter_gap: nanoseconds(shorter / GAP),
             turn,
         }
     }
@@ -122,9 +144,15 @@ impl Bounds {
     pub(crate) fn distance(&self, a: i32, b: i32) -> u32 {
         match self.turn {
             None => b.wrapping_sub(a).unsigned_abs(),
-            // At most 2³¹.
-            Some(_) => self.way(a, b).unsigned_abs() as u32,
+            Some(_) => self.distance_around(a, b),
         }
+    }
+
+    /// Kept out of the way of axes without a turn: the divisions take many registers.
+    #[inline(never)]
+    fn distance_around(&self, a: i32, b: i32) -> u32 {
+        // At most 2³¹.
+        self.way(a, b).unsigned_abs() as u32
     }
 
     /// Where an axis stands that has gone this far from a position.
@@ -142,7 +170,7 @@ impl Bounds {
 
 impl Standstill {
     /// Takes in one cycle with inputs.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn observe(
         &mut self,
         now: Duration,
@@ -150,43 +178,31 @@ impl Standstill {
         velocity: Option<i32>,
         bounds: &Bounds,
     ) {
-        let gap = bounds.gap;
-        match &mut self.stay {
-            Some(stay) if bounds.distance(stay.position, position) <= bounds.position => {
-                stay.go_on(now, gap);
-            }
-            stay => {
-                *stay = Some(Stay::new(now, position, gap));
-                self.stands = false;
-            }
+        let now = nanoseconds(now);
+        // A time before the last one is a gap of none.
+        if now.wrapping_sub(self.last) > bounds.shorter_gap {
+            let passed = now.saturating_sub(self.last);
+            self.quiet.leave_out(passed, bounds.shorter_gap);
+            self.stay.leave_out(passed, bounds.gap);
         }
+        self.last = now;
+        let stays = self.stay.observe(now, position, bounds.position, bounds);
         if let Some(velocity) = velocity {
-            self.observe_velocity(now, position, velocity, bounds);
-        }
-        if !self.stands {
-            self.stands = self.stands_since(now, Duration::ZERO, bounds);
-        }
-    }
-
-    fn observe_velocity(&mut self, now: Duration, position: i32, velocity: i32, bounds: &Bounds) {
-        if velocity.unsigned_abs() > bounds.velocity {
-            self.quiet = None;
-            return;
-        }
-        let (gap, within) = (bounds.shorter_gap, bounds.shorter_window);
-        match &mut self.quiet {
-            Some(quiet) if bounds.distance(quiet.position, position) <= within => {
-                quiet.go_on(now, gap);
+            if velocity.unsigned_abs() > bounds.velocity {
+                self.quiet.since = NEVER;
+            } else {
+                self.quiet
+                    .observe(now, position, bounds.shorter_window, bounds);
             }
-            quiet => *quiet = Some(Stay::new(now, position, gap)),
         }
+        self.stands = (stays && self.stands) || self.stands_after(now, 0, bounds);
     }
 
     /// The position is measured anew from the next cycle on: where the axis sets off, and where its drive stops it, the time for
     /// which it had stayed before says nothing.
     pub(crate) const fn begin_anew(&mut self) {
-        self.stay = None;
-        self.quiet = None;
+        self.stay.since = NEVER;
+        self.quiet.since = NEVER;
         self.stands = false;
     }
 
@@ -198,15 +214,19 @@ impl Standstill {
 
     /// As [`is_standing`](Self::is_standing), by what was seen after `since` alone.
     pub(crate) fn stands_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
-        let quiet = |quiet: Stay| quiet.time_after(now, since) >= bounds.shorter;
-        self.steady_since(now, since, bounds) || self.quiet.is_some_and(quiet)
+        self.stands_after(nanoseconds(now), nanoseconds(since), bounds)
     }
 
     /// Whether the position has stayed for the settle time, all of it after `since`.
-    #[inline(never)]
     pub(crate) fn steady_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
-        self.stay
-            .is_some_and(|stay| stay.time_after(now, since) >= bounds.settle)
+        let time = self.stay.time_after(nanoseconds(now), nanoseconds(since));
+        time >= bounds.settle_ns
+    }
+
+    #[inline]
+    fn stands_after(&self, now: u64, since: u64, bounds: &Bounds) -> bool {
+        self.stay.time_after(now, since) >= bounds.settle_ns
+            || self.quiet.time_after(now, since) >= bounds.shorter
     }
 }
 
