@@ -129,17 +129,19 @@ impl AxisCore {
                 Some(true)
             }
             Calm::Moving => {
-                self.follow_set_point(now);
+                if self.sequencer.follow(now, sample, &self.bounds) {
+                    self.look_for_end(now);
+                }
                 Some(false)
             }
         }
     }
 
     #[inline(never)]
-    fn follow_set_point(&mut self, now: Duration) {
+    fn look_for_end(&mut self, now: Duration) {
         let Some(sample) = &self.sample else { return };
         let cycle = cycle!(self, now, sample, true);
-        if self.sequencer.follow(&cycle, &mut self.events) {
+        if self.sequencer.end(&cycle, &mut self.events) {
             self.calm = Calm::No;
             self.news = News::Anything;
         }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::ds402::Controlword;
+use crate::ds402::{Controlword, Sample, Statusword};
 
 use super::{
     Bounds, BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference, RelativeBase,
@@ -92,9 +92,12 @@ impl Chain {
         self.held.iter().all(Option::is_none)
     }
 
-    /// Whether at most one is held, and nothing is open about those before it.
+    /// Whether at most one is held, and nothing is open about a halt or those before it.
     pub(super) fn is_calm(&self) -> bool {
-        self.over.is_none() && self.held.iter().skip(1).all(Option::is_none)
+        let [first, rest @ ..] = &self.held;
+        self.over.is_none()
+            && rest.iter().all(Option::is_none)
+            && first.as_ref().is_none_or(Track::is_calm)
     }
 
     /// Takes in a set-point that the drive has acknowledged; with `Immediately` it is the only one from now on.
@@ -156,8 +159,13 @@ impl Chain {
     ) {
         // A single set-point, with nothing behind it, ends where the axis stands, whatever was not seen of its way.
         let alone = self.over.is_none() && self.held[1].is_none() && next == Next::None;
-        let stalled = cycle.with_stall();
-        let cycle = if alone { cycle } else { &stalled };
+        let stalled;
+        let cycle = if alone {
+            cycle
+        } else {
+            stalled = cycle.with_stall();
+            &stalled
+        };
         let undecided = self.follow_over(cycle, events);
         if let Next::Perhaps { anywhere } = next
             && !undecided
@@ -171,7 +179,7 @@ impl Chain {
                 first.note(cycle, false);
                 // When bit 12 has fallen, the next one has taken over, and bit 11 is of that.
                 if cycle.is_acknowledging() {
-                    first.note_limit(cycle);
+                    first.note_limit(cycle.sample.statusword);
                 }
                 let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
                 let left = first.is_left_behind(second, cycle)
@@ -222,9 +230,19 @@ impl Chain {
         }
     }
 
-    /// One cycle of the only one that is held. Whether it has ended.
+    /// Takes in one cycle of the only one that is held, where no cycle before it was without inputs. Whether it may end with it.
     #[inline(always)]
-    pub(super) fn follow_active(
+    pub(super) fn note_active(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) -> bool {
+        let [Some(track), _] = &mut self.held else {
+            return false;
+        };
+        track.follow(now, sample, 0, true, bounds);
+        track.note_limit(sample.statusword);
+        sample.statusword.contains(Statusword::TARGET_REACHED)
+    }
+
+    /// One cycle of the only one that is held. Whether it has ended.
+    fn follow_active(
         &mut self,
         cycle: &Cycle<'_>,
         next: Next,
@@ -235,7 +253,21 @@ impl Chain {
             return false;
         };
         track.note(cycle, true);
-        track.note_limit(cycle);
+        track.note_limit(cycle.sample.statusword);
+        self.end_active(cycle, next, undecided, events)
+    }
+
+    /// Ends the only one that is held, if what was taken in of this cycle shows its end. Whether it has ended.
+    pub(super) fn end_active(
+        &mut self,
+        cycle: &Cycle<'_>,
+        next: Next,
+        undecided: bool,
+        events: &mut Events,
+    ) -> bool {
+        let [Some(track), _] = &mut self.held else {
+            return false;
+        };
         // What one shows that is taken and not acknowledged yet is not the end of this one; its own end, where that is
         // known, is, unless the other has replaced it.
         let known = track.end.is_some() && next != (Next::Comes { replaces: true });

@@ -6,10 +6,11 @@
 
 use core::time::Duration;
 
-use crate::ds402::Controlword;
+use crate::ds402::{Controlword, Sample};
 
 use super::{
-    CommandId, Cycle, Delivery, Event, Events, Failure, MoveCommand, Parameters, WaitingFor,
+    Bounds, CommandId, Cycle, Delivery, Event, Events, Failure, MoveCommand, Parameters,
+    WaitingFor,
     bit4::{Bit4, Raised, SHOWN_AFTER},
     chain::{Chain, Next, Place, start_bits},
     track::Track,
@@ -123,10 +124,15 @@ impl Sequencer {
         !self.chain.is_empty()
     }
 
-    /// One cycle of a calm axis with a set-point under way: whether that has ended.
-    #[inline]
-    pub(crate) fn follow(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
-        let ended = self.chain.follow_active(cycle, Next::None, false, events);
+    /// One cycle of a calm axis with a set-point under way: whether that may have ended. [`Sequencer::end`] says so then.
+    #[inline(always)]
+    pub(crate) fn follow(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) -> bool {
+        self.chain.note_active(now, sample, bounds)
+    }
+
+    /// Whether the set-point under way ends with the cycle that [`Sequencer::follow`] has taken in.
+    pub(crate) fn end(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
+        let ended = self.chain.end_active(cycle, Next::None, false, events);
         if ended {
             self.note_not_begun(events);
         }

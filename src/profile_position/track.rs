@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::ds402::Statusword;
+use crate::ds402::{Sample, Statusword};
 
 use super::{
     CommandId, Completion, Cycle, Delivery, Failure, Reference, RelativeBase, Start, bit4::Raised,
@@ -384,54 +384,66 @@ impl Track {
 
     /// Takes in bit 11 of a cycle in which it is surely the active one.
     #[inline(always)]
-    pub(super) fn note_limit(&mut self, cycle: &Cycle<'_>) {
-        let limited = cycle.sample.statusword.contains(Statusword::INTERNAL_LIMIT);
+    pub(super) fn note_limit(&mut self, statusword: Statusword) {
+        let limited = statusword.contains(Statusword::INTERNAL_LIMIT);
         self.unlimited |= !limited;
         self.limited |= limited;
     }
 
     /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
-    #[inline(always)]
     pub(super) fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
-        let statusword = cycle.sample.statusword;
-        if !statusword.contains(Statusword::TARGET_REACHED) {
-            self.left_target |= self.halt_seen_over.is_none();
-            self.low = cycle.now;
-        }
+        self.follow(cycle.now, cycle.sample, cycle.blind, alone, cycle.bounds);
         if self.halt_seen_over.is_some() {
             self.note_end_of_halt(cycle);
         }
-        let position = cycle.sample.position;
+    }
+
+    /// Whether [`follow`](Self::follow) is all of [`note`](Self::note).
+    pub(super) const fn is_calm(&self) -> bool {
+        self.halt_seen_over.is_none()
+    }
+
+    /// As [`note`](Self::note), with nothing but what every cycle needs: `blind` cycles without inputs were before it.
+    #[inline(always)]
+    pub(super) fn follow(
+        &mut self,
+        now: Duration,
+        sample: &Sample,
+        blind: u32,
+        alone: bool,
+        bounds: &Bounds,
+    ) {
+        if !sample.statusword.contains(Statusword::TARGET_REACHED) {
+            self.left_target |= self.halt_seen_over.is_none();
+            self.low = now;
+        }
+        let position = sample.position;
         let resumed = core::mem::take(&mut self.resumed);
         if resumed {
             self.before = position;
             self.stood = self.from_rest.then_some(position);
         }
         let Some(end) = self.end else { return };
-        if resumed || (self.far && !self.is_far(position, cycle.bounds)) {
-            self.turn(position, cycle.bounds);
+        if resumed || (self.far && !self.is_far(position, bounds)) {
+            self.turn(position, bounds);
         }
-        let remaining = cycle.bounds.distance(end, position);
-        self.look_between(cycle, remaining);
-        if let Some(turn) = cycle.bounds.turn_length() {
-            // The way changes its sign on the far side as well; only near the end that is a crossing of it.
-            let way = cycle.bounds.way(position, end);
-            let near = way.abs() < turn / 4 && self.way.abs() < turn / 4;
-            self.crossed |= near && way.signum() == -self.way.signum() && way != 0;
-            self.way = way;
+        let remaining = bounds.distance(end, position);
+        self.look_between(position, remaining, blind, bounds);
+        if self.turns {
+            self.look_for_crossing(end, position, bounds);
         }
         self.approaching |= remaining < self.remaining;
         self.remaining = remaining;
-        if remaining <= cycle.bounds.position {
+        if remaining <= bounds.position {
             // The nearest that was seen: a later position may be on the way to the next end already.
             let nearer = self
                 .arrived
-                .is_none_or(|before| cycle.bounds.distance(end, before) >= remaining);
+                .is_none_or(|before| bounds.distance(end, before) >= remaining);
             self.arrived = if nearer { Some(position) } else { self.arrived };
         } else if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
             // It was replaced too fast to stop at its end: it has overshot, and comes back.
             self.arrived = None;
-            self.turn(position, cycle.bounds);
+            self.turn(position, bounds);
             self.seen_there = true;
         }
     }
@@ -449,22 +461,34 @@ impl Track {
 
     /// Whether the way since the last cycle is long enough to have led to the end; and after cycles without inputs, how fast the axis
     /// would have had to be to have been there.
-    fn look_between(&mut self, cycle: &Cycle<'_>, remaining: u32) {
-        let way = cycle.bounds.distance(self.before, cycle.sample.position);
-        self.before = cycle.sample.position;
-        if cycle.blind == 0 {
+    #[inline(always)]
+    fn look_between(&mut self, position: i32, remaining: u32, blind: u32, bounds: &Bounds) {
+        let way = bounds.distance(self.before, position);
+        self.before = position;
+        if blind == 0 {
             self.fastest = self.fastest.max(way);
-            self.near |= remaining <= way.saturating_add(cycle.bounds.position);
+            self.near |= remaining <= way.saturating_add(bounds.position);
         } else {
-            self.note_unseen(self.remaining, remaining, cycle);
+            self.note_unseen(self.remaining, remaining, blind);
         }
     }
 
-    fn note_unseen(&mut self, before: u32, after: u32, cycle: &Cycle<'_>) {
+    /// Of a modulo axis, whether it has crossed its end since the last cycle.
+    #[inline(never)]
+    fn look_for_crossing(&mut self, end: i32, position: i32, bounds: &Bounds) {
+        let Some(turn) = bounds.turn_length() else {
+            return;
+        };
+        // The way changes its sign on the far side as well; only near the end that is a crossing of it.
+        let way = bounds.way(position, end);
+        let near = way.abs() < turn / 4 && self.way.abs() < turn / 4;
+        self.crossed |= near && way.signum() == -self.way.signum() && way != 0;
+        self.way = way;
+    }
+
+    fn note_unseen(&mut self, before: u32, after: u32, blind: u32) {
         let there_and_back = before.saturating_add(after);
-        self.unseen = self
-            .unseen
-            .min(there_and_back / cycle.blind.saturating_add(1));
+        self.unseen = self.unseen.min(there_and_back / blind.saturating_add(1));
     }
 
     /// Takes in a cycle as the one behind `first`, before that does: what was not seen may be of this one, too.
@@ -474,7 +498,7 @@ impl Track {
         {
             let remaining = |position| cycle.bounds.distance(end, position);
             let (before, after) = (remaining(first.before), remaining(cycle.sample.position));
-            self.note_unseen(before, after, cycle);
+            self.note_unseen(before, after, cycle.blind);
         }
     }
 
