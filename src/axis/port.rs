@@ -167,21 +167,18 @@ impl AxisPort {
     /// is new than the motion.
     #[inline(always)]
     pub(crate) fn pass(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) -> Option<Snapshot> {
-        match core.take_news() {
-            News::Nothing if inputs.is_none() => {
-                self.shared.status.tick(core.cycle);
-                None
-            }
-            News::Nothing | News::Motion => {
-                self.publish_motion(core.cycle, core.motion(), inputs);
-                None
-            }
-            News::Silence if inputs.is_none() => {
-                self.publish_silence(core.cycle, core.age());
-                None
-            }
-            News::Silence | News::Anything => Some(self.publish_anew(core, inputs)),
+        let news = core.take_news();
+        // In the order of how often they come: a table of four takes longer.
+        if news == News::Motion || (news == News::Nothing && inputs.is_some()) {
+            self.publish_motion(core.cycle, core.motion(), inputs);
+        } else if news == News::Nothing {
+            self.shared.status.tick(core.cycle);
+        } else if news == News::Silence && inputs.is_none() {
+            self.publish_silence(core.cycle, core.age());
+        } else {
+            return Some(self.publish_anew(core, inputs));
         }
+        None
     }
 
     /// Publishes what it was, with another motion.

@@ -56,17 +56,7 @@ impl StatusCell {
             word.store(value, Ordering::Relaxed);
         }
         match inputs {
-            Some(inputs) => {
-                let (chunks, rest) = inputs.as_chunks::<8>();
-                for (chunk, word) in chunks.iter().zip(&copy.inputs) {
-                    word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
-                }
-                if !rest.is_empty()
-                    && let Some(word) = copy.inputs.get(chunks.len())
-                {
-                    word.store(last_word(inputs, rest), Ordering::Relaxed);
-                }
-            }
+            Some(inputs) => copy.take(inputs),
             None => {
                 for (word, last) in copy.inputs.iter().zip(&self.copy(published).inputs) {
                     word.store(last.load(Ordering::Relaxed), Ordering::Relaxed);
@@ -140,6 +130,36 @@ impl StatusCell {
             first
         } else {
             second
+        }
+    }
+}
+
+impl Copy {
+    #[inline]
+    fn take(&self, inputs: &[u8]) {
+        // The inputs of an axis are seldom of another length: no loop for those.
+        if (9..=16).contains(&inputs.len())
+            && let [first, second] = &*self.inputs
+            && let (Some(head), Some(end)) = (inputs.first_chunk(), inputs.last_chunk())
+        {
+            first.store(u64::from_le_bytes(*head), Ordering::Relaxed);
+            let behind = u64::from_le_bytes(*end) >> (8 * (16 - inputs.len()));
+            second.store(behind, Ordering::Relaxed);
+        } else {
+            self.take_words(inputs);
+        }
+    }
+
+    #[inline(never)]
+    fn take_words(&self, inputs: &[u8]) {
+        let (chunks, rest) = inputs.as_chunks::<8>();
+        for (chunk, word) in chunks.iter().zip(&self.inputs) {
+            word.store(u64::from_le_bytes(*chunk), Ordering::Relaxed);
+        }
+        if !rest.is_empty()
+            && let Some(word) = self.inputs.get(chunks.len())
+        {
+            word.store(last_word(inputs, rest), Ordering::Relaxed);
         }
     }
 }
