@@ -5,7 +5,7 @@
 
 use core::time::Duration;
 
-use crate::ds402::State;
+use crate::{ds402::State, profile_position::Traits};
 
 /// What is known of the drive's power stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -34,15 +34,15 @@ pub(super) struct Brake {
 }
 
 impl Brake {
-    /// Takes in one sample. `leading_down`: the axis is to lose its power. `seen`: after this time the drive has surely
-    /// shown what it does, and `patience` is how long an axis may take to come to rest.
+    /// Takes in one sample of a drive with these traits. `leading_down`: the axis is to lose its power. `patience` is how long it may
+    /// take to come to rest.
     pub(super) fn observe(
         &mut self,
         now: Duration,
         state: State,
         standing: bool,
         leading_down: bool,
-        seen: Duration,
+        traits: &Traits,
         patience: Duration,
     ) {
         let powered = is_powered(state);
@@ -58,9 +58,9 @@ impl Brake {
             None => Some((now, 1)),
             Some((since, samples)) => Some((since, samples.saturating_add(1))),
         };
-        self.confirmed = self
-            .down
-            .is_some_and(|(since, samples)| samples > 1 && now.saturating_sub(since) >= seen);
+        self.confirmed = self.down.is_some_and(|(since, samples)| {
+            samples > 1 && now.saturating_sub(since) >= traits.surely_seen()
+        });
         if powered {
             self.stage = Stage::Driven;
         } else if standing || (self.confirmed && (self.stage == Stage::Unknown || self.over)) {

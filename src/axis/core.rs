@@ -495,14 +495,20 @@ impl AxisCore {
     }
 
     fn write_fields(&self, outputs: &mut [u8]) {
-        let (mode, parameters) = (self.mode, self.parameters());
+        let of_jog;
+        let parameters = if self.mode == Mode::ProfileVelocity {
+            of_jog = self.jog_parameters();
+            &of_jog
+        } else {
+            self.sequencer.parameters()
+        };
         let fields = &self.config.fields;
         fields.write(
             outputs,
             self.outgoing,
-            mode,
+            self.mode,
             self.sequencer.target(),
-            &parameters,
+            parameters,
         );
         fields.write_velocity(outputs, self.outgoing_velocity);
     }

@@ -26,10 +26,13 @@ impl Pace {
         let (last, at) = core::mem::replace(&mut self.last, (cycle, now));
         let cycles = stale.saturating_add(1);
         // Between others lie those that were not computed as a whole.
-        let gap = (cycle.wrapping_sub(last) == u64::from(cycles))
-            .then(|| now.saturating_sub(at) / cycles);
+        let gap = (cycle.wrapping_sub(last) == u64::from(cycles)).then(|| {
+            let time = now.saturating_sub(at);
+            // A division is dear.
+            if cycles == 1 { time } else { time / cycles }
+        });
         self.stalled = match (core::mem::replace(&mut self.gap, gap), gap) {
-            (Some(before), Some(gap)) if gap / 2 > before => {
+            (Some(before), Some(gap)) if gap > before && gap / 2 > before => {
                 let times = gap.as_micros() / before.as_micros().max(1);
                 u32::try_from(times)
                     .unwrap_or(u32::MAX)
@@ -98,7 +101,7 @@ impl AxisCore {
                 sample.state(),
                 self.standstill.is_standing(),
                 !self.power.leads_up(),
-                self.config.traits.surely_seen(),
+                &self.config.traits,
                 self.config.deadlines.standstill,
             );
             self.observe(now, &sample, delivered);

@@ -267,12 +267,9 @@ impl AxisCore {
         }
     }
 
-    /// Profile parameters of the next outputs.
-    pub(super) fn parameters(&self) -> Parameters {
+    /// Profile parameters of the next outputs, of a jog: its ramps in place of those of the moves.
+    pub(super) fn jog_parameters(&self) -> Parameters {
         let held = *self.sequencer.parameters();
-        if self.mode != Mode::ProfileVelocity {
-            return held;
-        }
         let ramps = self.jogging.ramps();
         Parameters {
             acceleration: ramps.acceleration.or(held.acceleration),

@@ -58,6 +58,8 @@ pub(super) struct Stopping {
     pub(super) quick_delivered: Option<Duration>,
     pub(super) quick_slowing: Slowing,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
+    /// How many of these places are taken: there is seldom anybody to look for.
+    waiting: usize,
 }
 
 impl Stopping {
@@ -112,6 +114,7 @@ impl Stopping {
         match self.waiters.iter_mut().find(|place| place.is_none()) {
             Some(place) => {
                 *place = Some((id, wait));
+                self.waiting += 1;
                 true
             }
             None => false,
@@ -132,6 +135,9 @@ impl Stopping {
 
     /// Whoever waits for a halt waits for the standstill alone. Whether there is anybody.
     pub(super) fn halts_become_stops(&mut self) -> bool {
+        if self.has_no_waiter() {
+            return false;
+        }
         let mut waits = false;
         for (_, wait) in self.waiters.iter_mut().flatten() {
             if matches!(wait, Wait::Halt { .. }) {
@@ -144,8 +150,7 @@ impl Stopping {
 
     /// Takes one waiter, and what it was to be told instead of the end of its stop.
     pub(super) fn next_waiter(&mut self) -> Option<(CommandId, Option<Failure>)> {
-        let place = self.waiters.iter_mut().find(|place| place.is_some())?;
-        let (id, wait) = place.take()?;
+        let (id, wait) = self.take(|_| true)?;
         let failure = match wait {
             Wait::Faulted(failure) => Some(failure),
             Wait::Stop | Wait::Halt { .. } => None,
@@ -153,17 +158,23 @@ impl Stopping {
         Some((id, failure))
     }
 
-    pub(super) fn has_no_waiter(&self) -> bool {
-        self.waiters.iter().all(Option::is_none)
+    pub(super) const fn has_no_waiter(&self) -> bool {
+        self.waiting == 0
     }
 
     /// Takes one waiter for which `which` holds.
     pub(super) fn take_waiter(&mut self, which: impl Fn(Wait) -> bool) -> Option<CommandId> {
-        self.waiters
-            .iter_mut()
-            .find(|place| place.is_some_and(|(_, wait)| which(wait)))
-            .and_then(Option::take)
-            .map(|(id, _)| id)
+        self.take(which).map(|(id, _)| id)
+    }
+
+    fn take(&mut self, which: impl Fn(Wait) -> bool) -> Option<(CommandId, Wait)> {
+        if self.has_no_waiter() {
+            return None;
+        }
+        let mut places = self.waiters.iter_mut();
+        let place = places.find(|place| place.is_some_and(|(_, wait)| which(wait)))?;
+        self.waiting -= 1;
+        place.take()
     }
 }
 
