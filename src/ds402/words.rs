@@ -144,15 +144,12 @@ impl Statusword {
     /// The state that the word shows, by mask and value; bits outside the mask are of no meaning for it.
     #[must_use]
     pub const fn state(self) -> State {
-        let bits = self.bits();
-        match bits & 0x004F {
-            0x0000 => return State::NotReadyToSwitchOn,
-            0x0040 => return State::SwitchOnDisabled,
-            0x000F => return State::FaultReactionActive,
-            0x0008 => return State::Fault,
-            _ => {}
-        }
-        match bits & 0x006F {
+        // One match, which becomes a table. In the first four the mask is 004Fh: bit 5 is of no meaning.
+        match self.bits() & 0x006F {
+            0x0000 | 0x0020 => State::NotReadyToSwitchOn,
+            0x0040 | 0x0060 => State::SwitchOnDisabled,
+            0x000F | 0x002F => State::FaultReactionActive,
+            0x0008 | 0x0028 => State::Fault,
             0x0021 => State::ReadyToSwitchOn,
             0x0023 => State::SwitchedOn,
             0x0027 => State::OperationEnabled,
