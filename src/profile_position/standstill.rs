@@ -30,6 +30,16 @@ pub(crate) struct Standstill {
     last: u64,
     /// It stands since it came to where it is.
     stands: bool,
+    /// Around it, where it stands and 606Ch is no more than its threshold: at these positions it stands on.
+    rest: Option<Positions>,
+}
+
+/// Positions next to one another.
+#[derive(Debug, Clone, Copy)]
+struct Positions {
+    least: i32,
+    /// From the least to the greatest.
+    width: u32,
 }
 
 /// A position that stays.
@@ -75,6 +85,27 @@ impl Stay {
     #[inline]
     fn time_after(&self, now: u64, since: u64) -> u64 {
         now.saturating_sub(self.since.max(since))
+    }
+}
+
+impl Positions {
+    /// Those that lie within the windows of both, and not beyond the ends of 32 bits: so they do around a turn, too.
+    fn of_both(stay: (i32, u32), quiet: (i32, u32)) -> Option<Self> {
+        let least = |(position, within): (i32, u32)| position.saturating_sub_unsigned(within);
+        let greatest = |(position, within): (i32, u32)| position.saturating_add_unsigned(within);
+        let (least, greatest) = (
+            least(stay).max(least(quiet)),
+            greatest(stay).min(greatest(quiet)),
+        );
+        (least <= greatest).then(|| Self {
+            least,
+            width: greatest.abs_diff(least),
+        })
+    }
+
+    #[inline]
+    const fn contain(&self, position: i32) -> bool {
+        position.wrapping_sub(self.least).cast_unsigned() <= self.width
     }
 }
 
@@ -179,6 +210,20 @@ impl Standstill {
         bounds: &Bounds,
     ) {
         let now = nanoseconds(now);
+        // Most axes of a line stand, and dither.
+        if let Some(rest) = &self.rest
+            && rest.contain(position)
+            && velocity.is_none_or(|velocity| velocity.unsigned_abs() <= bounds.velocity)
+            && now.wrapping_sub(self.last) <= bounds.shorter_gap
+        {
+            self.last = now;
+        } else {
+            self.judge(now, position, velocity, bounds);
+        }
+    }
+
+    #[inline(never)]
+    fn judge(&mut self, now: u64, position: i32, velocity: Option<i32>, bounds: &Bounds) {
         // A time before the last one is a gap of none.
         if now.wrapping_sub(self.last) > bounds.shorter_gap {
             let passed = now.saturating_sub(self.last);
@@ -196,6 +241,12 @@ impl Standstill {
             }
         }
         self.stands = (stays && self.stands) || self.stands_after(now, 0, bounds);
+        self.rest = None;
+        if self.stands && (velocity.is_none() || self.quiet.since != NEVER) {
+            let stay = (self.stay.position, bounds.position);
+            let quiet = velocity.map_or(stay, |_| (self.quiet.position, bounds.shorter_window));
+            self.rest = Positions::of_both(stay, quiet);
+        }
     }
 
     /// The position is measured anew from the next cycle on: where the axis sets off, and where its drive stops it, the time for
@@ -204,6 +255,7 @@ impl Standstill {
         self.stay.since = NEVER;
         self.quiet.since = NEVER;
         self.stands = false;
+        self.rest = None;
     }
 
     /// Whether the axis stood in the last cycle with inputs.
@@ -329,6 +381,64 @@ mod tests {
         }));
         assert_eq!(about_zero.way(1_790, -1_790), 20);
         assert_eq!(about_zero.after(1_790, 20), -1_790);
+    }
+
+    /// What is said of an axis whose position stays around a place is the same as where each cycle is judged as a whole.
+    #[test]
+    fn a_cycle_at_rest_is_judged_as_any_other() {
+        let turns = [
+            None,
+            Some(PositionRange { min: 0, max: 3_599 }),
+            Some(PositionRange {
+                min: i32::MAX - 99,
+                max: i32::MAX,
+            }),
+        ];
+        let mut number = 1_u64;
+        let mut random = |below: u64| {
+            number ^= number << 13;
+            number ^= number >> 7;
+            number ^= number << 17;
+            number % below
+        };
+        let (mut short, mut cycles) = (0, 0);
+        for life in 0..3_000 {
+            let (window, threshold) = (random(12) as u32, random(3) as u32);
+            let settle = Duration::from_millis(20);
+            let cycle = Duration::from_millis(1);
+            let bounds = Bounds::new(window, threshold, settle, cycle, turns[life % 3]);
+            let (mut axis, mut now) = (Standstill::default(), Duration::ZERO);
+            let mut position = [0, 3_600, i32::MAX, i32::MIN][random(4) as usize];
+            let measured = random(2) == 0;
+            for _ in 0..200 {
+                now += Duration::from_micros(if random(40) == 0 { 9_000 } else { 1_000 });
+                let step = if random(30) == 0 { 15 } else { 1 };
+                position = position.wrapping_add(random(2 * step + 1) as i32 - step as i32);
+                let velocity = measured.then(|| random(5) as i32 - 2);
+                let mut whole = Standstill { rest: None, ..axis };
+                short += u32::from(axis.rest.is_some_and(|rest| rest.contain(position)));
+                cycles += 1;
+                axis.observe(now, position, velocity, &bounds);
+                whole.observe(now, position, velocity, &bounds);
+                assert_eq!(axis.is_standing(), whole.is_standing());
+                let said = |axis: &Standstill| {
+                    [0, 2, 5, 20].map(|ms| {
+                        let since = now.saturating_sub(Duration::from_millis(ms));
+                        (
+                            axis.stands_since(now, since, &bounds),
+                            axis.steady_since(now, since, &bounds),
+                        )
+                    })
+                };
+                assert_eq!(said(&axis), said(&whole), "life {life}");
+                let state = |axis: &Standstill| {
+                    let stay = |stay: Stay| (stay.since, stay.position);
+                    (stay(axis.stay), stay(axis.quiet), axis.last)
+                };
+                assert_eq!(state(&axis), state(&whole), "life {life}");
+            }
+        }
+        assert!(short > cycles / 10, "{short} of {cycles}");
     }
 
     #[test]
