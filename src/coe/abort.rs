@@ -37,7 +37,7 @@ impl AbortCode {
     /// Not in the present state.
     pub const PRESENT_STATE: Self = Self(0x0800_0022);
 
-    /// The meaning in words; "unknown reason" for a code that the standards do not list.
+    /// The meaning as text; "unknown reason" for a code that the standards do not list.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self.0 {

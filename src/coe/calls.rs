@@ -1,7 +1,7 @@
 //! How transfers get from any thread to the mailbox client, and their outcomes back: through places that are made once.
 //!
-//! On the client's thread nothing is allocated and nothing freed. A dialogue brings its buffers along and goes back with them; what
-//! a caller that went away has left behind lies in its place until the next caller takes that one.
+//! On the client's thread nothing is allocated and nothing freed. A dialogue brings its buffers along and goes back with them. What
+//! a caller that went away has left behind stays in its place until the next caller takes that one.
 
 use alloc::boxed::Box;
 use alloc::sync::Arc;

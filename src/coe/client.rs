@@ -1,10 +1,10 @@
 //! The mailbox client: one actor per device, which alone touches its mailbox, on the thread that owns the bus.
 //!
-//! Transfers run one after another. A mail whose reading is lost is asked for again by the repeat request. A request whose
-//! frame is lost is sent again with the same mailbox counter, by which the device knows it; but never one that writes an
-//! object, since a device that does not look at the counter would write twice: see `doubt`.
+//! Transfers run one after another. A message whose reading is lost is asked for again by the repeat request. A request whose frame
+//! is lost is sent again with the same mailbox counter, by which the device knows it. A request that writes an object is never sent
+//! again, since a device that does not look at the counter would write twice: see `doubt`.
 //!
-//! Its mails have their memory from the beginning; all else that a transfer takes comes with its call (`calls`) and goes back
+//! Its messages have their memory from the beginning. All else that a transfer takes comes with its call (`calls`) and goes back
 //! with the answer.
 
 use alloc::sync::Arc;
@@ -50,7 +50,7 @@ pub use settings::MailboxSettings;
 /// Mails read in a row before deadlines and requests get their turn: a device may send without end.
 const MAILS_AT_ONCE: usize = 16;
 
-/// The time that the actor lives in.
+/// The time that the actor goes by.
 pub trait Clock {
     /// The present, since an arbitrary epoch.
     fn now(&self) -> Duration;
@@ -74,15 +74,15 @@ pub struct MailboxClient<T, C> {
     notes: Option<Notes>,
     signal: MailSignal,
     counters: Counters,
-    /// The mail that is being sent.
+    /// The message that is being sent.
     request: Vec<u8>,
     /// What was read, as long as the mailbox.
     reply: Vec<u8>,
-    /// What was read last, as long as its mail says.
+    /// What was read last, as long as its message says.
     last: Vec<u8>,
     /// The value of an object that was read for the answer's sake.
     other: Vec<u8>,
-    /// A mail was asked for again: the next one may be the last one once more.
+    /// A message was asked for again: the next one may be the last one once more.
     repeated: bool,
     /// Transfers whose replies may still come.
     owed: Vec<Transfer>,
@@ -100,14 +100,14 @@ pub struct MailboxClient<T, C> {
 enum Next {
     /// Serve a call; end, if there can be none any more.
     Call(Option<Call>),
-    /// Look at the mailbox; whether a mail is known to wait.
+    /// Look at the mailbox; whether a message is known to wait.
     Due(bool),
 }
 
 /// What a look at the device's mailbox brought.
 enum Found {
     Nothing,
-    /// A mail that answers nothing: an emergency, a late reply.
+    /// A message that answers nothing: an emergency, a late reply.
     Other,
     Answer(Step),
 }
@@ -124,7 +124,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         Self::with(transport, clock, settings, drive, waiters)
     }
 
-    /// The same; who waits for it, waits at these.
+    /// The same; the tasks that wait for it wait at these.
     pub(crate) fn with(
         transport: T,
         clock: C,
@@ -187,7 +187,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         self
     }
 
-    /// By which a bus loop tells what it sees of the mailbox: then the client does not look while nothing is due.
+    /// By which a bus loop reports what it sees of the mailbox: then the client does not look while nothing is due.
     pub(crate) fn signal(&self) -> MailSignal {
         self.signal.clone()
     }
@@ -209,7 +209,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
-    /// Waits until the mailbox is to be looked at though nothing was asked for. Whether a mail is known to wait.
+    /// Waits until the mailbox is to be looked at though nothing was asked for. Whether a message is known to wait.
     async fn something_due(&self) -> bool {
         if self.signal.is_watched() {
             return self.signal.mail_waits().await;
@@ -313,7 +313,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         loop {
             if !sent && doubtful_from.is_none() {
                 match self.send().await {
-                    // A quick device has answered by now: its mail is read without a look at the state before.
+                    // A quick device has answered by now: its message is read without a look at the state before.
                     Ok(true) if self.pace.is_quick() => {
                         sent = true;
                         asked_at = self.clock.now();
@@ -340,8 +340,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     }
                 }
             }
-            // Also before the request was taken: a device may not take one before its own mail is read, and
-            // a request whose frame was lost on its way back may have been answered.
+            // Also before the request was taken. A device may not take one before its own message is read. A request whose frame
+            // was lost on its way back may have been answered.
             for _ in 0..MAILS_AT_ONCE {
                 match self.look(Some(dialogue)).await? {
                     Found::Answer(step) => {
@@ -372,7 +372,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
-    /// Puts the mail that is due into the device's mailbox; `false` if that is full.
+    /// Puts the message that is due into the device's mailbox; `false` if that is full.
     async fn send(&mut self) -> Result<bool, LinkFault> {
         self.forget_the_session_before();
         let sent = self.access(self.transport.write_mail(&self.request)).await;

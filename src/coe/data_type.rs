@@ -142,9 +142,8 @@ impl TypeCode {
         }
     }
 
-    /// The bytes of the value that `text` tells, for an entry of `bits` bits: a number (decimal or with `0x`), `true` or
-    /// `false`, a text, or bytes in hexadecimal (`"0A FF"`) for every other type. Of 0 bits
-    /// a text can have any length.
+    /// The bytes of the value that `text` shows, for an entry of `bits` bits. `text` is a number (decimal or with `0x`), `true` or
+    /// `false`, a text, or bytes in hexadecimal (`"0A FF"`) for every other type. Of 0 bits a text can have any length.
     ///
     /// # Errors
     /// [`ValueError`] if `text` is no such value, or does not fit.

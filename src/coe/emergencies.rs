@@ -81,8 +81,8 @@ impl fmt::Display for EmergencyReport {
 /// Emergencies of one drive, or of all drives of a network, in the order in which they were read. Each is seen once by
 /// whoever asks: clones share them.
 ///
-/// The queue holds a bounded number that nobody has taken. When it is full the oldest stay, since they tell the cause; what
-/// came too much is reported in its place, by number ([`EmergencyReport::Overflow`]).
+/// The queue holds a bounded number that nobody has taken. When it is full the oldest stay, since they show the cause. Dropped ones
+/// are counted, and the number is reported in their place ([`EmergencyReport::Overflow`]).
 ///
 /// ```no_run
 /// # async fn example(net: &servocrab::bus::Network) {
@@ -132,7 +132,7 @@ impl Emergencies {
     }
 }
 
-/// An emergency as it was read: what it means is told, on the heap where need be, on the program's side.
+/// An emergency as it was read. Its meaning is made, on the heap where need be, on the program's side.
 #[derive(Debug, Clone)]
 pub(super) struct Received {
     pub(super) drive: Arc<DriveId>,
@@ -159,7 +159,7 @@ enum Queued {
     Overflow,
 }
 
-/// How many were lost since that was told last, and whether the queue holds a place from which it will be told.
+/// How many were lost since that was last reported, and whether the queue holds a place from which it will be reported.
 #[derive(Debug, Default)]
 struct Overflow {
     lost: AtomicU64,
@@ -167,7 +167,7 @@ struct Overflow {
 }
 
 impl Overflow {
-    /// The report as a program gets it: the place of what was lost gets the number. None if it has been told before.
+    /// The report as a program gets it: the place of what was lost gets the number. None if it has been reported before.
     fn report(&self, queued: Queued) -> Option<EmergencyReport> {
         if let Queued::Emergency(received) = queued {
             return Some(EmergencyReport::Emergency(received.into()));

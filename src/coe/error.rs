@@ -1,5 +1,5 @@
-//! What can go wrong with an SDO transfer: the object, the step, what was expected and what came, and, where
-//! it is known, which drive.
+//! What can go wrong with an SDO transfer. An error has the object, the step, what was expected and what came, and the drive where
+//! it is known.
 
 use alloc::string::String;
 use core::fmt;
@@ -71,7 +71,7 @@ pub enum SdoError {
         transfer: Transfer,
         /// Fragments that should follow.
         expected: u16,
-        /// Fragments that follow by what the mail says.
+        /// Fragments that follow by what the message says.
         got: u16,
     },
     /// The device has no SDO information.
@@ -82,8 +82,8 @@ pub enum SdoError {
         /// How this is known.
         reason: Unsupported,
     },
-    /// The device refused the mail for its form.
-    #[error("{transfer}: device refused the mail: {error}")]
+    /// The device refused the message for its form.
+    #[error("{transfer}: device refused the message: {error}")]
     Mailbox {
         /// What was attempted.
         transfer: Transfer,
@@ -179,7 +179,7 @@ impl SdoError {
 pub enum Unsupported {
     /// Its SII says so (CoE details); it was not asked.
     Sii,
-    /// It refuses the mail.
+    /// It refuses the message.
     Mail(MailboxError),
     /// It refuses the service.
     Service(AbortCode),
@@ -189,7 +189,7 @@ impl fmt::Display for Unsupported {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Sii => f.write_str("its SII says so"),
-            Self::Mail(error) => write!(f, "it refuses the mail: {error}"),
+            Self::Mail(error) => write!(f, "it refuses the message: {error}"),
             Self::Service(code) => write!(f, "it refuses: {code}"),
         }
     }
@@ -301,7 +301,7 @@ pub enum SdoStep {
     Fragment,
     /// A late reply of an earlier transfer of the same object, which must not be taken for this one's.
     EarlierReply,
-    /// Reading a mail that is there.
+    /// Reading a message that is there.
     Fetching,
 }
 
@@ -313,7 +313,7 @@ impl fmt::Display for SdoStep {
             Self::Segment => "waiting for the next segment",
             Self::Fragment => "waiting for the next fragment",
             Self::EarlierReply => "waiting for the late reply of an earlier transfer",
-            Self::Fetching => "fetching a mail from the device",
+            Self::Fetching => "fetching a message from the device",
         })
     }
 }

@@ -15,8 +15,8 @@ mod information;
 
 /// Reads and writes objects of one drive; clones share its mailbox, in which transfers run one after another.
 ///
-/// A caller that drops its future leaves the mailbox in order: a transfer that has not begun is withdrawn, one
-/// that has is completed by the client.
+/// A caller that drops its future leaves the mailbox in order. A transfer that has not begun is withdrawn; the client completes one
+/// that has.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -89,9 +89,9 @@ impl SdoHandle {
 
     /// Writes an object; confirmed by the drive when the future resolves.
     ///
-    /// A write is never made twice, whether the drive looks at the mailbox counter or not: one without a reply is not
-    /// repeated, and one whose frame is lost is sent again only when the drive has answered another request without
-    /// answering this one, so that it never arrived. Segments are told apart by their toggle bit.
+    /// A write is never made twice, whether the drive looks at the mailbox counter or not. One without a reply is not repeated. One
+    /// whose frame is lost is sent again only when it is known never to have arrived: the drive has answered another request
+    /// without answering this one. The toggle bit distinguishes segments.
     ///
     /// # Errors
     /// As [`SdoHandle::read`]. After `Timeout` and `Link` the write may have taken effect.

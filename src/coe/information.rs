@@ -1,12 +1,13 @@
-//! SDO information: what a device says about its object dictionary, as a dialogue without I/O (ETG.1000.6, SDO
-//! information; the bytes behind the CoE header of a mail).
+//! SDO information: what a device says about its object dictionary, as a dialogue without I/O. The bytes are those behind the CoE
+//! header of a message (ETG.1000.6, SDO information).
 //!
 //! One request is answered by one or several fragments. The caller sends [`Inquiry::append_request`], hands each SDO
-//! information mail to [`Inquiry::feed`] until that says [`Step::Done`], and decodes [`Inquiry::into_data`].
+//! information message to [`Inquiry::feed`] until that says [`Step::Done`], and decodes [`Inquiry::into_data`].
 //!
 //! An inquiry holds at most four times the bytes that came (the doubling of a growing list, and its copy) beside the buffer that it
-//! was given, and never more than an answer of [`LONGEST_INFORMATION`], or [`LONGEST_DESCRIPTION`] where one object is asked for; what is decoded
-//! from an answer takes at most eight times its bytes. Each fragment says fewer to follow than the one before, so that they end.
+//! was given. It never holds more than an answer of [`LONGEST_INFORMATION`], or [`LONGEST_DESCRIPTION`] where one object is asked
+//! for. What is decoded from an answer takes at most eight times its bytes. Each fragment says fewer to follow than the one before,
+//! so that they end.
 
 use alloc::vec::Vec;
 
@@ -59,7 +60,7 @@ pub enum Question {
 impl Question {
     /// [`Question::Entry`]'s `wanted`: everything.
     pub const EVERYTHING: u8 = 0x7F;
-    /// [`Question::Entry`]'s `wanted`: what every device can tell.
+    /// [`Question::Entry`]'s `wanted`: what every device can report.
     pub const BASICS: u8 = 0x07;
 
     const fn operation(self) -> u8 {
@@ -155,11 +156,11 @@ impl Inquiry {
         self.left.is_some_and(|left| left > 0)
     }
 
-    /// Takes one SDO information mail.
+    /// Takes one SDO information message.
     ///
     /// # Errors
     /// [`SdoFault`]: the device refuses (`Aborted`), a fragment is missing or too many come (`Fragments`), the answer is
-    /// longer than any can be (`Size`), or the mail ends before its headers do (`Cut`). The inquiry is then over.
+    /// longer than any can be (`Size`), or the message ends before its headers do (`Cut`). The inquiry is then over.
     pub fn feed(&mut self, mail: &[u8]) -> Result<Step, SdoFault> {
         let &[operation, _, l0, l1, ref data @ ..] = mail else {
             return Err(cut(HEADER, mail.len()));

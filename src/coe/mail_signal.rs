@@ -11,14 +11,14 @@ use atomic_waker::AtomicWaker;
 
 /// Nobody else looks at the mailbox: the client does.
 const UNWATCHED: u8 = 0;
-/// No mail waited when the mailbox was looked at last.
+/// No message waited when the mailbox was looked at last.
 const EMPTY: u8 = 1;
-/// A mail waits.
+/// A message waits.
 const FULL: u8 = 2;
 
-/// Tells a mailbox client when a mail waits, so that it asks for nothing while there is none. Clones are the same signal.
+/// Wakes a mailbox client when a message waits, so that it asks for nothing while there is none. Clones are the same signal.
 ///
-/// It follows the level of the mailbox's state: a mail that is not read away is seen again. Observing neither allocates
+/// It follows the level of the mailbox's state: a message that is not read away is seen again. Observing neither allocates
 /// nor locks.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct MailSignal(Arc<Signal>);
@@ -32,7 +32,7 @@ struct Signal {
 }
 
 impl MailSignal {
-    /// The mailbox was looked at. Frames that were sent before a mail was read must have been observed before the client
+    /// The mailbox was looked at. Frames that were sent before a message was read must have been observed before the client
     /// is polled after that reading.
     pub(crate) fn observe(&self, mail_waits: bool) {
         let seen = if mail_waits { FULL } else { EMPTY };
@@ -47,7 +47,7 @@ impl MailSignal {
         self.0.client.wake();
     }
 
-    /// The device is in INIT: what it was to answer it has forgotten, and it counts its mails from the beginning.
+    /// The device is in INIT: it has forgotten what it was to answer, and counts its messages from the beginning.
     pub(crate) fn begin_anew(&self) {
         self.0.begins_anew.store(true, Ordering::Release);
     }
@@ -61,7 +61,7 @@ impl MailSignal {
         self.0.seen.load(Ordering::Acquire) != UNWATCHED
     }
 
-    /// Forgets a mail that was seen: the client has been at the mailbox since.
+    /// Forgets a message that was seen: the client has been at the mailbox since.
     pub(super) fn forget(&self) {
         // Fails where none was seen.
         let _ = self
@@ -70,7 +70,7 @@ impl MailSignal {
             .compare_exchange(FULL, EMPTY, Ordering::AcqRel, Ordering::Acquire);
     }
 
-    /// Resolves when a mail waits (true), or nobody looks any more (false).
+    /// Resolves when a message waits (true), or nobody looks any more (false).
     pub(super) async fn mail_waits(&self) -> bool {
         poll_fn(|context| {
             self.0.client.register(context.waker());

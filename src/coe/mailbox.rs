@@ -1,5 +1,5 @@
-//! The EtherCAT mailbox: header, counter, error replies, and what a mail that was read contains
-//! (ETG.1000.4, mailbox; ETG.1000.6, CoE header). The parser allocates nothing: what it gives points into the mail.
+//! The EtherCAT mailbox: header, counter, error replies, and what a message that was read contains
+//! (ETG.1000.4, mailbox; ETG.1000.6, CoE header). The parser allocates nothing: what it gives points into the message.
 
 use alloc::vec::Vec;
 use core::fmt;
@@ -10,15 +10,15 @@ use super::emergency::Emergency;
 pub const HEADER_LENGTH: usize = 6;
 /// Bytes of the CoE header.
 pub const COE_HEADER_LENGTH: usize = 2;
-/// The shortest mail that can carry an SDO: mailbox header, CoE header, eight bytes of SDO.
+/// The shortest message that can carry an SDO: mailbox header, CoE header, eight bytes of SDO.
 pub const SHORTEST_MAILBOX: usize = HEADER_LENGTH + COE_HEADER_LENGTH + 8;
 
-/// The header in front of every mail.
+/// The header in front of every message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
     /// Bytes behind the header.
     pub length: u16,
-    /// The station address of the mail's source; 0 in mails of the master.
+    /// The station address of the message's source; 0 in messages of the master.
     pub address: u16,
     /// Channel (bits 0–5) and priority (bits 6–7), both 0 in practice.
     pub channel: u8,
@@ -29,7 +29,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// The header of a CoE mail of the master.
+    /// The header of a CoE message of the master.
     #[must_use]
     pub const fn coe(length: u16, counter: Counter) -> Self {
         Self {
@@ -77,10 +77,10 @@ impl Header {
     }
 }
 
-/// The protocol of a mail.
+/// The protocol of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Protocol {
-    /// The device refuses a mail.
+    /// The device refuses a message.
     Error,
     /// ADS over EtherCAT.
     Aoe,
@@ -126,9 +126,9 @@ impl Protocol {
     }
 }
 
-/// The counter of a session's mails: 1 to 7 and round again, never 0.
+/// The counter of a session's messages: 1 to 7 and round again, never 0.
 ///
-/// A device drops a mail whose counter is that of the mail before: that makes it safe to send a mail again.
+/// A device drops a message whose counter is that of the message before: that makes it safe to send a message again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Counter(u8);
 
@@ -136,7 +136,7 @@ impl Counter {
     /// The first counter of a session.
     pub const FIRST: Self = Self(1);
 
-    /// The counter of the next mail.
+    /// The counter of the next message.
     #[must_use]
     pub const fn next(self) -> Self {
         if self.0 >= 7 {
@@ -153,14 +153,14 @@ impl Counter {
     }
 }
 
-/// What a mail that was read from a device contains.
+/// What a message that was read from a device contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mail<'a> {
     /// The SDO server's answer: the bytes behind the CoE header.
     SdoReply(&'a [u8]),
     /// An emergency, which answers nothing.
     Emergency(Emergency),
-    /// The device refused a mail for its form.
+    /// The device refused a message for its form.
     Error(MailboxError),
     /// SDO information: the bytes behind the CoE header.
     SdoInformation(&'a [u8]),
@@ -172,7 +172,7 @@ impl<'a> Mail<'a> {
     /// Tells what the bytes read from a mailbox contain.
     ///
     /// # Errors
-    /// [`CutMail`] if the mail ends before its headers do, or an emergency or error reply is too short.
+    /// [`CutMail`] if the message ends before its headers do, or an emergency or error reply is too short.
     pub fn parse(mail: &'a [u8]) -> Result<(Header, Self), CutMail> {
         let (header, payload) = Header::parse(mail)?;
         let content = match header.protocol {
@@ -202,12 +202,12 @@ impl<'a> Mail<'a> {
     }
 }
 
-/// Makes of `mail` a whole mail of the master, with the SDO request that `append` appends.
+/// Makes of `mail` a whole message of the master, with the SDO request that `append` appends.
 pub fn sdo_mail(mail: &mut Vec<u8>, counter: Counter, append: impl FnOnce(&mut Vec<u8>)) {
     coe_mail(mail, counter, 2, append);
 }
 
-/// Makes of `mail` a whole mail of the master, with the SDO information request that `append` appends.
+/// Makes of `mail` a whole message of the master, with the SDO information request that `append` appends.
 pub fn information_mail(mail: &mut Vec<u8>, counter: Counter, append: impl FnOnce(&mut Vec<u8>)) {
     coe_mail(mail, counter, 8, append);
 }
@@ -223,7 +223,7 @@ fn coe_mail(mail: &mut Vec<u8>, counter: Counter, service: u16, append: impl FnO
     }
 }
 
-/// Why a device refused a mail for its form.
+/// Why a device refused a message for its form.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct MailboxError(pub u16);
 
@@ -238,13 +238,13 @@ impl MailboxError {
         }
     }
 
-    /// Whether the device does not know what the mail asks for, whatever its content.
+    /// Whether the device does not know what the message asks for, whatever its content.
     #[must_use]
     pub const fn is_about_the_service(self) -> bool {
         matches!(self.0, 2 | 4 | 5)
     }
 
-    /// The meaning in words.
+    /// The meaning as text.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self.0 {
@@ -253,7 +253,7 @@ impl MailboxError {
             3 => "channel is invalid",
             4 => "service is not supported",
             5 => "protocol header is invalid",
-            6 => "mail is too short",
+            6 => "message is too short",
             7 => "device has no memory left",
             8 => "length is inconsistent",
             _ => "unknown reason",
@@ -267,9 +267,9 @@ impl fmt::Display for MailboxError {
     }
 }
 
-/// A mail that ends before it should.
+/// A message that ends before it should.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("mail cut: expected at least {needed} bytes, got {got}")]
+#[error("message cut: expected at least {needed} bytes, got {got}")]
 pub struct CutMail {
     /// Bytes that there should be at least.
     pub needed: usize,

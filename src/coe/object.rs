@@ -1,5 +1,5 @@
-//! Typed objects of a drive's dictionary: index, subindex, type, access, unit and name as one value,
-//! so that a wrong width or a write to a read-only object does not compile.
+//! Typed objects of a drive's dictionary: index, subindex, type, access, unit and name as one value. A wrong width or a write to a
+//! read-only object does not compile.
 
 use core::fmt;
 use core::marker::PhantomData;

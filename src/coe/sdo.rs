@@ -1,10 +1,10 @@
-//! SDO transfers as state machines without I/O: expedited, normal and segmented, both ways
-//! (ETG.1000.6 and CiA 301, SDO; the bytes behind the CoE header of a mail).
+//! SDO transfers as state machines without I/O: expedited, normal and segmented, both ways. The bytes are those behind the CoE
+//! header of a message (ETG.1000.6 and CiA 301, SDO).
 //!
-//! The caller sends [`Upload::request`] or [`Download::append_request`], hands each SDO reply to [`Upload::feed`], and repeats this while
-//! that says [`Step::More`]. Nothing that a device sends makes them panic, go on without end or grow beyond a bound: an upload holds
-//! at most four times the bytes that came beside the buffer that it was given, whatever length they announce, and of [`LONGEST_OBJECT`] bytes at most; every segment
-//! must bring data. A download holds at most three times what it writes.
+//! The caller sends [`Upload::request`] or [`Download::append_request`], hands each SDO reply to [`Upload::feed`], and repeats this
+//! while that says [`Step::More`]. Nothing that a device sends makes them panic, go on without end or grow beyond a bound. An
+//! upload holds at most four times the bytes that came beside the buffer that it was given, whatever length they announce. It takes
+//! [`LONGEST_OBJECT`] bytes at most. Every segment must bring data. A download holds at most three times what it writes.
 
 use super::abort::AbortCode;
 use super::mailbox::CutMail;
@@ -73,7 +73,7 @@ pub enum SdoFault {
     Fragments {
         /// Fragments that should follow.
         expected: u16,
-        /// Fragments that follow by what the mail says.
+        /// Fragments that follow by what the message says.
         got: u16,
     },
     /// The reply is shorter than its kind needs.
@@ -82,7 +82,7 @@ pub enum SdoFault {
 }
 
 impl SdoFault {
-    /// The abort code that tells the device of this fault; `None` if the device itself aborted.
+    /// The abort code for the device in this fault; `None` if the device itself aborted.
     #[must_use]
     pub const fn abort_code(&self) -> Option<AbortCode> {
         match self {

@@ -97,7 +97,7 @@ pub(crate) struct State {
     pub(crate) information: VecDeque<Vec<Vec<u8>>>,
     /// The next replies that are not sent.
     pub(crate) swallow: usize,
-    /// A mail that is there whenever the mailbox is looked at.
+    /// A message that is there whenever the mailbox is looked at.
     pub(crate) flood: Option<Vec<u8>>,
     /// Requests are taken from this moment on.
     pub(crate) takes_from: Duration,
@@ -196,7 +196,7 @@ impl Device {
         state.objects.insert((index, subindex), value.to_vec());
     }
 
-    /// Puts a mail into the queue of those to be read.
+    /// Puts a message into the queue of those to be read.
     pub(crate) fn post(&self, mail: &[u8]) {
         let mut state = self.0.borrow_mut();
         let now = state.clock.now();
@@ -327,7 +327,7 @@ impl State {
         }
     }
 
-    /// The mail read last is put in front again, unless the one in the mailbox has not been read at all.
+    /// The message read last is put in front again, unless the one in the mailbox has not been read at all.
     fn repeat(&mut self, toggle: bool) {
         if toggle != self.repeat {
             self.repeat = toggle;
@@ -468,7 +468,7 @@ impl State {
     }
 }
 
-/// An emergency mail with this error code.
+/// An emergency message with this error code.
 pub(crate) fn emergency(code: u16) -> Vec<u8> {
     let [low, high] = code.to_le_bytes();
     vec![

@@ -1,4 +1,4 @@
-//! How mails reach a device: the few accesses that the mailbox client needs, and those over ethercrab.
+//! How messages reach a device: the few accesses that the mailbox client needs, and those over ethercrab.
 
 use core::future::Future;
 
@@ -25,7 +25,7 @@ pub trait MailboxTransport {
     /// Reads the state of both mailboxes.
     fn status(&self) -> impl Future<Output = Result<MailboxStatus, LinkFault>>;
 
-    /// Sets the repeat request of the device's mailbox to `toggle`; a change asks for the last mail again.
+    /// Sets the repeat request of the device's mailbox to `toggle`; a change asks for the last message again.
     fn request_repeat(&self, toggle: bool) -> impl Future<Output = Result<(), LinkFault>>;
 }
 
@@ -34,7 +34,7 @@ pub trait MailboxTransport {
 pub struct MailboxStatus {
     /// The device has not yet taken the last request.
     pub request_pending: bool,
-    /// A mail of the device waits to be read.
+    /// A message of the device waits to be read.
     pub mail_waiting: bool,
     /// The repeat request as the master set it last.
     pub repeat_requested: bool,
@@ -43,7 +43,7 @@ pub struct MailboxStatus {
 }
 
 impl MailboxStatus {
-    /// The state told by the 16 registers of sync managers 0 and 1, 0800h to 080Fh; `None` if there are fewer.
+    /// The state that the 16 registers of sync managers 0 and 1 show, 0800h to 080Fh; `None` if there are fewer.
     #[must_use]
     pub fn from_registers(registers: &[u8]) -> Option<Self> {
         Some(Self {
@@ -95,8 +95,8 @@ impl<'m> EthercrabMailbox<'m> {
         }
     }
 
-    // The bytes are copied out in the poll in which they come: what ethercrab hands out points into a frame
-    // slot that is already free again.
+    // The bytes are copied out in the poll in which they come. What ethercrab hands out points into a frame slot that is already
+    // free again.
     async fn read(&self, register: u16, into: &mut [u8]) -> Result<(), LinkFault> {
         let length = u16::try_from(into.len()).unwrap_or(u16::MAX);
         let received = Command::fprd(self.station, register)
@@ -142,7 +142,7 @@ impl MailboxTransport for EthercrabMailbox<'_> {
     }
 }
 
-/// A mail as long as its mailbox: only a write of the last byte hands the mailbox over to the device.
+/// A message as long as its mailbox: only a write of the last byte hands the mailbox over to the device.
 struct Padded<'a> {
     mail: &'a [u8],
     length: usize,
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn the_mailbox_state_is_read_from_the_sync_managers_registers() {
-        // A real AKD's mailboxes (control 26h and 22h), a mail waiting, a repeat asked for and done.
+        // A real AKD's mailboxes (control 26h and 22h), a message waiting, a repeat asked for and done.
         let registers = [
             0x00, 0x18, 0x00, 0x04, 0x26, 0x00, 0x01, 0x00, 0x00, 0x1C, 0x00, 0x04, 0x22, 0x08,
             0x03, 0x02,

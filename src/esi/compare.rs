@@ -10,9 +10,9 @@ use crate::pdo_map::Entry;
 impl EsiDevice {
     /// Reads of a drive what the file says of it, and gives what differs; an empty table where nothing does. The drive is not changed.
     ///
-    /// Compared are vendor, product and revision (1018h), every PDO of the file (a free one only by being there, since its
-    /// content is whatever was written last), and of every readable entry of the dictionary that it is there, in the length of
-    /// the file (texts may be shorter).
+    /// The comparison covers vendor, product and revision (1018h), every PDO of the file, and every readable entry of the
+    /// dictionary. A free PDO only has to exist, since its content is whatever was written last. An entry has to exist in the
+    /// length of the file (texts may be shorter).
     ///
     /// # Errors
     /// [`DriveError`] if the drive does not answer; a refusal is no error but a difference.

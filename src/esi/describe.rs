@@ -22,11 +22,10 @@ pub struct NoAxis {
 impl EsiDevice {
     /// What the library must know of the drive, as far as the file says it.
     ///
-    /// An axis for each controlword; PDOs with a fixed content, or all where the drive does not let them be filled
-    /// (`PdoConfig`); the others are free, those that are assigned by default before the rest, each for the axis whose
-    /// objects it holds by default. Limits from the number of subindices of 16xxh, 1Axxh, 1C12h and 1C13h in the
-    /// dictionary and from `MaxSize` of the sync managers. What an axis exchanges is what the usual Profile Position needs of what the
-    /// file has.
+    /// An axis for each controlword. PDOs with a fixed content are fixed, or all where the drive does not let them be filled
+    /// (`PdoConfig`). The others are free, those that are assigned by default before the rest. Each is for the axis whose objects
+    /// it holds by default. Limits come from the number of subindices of 16xxh, 1Axxh, 1C12h and 1C13h in the dictionary, and from
+    /// `MaxSize` of the sync managers. What an axis exchanges is what the usual Profile Position needs of what the file has.
     ///
     /// How bits 5, 9, 10 and 12 behave is in no ESI file: the traits are those of [`generic`](crate::drives::generic). Change them
     /// by the drive's manual.

@@ -4,8 +4,8 @@
 //! `InitCmd`s ([`EsiDevice::start_up_list`]), and a table of what a drive has otherwise ([`EsiDevice::compare`]).
 //!
 //! Files are not trusted: at most [`MOST_BYTES`], a bounded number of elements, no document type definition (and so no entities),
-//! no recursion. Modules and slots are not read. Reading one takes at most 64 KiB, 128 bytes of memory for each of its bytes, and 1 KiB
-//! for each entry of its dictionaries, of which there are at most 262 144.
+//! no recursion. Modules and slots are not read. Reading one takes at most 64 KiB, 128 bytes of memory for each of its bytes, and 1
+//! KiB for each entry of its dictionaries. They have at most 262 144 entries.
 
 mod compare;
 mod describe;
@@ -57,8 +57,8 @@ impl Esi {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`EsiError`] with the file, and where it applies line and element: it cannot be read, is too large, is no XML, or is no
-    /// ESI file.
+    /// [`EsiError`] with the file, and line and element where they apply: it cannot be read, is too large, is no XML, or is no ESI
+    /// file.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, EsiError> {
         let path = path.as_ref();
         let name = path.display().to_string();

@@ -33,8 +33,8 @@ use crate::coe::{AxisOffset, ObjectAddress, obj};
 
 /// The longest file that is read or written: some ten thousand parameters, more than any drive has.
 ///
-/// Reading one takes about 60 bytes of memory for each of its bytes, and never more than 768, whatever is in it: tables within
-/// tables cost most, and are read before it is known that none belongs there.
+/// Reading one takes about 60 bytes of memory for each of its bytes, and never more than 768, whatever is in it. Tables within
+/// tables cost most: they are read before it is known that none belongs there.
 pub const LONGEST_FILE: usize = 1 << 20;
 
 /// A file that could not be used: which, where, and why.
@@ -95,7 +95,7 @@ pub enum FileFault {
     #[error("axis {0} is not 1 to 8")]
     Axis(u8),
     /// The type of an object that the library does not know is missing.
-    #[error("its type is not known: say it, such as type = \"u32\"")]
+    #[error("its type is not known: give it, such as type = \"u32\"")]
     NoType,
     /// The type or the transition is not known.
     #[error("{0}")]

@@ -43,7 +43,7 @@ pub enum RestoreFault {
     /// An axis of the drive is enabled.
     #[error(transparent)]
     Enabled(#[from] Enabled),
-    /// The drive did not tell the state of its axes, or what it holds.
+    /// The drive did not report the state of its axes, or what it holds.
     #[error(transparent)]
     Sdo(#[from] SdoError),
     /// The parameters are of another kind of drive.

@@ -131,16 +131,16 @@ pub struct Backup {
     pub refused: Vec<(ObjectAddress, AbortCode)>,
 }
 
-/// Who is told how far it has come: the number of objects done, and of all.
+/// Who gets the progress: the number of objects done, and of all.
 pub struct Progress<'a>(Option<&'a mut dyn FnMut(usize, usize)>);
 
 impl<'a> Progress<'a> {
-    /// This function is told.
+    /// This function gets it.
     pub fn of(tell: &'a mut dyn FnMut(usize, usize)) -> Self {
         Self(Some(tell))
     }
 
-    /// Nobody is told.
+    /// Nobody gets it.
     #[must_use]
     pub const fn none() -> Self {
         Self(None)
@@ -282,7 +282,7 @@ impl ParameterSet {
     }
 }
 
-/// The bytes of an object, or why the drive refuses to tell.
+/// The bytes of an object, or why the drive refuses to show them.
 pub(super) async fn read(
     sdo: &SdoHandle,
     object: ObjectAddress,

@@ -13,9 +13,9 @@ use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoH
 
 /// Brings `mapping` into a drive in PREOP, and gives the places of its objects.
 ///
-/// What the drive holds is read first, in both directions, and what is as it should be is left as it is: a direction in which
-/// nothing differs is not written at all, a PDO whose entries do not differ is not filled. A direction in which something was
-/// written is read back and compared.
+/// What the drive holds is read first, in both directions. What is as it should be is left as it is: a direction in which nothing
+/// differs is not written at all, a PDO whose entries do not differ is not filled. A direction in which something was written is
+/// read back and compared.
 ///
 /// # Errors
 /// [`ConfigureError`]: the drive refused a step, did not answer, or holds another mapping afterwards.
@@ -152,10 +152,10 @@ pub async fn read_assigned(
     Ok(pdos)
 }
 
-/// Reads what the PDOs `pdos` of a drive hold, as the PDOs that a [`DriveDescription`](crate::drives::DriveDescription) names as fixed; those that the
-/// drive does not have are left out.
+/// Reads what the PDOs `pdos` of a drive hold, as the PDOs that a [`DriveDescription`](crate::drives::DriveDescription) names as
+/// fixed. PDOs that the drive does not have are left out.
 ///
-/// A drive tells what a PDO holds, not whether that can be changed: name only PDOs that its manual says are fixed.
+/// A drive shows what a PDO holds, not whether that can be changed: name only PDOs that its manual says are fixed.
 ///
 /// # Errors
 /// [`ConfigureError::Unreadable`] with the object and the drive's reason.
@@ -175,7 +175,7 @@ pub async fn read_offered(
     Ok(offered)
 }
 
-/// The elements of an object whose subindex 0 tells their number.
+/// The elements of an object whose subindex 0 is their number.
 async fn read_list<T: Number>(index: u16, sdo: &SdoHandle) -> Result<Vec<T>, ConfigureError> {
     let unreadable = |error| ConfigureError::Unreadable(Box::new(error));
     let count: Object<u8, ReadOnly> = Object::new(index, 0, "number of entries");

@@ -79,10 +79,10 @@ pub struct Demand<'a> {
 
 /// The mapping with which a drive exchanges what is wanted.
 ///
-/// Without `fixed` PDOs of a direction, the objects fill the free ones in the order of the demands, the next PDO when one holds as
-/// many as [`Limits::entries_per_pdo`]. With them, the combination is taken that leaves out the fewest wanted objects, of
-/// such the one with the fewest bytes, then the one with the fewest PDOs; the search is bounded, and begins with the PDOs that hold most. No output is mapped
-/// twice. PDOs are assigned by rising index.
+/// Without `fixed` PDOs of a direction, the objects fill the free ones in the order of the demands. The next PDO follows when one
+/// holds as many as [`Limits::entries_per_pdo`]. With them, the combination is taken that leaves out the fewest wanted objects. Of
+/// such combinations the one with the fewest bytes is taken, then the one with the fewest PDOs. The search is bounded, and begins
+/// with the PDOs that hold most. No output is mapped twice. PDOs are assigned by rising index.
 ///
 /// ```
 /// use servocrab::coe::obj;

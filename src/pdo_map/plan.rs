@@ -9,9 +9,9 @@ use crate::coe::ObjectAddress;
 
 /// Ordered SDO writes, to be made in PREOP and stopped at the first that the drive refuses.
 ///
-/// The order is that of ETG.1000.6: the assignment is emptied, each PDO is emptied, filled and given its
-/// number of entries, then the assignment is filled and given its number of PDOs. Both directions are there, so that
-/// nothing of a former configuration stays. PDOs with a content of the drive's own are assigned and not filled.
+/// The order is that of ETG.1000.6. The assignment is emptied. Each PDO is emptied, filled and given its number of entries. Then
+/// the assignment is filled and given its number of PDOs. Both directions are there, so that nothing of a former configuration
+/// stays. PDOs with a content of the drive's own are assigned and not filled.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
     steps: Vec<Step>,

@@ -45,19 +45,20 @@ pub enum Edition {
     /// velocity units/s times 6097h is in acceleration units. So AKD2G's description of 6096h, and the defaults of AX8000.
     #[default]
     Version3,
-    /// DSP 402 version 2: a velocity in velocity units times 6094h is in increments/s, an acceleration in acceleration
-    /// units times 6097h is in increments/s², a position in position units times 6093h is in increments. Its 6096h relates
-    /// two encoders and is not used here.
+    /// DSP 402 version 2. A velocity in velocity units times 6094h is in increments/s. An acceleration in acceleration units times
+    /// 6097h is in increments/s². A position in position units times 6093h is in increments. Its 6096h relates two encoders and is
+    /// not used here.
     Version2,
 }
 
 impl Factors {
-    /// The scale of a machine on which one revolution of the shaft is so many of the program's units: 5 for a spindle of
-    /// 5 mm, 360 for degrees of the shaft.
+    /// The scale of a machine on which one revolution of the shaft is this number of the program's units: 5 for a spindle of 5 mm,
+    /// 360 for degrees of the shaft.
     ///
-    /// Position units a revolution are 6092h; where the drive has no such object, increments a revolution (608Fh times
-    /// 6091h, or one without a gear) divided by 6093h, where it has that. A factor for velocity or acceleration that it does not
-    /// have means position units/s and position units/s², by version 3 also velocity units/s.
+    /// Position units a revolution are 6092h. Where the drive has no such object, they are increments a revolution divided by
+    /// 6093h, where it has that. Increments a revolution are 608Fh times 6091h, or 608Fh alone without a gear. A factor for
+    /// velocity or acceleration that the drive does not have means position units/s and position units/s², by version 3 also
+    /// velocity units/s.
     ///
     /// # Errors
     /// [`ScaleError::NoFactors`] where the drive has neither 6092h nor 608Fh, [`ScaleError::TooLong`] where the product is no

@@ -86,8 +86,8 @@ impl Ratio {
         }
     }
 
-    /// The whole number nearest to `value` times this fraction, ties away from zero; nothing for a value that is not finite
-    /// and for a product that `i64` does not hold. Nothing else is rounded on the way.
+    /// The whole number nearest to `value` times this fraction, ties away from zero. `None` for a value that is not finite and for
+    /// a product that `i64` does not hold. Nothing else is rounded on the way.
     pub(super) fn round(self, value: f64) -> Option<i64> {
         if !value.is_finite() {
             return None;
@@ -124,8 +124,8 @@ impl Ratio {
         let shift = product.leading_zeros();
         let scaled = product << shift;
         let numerator = u128::from(self.numerator);
-        // At least 64 bits; what the division leaves over counts as one more bit, so that the conversion rounds as if it
-        // saw all of them.
+        // At least 64 bits. The remainder of the division counts as one more bit, so that the conversion rounds as if it saw all of
+        // them.
         let quotient = (scaled / numerator) | u128::from(!scaled.is_multiple_of(numerator));
         let magnitude = quotient as f64 * power_of_two(shift);
         if count < 0 { -magnitude } else { magnitude }

@@ -10,10 +10,10 @@ use crate::{
 
 /// How many of the drive's units one of the program's units is: for positions, velocities and accelerations.
 ///
-/// "Counts" here are the units of 607Ah and 6064h, of 6081h and 606Ch, of 6083h and 6084h. Numbers go to the nearest count, and
-/// from the middle between two counts to the one that is further from zero, so that a mirrored motion is the mirrored
-/// counts. Factors are fractions of whole numbers, so that this is the only rounding; what comes back from the drive is the
-/// number nearest to the exact value, and gives the same count again.
+/// "Counts" here are the units of 607Ah and 6064h, of 6081h and 606Ch, of 6083h and 6084h. Numbers go to the nearest count. The
+/// middle between two counts goes to the one that is further from zero, so that a mirrored motion is the mirrored counts. Factors
+/// are fractions of whole numbers, so that this is the only rounding. What comes back from the drive is the number nearest to the
+/// exact value, and gives the same count again.
 ///
 /// ```
 /// use servocrab::units::{Ratio, Scale};
@@ -314,9 +314,7 @@ pub enum ScaleError {
         max: f64,
     },
     /// A velocity or acceleration of less than half a unit of the drive, which is not 0.
-    #[error(
-        "{quantity} of {asked} is less than the drive can tell from zero: the least is {least}"
-    )]
+    #[error("{quantity} of {asked} is less than the drive's smallest value: the least is {least}")]
     RoundsToZero {
         /// What it was given for.
         quantity: Quantity,
@@ -342,10 +340,8 @@ pub enum ScaleError {
         /// The object, as of the drive's first axis.
         object: ObjectAddress,
     },
-    /// The drive has none of the factor objects that would tell.
-    #[error(
-        "the drive tells neither 6092h nor 608Fh (with 6093h): give the scale with the program"
-    )]
+    /// The drive has none of the factor objects that define the scale.
+    #[error("the drive has neither 6092h nor 608Fh (with 6093h): configure the scale explicitly")]
     NoFactors,
 }
 

@@ -1,4 +1,4 @@
-//! Moves of an axis with a scale in front: numbers are converted on the way in and on the way out, and that is all.
+//! Moves of an axis with a scale in front. They convert numbers on the way in and on the way out, and do nothing else.
 
 use core::time::Duration;
 

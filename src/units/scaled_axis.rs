@@ -17,9 +17,8 @@ impl Axis {
         }
     }
 
-    /// Reads the factor objects 608Fh, 6091h, 6092h, 6096h and 6097h of this axis by SDO, and 6093h and 6094h of older
-    /// drives: a drive that has 6093h is taken to follow [`Edition::Version2`]. Objects that the drive does not have are
-    /// left out.
+    /// Reads the factor objects 608Fh, 6091h, 6092h, 6096h and 6097h of this axis by SDO, and 6093h and 6094h of older drives. A
+    /// drive that has 6093h is taken to follow [`Edition::Version2`]. Objects that the drive does not have are left out.
     ///
     /// # Errors
     /// [`AxisErrorKind::Sdo`] if an object could not be read, [`ScaleError::ZeroFactor`] if one is 0.

@@ -5,7 +5,7 @@ use core::fmt;
 use super::Scale;
 use crate::axis::{AxisError, AxisErrorKind, Failure};
 
-/// A failure that names positions or velocities, told in a program's own units.
+/// A failure that names positions or velocities, in a program's own units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScaledFailure {
     /// The failure, in the drive's units.

@@ -104,7 +104,7 @@ impl ScaledHoming {
 #[must_use = "futures do nothing unless awaited"]
 #[derive(Debug)]
 pub struct ScaledHome<'a> {
-    /// What could not be converted is told once.
+    /// What could not be converted is reported once.
     inner: Result<Home<'a>, Option<AxisError>>,
     scale: Scale,
 }
@@ -143,7 +143,7 @@ impl Future for ScaledHome<'_> {
             }),
             Err(error) => match error.take() {
                 Some(error) => Poll::Ready(Err(error)),
-                // It has been told: it is not to be polled again.
+                // It has been reported: it is not to be polled again.
                 None => Poll::Pending,
             },
         }

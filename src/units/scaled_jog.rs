@@ -102,9 +102,9 @@ impl ScaledJog {
     /// Another velocity, from the next frame on, units/s: as [`Jog::set`].
     ///
     /// # Errors
-    /// [`AxisErrorKind::Scale`](crate::axis::AxisErrorKind::Scale) for a number that cannot be converted: the jog goes on as it was, but with
-    /// one that is less than the drive's smallest ([`ScaleError::RoundsToZero`]) it is held at 0: whoever lets it get slower and
-    /// slower comes to a stand. Otherwise as [`Jog::set`].
+    /// [`AxisErrorKind::Scale`](crate::axis::AxisErrorKind::Scale) for a number that cannot be converted: the jog goes on as it
+    /// was. A number that is less than the drive's smallest ([`ScaleError::RoundsToZero`]) holds it at 0, so that a jog that gets
+    /// slower and slower comes to a stand. Otherwise as [`Jog::set`].
     pub fn set(&self, velocity: f64) -> Result<(), AxisError> {
         let converted = self.axis.scale().target_velocity(velocity);
         let set = |counts| {

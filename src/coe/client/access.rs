@@ -1,4 +1,4 @@
-//! Accesses to the mailbox with their deadlines, and the request for a mail whose reading was lost.
+//! Accesses to the mailbox with their deadlines, and the request for a message whose reading was lost.
 
 use core::{future::Future, time::Duration};
 
@@ -8,7 +8,7 @@ use super::{Clock, MailboxClient, dialogue::Failure};
 use crate::coe::transport::{LinkFault, MailboxStatus, MailboxTransport};
 
 impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
-    /// Asks the device for its last mail once more and waits until it has followed.
+    /// Asks the device for its last message once more and waits until it has followed.
     pub(super) async fn repeat(&mut self, before: MailboxStatus) -> Result<(), Failure> {
         let toggle = !before.repeat_requested;
         let deadline = self.clock.now() + self.settings.frame_timeout;
@@ -29,7 +29,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         Ok(())
     }
 
-    /// Asks the device for its last mail once more, whatever its mailbox shows.
+    /// Asks the device for its last message once more, whatever its mailbox shows.
     pub(super) async fn ask_again(&mut self) -> Result<(), Failure> {
         loop {
             match self.access(self.transport.status()).await {

@@ -1,14 +1,14 @@
-//! Which counter the next mail gets. A device drops a mail with the counter of the last one that it took, and there are seven
-//! counters alone: a mail that it never took must not let the next one begin with the counter of that.
+//! Which counter the next message gets. A device drops a message with the counter of the last one that it took, and there are only
+//! seven counters. After a message that it never took, the next one must not get the counter of the last one taken.
 
 use crate::coe::mailbox::Counter;
 
-/// The counters of the mails to one device.
+/// The counters of the messages to one device.
 #[derive(Debug)]
 pub(super) struct Counters {
-    /// Of the mail that is due.
+    /// Of the message that is due.
     current: Counter,
-    /// The last mail that the device took may have had one of these: bits by the counters.
+    /// The last message that the device took may have had one of these: bits by the counters.
     taken: u8,
 }
 
@@ -21,7 +21,7 @@ impl Default for Counters {
 }
 
 impl Counters {
-    /// For the next mail: none that the last mail taken may have had, as long as there is another.
+    /// For the next message: none that the last message taken may have had, as long as there is another.
     pub(super) fn next(&mut self) -> Counter {
         let mut next = self.current.next();
         while self.taken & bit(next) != 0 && next != self.current {
@@ -31,7 +31,7 @@ impl Counters {
         next
     }
 
-    /// The device took the mail with the counter that was given last.
+    /// The device took the message with the counter that was given last.
     pub(super) fn taken(&mut self) {
         self.taken = bit(self.current);
     }

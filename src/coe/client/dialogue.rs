@@ -53,8 +53,8 @@ impl Dialogue {
         step.map_err(Failure::Fault)
     }
 
-    /// Whether the device writes the object when it takes the mail that is due: not where segments follow, whose toggle bit
-    /// tells it one that comes twice.
+    /// Whether the device writes the object when it takes the message that is due. Not where segments follow: their toggle bit
+    /// shows one that comes twice.
     pub(super) fn writes_at_once(&self) -> bool {
         match self {
             Self::Download(download) => !download.is_segmented() && download.fits_one_mail(),
@@ -125,7 +125,7 @@ impl Dialogue {
     }
 }
 
-/// Why an exchange failed, before it is told with its object.
+/// Why an exchange failed, before it is reported with its object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::coe) enum Failure {
     Fault(SdoFault),
@@ -136,7 +136,7 @@ pub(in crate::coe) enum Failure {
     NoReply,
     /// The late reply of an earlier transfer has not come, nor any other.
     EarlierReply,
-    /// The frame with the mail is lost, and the device must not get it twice.
+    /// The frame with the message is lost, and the device must not get it twice.
     Doubtful,
     Link(LinkFault),
 }
@@ -169,7 +169,7 @@ impl Failure {
         }
     }
 
-    /// What to tell the device, if it has to be told.
+    /// The abort code for the device, if it has to get one.
     pub(super) const fn abort_code(&self) -> Option<AbortCode> {
         match self {
             Self::Fault(fault) => fault.abort_code(),

@@ -1,7 +1,7 @@
-//! A write whose frame is lost: the device may have taken it, or never seen it, and its sync manager does not tell which.
+//! A write whose frame is lost: the device may have taken it, or never seen it, and its sync manager does not show which.
 //!
-//! It is not sent again before that is known: a command object must not be carried out twice. A device answers in order, so
-//! another object is read: if the write's own answer does not come before that one's, the write never arrived.
+//! It is not sent again before that is known: a command object must not be carried out twice. A device answers in order, so the
+//! client reads another object. If the write's own answer does not come before that one's, the write never arrived.
 
 use alloc::vec::Vec;
 use core::time::Duration;
@@ -15,17 +15,17 @@ use crate::coe::transport::MailboxTransport;
 /// How long the answer is looked for before another object is read.
 pub(super) const LOOKED_FOR: Duration = Duration::from_millis(20);
 
-/// What has become of a doubtful write.
+/// What has become of an unconfirmed write.
 pub(super) enum Settled {
     Written,
     /// It can be sent again.
     NeverArrived,
 }
 
-/// A doubtful write while another object is read.
+/// An unconfirmed write while another object is read.
 #[derive(Default)]
 pub(super) struct Doubt {
-    /// In its place, and without its data, which were in the one mail: it takes the same replies.
+    /// In its place, and without its data, which were in the one message: it takes the same replies.
     write: Option<Dialogue>,
     answer: Option<Result<Step, Failure>>,
 }

@@ -43,8 +43,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         others.into_iter().find(is_free).unwrap_or(others[0])
     }
 
-    /// Waits out the late reply of an earlier transfer of the same object, which its address does not tell from
-    /// this one's. A device answers in order: once it has answered about another object, nothing late comes.
+    /// Waits out the late reply of an earlier transfer of the same object, which its address does not distinguish from this one's.
+    /// A device answers in order: once it has answered about another object, nothing late comes.
     pub(super) async fn resynchronise(
         &mut self,
         transfer: Transfer,

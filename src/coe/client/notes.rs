@@ -1,5 +1,5 @@
 //! What a mailbox client notes for the log. It runs on the thread that owns the bus, where a subscriber that blocks would stop the
-//! cycles: whoever runs it may take the notes and write them elsewhere.
+//! cycles. So its owner may take the records and write them elsewhere.
 
 use alloc::sync::Arc;
 use core::{fmt, time::Duration};
@@ -38,7 +38,7 @@ pub(super) enum MailEvent {
     Emergency(Emergency, Arc<ErrorTexts>),
 }
 
-/// What a mail contains, of its data as much as an [`Excerpt`] holds.
+/// What a message contains, of its data as much as an [`Excerpt`] holds.
 #[derive(Debug, Clone, Copy)]
 #[expect(dead_code, reason = "they are read by their Debug")]
 pub(super) enum Content {
@@ -56,7 +56,7 @@ pub(super) struct Excerpt {
     length: usize,
 }
 
-/// A mail with four bytes of an object takes 16, one with a mapping's longest object 44.
+/// A message with four bytes of an object takes 16, one with a mapping's longest object 44.
 const EXCERPT: usize = 48;
 
 impl Excerpt {
@@ -72,7 +72,7 @@ impl Excerpt {
     }
 }
 
-/// As of the bytes; what is left out is told by its number.
+/// As of the bytes; what is left out is counted.
 impl fmt::Debug for Excerpt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.bytes.get(..self.length) {
@@ -146,9 +146,9 @@ impl MailNote {
             MailEvent::Unreadable(fault) => {
                 tracing::debug!(%drive, ?fault, ?at, "mailbox could not be read");
             }
-            MailEvent::Cut(cut) => tracing::warn!(%drive, %cut, ?at, "mail dropped"),
+            MailEvent::Cut(cut) => tracing::warn!(%drive, %cut, ?at, "message dropped"),
             MailEvent::Unawaited(content) => {
-                tracing::debug!(%drive, ?content, ?at, "mail that nobody waits for dropped");
+                tracing::debug!(%drive, ?content, ?at, "message that no call waits for dropped");
             }
             MailEvent::Foreign(reply) => {
                 tracing::debug!(%drive, ?reply, ?at, "reply of another request dropped");

@@ -28,7 +28,7 @@ impl Pace {
         self.last = time;
     }
 
-    /// How long after the request the first look is worth its frame: somewhat before the answer is expected, so that an
+    /// How long after the request the first look is worth its frame. It is somewhat before the answer is expected, so that an
     /// estimate that was too long comes down.
     pub(super) fn first_look(&self) -> Duration {
         (self.last * 3 / 4).min(LATEST_FIRST_LOOK)

@@ -1,4 +1,4 @@
-//! Reading of mails: one at a time, to whom it concerns, and what waits while nothing was asked for.
+//! Reading of messages: one at a time, to whom it concerns, and what waits while nothing was asked for.
 
 use alloc::sync::Arc;
 
@@ -37,7 +37,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         self.signal.forget();
     }
 
-    /// Reads one mail, if there is one, and hands it to whom it concerns.
+    /// Reads one message, if there is one, and hands it to whom it concerns.
     pub(super) async fn look(&mut self, dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
         let status = match self.access(self.transport.status()).await {
             Ok(status) => status,
@@ -52,7 +52,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
         match self.read().await {
             Ok(true) => self.take(dialogue),
-            // Empty although a mail waited: a frame that was sent again has read it before.
+            // Empty although a message waited: a frame that was sent again has read it before.
             Ok(false) | Err(LinkFault::Lost) => {
                 self.tolerate(LinkFault::Lost)?;
                 self.repeat(status).await?;
@@ -65,11 +65,11 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
-    /// Reads the mail that is known to wait while nothing was asked for.
+    /// Reads the message that is known to wait while nothing was asked for.
     async fn read_waiting(&mut self) -> Result<Found, Failure> {
         match self.read().await {
             Ok(true) => self.take(None),
-            // Empty although a mail waited: a frame that came twice has read it before.
+            // Empty although a message waited: a frame that came twice has read it before.
             Ok(false) | Err(LinkFault::Lost) => {
                 self.tolerate(LinkFault::Lost)?;
                 self.ask_again().await?;
@@ -82,12 +82,12 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
-    /// Reads one mail, where there may be one, and hands it to whom it concerns.
+    /// Reads one message, where there may be one, and hands it to whom it concerns.
     pub(super) async fn read_unasked(&mut self, dialogue: &mut Dialogue) -> Result<Found, Failure> {
         match self.read().await {
             Ok(true) => self.take(Some(dialogue)),
             Ok(false) => Ok(Found::Nothing),
-            // Whether a mail was read by the frame that is lost, nobody knows.
+            // Whether a message was read by the frame that is lost, nobody knows.
             Err(LinkFault::Lost) => {
                 self.tolerate(LinkFault::Lost)?;
                 self.ask_again().await?;
@@ -115,7 +115,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         read
     }
 
-    /// Takes the mail that was read.
+    /// Takes the message that was read.
     fn take(&mut self, dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
         let mail = core::mem::take(&mut self.reply);
         let found = self.pass_on(&mail, dialogue);

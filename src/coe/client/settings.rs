@@ -1,4 +1,4 @@
-//! What a mailbox client is told: lengths, deadlines, bounds.
+//! Settings of a mailbox client: lengths, deadlines, bounds.
 
 use core::time::Duration;
 
@@ -29,8 +29,8 @@ pub struct MailboxSettings {
     pub read_length: usize,
     /// After this a frame counts as lost and its future is dropped.
     pub frame_timeout: Duration,
-    /// After this the reading of a mail counts as lost, and the mail is asked for again by the repeat request. Shorter
-    /// than the time for a frame, because the link must not send this one again: that would read the next mail.
+    /// After this the reading of a message counts as lost, and the message is asked for again by the repeat request. Shorter
+    /// than the time for a frame, because the link must not send this one again: that would read the next message.
     pub mail_timeout: Duration,
     /// After this a request without reply has failed; counted anew for each segment.
     pub reply_timeout: Duration,

@@ -63,7 +63,7 @@ fn however_many_requests_did_not_reach_the_device_the_next_one_is_not_taken_for_
 fn the_first_answer_of_a_device_that_began_anew_is_not_taken_for_a_repeated_one() {
     let (rig, device, handle, _) = device_with_statusword();
     assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
-    // Nobody knows whether it saw that its mail was asked for again.
+    // Nobody knows whether it saw that its message was asked for again.
     let lost = Some(Fault::LostBefore);
     let faults = [None, lost, None, lost, lost, lost, lost];
     device.0.borrow_mut().faults = faults.into();
@@ -339,7 +339,7 @@ fn an_emergency_is_delivered_once_though_its_mail_was_repeated() {
     let mut counted = emergency(0x7320);
     counted[5] |= 0x50;
     device.0.borrow_mut().before_reply = vec![counted];
-    // The emergency is read by the second access, behind the request; the third shows that a mail waits, and the reading
+    // The emergency is read by the second access, behind the request; the third shows that a message waits, and the reading
     // of the reply is lost before the device, which then repeats the emergency.
     device.0.borrow_mut().faults = VecDeque::from([None, None, None, Some(Fault::LostBefore)]);
     assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));

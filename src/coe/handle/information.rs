@@ -19,12 +19,12 @@ const MOST_BYTES: usize = 16 << 20;
 impl SdoHandle {
     /// Reads the drive's whole object dictionary: its list of objects, and what each object and each entry is.
     ///
-    /// It takes one mail and its answer for every object and every entry: seconds, on a drive with a thousand of them.
-    /// What the drive lists but does not describe is told apart ([`ObjectDictionary::undescribed`]).
+    /// It takes one message and its answer for every object and every entry: seconds, on a drive with a thousand of them. What the
+    /// drive lists but does not describe is listed apart ([`ObjectDictionary::undescribed`]).
     ///
     /// # Errors
-    /// [`SdoError::NotSupported`] if the drive has no SDO information; else as [`SdoHandle::read`], and `Fragments` where
-    /// a part of an answer is missing; `WrongSize` if the descriptions take more than 16 MiB, as no drive's do.
+    /// [`SdoError::NotSupported`] if the drive has no SDO information. Else as [`SdoHandle::read`], and `Fragments` where a part of
+    /// an answer is missing. `WrongSize` if the descriptions take more than 16 MiB, as no drive's do.
     pub async fn dictionary(&self) -> Result<ObjectDictionary, DriveError> {
         self.dictionary_within(MOST_BYTES).await
     }
@@ -112,7 +112,7 @@ impl SdoHandle {
             .await
     }
 
-    /// What an entry of an object is, with unit, default and limits as far as the drive tells them.
+    /// What an entry of an object is, with unit, default and limits as far as the drive reports them.
     ///
     /// # Errors
     /// As [`SdoHandle::dictionary`]; `Aborted` for an entry that the drive does not have.
@@ -128,7 +128,7 @@ impl SdoHandle {
         };
         let parse = EntryDescription::parse;
         match self.ask(question(Question::EVERYTHING), parse).await {
-            // A drive may refuse what it does not know of an entry, or say that it tells it and does not.
+            // A drive may refuse what it does not know of an entry, or say that it reports it and not do so.
             Err(DriveError {
                 error: SdoError::Aborted { code, .. },
                 ..

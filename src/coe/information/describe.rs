@@ -98,13 +98,13 @@ pub struct EntryDescription {
     pub bits: u16,
     /// When it can be read, written and mapped.
     pub access: EntryAccess,
-    /// Its unit as ETG.1004 codes it, where the device tells one.
+    /// Its unit as ETG.1004 codes it, where the device reports one.
     pub unit: Option<u32>,
-    /// Its value's bytes at power-up, where the device tells them.
+    /// Its value's bytes at power-up, where the device reports them.
     pub default: Option<Vec<u8>>,
-    /// Its lowest value's bytes, where the device tells them.
+    /// Its lowest value's bytes, where the device reports them.
     pub minimum: Option<Vec<u8>>,
-    /// Its highest value's bytes, where the device tells them.
+    /// Its highest value's bytes, where the device reports them.
     pub maximum: Option<Vec<u8>>,
     /// Its name, as the device gives it; often empty.
     pub name: String,

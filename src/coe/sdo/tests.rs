@@ -22,7 +22,7 @@ fn normal(object: ObjectAddress, size: u32, data: &[u8]) -> Vec<u8> {
     reply
 }
 
-/// A device that serves `data` in mails of `mailbox` bytes, written from the standard's tables.
+/// A device that serves `data` in messages of `mailbox` bytes, written from the standard's tables.
 fn serve_upload(object: ObjectAddress, data: &[u8], mailbox: usize) -> Result<Vec<u8>, SdoFault> {
     let mut upload = Upload::new(object);
     let first = data.len().min(mailbox - 16);
@@ -173,7 +173,7 @@ fn a_segmented_download_is_cut_as_soem_cuts_it() {
 #[test]
 fn downloads_at_the_boundaries_of_a_mailbox_have_the_stated_bytes() {
     // ETG.1000.6, download SDO segment request: bit 4 toggle, bits 1 to 3 unused bytes of seven, bit 0 last. Through a
-    // mailbox of 128 go 112 bytes in the first mail and 119 in each segment. Of each further mail: command, length.
+    // mailbox of 128 go 112 bytes in the first message and 119 in each segment. Of each further message: command, length.
     for (length, mails) in [
         (111usize, &[][..]),
         (112, &[]),

@@ -54,7 +54,7 @@ impl Upload {
         self
     }
 
-    /// The object's width in bytes, used where a device's expedited reply does not tell it.
+    /// The object's width in bytes, used where a device's expedited reply does not show it.
     #[must_use]
     pub const fn width(mut self, bytes: usize) -> Self {
         self.width = Some(bytes);
@@ -156,7 +156,7 @@ impl Upload {
     fn segment(&mut self, reply: &Reply<'_>, toggle: bool) -> Result<Step, SdoFault> {
         reply.check_toggle(toggle)?;
         let last = reply.command & 1 != 0;
-        // The number of unused bytes counts for the shortest segment only; a longer one fills its mail.
+        // The number of unused bytes counts for the shortest segment only; a longer one fills its message.
         let unused = if reply.rest.is_empty() {
             usize::from(reply.command >> 1 & 7)
         } else {

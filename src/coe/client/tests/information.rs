@@ -144,7 +144,7 @@ fn a_device_without_the_service_says_so_and_goes_on() {
     device.0.borrow_mut().information = VecDeque::from([refused(0x0504_0001)]);
     assert_eq!(reason(&rig), Unsupported::Service(AbortCode::COMMAND));
     assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
-    // By an SDO abort; a mail before the one that would answer.
+    // By an SDO abort; a message before the one that would answer.
     let abort = vec![10, 0, 0, 0, 0, 0x33, 0, 0x20, 0x80, 0, 0, 0, 1, 0, 4, 5];
     device.post(&abort);
     device.0.borrow_mut().information = VecDeque::from([vec![]]);
