@@ -1,5 +1,5 @@
-//! Servo axes over EtherCAT: CoE configuration of drives, PDO mapping, cyclic process data, and one typed, awaited handle
-//! per axis with the DS402 operations of Profile Position, homing and jogging.
+//! Servo axes over EtherCAT: CoE configuration of drives, PDO mapping and cyclic process data. A program gets one typed, awaited
+//! handle per axis, with the DS402 operations of Profile Position, homing and jogging.
 //!
 //! ```
 //! # #[cfg(feature = "std")]
@@ -63,9 +63,9 @@
 //! | `bus` | the bus thread and the `Network` | – |
 //! | `link` | raw socket and in-process wire | – |
 //!
-//! Commands go from a handle through a bounded queue to the bus thread, which steps one [`axis::AxisCore`] per axis and
-//! cycle; reports and a snapshot come back. Stops go beside the queue and are in the next frame sent. A program with an
-//! `ethercrab` loop of its own steps the cores itself (`examples/own_loop.rs`).
+//! Commands go from a handle through a bounded queue to the bus thread. It steps one [`axis::AxisCore`] per axis and cycle. Reports
+//! and a snapshot come back. Stops go beside the queue and are in the next frame sent. A program with an `ethercrab` loop of its
+//! own steps the cores itself (`examples/own_loop.rs`).
 //!
 //! # Safety
 //!

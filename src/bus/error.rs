@@ -192,7 +192,7 @@ impl fmt::Display for WhyNotLocked {
                 "it gives no time. Is its device switched off, or was it? Then shut the network down and start it again",
             ),
             ReferenceClock::Jumped => f.write_str(
-                "it has jumped, and nobody follows it any more. Shut the network down and start it again",
+                "it has jumped, and the network follows it no more. Shut the network down and start it again",
             ),
         }
     }

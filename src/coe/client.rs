@@ -47,7 +47,7 @@ pub(crate) use notes::{MailNote, Notes};
 use pace::Pace;
 pub use settings::MailboxSettings;
 
-/// Mails read in a row before deadlines and requests get their turn: a device may send without end.
+/// Messages read in a row before deadlines and requests get their turn: a device may send without end.
 const MAILS_AT_ONCE: usize = 16;
 
 /// The time that the actor goes by.

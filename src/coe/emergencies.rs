@@ -78,8 +78,8 @@ impl fmt::Display for EmergencyReport {
     }
 }
 
-/// Emergencies of one drive, or of all drives of a network, in the order in which they were read. Each is seen once by
-/// whoever asks: clones share them.
+/// Emergencies of one drive, or of all drives of a network, in the order in which they were read. Each is taken once: clones share
+/// them.
 ///
 /// The queue holds a bounded number that nobody has taken. When it is full the oldest stay, since they show the cause. Dropped ones
 /// are counted, and the number is reported in their place ([`EmergencyReport::Overflow`]).
@@ -172,7 +172,7 @@ impl Overflow {
         if let Queued::Emergency(received) = queued {
             return Some(EmergencyReport::Emergency(received.into()));
         }
-        // In this order: whoever adds from now on queues a place of its own, or is in the number below.
+        // In this order: a thread that adds from now on queues a place of its own, or is in the number below.
         self.queued.store(false, Ordering::SeqCst);
         let lost = self.lost.swap(0, Ordering::SeqCst);
         (lost != 0).then_some(EmergencyReport::Overflow { lost })

@@ -169,7 +169,7 @@ pub enum Mail<'a> {
 }
 
 impl<'a> Mail<'a> {
-    /// Tells what the bytes read from a mailbox contain.
+    /// Reads what the bytes from a mailbox contain.
     ///
     /// # Errors
     /// [`CutMail`] if the message ends before its headers do, or an emergency or error reply is too short.

@@ -8,12 +8,12 @@ use crate::profile_position::{BufferSignal, StartBits, Traits};
 
 /// A Beckhoff AX2000.
 ///
-/// From its manual: single set-points and sets of set-points, told apart by bit 5 of the controlword, no bit 9; a target
-/// is passed without stopping only with linear ramps; 6086h is 0 (linear) or 1 (sin²). Page 102 says which value of bit 5
-/// is which: with 1 the next set-point is processed after the active one is reached, without a stop. Nothing replaces an
-/// active set-point, so [`Start::Immediately`](crate::profile_position::Start::Immediately) is refused. Bit 12 is 1 from the recognition of a set-point
-/// until the next one can be taken. Assumed, because the manual is that of CANopen: the PDOs 1600h and 1A00h. Its product
-/// code is not in the manual; any of the vendor's is accepted.
+/// From its manual: bit 5 of the controlword selects single set-points or sets of set-points. There is no bit 9. A target is passed
+/// without stopping only with linear ramps. 6086h is 0 (linear) or 1 (sin²). Page 102 says which value of bit 5 is which: with 1
+/// the next set-point is processed after the active one is reached, without a stop. Nothing replaces an active set-point, so
+/// [`Start::Immediately`](crate::profile_position::Start::Immediately) is refused. Bit 12 is 1 from the recognition of a set-point
+/// until the next one can be taken. Assumed, because the manual is that of CANopen: the PDOs 1600h and 1A00h. Its product code is
+/// not in the manual; any of the vendor's is accepted.
 #[must_use]
 pub fn ax2000() -> DriveDescription {
     let mut axis = AxisDescription::profile_position(1, 0x1600, 0x1A00);

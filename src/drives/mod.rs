@@ -70,9 +70,9 @@ impl DriveDescription {
         self.axes.get(usize::from(axis).checked_sub(1)?)
     }
 
-    /// The same drive with `axes` axes (1 to 8) like its first: their objects at the offsets of [`AxisOffset::of_axis`], their PDOs
-    /// `pdo_increment` above each other (10h as ETG.6010 lays them out; 1 with some two-axis drives). Fixed PDOs of further
-    /// axes are not added.
+    /// The same drive with `axes` axes (1 to 8) like its first. Their objects are at the offsets of [`AxisOffset::of_axis`]. Their
+    /// PDOs are `pdo_increment` above each other (10h as ETG.6010 lays them out; 1 with some two-axis drives). Fixed PDOs of
+    /// further axes are not added.
     #[must_use]
     pub fn with_axes(mut self, axes: u8, pdo_increment: u16) -> Self {
         self.axes.truncate(1);

@@ -7,10 +7,10 @@ use crate::profile_position::{BufferSignal, StartBits, Traits};
 
 /// The drive with object 2010h (`Min_Profile_Velocity`, the speed at which ramps start and end).
 ///
-/// From its page: bit 5 tells single set-points (processed at once) from sets of set-points; up to two set-points; bit 12
-/// falls when another one can be taken; bit 10 stays low until all are processed; linear ramps only. The page names no bit
-/// 9, so a target is never passed without stopping. 606Ch is not among its objects: standstill is taken from 6064h.
-/// Assumed: the PDOs 1600h and 1A00h. The page names neither maker nor product: any identity is accepted.
+/// From its page: bit 5 distinguishes single set-points (processed at once) from sets of set-points. The drive holds up to two
+/// set-points. Bit 12 falls when another one can be taken. Bit 10 stays low until all are processed. Ramps are linear only. The
+/// page names no bit 9, so a target is never passed without stopping. 606Ch is not among its objects: standstill is taken from
+/// 6064h. Assumed: the PDOs 1600h and 1A00h. The page names neither maker nor product: any identity is accepted.
 #[must_use]
 pub fn pp2010() -> DriveDescription {
     let mut axis = AxisDescription::profile_position(1, 0x1600, 0x1A00);

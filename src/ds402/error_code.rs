@@ -2,7 +2,7 @@
 //!
 //! Source: CiA DSP 402 v2.0, table 2, and the communication groups of CiA 301. Manufacturer codes get their group's words.
 
-/// What an error code (603Fh, or the first word of an emergency) means, in words.
+/// What an error code (603Fh, or the first word of an emergency) means, as text.
 ///
 /// ```
 /// assert_eq!(servocrab::ds402::describe_error_code(0x8611), "following error");

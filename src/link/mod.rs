@@ -1,6 +1,6 @@
 //! How frames leave the process: a raw socket (AF_PACKET), or an in-process wire to a simulated segment.
 //!
-//! A link also owns the time that the bus loop lives in, so that a wire can run in virtual time.
+//! A link also owns the time that the bus loop goes by, so that a wire can run in virtual time.
 
 mod others;
 mod raw;
@@ -22,7 +22,7 @@ pub(crate) const SHORTEST_FRAME: usize = 60;
 
 /// A way for Ethernet frames out of the process and back, and the clock that goes with it.
 ///
-/// Nothing here blocks but [`wait`](Link::wait), and that not longer than it is told.
+/// Nothing here blocks but [`wait`](Link::wait), and that only until its end.
 pub trait Link {
     /// Sends one Ethernet frame (without checksum). Shorter frames than 60 bytes are padded by the link.
     ///

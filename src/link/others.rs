@@ -1,5 +1,5 @@
-//! Whether somebody else has EtherCAT on an interface: two masters on one line reset each other's devices, and neither can tell the
-//! other's process data from its own.
+//! Whether another program has EtherCAT on an interface. Two masters on one line reset each other's devices, and neither can
+//! distinguish the other's process data from its own.
 
 use std::{
     fs::{self, File},
@@ -16,7 +16,7 @@ use super::ETHERTYPE;
 const SOCKETS: &str = "/proc/thread-self/net/packet";
 
 /// Whether another socket than this one, which is bound, takes the EtherCAT frames of this interface. Of two that look at the same
-/// time each sees the other. Where the system does not tell of its sockets nobody is found.
+/// time each sees the other. Where the system does not list its sockets, none is found.
 pub(super) fn is_taken(socket: &OwnedFd, interface: libc::c_int) -> io::Result<bool> {
     let own = File::from(socket.as_fd().try_clone_to_owned()?)
         .metadata()?

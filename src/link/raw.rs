@@ -66,8 +66,8 @@ pub enum RawSocketError {
 
 /// A raw socket that sends and receives EtherCAT frames on one network interface.
 ///
-/// Needs the capability `CAP_NET_RAW`. One master at a time: while another socket for EtherCAT is bound to the interface, this process's
-/// own or that of any program, it does not open. Captures (Wireshark, tcpdump) disturb nothing.
+/// Needs the capability `CAP_NET_RAW`. One master at a time: it does not open while another socket for EtherCAT is bound to the
+/// interface, this process's own or that of any program. Captures (Wireshark, tcpdump) disturb nothing.
 ///
 /// ```no_run
 /// use servocrab::link::RawSocket;
@@ -97,7 +97,7 @@ impl RawSocket {
         };
         let name = CString::new(interface)
             .map_err(|_| RawSocketError::NoInterface(interface.to_owned()))?;
-        // SAFETY: the name is a string with its end mark and lives until the call is over.
+        // SAFETY: the name is a string with its end mark and is valid until the call is over.
         let index = unsafe { libc::if_nametoindex(name.as_ptr()) };
         let index = libc::c_int::try_from(index).unwrap_or(0);
         if index == 0 {
@@ -181,7 +181,7 @@ fn request(name: &CString) -> libc::ifreq {
 
 fn is_up(socket: &OwnedFd, name: &CString) -> io::Result<bool> {
     let mut request = request(name);
-    // SAFETY: SIOCGIFFLAGS reads and writes one ifreq, which lives until the call is over.
+    // SAFETY: SIOCGIFFLAGS reads and writes one ifreq, which is valid until the call is over.
     let result = unsafe { libc::ioctl(socket.as_raw_fd(), libc::SIOCGIFFLAGS, &raw mut request) };
     if result < 0 {
         return Err(io::Error::last_os_error());
@@ -193,7 +193,7 @@ fn is_up(socket: &OwnedFd, name: &CString) -> io::Result<bool> {
 
 fn mtu(socket: &OwnedFd, name: &CString) -> io::Result<libc::c_int> {
     let mut request = request(name);
-    // SAFETY: SIOCGIFMTU reads and writes one ifreq, which lives until the call is over.
+    // SAFETY: SIOCGIFMTU reads and writes one ifreq, which is valid until the call is over.
     let result = unsafe { libc::ioctl(socket.as_raw_fd(), libc::SIOCGIFMTU, &raw mut request) };
     if result < 0 {
         return Err(io::Error::last_os_error());
@@ -204,7 +204,7 @@ fn mtu(socket: &OwnedFd, name: &CString) -> io::Result<libc::c_int> {
 
 pub(super) fn set_option<T>(socket: &OwnedFd, option: libc::c_int, value: &T) -> io::Result<()> {
     let length = libc::socklen_t::try_from(size_of::<T>()).map_err(io::Error::other)?;
-    // SAFETY: the value lives until the call is over and its own length is passed.
+    // SAFETY: the value is valid until the call is over and its own length is passed.
     let result = unsafe {
         libc::setsockopt(
             socket.as_raw_fd(),
@@ -228,7 +228,7 @@ fn bind(socket: &OwnedFd, interface: libc::c_int) -> io::Result<()> {
     address.sll_ifindex = interface;
     let length =
         libc::socklen_t::try_from(size_of::<libc::sockaddr_ll>()).map_err(io::Error::other)?;
-    // SAFETY: the address lives until the call is over and its own length is passed.
+    // SAFETY: the address is valid until the call is over and its own length is passed.
     let result = unsafe { libc::bind(socket.as_raw_fd(), (&raw const address).cast(), length) };
     if result < 0 {
         return Err(io::Error::last_os_error());

@@ -1,5 +1,5 @@
-//! Received frames in memory that the kernel shares with the process (packet(7), `PACKET_RX_RING` in the form of `TPACKET_V2`): taking
-//! one out is no system call, and neither is seeing that there is none.
+//! Received frames in memory that the kernel shares with the process (packet(7), `PACKET_RX_RING` in the form of `TPACKET_V2`).
+//! Taking one out is no system call, and neither is seeing that there is none.
 #![allow(unsafe_code)]
 
 use std::{
@@ -15,8 +15,8 @@ use super::raw::set_option;
 
 /// Bytes of a slot: the kernel's header of some 66 bytes, and the longest frame.
 const SLOT: usize = 2048;
-/// The frames of the longest cycle (255) come in while the thread takes them out; with what waits for it after a cycle that it slept
-/// through there is room enough. What comes on top is lost.
+/// The frames of the longest cycle (255) come in while the thread takes them out. There is room enough for those that wait after a
+/// cycle that the thread slept through. Further ones are lost.
 const SLOTS: usize = 256;
 const BYTES: usize = SLOT * SLOTS;
 const HEADER: usize = size_of::<libc::tpacket2_hdr>();
@@ -101,7 +101,7 @@ impl Ring {
 
     /// The slot that is filled next, or has been.
     const fn slot(&self) -> NonNull<u8> {
-        // SAFETY: `next` is less than SLOTS, so that the slot lies in the mapping, which lives as long as `self`.
+        // SAFETY: `next` is less than SLOTS, so that the slot lies in the mapping, which is valid as long as `self`.
         unsafe { self.memory.add(self.next * SLOT) }
     }
 

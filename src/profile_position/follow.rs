@@ -135,7 +135,7 @@ impl ProfilePosition {
 
 impl<S: Stream<Item = MoveRequest>> Follow<'_, S> {
     /// The next outcome; none after the last one.
-    #[must_use = "a move that did not end well is told here"]
+    #[must_use = "this result reports a move that did not end well"]
     pub async fn next(&mut self) -> Option<Result<Followed, PathError>> {
         poll_fn(|cx| Pin::new(&mut *self).poll_next(cx)).await
     }

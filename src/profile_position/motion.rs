@@ -48,7 +48,7 @@ impl fmt::Display for Outcome {
 
 /// A move that the drive has acknowledged. Dropping it does not stop the motion, see
 /// [`halt_on_drop`](Self::halt_on_drop).
-#[must_use = "the outcome of a move is told by `done`"]
+#[must_use = "await `done()` for the outcome"]
 #[derive(Debug)]
 pub struct Move {
     pending: Pending,

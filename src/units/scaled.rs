@@ -116,7 +116,7 @@ impl ScaledProfilePosition {
 }
 
 /// A move that the drive has acknowledged, with its outcome in a program's own units.
-#[must_use = "the outcome of a move is told by `done`"]
+#[must_use = "await `done()` for the outcome"]
 #[derive(Debug)]
 pub struct ScaledMove {
     inner: Move,

@@ -121,7 +121,7 @@ pub struct ScaledAxis {
 }
 
 impl ScaledAxis {
-    /// The axis itself: for its objects, its limits, and whoever counts in its drive's units.
+    /// The axis itself: for its objects, its limits, and programs that count in its drive's units.
     #[must_use]
     pub const fn axis(&self) -> &Axis {
         &self.axis

@@ -177,7 +177,7 @@ impl ScaledProfilePosition {
 
 impl<S: Stream<Item = ScaledMoveRequest>> ScaledFollow<'_, S> {
     /// As [`Follow::next`].
-    #[must_use = "a move that did not end well is told here"]
+    #[must_use = "this result reports a move that did not end well"]
     pub async fn next(&mut self) -> Option<Result<ScaledFollowed, ScaledPathError>> {
         poll_fn(|cx| Pin::new(&mut *self).poll_next(cx)).await
     }

@@ -171,10 +171,10 @@ impl Note {
             Self::SetUp(drive, what) => tracing::debug!(%drive, ?at, "{what}"),
             Self::Recovered(drive, recovered) => tracing::info!(%drive, ?at, "{recovered}"),
             Self::NotRecovered(drive, Some(reason)) => {
-                tracing::warn!(%drive, ?at, "not led back into OP: {reason}");
+                tracing::warn!(%drive, ?at, "not recovered into OP: {reason}");
             }
             Self::NotRecovered(drive, None) => {
-                tracing::warn!(%drive, ?at, "not led back into OP: nobody waits for it any more");
+                tracing::warn!(%drive, ?at, "not recovered into OP: no call waits for it any more");
             }
             Self::NoAbortConnection { axis } => {
                 tracing::warn!(
@@ -200,7 +200,7 @@ impl Note {
             Self::NotStopped => {
                 tracing::warn!(
                     ?at,
-                    "axes did not stop in time; they are left to what 6007h tells them"
+                    "axes did not stop in time; their drives now act by 6007h"
                 );
             }
             Self::NotOnTheWayDown {

@@ -85,7 +85,7 @@ mod tests {
         assert_eq!(others.collect::<Vec<_>>(), [4, 5, 6, 7, 4]);
         counters.taken();
         assert_eq!(given(&mut counters), 5);
-        // Of seven in doubt one must be taken again.
+        // Where all seven are uncertain, one must be taken again.
         for _ in 0..9 {
             counters.perhaps_taken();
             assert!((1..=7).contains(&given(&mut counters)));

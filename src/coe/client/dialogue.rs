@@ -100,7 +100,7 @@ impl Dialogue {
         }
     }
 
-    /// Tells the refusal of a question from a device without the service.
+    /// Distinguishes the refusal of a question from a device without the service.
     pub(in crate::coe) fn judge(&self, error: SdoError) -> SdoError {
         let Self::Inquiry(_, question) = self else {
             return error;

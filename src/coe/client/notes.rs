@@ -96,7 +96,7 @@ impl From<Mail<'_>> for Content {
 
 #[cfg(test)]
 impl MailNote {
-    /// For the tests of whoever takes notes.
+    /// For the tests of those that take records.
     pub(crate) fn of_each_kind(drive: &Arc<DriveId>) -> impl Iterator<Item = Self> {
         let object = crate::coe::obj::CONTROLWORD.address();
         let transfer = Transfer::read(object);

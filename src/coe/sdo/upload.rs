@@ -147,7 +147,7 @@ impl Upload {
                 Ok(Step::More)
             }
             (false, false) => Err(SdoFault::Unexpected {
-                expected: "an upload reply that tells its size",
+                expected: "an upload reply that shows its size",
                 got: reply.command,
             }),
         }
