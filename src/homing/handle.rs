@@ -67,8 +67,8 @@ impl Axis {
     /// Selects homing (mode 6) and leases it. The lease ends by [`Homing::release`] or by dropping it.
     ///
     /// # Errors
-    /// [`AxisErrorKind::ModeInUse`] while another lease exists; [`Failure::ModeNotSupported`] where 6502h does not name it; otherwise when the drive does not show the mode in time,
-    /// the axis moves or is halted in another mode, or the bus is lost.
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`] where 6502h does not name it.
+    /// Otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode, or the bus is lost.
     pub async fn homing(&self) -> Result<Homing, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::Homing).await?;
@@ -266,9 +266,9 @@ pub struct Home<'a> {
 }
 
 impl<'a> Home<'a> {
-    /// Has the axis stopped (bit 8, then quick stop) where the homing has not ended within this time of the network, from when it is
-    /// first polled: [`Failure::Timeout`] with [`WaitingFor::HomingEnd`]. The axis is stopped also when this future is not polled any
-    /// more. After [`keep_homing`](Self::keep_homing) only the wait ends, with [`AxisErrorKind::Late`].
+    /// Stops the axis (bit 8, then quick stop) where the homing has not ended within this time of the network, from when it is
+    /// first polled. It then fails as [`Failure::Timeout`] with [`WaitingFor::HomingEnd`]. The axis is stopped also when this
+    /// future is not polled any more. After [`keep_homing`](Self::keep_homing) only the wait ends, with [`AxisErrorKind::Late`].
     pub const fn within(mut self, limit: Duration) -> Self {
         self.limit = Some(limit);
         self

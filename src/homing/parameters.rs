@@ -75,8 +75,8 @@ impl From<HomingMethod> for HomingParameters {
 pub struct HomingCommand {
     /// The method that 6098h holds: some show no motion.
     pub method: HomingMethod,
-    /// Home offset 607Ch, where it is known: the software position limits 607Dh are counted from there, and by it a method
-    /// that moves nothing is recognized as done; taken for 0 there where it is not known.
+    /// Home offset 607Ch, where it is known. The software position limits 607Dh are counted from there. By it a method that moves
+    /// nothing is recognized as done; where it is not known, it is taken for 0 there.
     pub offset: Option<i32>,
     /// When it is to have ended, by the clock of [`AxisCore::step`](crate::axis::AxisCore::step); none for a travel without a limit.
     /// A homing that has not ended then is stopped: bit 8, then quick stop.

@@ -41,7 +41,8 @@ impl From<PathError> for AxisError {
     }
 }
 
-/// What gives the moves of a path, `M`: every [`IntoIterator`] and every [`Stream`]. `Kind` tells which of them it is, and is inferred.
+/// What gives the moves of a path, `M`: every [`IntoIterator`] and every [`Stream`]. `Kind` says which of them it is, and is
+/// inferred.
 pub trait Path<M, Kind> {
     /// The moves as a stream.
     type Stream: Stream<Item = M>;
@@ -86,14 +87,14 @@ pub struct Follow<'a, S> {
     count: usize,
     sending: Option<UnderWay<Move>>,
     under_way: VecDeque<UnderWay<Outcome>>,
-    /// The first that was told, for [`finish`](Self::finish).
+    /// The first that was reported, for [`finish`](Self::finish).
     failed: Option<PathError>,
     last: Option<Outcome>,
 }
 
 impl ProfilePosition {
-    /// Sends the moves of an iterator or a stream one after another and keeps the drive's buffer filled: the next one is taken as soon
-    /// as the one before is acknowledged, and is sent when the drive has room. Gives every outcome, in the order of the moves;
+    /// Sends the moves of an iterator or a stream one after another and keeps the drive's buffer filled. The next one is taken as
+    /// soon as the one before is acknowledged, and is sent when the drive has room. Gives every outcome, in the order of the moves.
     /// [`Follow::finish`] gives the one result of them all.
     ///
     /// After the first move that does not end well nothing more is taken; what was sent or waits by then is
@@ -151,7 +152,7 @@ impl<S: Stream<Item = MoveRequest>> Follow<'_, S> {
     /// Sends what is left and waits for the end of all moves. Gives the outcome of the last one; none where the path is empty.
     ///
     /// # Errors
-    /// The first [`PathError`], also where it was told by [`next`](Self::next) before.
+    /// The first [`PathError`], also where [`next`](Self::next) reported it before.
     pub async fn finish(mut self) -> Result<Option<Outcome>, PathError> {
         while let Some(followed) = self.next().await {
             // It is kept.

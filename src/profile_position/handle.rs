@@ -59,9 +59,9 @@ impl ProfilePosition {
     /// before. Dropped before bit 4 rose, the move is withdrawn; later, the drive executes it.
     ///
     /// # Errors
-    /// With the reason for which the axis refuses the move (not enabled, halted, a fault, a start that the drive cannot
-    /// do, a parameter of zero …), for which the drive did not take it, or for which a parameter could not be written.
-    /// A failure says whether the set-point was not sent, was accepted, or may have been taken.
+    /// With the reason: the axis refuses the move (not enabled, halted, a fault, a start that the drive cannot do, a parameter of
+    /// zero …), the drive did not take it, or a parameter could not be written. A failure says whether the set-point was not sent,
+    /// was accepted, or may have been taken.
     pub async fn move_abs(&self, target: i32, set_point: SetPoint) -> Result<Move, AxisError> {
         self.abs(target, set_point).send().await
     }
@@ -144,8 +144,8 @@ impl MoveRequest {
         }
     }
 
-    /// Writes by SDO what the move needs and the process data does not hold. The claim is to be held until the move is sent, and
-    /// told of it, so that no other move's parameters come in between.
+    /// Writes by SDO what the move needs and the process data does not hold. Hold the claim until the move is sent, and notify it
+    /// then, so that no other move's parameters come in between.
     pub(crate) async fn prepare(&self) -> Result<(MoveCommand, Option<Claim<'_>>), AxisError> {
         let mut command = self.command;
         let handles = &self.axis.handles;

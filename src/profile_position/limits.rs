@@ -101,8 +101,8 @@ impl LimitsRule {
 /// What an axis' drive holds in its limit objects, or what the program says in their place. Moves beyond it are refused
 /// before anything is written; what is `None` is not checked.
 ///
-/// A [`Network`](crate::bus::Network) reads them when an axis attaches. Whoever changes 607Bh, 607Ch, 607Dh or 607Fh later has
-/// them read again: `Axis::read_limits`.
+/// A [`Network`](crate::bus::Network) reads them when an axis attaches. A program that changes 607Bh, 607Ch, 607Dh or 607Fh later
+/// has them read again: `Axis::read_limits`.
 ///
 /// ```
 /// use servocrab::{bus::DriveConfig, drives, profile_position::{Limits, PositionRange}};
@@ -125,8 +125,8 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Nothing is checked here: the drive alone does what it does about its limits. A drive that ends a move early without
-    /// a word is told of as [`Failure::MissedTarget`] all the same.
+    /// Nothing is checked here: the drive alone applies its limits. A move that a drive ends early without a sign is reported as
+    /// [`Failure::MissedTarget`] all the same.
     #[must_use]
     pub const fn trust_drive() -> Self {
         Self {

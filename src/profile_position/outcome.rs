@@ -141,7 +141,7 @@ pub enum Failure {
         /// How far the set-point came, for moves, homings and jogs; `NotSent` for others.
         delivery: Delivery,
     },
-    /// The axis was told to halt (bit 8) and does not get slower: its drive ignores that, or goes on speeding up for a while. Bit 8
+    /// The axis got bit 8 (halt) and does not get slower: its drive ignores the bit, or goes on speeding up for a while. Bit 8
     /// stays set.
     #[error("the axis was told to halt (bit 8) and does not get slower: stop or quick_stop it")]
     HaltIgnored,
@@ -150,8 +150,8 @@ pub enum Failure {
         "halt option code 605Dh is 0: the axis would coast at halt (bit 8), which was not sent; stop() it, or set 605Dh"
     )]
     HaltCoasts,
-    /// The axis was told to quick stop (bit 2 of the controlword low), and its drive stays in Operation enabled and does not slow it
-    /// down. Its voltage is being disabled in place of that: the axis coasts, or a brake stops it.
+    /// The axis got a quick stop (bit 2 of the controlword low). Its drive stays in Operation enabled and does not slow it down.
+    /// Its voltage is being disabled in place of that: the axis coasts, or a brake stops it.
     #[error(
         "the drive ignores its quick stop (bit 2) and was told to disable its voltage: the axis may still be moving; find out why the drive takes no quick stop"
     )]
@@ -182,9 +182,9 @@ pub enum Failure {
         /// How far the set-point came.
         delivery: Delivery,
     },
-    /// The drive answers, but the working counter of the datagram that it shares stays wrong: whether its outputs arrive is not known. It is
-    /// told to quick stop. Stops are accepted, and end by what it shows. Which device is the cause: see the network's events
-    /// (`NetworkEvent::Miscounted`).
+    /// The drive answers, but the working counter of the datagram that it shares stays wrong. Whether its outputs arrive is not
+    /// known. It gets a quick stop. Stops are accepted, and end by what it shows. Which device is the cause: see the network's
+    /// events (`NetworkEvent::Miscounted`).
     #[error("the drive answers, but whether it receives its outputs is not known{}; {}", CounterText(*.counter), DeliveryText(*.delivery))]
     Undelivered {
         /// How far the set-point came.
@@ -192,7 +192,7 @@ pub enum Failure {
         /// The datagram's working counter, where it is known.
         counter: Option<WorkingCounter>,
     },
-    /// The reference clock of the distributed clocks has jumped, and all axes of the network were stopped and disabled: who has
+    /// The reference clock of the distributed clocks has jumped, and all axes of the network were stopped and disabled. What has
     /// moved it, and what drives that follow it do now, is not known. It holds until the network is started anew.
     #[error(
         "the reference clock of the distributed clocks has jumped, and all axes were stopped and disabled: find out why (the clock's event says by how much), then start the network anew"
@@ -219,8 +219,8 @@ pub enum Failure {
         /// Position actual value 6064h.
         actual: i32,
     },
-    /// The drive says target reached after a distance, and the axis stands elsewhere than where that could lead from any place that is
-    /// known: the drive counts from another, or has limited the move. Its documents do not say what distances count from.
+    /// The drive shows target reached after a distance. The axis stands elsewhere than where that could lead from any known place.
+    /// The drive counts from another place, or has limited the move. Its documents do not say what distances count from.
     #[error(
         "the drive reports its target reached at {actual}, which is not where the distance leads from where the axis was: it counts from elsewhere or has limited the move; look for a limit in the drive"
     )]
@@ -248,8 +248,8 @@ pub enum Failure {
         /// Position actual value 6064h.
         actual: i32,
     },
-    /// The axis stands elsewhere than at this move's end, and a later move was sent that the drive has not acknowledged in time:
-    /// it may have taken that one in this one's place.
+    /// The axis stands elsewhere than at this move's end. A later move was sent that the drive has not acknowledged in time. The
+    /// drive may have taken that one in this one's place.
     #[error(
         "the axis stands at {actual}, and a later move that the drive has not acknowledged may have taken this one's place: stop() before the next"
     )]
@@ -356,7 +356,8 @@ pub enum Failure {
         "the drive is under local control (statusword bit 9 is 0): give control to the fieldbus"
     )]
     LocalControl,
-    /// The drive does not go on from this state although it is told to: it is inhibited. DS402 has no bit that says why.
+    /// The drive does not go on from this state although the controlword commands it: it is inhibited. DS402 has no bit that says
+    /// why.
     #[error(
         "the drive stays in {state} although it is told to switch on: look at its enable input, its safe torque off and its supply"
     )]
@@ -388,7 +389,7 @@ pub enum Failure {
     /// Resume after the halt of a homing.
     #[error("a halted homing is not continued: stop(), enable and home again")]
     HomingHalted,
-    /// The program has not fed its liveness in time, or has dropped it: every axis was halted, and nothing is enabled, started or
+    /// The program has not fed its liveness in time, or has dropped it. Every axis was halted. Nothing is enabled, started or
     /// resumed until it is fed or ended.
     #[error(
         "the program does not feed its liveness: every axis stays halted until it is fed or ended, or another takes its place; stops work all the same"

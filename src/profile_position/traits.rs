@@ -25,11 +25,11 @@ pub enum StartBits {
 pub enum BufferSignal {
     /// Bit 12 stays 1 while no set-point can be taken, and falls when the active one ends.
     Acknowledge,
-    /// Bit 12 follows bit 4 and shows nothing of the buffer: set-points are counted by this library, and a bit 12 that is
-    /// still high belongs to the handshake before.
+    /// Bit 12 follows bit 4 and shows nothing of the buffer. This library counts set-points. A bit 12 that is still high belongs to
+    /// the handshake before.
     None,
-    /// The drive's documents do not say: set-points are counted by this library, and a bit 12 that stays high while two are
-    /// held may be that of a full buffer.
+    /// The drive's documents do not say. This library counts set-points. A bit 12 that stays high while two are held may be that of
+    /// a full buffer.
     Unknown,
 }
 
@@ -91,7 +91,7 @@ pub struct Traits {
     pub halt_keeps_set_point: bool,
     /// The drive's own cycle: bit 4 must stay low for two of them where nothing shows that the drive has seen it low.
     pub drive_cycle: Duration,
-    /// Whether bit 4 of the statusword tells that the power stage has its supply.
+    /// Whether bit 4 of the statusword shows that the power stage has its supply.
     pub shows_voltage: bool,
     /// The motion profile types 6086h that the drive has; empty where its documents do not say: then all are sent.
     pub profile_types: &'static [i16],

@@ -51,8 +51,9 @@ impl Axis {
     /// The target velocity 60FFh must be mapped: `DriveConfig::map_output(axis, obj::TARGET_VELOCITY)`.
     ///
     /// # Errors
-    /// [`Failure::NotMapped`] if it is not; [`AxisErrorKind::ModeInUse`] while another lease exists;
-    /// [`Failure::ModeNotSupported`] where 6502h does not name mode 3; otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode, or the bus is lost.
+    /// [`Failure::NotMapped`] if it is not. [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`]
+    /// where 6502h does not name mode 3. Otherwise when the drive does not show the mode in time, the axis moves or is halted in
+    /// another mode, or the bus is lost.
     pub async fn profile_velocity(&self) -> Result<ProfileVelocity, AxisError> {
         let shared = &self.handles.shared;
         if shared.setup.fields.target_velocity.is_none() {
@@ -80,8 +81,8 @@ impl ProfileVelocity {
     /// Ramps that are given and not mapped are written by SDO and confirmed before. Dropped on the way, the jog is let go.
     ///
     /// # Errors
-    /// With the reason for which the axis refuses to move (not enabled, halted, a fault, a ramp of zero, another jog held …),
-    /// for which it was stopped meanwhile, or for which a ramp could not be written.
+    /// With the reason: the axis refuses to move (not enabled, halted, a fault, a ramp of zero, another jog held …), it was stopped
+    /// meanwhile, or a ramp could not be written.
     pub async fn jog(&self, set_point: impl Into<JogSetPoint>) -> Result<Jog, AxisError> {
         let mut set_point = set_point.into();
         let handles = &self.axis.handles;
@@ -162,7 +163,7 @@ impl Jog {
     /// the same.
     ///
     /// # Errors
-    /// With the reason for which the jog had ended before, or ended on the way to standstill; when the axis does not come to
+    /// With the reason for which the jog had ended before, or ended on the way to standstill. Also when the axis does not come to
     /// rest in time, or the bus is lost.
     pub async fn release(self) -> Result<(), AxisError> {
         let Self { pending } = &self;

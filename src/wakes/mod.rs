@@ -29,7 +29,7 @@ use crate::sync::{Arc, AtomicBool, AtomicU64, Mutex, Ordering, fence};
 
 /// Futures that are woken at once as a rule.
 const ROOM: usize = 256;
-/// A waker that takes longer than this holds the others up, which is told.
+/// A waker that takes longer than this delays the others, which is reported.
 pub(crate) const SLOW: Duration = Duration::from_millis(10);
 
 /// Wakes the futures of a network, or of a program's own loop. Clones are the same.
@@ -223,7 +223,7 @@ impl Wakes {
 }
 
 impl Waiters {
-    /// Those of a loop that has no bus thread: whoever rings wakes.
+    /// Those of a loop that has no bus thread: the thread that rings wakes.
     pub(crate) fn direct() -> Arc<Self> {
         let signal = Signal {
             news: AtomicBool::new(false),
@@ -244,8 +244,8 @@ fn nanoseconds(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// A program that starts its network on a thread of a real-time class may mean what is woken as well, but never above the cycles: a waker
-/// that computes would keep the bus thread from its processor.
+/// A program that starts its network on a thread of a real-time class may mean what is woken as well, but never above the cycles. A
+/// waker that computes would keep the bus thread from its processor.
 fn stay_below(bus_priority: Option<u8>) {
     if let Ok((ThreadSchedulePolicy::Realtime(_), of)) =
         thread_schedule_policy_param(thread_native_id())

@@ -16,7 +16,7 @@ use crate::sync::{Arc, AtomicBool, AtomicU64, Mutex, MutexGuard, Ordering, fence
 pub(super) struct Signal {
     /// Somebody has rung since it was looked at last.
     pub(super) news: AtomicBool,
-    /// Nobody looks any more: whoever rings wakes as well.
+    /// Nobody looks any more: the thread that rings wakes as well.
     pub(super) over: AtomicBool,
 }
 
@@ -28,7 +28,7 @@ pub(crate) struct Waiters {
     awaited: AtomicU64,
     /// The channels that were rung since their futures were woken last.
     rung: AtomicU64,
-    /// Never locked by whoever rings, and never while code of the program runs.
+    /// Never locked by a thread that rings, and never while code of the program runs.
     places: Mutex<Places>,
 }
 
@@ -45,7 +45,7 @@ struct Place {
 }
 
 impl Signal {
-    /// From now on whoever rings wakes as well; to be called before somebody looks for the last time.
+    /// From now on the thread that rings wakes as well. Call this before the last look.
     pub(super) fn end(&self) {
         self.over.store(true, Ordering::Relaxed);
         fence(Ordering::SeqCst);
