@@ -1,4 +1,4 @@
-//! What the axis core is told: commands, stops, and what came back from the wire.
+//! What the axis core takes in: commands, stops, and what came back from the wire.
 
 use bitflags::bitflags;
 
@@ -99,7 +99,7 @@ pub enum Inputs<'a> {
 }
 
 impl<'a> Inputs<'a> {
-    /// Judges inputs by the working counter of the datagram that carried them.
+    /// Decides by the working counter of their datagram what inputs are worth.
     ///
     /// ```
     /// use servocrab::axis::Inputs;

@@ -121,8 +121,8 @@ impl AxisConfig {
 pub struct Tolerances {
     /// Position units between target and 6064h at arrival: by default the drive's position window 6067h.
     pub position: u32,
-    /// Velocity units of 606Ch up to which it says that the axis stands, where it is mapped: 0 by default, and at most the window in a
-    /// settle time. It shortens the settle time of an axis at rest, and never replaces it: noise at rest does no harm.
+    /// Velocity units of 606Ch up to which it shows that the axis stands, where it is mapped. 0 by default, and at most the window
+    /// in a settle time. It shortens the settle time of an axis at rest, and never replaces it. So noise at rest does no harm.
     pub velocity: u32,
     /// How long 6064h must stay within the window to count as standing, and as not on its way.
     pub settle: Duration,
@@ -217,8 +217,8 @@ impl Default for Deadlines {
 pub struct Loss {
     /// Consecutive cycles without an answer of the drive.
     pub stale_cycles: u32,
-    /// Consecutive cycles in which its outputs are not known to have been delivered; more than `stale_cycles`, so that
-    /// the loss of another drive in the same datagram does not count against this one.
+    /// Consecutive cycles in which its outputs are not known to have been delivered. More than `stale_cycles`, so that the loss of
+    /// another drive in the same datagram does not count against this one.
     pub undelivered_cycles: u32,
 }
 

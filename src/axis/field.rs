@@ -45,9 +45,8 @@ impl Axis {
     /// there.
     ///
     /// # Errors
-    /// [`AxisErrorKind::Field`] if it is not in the drive's outputs, or with another length;
-    /// [`AxisErrorKind::OwnedByAxis`] for what the axis itself writes (6040h, 6060h, 607Ah, 6081h to 6084h, 6086h, 6098h
-    /// to 609Ah, 60FFh, of any axis).
+    /// [`AxisErrorKind::Field`] if it is not in the drive's outputs, or with another length. [`AxisErrorKind::OwnedByAxis`] for
+    /// what the axis itself writes (6040h, 6060h, 607Ah, 6081h to 6084h, 6086h, 6098h to 609Ah, 60FFh, of any axis).
     pub fn output<T: Number, A: Writable>(
         &self,
         object: Object<T, A>,

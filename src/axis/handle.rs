@@ -71,9 +71,9 @@ impl Axis {
     /// Once asked for it is completed, also when the future is dropped.
     ///
     /// # Errors
-    /// With the reason for which the drive refuses: a fault, local control, no supply, or a deadline; [`Failure::Busy`](super::Failure::Busy)
-    /// while another command leads the axis somewhere, or where a stop that is not sent yet has ended another enable; when the bus is
-    /// lost.
+    /// With the reason for which the drive refuses: a fault, local control, no supply, or a deadline.
+    /// [`Failure::Busy`](super::Failure::Busy) while another command changes the axis' state, or where a stop that is not sent yet
+    /// has ended another enable. When the bus is lost.
     pub async fn enable(&self) -> Result<(), AxisError> {
         self.run(Command::Enable).await?;
         self.trace("enabled");
@@ -127,9 +127,9 @@ impl Axis {
     /// Selects Profile Position and leases it. The lease ends by [`ProfilePosition::release`] or by dropping it.
     ///
     /// # Errors
-    /// [`AxisErrorKind::ModeInUse`] while another lease exists; [`Failure::ModeNotSupported`](super::Failure::ModeNotSupported)
-    /// where 6502h does not name it; otherwise when the drive does not show the mode in time, the axis moves in another mode,
-    /// or the bus is lost.
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`](super::Failure::ModeNotSupported)
+    /// where 6502h does not name it. Otherwise when the drive does not show the mode in time, the axis moves in another mode, or
+    /// the bus is lost.
     pub async fn profile_position(&self) -> Result<ProfilePosition, AxisError> {
         let lease = Lease::take(&self.handles)?;
         self.select(Mode::ProfilePosition).await?;

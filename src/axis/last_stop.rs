@@ -1,4 +1,4 @@
-//! Which stop of an axis was the last one: it tells the moves that were asked for before it from those asked for after it.
+//! Which stop of an axis was the last one. It distinguishes the moves that were asked for before it from those asked for after it.
 //! A move whose parameters are still being written by SDO is in no queue, and must not outlive a stop either.
 
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -13,7 +13,7 @@ pub(super) enum StopKind {
     Stop,
     Halt,
     Disable,
-    /// The drive was led back after it had been away.
+    /// The drive was recovered after it had left OP.
     Restart,
 }
 

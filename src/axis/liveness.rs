@@ -6,8 +6,8 @@ use core::{
 };
 use std::sync::Arc;
 
-/// Fed by the program. When it is not fed for its time, or the last clone is dropped without [`end`](Self::end), it has expired: every
-/// axis halts, and until it is fed or ended none is enabled, resumed, or starts anything.
+/// Fed by the program. When it is not fed for its time, or the last clone is dropped without [`end`](Self::end), it has expired.
+/// Then every axis halts. Until it is fed or ended none is enabled, resumed, or starts anything.
 ///
 /// ```
 /// use core::time::Duration;
@@ -44,7 +44,7 @@ const ENDED: u8 = 1;
 const DROPPED: u8 = 2;
 
 impl Liveness {
-    /// A pair: one end for the program, one for whoever owns the cycle.
+    /// A pair: one end for the program, one for the owner of the cycle.
     pub fn new(timeout: Duration) -> (Self, LivenessWatch) {
         let fed = Arc::new(Fed::default());
         let watch = LivenessWatch {

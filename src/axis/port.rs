@@ -100,8 +100,8 @@ impl AxisPort {
         self.pass_events(core);
     }
 
-    /// A stop for this axis from whoever owns the cycle, as by a [`StopHandle`](super::StopHandle): it is merged by the next
-    /// [`before_send`](Self::before_send).
+    /// A stop for this axis from the owner of the cycle, as by a [`StopHandle`](super::StopHandle). The next
+    /// [`before_send`](Self::before_send) merges it.
     pub fn request_stop(&self, stop: StopRequest) {
         self.shared.request_stop(stop);
     }
@@ -284,7 +284,7 @@ impl AxisPort {
 
     /// Submits what is queued. A stop among it is in the frame that is about to be sent, like the stop lane.
     fn take_commands(&self, core: &mut AxisCore, now: Duration, outputs: &mut [u8]) {
-        // At most what the queue holds: whoever fills it again at once waits for the next cycle.
+        // At most what the queue holds: a program that fills it again at once waits for the next cycle.
         for _ in 0..self.shared.queue_length() {
             let Some((id, command, asked)) = self.shared.take_command() else {
                 break;

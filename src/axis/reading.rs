@@ -55,9 +55,9 @@ impl Limits {
 }
 
 impl Axis {
-    /// Reads the limits 607Bh, 607Ch, 607Dh and 607Fh of this axis again, and checks moves against them from now on: for
-    /// programs that have changed one of them since the axis attached. What was set with
-    /// [`AxisConfig::limits`](super::AxisConfig::limits) or `DriveConfig::limits` is replaced.
+    /// Reads the limits 607Bh, 607Ch, 607Dh and 607Fh of this axis again, and checks moves against them from now on. It is for
+    /// programs that have changed one of them since the axis attached. It replaces what was set with
+    /// [`AxisConfig::limits`](super::AxisConfig::limits) or `DriveConfig::limits`.
     ///
     /// # Errors
     /// [`AxisErrorKind::Sdo`] if an object could not be read, or when the bus is lost: the limits stay as they were then.

@@ -12,9 +12,9 @@
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Referencing {
-    /// By a homing that was attained since the drive was last lost. The next homing takes the reference away until it is
-    /// attained, and so does every loss of the drive: whether it has kept its power and its position cannot be seen from
-    /// here. A fault alone does not; a program that knows better homes again.
+    /// By a homing that was attained since the drive was last lost. The next homing takes the reference away until it is attained.
+    /// So does every loss of the drive: nothing shows whether it has kept its power and its position. A fault alone does not; a
+    /// program that knows better homes again.
     #[default]
     ByHoming,
     /// The drive always knows its position, in the coordinates that the program means.

@@ -1,4 +1,4 @@
-//! An axis whose drive is led back after it has left OP or was without power: it begins again, disabled.
+//! An axis whose drive is recovered after it has left OP or was without power: it begins again, disabled.
 
 use core::time::Duration;
 
@@ -23,9 +23,9 @@ pub(crate) enum Again {
 }
 
 impl AxisCore {
-    /// Begins again as if it had just been made, for a drive that does not act on its outputs now: everything that is
-    /// pending ends as lost, and no enable, set-point or velocity is left in the outputs. The axis counts as lost until its
-    /// drive takes outputs again.
+    /// Begins again as if it had just been made, for a drive that does not act on its outputs now. Everything that is pending ends
+    /// as lost. No enable, set-point or velocity is left in the outputs. The axis counts as lost until its drive takes outputs
+    /// again.
     pub(crate) fn restart(&mut self, now: Duration, again: Again, outputs: &mut [u8]) {
         if !self.lost {
             self.lose(now);

@@ -110,7 +110,7 @@ impl fmt::Debug for AxisSetup {
 }
 
 impl AxisSetup {
-    /// The two ends of an axis: where its handles come from, and the port for whoever steps its core.
+    /// The two ends of an axis: where its handles come from, and the port for the loop that steps its core.
     #[must_use]
     pub fn open(self, core: &AxisCore) -> (AxisSource, AxisPort) {
         let shared = Arc::new(Shared::new(self, &core.snapshot()));

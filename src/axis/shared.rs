@@ -516,7 +516,7 @@ const fn channel(id: CommandId) -> u32 {
     CHANGED + 1 + (id.0 & 0xFF)
 }
 
-/// By its name: what else is in it tells a reader of a log nothing.
+/// By its name: the rest of it is of no use to a reader of a log.
 impl fmt::Debug for Shared {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.identity.axis)

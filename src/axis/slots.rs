@@ -33,7 +33,8 @@ pub(super) struct Slots {
     others: ArrayQueue<u8>,
 }
 
-/// One command under way. It is given back when it is done and its future is gone or has the result, by whoever comes last.
+/// One command under way. It is given back when it is done and its future is gone or has the result; the last of the two gives it
+/// back.
 #[derive(Debug)]
 pub(super) struct Slot {
     id: AtomicU32,
@@ -116,7 +117,7 @@ impl Slots {
 
     fn renew(&self, index: u8) -> Option<(CommandId, &Slot)> {
         let slot = self.slots.get(usize::from(index))?;
-        // The generation above the slot's number tells this command from all that used the slot before.
+        // The generation above the slot's number distinguishes this command from all that used the slot before.
         let generation = (slot.id.load(Ordering::Relaxed) >> 8).wrapping_add(1);
         let id = CommandId(generation << 8 | u32::from(index));
         slot.reset(id);

@@ -50,7 +50,7 @@ impl StatusCell {
         let published = self.published.load(Ordering::Relaxed);
         let next = published.wrapping_add(1);
         let copy = self.copy(next);
-        // Whoever reads what is written from here on sees as well that another copy is the latest since.
+        // A reader of what is written from here on sees as well that another copy is the latest since.
         fence(Ordering::Release);
         for (word, value) in copy.head.iter().zip(head) {
             word.store(value, Ordering::Relaxed);
@@ -74,7 +74,7 @@ impl StatusCell {
         latest.head[0].store(cycle, Ordering::Relaxed);
     }
 
-    /// The latest snapshot, where it is known that there were so many cycles: the axis was as it is in the last of them, or the
+    /// The latest snapshot, where it is known that there were this many cycles. The axis was as it is in the last of them, or the
     /// snapshot is of a later one.
     pub(crate) fn snapshot_after(&self, cycles: u64) -> Snapshot {
         let snapshot = self.snapshot();

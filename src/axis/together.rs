@@ -79,8 +79,8 @@ impl Default for GroupQueue {
 }
 
 impl GroupQueue {
-    /// An empty queue. Futures of its axes are woken on a thread of its own, `servocrab-wake`, so that no waker of the program can
-    /// hold up whoever steps the axes.
+    /// An empty queue. Futures of its axes are woken on its own thread, `servocrab-wake`, so that no waker of the program can delay
+    /// the loop that steps the axes.
     #[must_use]
     pub fn new() -> Self {
         match Wakes::start(None) {
@@ -122,13 +122,13 @@ impl GroupQueue {
         }
     }
 
-    /// To be called after an axis was told that it is asked for something.
+    /// To be called after an axis has got a request.
     pub(super) fn ask(&self) {
-        // Exchanged and not stored: whoever takes it sees what each of several threads has asked for, and not the last one's alone.
+        // Exchanged and not stored: the reader sees what each of several threads has asked for, and not the last one's alone.
         self.queues.asked.swap(true, Ordering::Release);
     }
 
-    /// To be held by whoever waits for a change of any of the axes.
+    /// To be held by a task that waits for a change of any of the axes.
     pub(super) fn watch(&self) -> Watch<'_> {
         self.queues.watchers.fetch_add(1, Ordering::AcqRel);
         Watch(&self.queues)
@@ -410,7 +410,7 @@ pub async fn together(
             .position(|request| core::ptr::eq(*of, request))
     });
     let started = started.into_iter().map(|(_, accepted)| accepted).collect();
-    // The one that failed by itself tells more than those that were withdrawn for it.
+    // The one that failed by itself says more than those that were withdrawn for it.
     let own = errors
         .iter()
         .position(|error| error.failure() != Some(Failure::Withdrawn));
