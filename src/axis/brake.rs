@@ -7,8 +7,10 @@ use core::time::Duration;
 
 use crate::{ds402::State, profile_position::Traits};
 
+use super::no_older;
+
 /// What is known of the drive's power stage.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 enum Stage {
     /// Nothing yet.
     #[default]
@@ -20,7 +22,7 @@ enum Stage {
 }
 
 /// What brakes the axis before its power goes.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Hash, Default)]
 pub(super) struct Brake {
     stage: Stage,
     /// Until when quick stop is sent for an axis that does not come to rest.
@@ -72,6 +74,23 @@ impl Brake {
         } else {
             let until = *self.until.get_or_insert(now.saturating_add(patience));
             self.over |= now >= until;
+        }
+    }
+
+    /// The drive was told to enable operation, and may have done so, whatever it has shown.
+    pub(super) const fn may_be_enabled(&mut self) {
+        self.down = None;
+        self.confirmed = false;
+    }
+
+    /// Lets go of what makes no difference any more.
+    pub(super) fn let_go(&mut self, now: Duration, seen: Duration) {
+        if let Some((since, samples)) = &mut self.down {
+            no_older(since, now, seen);
+            *samples = (*samples).min(2);
+        }
+        if let Some(until) = &mut self.until {
+            *until = (*until).max(now);
         }
     }
 

@@ -94,7 +94,7 @@ pub struct AxisCore {
     pub(super) mode_change: Option<ModeChange>,
     /// 6061h where it is read by SDO.
     pub(super) noted_mode: Mode,
-    manufacturer: Controlword,
+    pub(super) manufacturer: Controlword,
     /// In the outputs now, and sent with the next cycle.
     pub(super) outgoing: Controlword,
     /// Sent with the last cycle.

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::{Controlword, State},
+    ds402::{Controlword, PowerCommand, State},
     profile_position::{Delivery, Failure, LastSeen},
 };
 
@@ -104,6 +104,12 @@ impl AxisCore {
                 &self.config.traits,
                 self.config.deadlines.standstill,
             );
+            if self
+                .sent
+                .contains(PowerCommand::EnableOperation.controlword())
+            {
+                self.brake.may_be_enabled();
+            }
             self.observe(now, &sample, delivered);
         }
         let loss = self.config.loss;

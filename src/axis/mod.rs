@@ -13,6 +13,7 @@ mod config;
 mod core;
 mod fields;
 mod intake;
+mod let_go;
 mod modes;
 #[cfg(test)]
 mod modes_tests;
@@ -70,6 +71,7 @@ pub use config::{AxisConfig, Deadlines, Loss, Tolerances};
 #[cfg(feature = "std")]
 pub(crate) use fields::TARGET_VELOCITY;
 pub use fields::{AxisFields, FieldError};
+pub(crate) use let_go::no_older;
 pub use referencing::Referencing;
 pub use snapshot::Snapshot;
 

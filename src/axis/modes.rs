@@ -18,7 +18,7 @@ pub(super) const MODE_BITS: Controlword = Controlword::NEW_SET_POINT
     .union(Controlword::BLEND);
 
 /// A change of 6060h that waits for 6061h.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct ModeChange {
     id: CommandId,
     to: Mode,
@@ -28,7 +28,7 @@ pub(super) struct ModeChange {
 }
 
 /// How far a change of mode is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Step {
     /// Until the axis stands and the drive has surely seen the bits of the last mode low and its target velocity 0; then it is written, or
     /// whoever writes it by SDO is told.

@@ -15,7 +15,7 @@ pub(super) const RESET_EDGES: u8 = 3;
 pub(super) const RESET_PAUSE: Duration = Duration::from_millis(100);
 
 /// Where the axis is led to.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) enum Power {
     /// Voltage disabled.
     Off,
@@ -46,7 +46,7 @@ pub(super) enum Power {
 }
 
 /// Where bit 7 is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) enum ResetPhase {
     /// Low at least until then, and until that was delivered, Fault is surely shown and the axis stands, for which there is a
     /// deadline. Since when Fault is shown.

@@ -16,7 +16,7 @@ const MEASURED: u128 = 80 * 1_000_000_000;
 const LEAST_PART: u128 = 4_000;
 
 /// The speed of a halted axis, by its positions, from when its drive has surely seen bit 8.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Hash, Default)]
 pub(super) struct Slowing {
     span: Option<Span>,
     /// The way of the span before, and how long that was.
@@ -25,7 +25,7 @@ pub(super) struct Slowing {
 }
 
 /// A measurement under way.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 struct Span {
     since: Duration,
     position: i32,

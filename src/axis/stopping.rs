@@ -13,7 +13,7 @@ use super::{AxisCore, power::Power, slowing::Slowing};
 const WAITERS: usize = 8;
 
 /// How far a stop is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(super) enum Stage {
     /// No stop is under way; the axis may be halted.
     #[default]
@@ -30,7 +30,7 @@ pub(super) enum Stage {
 }
 
 /// What a waiter waits for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Wait {
     /// Standstill with bit 8, until then.
     Halt { until: Duration },
@@ -41,7 +41,7 @@ pub(super) enum Wait {
 }
 
 /// The stop under way.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Hash, Default)]
 pub(super) struct Stopping {
     pub(super) stage: Stage,
     /// Whether the axis is to be disabled at the end.
@@ -156,6 +156,12 @@ impl Stopping {
             Wait::Stop | Wait::Halt { .. } => None,
         };
         Some((id, failure))
+    }
+
+    /// Does this with what each of them waits for.
+    pub(super) fn each_wait(&mut self, of: impl FnMut(&mut Wait)) {
+        let waits = self.waiters.iter_mut().flatten().map(|(_, wait)| wait);
+        waits.for_each(of);
     }
 
     pub(super) const fn has_no_waiter(&self) -> bool {

@@ -417,7 +417,7 @@ impl AxisCore {
 }
 
 /// A resume that is not sent yet.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Resuming {
     id: CommandId,
     /// Whether the axis goes on from standstill; none if it was not halted.

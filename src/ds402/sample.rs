@@ -3,7 +3,7 @@
 use super::{Mode, State, Statusword};
 
 /// What one cycle's inputs show of an axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Sample {
     /// Statusword 6041h.
     pub statusword: Statusword,

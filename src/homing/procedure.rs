@@ -20,7 +20,7 @@ use crate::{
 use super::{HomingCommand, run::Run};
 
 /// Where the homing is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 enum Stage {
     /// Bit 4 is low; a homing may be waiting to be started.
     Low {
@@ -56,7 +56,7 @@ pub(crate) enum Verdict {
 }
 
 /// The sequencing of one drive axis' homing.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Hash)]
 pub(crate) struct Procedure {
     stage: Stage,
     /// How long an axis with an error may take to come to rest.

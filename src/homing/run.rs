@@ -10,7 +10,7 @@ use crate::{
 use super::HomingCommand;
 
 /// A homing whose bit 4 is high.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Run {
     pub(super) id: CommandId,
     command: HomingCommand,

@@ -2,6 +2,8 @@
 
 use core::time::Duration;
 
+use crate::axis::no_older;
+
 use super::{CommandId, Cycle, Start, track::Bases, waiting::Request};
 
 /// So many frames later, at the latest, the inputs show what the drive has seen in one: it takes outputs in at one SYNC0, works
@@ -9,7 +11,7 @@ use super::{CommandId, Cycle, Start, track::Bases, waiting::Request};
 pub(super) const SHOWN_AFTER: u8 = 3;
 
 /// Where bit 4 is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) enum Bit4 {
     Low {
         /// Since when it is known to have been delivered low.
@@ -32,7 +34,7 @@ pub(super) enum Bit4 {
 }
 
 /// A set-point for which bit 4 has risen.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Raised {
     pub(super) request: Request,
     /// When it rose, and when it was sent.
@@ -59,6 +61,11 @@ pub(super) struct Raised {
 }
 
 impl Raised {
+    pub(super) fn let_go(&mut self, now: Duration, acknowledge: Duration) {
+        no_older(&mut self.since, now, acknowledge);
+        self.request.blocked_since = None;
+    }
+
     /// Whether it replaces the others.
     pub(super) fn replaces(&self) -> bool {
         self.request.command.set_point.start == Start::Immediately
@@ -71,6 +78,30 @@ impl Bit4 {
         delivered: None,
         will_be_seen: false,
     };
+
+    /// Lets go of what makes no difference any more.
+    pub(super) fn let_go(&mut self, now: Duration, seen: Duration, acknowledge: Duration) {
+        match self {
+            Self::Low { delivered, .. } => {
+                if let Some(at) = delivered {
+                    no_older(at, now, seen);
+                }
+            }
+            Self::High {
+                raised,
+                delivered,
+                shown,
+                ..
+            } => {
+                raised.let_go(now, acknowledge);
+                if let Some(at) = delivered {
+                    no_older(at, now, seen);
+                }
+                *shown = (*shown).min(SHOWN_AFTER + 1);
+            }
+            Self::Abandoned => {}
+        }
+    }
 
     pub(super) const fn is_low(&self) -> bool {
         matches!(self, Self::Low { .. })

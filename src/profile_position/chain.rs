@@ -2,7 +2,10 @@
 
 use core::time::Duration;
 
-use crate::ds402::{Controlword, Sample, Statusword};
+use crate::{
+    axis::no_older,
+    ds402::{Controlword, Sample, Statusword},
+};
 
 use super::{
     Bounds, BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference, RelativeBase,
@@ -40,7 +43,7 @@ pub(super) enum Next {
 }
 
 /// The set-points that the drive has acknowledged and not ended, in order.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Hash, Default)]
 pub(super) struct Chain {
     held: [Option<Track>; HELD],
     /// One that is over by the drive's word, bit 12, and whose end the axis has not been seen at.
@@ -62,7 +65,7 @@ pub(super) struct Chain {
 }
 
 /// A set-point whose place the next one has taken.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Hash)]
 struct Over {
     track: Track,
     /// How the next one was started, and when it was seen to have taken over, from where.
@@ -124,6 +127,24 @@ impl Chain {
         }
         self.last_end = None;
         self.unseen = false;
+    }
+
+    /// Lets go of what makes no difference any more. `arrives`: whether 606Ch tells that the axis has arrived.
+    pub(super) fn let_go(
+        &mut self,
+        now: Duration,
+        begin: Duration,
+        settle: Duration,
+        arrives: bool,
+    ) {
+        for track in self.held.iter_mut().flatten() {
+            track.let_go(now, begin, settle);
+        }
+        if let Some(over) = &mut self.over {
+            over.track.let_go(now, begin, settle);
+            no_older(&mut over.since, now, settle);
+        }
+        self.last_end = self.last_end.filter(|_| arrives);
     }
 
     /// The axis stands halted: says so for each of them, once for each halt.

@@ -48,7 +48,7 @@ pub enum Completion {
 }
 
 /// How far a set-point came before its command failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Delivery {
     /// It was never sent: the drive has not executed it and will not.
     NotSent,
@@ -59,7 +59,7 @@ pub enum Delivery {
 }
 
 /// What a deadline was set on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum WaitingFor {
     /// A DS402 state.
@@ -79,7 +79,7 @@ pub enum WaitingFor {
 }
 
 /// What a drive showed of an axis that was to stand, in the last settle time or two.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Unrest {
     /// The least and the greatest position actual value 6064h.
     pub positions: (i32, i32),
@@ -129,7 +129,7 @@ impl core::fmt::Display for WaitingFor {
 }
 
 /// Why a command did not end well. It never leaves a motion behind that was not asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum Failure {
     /// A later move with [`Start::Immediately`] took this one's place.
@@ -438,7 +438,7 @@ impl Failure {
 }
 
 /// A working counter that is wrong.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct WorkingCounter {
     /// The number of the datagram among those of the process data, from 0.
     pub datagram: u16,

@@ -6,7 +6,10 @@
 
 use core::time::Duration;
 
-use crate::ds402::{Controlword, Sample};
+use crate::{
+    axis::Deadlines,
+    ds402::{Controlword, Sample},
+};
 
 use super::{
     Bounds, CommandId, Cycle, Delivery, Event, Events, Failure, MoveCommand, Parameters,
@@ -18,7 +21,7 @@ use super::{
 };
 
 /// The sequencing of set-points towards one drive axis.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Hash)]
 pub(crate) struct Sequencer {
     bit4: Bit4,
     bits: Controlword,
@@ -84,6 +87,33 @@ impl Sequencer {
     pub(crate) const fn follow_other_mode(&mut self, position: i32) {
         self.target = position;
         self.chain.leave_base();
+    }
+
+    /// Lets go of what makes no difference any more. `arrives`: whether 606Ch tells that the axis has arrived.
+    pub(crate) fn let_go(
+        &mut self,
+        now: Duration,
+        seen: Duration,
+        deadlines: &Deadlines,
+        settle: Duration,
+        arrives: bool,
+    ) {
+        self.bit4.let_go(now, seen, deadlines.acknowledge);
+        self.waiting.let_go(now, deadlines.acknowledge);
+        self.chain.let_go(now, deadlines.begin, settle, arrives);
+        if let Some(raised) = &mut self.unconfirmed {
+            raised.let_go(now, deadlines.acknowledge);
+        }
+    }
+
+    /// Lets go of what 607Ah and the parameters hold, before bit 4 rises again.
+    pub(crate) fn let_go_of_target(&mut self) {
+        self.target = 0;
+        self.parameters = Parameters {
+            end_velocity: self.parameters.end_velocity,
+            profile_type: self.parameters.profile_type,
+            ..Parameters::default()
+        };
     }
 
     /// Whether the drive has a set-point or may have one.

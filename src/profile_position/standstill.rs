@@ -21,7 +21,7 @@ const DRIVE_CYCLES: u32 = 4;
 const LEAST_SETTLE: Duration = Duration::from_millis(1);
 
 /// Follows position and velocity through the cycles. Times are nanoseconds here: this runs in every cycle of every axis.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Hash, Default)]
 pub(crate) struct Standstill {
     stay: Stay,
     /// A stay within a part of the window, with 606Ch within its threshold.
@@ -35,7 +35,7 @@ pub(crate) struct Standstill {
 }
 
 /// Positions next to one another.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 struct Positions {
     least: i32,
     /// From the least to the greatest.
@@ -43,7 +43,7 @@ struct Positions {
 }
 
 /// A position that stays.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 struct Stay {
     /// Since when, less the time in which nothing was seen; [`NEVER`] where nothing stays.
     since: u64,
@@ -256,6 +256,21 @@ impl Standstill {
         self.quiet.since = NEVER;
         self.stands = false;
         self.rest = None;
+    }
+
+    /// Lets go of what makes no difference any more.
+    pub(crate) fn let_go(&mut self, now: Duration, settle: Duration) {
+        let (now, settle) = (nanoseconds(now), nanoseconds(settle));
+        let last = self.last.max(now.saturating_sub(settle));
+        for stay in [&mut self.stay, &mut self.quiet] {
+            if stay.since == NEVER {
+                stay.position = 0;
+            } else {
+                let stayed = self.last.saturating_sub(stay.since);
+                stay.since = last.saturating_sub(stayed.min(settle));
+            }
+        }
+        self.last = last;
     }
 
     /// Whether the axis stood in the last cycle with inputs.

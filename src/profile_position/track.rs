@@ -2,7 +2,10 @@
 
 use core::time::Duration;
 
-use crate::ds402::{Sample, Statusword};
+use crate::{
+    axis::no_older,
+    ds402::{Sample, Statusword},
+};
 
 use super::{
     CommandId, Completion, Cycle, Delivery, Failure, Reference, RelativeBase, Start, bit4::Raised,
@@ -31,7 +34,7 @@ pub(super) enum Rest {
 }
 
 /// The bounds of an axis that does not keep within its window, span by span: in two spans within the same bounds it is at rest.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Hash, Default)]
 struct Lingering {
     span: Option<(Duration, i32, i32)>,
     before: Option<(i32, i32)>,
@@ -64,7 +67,7 @@ impl Lingering {
 
 /// What a distance may count from, where the drive's documents do not say, or the position does not show it: the end before it, or where
 /// the axis, or its demand, was when the drive took it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Bases {
     previous: Option<i32>,
     position: i32,
@@ -119,7 +122,7 @@ const fn lag_of(way: i32) -> u32 {
 }
 
 /// A set-point that the drive has acknowledged.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Track {
     pub(super) id: CommandId,
     /// How it was started: the end of the set-point before it is `Reached` or `Passed` by this.
@@ -380,6 +383,21 @@ impl Track {
         // The halt may have carried the axis past the end, to which the drive goes back.
         self.arrived = None;
         self.resumed = true;
+    }
+
+    /// Lets go of what makes no difference any more.
+    pub(super) fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration) {
+        no_older(&mut self.since, now, begin.max(settle));
+        if let Some((since, ..)) = &mut self.lingering.span {
+            no_older(since, now, begin);
+        }
+        if let Some(since) = &mut self.resting {
+            no_older(since, now, begin);
+        }
+        if let Some((since, cycles)) = &mut self.away {
+            no_older(since, now, settle);
+            *cycles = (*cycles).min(AWAY_CYCLES);
+        }
     }
 
     /// Takes in bit 11 of a cycle in which it is surely the active one.

@@ -3,13 +3,15 @@
 
 use core::time::Duration;
 
+use crate::axis::no_older;
+
 use super::{CommandId, MoveCommand, Start};
 
 /// Moves that may wait; one more is refused as busy.
 const PLACES: usize = 4;
 
 /// A move that has not been sent.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Request {
     pub(super) id: CommandId,
     pub(super) command: MoveCommand,
@@ -18,7 +20,7 @@ pub(super) struct Request {
 }
 
 /// A queue of fixed size.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Hash, Default)]
 pub(super) struct Waiting {
     places: [Option<Request>; PLACES],
 }
@@ -66,6 +68,15 @@ impl Waiting {
         let turn = self.turn();
         if let Some(Some(first)) = self.places.get_mut(turn) {
             first.blocked_since = None;
+        }
+    }
+
+    /// Lets go of what makes no difference any more.
+    pub(super) fn let_go(&mut self, now: Duration, acknowledge: Duration) {
+        for request in self.places.iter_mut().flatten() {
+            if let Some(since) = &mut request.blocked_since {
+                no_older(since, now, acknowledge);
+            }
         }
     }
 

@@ -16,7 +16,7 @@ use crate::{
 use super::JogSetPoint;
 
 /// Where the jog is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Hash)]
 enum Stage {
     /// No jog: the target velocity is 0.
     Idle,
@@ -39,7 +39,7 @@ enum Stage {
 }
 
 /// The jog of one drive axis.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Hash)]
 pub(crate) struct Jogging {
     stage: Stage,
     ramps: Parameters,

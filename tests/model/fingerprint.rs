@@ -1,156 +1,220 @@
-//! What tells two states of a core apart: all that it says of itself, with instants as ages.
+//! What tells two states apart: all that a core and its surroundings are, with instants as ages, names in the order in which they
+//! come, and of a state and its mirror image one.
 
-use core::fmt::{self, Write};
+use core::hash::{Hash, Hasher};
 use core::time::Duration;
-
-use servocrab::axis::AxisCore;
 
 /// The clock of a model starts here: every instant in a core is later, and every time span is shorter.
 pub const START: Duration = Duration::from_secs(1_000_000);
 
-/// Collects what a core says of itself.
-#[derive(Default)]
+/// Names begin here: every other number of 32 bits in a core is smaller, or `u32::MAX`.
+const NAMES: u32 = 0x7A00_0000;
+/// At most so many.
+pub const MOST: usize = 6;
+
+/// The number that a core is told for a name, as an id and as a velocity. From 1.
+pub const fn number(name: u8) -> u32 {
+    NAMES + name as u32
+}
+
+/// The name behind such a number.
+pub fn name(number: u32) -> Option<u8> {
+    let name = number.checked_sub(NAMES)?;
+    (1..=MOST as u32).contains(&name).then_some(name as u8)
+}
+
+/// Takes a state in, and its mirror image at the same time: what has a sign has the other one there.
+#[derive(Clone)]
 pub struct Fingerprint {
-    text: String,
+    now: i128,
+    longest: i128,
+    straight: Mixed,
+    mirrored: Mixed,
+    /// The whole seconds of an instant whose fraction follows.
+    seconds: Option<u64>,
+    names: [u8; MOST],
+    named: usize,
 }
 
 impl Fingerprint {
-    /// The fingerprint of a core at this time, with what else belongs to the state. Instants count as ages, not longer than
-    /// `longest`.
-    pub fn of(
-        &mut self,
-        core: &AxisCore,
-        now: Duration,
-        longest: Duration,
-        more: &impl fmt::Debug,
-    ) -> u128 {
-        self.text.clear();
-        // Writing to a string does not fail.
-        let _ = write!(self.text, "{more:?}|{core:?}");
-        let mut hash = Hash::new();
-        let bytes = self.text.as_bytes();
-        // What the axis was configured with is the same in every state.
-        let configured = find(bytes, b"config: AxisConfig", 0);
-        let rest = configured.and_then(|from| find(bytes, b"bounds: ", from));
-        let skipped = configured.zip(rest).map_or(0..0, |(from, to)| from..to);
-        let mut at = 0;
-        while at < bytes.len() {
-            if at == skipped.start && !skipped.is_empty() {
-                at = skipped.end;
-            }
-            let byte = bytes[at];
-            if !byte.is_ascii_digit() || (at > 0 && is_word(bytes[at - 1])) {
-                if byte == b'c'
-                    && bytes[at..].starts_with(b"cycle: ")
-                    && bytes[at.saturating_sub(1)] == b' '
-                {
-                    // Counts without end.
-                    at += b"cycle: ".len();
-                    while bytes.get(at).is_some_and(u8::is_ascii_digit) {
-                        at += 1;
-                    }
-                    continue;
-                }
-                if byte == b'n' && bytes[at..].starts_with(b"news: ") {
-                    // What its port was told is no part of what it does.
-                    at += b"news: ".len();
-                    while bytes.get(at).is_some_and(u8::is_ascii_alphabetic) {
-                        at += 1;
-                    }
-                    continue;
-                }
-                hash.add(byte);
-                at += 1;
-                continue;
-            }
-            let mut end = at;
-            while bytes
-                .get(end)
-                .is_some_and(|byte| byte.is_ascii_digit() || *byte == b'.')
-            {
-                end += 1;
-            }
-            let seconds = bytes.get(end) == Some(&b's')
-                && !bytes.get(end + 1).is_some_and(|byte| is_word(*byte));
-            let instant = seconds.then(|| instant(&bytes[at..end])).flatten();
-            match instant {
-                Some(instant) => {
-                    hash.add(b'@');
-                    let age = now.as_nanos() as i128 - instant as i128;
-                    let most = longest.as_nanos() as i128;
-                    for byte in age.clamp(-most, most).to_le_bytes() {
-                        hash.add(byte);
-                    }
-                    at = end + 1;
-                }
-                None => {
-                    for &byte in &bytes[at..end] {
-                        hash.add(byte);
-                    }
-                    at = end;
-                }
-            }
+    /// Of a state at this time. Ages of more than `longest` are the same.
+    pub fn new(now: Duration, longest: Duration) -> Self {
+        Self {
+            now: now.as_nanos() as i128,
+            longest: longest.as_nanos() as i128,
+            straight: Mixed::new(),
+            mirrored: Mixed::new(),
+            seconds: None,
+            names: [0; MOST],
+            named: 0,
         }
-        hash.0
+    }
+
+    /// The names in the order in which they came.
+    pub fn names(&self) -> ([u8; MOST], usize) {
+        (self.names, self.named)
+    }
+
+    /// Of a state and its mirror image the same.
+    pub fn value(&self) -> u128 {
+        self.straight.value().min(self.mirrored.value())
+    }
+
+    fn both(&mut self, word: u64) {
+        self.straight.add(word);
+        self.mirrored.add(word);
+    }
+
+    fn signed(&mut self, value: i64) {
+        self.straight.add(value as u64);
+        self.mirrored.add(value.wrapping_neg() as u64);
+    }
+
+    fn age_of(&mut self, instant: i128) {
+        self.both((self.now - instant).min(self.longest) as u64 ^ 1 << 63);
+    }
+
+    fn order(&mut self, name: u8) -> usize {
+        let known = self.names[..self.named].iter().position(|&n| n == name);
+        known.unwrap_or_else(|| {
+            self.names[self.named] = name;
+            self.named += 1;
+            self.named - 1
+        })
     }
 }
 
-fn is_word(byte: u8) -> bool {
-    byte.is_ascii_alphanumeric() || byte == b'_'
-}
-
-fn find(bytes: &[u8], what: &[u8], from: usize) -> Option<usize> {
-    (from..bytes.len().saturating_sub(what.len())).find(|&at| bytes[at..].starts_with(what))
-}
-
-/// Seconds with a fraction as nanoseconds, if they are an instant of the model's clock.
-fn instant(text: &[u8]) -> Option<u128> {
-    let text = core::str::from_utf8(text).ok()?;
-    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
-    let whole: u128 = whole.parse().ok()?;
-    if whole < START.as_secs().into() || fraction.len() > 9 {
-        return None;
+impl Hasher for Fingerprint {
+    fn finish(&self) -> u64 {
+        self.value() as u64
     }
-    let nanos: u128 = format!("{fraction:0<9}").parse().ok()?;
-    Some(whole * 1_000_000_000 + nanos)
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.both(byte.into());
+        }
+    }
+
+    fn write_u8(&mut self, value: u8) {
+        self.both(value.into());
+    }
+
+    fn write_u16(&mut self, value: u16) {
+        self.both(value.into());
+    }
+
+    fn write_u32(&mut self, value: u32) {
+        if let Some(seconds) = self.seconds.take() {
+            self.age_of(i128::from(seconds) * 1_000_000_000 + i128::from(value));
+        } else if let Some(name) = name(value) {
+            let order = self.order(name);
+            self.both(u64::from(NAMES) + order as u64);
+        } else {
+            self.both(value.into());
+        }
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        // A time in nanoseconds, one in seconds, or another number.
+        if value != u64::MAX && u128::from(value) >= START.as_nanos() {
+            self.age_of(value.into());
+        } else if value != u64::MAX && value >= START.as_secs() {
+            self.seconds = Some(value);
+        } else {
+            self.both(value);
+        }
+    }
+
+    fn write_usize(&mut self, value: usize) {
+        self.both(value as u64);
+    }
+
+    fn write_isize(&mut self, value: isize) {
+        self.both(value as u64);
+    }
+
+    fn write_i8(&mut self, value: i8) {
+        self.both(value as u64);
+    }
+
+    fn write_i16(&mut self, value: i16) {
+        self.both(value as u64);
+    }
+
+    fn write_i32(&mut self, value: i32) {
+        self.signed(value.into());
+    }
+
+    fn write_i64(&mut self, value: i64) {
+        self.signed(value);
+    }
 }
 
-/// FNV-1a of 128 bits.
-struct Hash(u128);
+/// Two words that every word changes.
+#[derive(Clone)]
+struct Mixed(u64, u64);
 
-impl Hash {
+impl Mixed {
     const fn new() -> Self {
-        Self(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d)
+        Self(0x243F_6A88_85A3_08D3, 0x1319_8A2E_0370_7344)
     }
 
-    const fn add(&mut self, byte: u8) {
-        self.0 = (self.0 ^ byte as u128).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013B);
+    #[inline(always)]
+    fn add(&mut self, word: u64) {
+        self.0 = folded(self.0 ^ word, 0x9E37_79B9_7F4A_7C15);
+        self.1 = folded(self.1.rotate_left(23) ^ word, 0xD6E8_FEB8_6659_FD93);
     }
+
+    fn value(&self) -> u128 {
+        let ends = Self(self.0 ^ self.1.rotate_left(32), self.1);
+        u128::from(folded(ends.0, 0xA409_3822_299F_31D1)) << 64
+            | u128::from(folded(ends.1, 0x082E_FA98_EC4E_6C89))
+    }
+}
+
+#[inline(always)]
+fn folded(a: u64, b: u64) -> u64 {
+    let product = u128::from(a) * u128::from(b);
+    // Without the sum a zero would stay one.
+    (product as u64) ^ ((product >> 64) as u64).wrapping_add(a.rotate_left(17))
+}
+
+/// Of anything that has a `Hash`.
+pub fn of(now: Duration, longest: Duration, state: &impl Hash) -> Fingerprint {
+    let mut print = Fingerprint::new(now, longest);
+    state.hash(&mut print);
+    print
 }
 
 #[test]
 fn ages_are_the_same_at_another_time_and_other_numbers_are_not() {
-    use servocrab::axis::{AxisConfig, AxisFields, Command, CommandId, Inputs};
-    let at = |later: u64, position: i32, wait: u64| {
+    use servocrab::axis::{AxisConfig, AxisCore, AxisFields, Command, CommandId, Inputs};
+    let at = |later: u64, position: i32, name: u8, wait: u64| {
         let mut core = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
         let mut outputs = [0; 6];
         let now = START + Duration::from_millis(later);
-        core.submit(now, CommandId(1), Command::Enable, &mut outputs);
+        core.submit(now, CommandId(number(name)), Command::Enable, &mut outputs);
         let mut inputs = [0x50, 0x02, 0, 0, 0, 0];
         inputs[2..].copy_from_slice(&position.to_le_bytes());
         for _ in 0..3 {
             core.step(now, Inputs::Fresh(&inputs), &mut outputs);
         }
         while core.poll_event().is_some() {}
-        let mut print = Fingerprint::default();
-        print.of(
-            &core,
-            now + Duration::from_millis(wait),
-            Duration::from_secs(60),
-            &(),
-        )
+        let now = now + Duration::from_millis(wait);
+        of(now, Duration::from_secs(60), &core).value()
     };
-    assert_eq!(at(0, 7, 0), at(123_456, 7, 0));
-    assert_ne!(at(0, 7, 0), at(0, 8, 0));
-    assert_ne!(at(0, 7, 0), at(0, 7, 1));
+    let first = at(0, 7, 1, 0);
+    assert_eq!(first, at(123_456, 7, 1, 0), "at another time");
+    assert_eq!(first, at(0, 7, 3, 0), "with another name");
+    assert_eq!(first, at(0, -7, 1, 0), "mirrored");
+    assert_ne!(first, at(0, 8, 1, 0));
+    assert_ne!(first, at(0, 7, 1, 1));
+}
+
+#[test]
+fn a_mirrored_part_is_another_state() {
+    let at = |a: i32, b: i32| of(START, START, &(a, b)).value();
+    assert_eq!(at(1, 2), at(-1, -2));
+    assert_ne!(at(1, 2), at(-1, 2));
+    assert_ne!(at(1, 2), at(2, 1));
 }

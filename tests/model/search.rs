@@ -1,18 +1,23 @@
 //! Breadth first, until no state is new; then whether each leads to the end.
+//!
+//! A state that waits for its turn is kept as the acts that led to it from one of those before it, which many share.
 
 use core::fmt;
-use std::collections::HashMap;
-use std::sync::Mutex;
+use std::io::Write;
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use crate::fingerprint::Fingerprint;
-use crate::world::{Act, Description, LONGEST, Size, World};
+use crate::world::{ACTS, Act, Description, Size, World};
 
 pub struct Bounds {
     pub seconds: u64,
+    /// What the states themselves may take: some 40 bytes each.
+    pub states: usize,
     pub threads: usize,
+    pub progress: bool,
 }
 
+#[derive(Default)]
 pub struct Found {
     pub states: usize,
     pub steps: u64,
@@ -20,216 +25,374 @@ pub struct Found {
     pub seconds: f64,
     /// States whose next ones were not looked at.
     pub left: usize,
-    /// The longest way from a state to a disabled axis.
+    /// The longest way from a state to a disabled axis, in cycles.
     pub longest_way: u32,
-    pub violation: Option<(String, Vec<(Act, bool)>)>,
+    pub violation: Broken,
+    /// The way to it.
+    pub lines: Vec<String>,
 }
 
-/// How a state was come to, and where the way to the end leads from it.
-#[derive(Clone, Copy)]
-struct State {
-    before: u32,
-    act: Act,
-    prompt: bool,
-    way: Way,
+/// A broken law, and the way to it from the first state.
+pub type Broken = Option<(String, Vec<Move>)>;
+
+/// A way for a person to read: what was sent in each cycle, what was seen, and what was told.
+fn lived(description: Description, size: Size, way: &[Move]) -> Vec<String> {
+    let mut world = World::new(description, size);
+    world.told = Some(Vec::new());
+    let line = |by: &Move| {
+        let done = world.step(by.act(), by.is_prompt());
+        let told = world.told.replace(Vec::new()).unwrap_or_default();
+        format!("{by}: {world}{told:?} {}", done.err().unwrap_or_default())
+    };
+    way.iter().map(line).collect()
 }
 
+/// One cycle: the number of its act, and whether the drive does what it can at once.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Way {
-    Unknown,
-    AtTheEnd,
-    On(u32),
+pub struct Move(u8);
+
+impl Move {
+    const LAZY: u8 = 0x80;
+
+    const fn new(act: u8, prompt: bool) -> Self {
+        Self(if prompt { act } else { act | Self::LAZY })
+    }
+
+    const fn act(self) -> u8 {
+        self.0 & !Self::LAZY
+    }
+
+    const fn is_prompt(self) -> bool {
+        self.0 & Self::LAZY == 0
+    }
 }
 
+impl fmt::Display for Move {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let act: Act = ACTS[usize::from(self.act())];
+        write!(
+            f,
+            "{act:?}{}",
+            if self.is_prompt() { "" } else { ", lazily" }
+        )
+    }
+}
+
+const NONE: u32 = u32::MAX;
+
+/// Where the way to the end leads from a state that was looked at; else it was not.
+const AT_THE_END: u32 = u32::MAX - 1;
+
+/// All states that were come to: their fingerprints, from where and by what, and the next on the way to the end.
 #[derive(Default)]
 struct Seen {
-    numbers: HashMap<u128, u32>,
-    states: Vec<State>,
+    prints: Vec<u128>,
+    before: Vec<u32>,
+    moves: Vec<Move>,
+    ways: Vec<u32>,
+    /// Numbers of states by fingerprint, in a table whose length is a power of two.
+    table: Vec<u32>,
 }
 
 impl Seen {
     /// The number of a state, and whether it is new.
-    fn number(&mut self, print: u128, before: u32, act: Act, prompt: bool) -> (u32, bool) {
-        let next = self.states.len() as u32;
-        let number = *self.numbers.entry(print).or_insert(next);
-        if number == next {
-            self.states.push(State {
-                before,
-                act,
-                prompt,
-                way: Way::Unknown,
-            });
+    fn number(&mut self, print: u128, before: u32, by: Move) -> (u32, bool) {
+        if self.table.len() < self.prints.len() * 2 + 64 {
+            self.grow();
         }
-        (number, number == next)
+        let place = self.place(print);
+        let number = self.table[place];
+        if number != NONE {
+            return (number, false);
+        }
+        let number = self.prints.len() as u32;
+        self.table[place] = number;
+        self.prints.push(print);
+        self.before.push(before);
+        self.moves.push(by);
+        self.ways.push(NONE);
+        (number, true)
     }
 
-    fn way_to(&self, mut number: u32) -> Vec<(Act, bool)> {
+    fn place(&self, print: u128) -> usize {
+        let mask = self.table.len() - 1;
+        let mut place = print as usize & mask;
+        while self.table[place] != NONE && self.prints[self.table[place] as usize] != print {
+            place = (place + 1) & mask;
+        }
+        place
+    }
+
+    fn grow(&mut self) {
+        let length = (self.table.len() * 2).max(1 << 16);
+        self.table.clear();
+        self.table.resize(length, NONE);
+        for number in 0..self.prints.len() {
+            let place = self.place(self.prints[number]);
+            self.table[place] = number as u32;
+        }
+    }
+
+    fn way_to(&self, mut number: u32) -> Vec<Move> {
         let mut way = Vec::new();
-        while let Some(state) = self
-            .states
-            .get(number as usize)
-            .filter(|state| state.before != u32::MAX)
-        {
-            way.push((state.act, state.prompt));
-            number = state.before;
+        while self.before[number as usize] != NONE {
+            way.push(self.moves[number as usize]);
+            number = self.before[number as usize];
         }
         way.reverse();
         way
     }
+
+    /// How long the longest way to the end is, or a state from which none leads there. Those that were not looked at are passed over.
+    fn longest_way(&self) -> Result<u32, u32> {
+        const UNDER_WAY: u32 = NONE - 1;
+        let mut lengths = vec![NONE; self.ways.len()];
+        let mut longest = 0;
+        let mut path = Vec::new();
+        for start in 0..self.ways.len() {
+            let mut at = start;
+            path.clear();
+            let mut length = loop {
+                match (lengths[at], self.ways[at]) {
+                    // In a circle.
+                    (UNDER_WAY, _) => return Err(start as u32),
+                    (NONE, NONE | AT_THE_END) => {
+                        lengths[at] = 0;
+                        break 0;
+                    }
+                    (NONE, next) => {
+                        lengths[at] = UNDER_WAY;
+                        path.push(at);
+                        at = next as usize;
+                    }
+                    (length, _) => break length,
+                }
+            };
+            for &place in path.iter().rev() {
+                length += 1;
+                lengths[place] = length;
+            }
+            longest = longest.max(length);
+        }
+        Ok(longest)
+    }
 }
 
-type Broken = Option<(String, Vec<(Act, bool)>)>;
+/// So many cycles are lived again at most before a state is looked at.
+const AGAIN: usize = 7;
+
+/// A state that waits for its turn: from a world that others share, by these moves.
+struct Waiting {
+    from: Arc<World>,
+    moves: [Move; AGAIN],
+    count: u8,
+    number: u32,
+}
+
+impl Waiting {
+    fn world(&self) -> World {
+        let mut world = World::clone(&self.from);
+        for by in &self.moves[..usize::from(self.count)] {
+            let done = world.step(by.act(), by.is_prompt());
+            debug_assert!(done.is_ok(), "it was lived before");
+        }
+        world
+    }
+}
+
+/// What one thread does with its part of a level.
+struct Work<'a> {
+    seen: &'a Mutex<Seen>,
+    came: Vec<Waiting>,
+    steps: u64,
+    acts: Vec<u8>,
+    next: Vec<(u128, Move)>,
+}
 
 pub fn search(description: Description, size: Size, bounds: &Bounds) -> Found {
     let begin = Instant::now();
-    let is_late = || begin.elapsed().as_secs() >= bounds.seconds;
     let seen = Mutex::new(Seen::default());
-    let first = World::new(description, size);
-    let print = Fingerprint::default().of(&first.core, first.now, LONGEST, &first.around);
-    let root = seen
-        .lock()
-        .expect("no panic")
-        .number(print, u32::MAX, Act::Nothing, true)
-        .0;
-    let mut level = vec![(first, root)];
-    let mut found = Found {
-        states: 1,
-        steps: 0,
-        depth: 0,
-        seconds: 0.0,
-        left: 0,
-        longest_way: 0,
-        violation: None,
+    let is_over = || {
+        let late = begin.elapsed().as_secs() >= bounds.seconds;
+        late || lock(&seen).prints.len() >= bounds.states
     };
-    while !level.is_empty() && found.violation.is_none() && !is_late() {
-        let (came, stopped, count) = (
-            Mutex::new(Vec::new()),
-            Mutex::new(Broken::None),
-            Mutex::new((0_u64, 0_usize)),
-        );
+    let first = World::new(description, size);
+    let print = first.around.print_after(&first.print_of_core());
+    let (number, _) = lock(&seen).number(print, NONE, Move(0));
+    let mut level = vec![Waiting {
+        from: Arc::new(first),
+        moves: [Move(0); AGAIN],
+        count: 0,
+        number,
+    }];
+    let mut found = Found::default();
+    while !level.is_empty() && found.violation.is_none() && !is_over() {
         let part = level.len().div_ceil(bounds.threads.max(1));
-        std::thread::scope(|scope| {
-            for worlds in level.chunks(part) {
-                let (seen, came, stopped, count, is_late) =
-                    (&seen, &came, &stopped, &count, &is_late);
-                scope.spawn(move || {
-                    let (mut steps, mut looked_at) = (0, 0);
-                    let mut mine = Vec::new();
-                    for (world, number) in worlds {
-                        if is_late() {
-                            break;
-                        }
-                        match expand(world, *number, seen, &mut mine) {
-                            Ok(more) => steps += more,
-                            Err(broken) => {
-                                stopped.lock().expect("no panic").get_or_insert(broken);
-                                break;
+        let parts = std::thread::scope(|scope| {
+            let work: Vec<_> = level
+                .chunks(part)
+                .map(|states| {
+                    let (seen, is_over) = (&seen, &is_over);
+                    scope.spawn(move || {
+                        let mut work = Work {
+                            seen,
+                            came: Vec::new(),
+                            steps: 0,
+                            acts: Vec::new(),
+                            next: Vec::new(),
+                        };
+                        for (done, state) in states.iter().enumerate() {
+                            if done % 1024 == 1023 && is_over() {
+                                return (work.came, work.steps, states.len() - done, None);
+                            }
+                            if let Err(broken) = work.expand(state) {
+                                return (work.came, work.steps, 0, Some(broken));
                             }
                         }
-                        looked_at += 1;
-                    }
-                    let mut count = count.lock().expect("no panic");
-                    count.0 += steps;
-                    count.1 += looked_at;
-                    came.lock().expect("no panic").append(&mut mine);
-                });
-            }
+                        (work.came, work.steps, 0, None)
+                    })
+                })
+                .collect();
+            let done = work.into_iter().map(|work| work.join().expect("no panic"));
+            done.collect::<Vec<_>>()
         });
-        let (steps, looked_at) = count.into_inner().expect("no panic");
-        found.steps += steps;
-        found.left = level.len() - looked_at;
+        level.clear();
+        for (mut came, steps, left, broken) in parts {
+            level.append(&mut came);
+            found.steps += steps;
+            found.left += left;
+            found.violation = found.violation.take().or(broken);
+        }
         found.depth += 1;
-        found.violation = stopped.into_inner().expect("no panic");
-        level = came.into_inner().expect("no panic");
+        if bounds.progress {
+            eprint!(
+                "\r{} states, {} of them wait, depth {}, {:.0} s   ",
+                lock(&seen).prints.len(),
+                level.len(),
+                found.depth,
+                begin.elapsed().as_secs_f64()
+            );
+            let _ = std::io::stderr().flush();
+        }
+    }
+    if bounds.progress {
+        eprintln!();
     }
     found.left += level.len();
     let seen = seen.into_inner().expect("no panic");
-    found.states = seen.states.len();
+    found.states = seen.prints.len();
     if found.violation.is_none() {
-        match ways(&seen) {
+        match seen.longest_way() {
             Ok(longest) => found.longest_way = longest,
             Err(number) => {
-                found.violation = Some((
-                    "a sound drive does not lead from here to a disabled axis".into(),
-                    seen.way_to(number),
-                ));
+                let what =
+                    "a sound drive and a good cable do not lead from here to a disabled axis";
+                found.violation = Some((what.into(), seen.way_to(number)));
             }
         }
+        // At the fixpoint each state has been looked at.
+        assert!(found.left > 0 || !seen.ways.contains(&NONE));
+    }
+    if let Some((_, way)) = &found.violation {
+        found.lines = lived(description, size, way);
     }
     found.seconds = begin.elapsed().as_secs_f64();
     found
 }
 
-/// Everything that may happen next.
-fn expand(
-    world: &World,
-    number: u32,
-    seen: &Mutex<Seen>,
-    came: &mut Vec<(World, u32)>,
-) -> Result<u64, (String, Vec<(Act, bool)>)> {
-    let (mut acts, mut print) = (Vec::new(), Fingerprint::default());
-    world.acts(&mut acts);
-    let end = world.way_to_the_end();
-    let mut way = if world.is_at_the_end() {
-        Way::AtTheEnd
-    } else {
-        Way::Unknown
-    };
-    if !acts.contains(&end) {
-        acts.push(end);
-    }
-    for &act in &acts {
-        for prompt in [true, false] {
-            let mut after = world.clone();
-            let result = after.step(act, prompt);
-            let state = print.of(&after.core, after.now, LONGEST, &after.around);
-            let mut seen = seen.lock().expect("no panic");
-            if let Err(what) = result {
-                let mut way = seen.way_to(number);
-                way.push((act, prompt));
-                return Err((what, way));
-            }
-            let (next, new) = seen.number(state, number, act, prompt);
-            if act == end && prompt && way == Way::Unknown {
-                way = Way::On(next);
-            }
-            drop(seen);
-            if new {
-                came.push((after, next));
-            }
-        }
-    }
-    seen.lock().expect("no panic").states[number as usize].way = way;
-    Ok(2 * acts.len() as u64)
+fn lock(seen: &Mutex<Seen>) -> std::sync::MutexGuard<'_, Seen> {
+    seen.lock().expect("no panic in here")
 }
 
-/// How long the longest way to the end is, or a state from which there is none. Those that were not looked at are passed over.
-fn ways(seen: &Seen) -> Result<u32, u32> {
-    const OPEN: u32 = u32::MAX;
-    let mut lengths = vec![OPEN; seen.states.len()];
-    let mut longest = 0;
-    for start in 0..seen.states.len() {
-        let (mut at, mut path) = (start, Vec::new());
-        let length = loop {
-            if lengths[at] != OPEN {
-                break lengths[at];
+impl Work<'_> {
+    /// Everything that may happen next.
+    fn expand(&mut self, state: &Waiting) -> Result<(), (String, Vec<Move>)> {
+        let world = state.world();
+        let end = world.way_to_the_end();
+        world.acts(&mut self.acts);
+        if !self.acts.contains(&end) {
+            self.acts.push(end);
+        }
+        self.next.clear();
+        let mut broken = None;
+        for &act in &self.acts {
+            let mut after = world.clone();
+            self.steps += 1;
+            let seen = match after.exchange(act) {
+                Ok(seen) => seen,
+                Err(what) => {
+                    broken = Some((what, Move::new(act, true)));
+                    break;
+                }
+            };
+            let core = after.print_of_core();
+            let mut lazy = after.around.clone();
+            let results = [
+                after.drive(&seen, true),
+                after.drive_lazily(&mut lazy, &seen),
+            ];
+            let same = after.around == lazy;
+            for (result, prompt) in results.into_iter().zip([true, false]) {
+                let by = Move::new(act, prompt);
+                if let Err(what) = result {
+                    broken = Some((what, by));
+                }
+                if prompt {
+                    self.next.push((after.around.print_after(&core), by));
+                } else if !same {
+                    self.next.push((lazy.print_after(&core), by));
+                }
             }
-            path.push(at);
-            match seen.states[at].way {
-                Way::Unknown | Way::AtTheEnd => break 0,
-                Way::On(_) if path.len() > 500 => return Err(start as u32),
-                Way::On(next) => at = next as usize,
-            }
-        };
-        for (more, place) in path.iter().rev().enumerate() {
-            if lengths[*place] == OPEN {
-                let ends = matches!(seen.states[*place].way, Way::Unknown | Way::AtTheEnd);
-                lengths[*place] = if ends { 0 } else { length + more as u32 + 1 };
-                longest = longest.max(lengths[*place]);
+            if broken.is_some() {
+                break;
             }
         }
+        let mut seen = lock(self.seen);
+        if let Some((what, by)) = broken {
+            let mut way = seen.way_to(state.number);
+            way.push(by);
+            return Err((what, way));
+        }
+        let mut from = None;
+        let mut way = NONE;
+        for &(print, by) in &self.next {
+            let (number, new) = seen.number(print, state.number, by);
+            if by == Move::new(end, true) {
+                way = number;
+            }
+            if new {
+                self.came.push(state.next(by, number, &world, &mut from));
+            }
+        }
+        seen.ways[state.number as usize] = if world.is_at_the_end() {
+            AT_THE_END
+        } else {
+            way
+        };
+        Ok(())
     }
-    Ok(longest)
+}
+
+impl Waiting {
+    /// The next state by this move. `here`: the world of this one, for those that would be too far from theirs.
+    fn next(&self, by: Move, number: u32, here: &World, shared: &mut Option<Arc<World>>) -> Self {
+        let count = usize::from(self.count);
+        let mut moves = self.moves;
+        let (from, count) = if count < AGAIN {
+            moves[count] = by;
+            (Arc::clone(&self.from), count + 1)
+        } else {
+            moves[0] = by;
+            let from = shared.get_or_insert_with(|| Arc::new(here.clone()));
+            (Arc::clone(from), 1)
+        };
+        Self {
+            from,
+            moves,
+            count: count as u8,
+            number,
+        }
+    }
 }
 
 impl fmt::Display for Found {
@@ -245,13 +408,11 @@ impl fmt::Display for Found {
                 ": the fixpoint; from each state at most {} cycles to a disabled axis",
                 self.longest_way
             ),
-            None => write!(f, ": out of time, {} states are left", self.left),
-            Some((what, way)) => {
+            None => write!(f, ": not the fixpoint, {} states are left", self.left),
+            Some((what, _)) => {
                 write!(f, "\n  {what}")?;
-                for (act, prompt) in way {
-                    write!(f, "\n    {act:?}{}", if *prompt { "" } else { ", lazily" })?;
-                }
-                Ok(())
+                let mut lines = self.lines.iter();
+                lines.try_for_each(|line| write!(f, "\n    {line}"))
             }
         }
     }

@@ -1,27 +1,32 @@
 //! The small world: five positions, a drive after CiA 402 that does what it must now or a cycle later, and what may go wrong.
 
+use core::fmt;
+use core::hash::{Hash, Hasher};
 use core::time::Duration;
 
 use servocrab::axis::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Event, Inputs, Loss,
-    Referencing,
+    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Deadlines, Delivery, Event,
+    Failure, Inputs, Loss, Referencing,
 };
-use servocrab::ds402::QuickStopOption;
+use servocrab::ds402::{Controlword, QuickStopOption};
 use servocrab::profile_position::{
-    BufferSignal, MoveCommand, Parameters, Reference, SetPoint, Start, Traits,
+    BufferSignal, MoveCommand, Parameters, Reference, SetPoint, Start, StartBits, Traits,
 };
 
-use crate::fingerprint::START;
+use crate::fingerprint::{self, Fingerprint, MOST, START};
 
 /// One cycle.
 pub const CYCLE: Duration = Duration::from_millis(50);
-/// Longer than the longest deadline: older instants mean the same.
-pub const LONGEST: Duration = Duration::from_millis(250);
+/// The settle time, and the deadlines: of a standstill, which five samples have to show, and of a beginning; of all else.
+const SETTLE: u32 = 2;
+const STANDSTILL: u32 = 6;
+const DEADLINE: u32 = 4;
+/// The longest of them: older instants mean the same.
+pub const LONGEST: Duration = Duration::from_millis(300);
 /// Counts from one position to the next; the window is 10.
 const STEP: i32 = 100;
-const POSITIONS: i8 = 5;
-/// Names of moves: their profile velocity is 100 and this.
-const NAMES: u8 = 4;
+/// Positions on each side of 0.
+const SIDE: i8 = 2;
 /// Deviations under way at most, and for how many cycles each is.
 const DEVIATIONS: usize = 2;
 const RECOVERY: u8 = 3;
@@ -35,16 +40,31 @@ pub struct Size {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ack {
+    /// Bit 12 stays high while the buffer is full.
     Buffer,
+    /// Bit 12 follows bit 4.
     Handshake,
+}
+
+/// What bits 5 and 9 do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Starts {
+    /// As in CiA 402.
+    Standard,
+    /// Bit 5 passes into the next one, and nothing replaces: as the AX2000.
+    Never,
 }
 
 /// A drive, and what the core is told of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Description {
     pub ack: Ack,
+    /// Whether the core is told what bit 12 shows.
     pub described: bool,
+    pub starts: Starts,
     pub halt_keeps: bool,
+    /// 605Dh = 0: bit 8 takes the axis' power, and is never to be sent.
+    pub halt_coasts: bool,
     pub quick_stop: u8,
 }
 
@@ -63,17 +83,23 @@ enum Power {
 struct Held {
     name: u8,
     goal: i8,
-    blend: bool,
 }
 
-/// What is known of a command that is under way, or whose set-point the drive holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+impl Hash for Held {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (fingerprint::number(self.name), i32::from(self.goal)).hash(state);
+    }
+}
+
+/// What a command is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum Kind {
     Move,
     Stop,
     Other,
 }
 
+/// What is known of a command that is under way, or whose set-point the drive holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Asked {
     kind: Kind,
@@ -83,6 +109,20 @@ struct Asked {
     ended: bool,
     accepted: bool,
     pending: bool,
+}
+
+impl Hash for Asked {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        (self.kind, i32::from(self.goal)).hash(state);
+        (
+            self.sent,
+            self.taken,
+            self.ended,
+            self.accepted,
+            self.pending,
+        )
+            .hash(state);
+    }
 }
 
 /// Everything but the core.
@@ -96,15 +136,12 @@ pub struct Around {
     before: u16,
     active: Option<Held>,
     pending: Option<Held>,
-    /// By number, from 1.
-    asked: [Option<Asked>; NAMES as usize],
+    /// By name, from 1.
+    asked: [Option<Asked>; MOST],
     /// For how many more cycles each deviation is under way.
     deviations: [u8; DEVIATIONS],
     /// Cycles since the words drive no more, at most the longest deadline.
     stopping: u8,
-    resumed: bool,
-    outputs: [u8; OUTPUTS],
-    sent: u16,
 }
 
 const OUTPUTS: usize = 11;
@@ -116,11 +153,17 @@ pub struct World {
     pub core: AxisCore,
     pub around: Around,
     pub now: Duration,
+    pub outputs: [u8; OUTPUTS],
+    sent: u16,
     description: Description,
     size: Size,
+    /// Whether the core lets go of what makes no difference.
+    pub forgets: bool,
+    /// What the core has told, where somebody wants to know.
+    pub told: Option<Vec<(CommandId, Event)>>,
 }
 
-/// What may happen in one cycle.
+/// What happens in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Act {
     Nothing,
@@ -141,7 +184,7 @@ pub enum Act {
     AnsweredUndelivered,
     /// The drive has a fault, with a reaction.
     Fault,
-    /// Fault reaction active, then Operation enabled.
+    /// Fault reaction active, then Operation enabled without any set-point.
     ReactionLeft,
     /// The drive falls to Switched on by itself.
     Falls,
@@ -158,21 +201,70 @@ pub enum Ask {
     Reset,
 }
 
-pub const ASKS: [Ask; 7] = [
-    Ask::Enable,
-    Ask::Disable,
-    Ask::Halt,
-    Ask::Resume,
-    Ask::Stop,
-    Ask::QuickStop,
-    Ask::Reset,
+/// All acts: what the program may do, then what may go wrong. A state names its act by the number in here.
+pub const ACTS: [Act; 35] = [
+    Act::Nothing,
+    Act::Ask(Ask::Enable),
+    Act::Ask(Ask::Disable),
+    Act::Ask(Ask::Halt),
+    Act::Ask(Ask::Resume),
+    Act::Ask(Ask::Stop),
+    Act::Ask(Ask::QuickStop),
+    Act::Ask(Ask::Reset),
+    towards(-SIDE, Start::Immediately),
+    towards(-SIDE, Start::AfterCurrent),
+    towards(-SIDE, Start::Blend),
+    towards(SIDE, Start::Immediately),
+    towards(SIDE, Start::AfterCurrent),
+    towards(SIDE, Start::Blend),
+    Act::Withdraw(1),
+    Act::Withdraw(2),
+    Act::Withdraw(3),
+    Act::Withdraw(4),
+    Act::Withdraw(5),
+    Act::Withdraw(6),
+    Act::Wrong(0x40),
+    Act::Wrong(0x21),
+    Act::Wrong(0x23),
+    Act::Wrong(0x27),
+    Act::Wrong(0x07),
+    Act::Wrong(0x0F),
+    Act::Wrong(0x08),
+    Act::NoMode,
+    Act::Stale,
+    Act::ReplyLost,
+    Act::Answered,
+    Act::AnsweredUndelivered,
+    Act::Fault,
+    Act::ReactionLeft,
+    Act::Falls,
 ];
+const FIRST_DEVIATION: usize = 20;
+
+const fn towards(goal: i8, start: Start) -> Act {
+    Act::Move { goal, start }
+}
+
+/// What the drive sees of a cycle, and what is known of the core after it.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    word: u16,
+    sent: u16,
+    target: i32,
+    velocity: u32,
+    /// In the outputs now.
+    next: u16,
+    next_velocity: u32,
+    has_set_point: bool,
+    falls: bool,
+}
 
 /// A law that did not hold.
 pub type Broken = Result<(), String>;
 
 impl World {
     pub fn new(description: Description, size: Size) -> Self {
+        assert!(size.deviations <= DEVIATIONS && size.commands + 3 <= MOST);
         let mut fields = AxisFields::at(0, 0);
         fields.controlword = 0;
         fields.target = 2;
@@ -193,18 +285,29 @@ impl World {
             drive_cycle: CYCLE / 2,
             ..Traits::cia402()
         };
+        if description.starts == Starts::Never {
+            config.traits.immediately = StartBits::Unsupported("nothing replaces");
+            config.traits.after_current = StartBits::Sequenced;
+            config.traits.blend = StartBits::Bits(Controlword::CHANGE_IMMEDIATELY);
+        }
+        if description.halt_coasts {
+            config.stop_options.halt = Some(0);
+        }
         config.quick_stop = QuickStopOption(description.quick_stop.into());
         config.defaults = Parameters {
             velocity: Some(100),
             ..Parameters::default()
         };
-        config.tolerances.settle = 2 * CYCLE;
-        config.deadlines.enable = 4 * CYCLE;
-        config.deadlines.disable = 4 * CYCLE;
-        config.deadlines.acknowledge = 4 * CYCLE;
-        config.deadlines.standstill = 4 * CYCLE;
-        config.deadlines.mode = 4 * CYCLE;
-        config.deadlines.fault_reset = 4 * CYCLE;
+        config.tolerances.settle = SETTLE * CYCLE;
+        config.deadlines = Deadlines {
+            enable: STANDSTILL * CYCLE,
+            disable: DEADLINE * CYCLE,
+            acknowledge: DEADLINE * CYCLE,
+            begin: STANDSTILL * CYCLE,
+            standstill: STANDSTILL * CYCLE,
+            mode: DEADLINE * CYCLE,
+            fault_reset: DEADLINE * CYCLE,
+        };
         config.loss = Loss {
             stale_cycles: 2,
             undelivered_cycles: 3,
@@ -212,85 +315,87 @@ impl World {
         Self {
             core: AxisCore::new(config),
             now: START,
+            outputs: [0; OUTPUTS],
+            sent: 0,
             description,
             size,
+            forgets: true,
+            told: None,
             around: Around {
                 power: Power::Disabled,
-                position: 2,
+                position: 0,
                 moved: false,
                 ack: false,
                 reached: true,
                 before: 0,
                 active: None,
                 pending: None,
-                asked: [None; NAMES as usize],
+                asked: [None; MOST],
                 deviations: [0; DEVIATIONS],
                 stopping: 0,
-                resumed: false,
-                outputs: [0; OUTPUTS],
-                sent: 0,
             },
         }
     }
 
-    fn word(&self) -> u16 {
-        u16::from_le_bytes([self.around.outputs[0], self.around.outputs[1]])
+    /// What tells this state from others, with these surroundings: names are numbered by the core.
+    pub fn print_of_core(&self) -> Fingerprint {
+        fingerprint::of(self.now, LONGEST, &self.core)
     }
 
-    /// Everything that may happen now.
-    pub fn acts(&self, acts: &mut Vec<Act>) {
-        acts.clear();
-        acts.push(Act::Nothing);
+    fn word(&self) -> u16 {
+        u16::from_le_bytes([self.outputs[0], self.outputs[1]])
+    }
+
+    /// The profile velocity in the outputs, by which a set-point has its name.
+    fn velocity(&self) -> u32 {
+        let [.., a, b, c, d] = self.outputs;
+        u32::from_le_bytes([a, b, c, d])
+    }
+
+    fn target(&self) -> i32 {
+        let [_, _, a, b, c, d, ..] = self.outputs;
+        i32::from_le_bytes([a, b, c, d])
+    }
+
+    /// Everything that may happen now, by number.
+    pub fn acts(&self, acts: &mut Vec<u8>) {
         let around = &self.around;
-        let under_way = around
-            .asked
-            .iter()
-            .flatten()
-            .filter(|asked| asked.pending)
-            .count();
-        if under_way < self.size.commands && self.free().is_some() {
-            acts.extend(ASKS.map(Act::Ask));
-            if self.core.snapshot().controlword.bits() & 0x0F == 0x0F {
-                for goal in [0, 4] {
-                    for start in [Start::Immediately, Start::AfterCurrent, Start::Blend] {
-                        acts.push(Act::Move { goal, start });
-                    }
-                }
-            }
-        }
-        for (name, asked) in (1..).zip(&around.asked) {
-            if asked
-                .is_some_and(|asked| asked.pending && asked.kind == Kind::Move && !asked.accepted)
-            {
-                acts.push(Act::Withdraw(name));
-            }
-        }
-        if around.deviations.iter().filter(|left| **left > 0).count() < self.size.deviations {
-            for wrong in [0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08] {
-                if wrong != around.power.bits() {
-                    acts.push(Act::Wrong(wrong));
-                }
-            }
-            acts.extend([
-                Act::NoMode,
-                Act::Stale,
-                Act::ReplyLost,
-                Act::Answered,
-                Act::AnsweredUndelivered,
-            ]);
-            if matches!(around.power, Power::Enabled | Power::QuickStop) {
-                acts.extend([Act::Fault, Act::ReactionLeft]);
-            }
-            if around.power == Power::Enabled {
-                acts.push(Act::Falls);
-            }
-        }
+        let under_way = around.asked.iter().flatten();
+        let under_way = under_way.filter(|asked| asked.pending).count();
+        let asks = under_way < self.size.commands && self.free().is_some();
+        let moves = asks && self.core.snapshot().controlword.bits() & 0x0F == 0x0F;
+        let under_way = around.deviations.iter().filter(|left| **left > 0).count();
+        let deviates = under_way < self.size.deviations;
+        let powered = matches!(around.power, Power::Enabled | Power::QuickStop);
+        let standard = self.description.starts == Starts::Standard;
+        let may = |act: &Act| match *act {
+            Act::Nothing => true,
+            Act::Ask(_) => asks,
+            Act::Move { start, .. } => moves && (standard || start != Start::Immediately),
+            Act::Withdraw(name) => around.asked[usize::from(name) - 1]
+                .is_some_and(|asked| asked.pending && asked.kind == Kind::Move && !asked.accepted),
+            Act::Wrong(bits) => deviates && bits != around.power.bits(),
+            Act::NoMode
+            | Act::Stale
+            | Act::ReplyLost
+            | Act::Answered
+            | Act::AnsweredUndelivered => deviates,
+            Act::Fault => deviates && powered,
+            Act::ReactionLeft | Act::Falls => deviates && around.power == Power::Enabled,
+        };
+        acts.clear();
+        acts.extend(
+            (0..)
+                .zip(&ACTS)
+                .filter(|(_, act)| may(act))
+                .map(|(number, _)| number),
+        );
     }
 
     /// A name that nothing uses.
     fn free(&self) -> Option<u8> {
         let around = &self.around;
-        (1..=NAMES).find(|name| {
+        (1..=MOST as u8).find(|name| {
             let held = [around.active, around.pending];
             around.asked[usize::from(*name) - 1].is_none()
                 && held.iter().flatten().all(|held| held.name != *name)
@@ -298,27 +403,48 @@ impl World {
     }
 
     /// One cycle. `prompt`: the drive does what it can now.
-    pub fn step(&mut self, act: Act, prompt: bool) -> Broken {
+    pub fn step(&mut self, act: u8, prompt: bool) -> Broken {
+        let seen = self.exchange(act)?;
+        self.drive(&seen, prompt)
+    }
+
+    /// What the drive does in it, later, in place of at once.
+    pub fn drive_lazily(&self, around: &mut Around, seen: &Seen) -> Broken {
+        around.end(&self.description, seen, false)
+    }
+
+    /// What the drive does in it.
+    pub fn drive(&mut self, seen: &Seen, prompt: bool) -> Broken {
+        self.around.end(&self.description, seen, prompt)
+    }
+
+    /// A cycle as far as the drive has not done anything in it.
+    pub fn exchange(&mut self, act: u8) -> Result<Seen, String> {
         self.now += CYCLE;
         let mut link = (true, true, true);
         let mut shown = None;
         let mut mode = 1;
-        if !matches!(
-            act,
-            Act::Nothing | Act::Ask(_) | Act::Move { .. } | Act::Withdraw(_)
-        ) {
-            if let Some(place) = self.around.deviations.iter_mut().find(|left| **left == 0) {
+        if usize::from(act) >= FIRST_DEVIATION {
+            let deviations = &mut self.around.deviations;
+            if let Some(place) = deviations.iter_mut().find(|left| **left == 0) {
                 *place = RECOVERY;
             }
-            self.around.deviations.sort_unstable();
+            deviations.sort_unstable();
         }
+        // Steps are computed as a whole: what may be left out of them is shown to be the same elsewhere.
+        self.core.set_manufacturer_bits(Controlword::empty());
+        let mut resumed = false;
+        let act = ACTS[usize::from(act)];
         match act {
             Act::Nothing => {}
-            Act::Ask(ask) => self.ask(ask)?,
+            Act::Ask(ask) => {
+                resumed = ask == Ask::Resume;
+                self.ask(ask)?;
+            }
             Act::Move { goal, start } => self.ask_move(goal, start)?,
             Act::Withdraw(name) => {
-                self.core
-                    .withdraw(CommandId(name.into()), &mut self.around.outputs);
+                let id = CommandId(fingerprint::number(name));
+                self.core.withdraw(id, &mut self.outputs);
                 self.drain()?;
             }
             Act::Wrong(bits) => shown = Some(bits),
@@ -328,29 +454,22 @@ impl World {
             Act::Answered => link = (true, false, true),
             Act::AnsweredUndelivered => link = (false, false, true),
             Act::Fault => {
-                self.drop_all();
+                self.around.drop_all();
                 self.around.power = Power::Reaction;
             }
             Act::ReactionLeft => {
-                // Shown once; it goes on as if nothing had been.
+                self.around.drop_all();
                 shown = Some(0x0F);
             }
             Act::Falls => {
-                self.drop_all();
+                self.around.drop_all();
                 self.around.power = Power::SwitchedOn;
             }
         }
         let image = self.image(shown, mode);
-        self.judge_word()?;
-        let word = self.word();
-        self.around.sent = word;
-        let target = i32::from_le_bytes([
-            self.around.outputs[2],
-            self.around.outputs[3],
-            self.around.outputs[4],
-            self.around.outputs[5],
-        ]);
-        let velocity = u16::from_le_bytes([self.around.outputs[7], self.around.outputs[8]]);
+        self.judge_word(resumed)?;
+        let (word, target, velocity) = (self.word(), self.target(), self.velocity());
+        self.sent = word;
         let (delivered, fresh, answered) = link;
         let inputs = if fresh {
             Inputs::Fresh(&image)
@@ -360,30 +479,22 @@ impl World {
             Inputs::Stale
         };
         self.core
-            .step_kept(self.now, inputs, false, &mut self.around.outputs);
+            .step_kept(self.now, inputs, false, &mut self.outputs);
         self.drain()?;
-        // What the drive does with the frame shows in the next.
-        let seen = if delivered { word } else { self.around.before };
-        self.drive(seen, target, velocity, prompt && act != Act::Falls)?;
-        self.around.before = seen;
-        self.forget();
-        for left in &mut self.around.deviations {
-            *left = left.saturating_sub(1);
+        if self.forgets {
+            self.core.let_go(self.now);
         }
-        self.around.deviations.sort_unstable();
-        self.judge_state()
-    }
-
-    /// A set-point that was sent and not taken may be taken as long as its bit 4 goes out, whatever was told of it.
-    fn forget(&mut self) {
-        let rises = self.word() & 0x10 != 0;
-        let velocity = u16::from_le_bytes([self.around.outputs[7], self.around.outputs[8]]);
-        for (name, asked) in (101..).zip(&mut self.around.asked) {
-            let may_come = rises && velocity == name;
-            if asked.is_some_and(|asked| !asked.pending && (asked.taken || !may_come)) {
-                *asked = None;
-            }
-        }
+        Ok(Seen {
+            // What the drive does with the frame shows in the next.
+            word: if delivered { word } else { self.around.before },
+            sent: word,
+            target,
+            velocity,
+            next: self.word(),
+            next_velocity: self.velocity(),
+            has_set_point: self.core.snapshot().has_set_point,
+            falls: act == Act::Falls,
+        })
     }
 
     fn ask(&mut self, ask: Ask) -> Broken {
@@ -399,11 +510,11 @@ impl World {
             Ask::QuickStop => (Command::QuickStop, Kind::Stop),
             Ask::Reset => (Command::ResetFault, Kind::Other),
         };
-        self.around.resumed |= ask == Ask::Resume;
         let snapshot = self.core.snapshot();
-        let stops = kind == Kind::Stop || ask == Ask::Halt;
+        let halts = ask == Ask::Halt && !self.description.halt_coasts;
+        let stops = kind == Kind::Stop || halts;
         let must_stop = stops
-            && self.around.sent & 0x8F == 0x0F
+            && self.sent & 0x8F == 0x0F
             && self.word() & 0x8F == 0x0F
             && snapshot.state == servocrab::ds402::State::OperationEnabled
             && self.around.power == Power::Enabled
@@ -425,7 +536,9 @@ impl World {
         let command = Command::Move(MoveCommand {
             reference: Reference::Absolute,
             target: i32::from(goal) * STEP,
-            set_point: SetPoint::new().velocity(100 + u32::from(name)).start(start),
+            set_point: SetPoint::new()
+                .velocity(fingerprint::number(name))
+                .start(start),
             gated: false,
         });
         self.submit(name, command, Kind::Move, goal)
@@ -443,9 +556,9 @@ impl World {
         });
         self.core.submit(
             self.now,
-            CommandId(name.into()),
+            CommandId(fingerprint::number(name)),
             command,
-            &mut self.around.outputs,
+            &mut self.outputs,
         );
         self.drain()
     }
@@ -466,233 +579,79 @@ impl World {
         image
     }
 
-    fn drop_all(&mut self) {
-        self.around.active = None;
-        self.around.pending = None;
-        self.around.ack = false;
-    }
-
-    fn end(&mut self, held: Held) {
-        if let Some(asked) = &mut self.around.asked[usize::from(held.name) - 1] {
-            asked.ended = true;
-        }
-    }
-
-    /// One of the drive's cycles, with these outputs.
-    fn drive(&mut self, word: u16, target: i32, velocity: u16, prompt: bool) -> Broken {
-        let before = self.around.before;
-        if prompt {
-            self.power(word, before);
-        }
-        let enabled = self.around.power == Power::Enabled;
-        if enabled && word & !before & 0x10 != 0 {
-            self.latch(word, target, velocity)?;
-        } else if word & 0x10 == 0
-            && (self.description.ack == Ack::Handshake || self.around.pending.is_none())
-        {
-            self.around.ack = false;
-        }
-        self.around.moved = false;
-        if enabled && prompt && word & 0x100 == 0 {
-            self.follow();
-        } else if enabled && word & 0x100 != 0 {
-            if !self.description.halt_keeps && prompt {
-                self.drop_all();
-            }
-            self.around.reached = true;
-        } else if !enabled {
-            self.around.reached = true;
-        }
-        Ok(())
-    }
-
-    fn power(&mut self, word: u16, before: u16) {
-        let disable_voltage = word & 0x82 == 0;
-        let quick_stop = word & 0x86 == 0x02;
-        let shutdown = word & 0x87 == 0x06;
-        let switch_on = word & 0x8F == 0x07;
-        let enable = word & 0x8F == 0x0F;
-        let power = self.around.power;
-        self.around.power = match power {
-            Power::Disabled if shutdown => Power::Ready,
-            Power::Ready | Power::SwitchedOn if disable_voltage || quick_stop => Power::Disabled,
-            Power::Ready if switch_on || enable => Power::SwitchedOn,
-            Power::SwitchedOn if shutdown => Power::Ready,
-            Power::SwitchedOn if enable => Power::Enabled,
-            Power::Enabled | Power::QuickStop if disable_voltage => Power::Disabled,
-            Power::Enabled if quick_stop => Power::QuickStop,
-            Power::Enabled if shutdown => Power::Ready,
-            Power::Enabled if switch_on => Power::SwitchedOn,
-            Power::QuickStop if self.description.quick_stop < 5 => Power::Disabled,
-            Power::QuickStop if enable => Power::Enabled,
-            Power::Reaction => Power::Fault,
-            Power::Fault if word & !before & 0x80 != 0 => Power::Disabled,
-            other => other,
-        };
-        if power == Power::Enabled && self.around.power != Power::Enabled {
-            self.drop_all();
-        }
-    }
-
-    fn latch(&mut self, word: u16, target: i32, velocity: u16) -> Broken {
-        let name = velocity.wrapping_sub(100) as u8;
-        let immediate = word & 0x20 != 0;
+    fn judge_word(&mut self, resumed: bool) -> Broken {
+        let (word, before, velocity) = (self.word(), self.sent, self.velocity());
         let around = &mut self.around;
-        if around.pending.is_some() && !immediate {
-            return Err(format!("the set-point of {name} goes into a full buffer"));
-        }
-        let asked = around
-            .asked
-            .get_mut(usize::from(name).wrapping_sub(1))
-            .and_then(Option::as_mut);
-        let Some(asked) = asked
-            .filter(|asked| asked.sent && !asked.taken && i32::from(asked.goal) * STEP == target)
-        else {
-            return Err(format!(
-                "the drive takes a set-point of {name} to {target}, which nobody asked for, or twice"
-            ));
-        };
-        asked.taken = true;
-        let held = Held {
-            name,
-            goal: asked.goal,
-            blend: word & 0x200 != 0 && !immediate,
-        };
-        let full = around.ack;
-        if immediate {
-            around.active = Some(held);
-            around.pending = None;
-        } else if around.active.is_none() {
-            around.active = Some(held);
-        } else {
-            around.pending = Some(held);
-        }
-        if !(full && self.description.ack == Ack::Buffer) {
-            around.ack = true;
-        }
-        around.reached = false;
-        Ok(())
-    }
-
-    /// One position nearer.
-    fn follow(&mut self) {
-        let Some(active) = self.around.active else {
-            self.around.reached = true;
-            return;
-        };
-        let way = (active.goal - self.around.position).signum();
-        if way != 0 {
-            self.around.position += way;
-            self.around.moved = true;
-        }
-        if self.around.position == active.goal {
-            self.end(active);
-            self.around.active = self.around.pending.take();
-            self.around.reached = self.around.active.is_none();
-            let _ = active.blend;
-        }
-        debug_assert!((0..POSITIONS).contains(&self.around.position));
-    }
-
-    fn judge_word(&mut self) -> Broken {
-        let word = self.word();
-        let before = self.around.sent;
         if word & !before & 0x10 != 0 {
-            let velocity = u16::from_le_bytes([self.around.outputs[7], self.around.outputs[8]]);
-            let name = usize::from(velocity.wrapping_sub(101));
-            match self.around.asked.get_mut(name).and_then(Option::as_mut) {
+            let asked = around.asked_of(velocity);
+            match asked {
                 Some(asked) if asked.kind == Kind::Move && !asked.sent => asked.sent = true,
                 _ => return Err(format!("bit 4 rises with the velocity {velocity}")),
             }
         }
+        if word & 0x10F == 0x10F && self.description.halt_coasts {
+            return Err(format!("{word:04X}h is sent, and 605Dh is 0"));
+        }
         if word & 0x8F == 0x0F {
-            self.around.stopping = 0;
-            if before & 0x18F == 0x10F && word & 0x100 == 0 {
-                if !self.around.resumed && self.holds() {
-                    return Err(format!(
-                        "{before:04X}h, then {word:04X}h, and nobody resumed"
-                    ));
-                }
-                self.around.resumed = false;
+            around.stopping = 0;
+            if before & 0x18F == 0x10F && word & 0x100 == 0 && !resumed && around.holds() {
+                return Err(format!(
+                    "{before:04X}h, then {word:04X}h, and nobody resumed"
+                ));
             }
             return Ok(());
         }
-        self.around.stopping = (self.around.stopping + 1).min(6);
+        around.stopping = (around.stopping + 1).min(STANDSTILL as u8 + 1);
         let leads_down = word & 0x82 == 0 || word & 0x87 == 0x06 || word & 0x8F == 0x07;
-        let powered = matches!(self.around.power, Power::Enabled | Power::QuickStop);
-        if leads_down && powered && self.around.moved && self.around.stopping <= 5 {
+        if leads_down && around.is_powered() && around.moved && around.stopping <= STANDSTILL as u8
+        {
             return Err(format!(
                 "{word:04X}h is sent to a moving axis, {} cycles after its stop began",
-                self.around.stopping
+                around.stopping
             ));
-        }
-        Ok(())
-    }
-
-    fn holds(&self) -> bool {
-        self.around.power == Power::Enabled
-            && (self.around.active.is_some() || self.around.pending.is_some())
-    }
-
-    fn judge_state(&self) -> Broken {
-        let drives = self.word() & 0x8F == 0x0F
-            && self.around.sent & 0x8F == 0x0F
-            && self.around.before & 0x8F == 0x0F;
-        let snapshot = self.core.snapshot();
-        if drives && self.holds() && !snapshot.has_set_point {
-            return Err("the drive holds a set-point, and the core knows of none".into());
         }
         Ok(())
     }
 
     fn drain(&mut self) -> Broken {
-        while let Some((CommandId(id), event)) = self.core.poll_event() {
-            let holds = self.holds();
-            let sent = self.around.sent;
-            let place = id as usize - 1;
-            let Some(asked) = self
-                .around
-                .asked
-                .get_mut(place)
-                .and_then(Option::as_mut)
-                .filter(|asked| asked.pending)
-            else {
-                return Err(format!("{id} is reported on after its end: {event:?}"));
+        while let Some((id, event)) = self.core.poll_event() {
+            if let Some(told) = &mut self.told {
+                told.push((id, event));
+            }
+            let holds = self.around.holds();
+            let asked = self.around.asked_of(id.0).filter(|asked| asked.pending);
+            let Some(asked) = asked else {
+                return Err(format!("{id:?} is reported on after its end: {event:?}"));
             };
             match event {
                 Event::Accepted => {
                     asked.accepted = true;
                     if asked.kind == Kind::Move && !asked.taken {
-                        return Err(format!("{id} is accepted, and the drive has not taken it"));
+                        return Err(format!(
+                            "{id:?} is accepted, and the drive has not taken it"
+                        ));
                     }
                 }
                 Event::Halted => {}
                 Event::Done(result) => {
                     asked.pending = false;
-                    let asked = *asked;
-                    if asked.taken || !asked.sent {
-                        self.around.asked[place] = None;
-                    }
-                    match (asked.kind, result) {
-                        (Kind::Move, Ok(_)) if !asked.ended => {
-                            return Err(format!(
-                                "{id} is {result:?}, and the drive has not come to its end"
-                            ));
+                    let was = *asked;
+                    self.around.clear_taken(id.0);
+                    let broken = match (was.kind, result) {
+                        (Kind::Move, Ok(_)) if !was.ended && !self.around.has_no_way(id.0) => {
+                            "the drive has not come to its end"
                         }
                         (Kind::Stop, Ok(Completion::Stopped { .. }))
-                            if holds && sent & 0x0F == 0x0F =>
+                            if holds && self.sent & 0x0F == 0x0F =>
                         {
-                            return Err(format!(
-                                "{id} is {result:?}, and the drive still holds a set-point"
-                            ));
+                            "the drive still holds a set-point"
                         }
-                        (Kind::Move, Err(failure))
-                            if asked.taken && format!("{failure:?}").contains("NotSent") =>
-                        {
-                            return Err(format!("{id} is {failure:?}, and the drive has taken it"));
+                        (Kind::Move, Err(failure)) if was.taken && is_not_sent(failure) => {
+                            "the drive has taken it"
                         }
-                        _ => {}
-                    }
+                        _ => continue,
+                    };
+                    return Err(format!("{id:?} is {result:?}, and {broken}"));
                 }
             }
         }
@@ -702,24 +661,280 @@ impl World {
     /// Whether everything has ended and the axis is disabled.
     pub fn is_at_the_end(&self) -> bool {
         let down = matches!(self.around.power, Power::Disabled | Power::Ready);
-        down && self.is_idle() && self.word() & 0x0F != 0x0F
-    }
-
-    fn is_idle(&self) -> bool {
-        self.around
+        down && self
+            .around
             .asked
             .iter()
             .flatten()
             .all(|asked| !asked.pending)
+            && self.word() & 0x0F != 0x0F
     }
 
     /// What leads there with a sound drive and a good cable.
-    pub fn way_to_the_end(&self) -> Act {
-        match self.around.power {
-            _ if !self.is_idle() => Act::Nothing,
-            Power::Fault => Act::Ask(Ask::Reset),
-            _ => Act::Ask(Ask::Disable),
+    pub fn way_to_the_end(&self) -> u8 {
+        let pending = |kind: fn(Kind) -> bool| {
+            let asked = self.around.asked.iter().flatten();
+            asked
+                .filter(|asked| asked.pending)
+                .any(|asked| kind(asked.kind))
+        };
+        let act = if pending(|kind| kind != Kind::Move) {
+            Act::Nothing
+        } else if pending(|kind| kind == Kind::Move) && !self.core.snapshot().halted {
+            Act::Nothing
+        } else if self.around.power == Power::Fault {
+            Act::Ask(Ask::Reset)
+        } else {
+            // A halted move waits for more to be said.
+            Act::Ask(Ask::Disable)
+        };
+        (0..)
+            .zip(&ACTS)
+            .find(|(_, other)| **other == act)
+            .map_or(0, |(number, _)| number)
+    }
+}
+
+/// Whether it says that no set-point was sent.
+fn is_not_sent(failure: Failure) -> bool {
+    let delivery = match failure {
+        Failure::Timeout { delivery, .. } | Failure::BusLost { delivery, .. } => delivery,
+        Failure::Withdrawn | Failure::NeedsStop => Delivery::NotSent,
+        _ => return false,
+    };
+    delivery == Delivery::NotSent
+}
+
+impl Around {
+    /// With the core's state before them: all that tells this state from others.
+    pub fn print_after(&self, core: &Fingerprint) -> u128 {
+        let mut print = core.clone();
+        let Self {
+            power,
+            position,
+            moved,
+            ack,
+            reached,
+            before,
+            active,
+            pending,
+            asked,
+            deviations,
+            stopping,
+        } = self;
+        (power, i32::from(*position), moved, ack, reached, before).hash(&mut print);
+        (active, pending, deviations, stopping).hash(&mut print);
+        // In the order in which the core and the drive name them; then those that neither does.
+        let (names, named) = print.names();
+        let known = names[..named].iter().copied();
+        let others = (1..=MOST as u8).filter(|name| !names[..named].contains(name));
+        for name in known.chain(others) {
+            asked[usize::from(name) - 1].hash(&mut print);
         }
+        print.value()
+    }
+
+    fn asked_of(&mut self, number: u32) -> Option<&mut Asked> {
+        let name = fingerprint::name(number)?;
+        self.asked[usize::from(name) - 1].as_mut()
+    }
+
+    /// One that has ended is remembered as long as the drive may still take it.
+    fn clear_taken(&mut self, number: u32) {
+        if let Some(name) = fingerprint::name(number) {
+            let asked = &mut self.asked[usize::from(name) - 1];
+            *asked = asked.filter(|asked| !asked.taken && asked.sent);
+        }
+    }
+
+    /// Whether this is the active one, and the axis at its goal: it may be over by that.
+    fn has_no_way(&self, number: u32) -> bool {
+        let here =
+            |held: Held| fingerprint::number(held.name) == number && held.goal == self.position;
+        self.active.is_some_and(here)
+    }
+
+    /// Whether the drive would set the axis in motion by itself.
+    fn holds(&self) -> bool {
+        let away = |held: Held| held.goal != self.position;
+        self.power == Power::Enabled && (self.active.is_some_and(away) || self.pending.is_some())
+    }
+
+    const fn is_powered(&self) -> bool {
+        matches!(self.power, Power::Enabled | Power::QuickStop)
+    }
+
+    /// What the drive does in a cycle.
+    pub fn end(&mut self, description: &Description, seen: &Seen, prompt: bool) -> Broken {
+        self.drive(description, seen, prompt && !seen.falls)?;
+        self.forget(seen);
+        for left in &mut self.deviations {
+            *left = left.saturating_sub(1);
+        }
+        self.deviations.sort_unstable();
+        let drives = [seen.next, seen.sent, seen.word]
+            .iter()
+            .all(|word| word & 0x8F == 0x0F);
+        if drives && self.holds() && !seen.has_set_point {
+            return Err("the drive holds a set-point, and the core knows of none".into());
+        }
+        Ok(())
+    }
+
+    /// Of what makes no difference any more nothing is kept. A set-point that was sent and not taken may be taken as long as its
+    /// bit 4 goes out, whatever was told of it.
+    fn forget(&mut self, seen: &Seen) {
+        let rises = seen.next & 0x10 != 0;
+        for (name, asked) in (1..).zip(&mut self.asked) {
+            let may_come = rises && seen.next_velocity == fingerprint::number(name);
+            *asked = asked.filter(|asked| asked.pending || (!asked.taken && may_come));
+        }
+        // Edges of bits 4 and 7, and whether it drove.
+        self.before = seen.word & 0x9F;
+        if !self.is_powered() {
+            self.stopping = 0;
+        }
+    }
+
+    fn drop_all(&mut self) {
+        self.active = None;
+        self.pending = None;
+        self.ack = false;
+    }
+
+    /// One of the drive's cycles.
+    fn drive(&mut self, description: &Description, seen: &Seen, prompt: bool) -> Broken {
+        let (word, before) = (seen.word, self.before);
+        if prompt {
+            self.lead(description, word, before);
+        }
+        let enabled = self.power == Power::Enabled;
+        if enabled && word & !before & 0x10 != 0 {
+            self.latch(description, seen)?;
+        } else if word & 0x10 == 0 && (description.ack == Ack::Handshake || self.pending.is_none())
+        {
+            self.ack = false;
+        }
+        self.moved = false;
+        if enabled && prompt && word & 0x100 == 0 {
+            self.follow();
+        } else if enabled && word & 0x100 != 0 {
+            if !description.halt_keeps && prompt {
+                self.drop_all();
+            }
+            self.reached = true;
+        } else if !enabled {
+            self.reached = true;
+        }
+        Ok(())
+    }
+
+    fn lead(&mut self, description: &Description, word: u16, before: u16) {
+        let disable_voltage = word & 0x82 == 0;
+        let quick_stop = word & 0x86 == 0x02;
+        let shutdown = word & 0x87 == 0x06;
+        let switch_on = word & 0x8F == 0x07;
+        let enable = word & 0x8F == 0x0F;
+        let power = self.power;
+        self.power = match power {
+            Power::Disabled if shutdown => Power::Ready,
+            Power::Ready | Power::SwitchedOn if disable_voltage || quick_stop => Power::Disabled,
+            Power::Ready if switch_on || enable => Power::SwitchedOn,
+            Power::SwitchedOn if shutdown => Power::Ready,
+            Power::SwitchedOn if enable => Power::Enabled,
+            Power::Enabled | Power::QuickStop if disable_voltage => Power::Disabled,
+            Power::Enabled if quick_stop => Power::QuickStop,
+            Power::Enabled if shutdown => Power::Ready,
+            Power::Enabled if switch_on => Power::SwitchedOn,
+            Power::QuickStop if description.quick_stop < 5 => Power::Disabled,
+            Power::QuickStop if enable => Power::Enabled,
+            Power::Reaction => Power::Fault,
+            Power::Fault if word & !before & 0x80 != 0 => Power::Disabled,
+            other => other,
+        };
+        if power == Power::Enabled && self.power != Power::Enabled {
+            self.drop_all();
+        }
+    }
+
+    fn latch(&mut self, description: &Description, seen: &Seen) -> Broken {
+        let immediate = seen.word & 0x20 != 0 && description.starts == Starts::Standard;
+        // One that had no way to go is over.
+        self.end_active();
+        if self.pending.is_some() && !immediate {
+            return Err("a set-point goes into a full buffer".into());
+        }
+        let (alone, position) = (immediate || self.active.is_none(), self.position);
+        let asked = self.asked_of(seen.velocity);
+        let asked = asked.filter(|asked| {
+            asked.sent && !asked.taken && i32::from(asked.goal) * STEP == seen.target
+        });
+        let (Some(asked), Some(name)) = (asked, fingerprint::name(seen.velocity)) else {
+            return Err(format!(
+                "the drive takes a set-point to {}, which nobody asked for, or twice",
+                seen.target
+            ));
+        };
+        asked.taken = true;
+        asked.ended = alone && asked.goal == position;
+        let held = Held {
+            name,
+            goal: asked.goal,
+        };
+        let full = self.ack;
+        if alone {
+            self.active = Some(held);
+            self.pending = None;
+        } else {
+            self.pending = Some(held);
+        }
+        if !(full && description.ack == Ack::Buffer) {
+            self.ack = true;
+        }
+        self.reached = false;
+        Ok(())
+    }
+
+    /// One position nearer.
+    fn follow(&mut self) {
+        let Some(active) = self.active else {
+            self.reached = true;
+            return;
+        };
+        let way = (active.goal - self.position).signum();
+        self.position += way;
+        self.moved = way != 0;
+        self.end_active();
+        self.reached = self.active.is_none();
+    }
+
+    /// The active one is over at its goal.
+    fn end_active(&mut self) {
+        let position = self.position;
+        if let Some(active) = self.active.filter(|active| active.goal == position) {
+            if let Some(asked) = &mut self.asked[usize::from(active.name) - 1] {
+                asked.ended = true;
+            }
+            self.active = self.pending.take();
+        }
+    }
+}
+
+impl fmt::Display for World {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (around, seen) = (&self.around, self.core.snapshot());
+        write!(
+            f,
+            "sent {:04X}h, shown {:04X}h, the drive {:?} at {}",
+            self.sent,
+            seen.statusword.bits(),
+            around.power,
+            around.position
+        )?;
+        for held in [around.active, around.pending].iter().flatten() {
+            write!(f, ", holds {}", held.goal)?;
+        }
+        write!(f, "; ")
     }
 }
 

@@ -1,0 +1,69 @@
+//! Ways that once broke a law.
+
+use servocrab::profile_position::Start;
+
+use crate::{
+    descriptions,
+    world::{ACTS, Act, Ask, Size, World},
+};
+
+/// Lives through this, where the drive does what it can at once or (`false`) not, in every world.
+fn laws_hold_on(way: &[(Act, bool)]) {
+    let size = Size {
+        commands: 2,
+        deviations: 2,
+    };
+    for description in descriptions() {
+        let mut world = World::new(description, size);
+        for &(act, prompt) in way {
+            let number = ACTS.iter().position(|other| *other == act);
+            let number = number.expect("one of all acts") as u8;
+
+            if let Err(what) = world.step(number, prompt) {
+                panic!("{description:?}: {act:?}: {world}{what}");
+            }
+        }
+    }
+}
+
+const NOTHING: (Act, bool) = (Act::Nothing, true);
+
+const fn ask(ask: Ask) -> (Act, bool) {
+    (Act::Ask(ask), true)
+}
+
+/// Two positions away.
+const MOVE: Act = Act::Move {
+    goal: -2,
+    start: Start::Immediately,
+};
+
+#[test]
+fn a_drive_that_was_told_to_enable_is_not_down_by_what_it_showed_before() {
+    laws_hold_on(&[
+        NOTHING,
+        ask(Ask::Enable),
+        (Act::Wrong(0x21), true),
+        NOTHING,
+        NOTHING,
+        (Act::Wrong(0x21), true),
+        NOTHING,
+        (MOVE, true),
+        (Act::Wrong(0x23), false),
+        (Act::Ask(Ask::Enable), false),
+        NOTHING,
+        NOTHING,
+        NOTHING,
+    ]);
+}
+
+#[test]
+fn a_halt_that_is_over_is_no_proof_of_a_standstill() {
+    let mut way = vec![NOTHING, ask(Ask::Enable)];
+    way.extend([NOTHING; 6]);
+    way.extend([ask(Ask::Halt), NOTHING, NOTHING, ask(Ask::Resume)]);
+    way.push((MOVE, false));
+    way.extend([(Act::Nothing, false); 4]);
+    way.extend([(Act::Wrong(0x40), true), NOTHING, NOTHING, NOTHING]);
+    laws_hold_on(&way);
+}
