@@ -27,6 +27,8 @@ pub struct Found {
     pub left: usize,
     /// The longest way from a state to a disabled axis, in cycles.
     pub longest_way: u32,
+    /// The longest time for which a drive that does nothing keeps a command waiting, in cycles.
+    pub longest_wait: u32,
     pub violation: Broken,
     /// The way to it.
     pub lines: Vec<String>,
@@ -80,16 +82,21 @@ impl fmt::Display for Move {
 
 const NONE: u32 = u32::MAX;
 
+/// The first of all acts is that nobody does anything.
+const NOTHING: u8 = 0;
+
 /// Where the way to the end leads from a state that was looked at; else it was not.
 const AT_THE_END: u32 = u32::MAX - 1;
 
-/// All states that were come to: their fingerprints, from where and by what, and the next on the way to the end.
+/// All states that were come to: their fingerprints, from where and by what, the next on the way to the end, and the next where the
+/// drive does nothing that it has a choice in.
 #[derive(Default)]
 struct Seen {
     prints: Vec<u128>,
     before: Vec<u32>,
     moves: Vec<Move>,
     ways: Vec<u32>,
+    waits: Vec<u32>,
     /// Numbers of states by fingerprint, in a table whose length is a power of two.
     table: Vec<u32>,
 }
@@ -111,6 +118,7 @@ impl Seen {
         self.before.push(before);
         self.moves.push(by);
         self.ways.push(NONE);
+        self.waits.push(NONE);
         (number, true)
     }
 
@@ -142,40 +150,41 @@ impl Seen {
         way.reverse();
         way
     }
+}
 
-    /// How long the longest way to the end is, or a state from which none leads there. Those that were not looked at are passed over.
-    fn longest_way(&self) -> Result<u32, u32> {
-        const UNDER_WAY: u32 = NONE - 1;
-        let mut lengths = vec![NONE; self.ways.len()];
-        let mut longest = 0;
-        let mut path = Vec::new();
-        for start in 0..self.ways.len() {
-            let mut at = start;
-            path.clear();
-            let mut length = loop {
-                match (lengths[at], self.ways[at]) {
-                    // In a circle.
-                    (UNDER_WAY, _) => return Err(start as u32),
-                    (NONE, NONE | AT_THE_END) => {
-                        lengths[at] = 0;
-                        break 0;
-                    }
-                    (NONE, next) => {
-                        lengths[at] = UNDER_WAY;
-                        path.push(at);
-                        at = next as usize;
-                    }
-                    (length, _) => break length,
+/// How many cycles the longest way to the end takes, or a state from which none leads there. Those that were not looked at are
+/// passed over.
+fn longest(ways: &[u32]) -> Result<u32, u32> {
+    const UNDER_WAY: u32 = NONE - 1;
+    let mut lengths = vec![NONE; ways.len()];
+    let mut longest = 0;
+    let mut path = Vec::new();
+    for start in 0..ways.len() {
+        let mut at = start;
+        path.clear();
+        let mut length = loop {
+            match (lengths[at], ways[at]) {
+                // In a circle.
+                (UNDER_WAY, _) => return Err(start as u32),
+                (NONE, NONE | AT_THE_END) => {
+                    lengths[at] = 0;
+                    break 0;
                 }
-            };
-            for &place in path.iter().rev() {
-                length += 1;
-                lengths[place] = length;
+                (NONE, next) => {
+                    lengths[at] = UNDER_WAY;
+                    path.push(at);
+                    at = next as usize;
+                }
+                (length, _) => break length,
             }
-            longest = longest.max(length);
+        };
+        for &place in path.iter().rev() {
+            length += 1;
+            lengths[place] = length;
         }
-        Ok(longest)
+        longest = longest.max(length);
     }
+    Ok(longest)
 }
 
 /// So many cycles are lived again at most before a state is looked at.
@@ -282,12 +291,24 @@ pub fn search(description: Description, size: Size, bounds: &Bounds) -> Found {
     let seen = seen.into_inner().expect("no panic");
     found.states = seen.prints.len();
     if found.violation.is_none() {
-        match seen.longest_way() {
-            Ok(longest) => found.longest_way = longest,
-            Err(number) => {
-                let what =
-                    "a sound drive and a good cable do not lead from here to a disabled axis";
-                found.violation = Some((what.into(), seen.way_to(number)));
+        for (ways, cycles, what) in [
+            (
+                &seen.ways,
+                &mut found.longest_way,
+                "a sound drive and a good cable do not lead from here to a disabled axis",
+            ),
+            (
+                &seen.waits,
+                &mut found.longest_wait,
+                "a drive that does nothing is waited for without an end",
+            ),
+        ] {
+            match longest(ways) {
+                Ok(longest) => *cycles = longest,
+                Err(number) => {
+                    let broken = (what.into(), seen.way_to(number));
+                    found.violation.get_or_insert(broken);
+                }
             }
         }
         // At the fixpoint each state has been looked at.
@@ -354,11 +375,15 @@ impl Work<'_> {
             return Err((what, way));
         }
         let mut from = None;
-        let mut way = NONE;
+        let (mut way, mut wait) = (NONE, NONE);
         for &(print, by) in &self.next {
             let (number, new) = seen.number(print, state.number, by);
             if by == Move::new(end, true) {
                 way = number;
+            }
+            // Where there is no choice there is no lazy one.
+            if by.act() == NOTHING {
+                wait = number;
             }
             if new {
                 self.came.push(state.next(by, number, &world, &mut from));
@@ -368,6 +393,11 @@ impl Work<'_> {
             AT_THE_END
         } else {
             way
+        };
+        seen.waits[state.number as usize] = if world.awaits_an_answer() {
+            wait
+        } else {
+            AT_THE_END
         };
         Ok(())
     }
@@ -405,8 +435,8 @@ impl fmt::Display for Found {
         match &self.violation {
             None if self.left == 0 => write!(
                 f,
-                ": the fixpoint; from each state at most {} cycles to a disabled axis",
-                self.longest_way
+                ": the fixpoint; from each state at most {} cycles to a disabled axis, and {} for an answer",
+                self.longest_way, self.longest_wait
             ),
             None => write!(f, ": not the fixpoint, {} states are left", self.left),
             Some((what, _)) => {

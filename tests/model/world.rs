@@ -670,6 +670,14 @@ impl World {
             && self.word() & 0x0F != 0x0F
     }
 
+    /// Whether anybody waits for something that has a deadline, whatever the drive does: everything but a move that is under way, or that
+    /// waits behind another.
+    pub fn awaits_an_answer(&self) -> bool {
+        let asked = self.around.asked.iter().flatten();
+        let mut asked = asked.filter(|asked| asked.pending);
+        asked.any(|asked| asked.kind != Kind::Move || (asked.sent && !asked.accepted))
+    }
+
     /// What leads there with a sound drive and a good cable.
     pub fn way_to_the_end(&self) -> u8 {
         let pending = |kind: fn(Kind) -> bool| {
@@ -699,6 +707,7 @@ impl World {
 fn is_not_sent(failure: Failure) -> bool {
     let delivery = match failure {
         Failure::Timeout { delivery, .. } | Failure::BusLost { delivery, .. } => delivery,
+        Failure::Halted { delivery } | Failure::QuickStopped { delivery } => delivery,
         Failure::Withdrawn | Failure::NeedsStop => Delivery::NotSent,
         _ => return false,
     };
