@@ -92,12 +92,6 @@ fn every_state_is_sound_and_leads_to_a_disabled_axis() {
     look_at(0..descriptions().len(), 1, 0);
 }
 
-/// The world with the fewest of them: of a drive that is not halted.
-#[test]
-fn so_does_every_state_with_two_commands_under_way() {
-    look_at([9].into_iter(), 2, 0);
-}
-
 #[test]
 #[ignore = "`cargo xtask prove` runs it"]
 fn every_state_of_the_size_asked_for_is_sound() {

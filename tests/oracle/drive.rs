@@ -205,6 +205,8 @@ pub struct Drive {
     /// The demand.
     pub demand: f64,
     pub demand_velocity: f64,
+    /// Whence the demand has just come to an end: its sign.
+    arrives: Option<f64>,
     /// The axis.
     pub position: f64,
     pub velocity: f64,
@@ -266,6 +268,7 @@ impl Drive {
             last_target: 0.0,
             demand: 0.0,
             demand_velocity: 0.0,
+            arrives: None,
             position: 0.0,
             velocity: 0.0,
             zero: 0.0,
@@ -855,6 +858,7 @@ impl Drive {
             return;
         }
         if near && slow {
+            self.arrives = Some(way.signum());
             self.demand = active.goal;
             self.demand_velocity = 0.0;
             self.ledger[active.index].nearest = 0.0;
@@ -879,6 +883,28 @@ impl Drive {
             active.deceleration * 1.5
         };
         self.approach_velocity(wanted, ramp, dt);
+    }
+
+    /// Whether an axis whose demand has come to its end is beyond that, or still on its way: seen once for each end.
+    fn note_arrival(&mut self) {
+        let Some(direction) = self.arrives else {
+            return;
+        };
+        if self.demand_velocity != 0.0 || !self.state.is_powered() {
+            self.arrives = None;
+            return;
+        }
+        let beyond = (self.position - self.demand) * direction;
+        if beyond.abs() > self.making.window {
+            let habit = if beyond > 0.0 {
+                Habit::Overshoot
+            } else {
+                Habit::Creeps
+            };
+            if self.has(habit) {
+                self.arrives = None;
+            }
+        }
     }
 
     fn homing_mode(&mut self, out: &Outputs, halted: bool, dt: f64) {
@@ -941,6 +967,7 @@ impl Drive {
             self.position += self.velocity * dt;
         }
         self.push *= 0.9;
+        self.note_arrival();
         let active = self.active.map(|active| active.index);
         for index in active.into_iter().chain(self.recent) {
             if let Some(latch) = self.ledger.get_mut(index) {

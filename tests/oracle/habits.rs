@@ -1,9 +1,21 @@
 //! What drives do that the standard permits, or that it does not forbid, by name.
 
-/// One habit of a drive or of its cable.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Habit {
+/// Names each habit once, in the order of [`ALL`].
+macro_rules! habits {
+    ($($(#[$meaning:meta])* $name:ident,)*) => {
+        /// One habit of a drive or of its cable.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[repr(u8)]
+        pub enum Habit {
+            $($(#[$meaning])* $name,)*
+        }
+
+        /// All of them.
+        pub const ALL: &[Habit] = &[$(Habit::$name,)*];
+    };
+}
+
+habits! {
     /// Sets off some time after the acknowledge: a brake, an input of its own.
     StartDelay,
     /// The same, with bit 10 of the rest before until it sets off.
@@ -85,53 +97,6 @@ pub enum Habit {
     /// Takes its time in each transition.
     PowerLate,
 }
-
-/// All of them.
-pub const ALL: &[Habit] = {
-    use Habit::*;
-    &[
-        StartDelay,
-        StartDelayShownReached,
-        AckOfOneCycle,
-        AckOf100Ms,
-        AckLate,
-        AckAtEnable,
-        Bit10Glitch,
-        Bit10Stale,
-        Bit10ByWindow,
-        WrongWord,
-        WrongWords,
-        FaultReactionLeft,
-        FaultReactionLeftMoving,
-        FaultResetsItself,
-        Fault,
-        FaultCoasts,
-        ModeFlaps,
-        HaltIgnored,
-        HaltForgets,
-        HaltWithoutBit10,
-        OutputsLate,
-        InputsLate,
-        Dwell,
-        Dither,
-        Overshoot,
-        Creeps,
-        VelocityNoise,
-        OwnQuickStop,
-        OwnSwitchOff,
-        OwnDisable,
-        FramesLost,
-        FramesMiscounted,
-        SlowCycle,
-        QuickStopIgnored,
-        LoadStep,
-        HomingShowsProgress,
-        HomingWithoutBit10,
-        HomingFails,
-        ModeLate,
-        PowerLate,
-    ]
-};
 
 /// Some of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

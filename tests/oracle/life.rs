@@ -289,14 +289,7 @@ impl Life {
             + deadlines.mode
             + 3 * (deadlines.fault_reset + Duration::from_millis(100))
             + 2 * tolerances.settle;
-        let mut hits = Hits::default();
-        for habit in [Habit::Overshoot, Habit::Creeps] {
-            if habits.has(habit) {
-                hits.hit(habit);
-            }
-        }
         let told = Told {
-            hits,
             making: format!(
                 "{making:?}, period {period:?}, slow {slow}, window {window}, settle {:?}, 606Ch {shows_velocity}, {:?}, {:?}, acknowledge {:?}",
                 tolerances.settle,
