@@ -1,5 +1,5 @@
-//! An axis without an absolute encoder, on an embedded simulated segment: it is homed by its limit switch, moves to positions
-//! that mean something from then on, and is jogged for as long as a key would be held.
+//! An axis without an absolute encoder, on an embedded simulated segment. It is homed by its limit switch, and its positions mean
+//! something from then on. It moves to some of them, and is jogged for as long as a key would be held.
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
 

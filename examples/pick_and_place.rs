@@ -1,6 +1,6 @@
-//! A machine of two axes in millimetres, on an embedded simulated segment, under tokio: both axes are homed, move together to
-//! where a part is picked, and by blended moves to where it is placed. Then a drive has a fault: the operator is told why, and once
-//! that is mended the machine goes on.
+//! A machine of two axes in millimetres, on an embedded simulated segment, under tokio. Both axes are homed, move together to where
+//! a part is picked, and by blended moves to where it is placed. Then a drive has a fault. The operator sees why, and once that is
+//! mended the machine goes on.
 //!
 //! The machine's logic has tests of its own, in virtual time: `cargo test --example pick_and_place`. On a real link,
 //! `.interface("eth0")` takes the place of `.link(…)`; the rest stays.

@@ -1,5 +1,5 @@
-//! A drive that loses its power while the machine runs, on an embedded simulated segment: the other axis goes on moving, the
-//! program is told, and when its operator says so the drive is taken back into the running line.
+//! A drive loses its power while the machine runs, on an embedded simulated segment. The other axis goes on moving, and the program
+//! gets an event. When its operator says so the drive is taken back into the running line.
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
 

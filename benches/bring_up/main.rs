@@ -2,7 +2,7 @@
 //!
 //! `cargo bench --bench bring_up` prints a table and writes `target/bench/bring_up.json`. Every start has a simulated line
 //! that was just switched on. Times are of this machine and this run; what counts is how they compare. Behind each time
-//! stands what the simulated drives counted: accesses to the SII (of eight bytes at most) and mails, of the drive that had
+//! stands what the simulated drives counted: accesses to the SII (of eight bytes at most) and messages, of the drive that had
 //! most.
 
 mod masters;
@@ -27,7 +27,7 @@ use namespace::{INSIDE, Process, run};
 
 const MASTERS: [&str; 3] = ["servocrab", "ethercrab-stock", "pysoem"];
 const DRIVES: [usize; 5] = [1, 4, 8, 16, 32];
-/// What one access to the EEPROM and one mail take, in milliseconds.
+/// What one access to the EEPROM and one message take, in milliseconds.
 const DELAYS: [(u32, u32); 2] = [(0, 0), (1, 2)];
 /// Starts of each master in each row, taken in turns. Fewer, but at least three, where they take very long.
 const ROUNDS: usize = 5;
@@ -205,7 +205,7 @@ fn start(master: &str, drives: usize, sii_ms: u32, mailbox_ms: u32) -> (f64, Ask
     (took, asked(line))
 }
 
-/// Accesses to a drive's SII, and its mails.
+/// Accesses to a drive's SII, and its messages.
 type Asked = (u32, u32);
 
 /// Ends the simulated line, which then says what each of its drives was asked.

@@ -31,7 +31,7 @@ use crate::{
 /// Second byte of the source address of process data.
 const PROCESS_DATA: u8 = 0xC5;
 
-/// Brings the line up, enables every axis, and runs cycles as it is told.
+/// Brings the line up, enables every axis, and runs cycles as it is commanded.
 pub(crate) fn servocrab(interface: &str, axes: usize, spin: bool, frames: &Path) {
     let mut line = Line::bring_up(interface, axes, spin);
     write_frames(frames, &last_frames(&mut line.bus));
@@ -221,7 +221,7 @@ fn last_frames(bus: &mut BusLoop) -> Vec<Vec<u8>> {
     FRAMES.take().expect("they were kept")
 }
 
-// What is measured at the link: it lives on the thread that turns the loop.
+// What is measured at the link: it stays on the thread that turns the loop.
 thread_local! {
     /// Waiting for the next cycle takes no time.
     static FAST: Cell<bool> = const { Cell::new(false) };

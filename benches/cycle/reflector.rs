@@ -58,7 +58,7 @@ struct Kept {
     data: Vec<Range<usize>>,
 }
 
-/// Serves the lines of all masters, as told by the standard input, with this many axes each.
+/// Serves the lines of all masters, as commanded by the standard input, with this many axes each.
 pub(crate) fn reflect(axes: usize) {
     let mut all: Vec<Line> = lines()
         .enumerate()
@@ -179,7 +179,7 @@ fn first(frame: &[u8]) -> Option<[u8; 5]> {
     Some([command, a, b, c, d])
 }
 
-/// What tells a frame of process data, or of many states, from others; and where data and working counters are.
+/// What distinguishes a frame of process data, or of many states, from others; and where data and working counters are.
 fn kind(frame: &[u8]) -> (Option<[u8; 5]>, Vec<Range<usize>>) {
     let mut data = Vec::new();
     let (mut at, mut logical) = (HEADERS, false);

@@ -17,7 +17,7 @@ const FRAMES: usize = 64;
 const DATA: usize = PduStorage::element_size(1472);
 static STORAGE: PduStorage<FRAMES, DATA> = PduStorage::new();
 
-/// Brings the line up with the mapping that it has, and runs cycles as it is told.
+/// Brings the line up with the mapping that it has, and runs cycles as it is commanded.
 pub(crate) fn ethercrab(interface: &str, axes: usize, uring: bool) {
     let (tx, rx, pdu_loop) = STORAGE.try_split().expect("split once");
     let main_device = main_device(pdu_loop);

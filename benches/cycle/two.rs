@@ -70,7 +70,7 @@ fn run(
 ) {
     told.send(Measured::default()).expect("it waits");
     for count in ordered {
-        // Moves this line's beat against the other's, which is by chance then.
+        // Moves this line's cycle against the other's by a random phase.
         cycles(Mode::Fast, 100);
         told.send(cycles(Mode::Paced, count)).expect("it waits");
     }

@@ -9,7 +9,7 @@ use servocrab::{
 };
 use servocrab_sim::{Segment, personality};
 
-/// Which line, and how to tell of it.
+/// Which line, and how to report on it.
 #[derive(Args)]
 pub(crate) struct LineArguments {
     /// The network interface that the line is on; without it, a simulated line.

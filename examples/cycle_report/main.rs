@@ -1,7 +1,7 @@
 //! How steady the cycles of a line are on this machine: a table, JSON and a picture.
 //!
-//! `sudo cycle_report --interface eth0 --seconds 60` brings the drives of a line into OP, runs the cycles for that time with all
-//! axes disabled, and tells how late the cycles began, how long the frames were away, what was lost, and which cable damages
+//! `sudo cycle_report --interface eth0 --seconds 60` brings the drives of a line into OP, and runs the cycles for that time with
+//! all axes disabled. It reports how late the cycles began, how long the frames were away, what was lost, and which cable damages
 //! frames. Ctrl-C ends it early, with the report of what was measured until then. Without `--interface` a simulated line is
 //! measured, in this process. Nothing moves.
 //!

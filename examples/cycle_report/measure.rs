@@ -15,7 +15,7 @@ use servocrab::bus::{
     Statistics, Timing, WakeStatistics,
 };
 
-/// Events that are told; a loose cable makes many.
+/// Events that are reported; a loose cable makes many.
 const MOST_EVENTS: usize = 50;
 
 /// What was measured.
@@ -32,7 +32,7 @@ pub(crate) struct Report {
     pub(crate) intervals: Vec<Interval>,
     /// What happened to drives, and when.
     pub(crate) events: Vec<(Duration, String)>,
-    /// How many more things happened than are told.
+    /// How many more things happened than are reported.
     pub(crate) untold: usize,
 }
 
@@ -95,7 +95,7 @@ pub(crate) async fn measure(
         undelivered_cycles: now.undelivered_cycles - before.undelivered_cycles,
         ..now
     });
-    // A line that has fallen silent tells nothing of its ports: everything else is told all the same.
+    // A line that has fallen silent reports nothing of its ports: everything else is reported all the same.
     let ports = match (ports, net.port_errors().await) {
         (Ok(before), Ok(now)) => Ok(ports_since(now, &before)),
         (Err(error), _) | (_, Err(error)) => Err(error.to_string()),
@@ -173,8 +173,8 @@ fn ports_since(now: Vec<DevicePorts>, before: &[DevicePorts]) -> Vec<DevicePorts
         .collect()
 }
 
-/// The counter of a device that was switched off and on begins anew; one that stands at 255 counts no further, so that whatever
-/// came of late may be in it.
+/// The counter of a device that was switched off and on begins anew. One that stands at 255 counts no further, so that any recent
+/// error may be in it.
 fn count_since(now: u8, before: u8) -> u8 {
     if now == u8::MAX {
         now

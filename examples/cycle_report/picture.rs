@@ -10,7 +10,7 @@ use crate::{
     report::microseconds,
 };
 
-// Blue, orange and bluish green can be told apart by everybody (after Okabe and Ito).
+// Blue, orange and bluish green can be distinguished by everybody (after Okabe and Ito).
 const LATE: RGBColor = RGBColor(0, 92, 175);
 const ROUND_TRIP: RGBColor = RGBColor(194, 84, 0);
 const PHASE: RGBColor = RGBColor(0, 134, 98);

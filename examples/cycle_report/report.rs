@@ -10,7 +10,7 @@ use crate::{
     measure::Report,
 };
 
-/// The shares of the cycles that are told.
+/// The shares of the cycles that are reported.
 const SHARES: [(&str, f64); 3] = [("50 %", 0.5), ("99 %", 0.99), ("99.9 %", 0.999)];
 
 pub(crate) fn microseconds(time: Option<Duration>) -> f64 {

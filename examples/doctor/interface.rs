@@ -217,7 +217,7 @@ fn told_of_offloads(name: &str, active: &[String]) -> Finding {
     )
 }
 
-/// What a driver waits for before it tells of a frame: each setting that it has, by ethtool's name, with its value.
+/// What a driver waits for before it reports a frame: each setting that it has, by ethtool's name, with its value.
 type Delay = Vec<(&'static str, u32)>;
 
 fn told_of_coalescing(name: &str, delay: &Delay) -> Finding {

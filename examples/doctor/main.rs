@@ -36,7 +36,7 @@ struct Arguments {
     /// The cycle that is wanted, in microseconds.
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(50..=1_000_000))]
     cycle_us: u32,
-    /// How many axes the line is to have, one a drive with the default mappings: tells what their frames take of the cycle.
+    /// How many axes the line is to have, one a drive with the default mappings: shows what their frames take of the cycle.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096))]
     axes: Option<u16>,
     /// How long to measure the timer.

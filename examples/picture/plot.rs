@@ -45,7 +45,7 @@ pub(crate) struct Picture<'a> {
 
 type Result = std::result::Result<(), Box<dyn std::error::Error>>;
 
-// Blue and orange can be told apart by everybody (after Okabe and Ito); what the drive says is thicker too.
+// Blue and orange can be distinguished by everybody (after Okabe and Ito); what the drive says is thicker too.
 const INK: RGBColor = RGBColor(40, 44, 52);
 const GRID: RGBColor = RGBColor(225, 228, 232);
 const MASTER: RGBColor = RGBColor(0, 92, 175);

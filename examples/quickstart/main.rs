@@ -258,7 +258,7 @@ impl Story {
         println!("{:7.3} s  {}:   → {what}", self.now(), NAMES[axis]);
     }
 
-    /// Waits for a move's one outcome and tells it; that a move ends otherwise is part of the story.
+    /// Waits for a move's one outcome and prints it; that a move ends otherwise is part of the example.
     async fn ends(&self, axis: usize, motion: &Move) -> Result<(), AxisError> {
         match motion.done().await {
             Ok(Outcome::Reached { position }) => {

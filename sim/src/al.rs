@@ -200,7 +200,7 @@ mod tests {
     };
     const PATIENCE: Duration = Duration::from_millis(100);
 
-    /// Writes AL control and tells AL status and status code.
+    /// Writes AL control and returns AL status and status code.
     fn ask(machine: &mut AlMachine, control: u16, checks: &Answers) -> (u16, u16) {
         machine.request(control, checks, Duration::ZERO, PATIENCE);
         (machine.status(), machine.code())

@@ -12,7 +12,7 @@ pub enum Direction {
     Inputs,
 }
 
-/// The four numbers that tell what a SubDevice is (object 1018h and SII words 8 to Fh).
+/// The four numbers that identify a SubDevice (object 1018h and SII words 8 to Fh).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
     /// Vendor id.

@@ -1,5 +1,5 @@
-//! The mailbox of a SubDevice: mails in, mails out, counters, repeats, and the answers to mails that it cannot use.
-//! Mail: length u16, address u16, channel u8, type | counter << 4, then the payload (ETG.1000.4).
+//! The mailbox of a SubDevice: messages in, messages out, counters, repeats, and the answers to messages that it cannot use.
+//! Message: length u16, address u16, channel u8, type | counter << 4, then the payload (ETG.1000.4).
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -8,17 +8,17 @@ use crate::frame::read_u16;
 
 /// Bytes before the payload.
 pub(crate) const HEADER: usize = 6;
-/// Type of a mail that reports an error of the mailbox itself.
+/// Type of a message that reports an error of the mailbox itself.
 const TYPE_ERROR: u8 = 0;
-/// Mails that may wait before the mailbox takes no further request: the next one stays in the sync manager, which is full
+/// Messages that may wait before the mailbox takes no further request: the next one stays in the sync manager, which is full
 /// then. Assumed; real devices have room for few.
 const MOST_WAITING: usize = 32;
-/// Mails beyond which an emergency is dropped, so that a drive that nobody listens to does not fill the memory.
+/// Messages beyond which an emergency is dropped, so that a drive that nobody listens to does not fill the memory.
 const MOST_EMERGENCIES: usize = 1024;
-/// Type of a CoE mail.
+/// Type of a CoE message.
 pub(crate) const TYPE_COE: u8 = 3;
 
-/// Why a mail was not served, as an error mail gives it (ETG.1000.4).
+/// Why a message was not served, as an error message gives it (ETG.1000.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u16)]
 pub(crate) enum MailError {
@@ -30,21 +30,21 @@ pub(crate) enum MailError {
 
 /// The gate to the sync managers that the mailbox works through.
 pub(crate) trait Post {
-    /// Takes the mail that the MainDevice wrote.
+    /// Takes the message that the MainDevice wrote.
     fn take(&mut self) -> Option<Vec<u8>>;
-    /// Whether the last mail that was put still waits to be read.
+    /// Whether the last message that was put still waits to be read.
     fn waits(&self) -> bool;
-    /// Puts a mail; `false` when that is not possible now.
+    /// Puts a message; `false` when that is not possible now.
     fn put(&mut self, mail: &[u8]) -> bool;
-    /// Takes back a mail that was not read.
+    /// Takes back a message that was not read.
     fn withdraw(&mut self);
-    /// Whether the MainDevice asks for the last mail again.
+    /// Whether the MainDevice asks for the last message again.
     fn repeat_is_requested(&self) -> bool;
     /// Says that the repeat request was seen.
     fn acknowledge_repeat(&mut self);
 }
 
-/// A mail on its way to the MainDevice.
+/// A message on its way to the MainDevice.
 #[derive(Clone, Debug)]
 enum Outgoing {
     /// Gets its header, with the next counter, when it is put.
@@ -58,7 +58,7 @@ enum Outgoing {
 pub(crate) struct Mailbox {
     /// Counter of the last request; zero before the first.
     last_request: u8,
-    /// Counter of the last mail sent; zero before the first.
+    /// Counter of the last message sent; zero before the first.
     last_sent: u8,
     /// Number of emergencies at the front of the queue.
     emergencies: usize,
@@ -82,7 +82,7 @@ impl Mailbox {
         };
     }
 
-    /// Queues a CoE mail ahead of all replies, behind the emergencies that are queued already.
+    /// Queues a CoE message ahead of all replies, behind the emergencies that are queued already.
     pub(crate) fn push_emergency(&mut self, payload: Vec<u8>) {
         if self.queue.len() >= MOST_EMERGENCIES {
             // Nobody reads them. The errors are in the history.
@@ -99,12 +99,12 @@ impl Mailbox {
         self.emergencies = at + 1;
     }
 
-    /// Number of mails that wait behind the one in the sync manager.
+    /// Number of messages that wait behind the one in the sync manager.
     pub(crate) fn queued(&self) -> usize {
         self.queue.len()
     }
 
-    /// Moves mails both ways. `serve` gets the payload of each CoE mail and gives the payloads of the replies.
+    /// Moves messages both ways. `serve` gets the payload of each CoE message and gives the payloads of the replies.
     pub(crate) fn poll<P: Post>(
         &mut self,
         post: &mut P,
@@ -133,7 +133,7 @@ impl Mailbox {
         self.send(post);
     }
 
-    /// Puts the mail that was read last once more, ahead of everything else.
+    /// Puts the message that was read last once more, ahead of everything else.
     fn repeat<P: Post>(&mut self, post: &mut P) {
         if let Some(last) = self.last_read.take() {
             if let Some(unread) = self.waiting.take() {
@@ -147,7 +147,7 @@ impl Mailbox {
         post.acknowledge_repeat();
     }
 
-    /// Checks a mail's header; a request is kept until it is due.
+    /// Checks a message's header; a request is kept until it is due.
     fn receive(&mut self, mail: &[u8], now: Duration) {
         let (Some(length), Some(kind)) = (read_u16(mail, 0), mail.get(5)) else {
             return;
@@ -217,7 +217,7 @@ impl Mailbox {
         });
     }
 
-    /// Puts the first queued mail when the last one was read.
+    /// Puts the first queued message when the last one was read.
     fn send<P: Post>(&mut self, post: &mut P) {
         if self.waiting.is_some() || post.waits() {
             return;

@@ -68,7 +68,7 @@ pub enum PlantChoice {
 /// | `freeze=2s+50ms@0` | its processor stands still, while its ESC answers |
 /// | `fall=3s@0` | it falls to SAFEOP with an error |
 /// | `fault=3s@0` | each of its axes has a fault |
-/// | `mail-delay=5ms` | each mail is answered this much later |
+/// | `mail-delay=5ms` | each message is answered this much later |
 /// | `emergencies=1s` | every device with a mailbox sends an emergency once in this time |
 /// | `plant=seeded`, `plant=ideal` | the axes get other plants |
 /// | `drift=50ppm` | each crystal is too fast or too slow by up to this much |
@@ -123,7 +123,7 @@ pub struct Faults {
     pub fall: Vec<Outage>,
     /// Drives whose axes have a fault.
     pub fault: Vec<Outage>,
-    /// How much later each mail is answered.
+    /// How much later each message is answered.
     pub mail_delay: Duration,
     /// From one emergency to the next, of each device; 0: none.
     pub emergencies: Duration,

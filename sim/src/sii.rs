@@ -119,7 +119,7 @@ fn general(description: &Description, strings: &mut Strings) -> Vec<u8> {
     bytes
 }
 
-/// Flags of category 30 (ETG.2010): SAFEOP can be entered without process data, LRW is not executed, mails that were lost
+/// Flags of category 30 (ETG.2010): SAFEOP can be entered without process data, LRW is not executed, messages that were lost
 /// are sent again. A real AKD has the first and the last.
 fn flags(description: &Description) -> u8 {
     let enable_safe_op = 0x01;

@@ -26,7 +26,7 @@ const INFO_DEFAULT: u8 = 0x10;
 const INFO_MINIMUM: u8 = 0x20;
 const INFO_MAXIMUM: u8 = 0x40;
 
-/// Serves a request; `longest` is the number of payload bytes that a mail holds.
+/// Serves a request; `longest` is the number of payload bytes that a message holds.
 pub(super) fn serve(
     payload: &[u8],
     objects: &dyn Objects,
@@ -142,7 +142,7 @@ fn entry(objects: &dyn Objects, index: u16, subindex: u8, wanted: u8) -> Result<
     Ok(data)
 }
 
-/// Cuts an answer into as many mails as it takes; only the first has the beginning of the data.
+/// Cuts an answer into as many messages as it takes; only the first has the beginning of the data.
 fn fragments(operation: u8, data: &[u8], longest: usize) -> Vec<Vec<u8>> {
     // A list is cut between its words.
     let room = (longest.saturating_sub(HEAD) & !1).max(2);

@@ -1,4 +1,4 @@
-//! CANopen over EtherCAT: what a device does with the payload of a CoE mail, and the bytes of an emergency.
+//! CANopen over EtherCAT: what a device does with the payload of a CoE message, and the bytes of an emergency.
 //! Payload: number and service u16, then what the service puts there (ETG.1000.6).
 
 mod abort;
@@ -18,7 +18,7 @@ const SERVICE_EMERGENCY: u16 = 1;
 const SERVICE_SDO_REQUEST: u16 = 2;
 const SERVICE_SDO_RESPONSE: u16 = 3;
 const SERVICE_SDO_INFORMATION: u16 = 8;
-/// CoE header and SDO: no mail of the SDO services is shorter.
+/// CoE header and SDO: no message of the SDO services is shorter.
 const MINIMUM: usize = 10;
 
 /// The objects that the services give access to.
@@ -63,7 +63,7 @@ impl Server {
         }
     }
 
-    /// Serves the payload of one CoE mail: the payloads of the replies.
+    /// Serves the payload of one CoE message: the payloads of the replies.
     pub(crate) fn serve(
         &mut self,
         payload: &[u8],
@@ -83,7 +83,7 @@ impl Server {
     }
 }
 
-/// Payload of an emergency mail: error code, error register, five bytes of the maker's.
+/// Payload of an emergency message: error code, error register, five bytes of the maker's.
 pub(crate) fn emergency_payload(code: u16, register: u8, data: [u8; 5]) -> Vec<u8> {
     let mut payload = (SERVICE_EMERGENCY << 12).to_le_bytes().to_vec();
     payload.extend(code.to_le_bytes());
@@ -92,7 +92,7 @@ pub(crate) fn emergency_payload(code: u16, register: u8, data: [u8; 5]) -> Vec<u
     payload
 }
 
-/// The refusal of an SDO request; `None` for any other mail, and for a segment, which names no object.
+/// The refusal of an SDO request; `None` for any other message, and for a segment, which names no object.
 pub(crate) fn refusal(payload: &[u8], abort: Abort) -> Option<Vec<u8>> {
     let is_request = read_u16(payload, 0)? >> 12 == SERVICE_SDO_REQUEST;
     let names_object = matches!(payload.get(2)? >> 5, 1 | 2);

@@ -1,4 +1,4 @@
-//! The SDO server: uploads and downloads, in one mail or in segments.
+//! The SDO server: uploads and downloads, in one message or in segments.
 //! Payload behind the CoE header: command byte, index, subindex and data; of a segment, command byte and data
 //! (ETG.1000.6).
 
@@ -192,7 +192,7 @@ impl Server {
         let later = rest.split_off(rest.len().min(self.longest - SEGMENT_HEAD));
         let mut segment = core::mem::replace(rest, later);
         let last = if rest.is_empty() { LAST } else { 0 };
-        // The command byte has room to say how many of seven bytes are unused; longer ones go by the mail's length.
+        // The command byte has room to say how many of seven bytes are unused; longer ones go by the message's length.
         let unused = SEGMENT_MINIMUM.saturating_sub(segment.len());
         segment.resize(segment.len().max(SEGMENT_MINIMUM), 0);
         let mut payload = head(SERVICE_SDO_RESPONSE, *toggle | (unused as u8) << 1 | last);

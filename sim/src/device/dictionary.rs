@@ -1,4 +1,4 @@
-//! What a device's dictionary has, told past all mails.
+//! What a device's dictionary has, told past all messages.
 
 use super::Device;
 use crate::coe::Objects;

@@ -6,7 +6,7 @@ use super::Device;
 use crate::al::AlState;
 use crate::coe::{Abort, emergency_payload, refusal};
 
-/// What a device does otherwise than its kind should. Mails are counted from 0, from the moment in which the habits were set.
+/// What a device does otherwise than its kind should. Messages are counted from 0, from the moment in which the habits were set.
 ///
 /// ```
 /// use core::time::Duration;
@@ -22,11 +22,11 @@ use crate::coe::{Abort, emergency_payload, refusal};
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct Habits {
-    /// The mail that is answered late, and how late.
+    /// The message that is answered late, and how late.
     pub late: Option<(u64, Duration)>,
     /// An emergency goes before, between the parts of, and behind every answer.
     pub emergencies: bool,
-    /// The mail that is refused, and why; nothing comes of it when that is no SDO request that names an object.
+    /// The message that is refused, and why; nothing comes of it when that is no SDO request that names an object.
     pub refuses: Option<(u64, Abort)>,
     /// When the first state is asked for, it falls into the second, or stays below it, with this AL status code.
     pub falls: Option<(AlState, AlState, u16)>,
@@ -41,7 +41,7 @@ pub(super) struct Practice {
 }
 
 impl Practice {
-    /// A reply in place of what the device would answer, to the next mail.
+    /// A reply in place of what the device would answer, to the next message.
     pub(super) fn refuse(&mut self, payload: &[u8]) -> Option<Vec<u8>> {
         let number = self.mails;
         self.mails += 1;

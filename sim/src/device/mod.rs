@@ -185,13 +185,13 @@ impl Device {
         }
     }
 
-    /// Number of mails that wait behind the one in the sync manager.
+    /// Number of messages that wait behind the one in the sync manager.
     #[must_use]
     pub fn queued_mails(&self) -> usize {
         self.mailbox.queued()
     }
 
-    /// Sets the time that the device takes to answer a mail.
+    /// Sets the time that the device takes to answer a message.
     pub fn set_mailbox_delay(&mut self, delay: Duration) {
         self.mailbox.delay = delay;
     }
@@ -232,7 +232,7 @@ impl Device {
         self.esc.sii_accesses
     }
 
-    /// How many mails the device has taken since power-up.
+    /// How many messages the device has taken since power-up.
     #[must_use]
     pub fn mails_taken(&self) -> u64 {
         self.esc.mails_taken
@@ -244,7 +244,7 @@ impl Device {
     }
 
     /// Stops or restarts the processor behind the ESC. While it stands, registers, memory and the last process data still
-    /// answer, but no mail, no AL request and no axis is served.
+    /// answer, but no message, no AL request and no axis is served.
     pub fn freeze(&mut self, frozen: bool) {
         self.frozen = frozen;
     }

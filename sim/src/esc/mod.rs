@@ -40,7 +40,7 @@ pub(crate) struct Esc {
     pub(crate) sii_delay: Duration,
     sii_busy_until: Option<Duration>,
     pub(crate) sii_accesses: u64,
-    /// Mails that the device has taken.
+    /// Messages that the device has taken.
     pub(crate) mails_taken: u64,
     clock: Clock,
     watchdog: Watchdog,

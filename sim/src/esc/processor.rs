@@ -40,7 +40,7 @@ impl Esc {
         }
     }
 
-    /// The processor takes the mail that the MainDevice wrote.
+    /// The processor takes the message that the MainDevice wrote.
     pub(crate) fn take_mail(&mut self, index: usize) -> Option<Vec<u8>> {
         let settings = self.sync_manager(index);
         let sm = self.sync_managers.get_mut(index)?;
@@ -55,7 +55,7 @@ impl Esc {
             .map(<[u8]>::to_vec)
     }
 
-    /// The processor puts a mail; `false` when the mailbox is off, still full or too small for it.
+    /// The processor puts a message; `false` when the mailbox is off, still full or too small for it.
     pub(crate) fn put_mail(&mut self, index: usize, mail: &[u8]) -> bool {
         if !self.mail_fits(index, mail.len()) {
             return false;
@@ -79,18 +79,18 @@ impl Esc {
         true
     }
 
-    /// Whether a mail of this length could be put now.
+    /// Whether a message of this length could be put now.
     fn mail_fits(&self, index: usize, length: usize) -> bool {
         let settings = self.sync_manager(index);
         settings.enabled && !self.mail_waits(index) && length <= usize::from(settings.length)
     }
 
-    /// Whether a mail lies in the mailbox.
+    /// Whether a message lies in the mailbox.
     pub(crate) fn mail_waits(&self, index: usize) -> bool {
         self.sync_managers.get(index).is_some_and(|sm| sm.full)
     }
 
-    /// The processor takes back a mail that was not read.
+    /// The processor takes back a message that was not read.
     pub(crate) fn withdraw_mail(&mut self, index: usize) {
         if let Some(sm) = self.sync_managers.get_mut(index) {
             sm.full = false;

@@ -144,7 +144,7 @@ impl Esc {
         }
     }
 
-    /// AL event request and ECAT event request: mailboxes with a mail in bits 8 and up, AL control in bit 0.
+    /// AL event request and ECAT event request: mailboxes with a message in bits 8 and up, AL control in bit 0.
     pub(super) fn refresh_events(&mut self) {
         let mut mails: u16 = 0;
         for (index, sm) in self.sync_managers.iter().enumerate() {

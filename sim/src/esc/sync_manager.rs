@@ -1,5 +1,5 @@
 //! One sync manager: the gate between the MainDevice and the drive's processor for a piece of memory.
-//! Mailboxes hand over one mail at a time; process data is exchanged through three buffers, always the newest whole one.
+//! Mailboxes hand over one message at a time; process data is exchanged through three buffers, always the newest whole one.
 
 /// What the eight registers of a sync manager say.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,7 +50,7 @@ impl Settings {
 /// What a sync manager remembers between accesses.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SyncManager {
-    /// The mailbox holds a mail that was not taken yet.
+    /// The mailbox holds a message that was not taken yet.
     pub(crate) full: bool,
     /// An access to the first byte has opened the buffer.
     opened: bool,

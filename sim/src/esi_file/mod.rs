@@ -26,7 +26,7 @@ const CONTROLWORD: u16 = 0x6040;
 const AXIS_INCREMENT: u16 = 0x0800;
 /// CiA 402, more than one axis (ETG.6010).
 const MOST_AXES: u16 = 8;
-/// CoE mails.
+/// CoE messages.
 const COE: u16 = 4;
 /// Process data of a direction where the file says nothing of its room.
 const ROOM: u16 = 64;

@@ -49,7 +49,7 @@ struct Arguments {
     /// Milliseconds that an EEPROM takes for one access
     #[arg(long, value_name = "MS", default_value_t = 0)]
     sii_ms: u64,
-    /// Milliseconds that a device takes to answer a mail
+    /// Milliseconds that a device takes to answer a message
     #[arg(long, value_name = "MS", default_value_t = 0)]
     mailbox_ms: u64,
     /// What goes wrong, such as loss=1%,delay=200us,cut=2s@1; the documentation of servocrab_sim::Faults has the list
