@@ -59,6 +59,24 @@ fn what_a_short_move_shows_when_it_begins_late_is_not_the_end_of_the_next() {
     );
 }
 
+#[test]
+fn what_a_short_move_shows_when_it_begins_late_does_not_end_two_behind_it() {
+    let mut bus = Bus::enabled(LATE, |_| {});
+    bus.run(110);
+    let short = bus.abs(5, after());
+    assert_eq!(bus.finish(short), Ok(Completion::Reached { position: 0 }));
+    let first = bus.abs(1_000, after());
+    bus.wait_accepted(first);
+    bus.run_until(400, |bus| {
+        bus.entry(short).is_some_and(|entry| entry.ended.is_some())
+    });
+    // The axis rests where this one ends, before the drive begins the first of them.
+    let second = bus.abs(5, after());
+    for (id, position) in [(first, 1_000), (second, 5)] {
+        assert_eq!(finish(&mut bus, id), Ok(Completion::Reached { position }));
+    }
+}
+
 /// A load moves the axis out of its window while the drive waits: bit 10 is high, and the move seems to have ended elsewhere.
 fn missed(bus: &mut Bus) {
     // It is seen to stand first.

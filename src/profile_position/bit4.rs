@@ -54,8 +54,8 @@ pub(super) struct Raised {
     pub(super) stands: bool,
     /// Whether it had not moved but by set-points that have ended well, since it was enabled.
     pub(super) at_base: bool,
-    /// Whether it is behind another that the drive holds.
-    pub(super) queued: bool,
+    /// Whether it is behind another that the drive holds, and that bit 10 does not show to be over.
+    pub(super) far_behind: bool,
     /// Behind a distance whose end is not known, what a distance counts from.
     pub(super) behind: Option<Bases>,
 }

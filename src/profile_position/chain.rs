@@ -144,6 +144,7 @@ impl Chain {
             over.track.let_go(now, begin, settle);
             no_older(&mut over.since, now, settle);
         }
+        no_older(&mut self.ended, now, settle);
         self.last_end = self.last_end.filter(|_| arrives);
     }
 

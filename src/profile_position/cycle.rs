@@ -55,6 +55,11 @@ impl Cycle<'_> {
         statusword.contains(Statusword::SET_POINT_ACKNOWLEDGE)
     }
 
+    /// Bit 10.
+    pub(super) fn is_reached(&self) -> bool {
+        self.sample.statusword.contains(Statusword::TARGET_REACHED)
+    }
+
     /// Bit 9.
     pub(super) fn is_remote(&self) -> bool {
         self.sample.statusword.contains(Statusword::REMOTE)

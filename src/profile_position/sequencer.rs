@@ -452,7 +452,7 @@ impl Sequencer {
                 from_rest: self.chain.begins_at_rest(&request.command, cycle),
                 stands: self.chain.stands(cycle),
                 at_base: self.chain.is_at_base(),
-                queued: self.chain.queues(&request.command),
+                far_behind: self.chain.queues(&request.command) && !cycle.is_reached(),
                 behind: self.chain.bases_behind(&request.command, cycle.bounds),
             },
             sent: false,

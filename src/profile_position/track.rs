@@ -172,6 +172,8 @@ pub(super) struct Track {
     /// Whether it became active behind another, or behind one that was over with no way to go and may begin yet. A low bit 10 may be of
     /// that one still.
     follows: bool,
+    /// Whether it was sent after one that was over with no way to go.
+    after_unseen: bool,
     /// Whether the drive may have to execute another before it: then that one may have moved the axis.
     doubted: bool,
     /// Where the axis stood when it became active. None where it did not stand: then where it has come to rest without a word of bit 10.
@@ -225,7 +227,7 @@ impl Track {
             from_rest,
             stands,
             at_base,
-            queued,
+            far_behind,
             behind,
         } = raised;
         let mut track = Self {
@@ -257,6 +259,7 @@ impl Track {
             low: cycle.now,
             halt_seen_over: None,
             follows: false,
+            after_unseen: false,
             doubted: false,
             stood: None,
             lingering: Lingering::default(),
@@ -280,19 +283,19 @@ impl Track {
             length: 0,
             resumed: false,
         };
-        track.is_loose = track.is_loose_on(queued, cycle);
+        track.is_loose = track.is_loose_on(far_behind, cycle);
         track.becomes_active(cycle, begin, stands);
         track
     }
 
     /// Whether what is known of where it counts from may be beside that. Behind another, only where that is over already, for all that
     /// is known: far from its end it is not.
-    fn is_loose_on(&self, queued: bool, cycle: &Cycle<'_>) -> bool {
+    fn is_loose_on(&self, far_behind: bool, cycle: &Cycle<'_>) -> bool {
         let Some(way) = self.distance else {
             return false;
         };
         let known = cycle.traits.relative_base == RelativeBase::PreviousTarget
-            || (queued && !self.bases.are_near(lag_of(way), cycle.bounds));
+            || (far_behind && !self.bases.are_near(lag_of(way), cycle.bounds));
         self.end.is_none() || !known
     }
 
@@ -355,6 +358,7 @@ impl Track {
     /// The one before it has ended, and nothing has shown that the drive had begun it. `unproven`: nor that it has ended.
     pub(super) const fn comes_after_doubt(&mut self, unproven: bool) {
         self.follows = true;
+        self.after_unseen = true;
         self.doubted = unproven;
     }
 
@@ -388,6 +392,7 @@ impl Track {
     /// Lets go of what makes no difference any more.
     pub(super) fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration) {
         no_older(&mut self.since, now, begin.max(settle));
+        no_older(&mut self.low, now, settle);
         if let Some((since, ..)) = &mut self.lingering.span {
             no_older(since, now, begin);
         }
@@ -601,10 +606,9 @@ impl Track {
         let half = way.abs() / 2;
         let stayed =
             cycle.now.saturating_sub(since) >= cycle.bounds.settle && cycles >= AWAY_CYCLES;
-        // One that swung when it set off may swing back to where that was.
-        let back = self.swings && way.signum() != self.side;
-        let swing = if back { self.length } else { self.length / 2 };
-        let far = gone >= half && (gone >= i64::from(swing) || stayed);
+        // One that swung when it set off may swing as far.
+        let goes = gone >= i64::from(self.length / 2) && !self.swings;
+        let far = gone >= half && (goes || stayed);
         let leaves = self.rested && gone >= half.min(3 * window);
         (far || leaves) && goes_on && gone > self.astray
     }
@@ -612,7 +616,7 @@ impl Track {
     /// Whether both this one and `next` are over, with the axis at rest: it has been under way, or had no way to go, and has stood with
     /// bit 10 for the settle time at the end of the next one; elsewhere, for as long as that may take to begin.
     pub(super) fn rests_with(&mut self, next: &Self, cycle: &Cycle<'_>) -> Option<Rest> {
-        let reached = cycle.sample.statusword.contains(Statusword::TARGET_REACHED);
+        let reached = cycle.is_reached();
         let steady = || {
             let standstill = cycle.standstill;
             standstill.steady_since(cycle.now, next.since.max(self.low), cycle.bounds)
@@ -624,12 +628,11 @@ impl Track {
         let resting = *self.resting.get_or_insert(cycle.now);
         let (position, window) = (cycle.sample.position, cycle.bounds.position);
         let at = |end: i32| cycle.bounds.distance(end, position) <= window;
+        let left = self.left_target && !self.after_unseen;
         let moved = self.stood.is_some_and(|stood| !at(stood));
-        let begun = self.left_target || moved || self.has_no_way(window);
-        let over = match next.end {
-            Some(end) => at(end),
-            None => next.may_end_at(position, cycle.bounds),
-        };
+        let was_there = self.end.is_some() && self.sight(cycle) == Sight::There;
+        let begun = left || moved || was_there || self.has_no_way(window);
+        let over = next.end.is_some_and(at) || next.may_end_at(position, cycle.bounds);
         if begun && over {
             return Some(Rest::BothOver);
         }
@@ -644,8 +647,7 @@ impl Track {
 
     /// Whether the axis has stood with bit 10 for the settle time: nothing that the drive holds is under way.
     pub(super) fn is_at_rest(&mut self, cycle: &Cycle<'_>) -> bool {
-        cycle.sample.statusword.contains(Statusword::TARGET_REACHED)
-            && (self.is_settled(cycle) || self.lingering.observe(cycle))
+        cycle.is_reached() && (self.is_settled(cycle) || self.lingering.observe(cycle))
     }
 
     /// Whether the axis has stood since bit 10 was low last. Before that it may have been about to set off.
@@ -682,7 +684,7 @@ impl Track {
     /// When and how it ended, as the last set-point.
     #[inline(always)]
     pub(super) fn outcome(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
-        if !cycle.sample.statusword.contains(Statusword::TARGET_REACHED) {
+        if !cycle.is_reached() {
             return None;
         }
         self.end_shown(cycle)

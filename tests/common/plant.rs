@@ -142,6 +142,7 @@ pub struct Drive {
     /// The end of the last set-point.
     last_end: f64,
     wait: u32,
+    dwells: bool,
     in_window: u32,
     reached: bool,
     acknowledge: bool,
@@ -181,6 +182,7 @@ impl Drive {
             rate: 0.0,
             last_end: 0.0,
             wait: 0,
+            dwells: false,
             in_window: 1_000,
             reached: true,
             acknowledge: false,
@@ -351,13 +353,14 @@ impl Drive {
             }
         }
         let waits = self.wait > 0 && self.reached;
+        let waits = waits || self.dwells;
         let idle = self.active.is_none() || waits;
         let end = self.last_end;
         let near = (self.actual - self.demand).abs()
             <= f64::from(self.habits.window + self.habits.droop.abs())
             && (waits || (self.demand - end).abs() < 0.5 || self.last.word & BIT_8 != 0);
         self.in_window = if near { self.in_window + 1 } else { 0 };
-        self.reached = waits
+        self.reached = (waits && !self.dwells)
             || (idle && self.queued.is_none() && self.in_window > self.habits.window_time)
             || (self.wait > 0 && self.in_window > self.habits.window_time);
     }
@@ -365,15 +368,7 @@ impl Drive {
     fn follow_profile(&mut self) {
         if self.wait > 0 {
             self.wait -= 1;
-            if self.wait == 0
-                && self.active.is_none()
-                && let Some(next) = self.queued.take()
-            {
-                self.start(next);
-                if self.last.word & BIT_4 == 0 {
-                    self.acknowledge = false;
-                }
-            }
+            self.dwells &= self.wait > 0;
             return;
         }
         let Some(active) = self.active else { return };
@@ -423,10 +418,12 @@ impl Drive {
         if let Some(active) = self.active.take() {
             self.ledger[active.entry].ended = Some((self.now, how));
         }
-        if how == End::Stopped && self.queued.is_some() && self.habits.dwell > 0 {
-            self.wait = self.habits.dwell;
-        } else if let Some(next) = self.queued.take() {
+        if let Some(next) = self.queued.take() {
             self.start(next);
+            if how == End::Stopped {
+                self.wait = self.habits.dwell;
+                self.dwells = self.wait > 0;
+            }
             // There is room again.
             if self.last.word & BIT_4 == 0 {
                 self.acknowledge = false;

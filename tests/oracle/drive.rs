@@ -672,7 +672,8 @@ impl Drive {
         if self.pending.is_some() && !immediate {
             // Full: no document says that it is taken. One that is at its end before it begins may be over for all that shows.
             let mut held = self.active.iter().chain(&self.pending);
-            if !held.any(|held| (held.goal - self.demand).abs() <= self.making.window + 2.0) {
+            let no_way = self.making.window + 2.0 + 2.0 * f64::from(self.making.dither);
+            if !held.any(|held| (held.goal - self.demand).abs() <= no_way) {
                 self.overrun = Some(out.velocity);
             }
             return;
@@ -847,16 +848,6 @@ impl Drive {
         .copysign(way);
         let near = way.abs() <= (2.0 * active.deceleration * dt * dt).max(0.5);
         let slow = self.demand_velocity.abs() <= 4.0 * active.deceleration * dt;
-        if blends && way.abs() <= self.demand_velocity.abs() * dt {
-            self.demand += self.demand_velocity * dt;
-            self.ledger[active.index].nearest = 0.0;
-            self.end(active.index, End::Passed);
-            self.active = self.pending.take();
-            if self.has(Habit::Bit10Glitch) {
-                self.glitch = true;
-            }
-            return;
-        }
         if near && slow {
             self.arrives = Some(way.signum());
             self.demand = active.goal;
@@ -883,6 +874,14 @@ impl Drive {
             active.deceleration * 1.5
         };
         self.approach_velocity(wanted, ramp, dt);
+        if blends && (active.goal - self.demand) * way <= 0.0 {
+            self.ledger[active.index].nearest = 0.0;
+            self.end(active.index, End::Passed);
+            self.active = self.pending.take();
+            if self.has(Habit::Bit10Glitch) {
+                self.glitch = true;
+            }
+        }
     }
 
     /// Whether an axis whose demand has come to its end is beyond that, or still on its way: seen once for each end.
