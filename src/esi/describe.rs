@@ -9,14 +9,17 @@ use crate::profile_position::{RelativeBase, Traits};
 /// Axes for which the profile has room.
 const MOST_AXES: u8 = 8;
 
-/// The device has no axis: no controlword 6040h, 6840h … in a PDO or in the dictionary.
+/// The device has no axis: no controlword 6040h, 6840h … in a PDO, in the dictionary or in a module of its slots.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{device} is no drive: its ESI file has no controlword (6040h) in a PDO or in the dictionary"
+    "{device} is no drive: its ESI file has no controlword (6040h) in a PDO or in the dictionary{}",
+    if *.slots == 0 { "" } else { ", nor in a module that its slots hold by default" }
 )]
 pub struct NoAxis {
     /// The device's name.
     pub device: String,
+    /// How many slots it has for modules.
+    pub slots: usize,
 }
 
 impl EsiDevice {
@@ -73,6 +76,7 @@ impl EsiDevice {
         if descriptions.is_empty() {
             return Err(NoAxis {
                 device: self.name.clone(),
+                slots: self.slots.len(),
             });
         }
         Ok(DriveDescription {

@@ -2,6 +2,7 @@
 
 use super::dictionary::{self, EsiEntry};
 use super::error::{EsiError, EsiFault};
+use super::modules::{self, EsiSlot, Modules, Part};
 use super::xml::Element;
 use crate::coe::ObjectAddress;
 use crate::parameters::{ObjectValue, StartUpList, StartUpWrite, Transition};
@@ -31,6 +32,8 @@ pub struct EsiDevice {
     pub sdo_information: bool,
     /// Whether complete access is there.
     pub complete_access: bool,
+    /// The slots of a modular device, in order; what the modules in them have is among the rest.
+    pub slots: Vec<EsiSlot>,
     /// The PDOs of both directions.
     pub pdos: Vec<EsiPdo>,
     /// The entries of all objects of its dictionary, in the file's order; empty if the file has none.
@@ -126,9 +129,10 @@ impl EsiDevice {
         list
     }
 
-    pub(super) fn read(
+    pub(super) fn read<'a>(
         vendor: u32,
-        device: &Element<'_>,
+        device: &Element<'a>,
+        modules: &Modules<'a>,
         room: &mut usize,
     ) -> Result<Self, EsiError> {
         let kind = device.need("Type")?;
@@ -136,20 +140,35 @@ impl EsiDevice {
             .child("Mailbox")
             .and_then(|mailbox| mailbox.child("CoE"));
         let mut pdos = Vec::new();
+        let mut dictionary = Vec::new();
+        let mut init_commands = Vec::new();
+        let (slots, parts) = modules::parts(device, modules)?;
+        let dictionary_of = |element: &Element<'a>| {
+            let mut profiles = element.children("Profile");
+            profiles.find_map(|profile| profile.child("Dictionary"))
+        };
+        let of_device = dictionary_of(device);
         for (name, direction) in [("RxPdo", Direction::Outputs), ("TxPdo", Direction::Inputs)] {
-            for pdo in device.children(name) {
-                pdos.push(read_pdo(&pdo, direction)?);
+            for part in &parts {
+                for pdo in part.element.children(name) {
+                    pdos.push(read_pdo(&pdo, part, direction)?);
+                }
             }
         }
-        let mut dictionary = Vec::new();
-        for profile in device.children("Profile") {
-            if let Some(element) = profile.child("Dictionary") {
-                dictionary::read(&element, room, &mut dictionary)?;
+        for part in &parts {
+            if let Some(element) = dictionary_of(&part.element) {
+                dictionary::read(&element, of_device.as_ref(), part, room, &mut dictionary)?;
+            }
+            let coe = part
+                .element
+                .child("Mailbox")
+                .and_then(|mailbox| mailbox.child("CoE"));
+            for command in coe.iter().flat_map(|coe| coe.children("InitCmd")) {
+                init_commands.push(read_command(&command, part)?);
             }
         }
         let clock = device.child("Dc");
         let modes = clock.iter().flat_map(|dc| dc.children("OpMode"));
-        let commands = coe.iter().flat_map(|coe| coe.children("InitCmd"));
         Ok(Self {
             vendor,
             product: kind.attribute_number("ProductCode")?.unwrap_or(0),
@@ -163,6 +182,7 @@ impl EsiDevice {
             fills_pdos: coe.is_some_and(|coe| coe.flag("PdoConfig")),
             sdo_information: coe.is_some_and(|coe| coe.flag("SdoInfo")),
             complete_access: coe.is_some_and(|coe| coe.flag("CompleteAccess")),
+            slots,
             pdos,
             dictionary,
             clock_modes: modes
@@ -173,9 +193,7 @@ impl EsiDevice {
                     })
                 })
                 .collect::<Result<_, EsiError>>()?,
-            init_commands: commands
-                .map(|command| read_command(&command))
-                .collect::<Result<_, _>>()?,
+            init_commands,
         })
     }
 }
@@ -189,9 +207,13 @@ fn read_sync_manager(manager: &Element<'_>) -> Result<EsiSyncManager, EsiError> 
     })
 }
 
-fn read_pdo(element: &Element<'_>, direction: Direction) -> Result<EsiPdo, EsiError> {
+fn read_pdo(
+    element: &Element<'_>,
+    part: &Part<'_>,
+    direction: Direction,
+) -> Result<EsiPdo, EsiError> {
     let index_element = element.need("Index")?;
-    let index: u16 = index_element.number()?;
+    let index = part.pdo_index(&index_element)?;
     if !direction.pdo_range().contains(&index) {
         return Err(index_element.error(EsiFault::PdoIndex(index)));
     }
@@ -200,7 +222,7 @@ fn read_pdo(element: &Element<'_>, direction: Direction) -> Result<EsiPdo, EsiEr
     }
     let entry = |entry: Element<'_>| {
         Ok(Entry::new(
-            entry.need("Index")?.number()?,
+            part.object_index(&entry.need("Index")?)?,
             entry.number_of("SubIndex")?.unwrap_or(0),
             entry.need("BitLen")?.number()?,
         ))
@@ -220,12 +242,12 @@ fn read_pdo(element: &Element<'_>, direction: Direction) -> Result<EsiPdo, EsiEr
         sync_manager: element.attribute_number("Sm")?,
         excludes: element
             .children("Exclude")
-            .map(|other| other.number())
+            .map(|other| part.pdo_index(&other))
             .collect::<Result<_, _>>()?,
     })
 }
 
-fn read_command(command: &Element<'_>) -> Result<EsiInitCommand, EsiError> {
+fn read_command(command: &Element<'_>, part: &Part<'_>) -> Result<EsiInitCommand, EsiError> {
     let transition = |element: Element<'_>| match element.text() {
         "PS" => EsiTransition::PreOpToSafeOp,
         "SO" => EsiTransition::SafeOpToOp,
@@ -234,7 +256,7 @@ fn read_command(command: &Element<'_>) -> Result<EsiInitCommand, EsiError> {
     Ok(EsiInitCommand {
         transitions: command.children("Transition").map(transition).collect(),
         object: ObjectAddress::new(
-            command.need("Index")?.number()?,
+            part.object_index(&command.need("Index")?)?,
             command.need("SubIndex")?.number()?,
         ),
         data: command.need("Data")?.bytes()?,

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::error::{EsiError, EsiFault};
+use super::modules::Part;
 use super::xml::Element;
 use crate::coe::{Mappable, ObjectAddress};
 
@@ -54,14 +55,18 @@ impl Flags {
     }
 }
 
-/// Adds the entries of a dictionary.
+/// Adds the entries of a dictionary. A module's may name data types of its device's.
 pub(super) fn read(
     dictionary: &Element<'_>,
+    of_device: Option<&Element<'_>>,
+    part: &Part<'_>,
     room: &mut usize,
     entries: &mut Vec<EsiEntry>,
 ) -> Result<(), EsiError> {
-    let types: BTreeMap<_, _> = dictionary
-        .children("DataTypes")
+    let types: BTreeMap<_, _> = of_device
+        .into_iter()
+        .chain([dictionary])
+        .flat_map(|dictionary| dictionary.children("DataTypes"))
         .flat_map(|types| types.children("DataType"))
         .filter_map(|kind| Some((kind.child("Name")?.text(), kind)))
         .collect();
@@ -71,7 +76,7 @@ pub(super) fn read(
     {
         let mut unfolding = Unfolding {
             types: &types,
-            index: object.need("Index")?.number()?,
+            index: part.object_index(&object.need("Index")?)?,
             object,
             room,
             entries,

@@ -89,6 +89,9 @@ pub enum EsiFault {
     /// A PDO with more entries than a mapping object has room for.
     #[error("PDO {0:04X}h has more than 254 entries")]
     LongPdo(u16),
+    /// A device has more slots than are read.
+    #[error("the device has more than 255 slots")]
+    TooManySlots,
     /// The dictionaries have more entries than are read.
     #[error(
         "the dictionaries have more entries than are read ({})",

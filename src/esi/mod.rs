@@ -4,7 +4,8 @@
 //! `InitCmd`s ([`EsiDevice::start_up_list`]), and a table of what a drive has otherwise ([`EsiDevice::compare`]).
 //!
 //! Files are not trusted: at most [`MOST_BYTES`], a bounded number of elements, no document type definition (and so no entities),
-//! no recursion. Modules and slots are not read. Reading one takes at most 64 KiB, 128 bytes of memory for each of its bytes, and 1
+//! no recursion. Of the slots of a modular device
+//! those are read whose module is the default or has to be there. Reading one takes at most 64 KiB, 128 bytes of memory for each of its bytes, and 1
 //! KiB for each entry of its dictionaries. They have at most 262 144 entries.
 
 mod compare;
@@ -12,6 +13,7 @@ mod describe;
 mod device;
 mod dictionary;
 mod error;
+mod modules;
 mod xml;
 
 pub use compare::{EsiDifference, EsiDifferences};
@@ -19,6 +21,7 @@ pub use describe::NoAxis;
 pub use device::{EsiClockMode, EsiDevice, EsiInitCommand, EsiPdo, EsiSyncManager, EsiTransition};
 pub use dictionary::EsiEntry;
 pub use error::{EsiError, EsiFault};
+pub use modules::EsiSlot;
 pub use xml::MOST_BYTES;
 
 use std::path::Path;
@@ -78,6 +81,7 @@ impl Esi {
             return Err(root.error(EsiFault::NoEsi));
         }
         let vendor = root.need("Vendor")?;
+        let modules = modules::Modules::read(&root)?;
         let mut devices = Vec::new();
         let mut room = dictionary::MOST_ENTRIES;
         for devices_of_file in root
@@ -88,6 +92,7 @@ impl Esi {
                 devices.push(EsiDevice::read(
                     vendor.need("Id")?.number()?,
                     &device,
+                    &modules,
                     &mut room,
                 )?);
             }

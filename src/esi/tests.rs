@@ -63,6 +63,107 @@ fn fixed_mandatory_and_excluded_pdos_and_padding_are_read() {
     assert_eq!(esi.devices[0].pdos[0].direction, Direction::Outputs);
 }
 
+/// A drive with a slot for each axis, as the files of many drives with two axes have it.
+const MODULAR: &str = r##"<EtherCATInfo><Vendor><Id>1</Id></Vendor><Descriptions>
+<Devices><Device><Type ProductCode="2"/><Name>Two axes</Name>
+  <Profile><Dictionary><DataTypes><DataType><Name>UINT</Name><BitSize>16</BitSize></DataType>
+    <DataType><Name>DT1600</Name><SubItem><SubIdx>0</SubIdx><Type>USINT</Type><BitSize>8</BitSize></SubItem>
+      <SubItem><Type>A8</Type><BitSize>256</BitSize></SubItem></DataType>
+    <DataType><Name>A8</Name><BaseType>UDINT</BaseType><ArrayInfo><LBound>1</LBound><Elements>8</Elements></ArrayInfo></DataType></DataTypes>
+    <Objects><Object><Index>#x1000</Index><Type>UDINT</Type><BitSize>32</BitSize></Object></Objects></Dictionary></Profile>
+  <Mailbox><CoE PdoConfig="1"/></Mailbox>
+  <Slots SlotPdoIncrement="#x40" SlotIndexIncrement="#x800">
+    <Slot MinInstances="1" MaxInstances="1"><Name>Axis 1</Name><ModuleIdent>#x11</ModuleIdent><ModuleIdent Default="1">#x12</ModuleIdent></Slot>
+    <Slot MinInstances="1" MaxInstances="1"><Name>Axis 2</Name><ModuleIdent>#x12</ModuleIdent><ModuleIdent>#x11</ModuleIdent></Slot>
+    <Slot MinInstances="0" MaxInstances="2"><Name>Option</Name><ModuleIdent>#x11</ModuleIdent></Slot>
+  </Slots></Device></Devices>
+<Modules>
+  <Module><Type ModuleIdent="#x11"/><Name>Torque</Name></Module>
+  <Module><Type ModuleIdent="#x12"/><Name>Profile Position</Name>
+    <RxPdo Sm="2"><Index DependOnSlot="1">#x1600</Index><Exclude DependOnSlot="1">#x1601</Exclude>
+      <Entry><Index DependOnSlot="1">#x6040</Index><SubIndex>0</SubIndex><BitLen>16</BitLen></Entry>
+      <Entry><Index DependOnSlot="1">#x607A</Index><SubIndex>0</SubIndex><BitLen>32</BitLen></Entry></RxPdo>
+    <TxPdo Sm="3"><Index DependOnSlot="1">#x1A00</Index>
+      <Entry><Index DependOnSlot="true">#x6041</Index><SubIndex>0</SubIndex><BitLen>16</BitLen></Entry>
+      <Entry><Index DependOnSlot="1">#x6064</Index><SubIndex>0</SubIndex><BitLen>32</BitLen></Entry></TxPdo>
+    <Mailbox><CoE><InitCmd><Transition>PS</Transition><Index DependOnSlot="1">#x6098</Index><SubIndex>0</SubIndex><Data>23</Data></InitCmd></CoE></Mailbox>
+    <Profile><Dictionary><Objects>
+      <Object><Index DependOnSlot="1">#x1600</Index><Name>PDO</Name><Type>DT1600</Type></Object>
+      <Object><Index DependOnSlot="1">#x6081</Index><Name>Velocity</Name><Type>UDINT</Type><BitSize>32</BitSize><Flags><Access>rw</Access><PdoMapping>R</PdoMapping></Flags></Object>
+    </Objects></Dictionary></Profile></Module>
+</Modules></Descriptions></EtherCATInfo>"##;
+
+#[test]
+fn the_axes_of_a_modular_drive_are_in_the_modules_of_its_slots() {
+    let esi = Esi::from_bytes("modular.xml", MODULAR.as_bytes()).unwrap();
+    let device = &esi.devices[0];
+    let slots: Vec<_> = device
+        .slots
+        .iter()
+        .map(|slot| (slot.name.as_str(), slot.module))
+        .collect();
+    // The default, the first of those of which one has to be there, and two that may stay empty.
+    let expected = [
+        ("Axis 1", Some(0x12)),
+        ("Axis 2", Some(0x12)),
+        ("Option", None),
+        ("Option", None),
+    ];
+    assert_eq!(slots, expected);
+    assert_eq!(device.slots[0].fitting, [0x11, 0x12]);
+    let description = device.description().unwrap();
+    assert_eq!(description.axes.len(), 2);
+    assert_eq!(description.axes[1].rx_pdos, [0x1640]);
+    assert_eq!(description.axes[1].tx_pdos, [0x1A40]);
+    let second = &device.pdos[1];
+    assert_eq!(
+        (second.pdo.index, second.excludes.as_slice()),
+        (0x1640, &[0x1641][..])
+    );
+    assert_eq!(second.pdo.entries[0], Entry::new(0x6840, 0, 16));
+    let objects: Vec<_> = device.dictionary.iter().map(|entry| entry.object).collect();
+    for object in [
+        (0x1000, 0),
+        (0x1600, 1),
+        (0x1640, 1),
+        (0x6081, 0),
+        (0x6881, 0),
+    ] {
+        assert!(
+            objects.contains(&ObjectAddress::new(object.0, object.1)),
+            "{object:X?}"
+        );
+    }
+    let written: Vec<_> = device
+        .start_up_list()
+        .writes
+        .iter()
+        .map(|write| write.object)
+        .collect();
+    assert_eq!(
+        written,
+        [ObjectAddress::new(0x6098, 0), ObjectAddress::new(0x6898, 0)]
+    );
+    let layout = description.default_mapping().unwrap().layout();
+    assert!(layout.output_bytes() >= 12 && layout.input_bytes() >= 12);
+}
+
+#[test]
+fn slots_that_cannot_be_are_refused() {
+    let absent = MODULAR.replace("ModuleIdent=\"#x12\"", "ModuleIdent=\"#x13\"");
+    let esi = Esi::from_bytes("modular.xml", absent.as_bytes()).unwrap();
+    let error = esi.devices[0].description().unwrap_err();
+    assert_eq!(error.slots, 4);
+    assert!(error.to_string().contains("slots"), "{error}");
+    let many = MODULAR.replace("MaxInstances=\"2\"", "MaxInstances=\"65535\"");
+    assert_eq!(fault(&many).fault, EsiFault::TooManySlots);
+    let far = MODULAR.replace("#x800", "#xFFFFFFFF");
+    assert!(matches!(
+        fault(&far).fault,
+        EsiFault::Number { max: 65_535, .. }
+    ));
+}
+
 #[test]
 fn a_terminal_without_controlword_is_no_drive() {
     let esi = Esi::from_bytes("terminal.xml", file("<Name>Terminal</Name>").as_bytes()).unwrap();
