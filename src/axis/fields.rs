@@ -384,8 +384,8 @@ fn read<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
 
 fn put<const N: usize>(bytes: &mut [u8], at: Option<usize>, value: Option<[u8; N]>) {
     if let (Some(at), Some(value)) = (at, value)
-        && let Some(place) = at.checked_add(N).and_then(|end| bytes.get_mut(at..end))
+        && let Some(place) = bytes.get_mut(at..).and_then(<[u8]>::first_chunk_mut)
     {
-        place.copy_from_slice(&value);
+        *place = value;
     }
 }

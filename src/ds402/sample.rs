@@ -20,6 +20,7 @@ pub struct Sample {
 impl Sample {
     /// The state that the statusword shows.
     #[must_use]
+    #[inline]
     pub const fn state(&self) -> State {
         self.statusword.state()
     }

@@ -143,6 +143,7 @@ pub enum State {
 impl Statusword {
     /// The state that the word shows, by mask and value; bits outside the mask are of no meaning for it.
     #[must_use]
+    #[inline]
     pub const fn state(self) -> State {
         // One match, which becomes a table. In the first four the mask is 004Fh: bit 5 is of no meaning.
         match self.bits() & 0x006F {

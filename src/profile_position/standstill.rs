@@ -231,21 +231,36 @@ impl Standstill {
             self.stay.leave_out(passed, bounds.gap);
         }
         self.last = now;
-        let stays = self.stay.observe(now, position, bounds.position, bounds);
-        if let Some(velocity) = velocity {
-            if velocity.unsigned_abs() > bounds.velocity {
-                self.quiet.since = NEVER;
-            } else {
-                self.quiet
-                    .observe(now, position, bounds.shorter_window, bounds);
+        let quiet = match velocity {
+            Some(velocity) if velocity.unsigned_abs() <= bounds.velocity => {
+                let within = bounds.shorter_window;
+                self.quiet.observe(now, position, within, bounds)
             }
-        }
-        self.stands = (stays && self.stands) || self.stands_after(now, 0, bounds);
-        self.rest = None;
-        if self.stands && (velocity.is_none() || self.quiet.since != NEVER) {
-            let stay = (self.stay.position, bounds.position);
-            let quiet = velocity.map_or(stay, |_| (self.quiet.position, bounds.shorter_window));
-            self.rest = Positions::of_both(stay, quiet);
+            _ => {
+                self.quiet.since = NEVER;
+                false
+            }
+        };
+        let stays = self.stay.observe(now, position, bounds.position, bounds);
+        // What has just begun has stayed for no time.
+        self.stands = (stays && (self.stands || self.stay.time_after(now, 0) >= bounds.settle_ns))
+            || (quiet && self.quiet.time_after(now, 0) >= bounds.shorter);
+        self.rest = if self.stands {
+            self.rest(velocity.is_some(), bounds)
+        } else {
+            None
+        };
+    }
+
+    /// Where the axis may be and stands on. `measured`: 606Ch shows its velocity.
+    #[inline(never)]
+    fn rest(&self, measured: bool, bounds: &Bounds) -> Option<Positions> {
+        let stay = (self.stay.position, bounds.position);
+        let quiet = (self.quiet.position, bounds.shorter_window);
+        match measured {
+            false => Positions::of_both(stay, stay),
+            true if self.quiet.since == NEVER => None,
+            true => Positions::of_both(stay, quiet),
         }
     }
 
@@ -281,19 +296,15 @@ impl Standstill {
 
     /// As [`is_standing`](Self::is_standing), by what was seen after `since` alone.
     pub(crate) fn stands_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
-        self.stands_after(nanoseconds(now), nanoseconds(since), bounds)
+        let (now, since) = (nanoseconds(now), nanoseconds(since));
+        self.stay.time_after(now, since) >= bounds.settle_ns
+            || self.quiet.time_after(now, since) >= bounds.shorter
     }
 
     /// Whether the position has stayed for the settle time, all of it after `since`.
     pub(crate) fn steady_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
         let time = self.stay.time_after(nanoseconds(now), nanoseconds(since));
         time >= bounds.settle_ns
-    }
-
-    #[inline]
-    fn stands_after(&self, now: u64, since: u64, bounds: &Bounds) -> bool {
-        self.stay.time_after(now, since) >= bounds.settle_ns
-            || self.quiet.time_after(now, since) >= bounds.shorter
     }
 }
 
