@@ -15,6 +15,10 @@ use super::{
     submit::is_down,
 };
 
+/// Between its arrival and its rest an axis without a set-point is within so many position windows: more is a motion, and is
+/// stopped.
+const SETTLES_WITHIN: u32 = 4;
+
 impl AxisCore {
     /// Takes in one cycle with fresh inputs.
     pub(super) fn observe(&mut self, now: Duration, sample: &Sample, delivered: bool) {
@@ -354,8 +358,8 @@ impl AxisCore {
         match self.stopping.stage {
             Stage::None => {}
             Stage::Halting { until, from } => {
-                // From one side of its end to the other.
-                let near = self.bounds.position.saturating_mul(2);
+                // An axis that has just come into its window may go past it before it settles.
+                let near = self.bounds.position.saturating_mul(SETTLES_WITHIN);
                 let distance = |from| self.bounds.distance(from, sample.position);
                 let from = from.filter(|&from| distance(from) <= near);
                 self.stopping.stage = Stage::Halting { until, from };
