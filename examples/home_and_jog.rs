@@ -65,7 +65,7 @@ fn wire() -> Wire {
         ..Machine::default()
     };
     let servo = Servo::generic().change(move |drive| drive.machine = shaft.clone());
-    let mut segment = Segment::new().with(servo.build()).ideal();
+    let mut segment = Segment::new().with(servo.build());
     Wire::new(move |frame, now| segment.process(frame, now))
 }
 

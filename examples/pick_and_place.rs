@@ -169,7 +169,7 @@ fn line() -> Line {
         ..Shaft::default()
     };
     let drive = Servo::akd2g().change(move |drive| drive.machine = shaft.clone());
-    Arc::new(Mutex::new(Segment::new().with(drive.build()).ideal()))
+    Arc::new(Mutex::new(Segment::new().with(drive.build())))
 }
 
 fn lock(line: &Line) -> std::sync::MutexGuard<'_, Segment> {

@@ -33,8 +33,7 @@ fn main() -> ExitCode {
 async fn run() -> Result<(), Box<dyn Error>> {
     let segment = Segment::new()
         .with(personality::generic())
-        .with(personality::generic())
-        .ideal();
+        .with(personality::generic());
     let line = Arc::new(Mutex::new((segment, Duration::ZERO)));
     let net = Network::builder()
         .link(wire(&line))

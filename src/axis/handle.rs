@@ -29,7 +29,7 @@ use super::{
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
-/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g()).ideal();
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
 /// # let drive = DriveConfig::new(drives::akd2g()).axis("x").referencing("x", servocrab::axis::Referencing::AbsoluteEncoder);
 /// # smol::block_on(async {

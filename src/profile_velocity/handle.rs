@@ -20,7 +20,7 @@ use super::JogSetPoint;
 /// # use servocrab_sim::{Segment, personality};
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// # smol::block_on(async {
-/// # let mut segment = Segment::new().with(personality::generic()).ideal();
+/// # let mut segment = Segment::new().with(personality::generic());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
 /// let drive = DriveConfig::new(drives::generic())
 ///     .axis("lift")

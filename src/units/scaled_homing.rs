@@ -37,7 +37,7 @@ impl ScaledAxis {
 /// # smol::block_on(async {
 /// # // The axis stands 5 mm above its negative limit switch.
 /// # let servo = Servo::generic().change(|drive| drive.machine.negative_limit = Some(-5_000));
-/// # let mut segment = Segment::new().with(servo.build()).ideal();
+/// # let mut segment = Segment::new().with(servo.build());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
 /// # let drive = DriveConfig::new(drives::generic()).axis("lift");
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;

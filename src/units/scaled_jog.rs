@@ -28,7 +28,7 @@ impl ScaledAxis {
 /// use servocrab::units::{Ratio, Scale};
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// # smol::block_on(async {
-/// # let mut segment = Segment::new().with(personality::generic()).ideal();
+/// # let mut segment = Segment::new().with(personality::generic());
 /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
 /// # let drive = DriveConfig::new(drives::generic()).axis("lift").map_output("lift", obj::TARGET_VELOCITY);
 /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;

@@ -24,7 +24,7 @@ use servocrab::{
 };
 use servocrab_sim::{
     Segment,
-    ds402::{Machine, Plant, State},
+    ds402::{Machine, State},
     personality::Servo,
 };
 
@@ -97,8 +97,7 @@ impl Line {
         };
         let servo = move || {
             let machine = machine.clone();
-            // The ideal axis: its velocity at rest is 0, so that it can be judged by that.
-            Servo::akd2g().plant(Plant::ideal()).change(move |drive| {
+            Servo::akd2g().change(move |drive| {
                 drive.machine = machine.clone();
                 drive.coast_deceleration = 500_000;
             })

@@ -4,34 +4,18 @@
 use core::{cell::Cell, future::Future, pin::pin, sync::atomic::Ordering, time::Duration};
 use std::{collections::BTreeMap, future::poll_fn, rc::Rc};
 
+use crate::machine::{Machine, Task, Variant, lock};
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Referencing, together},
-    coe::obj,
+    axis::{Axis, AxisError, AxisErrorKind, together},
     ds402::State,
     homing::{HomingMethod, HomingParameters},
     profile_position::{Outcome, SetPoint, Start},
     profile_velocity::JogSetPoint,
 };
-use servocrab_sim::ds402::{Behaviour, Machine as Shaft};
-
-use crate::machine::{Machine, Task, Variant, lock};
 
 /// Parameters by SDO, and in the second one the mode as well.
 fn variants() -> [Variant; 2] {
-    let variant = Variant {
-        not_mapped: vec![0x6081, 0x6083, 0x6084],
-        mapped_too: vec![obj::TARGET_VELOCITY.into()],
-        behaviour: Behaviour {
-            machine: Shaft {
-                start: 20_000,
-                negative_limit: Some(15_000),
-                ..Shaft::default()
-            },
-            ..Behaviour::akd2g()
-        },
-        referencing: Referencing::UnreferencedMovesAllowed,
-        ..Variant::default()
-    };
+    let variant = Variant::by_sdo();
     let mut by_sdo = variant.clone();
     by_sdo.not_mapped.extend([0x6060, 0x6061]);
     [variant, by_sdo]
@@ -190,7 +174,7 @@ fn live<F: Future<Output = Ended>>(
         Fate::Kept => kept = Some(task),
     }
     let stands = |machine: &Machine| {
-        let moves = |station: &crate::machine::Station| lock(&station.drive).velocity() != 0.0;
+        let moves = |station: &crate::machine::Station| !lock(&station.drive).stands();
         !machine.stations.iter().any(moves)
     };
     if ends_by_itself {
@@ -204,19 +188,15 @@ fn live<F: Future<Output = Ended>>(
     }
     for axis in [&x, &y] {
         machine.finish(axis.stop()).unwrap();
-        assert!(
-            lock(&machine.stations[usize::from(core::ptr::eq(axis, &y))].drive).velocity() == 0.0
-        );
+        assert!(lock(&machine.stations[usize::from(core::ptr::eq(axis, &y))].drive).stands());
         machine.finish(axis.disable()).unwrap();
     }
     machine.run(5);
-    let positions = |machine: &Machine| {
-        let station = |n: usize| lock(&machine.stations[n].drive).mechanical_position();
-        [station(0), station(1)]
-    };
-    let stood = positions(&machine);
+    let since = machine.now;
     machine.run(200);
-    assert_eq!(positions(&machine), stood, "{what}");
+    for station in &machine.stations {
+        assert!(!lock(&station.drive).moved_since(since), "{what}");
+    }
     assert!(stands(&machine), "{what}");
     judge_ledger(&machine, &what);
     if let Some(mut kept) = kept {
@@ -250,8 +230,11 @@ fn live<F: Future<Output = Ended>>(
             Ok::<_, AxisError>((from, outcome))
         });
         let (from, outcome) = moved.unwrap_or_else(|error| panic!("{what}: {error}"));
-        let position = from + 77;
-        assert_eq!(outcome, Outcome::Reached { position }, "{what}");
+        let Outcome::Reached { position } = outcome else {
+            panic!("{what}: {outcome:?}");
+        };
+        // Between two positions in the window.
+        assert!((position - from - 77).abs() <= 20, "{what}: {position}");
         let drive = lock(&machine.stations[n].drive);
         let probes = drive.ledger().iter().filter(|line| line.value == 77);
         assert_eq!(probes.count(), 1, "{what}");

@@ -6,7 +6,9 @@ use servocrab::{
     ds402::{Controlword, State},
 };
 
-use crate::machine::{Machine, Task};
+use servocrab_sim::ds402::{Behaviour, Plant};
+
+use crate::machine::{Machine, Task, Variant};
 
 #[test]
 fn a_mapped_input_is_read_as_it_came_last() {
@@ -68,7 +70,12 @@ fn the_manufacturers_bits_are_the_programs_and_no_others() {
 
 #[test]
 fn a_wait_for_a_change_ends_with_the_change_and_not_with_the_cycle() {
-    let (mut machine, axis) = Machine::enabled();
+    // The ideal axis: whatever changes is changed by the test.
+    let variant = Variant {
+        behaviour: Behaviour::akd2g().with_plant(Plant::ideal()),
+        ..Variant::default()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&variant);
     machine.run(10);
     let mut first = Task::new(axis.changed());
     let mut second = Task::new(axis.changed());

@@ -6,7 +6,7 @@ use servocrab::{
 };
 use smol::stream::{self, Stream, StreamExt};
 
-use crate::machine::{Machine, Task};
+use crate::machine::{Machine, Task, at_target};
 
 fn blend() -> SetPoint {
     SetPoint::new().start(Start::Blend)
@@ -37,8 +37,7 @@ fn a_path_of_blended_moves_passes_each_target_in_order_without_a_stop() {
     for end in passed {
         assert!(matches!(end.outcome, Outcome::Passed { .. }), "{end:?}");
     }
-    let reached = Outcome::Reached { position: 30_000 };
-    assert_eq!(last.outcome, reached);
+    let reached = at_target(last.outcome, 30_000);
     assert_eq!(machine.finish(path.finish()).unwrap(), Some(reached));
     assert_eq!(machine.drive().ledger().len(), 5);
 }
@@ -88,7 +87,7 @@ fn a_halt_ends_the_path_behind_the_moves_that_the_drive_holds() {
         .map(|end| end.as_ref().map(|end| end.outcome))
         .collect();
     assert!(matches!(outcomes[0], Ok(Outcome::Reached { .. })));
-    assert_eq!(outcomes[1].unwrap(), Outcome::Reached { position: 10_000 });
+    at_target(outcomes[1].unwrap(), 10_000);
     let refused = outcomes[2].unwrap_err();
     assert_eq!((refused.number, refused.command.target), (2, 15_000));
     assert_eq!(
@@ -123,7 +122,7 @@ fn a_path_that_is_dropped_leaves_the_sent_moves_and_nothing_else() {
     drop(path);
     machine.run(2_000);
     assert_eq!(machine.drive().ledger().len(), 2);
-    assert_eq!(machine.drive().position(), 10_000);
+    assert!(machine.is_at(10_000));
 }
 
 #[test]
@@ -141,13 +140,11 @@ fn the_one_result_of_a_path_is_its_first_failure_or_its_last_outcome() {
     let after = SetPoint::new().start(Start::AfterCurrent);
     // An iterator, a stream, and one that is pinned where it is.
     let moves = || (1..=4).map(|n| pp.abs(n * 1_000, after));
-    let reached = Some(Outcome::Reached { position: 4_000 });
-    assert_eq!(
-        machine.finish(pp.follow(moves()).finish()).unwrap(),
-        reached
-    );
+    let last = machine.finish(pp.follow(moves()).finish()).unwrap();
+    at_target(last.unwrap(), 4_000);
     let path = pp.follow(stream::iter(moves()).then(|request| async { request }));
-    assert_eq!(machine.finish(path.finish()).unwrap(), reached);
+    let last = machine.finish(path.finish()).unwrap();
+    at_target(last.unwrap(), 4_000);
     let none: [MoveRequest; 0] = [];
     assert_eq!(machine.finish(pp.follow(none).finish()).unwrap(), None);
 
@@ -198,7 +195,7 @@ fn a_path_refuses_a_move_of_another_axis_and_sends_nothing_of_it() {
         1,
         "the one before it was executed"
     );
-    assert_eq!(machine.drive().position(), 500);
+    assert!(machine.is_at(500));
     let there = machine.stations[1].drive.lock().unwrap();
     assert!(there.ledger().is_empty());
 }

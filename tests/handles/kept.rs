@@ -2,34 +2,13 @@
 
 use core::sync::atomic::Ordering;
 
+use crate::machine::{Machine, Task, Variant};
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Failure, Referencing},
-    coe::obj,
+    axis::{Axis, AxisError, AxisErrorKind, Failure},
     homing::{HomingMethod, HomingParameters},
     profile_position::{SetPoint, Start},
     profile_velocity::JogSetPoint,
 };
-use servocrab_sim::ds402::{Behaviour, Machine as Shaft};
-
-use crate::machine::{Machine, Task, Variant};
-
-/// Speeds and ramps go by SDO.
-fn by_sdo() -> Variant {
-    Variant {
-        not_mapped: vec![0x6081, 0x6083, 0x6084],
-        mapped_too: vec![obj::TARGET_VELOCITY.into()],
-        behaviour: Behaviour {
-            machine: Shaft {
-                start: 20_000,
-                negative_limit: Some(15_000),
-                ..Shaft::default()
-            },
-            ..Behaviour::akd2g()
-        },
-        referencing: Referencing::UnreferencedMovesAllowed,
-        ..Variant::default()
-    }
-}
 
 fn to_the_switch() -> HomingParameters {
     HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
@@ -38,7 +17,7 @@ fn to_the_switch() -> HomingParameters {
 }
 
 fn slow() -> (Machine, Axis) {
-    let (machine, axis) = Machine::enabled_of(&by_sdo());
+    let (machine, axis) = Machine::enabled_of(&Variant::by_sdo());
     let sdo = &machine.stations[0].sdo;
     sdo.slow_writes.store(true, Ordering::Relaxed);
     (machine, axis)
@@ -77,7 +56,7 @@ fn a_homing_that_is_kept_while_it_writes_makes_the_next_one_busy_until_it_is_dro
 
 #[test]
 fn a_homing_that_is_kept_after_it_was_sent_is_busy_only_until_it_has_ended() {
-    let (mut machine, axis) = Machine::enabled_of(&by_sdo());
+    let (mut machine, axis) = Machine::enabled_of(&Variant::by_sdo());
     let homing = machine.finish(axis.homing()).unwrap();
     let mut first = Task::new(homing.home(to_the_switch()));
     assert!(first.poll().is_none());

@@ -23,11 +23,16 @@ use servocrab::{
     coe::{AbortCode, AnyObject, AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj},
     drives,
     pdo_map::{Direction, Layout, Mapping},
-    profile_position::{Limits, Parameters, Traits},
+    profile_position::{Limits, Outcome, Parameters, Traits},
 };
 use servocrab_sim::ds402;
 
 pub(crate) const CYCLE: Duration = Duration::from_millis(1);
+
+/// A move ends, and an axis rests, within so many counts of its target: 6067h of the drive.
+const WINDOW: i64 = 10;
+/// An axis on its way has its demand velocity within so many counts/s.
+const FOLLOWS: f64 = 500.0;
 
 pub(crate) type Drive = Arc<Mutex<ds402::Axis>>;
 
@@ -74,6 +79,31 @@ impl Default for Variant {
             limits: Limits::trust_drive(),
             referencing: Referencing::AbsoluteEncoder,
         }
+    }
+}
+
+impl Variant {
+    /// Speeds and ramps go by SDO, and it can jog and home.
+    pub(crate) fn by_sdo() -> Self {
+        Self {
+            not_mapped: vec![0x6081, 0x6083, 0x6084],
+            mapped_too: vec![obj::TARGET_VELOCITY.into()],
+            behaviour: ds402::Behaviour {
+                machine: beside_its_switch(),
+                ..ds402::Behaviour::akd2g()
+            },
+            referencing: Referencing::UnreferencedMovesAllowed,
+            ..Self::default()
+        }
+    }
+}
+
+/// The home switch lies in negative direction, 5000 counts away.
+pub(crate) fn beside_its_switch() -> ds402::Machine {
+    ds402::Machine {
+        start: 20_000,
+        negative_limit: Some(15_000),
+        ..ds402::Machine::default()
     }
 }
 
@@ -183,6 +213,22 @@ impl Machine {
         lock(&self.stations[0].drive)
     }
 
+    /// Whether the shaft is within the position window around this position.
+    pub(crate) fn is_at(&self, position: i64) -> bool {
+        (self.drive().position() - position).abs() <= WINDOW
+    }
+
+    /// Whether the shaft goes at this demand velocity.
+    pub(crate) fn goes_at(&self, velocity: f64) -> bool {
+        let drive = self.drive();
+        drive.demand().1 == velocity && (drive.velocity() - velocity).abs() < FOLLOWS
+    }
+
+    /// Whether the drive plans no motion, and its shaft stands.
+    pub(crate) fn stands(&self) -> bool {
+        self.drive().stands()
+    }
+
     pub(crate) fn cycle(&mut self) {
         self.cycle_while(|| ());
     }
@@ -226,6 +272,17 @@ impl Machine {
     }
 }
 
+/// The outcome of a move that has reached this target, by its position window.
+#[track_caller]
+pub(crate) fn at_target(outcome: Outcome, target: i32) -> Outcome {
+    let Outcome::Reached { position } = outcome else {
+        panic!("{outcome:?} instead of {target} reached");
+    };
+    let off = i64::from(position) - i64::from(target);
+    assert!(off.abs() <= WINDOW, "at {position} instead of {target}");
+    outcome
+}
+
 struct Stations<'a>(&'a mut [Station]);
 
 impl AxisSet for Stations<'_> {
@@ -250,9 +307,10 @@ impl Station {
             ..Parameters::default()
         };
         let core = AxisCore::new(config);
-        let drive: Drive = Arc::new(Mutex::new(ds402::Axis::new(
-            variant.behaviour.clone().with_plant(ds402::Plant::ideal()),
-        )));
+        let mut behaviour = variant.behaviour.clone();
+        // Each shaft has noise and loads of its own.
+        behaviour.plant.seed += index as u64;
+        let drive: Drive = Arc::new(Mutex::new(ds402::Axis::new(behaviour)));
         let sdo = Arc::new(Sdo {
             drive: Arc::clone(&drive),
             written: Mutex::default(),

@@ -5,10 +5,10 @@ use std::{sync::atomic::Ordering, time::Duration};
 use servocrab::{
     axis::{AxisErrorKind, Failure},
     ds402::State,
-    profile_position::{Outcome, SetPoint, Start, StartBits},
+    profile_position::{SetPoint, Start, StartBits},
 };
 
-use crate::machine::{Machine, Task, Variant};
+use crate::machine::{Machine, Task, Variant, at_target};
 
 #[test]
 fn a_move_resolves_at_the_acknowledge_and_its_outcome_at_the_target() {
@@ -19,15 +19,14 @@ fn a_move_resolves_at_the_acknowledge_and_its_outcome_at_the_target() {
         .unwrap();
     assert!(machine.drive().position() < 5_000, "it has just begun");
     assert_eq!(moved.outcome(), None);
-    let reached = Outcome::Reached { position: 10_000 };
-    assert_eq!(machine.finish(moved.done()).unwrap(), reached);
+    let reached = at_target(machine.finish(moved.done()).unwrap(), 10_000);
     assert_eq!(
         moved.outcome(),
         Some(Ok(reached)),
         "asked again it is the same"
     );
     assert_eq!(machine.finish(moved.done()).unwrap(), reached);
-    assert_eq!(axis.status().position, 10_000);
+    assert!(machine.is_at(10_000) && machine.stands());
 }
 
 #[test]
@@ -38,7 +37,7 @@ fn two_relative_moves_are_two_moves() {
         let moved = machine.finish(pp.move_rel(500, SetPoint::new())).unwrap();
         machine.finish(moved.done()).unwrap();
     }
-    assert_eq!(axis.status().position, 1_000);
+    assert!(machine.is_at(1_000));
     assert_eq!(machine.drive().ledger().len(), 2);
 }
 
@@ -69,7 +68,7 @@ fn a_move_that_is_dropped_after_bit_4_rose_is_executed_once_and_the_next_one_goe
     drop(moving);
     machine.run(1_000);
     assert_eq!(machine.drive().ledger().len(), 1);
-    assert_eq!(machine.drive().position(), 10_000);
+    assert!(machine.is_at(10_000));
 }
 
 #[test]
@@ -85,7 +84,7 @@ fn more_moves_than_places_can_be_dropped_one_after_another() {
     }
     let last = machine.finish(pp.move_abs(-77, SetPoint::new())).unwrap();
     machine.finish(last.done()).unwrap();
-    assert_eq!(axis.status().position, -77);
+    assert!(machine.is_at(-77));
 }
 
 #[test]
@@ -147,8 +146,7 @@ fn a_deadline_of_the_caller_ends_the_wait_and_not_the_move() {
     let late = machine.finish_task(&mut wait).unwrap_err();
     assert!(matches!(late.kind, AxisErrorKind::Late { .. }));
     assert_eq!(machine.now - begin, Duration::from_millis(20));
-    let reached = Outcome::Reached { position: 10_000 };
-    assert_eq!(machine.finish(moved.done()).unwrap(), reached);
+    let reached = at_target(machine.finish(moved.done()).unwrap(), 10_000);
     let in_time = smol::block_on(moved.done().within(Duration::from_secs(60)));
     assert_eq!(in_time.unwrap(), reached);
 }

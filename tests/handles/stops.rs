@@ -3,11 +3,11 @@
 use servocrab::{
     axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure},
     ds402::State,
-    profile_position::{Outcome, SetPoint},
+    profile_position::SetPoint,
 };
 use servocrab_sim::ds402;
 
-use crate::machine::{Machine, Task};
+use crate::machine::{Machine, Task, Variant, at_target};
 
 const HALT: u16 = 0x0100;
 
@@ -20,7 +20,7 @@ fn a_halted_move_says_so_once_and_goes_on_to_its_target_after_resume() {
         .unwrap();
     machine.run(20);
     machine.finish(axis.halt()).unwrap();
-    assert_eq!(axis.status().velocity, 0);
+    assert!(machine.stands());
     let halted = machine.finish(moved.done()).unwrap_err();
     assert_eq!(
         halted.failure(),
@@ -42,8 +42,7 @@ fn a_halted_move_says_so_once_and_goes_on_to_its_target_after_resume() {
         })
     );
     machine.finish(axis.resume()).unwrap();
-    let reached = Outcome::Reached { position: 20_000 };
-    assert_eq!(machine.finish_task(&mut through).unwrap(), reached);
+    let reached = at_target(machine.finish_task(&mut through).unwrap(), 20_000);
     assert_eq!(machine.finish_task(&mut again).unwrap(), reached);
     assert_eq!(machine.drive().ledger().len(), 1);
 }
@@ -90,11 +89,7 @@ fn a_quick_stop_says_where_the_drive_stands_and_ends_the_move() {
     let stands = machine.drive().position();
     machine.finish(axis.enable()).unwrap();
     machine.run(200);
-    assert_eq!(
-        machine.drive().position(),
-        stands,
-        "no motion follows from enabling"
-    );
+    assert!(machine.is_at(stands), "no motion follows from enabling");
 }
 
 #[test]
@@ -211,7 +206,7 @@ fn finished_moves_that_are_held_take_no_place_of_anything() {
         let position = n as i32 % 2 * 20;
         for _ in 0..2 {
             let outcome = machine.finish(moved.done()).unwrap();
-            assert_eq!(outcome, Outcome::Reached { position }, "of move {n}");
+            at_target(outcome, position);
         }
     }
 }
@@ -254,7 +249,7 @@ fn stops_that_are_asked_for_while_one_is_under_way_share_its_end() {
             .map(|stop| machine.finish_task(stop).unwrap())
             .collect();
         assert!(ends.iter().all(|end| *end == ends[0]), "kind {kind}");
-        assert_eq!(machine.drive().velocity(), 0.0, "kind {kind}");
+        assert!(machine.stands(), "kind {kind}");
     }
 }
 
@@ -305,7 +300,7 @@ fn a_stop_that_is_shared_ends_what_was_asked_for_before_each_of_those_who_share_
         }
         machine.run(500);
         assert!(machine.drive().ledger().is_empty(), "kind {kind}");
-        assert_eq!(machine.drive().position(), 0, "kind {kind}");
+        assert!(machine.is_at(0), "kind {kind}");
     }
 }
 
@@ -313,6 +308,8 @@ fn a_stop_that_is_shared_ends_what_was_asked_for_before_each_of_those_who_share_
 #[test]
 fn a_stop_that_nobody_has_looked_at_keeps_its_own_end() {
     let (mut machine, axis) = Machine::enabled();
+    // It is known to stand.
+    machine.run(200);
     let mut first = Task::new(axis.stop());
     assert!(first.poll().is_none());
     machine.run(3);
@@ -388,7 +385,7 @@ fn dropping_the_last_handle_stops_a_moving_axis() {
     );
     drop(moved);
     machine.run(1_000);
-    assert_eq!(machine.drive().velocity(), 0.0);
+    assert!(machine.stands());
     assert_ne!(machine.drive().state(), ds402::State::OperationEnabled);
     assert!(machine.drive().position() < 100_000);
 }
@@ -413,7 +410,7 @@ fn an_axis_that_is_to_keep_moving_arrives_without_any_handle() {
         .unwrap();
     drop((axis, pp, moved));
     machine.run(3_000);
-    assert_eq!(machine.drive().position(), 50_000);
+    assert!(machine.is_at(50_000));
 }
 
 #[test]
@@ -453,6 +450,39 @@ fn a_stop_tells_where_the_drive_stands_and_leaves_a_standing_axis_as_it_is() {
         State::OperationEnabled,
         "a standing axis stays as it is"
     );
+}
+
+/// It has arrived within the window, and settles by more than the window from where it is then.
+#[test]
+fn an_axis_that_has_just_arrived_stays_enabled_when_it_is_released_stopped_or_left() {
+    for seed in 0..60 {
+        let variant = Variant {
+            behaviour: ds402::Behaviour::akd2g().with_plant(ds402::Plant::seeded(seed)),
+            ..Variant::default()
+        };
+        for distance in [77, -500] {
+            for end in 0..3 {
+                let (mut machine, axis) = Machine::enabled_of(&variant);
+                let pp = machine.finish(axis.profile_position()).unwrap();
+                let set_point = SetPoint::new().velocity(20_000);
+                let moved = machine.finish(pp.move_rel(distance, set_point)).unwrap();
+                machine.finish(moved.done()).unwrap();
+                drop(moved);
+                match end {
+                    0 => machine.finish(pp.release()).unwrap(),
+                    1 => drop(machine.finish(axis.stop()).unwrap()),
+                    _ => drop((axis, pp)),
+                }
+                machine.run(400);
+                let state = machine.drive().state();
+                assert_eq!(
+                    state,
+                    ds402::State::OperationEnabled,
+                    "plant {seed}, {distance} counts, end {end}"
+                );
+            }
+        }
+    }
 }
 
 /// The program drops everything of the axis while a frame is under way, at each cycle of a move's beginning: in one of them

@@ -47,7 +47,8 @@ fn bits_4_of_all_axes_rise_in_one_frame() {
     assert!(last.iter().all(|rise| *rise == last[0]), "{last:?}");
     assert!(alone.outcome().is_some());
     for station in &machine.stations {
-        assert_eq!(lock(&station.drive).position(), 5_000);
+        let off = lock(&station.drive).position() - 5_000;
+        assert!(off.abs() <= 10, "{off}");
     }
 }
 
@@ -85,14 +86,18 @@ fn none_starts_when_one_would_end_beyond_a_limit() {
     let (mut machine, pp) = machine_of(2, &variant);
     let beyond = [
         pp[1].abs(1_001, SetPoint::new()),
-        pp[1].rel(1_001, SetPoint::new()),
+        // By more than the axis rests beside 0.
+        pp[1].rel(1_011, SetPoint::new()),
     ];
     for request in beyond {
         let requests = [pp[0].abs(500, SetPoint::new()), request];
         let error = machine.finish(together(requests)).unwrap_err();
         assert!(matches!(
             error.error.failure(),
-            Some(Failure::BeyondLimit { target: 1_001, .. })
+            Some(Failure::BeyondLimit {
+                target: 1_001..,
+                ..
+            })
         ));
         assert!(!error.fired && error.started.is_empty());
         machine.run(300);
@@ -102,7 +107,7 @@ fn none_starts_when_one_would_end_beyond_a_limit() {
     }
     let requests = [
         pp[0].abs(500, SetPoint::new()),
-        pp[1].rel(1_000, SetPoint::new()),
+        pp[1].rel(989, SetPoint::new()),
     ];
     assert!(machine.finish(together(requests)).is_ok());
 }

@@ -10,11 +10,19 @@ use servocrab::{
         ScaledJogSetPoint, ScaledOutcome, ScaledSetPoint,
     },
 };
-use servocrab_sim::ds402::{Behaviour, Machine as Shaft};
+use servocrab_sim::ds402::{Behaviour, Plant};
 
 use smol::stream::{self, StreamExt};
 
-use crate::machine::{Machine, Variant};
+use crate::machine::{Machine, Variant, beside_its_switch};
+
+/// The ideal axis: what the program reads is compared to the last digit.
+fn exact() -> Variant {
+    Variant {
+        behaviour: Behaviour::akd2g().with_plant(Plant::ideal()),
+        ..Variant::default()
+    }
+}
 
 /// 1000 counts are 1 mm; velocities in counts/s, accelerations in hundreds of counts/s².
 fn mm() -> Scale {
@@ -24,7 +32,7 @@ fn mm() -> Scale {
 
 #[test]
 fn targets_parameters_and_outcomes_are_in_the_programs_units() {
-    let (mut machine, axis) = Machine::enabled();
+    let (mut machine, axis) = Machine::enabled_of(&exact());
     let x = axis.scaled(mm());
     let pp = machine.finish(x.profile_position()).unwrap();
     let set_point = ScaledSetPoint::new()
@@ -56,7 +64,7 @@ fn targets_parameters_and_outcomes_are_in_the_programs_units() {
 
 #[test]
 fn moves_that_start_together_can_be_scaled_too() {
-    let (mut machine, axis) = Machine::enabled();
+    let (mut machine, axis) = Machine::enabled_of(&exact());
     let pp = machine
         .finish(axis.scaled(mm()).profile_position())
         .unwrap();
@@ -72,7 +80,7 @@ fn moves_that_start_together_can_be_scaled_too() {
 
 #[test]
 fn a_path_and_its_end_are_told_in_the_programs_units() {
-    let (mut machine, axis) = Machine::enabled();
+    let (mut machine, axis) = Machine::enabled_of(&exact());
     let pp = machine
         .finish(axis.scaled(mm()).profile_position())
         .unwrap();
@@ -118,7 +126,7 @@ fn a_path_and_its_end_are_told_in_the_programs_units() {
 
 #[test]
 fn a_target_that_the_drive_missed_is_told_in_the_programs_units() {
-    let (mut machine, axis) = Machine::enabled();
+    let (mut machine, axis) = Machine::enabled_of(&exact());
     for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
         machine.drive().set(0x607D, subindex, limit).unwrap();
     }
@@ -142,7 +150,7 @@ fn a_target_that_the_drive_missed_is_told_in_the_programs_units() {
 
 #[test]
 fn the_factor_objects_of_the_drive_make_the_scale() {
-    let (mut machine, axis) = Machine::enabled();
+    let (mut machine, axis) = Machine::enabled_of(&exact());
     let turn = machine.drive().get(0x6092, 1).unwrap();
     // Velocities in revolutions per minute.
     machine.drive().set(0x6096, 1, 60).unwrap();
@@ -171,7 +179,7 @@ fn the_factor_objects_of_the_drive_make_the_scale() {
 
 #[test]
 fn a_number_that_cannot_be_converted_is_told_before_anything_is_written() {
-    let (mut machine, axis) = Machine::enabled();
+    let (mut machine, axis) = Machine::enabled_of(&exact());
     let pp = machine
         .finish(axis.scaled(mm()).profile_position())
         .unwrap();
@@ -207,12 +215,8 @@ fn with_factors_of_their_own() -> Scale {
 fn a_homing_has_its_speeds_offset_and_result_in_the_programs_units() {
     let variant = Variant {
         behaviour: Behaviour {
-            machine: Shaft {
-                start: 20_000,
-                negative_limit: Some(15_000),
-                ..Shaft::default()
-            },
-            ..Behaviour::akd2g()
+            machine: beside_its_switch(),
+            ..exact().behaviour
         },
         referencing: Referencing::ByHoming,
         ..Variant::default()
@@ -267,7 +271,7 @@ fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
             max_velocity: Some(20_000),
             ..Limits::trust_drive()
         },
-        ..Variant::default()
+        ..exact()
     };
     let (mut machine, axis) = Machine::enabled_of(&variant);
     let x = axis.scaled(with_factors_of_their_own());

@@ -64,7 +64,7 @@ impl Bench {
             ..Machine::default()
         };
         let servo = (subject.device)().change(move |drive| drive.machine = shaft.clone());
-        let line = Line::new(Segment::new().with(servo.build()));
+        let line = Line::on_plants(Segment::new().with(servo.build()));
         let drive = DriveConfig::new((subject.description)())
             .axis("x")
             .referencing("x", subject.referencing);
