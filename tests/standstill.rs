@@ -453,8 +453,8 @@ fn a_stop_with_nothing_to_stop_halts_at_once_and_takes_no_power() {
 fn a_stop_of_an_axis_that_leaves_its_place_goes_on_to_the_quick_stop() {
     // Something moves it, slowly.
     let mut plant = Plant::new(|_| {});
-    plant.velocity = 400.0;
-    plant.deceleration = 2_000.0;
+    plant.velocity = 800.0;
+    plant.deceleration = 4_000.0;
     plant.run(50);
     let id = plant.send(Command::Stop);
     plant.step();

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::{Mode, QuickStopOption, StopOptions, SupportedModes},
+    ds402::{Mode, QuickStopOption, StopOptions, SupportedModes, VelocityWindows},
     profile_position::{Bounds, Limits, Parameters, PositionRange, Traits},
 };
 
@@ -46,6 +46,8 @@ pub struct AxisConfig {
     /// Option codes 605Bh to 605Eh as read from the drive. Where bit 8 lets the axis coast, `halt` is refused, and every other stop is a
     /// quick stop at once.
     pub stop_options: StopOptions,
+    /// Windows and times of the velocity, 606Dh to 6070h, as read from the drive. They are shown and decide nothing.
+    pub velocity_windows: VelocityWindows,
     /// What moves use for the parameters that they leave out: what the drive held when the axis attached.
     pub defaults: Parameters,
     /// What moves are checked against before they are sent: what the drive held when the axis attached. With a mailbox
@@ -73,6 +75,7 @@ impl AxisConfig {
             loss: Loss::default(),
             quick_stop: QuickStopOption(2),
             stop_options: StopOptions::default(),
+            velocity_windows: VelocityWindows::default(),
             defaults: Parameters::default(),
             limits: Limits::trust_drive(),
             modulo: None,
@@ -122,7 +125,8 @@ pub struct Tolerances {
     /// Position units between target and 6064h at arrival: by default the drive's position window 6067h.
     pub position: u32,
     /// Velocity units of 606Ch up to which it shows that the axis stands, where it is mapped. 0 by default, and at most the window
-    /// in a settle time. It shortens the settle time of an axis at rest, and never replaces it. So noise at rest does no harm.
+    /// in a settle time; the drive's threshold 606Fh where
+    /// [`Traits::threshold_in_velocity_units`](crate::profile_position::Traits::threshold_in_velocity_units) holds. It shortens the settle time of an axis at rest, and never replaces it. So noise at rest does no harm.
     pub velocity: u32,
     /// How long 6064h must stay within the window to count as standing, and as not on its way.
     pub settle: Duration,

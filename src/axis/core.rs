@@ -352,6 +352,12 @@ impl AxisCore {
         }
     }
 
+    /// What the drive held when it was attached last.
+    #[cfg(feature = "std")]
+    pub(super) const fn drive_settings(&self) -> super::DriveSettings {
+        super::DriveSettings::of(&self.config)
+    }
+
     /// What is new since this was asked last.
     #[cfg(feature = "std")]
     #[inline]

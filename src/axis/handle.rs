@@ -14,7 +14,7 @@ use crate::{
 };
 
 use super::{
-    AxisError, AxisErrorKind, AxisIdentity, Claims, Command, CommandId, Completion,
+    AxisError, AxisErrorKind, AxisIdentity, Claims, Command, CommandId, Completion, DriveSettings,
     ParameterAccess, Snapshot, StopRequest, last_stop::LastStop, pending::Pending, shared::Shared,
 };
 
@@ -106,6 +106,13 @@ impl Axis {
     #[must_use]
     pub fn status(&self) -> Snapshot {
         self.handles.shared.snapshot()
+    }
+
+    /// What the drive held, when the axis attached, of how it stops (605Ah to 605Eh) and of when it calls the axis standing
+    /// (606Dh to 6070h). A drive that was brought up anew shows what it holds since.
+    #[must_use]
+    pub fn drive_settings(&self) -> DriveSettings {
+        self.handles.shared.drive_settings()
     }
 
     /// The next snapshot in which anything but the cycle's number and age differs; `None` once the network has ended. The last one before

@@ -48,6 +48,8 @@ mod restart;
 #[cfg(feature = "std")]
 mod select;
 #[cfg(feature = "std")]
+mod settings;
+#[cfg(feature = "std")]
 mod setup;
 #[cfg(feature = "std")]
 mod shared;
@@ -95,6 +97,8 @@ pub(crate) use pending::Pending;
 pub use port::AxisPort;
 #[cfg(feature = "std")]
 pub(crate) use restart::Again;
+#[cfg(feature = "std")]
+pub use settings::DriveSettings;
 #[cfg(feature = "std")]
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
 #[cfg(feature = "std")]

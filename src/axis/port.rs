@@ -5,7 +5,7 @@ use core::time::Duration;
 use std::sync::Arc;
 
 use super::{
-    AxisCore, Command, Delivery, Event, Failure, Snapshot, StopRequest,
+    AxisCore, Command, Delivery, DriveSettings, Event, Failure, Snapshot, StopRequest,
     calm::News,
     last_stop::{LastStop, StopKind},
     restart::Again,
@@ -147,7 +147,11 @@ impl AxisPort {
         again: Again,
         outputs: &mut [u8],
     ) {
-        self.shared.restart(matches!(again, Again::Anew(_)));
+        let anew = match &again {
+            Again::Anew(config) => Some(DriveSettings::of(config)),
+            Again::Unknown | Again::Kept => None,
+        };
+        self.shared.restart(anew);
         self.manufacturer = Controlword::empty();
         core.restart(now, again, outputs);
         self.pass_events(core);

@@ -113,7 +113,7 @@ impl AxisSetup {
     /// The two ends of an axis: where its handles come from, and the port for the loop that steps its core.
     #[must_use]
     pub fn open(self, core: &AxisCore) -> (AxisSource, AxisPort) {
-        let shared = Arc::new(Shared::new(self, &core.snapshot()));
+        let shared = Arc::new(Shared::new(self, core));
         let source = AxisSource {
             shared: Arc::clone(&shared),
             handles: Arc::default(),

@@ -9,10 +9,11 @@ use std::sync::Arc;
 use crossbeam_queue::ArrayQueue;
 
 use super::{
-    AxisError, AxisErrorKind, AxisIdentity, AxisSetup, Command, CommandId, Completion, Delivery,
-    Event, Failure, Snapshot, StopRequest,
+    AxisCore, AxisError, AxisErrorKind, AxisIdentity, AxisSetup, Command, CommandId, Completion,
+    Delivery, DriveSettings, Event, Failure, Snapshot, StopRequest,
     last_stop::{LastStop, StopCount, StopKind},
     output_cells::OutputCells,
+    settings::SettingsCell,
     slots::{Joined, QUEUED_AT_MOST, SHARED, Slots, mark, stop_place},
     status::StatusCell,
     tickets::{Ticket, Tickets},
@@ -63,6 +64,8 @@ pub(crate) struct Shared {
     noted_mode: AtomicI16,
     /// Max profile velocity 607Fh as the core checks it; 0 is no limit.
     max_velocity: AtomicU32,
+    /// What the drive held when it was attached last.
+    settings: SettingsCell,
     closed: AtomicBool,
     /// How often the drive was attached anew since its axis was made: what was known of it before is not true any more.
     attached: AtomicU32,
@@ -70,10 +73,10 @@ pub(crate) struct Shared {
 }
 
 impl Shared {
-    pub(crate) fn new(setup: AxisSetup, snapshot: &Snapshot) -> Self {
+    pub(crate) fn new(setup: AxisSetup, core: &AxisCore) -> Self {
         Self {
             identity: Arc::new(setup.identity.clone()),
-            status: StatusCell::new(snapshot, setup.layout.input_bytes()),
+            status: StatusCell::new(&core.snapshot(), setup.layout.input_bytes()),
             waiters: setup.groups.waiters(),
             changes: AtomicU64::new(0),
             leased: AtomicBool::new(false),
@@ -87,6 +90,7 @@ impl Shared {
             manufacturer: AtomicU16::new(0),
             noted_mode: AtomicI16::new(0),
             max_velocity: AtomicU32::new(0),
+            settings: SettingsCell::new(core.drive_settings()),
             closed: AtomicBool::new(false),
             attached: AtomicU32::new(0),
             outputs: OutputCells::of(&setup.layout),
@@ -442,14 +446,20 @@ impl Shared {
 
     /// The axis begins again: nothing that was asked for or set before comes into effect any more. `anew`: its drive has
     /// forgotten what was written to it.
-    pub(super) fn restart(&self, anew: bool) {
+    pub(super) fn restart(&self, anew: Option<DriveSettings>) {
         self.stops.note(StopKind::Restart);
         self.manufacturer.store(0, Ordering::Release);
         self.outputs.clear();
-        if anew {
+        if let Some(settings) = anew {
+            self.settings.set(settings);
             self.noted_mode.store(0, Ordering::Release);
             self.attached.fetch_add(1, Ordering::AcqRel);
         }
+    }
+
+    /// What the drive held when it was attached last.
+    pub(crate) fn drive_settings(&self) -> DriveSettings {
+        self.settings.get()
     }
 
     /// How often the drive was attached anew.

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     axis::{AxisConfig, AxisFields, Tolerances},
     coe::{AbortCode, AxisOffset, DriveError, Number, Object, Readable, SdoError, SdoHandle, obj},
-    ds402::{AbortConnection, QuickStopOption, StopOptions, SupportedModes},
+    ds402::{AbortConnection, QuickStopOption, StopOptions, SupportedModes, VelocityWindows},
     profile_position::{self, Limits, RelativeBase},
 };
 
@@ -58,15 +58,22 @@ impl Job {
             halt: read_if_there(sdo, obj::HALT_OPTION.offset(offset)).await?,
             fault_reaction: read_if_there(sdo, obj::FAULT_REACTION_OPTION.offset(offset)).await?,
         };
-        config.supported_modes = match sdo.read(obj::SUPPORTED_MODES.offset(offset)).await {
-            Ok(modes) => Some(SupportedModes::from_bits_retain(modes)),
-            // It need not be there, and only helps where it is.
-            Err(DriveError {
-                error: SdoError::Aborted { .. } | SdoError::WrongSize { .. },
-                ..
-            }) => None,
-            Err(error) => return Err(at(BringUpStep::Parameters)(error)),
+        config.velocity_windows = VelocityWindows {
+            window: read_if_it_can_be(sdo, obj::VELOCITY_WINDOW.offset(offset)).await?,
+            window_ms: read_if_it_can_be(sdo, obj::VELOCITY_WINDOW_TIME.offset(offset)).await?,
+            threshold: read_if_it_can_be(sdo, obj::VELOCITY_THRESHOLD.offset(offset)).await?,
+            threshold_ms: read_if_it_can_be(sdo, obj::VELOCITY_THRESHOLD_TIME.offset(offset))
+                .await?,
         };
+        if axis.tolerances.is_none()
+            && config.traits.threshold_in_velocity_units
+            && let Some(threshold) = config.velocity_windows.threshold
+        {
+            config.tolerances.velocity = threshold.into();
+        }
+        config.supported_modes = read_if_it_can_be(sdo, obj::SUPPORTED_MODES.offset(offset))
+            .await?
+            .map(SupportedModes::from_bits_retain);
         if config.traits.relative_base == RelativeBase::PositioningOption
             && let Some(code) = read_if_there(sdo, obj::POSITIONING_OPTION.offset(offset)).await?
         {
@@ -164,6 +171,21 @@ async fn read_if_there<T: Number, A: Readable>(
             error: SdoError::Aborted { code, .. },
             ..
         }) if code == AbortCode::NO_OBJECT || code == AbortCode::NO_SUBINDEX => Ok(None),
+        Err(error) => Err(at(BringUpStep::Parameters)(error)),
+    }
+}
+
+/// Reads an object without which the axis attaches all the same, whatever the drive says of it.
+async fn read_if_it_can_be<T: Number, A: Readable>(
+    sdo: &SdoHandle,
+    object: Object<T, A>,
+) -> Result<Option<T>, Failed> {
+    match sdo.read(object).await {
+        Ok(value) => Ok(Some(value)),
+        Err(DriveError {
+            error: SdoError::Aborted { .. } | SdoError::WrongSize { .. },
+            ..
+        }) => Ok(None),
         Err(error) => Err(at(BringUpStep::Parameters)(error)),
     }
 }

@@ -13,7 +13,7 @@ mod words;
 
 pub use error_code::describe as describe_error_code;
 pub use mode::{Mode, SupportedModes};
-pub use option_code::{AbortConnection, QuickStopOption, StopOptions};
+pub use option_code::{AbortConnection, QuickStopOption, StopOptions, VelocityWindows};
 pub use power::{PowerCommand, PowerGoal, next_command};
 pub use sample::Sample;
 pub use signals::{DigitalInputs, DigitalOutputs, TouchProbeFunction, TouchProbeStatus};

@@ -1,4 +1,5 @@
-//! Option codes that this library reads or writes: quick stop (605Ah), the other stops (605Bh to 605Eh) and abort connection (6007h).
+//! Option codes that this library reads or writes: quick stop (605Ah), the other stops (605Bh to 605Eh) and abort connection (6007h);
+//! and the windows by which a drive compares its velocity (606Dh to 6070h).
 
 /// Quick stop option code, object 605Ah: how the drive stops at quick stop and where it ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -44,6 +45,28 @@ impl StopOptions {
     pub const fn halts_under_control(self) -> bool {
         !matches!(self.halt, Some(0))
     }
+}
+
+/// The windows and times by which a drive compares its velocity in Profile Velocity mode, 606Dh to 6070h, as read from it; none where it
+/// has no such object, or one of another size. Drives differ in their units and in what 6070h means, so that none of them decides whether an
+/// axis stands. Where [`Traits::threshold_in_velocity_units`](crate::profile_position::Traits::threshold_in_velocity_units) says that 606Fh
+/// has the unit of 606Ch, it becomes [`Tolerances::velocity`](crate::axis::Tolerances::velocity).
+///
+/// ```
+/// use servocrab::ds402::VelocityWindows;
+/// let held = VelocityWindows { threshold: Some(50), ..VelocityWindows::default() };
+/// assert_eq!(held.window, None);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct VelocityWindows {
+    /// Velocity window 606Dh around the target velocity, in the drive's own unit.
+    pub window: Option<u16>,
+    /// Velocity window time 606Eh, in milliseconds.
+    pub window_ms: Option<u16>,
+    /// Velocity threshold 606Fh of "speed is zero", in the drive's own unit.
+    pub threshold: Option<u16>,
+    /// Velocity threshold time 6070h, in milliseconds.
+    pub threshold_ms: Option<u16>,
 }
 
 /// Abort connection option code, object 6007h (6807h): what an axis does when the process data stop.

@@ -99,6 +99,9 @@ pub struct Traits {
     pub blend_needs_linear_ramps: bool,
     /// How it counts its software position limits 607Dh.
     pub limits: LimitsRule,
+    /// Whether the drive's documents give the velocity threshold 606Fh in the unit of 606Ch. Then a `Network` reads it as
+    /// [`Tolerances::velocity`](crate::axis::Tolerances::velocity) when the axis attaches.
+    pub threshold_in_velocity_units: bool,
 }
 
 impl Traits {
@@ -117,6 +120,7 @@ impl Traits {
             profile_types: &[],
             blend_needs_linear_ramps: false,
             limits: LimitsRule::cia402(),
+            threshold_in_velocity_units: false,
         }
     }
 

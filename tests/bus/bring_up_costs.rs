@@ -65,10 +65,10 @@ fn a_line_of_slow_drives_takes_hardly_longer_than_one_drives_own_accesses() {
     // Identity, mailbox, type, general, FMMU, sync managers; eight bytes each.
     assert!(sii <= 24, "{sii} accesses to the SII");
     // Both assignments and four PDOs, each with its number of entries: what is right already is not written. Of each axis
-    // window, option codes 605Ah to 605Eh, supported modes, three parameters of the profile, six limits, and 6007h read, written and read back.
+    // window, option codes 605Ah to 605Eh, velocity windows 606Dh to 6070h, supported modes, three parameters of the profile, six limits, and 6007h read, written and read back.
     let (mapping, axis) = (
         2 * (1 + 2) + 2 * (1 + 6) + 2 * (1 + 4),
-        1 + 5 + 1 + 3 + 6 + 3,
+        1 + 5 + 4 + 1 + 3 + 6 + 3,
     );
     assert_eq!(mails, mapping + 2 * axis);
 }

@@ -11,6 +11,7 @@ mod endings;
 mod expected_line;
 mod faults;
 mod habits;
+mod held;
 mod independent;
 mod io;
 mod limits;

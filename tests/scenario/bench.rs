@@ -111,7 +111,15 @@ impl Bench {
         let ledger = self.ledger();
         let targets: Vec<_> = ledger[self.executed..]
             .iter()
-            .map(|e| e.target.map_or("?".to_owned(), |target| target.to_string()))
+            .map(|e| match e.target {
+                None => "?".to_owned(),
+                // It may count from where the shaft is.
+                Some(target) if e.relative => (target + 50)
+                    .div_euclid(100)
+                    .saturating_mul(100)
+                    .to_string(),
+                Some(target) => target.to_string(),
+            })
             .collect();
         targets.join(" ")
     }
