@@ -323,7 +323,7 @@ fn pitfall_19_a_move_whose_parameters_are_still_being_written_does_not_outlive_a
         (
             |_, axis| axis.stop_handle().stop(),
             Failure::QuickStopped {
-                delivery: Delivery::Accepted,
+                delivery: Delivery::NotSent,
             },
         ),
         (
@@ -331,13 +331,13 @@ fn pitfall_19_a_move_whose_parameters_are_still_being_written_does_not_outlive_a
                 station.finish(axis.stop()).expect("it stands");
             },
             Failure::QuickStopped {
-                delivery: Delivery::Accepted,
+                delivery: Delivery::NotSent,
             },
         ),
         (
             |station, _| station.port.request_stop(StopRequest::STOP),
             Failure::QuickStopped {
-                delivery: Delivery::Accepted,
+                delivery: Delivery::NotSent,
             },
         ),
         (
@@ -346,7 +346,7 @@ fn pitfall_19_a_move_whose_parameters_are_still_being_written_does_not_outlive_a
                 station.finish(axis.resume()).expect("resumed");
             },
             Failure::Halted {
-                delivery: Delivery::Accepted,
+                delivery: Delivery::NotSent,
             },
         ),
         (
@@ -355,7 +355,7 @@ fn pitfall_19_a_move_whose_parameters_are_still_being_written_does_not_outlive_a
                 station.finish(axis.enable()).expect("enabled");
             },
             Failure::QuickStopped {
-                delivery: Delivery::Accepted,
+                delivery: Delivery::NotSent,
             },
         ),
     ];
