@@ -8,7 +8,7 @@ use std::sync::{
 };
 use std::time::Instant;
 
-use crate::habits::{ALL, Habits, Hits};
+use crate::habits::{ALL, Habit, Habits, Hits};
 use crate::life::{Cut, Told, Violation, live};
 
 pub fn number(name: &str) -> Option<u64> {
@@ -24,7 +24,12 @@ pub struct Search {
     pub seconds: u64,
     /// Ends after so many violations.
     pub keep: u64,
+    /// Whether it tells how far it is.
+    pub progress: bool,
 }
+
+/// After so many cycles it does.
+const PROGRESS: u64 = 2_000_000;
 
 #[derive(Default)]
 pub struct Found {
@@ -64,7 +69,12 @@ impl Search {
                             None => next.fetch_add(1, Ordering::Relaxed),
                         };
                         let told = live(seed, &Cut::default(), false);
-                        spent.fetch_add(told.cycles, Ordering::Relaxed);
+                        let before = spent.fetch_add(told.cycles, Ordering::Relaxed);
+                        if self.progress && before / PROGRESS != (before + told.cycles) / PROGRESS {
+                            let million = before as f64 / 1e6;
+                            let broken = found.lock().expect("no panic in here").violations.len();
+                            eprint!("\r{million:.0} million cycles, {broken} violations   ");
+                        }
                         mine.cycles += told.cycles;
                         mine.lives += 1;
                         mine.set_points += told.set_points;
@@ -86,9 +96,22 @@ impl Search {
                 });
             }
         });
+        if self.progress {
+            eprintln!();
+        }
         let mut found = found.into_inner().expect("no panic in there");
         found.seconds = begin.elapsed().as_secs_f64();
         found
+    }
+}
+
+impl Found {
+    /// Habits that were hit less than once in a million cycles: what they are to try was hardly tried.
+    pub fn rare(&self) -> Vec<Habit> {
+        let least = self.cycles / 1_000_000;
+        let hits = ALL.iter().copied().zip(self.hits.0);
+        let rare = hits.filter(|(_, times)| *times < least);
+        rare.map(|(habit, _)| habit).collect()
     }
 }
 

@@ -20,6 +20,8 @@ pub(crate) struct Args {
 /// One test target, and what its environment says.
 struct Part {
     target: &'static str,
+    /// Tests with this in their names.
+    tests: &'static str,
     /// With the standard library, or the core alone.
     std: bool,
     environment: Vec<(&'static str, String)>,
@@ -38,37 +40,47 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         ("ORACLE_CYCLES", cycles.to_string()),
         ("ORACLE_THREADS", threads.to_string()),
         ("ORACLE_KEEP", "20".to_owned()),
+        ("ORACLE_PROGRESS", "1".to_owned()),
     ];
     if args.quick && args.cycles.is_none() {
         oracle.push(("ORACLE_SECONDS", "60".to_owned()));
     }
-    let model = vec![
-        ("MODEL_THREADS", threads.to_string()),
-        (
-            "MODEL_SECONDS",
-            if args.quick { "40" } else { "3600" }.to_owned(),
-        ),
-    ];
     println!("seed {seed}, {threads} processors");
-    let parts = [
-        Part {
-            target: "oracle",
-            std: false,
-            environment: oracle,
-        },
-        Part {
+    let mut parts = vec![Part {
+        target: "oracle",
+        tests: "",
+        std: false,
+        environment: oracle,
+    }];
+    // Commands and deviations under way at most, and the seconds that all worlds of this size may take.
+    let sizes: &[(u32, u32, u32)] = if args.quick {
+        &[(2, 0, 25), (1, 1, 15)]
+    } else {
+        &[(2, 0, 3600), (1, 1, 3600)]
+    };
+    for (commands, deviations, seconds) in sizes {
+        parts.push(Part {
             target: "model",
+            tests: "every_state",
             std: false,
-            environment: model,
-        },
-        Part {
-            target: "end_of_life",
-            std: true,
-            environment: vec![("END_OF_LIFE_SEED", seed.to_string())],
-        },
-    ];
+            environment: vec![
+                ("MODEL_COMMANDS", commands.to_string()),
+                ("MODEL_DEVIATIONS", deviations.to_string()),
+                ("MODEL_SECONDS", seconds.to_string()),
+                ("MODEL_FIRST", (seed / 100_000).to_string()),
+                ("MODEL_THREADS", threads.to_string()),
+                ("MODEL_PROGRESS", "1".to_owned()),
+            ],
+        });
+    }
+    parts.push(Part {
+        target: "end_of_life",
+        tests: "",
+        std: true,
+        environment: Vec::new(),
+    });
     let mut failed = Vec::new();
-    for part in parts.iter().filter(|part| exists(part.target)) {
+    for part in &parts {
         println!("\n=== {}", part.target);
         if !test(part)? {
             failed.push(part.target);
@@ -79,11 +91,6 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
     } else {
         Err(format!("{} failed; --seed {seed} repeats it", failed.join(", ")).into())
     }
-}
-
-fn exists(target: &str) -> bool {
-    let tests = crate::root().join("tests");
-    tests.join(target).join("main.rs").is_file() || tests.join(format!("{target}.rs")).is_file()
 }
 
 fn test(part: &Part) -> crate::Result<bool> {
@@ -97,6 +104,7 @@ fn test(part: &Part) -> crate::Result<bool> {
     cargo.args([
         "--test",
         part.target,
+        part.tests,
         "--",
         "--include-ignored",
         "--nocapture",
