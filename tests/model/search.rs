@@ -209,13 +209,25 @@ impl Waiting {
     }
 }
 
+/// So many states are looked at before what is next is entered: the table is locked once for all of them.
+const BATCH: usize = 256;
+
 /// What one thread does with its part of a level.
 struct Work<'a> {
     seen: &'a Mutex<Seen>,
     came: Vec<Waiting>,
     steps: u64,
     acts: Vec<u8>,
-    next: Vec<(u128, Move)>,
+    /// What may come after the states of a batch: after which of them, and by what.
+    next: Vec<(u128, Move, usize)>,
+    looks: Vec<Look>,
+}
+
+/// What was seen of one state.
+struct Look {
+    /// The act that leads on to the end; none of a state that is there.
+    end: Option<u8>,
+    awaits: bool,
 }
 
 pub fn search(description: Description, size: Size, bounds: &Bounds) -> Found {
@@ -249,12 +261,14 @@ pub fn search(description: Description, size: Size, bounds: &Bounds) -> Found {
                             steps: 0,
                             acts: Vec::new(),
                             next: Vec::new(),
+                            looks: Vec::new(),
                         };
-                        for (done, state) in states.iter().enumerate() {
-                            if done % 1024 == 1023 && is_over() {
-                                return (work.came, work.steps, states.len() - done, None);
+                        for (done, batch) in states.chunks(BATCH).enumerate() {
+                            if is_over() {
+                                let left = states.len() - done * BATCH;
+                                return (work.came, work.steps, left, None);
                             }
-                            if let Err(broken) = work.expand(state) {
+                            if let Err(broken) = work.expand(batch) {
                                 return (work.came, work.steps, 0, Some(broken));
                             }
                         }
@@ -326,86 +340,88 @@ fn lock(seen: &Mutex<Seen>) -> std::sync::MutexGuard<'_, Seen> {
 }
 
 impl Work<'_> {
-    /// Everything that may happen next.
-    fn expand(&mut self, state: &Waiting) -> Result<(), (String, Vec<Move>)> {
-        let world = state.world();
+    /// Everything that may happen next in these states.
+    fn expand(&mut self, states: &[Waiting]) -> Result<(), (String, Vec<Move>)> {
+        self.next.clear();
+        self.looks.clear();
+        for (place, state) in states.iter().enumerate() {
+            if let Err((what, by)) = self.look_at(place, &state.world()) {
+                let mut way = lock(self.seen).way_to(state.number);
+                way.push(by);
+                return Err((what, way));
+            }
+        }
+        let mut seen = lock(self.seen);
+        for (state, look) in states.iter().zip(&self.looks) {
+            let number = state.number as usize;
+            seen.ways[number] = look.end.map_or(AT_THE_END, |_| NONE);
+            seen.waits[number] = if look.awaits { NONE } else { AT_THE_END };
+        }
+        let mut new = Vec::new();
+        for &(print, by, place) in &self.next {
+            let (state, look) = (&states[place], &self.looks[place]);
+            let (next, is_new) = seen.number(print, state.number, by);
+            if look.end.is_some_and(|end| by == Move::new(end, true)) {
+                seen.ways[state.number as usize] = next;
+            }
+            // Where there is no choice there is no lazy one.
+            if look.awaits && by.act() == NOTHING {
+                seen.waits[state.number as usize] = next;
+            }
+            if is_new {
+                new.push((by, next, place));
+            }
+        }
+        drop(seen);
+        let mut shared = None;
+        for (by, number, place) in new {
+            self.came
+                .push(states[place].next(by, number, place, &mut shared));
+        }
+        Ok(())
+    }
+
+    /// Everything that may happen next in one.
+    fn look_at(&mut self, place: usize, world: &World) -> Result<(), (String, Move)> {
         let end = world.way_to_the_end();
         world.acts(&mut self.acts);
         if !self.acts.contains(&end) {
             self.acts.push(end);
         }
-        self.next.clear();
-        let mut broken = None;
+        self.looks.push(Look {
+            end: (!world.is_at_the_end()).then_some(end),
+            awaits: world.awaits_an_answer(),
+        });
         for &act in &self.acts {
+            let (prompt, lazily) = (Move::new(act, true), Move::new(act, false));
             let mut after = world.clone();
             self.steps += 1;
-            let seen = match after.exchange(act) {
-                Ok(seen) => seen,
-                Err(what) => {
-                    broken = Some((what, Move::new(act, true)));
-                    break;
-                }
-            };
+            let seen = after.exchange(act).map_err(|what| (what, prompt))?;
             let core = after.print_of_core();
             let mut lazy = after.around.clone();
-            let results = [
-                after.drive(&seen, true),
-                after.drive_lazily(&mut lazy, &seen),
-            ];
-            let same = after.around == lazy;
-            for (result, prompt) in results.into_iter().zip([true, false]) {
-                let by = Move::new(act, prompt);
-                if let Err(what) = result {
-                    broken = Some((what, by));
-                }
-                if prompt {
-                    self.next.push((after.around.print_after(&core), by));
-                } else if !same {
-                    self.next.push((lazy.print_after(&core), by));
-                }
-            }
-            if broken.is_some() {
-                break;
+            after.drive(&seen, true).map_err(|what| (what, prompt))?;
+            after
+                .drive_lazily(&mut lazy, &seen)
+                .map_err(|what| (what, lazily))?;
+            let print = after.around.print_after(&core);
+            self.next.push((print, prompt, place));
+            if after.around != lazy {
+                self.next.push((lazy.print_after(&core), lazily, place));
             }
         }
-        let mut seen = lock(self.seen);
-        if let Some((what, by)) = broken {
-            let mut way = seen.way_to(state.number);
-            way.push(by);
-            return Err((what, way));
-        }
-        let mut from = None;
-        let (mut way, mut wait) = (NONE, NONE);
-        for &(print, by) in &self.next {
-            let (number, new) = seen.number(print, state.number, by);
-            if by == Move::new(end, true) {
-                way = number;
-            }
-            // Where there is no choice there is no lazy one.
-            if by.act() == NOTHING {
-                wait = number;
-            }
-            if new {
-                self.came.push(state.next(by, number, &world, &mut from));
-            }
-        }
-        seen.ways[state.number as usize] = if world.is_at_the_end() {
-            AT_THE_END
-        } else {
-            way
-        };
-        seen.waits[state.number as usize] = if world.awaits_an_answer() {
-            wait
-        } else {
-            AT_THE_END
-        };
         Ok(())
     }
 }
 
 impl Waiting {
-    /// The next state by this move. `here`: the world of this one, for those that would be too far from theirs.
-    fn next(&self, by: Move, number: u32, here: &World, shared: &mut Option<Arc<World>>) -> Self {
+    /// The next state by this move. `shared`: the world of the state in this place, for those that would be too far from theirs.
+    fn next(
+        &self,
+        by: Move,
+        number: u32,
+        place: usize,
+        shared: &mut Option<(usize, Arc<World>)>,
+    ) -> Self {
         let count = usize::from(self.count);
         let mut moves = self.moves;
         let (from, count) = if count < AGAIN {
@@ -413,8 +429,11 @@ impl Waiting {
             (Arc::clone(&self.from), count + 1)
         } else {
             moves[0] = by;
-            let from = shared.get_or_insert_with(|| Arc::new(here.clone()));
-            (Arc::clone(from), 1)
+            let here = shared.take().filter(|(of, _)| *of == place);
+            let here = here.unwrap_or_else(|| (place, Arc::new(self.world())));
+            let from = Arc::clone(&here.1);
+            *shared = Some(here);
+            (from, 1)
         };
         Self {
             from,

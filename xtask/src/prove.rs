@@ -61,7 +61,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
     for (commands, deviations, seconds) in sizes {
         parts.push(Part {
             target: "model",
-            tests: "every_state",
+            tests: "every_state_of_the_size",
             std: false,
             environment: vec![
                 ("MODEL_COMMANDS", commands.to_string()),
