@@ -286,6 +286,8 @@ impl Standstill {
             }
         }
         self.last = last;
+        // The next sample is judged as a whole, which comes to the same.
+        self.rest = None;
     }
 
     /// Whether the axis stood in the last cycle with inputs.
