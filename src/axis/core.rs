@@ -390,6 +390,7 @@ impl AxisCore {
         self.outgoing.contains(Controlword::NEW_SET_POINT)
     }
 
+    #[inline(always)]
     pub(super) fn state(&self) -> State {
         self.sample.map_or(State::NotReadyToSwitchOn, |s| s.state())
     }

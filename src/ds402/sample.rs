@@ -20,7 +20,7 @@ pub struct Sample {
 impl Sample {
     /// The state that the statusword shows.
     #[must_use]
-    #[inline]
+    #[inline(always)]
     pub const fn state(&self) -> State {
         self.statusword.state()
     }
