@@ -7,7 +7,7 @@ mod plant;
 mod twins;
 
 use plant::{Bus, End, Habits};
-use servocrab::axis::{Command, Completion, Failure};
+use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::profile_position::{SetPoint, Start};
 
 fn after() -> SetPoint {
@@ -33,7 +33,7 @@ const LATE: Habits = Habits {
 };
 
 /// Runs until this has an end; the drive never holds a set-point that the core does not know.
-fn finish(bus: &mut Bus, id: servocrab::axis::CommandId) -> Result<Completion, Failure> {
+fn finish(bus: &mut Bus, id: CommandId) -> Result<Completion, Failure> {
     for _ in 0..10_000 {
         if let Some(end) = bus.outcome(id) {
             return end;
@@ -125,6 +125,23 @@ fn behind_a_move_that_seemed_to_have_missed_its_target_one_is_sent_and_no_more()
     let stop = bus.send(Command::Stop);
     assert!(bus.finish(stop).is_ok());
     assert_eq!(bus.word() & 0x010F, 0x000F, "there was nothing to stop");
+}
+
+#[test]
+fn a_distance_behind_a_move_that_seemed_to_have_missed_its_target_ends_nowhere_known() {
+    let mut bus = Bus::enabled(LATE, |_| {});
+    missed(&mut bus);
+    // Within the window of nothing that is known: it counts from the end of the one before.
+    let id = bus.rel(5, after());
+    let end = finish(&mut bus, id);
+    assert!(
+        matches!(
+            end,
+            Err(Failure::EndNotKnown { .. } | Failure::NotBegun { .. })
+        ),
+        "{end:?}"
+    );
+    assert!(bus.core.snapshot().has_set_point);
 }
 
 #[test]

@@ -554,3 +554,18 @@ fn a_disable_that_waits_beside_a_quick_stop_ends_as_well() {
     assert_eq!(plant.finish(disable), Ok(Completion::Stopped { state }));
     assert_eq!(plant.velocity, 0.0);
 }
+
+#[test]
+fn a_stop_beside_a_disable_leaves_that_its_end() {
+    let mut plant = Plant::new(|_| {});
+    plant.slow_to_shut_down = true;
+    plant.run(200);
+    let disable = plant.send(Command::Disable);
+    let stop = plant.send(Command::Stop);
+    plant.run(20);
+    plant.slow_to_shut_down = false;
+    for id in [disable, stop] {
+        let end = plant.finish(id);
+        assert!(matches!(end, Ok(Completion::Stopped { .. })), "{end:?}");
+    }
+}

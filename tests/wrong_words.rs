@@ -305,3 +305,79 @@ fn every_state_may_follow_every_other() {
         }
     }
 }
+
+/// Standing halted, with a set-point that the drive keeps.
+fn halted(option: i16) -> Rig {
+    let (mut rig, _) = moving(option, true);
+    let halt = rig.send(Command::Halt);
+    assert!(rig.finish(halt).is_ok());
+    assert!(rig.core.snapshot().has_set_point);
+    rig
+}
+
+#[test]
+fn a_stop_that_ends_well_has_abandoned_the_set_point_whatever_one_word_shows() {
+    for option in [2, 6] {
+        for word in WORDS {
+            for command in [Command::Stop, Command::QuickStop, Command::Disable] {
+                for wait in 0..3 {
+                    for asked_before in [false, true] {
+                        let what = format!(
+                            "605Ah {option}, {word:04X}, {command:?} {wait} {asked_before}"
+                        );
+                        let mut rig = halted(option);
+                        let mut id = asked_before.then(|| rig.send(command));
+                        rig.run(wait);
+                        rig.forged = Some(word);
+                        rig.cycle();
+                        let id = *id.get_or_insert_with(|| rig.send(command));
+                        rig.run_until(12_000, |rig| {
+                            let ended = rig.outcome(id);
+                            let kept = rig.drive.state() == ds402::State::OperationEnabled;
+                            assert!(!(kept && matches!(ended, Some(Ok(_)))), "{what}: {ended:?}");
+                            ended.is_some()
+                        });
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn an_axis_is_not_enabled_by_one_wrong_word() {
+    for wait in 0..12 {
+        let mut rig = rig(2, true);
+        rig.run(200);
+        let id = rig.send(Command::Enable);
+        rig.run(wait);
+        rig.forged = Some(0x0237);
+        rig.run_until(1_000, |rig| rig.outcome(id).is_some());
+        assert_eq!(rig.outcome(id), Some(Ok(Completion::Done)), "{wait}");
+        assert_eq!(rig.drive.state(), ds402::State::OperationEnabled, "{wait}");
+    }
+}
+
+#[test]
+fn words_of_a_drive_without_power_do_not_enable_an_axis_that_moves() {
+    for word in [0x0250, 0x0231, 0x0233] {
+        let (mut rig, _) = moving(6, true);
+        let mut enable = None;
+        for wrong in 0..600 {
+            if wrong < 5 {
+                rig.forged = Some(word);
+            }
+            if wrong == 3 {
+                enable = Some(rig.send(Command::Enable));
+            }
+            rig.cycle();
+            let brakes = rig.words.last().unwrap() & 0x06 == 0x02;
+            let moves = rig.drive.velocity() != 0.0;
+            assert!(brakes || !moves || wrong == 0, "{word:04X}: {wrong}");
+        }
+        assert!(
+            enable.is_some_and(|id| rig.finish(id).is_ok()),
+            "{word:04X}"
+        );
+    }
+}

@@ -410,6 +410,19 @@ impl AxisCore {
         self.is_standing() || !self.brake.may_drive()
     }
 
+    /// Whether the drive has surely shown that its power stage is off, and the axis rests from what it may have been driven to. A moving one
+    /// may be driven still, whatever the statuswords show.
+    pub(super) const fn is_down_at_rest(&self) -> bool {
+        self.brake.is_down() && self.is_at_rest()
+    }
+
+    /// Rest as before; and of an axis that is not to be enabled any more, what was sent last keeps the drive from following a set-point: a state
+    /// without power that was shown once may be wrong.
+    pub(super) fn is_at_rest_for_good(&self) -> bool {
+        let led_down = !self.sent.contains(Controlword::ENABLE_OPERATION);
+        self.is_at_rest() && (led_down || self.power.is_driving())
+    }
+
     /// Whether the axis stands; of one that does not answer, whether it did when it answered last.
     #[cfg(feature = "std")]
     pub(crate) const fn stands(&self) -> bool {

@@ -44,7 +44,9 @@ impl Played {
             last: 0,
         };
         let enabling = this.submit(Command::Enable);
-        for statusword in [0x0250, 0x0250, 0x0250, 0x0231, 0x0233, 0x0237] {
+        for statusword in [
+            0x0250, 0x0250, 0x0250, 0x0231, 0x0233, 0x0237, 0x0237, 0x0237,
+        ] {
             this.shows(statusword);
         }
         assert_eq!(this.outcome(enabling), Some(Ok(Completion::Done)));

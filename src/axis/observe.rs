@@ -81,7 +81,7 @@ impl AxisCore {
         match self.power {
             Power::Off => {}
             Power::Holding => {
-                if self.brake.is_down() && self.is_at_rest() {
+                if self.is_down_at_rest() {
                     self.power = Power::Off;
                 }
             }
@@ -122,20 +122,29 @@ impl AxisCore {
                 id,
                 deadline,
                 was_down,
+                shown,
             } => {
-                if state == State::OperationEnabled && was_down {
+                let ordered = delivered && self.sent.contains(Controlword::ENABLE_OPERATION);
+                let enabled = state == State::OperationEnabled && was_down;
+                // A single word may be wrong: a drive that was sent no more than 07h is not enabled.
+                let shown = (enabled && (ordered || shown.is_some())).then(|| shown.unwrap_or(now));
+                if shown.is_some_and(|since| now > since) && self.has_seen(now, shown) {
                     self.power = Power::Enabled;
                     self.done(id, Ok(Completion::Done));
                 } else if now >= deadline {
                     self.power = Power::Off;
                     self.done(id, Err(self.why_not_enabled(sample)));
-                } else if self.brake.is_down() {
-                    self.halted = false;
-                    self.halt_delivered = None;
+                } else {
+                    let down = self.is_down_at_rest();
+                    if down {
+                        self.halted = false;
+                        self.halt_delivered = None;
+                    }
                     self.power = Power::Enabling {
                         id,
                         deadline,
-                        was_down: true,
+                        was_down: was_down || down,
+                        shown,
                     };
                 }
             }
@@ -379,7 +388,8 @@ impl AxisCore {
                 let holds = state == State::QuickStopActive
                     && (self.config.quick_stop.stays_in_quick_stop_active() || late);
                 let off = matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled);
-                if (holds && self.is_standing()) || (off && self.is_at_rest()) {
+                let followed = self.has_quick_stopped(now, holds || off, delivered);
+                if followed && ((holds && self.is_standing()) || (off && self.is_at_rest())) {
                     self.finish_quick_stop(now, state);
                 } else if self.ignores_quick_stop(now, sample, delivered) {
                     self.give_quick_stop_up(now);
@@ -388,10 +398,13 @@ impl AxisCore {
                 }
             }
             Stage::Settling { until } => {
-                if matches!(state, State::OperationEnabled | State::QuickStopActive) {
+                // A disable under way leads the drive down by itself, and stops the axis if it moves after all.
+                let disables = matches!(self.power, Power::Disabling { .. });
+                let powered = matches!(state, State::OperationEnabled | State::QuickStopActive);
+                if powered && !disables {
                     let standstill = self.config.deadlines.standstill;
                     self.stopping.begin_quick(now.saturating_add(standstill));
-                } else if self.is_at_rest() {
+                } else if self.is_at_rest_for_good() {
                     self.finish_stop(state);
                 } else if now >= until {
                     self.give_waiting_up(state);

@@ -27,11 +27,13 @@ pub(super) enum Power {
         goal: PowerGoal,
         deadline: Duration,
     },
-    /// On the way to Operation enabled. What was enabled by somebody else before is left first.
+    /// On the way to Operation enabled. What was enabled by somebody else before is left first. `shown`: since when each sample has shown
+    /// that state, after it was ordered.
     Enabling {
         id: CommandId,
         deadline: Duration,
         was_down: bool,
+        shown: Option<Duration>,
     },
     /// In Operation enabled, by our command.
     Enabled,

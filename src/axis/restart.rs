@@ -90,7 +90,9 @@ mod tests {
         let mut core = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
         let (mut outputs, mut now) = ([0; 6], Duration::ZERO);
         core.submit(now, CommandId(1), Command::Enable, &mut outputs);
-        for word in [0x0250, 0x0250, 0x0250, 0x0231, 0x0233, 0x0237, statusword] {
+        for word in [
+            0x0250, 0x0250, 0x0250, 0x0231, 0x0233, 0x0237, 0x0237, 0x0237, statusword,
+        ] {
             now += Duration::from_millis(1);
             let [low, high] = u16::to_le_bytes(word);
             core.step(now, Inputs::Fresh(&[low, high, 0, 0, 0, 0]), &mut outputs);

@@ -57,6 +57,9 @@ pub(super) struct Stopping {
     /// Since when a drive that stays in Operation enabled is known to have been sent bit 2 low, and what that does.
     pub(super) quick_delivered: Option<Duration>,
     pub(super) quick_slowing: Slowing,
+    /// Since when bit 2 low is known to have been delivered in this quick stop, and since when each sample has shown a state in which it may end.
+    sent_since: Option<Duration>,
+    shown_since: Option<Duration>,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
     /// How many of these places are taken: there is seldom anybody to look for.
     waiting: usize,
@@ -81,6 +84,8 @@ impl Stopping {
     /// Bit 2 falls, and the axis is to stand by then.
     pub(super) fn begin_quick(&mut self, until: Duration) {
         self.stage = Stage::Quick { until: Some(until) };
+        self.sent_since = None;
+        self.shown_since = None;
         self.measure_quick();
     }
 
@@ -188,6 +193,26 @@ impl AxisCore {
     /// Whether the drive has had the time to take in what was delivered then.
     pub(super) fn has_seen(&self, now: Duration, delivered: Option<Duration>) -> bool {
         delivered.is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen())
+    }
+
+    /// Whether the state of this sample, in which a quick stop may end or not, shows that the drive has followed it: the drive has surely seen bit 2
+    /// low; or, where nobody knows what it receives, has shown no other state for the settle time. One statusword alone may be wrong.
+    pub(super) fn has_quick_stopped(
+        &mut self,
+        now: Duration,
+        may_end: bool,
+        delivered: bool,
+    ) -> bool {
+        if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
+            self.stopping.sent_since.get_or_insert(now);
+        }
+        if !may_end {
+            self.stopping.shown_since = None;
+            return false;
+        }
+        let shown = *self.stopping.shown_since.get_or_insert(now);
+        self.has_seen(now, self.stopping.sent_since)
+            || now.saturating_sub(shown) >= self.bounds.settle
     }
 
     /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower, or has

@@ -93,7 +93,8 @@ impl AxisCore {
         self.power = Power::Enabling {
             id,
             deadline: now.saturating_add(self.config.deadlines.enable),
-            was_down: self.brake.is_down(),
+            was_down: self.is_down_at_rest(),
+            shown: None,
         };
     }
 
@@ -277,7 +278,7 @@ impl AxisCore {
 
     /// There is nothing to send: it is done when the axis stands.
     fn await_standstill(&mut self, now: Duration, id: CommandId) {
-        if self.is_at_rest() {
+        if self.is_at_rest_for_good() {
             let state = self.state();
             self.done(id, Ok(Completion::Stopped { state }));
             return;

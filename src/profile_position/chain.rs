@@ -237,6 +237,11 @@ impl Chain {
                         });
                     } else {
                         let outcome = first.ended_into(second.start, cycle);
+                        // At rest nothing shows that the next one has taken over.
+                        if rest.is_some() && outcome.is_err() {
+                            self.unproven = true;
+                            second.comes_after_doubt(true);
+                        }
                         events.push(first.id, Event::Done(outcome));
                     }
                     second.takes_over(first, cycle);
@@ -301,7 +306,8 @@ impl Chain {
                 self.last_end = if outcome.is_ok() { track.end } else { None };
                 let begun = track.has_begun(cycle);
                 self.unseen = outcome.is_ok() && !begun;
-                self.unproven = outcome.is_err() || (self.unproven && !begun);
+                let proven = begun && track.end.is_some();
+                self.unproven = outcome.is_err() || (self.unproven && !proven);
                 self.at_base = outcome.is_ok();
                 self.ended = cycle.now;
                 self.not_begun |= matches!(outcome, Err(Failure::NotBegun { .. }));
@@ -525,6 +531,10 @@ impl Chain {
     /// What a relative move would count from, where the documents and the position tell.
     fn base_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         let (position, traits) = (cycle.sample.position, cycle.traits);
+        if self.is_empty() && self.unproven && command.set_point.start != Start::Immediately {
+            // Behind one that the drive may hold.
+            return None;
+        }
         match (self.held.iter().flatten().last(), command.set_point.start) {
             // At the end of the move before it all bases are the same, or nearly so: see `end_of`.
             (Some(before), Start::AfterCurrent | Start::Blend) => before.end,

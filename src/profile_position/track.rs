@@ -180,7 +180,7 @@ pub(super) struct Track {
     stood: Option<i32>,
     /// What bounds an axis that does not come to rest within its window, with bit 10 high.
     lingering: Lingering,
-    /// With another behind it: since when it is at rest with bit 10.
+    /// With another behind it, or one in doubt before it: since when it is at rest with bit 10.
     resting: Option<Duration>,
     /// The last position within the window around its end.
     arrived: Option<i32>,
@@ -631,7 +631,8 @@ impl Track {
         let left = self.left_target && !self.after_unseen;
         let moved = self.stood.is_some_and(|stood| !at(stood));
         let was_there = self.end.is_some() && self.sight(cycle) == Sight::There;
-        let begun = left || moved || was_there || self.has_no_way(window);
+        let gone = (moved || was_there) && !self.doubted;
+        let begun = left || gone || self.has_no_way(window);
         let over = next.end.is_some_and(at) || next.may_end_at(position, cycle.bounds);
         if begun && over {
             return Some(Rest::BothOver);
@@ -685,6 +686,9 @@ impl Track {
     #[inline(always)]
     pub(super) fn outcome(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
         if !cycle.is_reached() {
+            if self.doubted {
+                self.resting = None;
+            }
             return None;
         }
         self.end_shown(cycle)
@@ -701,21 +705,30 @@ impl Track {
             .end
             .is_some_and(|end| cycle.bounds.distance(end, position) <= window);
         let may_end_here = self.may_end_at(position, cycle.bounds);
-        if self.left_target && (within || may_end_here) {
+        // Where the one before it has led, or leads, a distance seems to end, too.
+        let certain = self.end.is_some() || !self.doubted;
+        if self.left_target && (within || (may_end_here && certain)) {
             return reached;
         }
         let steady = self.is_settled(cycle);
         let lingers = !steady && self.lingering.observe(cycle);
         if !(steady || lingers) {
+            self.resting = None;
             return None;
         }
-        if within || (self.end.is_none() && self.has_no_way(window)) {
+        if within || (self.end.is_none() && certain && self.has_no_way(window)) {
             return reached;
         }
         let stood = *self.stood.get_or_insert(position);
         let slack = if lingers { self.lingering.width() } else { 0 };
         let gone = cycle.bounds.distance(stood, position);
-        let moved = gone > window.saturating_add(slack) && !self.doubted;
+        let since = if self.doubted {
+            *self.resting.get_or_insert(cycle.now)
+        } else {
+            self.since
+        };
+        let late = cycle.now.saturating_sub(since) >= cycle.begin;
+        let moved = gone > window.saturating_add(slack) && (!self.doubted || late);
         if moved || (self.left_target && !self.follows) {
             return match self.end {
                 _ if may_end_here => reached,
@@ -723,7 +736,6 @@ impl Track {
                 None => Some(Err(Failure::EndNotKnown { actual: position })),
             };
         }
-        let late = cycle.now.saturating_sub(self.since) >= cycle.begin;
         late.then_some(Err(Failure::NotBegun { actual: position }))
     }
 

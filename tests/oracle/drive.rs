@@ -310,8 +310,8 @@ impl Drive {
         &self.image
     }
 
-    /// Whether it holds a set-point whose end the demand has not come to, in any mode; and how far the longest way is that one of them has
-    /// still to go. One with no way to go is over for all that shows, and so are two of them one behind the other, however far both lead.
+    /// Whether it holds a set-point whose end neither the demand nor the axis has come to, in any mode; and how far the longest way is that
+    /// one of them has still to go. One with no way to go is over for all that shows, and so are two of them one behind the other, however far both lead.
     pub fn holds(&self) -> Option<f64> {
         if self.state != State::Enabled {
             return None;
@@ -319,7 +319,11 @@ impl Drive {
         match self.mode {
             1 => self.active.map(|active| {
                 let way = (active.goal - self.demand).abs();
-                let behind = self.pending.map(|next| (next.goal - active.goal).abs());
+                let way = way.min((active.goal - self.position).abs());
+                let behind = self.pending.map(|next| {
+                    let way = (next.goal - active.goal).abs();
+                    way.min((next.goal - self.demand).abs())
+                });
                 way.max(behind.unwrap_or(0.0))
             }),
             3 if self.out.target_velocity != 0 => Some(f64::INFINITY),
