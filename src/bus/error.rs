@@ -1,18 +1,17 @@
-//! Why a network could not be started, or a device not be led back: which one, which step, what was expected and what came.
+//! Why a network could not be started, or a device not be led back: which one, which step, what was expected and what came; with the
+//! errors of each access, and the states that they name.
 
 use std::{fmt, time::Duration};
 
-use super::{
-    AlError, AlState, CableLoad, EepromError, LineMismatch, RealTimeError, ReferenceClock,
-    RegisterError, SyncManagerError, TopologyError, WatchdogState,
-};
 use crate::{
     axis::{AxisIdentity, FieldError},
+    bus::{cable::CableLoad, expected::LineMismatch, real_time::RealTimeError},
     coe::{DriveId, SdoError},
     ds402::State,
     link::RawSocketError,
     parameters::StartUpError,
     pdo_map::{MappingError, Step, verify::Differences},
+    sii::SiiError,
 };
 
 /// Why a network could not be started, or a device of it not be led back.
@@ -416,4 +415,247 @@ pub enum DriveFault {
     /// The cyclic exchange did not get going.
     #[error("no complete exchange of process data within {0:?}")]
     NoExchange(Duration),
+}
+
+/// The state in the AL status, register 0130h.
+const STATE: u8 = 0x0F;
+
+/// A state of a SubDevice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum AlState {
+    /// Nothing but registers.
+    Init,
+    /// Mailbox.
+    PreOp,
+    /// Firmware update.
+    Bootstrap,
+    /// Mailbox and inputs.
+    SafeOp,
+    /// Mailbox, inputs and outputs.
+    Op,
+    /// Any other number.
+    Other(u8),
+}
+
+impl AlState {
+    pub(super) const fn from_bits(bits: u8) -> Self {
+        match bits & STATE {
+            1 => Self::Init,
+            2 => Self::PreOp,
+            3 => Self::Bootstrap,
+            4 => Self::SafeOp,
+            8 => Self::Op,
+            other => Self::Other(other),
+        }
+    }
+
+    pub(super) const fn bits(self) -> u8 {
+        match self {
+            Self::Init => 1,
+            Self::PreOp => 2,
+            Self::Bootstrap => 3,
+            Self::SafeOp => 4,
+            Self::Op => 8,
+            Self::Other(other) => other,
+        }
+    }
+}
+
+impl fmt::Display for AlState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Init => f.write_str("INIT"),
+            Self::PreOp => f.write_str("PREOP"),
+            Self::Bootstrap => f.write_str("BOOT"),
+            Self::SafeOp => f.write_str("SAFEOP"),
+            Self::Op => f.write_str("OP"),
+            Self::Other(n) => write!(f, "state {n}"),
+        }
+    }
+}
+
+/// The AL status of a SubDevice: its state, and why it is not in another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AlStatus {
+    /// The state it is in.
+    pub state: AlState,
+    /// The AL status code, where the SubDevice indicates an error.
+    pub error: Option<u16>,
+}
+
+impl fmt::Display for AlStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.error {
+            None => write!(f, "{}", self.state),
+            Some(code) => {
+                // The text begins with the code in another notation.
+                let text = ethercrab::AlStatusCode::from(code).to_string();
+                let meaning = text.split_once(": ").map_or(text.as_str(), |parts| parts.1);
+                write!(
+                    f,
+                    "{} with AL status code {code:04X}h ({meaning})",
+                    self.state
+                )
+            }
+        }
+    }
+}
+
+/// Why a SubDevice did not change its state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum AlError {
+    /// It refused, or fell back.
+    #[error("it refused and is in {0}")]
+    Refused(AlStatus),
+    /// It neither changed nor refused.
+    #[error("nothing happened within {after:?}: it is in {status}")]
+    Timeout {
+        /// How long it was given.
+        after: Duration,
+        /// What it shows.
+        status: AlStatus,
+    },
+    /// Its registers could not be reached.
+    #[error(transparent)]
+    Register(#[from] RegisterError),
+}
+
+/// Why an access to a register failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RegisterError {
+    /// No frame came back, though it was sent several times.
+    #[error("no frame came back")]
+    NoFrame,
+    /// The frame came back, but the SubDevice did not act on it (working counter 0).
+    #[error("the SubDevice did not answer")]
+    NotAnswered,
+    /// ethercrab refused the request.
+    #[error("ethercrab: {0}")]
+    Refused(ethercrab::error::Error),
+}
+
+/// Why the SII could not be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EepromError {
+    /// The registers could not be reached.
+    #[error(transparent)]
+    Register(#[from] RegisterError),
+    /// The SubDevice reports an error.
+    #[error("the SII interface reports an error at word {word:04X}h (0502h is {control:04X}h)")]
+    Refused {
+        /// The word asked for.
+        word: usize,
+        /// Register 0502h.
+        control: u16,
+    },
+    /// The EEPROM stayed busy.
+    #[error("the SII interface stayed busy at word {word:04X}h")]
+    Busy {
+        /// The word asked for.
+        word: usize,
+    },
+    /// What was read is no SII image.
+    #[error(transparent)]
+    Image(#[from] SiiError),
+}
+
+/// Why the sync managers cannot hold the process data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SyncManagerError {
+    /// The SII names no sync manager for these data.
+    #[error("its SII names no sync manager for the {0}")]
+    Missing(&'static str),
+    /// Three buffers run into the next sync manager's memory.
+    #[error(
+        "three buffers of {length} bytes from {start:04X}h for the {what} run into the sync manager at {next:04X}h"
+    )]
+    Overlap {
+        /// Outputs or inputs.
+        what: &'static str,
+        /// Its first byte in the SubDevice's memory.
+        start: u16,
+        /// Bytes of one buffer.
+        length: u16,
+        /// First byte of the next sync manager.
+        next: u16,
+    },
+    /// More bytes than a sync manager has.
+    #[error("{0} bytes of process data are too many")]
+    TooLong(usize),
+}
+
+/// What was found of the watchdog after it was set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WatchdogState {
+    /// Whether the outputs' sync manager triggers it.
+    pub triggered: bool,
+    /// Divider, register 0400h.
+    pub divider: u16,
+    /// Time in ticks, register 0420h; 0 switches it off.
+    pub ticks: u16,
+}
+
+/// Why the wiring cannot be told. Positions count from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TopologyError {
+    /// Nothing is plugged into a port 0.
+    #[error(
+        "the SubDevice at position {position} is not connected by its port 0: are its IN and OUT cables swapped?"
+    )]
+    EntryClosed {
+        /// The SubDevice.
+        position: usize,
+    },
+    /// Another port than 0 gets the frames first.
+    #[error(
+        "frames reach the SubDevice at position {position} by port {port} before port 0: are its IN and OUT cables swapped?"
+    )]
+    WrongEntry {
+        /// The SubDevice.
+        position: usize,
+        /// The port that gets them first.
+        port: usize,
+    },
+    /// A port is open, but no SubDevice answers behind it.
+    #[error(
+        "port {port} of the SubDevice at position {position} is open, but nothing answers behind it"
+    )]
+    NobodyBehind {
+        /// The SubDevice.
+        position: usize,
+        /// Its port.
+        port: usize,
+    },
+    /// No open port is left for a SubDevice.
+    #[error("the SubDevice at position {position} answers, but no open port leads to it")]
+    NoWay {
+        /// The SubDevice.
+        position: usize,
+    },
+    /// A branch begins at a SubDevice that has no receive times, so that the way through it cannot be measured.
+    #[error(
+        "a branch begins at the SubDevice at position {position}, which has no distributed clock: the delays behind it cannot be \
+         measured"
+    )]
+    BranchWithoutClock {
+        /// The SubDevice.
+        position: usize,
+    },
+}
+
+/// What the reference clock does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ReferenceClock {
+    /// It gives its time.
+    #[default]
+    Heard,
+    /// It has not given its time for 64 cycles: these go on at the speed that it had, and all other clocks follow them.
+    Silent,
+    /// It has shown a time that it cannot have: all clocks follow the cycles from then on, and all axes are stopped and disabled.
+    Jumped,
 }

@@ -1,83 +1,57 @@
 //! The bus thread: discovery, configuration, cyclic exchange, and the [`Network`] that a program holds of it.
+//!
+//! Each room calls those above it in this table and none below it; `.ci/structure` checks the imports.
+//!
+//! | room | what it does |
+//! |---|---|
+//! | `cable`, `real_time` | times of frames on the cable; what the thread gets of the operating system |
+//! | `expected`, `error` | the line that a program expects; all errors, and the states that they name |
+//! | `cycle` | the process data: frames, exchange, statistics, black boxes |
+//! | `event`, `log` | what happens to a running network; what of it is logged |
+//! | `requests` | the loop, its tasks, and acyclic access to registers, AL states, SII and sync managers |
+//! | `line` | which devices are there: from power-on to PREOP, and where a device went |
+//! | `clocks` | distributed clocks |
+//! | `device` | one device: its configuration, its way to SAFEOP, the handles of an I/O device |
+//! | `watch` | what happens while cycles run: AL states, ports, working counters, axes |
+//! | `network` | all devices together: start, run, recovery, end, and the handle of it |
 
-mod acyclic;
-mod al;
-mod axes;
-mod axis_setup;
-mod beat;
-mod black_box;
-mod bring_up;
-mod builder;
-mod bus_loop;
 mod cable;
-mod config;
-mod control;
+mod clocks;
 mod cycle;
-mod dc;
-mod discovery;
-mod drive_data;
-mod drive_setup;
-mod eeprom;
+mod device;
 mod error;
-mod exchange;
+mod event;
 mod expected;
-mod frame;
-mod gap;
-mod histogram;
-mod io;
-mod journal;
-mod judging;
 mod line;
-mod line_check;
 mod log;
-mod mailbox_states;
-mod miscount;
 mod network;
-mod packing;
-mod plan;
-mod port_errors;
-mod progress;
-mod reactor;
 mod real_time;
-mod receiving;
-mod recovery;
-mod registers;
-mod statistics;
-mod supervisor;
-mod sync_managers;
-mod tasks;
-mod time;
-mod watchdog;
-mod whereabouts;
+mod requests;
+mod watch;
 
-pub use al::{AlError, AlState, AlStatus};
-pub use beat::CycleClock;
-pub use black_box::{Answered, BlackBox, RecordedCycle, Trouble};
-pub use builder::{NetworkBuilder, Starting};
-pub use bus_loop::BusLoop;
 pub use cable::CableLoad;
-pub use config::DriveConfig;
-pub use control::{ClockEvent, NetworkEvent};
-pub use dc::{DistributedClock, TopologyError};
-pub use eeprom::EepromError;
-pub use error::{BringUpStep, DriveFault, MovingAxis, NetworkError, SettingError};
-pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict};
-pub use histogram::Durations;
-pub use io::{
-    Io, IoConfig, IoError, IoErrorKind, IoInput, IoOutput, IoPoint, IoStatus, IoValue, PointName,
-    Sampled, Stale,
+pub use clocks::DistributedClock;
+pub use cycle::CycleClock;
+pub use cycle::black_box::{Answered, BlackBox, RecordedCycle, Trouble};
+pub use cycle::statistics::{ClockStatistics, DriveStatistics, Durations, Statistics, Timing};
+pub use device::config::DriveConfig;
+pub use device::io::{
+    Io, IoConfig, IoError, IoErrorKind, IoInput, IoOutput, IoStatus, IoValue, Sampled, Stale,
 };
-pub use line::{Line, LineDevice};
-pub use miscount::{DeviceFinding, Finding, Miscounted};
+pub use device::io_points::{IoPoint, PointName};
+pub use device::progress::BringUpProgress;
+pub use error::{
+    AlError, AlState, AlStatus, BringUpStep, DriveFault, EepromError, MovingAxis, NetworkError,
+    ReferenceClock, RegisterError, SettingError, SyncManagerError, TopologyError, WatchdogState,
+};
+pub use event::{ClockEvent, DeviceFinding, Finding, Miscounted, NetworkEvent, Recovered};
+pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict};
+pub use network::builder::{NetworkBuilder, Starting};
+pub use network::scan::{Line, LineDevice};
 pub use network::{Network, NetworkEvents, NetworkStop};
-pub use port_errors::{DevicePorts, PortErrors};
-pub use progress::BringUpProgress;
 pub use real_time::{RealTime, RealTimeError, Scheduling};
-pub use receiving::Receiving;
-pub use recovery::Recovered;
-pub use registers::RegisterError;
-pub use statistics::{ClockStatistics, DriveStatistics, ReferenceClock, Statistics, Timing};
-pub use sync_managers::{SyncManagerError, WatchdogState};
-pub use watchdog::{WatchdogError, arm_watchdog};
+pub use requests::sync_managers::{WatchdogError, arm_watchdog};
+pub use requests::{BusLoop, Receiving};
+pub use watch::port_errors::{DevicePorts, PortErrors};
 
 pub use crate::wakes::WakeStatistics;

@@ -155,7 +155,7 @@ impl RealTime {
     }
 
     /// The priority of its real-time class, if it is to have one.
-    pub(super) fn priority(&self) -> Option<u8> {
+    pub(in crate::bus) fn priority(&self) -> Option<u8> {
         self.scheduling.map(Scheduling::priority)
     }
 

@@ -1,6 +1,6 @@
 //! What other devices share.
 
-#[path = "../../../src/bus/io/cell.rs"]
+#[path = "../../../src/bus/device/io_cell.rs"]
 mod cell;
 
 use cell::{Cell, Head};

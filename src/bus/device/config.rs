@@ -1,0 +1,309 @@
+//! What a program says of the drives in its line.
+
+use std::time::Duration;
+
+use crate::{
+    axis::{Deadlines, Loss, Referencing, Tolerances},
+    bus::{clocks::DistributedClock, expected::Expected},
+    coe::{AnyObject, DriveId},
+    drives::DriveDescription,
+    ds402::Mode,
+    parameters::StartUpList,
+    pdo_map::{Direction, Layout, Mapping, MappingError},
+    profile_position::{Limits, PositionRange},
+};
+
+/// A drive of the line: what it is, the names of its axes, and what is to be configured.
+///
+/// ```
+/// use servocrab::{bus::DriveConfig, coe::obj, drives};
+/// let drive = DriveConfig::new(drives::akd2g())
+///     .axis("x")
+///     .axis("y")
+///     .map_input("x", obj::DIGITAL_INPUTS);
+/// ```
+#[derive(Debug, Clone)]
+pub struct DriveConfig {
+    pub(in crate::bus) description: DriveDescription,
+    pub(in crate::bus) axes: Vec<AxisDeclaration>,
+    pub(in crate::bus) start_up: Vec<StartUpList>,
+    /// Beside what the description says.
+    expected: Expected,
+    pub(in crate::bus) clock: Option<DistributedClock>,
+    mistakes: Vec<String>,
+}
+
+/// An axis as the program wants it.
+#[derive(Debug, Clone)]
+pub(in crate::bus) struct AxisDeclaration {
+    pub(in crate::bus) name: String,
+    pub(in crate::bus) tolerances: Option<Tolerances>,
+    pub(in crate::bus) deadlines: Deadlines,
+    pub(in crate::bus) loss: Option<Loss>,
+    pub(in crate::bus) mode: Mode,
+    pub(in crate::bus) referencing: Referencing,
+    pub(in crate::bus) limits: Option<Limits>,
+    pub(in crate::bus) modulo: Option<Turn>,
+    /// Whether its quick stop may let it coast.
+    pub(in crate::bus) coasts: bool,
+    outputs: Vec<AnyObject>,
+    inputs: Vec<AnyObject>,
+}
+
+/// Which positions are one turn of a modulo axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::bus) enum Turn {
+    /// What the drive holds in 607Bh.
+    OfDrive,
+    These(PositionRange),
+}
+
+impl DriveConfig {
+    /// A drive of this kind. Its axes get their names by [`axis`](Self::axis), in order; those without a name are not used.
+    #[must_use]
+    pub const fn new(description: DriveDescription) -> Self {
+        Self {
+            description,
+            axes: Vec::new(),
+            start_up: Vec::new(),
+            expected: Expected::any(),
+            clock: None,
+            mistakes: Vec::new(),
+        }
+    }
+
+    /// Only a drive of this revision is the one.
+    #[must_use]
+    pub const fn revision(mut self, revision: u32) -> Self {
+        self.expected.revision = Some(revision);
+        self
+    }
+
+    /// Only the drive with this serial number is the one: so that two of a kind cannot be exchanged unnoticed.
+    #[must_use]
+    pub const fn serial(mut self, serial: u32) -> Self {
+        self.expected.serial = Some(serial);
+        self
+    }
+
+    /// Names the drive's next axis.
+    #[must_use]
+    pub fn axis(mut self, name: &str) -> Self {
+        self.axes.push(AxisDeclaration {
+            name: name.to_owned(),
+            tolerances: None,
+            deadlines: Deadlines::default(),
+            loss: None,
+            mode: Mode::ProfilePosition,
+            referencing: Referencing::default(),
+            limits: None,
+            modulo: None,
+            coasts: false,
+            outputs: Vec::new(),
+            inputs: Vec::new(),
+        });
+        self
+    }
+
+    /// Maps one more object of this axis into what the master writes. The object is that of a first axis.
+    #[must_use]
+    pub fn map_output(mut self, axis: &str, object: impl Into<AnyObject>) -> Self {
+        let object = object.into();
+        self.with_axis(axis, |axis| axis.outputs.push(object));
+        self
+    }
+
+    /// Maps one more object of this axis into what the master reads. The object is that of a first axis.
+    #[must_use]
+    pub fn map_input(mut self, axis: &str, object: impl Into<AnyObject>) -> Self {
+        let object = object.into();
+        self.with_axis(axis, |axis| axis.inputs.push(object));
+        self
+    }
+
+    /// What counts as arrived and as standing on this axis. Without it the position window 6067h is read from the drive.
+    #[must_use]
+    pub fn tolerances(mut self, axis: &str, tolerances: Tolerances) -> Self {
+        self.with_axis(axis, |axis| axis.tolerances = Some(tolerances));
+        self
+    }
+
+    /// How long each step of a command of this axis may take.
+    #[must_use]
+    pub fn deadlines(mut self, axis: &str, deadlines: Deadlines) -> Self {
+        self.with_axis(axis, |axis| axis.deadlines = deadlines);
+        self
+    }
+
+    /// When this axis counts as lost. Without it: after half of the watchdog's time, but not less than ten cycles.
+    #[must_use]
+    pub fn loss(mut self, axis: &str, loss: Loss) -> Self {
+        self.with_axis(axis, |axis| axis.loss = Some(loss));
+        self
+    }
+
+    /// How this axis comes to know where it is. Without it: by homing, and absolute moves are refused before.
+    #[must_use]
+    pub fn referencing(mut self, axis: &str, referencing: Referencing) -> Self {
+        self.with_axis(axis, |axis| axis.referencing = referencing);
+        self
+    }
+
+    /// What moves of this axis are checked against, in place of what the drive holds. Without it its limit objects are read
+    /// when it attaches; with [`Limits::trust_drive`] nothing is checked.
+    #[must_use]
+    pub fn limits(mut self, axis: &str, limits: Limits) -> Self {
+        self.with_axis(axis, |axis| axis.limits = Some(limits));
+        self
+    }
+
+    /// Accepts a drive whose quick stop option code 605Ah is 0: at quick stop it switches off, and the axis coasts. Without this such a
+    /// drive is refused. A `stop()` of this axis halts it first, by bit 8.
+    #[must_use]
+    pub fn coast_at_quick_stop(mut self, axis: &str) -> Self {
+        self.with_axis(axis, |axis| axis.coasts = true);
+        self
+    }
+
+    /// Makes this axis a modulo axis: its positions begin again at the end of the drive's position range 607Bh, which is read when
+    /// the axis attaches.
+    #[must_use]
+    pub fn modulo(mut self, axis: &str) -> Self {
+        self.with_axis(axis, |axis| axis.modulo = Some(Turn::OfDrive));
+        self
+    }
+
+    /// Makes this axis a modulo axis with this turn: for drives that have no 607Bh.
+    #[must_use]
+    pub fn modulo_over(mut self, axis: &str, turn: PositionRange) -> Self {
+        self.with_axis(axis, |axis| axis.modulo = Some(Turn::These(turn)));
+        self
+    }
+
+    /// Writes this start-up list, or a single line of one, at its transitions: those of PREOP before the PDO mapping. Several
+    /// lists are written in the order of the calls.
+    #[must_use]
+    pub fn start_up(mut self, list: impl Into<StartUpList>) -> Self {
+        self.start_up.push(list.into());
+        self
+    }
+
+    /// Synchronises the drive by its distributed clock. Without it the clock stays off.
+    #[must_use]
+    pub const fn dc(mut self, clock: DistributedClock) -> Self {
+        self.clock = Some(clock);
+        self
+    }
+
+    fn with_axis(&mut self, name: &str, change: impl FnOnce(&mut AxisDeclaration)) {
+        match self.axes.iter_mut().find(|axis| axis.name == name) {
+            Some(axis) => change(axis),
+            None => self
+                .mistakes
+                .push(format!("`{name}` is no axis of this drive: name it first")),
+        }
+    }
+
+    /// What the line is to have at its place.
+    pub(in crate::bus) fn expected(&self) -> Expected {
+        Expected {
+            name: self.description.name.clone(),
+            vendor: self.description.vendor,
+            product: self.description.product,
+            ..self.expected.clone()
+        }
+    }
+
+    /// What is wrong with the declaration itself.
+    pub(in crate::bus) fn mistake(&self) -> Option<String> {
+        if let Some(mistake) = self.mistakes.first() {
+            return Some(mistake.clone());
+        }
+        if let Some(mistake) = self.start_up.iter().find_map(StartUpList::mistake) {
+            return Some(format!("start-up list: {mistake}"));
+        }
+        let (named, there) = (self.axes.len(), self.description.axes.len());
+        if named == 0 {
+            return Some(format!(
+                "no axis of the {} was named",
+                self.description.name
+            ));
+        }
+        (named > there).then(|| {
+            format!(
+                "{named} axes were named, but the {} has {there}",
+                self.description.name
+            )
+        })
+    }
+
+    /// Writes to the log which of the description's objects no PDO of the drive has room for.
+    pub(in crate::bus) fn log_what_is_not_mapped(&self, layout: &Layout, drive: &DriveId) {
+        for (axis, description) in self.axes.iter().zip(&self.description.axes) {
+            for (direction, objects) in [
+                (Direction::Outputs, &description.outputs),
+                (Direction::Inputs, &description.inputs),
+            ] {
+                for object in objects {
+                    let own = object.offset(description.offset);
+                    if layout.find(direction, own.index, own.subindex).is_none() {
+                        tracing::info!(
+                            axis = axis.name,
+                            %drive,
+                            object = %own.address(),
+                            "{} is in no PDO that can be assigned: it goes by SDO or not at all",
+                            own.name
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    /// The mapping of the named axes, with what was mapped beside the description's own objects.
+    pub(in crate::bus) fn mapping(&self) -> Result<Mapping, MappingError> {
+        let further = self.axes.iter();
+        self.description
+            .mapping_with(further.map(|axis| (axis.outputs.as_slice(), axis.inputs.as_slice())))
+    }
+}
+
+/// What fits into register 0420h, in ticks of 100 µs.
+const LONGEST_WATCHDOG: Duration = Duration::from_millis(6500);
+
+/// What happens when the process data stop.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::bus) enum Watchdog {
+    /// The drives leave OP after this time; twenty cycles, but not less than 100 ms and not more than the register
+    /// takes, if not said.
+    Armed(Option<Duration>),
+    /// Nothing, for this reason.
+    Off(String),
+}
+
+impl Watchdog {
+    /// The watchdog time for this cycle.
+    pub(in crate::bus) fn time(&self, cycle: Duration) -> Option<Duration> {
+        match self {
+            Self::Armed(time) => Some(
+                time.unwrap_or((cycle * 20).clamp(Duration::from_millis(100), LONGEST_WATCHDOG)),
+            ),
+            Self::Off(_) => None,
+        }
+    }
+
+    /// When an axis counts as lost, where the program does not say: early enough before the watchdog stops it, and
+    /// not at every hiccup of an operating system that is not made for real time.
+    pub(in crate::bus) fn loss(&self, cycle: Duration) -> Loss {
+        let time = self.time(cycle).unwrap_or(Duration::from_millis(100));
+        let cycles = (time / 2).as_nanos() / cycle.as_nanos().max(1);
+        let least = Loss::default();
+        let stale_cycles = u32::try_from(cycles)
+            .unwrap_or(u32::MAX)
+            .max(least.stale_cycles);
+        Loss {
+            stale_cycles,
+            undelivered_cycles: stale_cycles.saturating_mul(3),
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! What the handles of a device and the bus thread share: the inputs as published, the outputs as set. Only atomics.
+
+use std::{
+    cell::RefCell,
+    rc::Rc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    time::Duration,
+};
+
+use crate::{
+    bus::{
+        cycle::{
+            Stepper,
+            exchange::{Answer, DriveData, Drives},
+        },
+        device::{
+            io_cell::{Cell, Head},
+            io_points::{IoPoint, write_bits},
+            io_setup::ReadyIo,
+        },
+    },
+    coe::DriveId,
+};
+
+/// Set in the value of an output once a program has set it.
+const SET: u64 = 1 << 32;
+
+/// A device, seen from both sides.
+#[derive(Debug)]
+pub(in crate::bus) struct Shared {
+    pub(in crate::bus) name: String,
+    pub(in crate::bus) device: DriveId,
+    pub(in crate::bus) points: Vec<IoPoint>,
+    pub(in crate::bus) cell: Cell,
+    /// Of each point; those of inputs are never used.
+    outputs: Box<[AtomicU64]>,
+    changed: AtomicBool,
+}
+
+impl Shared {
+    fn new(io: &ReadyIo) -> Self {
+        Self {
+            name: io.name.clone(),
+            device: io.found.id.clone(),
+            points: io.image.points.clone(),
+            cell: Cell::new(io.input_bytes()),
+            outputs: io.image.points.iter().map(|_| AtomicU64::new(0)).collect(),
+            changed: AtomicBool::new(false),
+        }
+    }
+
+    /// Sets an output, which is in the next frame.
+    pub(in crate::bus) fn set(&self, point: usize, bits: u32) {
+        if let Some(output) = self.outputs.get(point) {
+            output.store(SET | u64::from(bits), Ordering::Release);
+            // Exchanged and not stored: then what other threads have set just before is merged with it.
+            self.changed.swap(true, Ordering::Release);
+        }
+    }
+
+    pub(in crate::bus) fn was_set(&self, point: usize) -> Option<u32> {
+        let value = self.outputs.get(point)?.load(Ordering::Acquire);
+        (value & SET != 0).then_some(value as u32)
+    }
+
+    /// Nothing is set any more.
+    fn forget(&self) {
+        for output in &self.outputs {
+            output.store(0, Ordering::Release);
+        }
+    }
+
+    /// Whether there is anything to merge.
+    fn is_set(&self) -> bool {
+        self.changed.load(Ordering::Relaxed)
+    }
+
+    /// Merges what was set into the outputs.
+    fn merge(&self, outputs: &mut [u8]) {
+        // Before the values are read: what is set from now on is merged the next time.
+        self.changed.swap(false, Ordering::AcqRel);
+        for (point, value) in self.points.iter().zip(&self.outputs) {
+            let value = value.load(Ordering::Acquire);
+            if value & SET != 0 {
+                write_bits(outputs, point.place, value as u32);
+            }
+        }
+    }
+}
+
+/// All devices of a network that are no drives, in the cycle.
+pub(in crate::bus) struct Ports {
+    /// The place of the first one in the exchange; the others follow.
+    first: usize,
+    ports: Vec<Port>,
+    /// All outputs are 0 from now on.
+    ended: bool,
+}
+
+struct Port {
+    shared: Arc<Shared>,
+    head: Head,
+    /// Its outputs are 0 while it is led back.
+    held: bool,
+}
+
+impl Ports {
+    /// The ports of these devices, of which the first has this place in the exchange.
+    pub(in crate::bus) fn open(first: usize, ios: &[ReadyIo]) -> Self {
+        let ports = ios.iter().map(|io| Port {
+            shared: Arc::new(Shared::new(io)),
+            head: Head::default(),
+            held: false,
+        });
+        Self {
+            first,
+            ports: ports.collect(),
+            ended: false,
+        }
+    }
+
+    /// The program's side of each.
+    pub(in crate::bus) fn handles(&self) -> Vec<crate::bus::device::io::Io> {
+        let shared = self.ports.iter().map(|port| Arc::clone(&port.shared));
+        shared.map(crate::bus::device::io::Io::new).collect()
+    }
+
+    /// The outputs of the device at this place of the exchange are 0 until it has been led back.
+    pub(in crate::bus) fn hold(&mut self, place: usize) {
+        if let Some(port) = self.port(place) {
+            port.held = true;
+        }
+    }
+
+    /// The device at this place has been led back: what is set from now on comes into effect, and nothing from before.
+    pub(in crate::bus) fn release(&mut self, place: usize) {
+        if let Some(port) = self.port(place).filter(|port| port.held) {
+            port.shared.forget();
+            port.held = false;
+        }
+    }
+
+    fn port(&mut self, place: usize) -> Option<&mut Port> {
+        self.ports.get_mut(place.checked_sub(self.first)?)
+    }
+
+    /// From now on all outputs are 0.
+    pub(in crate::bus) const fn end(&mut self) {
+        self.ended = true;
+    }
+}
+
+impl Stepper for Rc<RefCell<Ports>> {
+    fn before_send(&mut self, _: Duration, drives: &mut Drives) {
+        let this = &*self.borrow();
+        for (port, place) in this.ports.iter().zip(this.first..) {
+            let is_off = this.ended || port.held;
+            if !(is_off || port.shared.is_set()) {
+                continue;
+            }
+            let Some(outputs) = drives.outputs_mut(place) else {
+                continue;
+            };
+            if is_off {
+                outputs.fill(0);
+            } else {
+                port.shared.merge(outputs);
+            }
+        }
+    }
+
+    fn after_receive(&mut self, _: Duration, drives: &mut Drives) {
+        let this = &mut *self.borrow_mut();
+        let ports = this.ports.iter_mut();
+        for (port, data) in ports.zip(drives.iter().skip(this.first)) {
+            let is_off = this.ended || port.held;
+            port.publish(data, is_off);
+        }
+    }
+}
+
+impl Port {
+    /// `is_off`: what went out were zeros, whatever is set.
+    fn publish(&mut self, data: &DriveData, is_off: bool) {
+        self.head = Head {
+            cycle: self.head.cycle.wrapping_add(1),
+            age: match data.answer {
+                Answer::Stale => self.head.age.map(|age| age.saturating_add(1)),
+                Answer::Fresh | Answer::Answered => Some(0),
+            },
+            lost: data.lost,
+            operational: data.operational,
+            delivered: data.operational && data.answer == Answer::Fresh && !is_off,
+        };
+        self.shared.cell.publish(self.head, &data.inputs);
+    }
+}
+
+impl Drop for Port {
+    /// No more cycles: whatever came is old.
+    fn drop(&mut self) {
+        let (_, inputs) = self.shared.cell.read(0);
+        let head = Head {
+            cycle: self.head.cycle,
+            age: self.head.age.map(|_| u32::MAX),
+            lost: true,
+            ..Head::default()
+        };
+        self.shared.cell.publish(head, &inputs);
+    }
+}

@@ -1,0 +1,164 @@
+//! How far the bring-up of a line is, for whoever shows it.
+//!
+//! What the program does when it is told may take its time, and must not stop the cycles with it. The bus thread therefore only
+//! queues what is done ([`Progress`]); the future that waits for the end of it tells the program ([`Listener::tell_until`]).
+
+use std::{
+    cell::Cell,
+    fmt,
+    future::{Future, pending},
+    sync::Arc,
+};
+
+use smol::{
+    channel::{Receiver, Sender},
+    future::or,
+};
+
+use crate::{
+    bus::{
+        error::{AlState, BringUpStep},
+        log::Note,
+        requests::Context,
+    },
+    coe::DriveId,
+};
+
+/// A step of a drive's bring-up that is done.
+#[derive(Debug, Clone, Copy)]
+pub struct BringUpProgress<'a> {
+    /// The drive.
+    pub drive: &'a DriveId,
+    /// What has been done.
+    pub step: BringUpStep,
+    /// Steps that are done, of all drives.
+    pub done: usize,
+    /// Steps of all drives.
+    pub total: usize,
+}
+
+/// The steps that are reported, of each drive. Of a device that is none there are no parameters to read.
+const STEPS: [BringUpStep; 7] = [
+    BringUpStep::Identity,
+    BringUpStep::StartUpList,
+    BringUpStep::Mapping,
+    BringUpStep::Parameters,
+    BringUpStep::Watchdog,
+    BringUpStep::State(AlState::SafeOp),
+    BringUpStep::State(AlState::Op),
+];
+
+/// A step that is done, on its way to whoever waits for the last one.
+pub(in crate::bus) struct StepDone {
+    drive: Arc<DriveId>,
+    step: BringUpStep,
+    done: usize,
+    total: usize,
+}
+
+type Told = dyn Fn(&BringUpProgress<'_>) + Send + Sync;
+
+/// Whom the program wants to be told.
+#[derive(Clone)]
+pub(in crate::bus) struct Listener(Option<Arc<Told>>);
+
+impl Listener {
+    pub(in crate::bus) const NOBODY: Self = Self(None);
+
+    pub(in crate::bus) fn new(
+        listener: impl Fn(&BringUpProgress<'_>) + Send + Sync + 'static,
+    ) -> Self {
+        Self(Some(Arc::new(listener)))
+    }
+
+    /// Tells of each step, until it is over: of all that were done by then.
+    pub(in crate::bus) async fn tell_until<T>(
+        &self,
+        steps: Receiver<StepDone>,
+        over: impl Future<Output = T>,
+    ) -> T {
+        let telling = async {
+            while let Ok(step) = steps.recv().await {
+                self.tell(&step);
+            }
+            pending().await
+        };
+        let result = or(telling, over).await;
+        while let Ok(step) = steps.try_recv() {
+            self.tell(&step);
+        }
+        result
+    }
+
+    fn tell(&self, step: &StepDone) {
+        if let Some(listener) = &self.0 {
+            listener(&BringUpProgress {
+                drive: &step.drive,
+                step: step.step,
+                done: step.done,
+                total: step.total,
+            });
+        }
+    }
+}
+
+impl fmt::Debug for Listener {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.0.is_some() { "Some" } else { "None" })
+    }
+}
+
+/// Counts the steps of all drives.
+pub(in crate::bus) struct Progress {
+    context: Context,
+    steps: Sender<StepDone>,
+    done: Cell<usize>,
+    total: usize,
+}
+
+impl Progress {
+    /// Counts all steps of so many devices.
+    pub(in crate::bus) fn new(
+        context: &Context,
+        steps: Sender<StepDone>,
+        drives: usize,
+        ios: usize,
+    ) -> Self {
+        let total = drives * STEPS.len() + ios * (STEPS.len() - 1);
+        Self::of_one(context, steps, total)
+    }
+
+    /// Counts so many steps of one device that is led back.
+    pub(in crate::bus) fn of_one(context: &Context, steps: Sender<StepDone>, total: usize) -> Self {
+        Self {
+            context: context.clone(),
+            steps,
+            done: Cell::new(0),
+            total,
+        }
+    }
+
+    /// A drive has done a step, which is one of [`STEPS`].
+    pub(in crate::bus) fn step(&self, drive: &DriveId, step: BringUpStep) {
+        debug_assert!(STEPS.contains(&step), "{step} is not counted");
+        let done = self.done.get() + 1;
+        self.done.set(done);
+        let drive = Arc::new(drive.clone());
+        let total = self.total;
+        let told = StepDone {
+            drive: Arc::clone(&drive),
+            step,
+            done,
+            total,
+        };
+        // Whoever waited may have gone away.
+        let _ = self.steps.try_send(told);
+        let note = Note::Step {
+            drive,
+            step,
+            done,
+            total,
+        };
+        self.context.log.note(self.context.time.now(), note);
+    }
+}

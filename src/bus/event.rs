@@ -1,0 +1,246 @@
+//! What happens to a running network and its devices, as a program is told of it.
+
+use std::{fmt, sync::Arc};
+
+use crate::{
+    bus::{
+        cycle::black_box::BlackBox,
+        error::{AlStatus, RegisterError},
+    },
+    coe::DriveId,
+    profile_position::WorkingCounter,
+};
+
+/// Something that happened to a drive of a running network.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum NetworkEvent {
+    /// It no longer answers; its axes count as lost.
+    Lost(DriveId),
+    /// It answers again.
+    Back(DriveId),
+    /// It left OP: its axes no longer act on what they are told.
+    LeftOp {
+        /// The drive.
+        drive: DriveId,
+        /// The state it is in, and why.
+        status: AlStatus,
+    },
+    /// It is in OP again.
+    InOp(DriveId),
+    /// One of its axes has a fault, or counts as lost: with what its last cycles were. Told some milliseconds later, so that
+    /// they hold what came of it.
+    Trouble(Arc<BlackBox>),
+    /// The working counter of a datagram stays wrong although its devices answer: whose outputs are delivered is not known, and their axes
+    /// count as lost. With what the registers of each device show.
+    Miscounted(Arc<Miscounted>),
+    /// The cycles and the reference clock of the distributed clocks.
+    Clock {
+        /// The SubDevice whose clock is the reference.
+        reference: DriveId,
+        /// What happened.
+        event: ClockEvent,
+    },
+}
+
+impl NetworkEvent {
+    /// The drive, or other device, that it happened to.
+    #[must_use]
+    pub fn drive(&self) -> &DriveId {
+        match self {
+            Self::Lost(drive) | Self::Back(drive) | Self::InOp(drive) => drive,
+            Self::LeftOp { drive, .. } => drive,
+            Self::Trouble(black_box) => &black_box.axis.drive,
+            Self::Miscounted(miscounted) => miscounted.suspect(),
+            Self::Clock { reference, .. } => reference,
+        }
+    }
+}
+
+impl fmt::Display for NetworkEvent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Lost(drive) => write!(f, "{drive} no longer answers"),
+            Self::Back(drive) => write!(f, "{drive} answers again"),
+            Self::LeftOp { drive, status } => write!(f, "{drive} has left OP: it is in {status}"),
+            Self::InOp(drive) => write!(f, "{drive} is in OP again"),
+            Self::Trouble(black_box) => write!(f, "{black_box}"),
+            Self::Miscounted(miscounted) => write!(f, "{miscounted}"),
+            Self::Clock { reference, event } => write!(f, "{reference}: {event}"),
+        }
+    }
+}
+
+/// What happened between the cycles and the reference clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ClockEvent {
+    /// The phase error is beyond its bound again and again. Drives that cannot live with that say so themselves.
+    OutOfStep {
+        /// The last cycle's, in nanoseconds.
+        phase_error_ns: i64,
+    },
+    /// The cycles are in step again.
+    InStep,
+    /// The clock no longer gives its time. The cycles go on at the speed that it had, and all other clocks follow them. It may
+    /// be lost, or have been switched off and on: then the network is to be started anew.
+    Silent,
+    /// The clock shows a time that it cannot have. All clocks follow the cycles from now on, which go on at the speed that they
+    /// had, and all axes were told to stop and disable, as at the network's end; it is to be started anew.
+    Jumped {
+        /// By how much it jumped, less multiples of 2^32, in nanoseconds.
+        by_ns: i64,
+    },
+}
+
+impl fmt::Display for ClockEvent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::OutOfStep { phase_error_ns } => write!(
+                f,
+                "the cycles are out of step with the reference clock: the phase error is {phase_error_ns} ns"
+            ),
+            Self::InStep => f.write_str("the cycles are in step with the reference clock"),
+            Self::Silent => {
+                f.write_str("the reference clock gives no time: the cycles go on by themselves")
+            }
+            Self::Jumped { by_ns } => write!(
+                f,
+                "the reference clock has jumped by {by_ns} ns: all axes stop and are disabled"
+            ),
+        }
+    }
+}
+
+/// How a device has come back into OP.
+///
+/// ```
+/// use servocrab::bus::{AlState, AlStatus, Recovered};
+/// let from = AlStatus { state: AlState::SafeOp, error: Some(0x001B) };
+/// let text = Recovered::LedBack { from }.to_string();
+/// assert!(text.starts_with("led back into OP from SAFEOP with AL status code 001Bh"), "{text}");
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Recovered {
+    /// It was in OP, and nothing was done.
+    WasInOp,
+    /// It had left OP and kept its power: the error was acknowledged, and it was led back. It holds what it held, all
+    /// parameters and modes, and where it has been homed.
+    LedBack {
+        /// What it was found in.
+        from: AlStatus,
+    },
+    /// It had lost its power or was set back, or had left SAFEOP: it was brought up as at the start. What was written to it since
+    /// then and not stored in it is gone: parameters, the mode, where it had been homed. What its start-up lists write
+    /// it has again.
+    BroughtUp {
+        /// Where in the line it is now: not where it was at the start if devices before it are missing.
+        position: u16,
+        /// The AL state that it was found in, if it had kept its station address; else it has been without power.
+        from: Option<AlStatus>,
+    },
+}
+
+impl fmt::Display for Recovered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::WasInOp => f.write_str("in OP: nothing was done"),
+            Self::LedBack { from } => write!(f, "led back into OP from {from}"),
+            Self::BroughtUp { position, from } => {
+                write!(f, "brought up anew into OP at position {position}, ")?;
+                match from {
+                    Some(from) => write!(f, "from {from}"),
+                    None => f.write_str("after it was without power"),
+                }
+            }
+        }
+    }
+}
+
+/// A datagram of the process data whose working counter stays wrong, and what the registers of its devices show.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Miscounted {
+    /// Which datagram, what it was to count and what it counts.
+    pub counter: WorkingCounter,
+    /// All devices that share it.
+    pub devices: Vec<DeviceFinding>,
+}
+
+impl Miscounted {
+    /// The first device that shows something, or the first of all.
+    pub(super) fn suspect(&self) -> &DriveId {
+        let shows = self.devices.iter().find(|one| !one.findings.is_empty());
+        // There are no datagrams without devices.
+        let first = shows.or(self.devices.first());
+        first.map_or(&NOBODY, |one| &one.device)
+    }
+}
+
+static NOBODY: DriveId = DriveId {
+    position: 0,
+    name: String::new(),
+    identity: crate::sii::Identity {
+        vendor: 0,
+        product: 0,
+        revision: 0,
+        serial: 0,
+    },
+};
+
+impl fmt::Display for Miscounted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, shared by ", self.counter)?;
+        for (place, one) in self.devices.iter().enumerate() {
+            let before = if place == 0 { "" } else { ", " };
+            write!(f, "{before}{}", one.device)?;
+        }
+        let mut nothing = true;
+        for one in &self.devices {
+            for finding in &one.findings {
+                nothing = false;
+                write!(f, "; {}: {finding}", one.device)?;
+            }
+        }
+        if nothing {
+            f.write_str(
+                "; the registers of none show why: replace one after the other, or change the place of each in the line",
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// What the registers of a device show.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DeviceFinding {
+    /// The device.
+    pub device: DriveId,
+    /// What is not as it was set; nothing where all is.
+    pub findings: Vec<Finding>,
+}
+
+/// What is not as it was set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Finding {
+    /// Its registers cannot be read.
+    Register(RegisterError),
+    /// It is not in OP, or has an error.
+    State(AlStatus),
+    /// This sync manager of its process data is off, or is set to something else.
+    SyncManager(u8),
+    /// This FMMU of its process data is off, or is set to something else.
+    Fmmu(u8),
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Register(error) => write!(f, "its registers cannot be read: {error}"),
+            Self::State(status) => write!(f, "it is in {status}"),
+            Self::SyncManager(number) => {
+                write!(f, "sync manager {number} is off or not as it was set")
+            }
+            Self::Fmmu(number) => write!(f, "FMMU {number} is off or not as it was set"),
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! All axes of a network in the cycle: commands in, stops last, groups together, cores stepped, reports out.
+
+use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
+
+use crate::{
+    axis::{
+        Again, AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, Command,
+        CommandId, Failure, GroupQueue, Groups, Inputs, LivenessWatch, StopRequest,
+    },
+    bus::{
+        cycle::{
+            Stepper,
+            black_box::{BlackBox, RecordedAxis, RecordedCycle, Trouble},
+            exchange::Drives,
+        },
+        device::drive::{Parameters, ReadyDrive},
+        error::MovingAxis,
+        log::Log,
+        watch::{Control, transition_log::Journal},
+    },
+    ds402::State,
+    wakes::{Wakes, stored},
+};
+
+/// The command by which the network itself disables an axis: no handle gives this number.
+const OWN_COMMAND: CommandId = CommandId(u32::MAX);
+
+/// The axes of a network.
+pub(in crate::bus) struct Axes {
+    axes: Vec<RunningAxis>,
+    groups: Groups,
+    /// How many there were.
+    cycles: u64,
+    /// The program's last rule, and whether it has expired.
+    watch: Option<LivenessWatch>,
+    expired: bool,
+    /// All axes are to be disabled with the next frame, for this reason.
+    disable_asked: Option<Failure>,
+    /// Whether it was not known of the outputs of the last cycle whether they were delivered.
+    was_doubted: bool,
+    journal: Journal,
+    /// In the order of `axes`.
+    recorded: Vec<RecordedAxis>,
+    control: Arc<Control>,
+}
+
+struct RunningAxis {
+    /// The place of its drive in the exchange.
+    drive: usize,
+    core: AxisCore,
+    port: AxisPort,
+}
+
+impl Axes {
+    /// A core, a port and a source of handles for each axis.
+    pub(in crate::bus) fn open(
+        drives: &[ReadyDrive],
+        control: Arc<Control>,
+        wakes: &Wakes,
+        log: Log,
+    ) -> (Self, Vec<AxisSource>) {
+        let queue = GroupQueue::with(wakes);
+        let mut axes = Vec::new();
+        let mut sources = Vec::new();
+        let mut recorded = Vec::new();
+        for (place, drive) in drives.iter().enumerate() {
+            for axis in &drive.axes {
+                let core = AxisCore::new(axis.config.clone());
+                let identity = AxisIdentity {
+                    axis: axis.name.clone(),
+                    drive: drive.found.id.clone(),
+                };
+                recorded.push(RecordedAxis {
+                    identity: identity.clone(),
+                    drive: place,
+                    fields: axis.config.fields,
+                });
+                let setup = AxisSetup {
+                    identity,
+                    offset: axis.offset,
+                    fields: axis.config.fields,
+                    layout: drive.layout.clone(),
+                    parameters: Arc::new(Parameters(drive.sdo.clone())),
+                    groups: queue.clone(),
+                    index: axes.len(),
+                };
+                let (source, mut port) = setup.open(&core);
+                port.know_counters();
+                sources.push(source);
+                axes.push(RunningAxis {
+                    drive: place,
+                    core,
+                    port,
+                });
+            }
+        }
+        let running = Self {
+            axes,
+            groups: queue.groups(),
+            cycles: 0,
+            watch: None,
+            expired: false,
+            journal: Journal::new(recorded.iter().map(|axis| axis.identity.clone()), log),
+            recorded,
+            control,
+            disable_asked: None,
+            was_doubted: false,
+        };
+        (running, sources)
+    }
+
+    /// The axes of the drive at this place begin again, with what was read of each where their drive holds that anew.
+    pub(in crate::bus) fn restart(
+        &mut self,
+        now: Duration,
+        place: usize,
+        mut again: impl FnMut(usize) -> Again,
+        drives: &mut Drives,
+    ) {
+        let Some(outputs) = drives.outputs_mut(place) else {
+            return;
+        };
+        // As at the beginning: also what no axis writes is 0 until it is set.
+        outputs.fill(0);
+        let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
+        for (number, axis) in axes.enumerate() {
+            axis.port
+                .restart(&mut axis.core, now, again(number), outputs);
+        }
+    }
+
+    /// The drive at this place was without power: its axes do not know where they are.
+    pub(in crate::bus) fn forget(&mut self, place: usize) {
+        let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
+        axes.for_each(|axis| axis.core.forget());
+    }
+
+    /// Whether the drive at this place takes what its axes are told, and none of them is enabled.
+    pub(in crate::bus) fn are_back(&self, place: usize) -> bool {
+        let axes = self.axes.iter().filter(|axis| axis.drive == place);
+        axes.map(|axis| axis.core.snapshot())
+            .all(|axis| !axis.lost && axis.state != State::OperationEnabled)
+    }
+
+    /// Disables all axes for good; moving ones are stopped by quick stop before.
+    pub(in crate::bus) const fn disable(&mut self, cause: Failure) {
+        self.disable_asked = Some(cause);
+    }
+
+    /// The axes that may be moving: what answers and is powered or does not stand, and what does not answer and was so when it did last.
+    pub(in crate::bus) fn moving(&self) -> impl Iterator<Item = MovingAxis> {
+        let all = self.axes.iter().zip(&self.recorded);
+        all.filter_map(move |(axis, recorded)| {
+            let snapshot = axis.core.snapshot();
+            let answers = snapshot.answered || !snapshot.lost;
+            let stands = axis.core.stands();
+            let powered = matches!(
+                snapshot.state,
+                State::SwitchedOn
+                    | State::OperationEnabled
+                    | State::QuickStopActive
+                    | State::FaultReactionActive
+            );
+            let may_move = !stands || (answers && powered);
+            may_move.then(|| MovingAxis {
+                axis: recorded.identity.clone(),
+                state: snapshot.state,
+                position: snapshot.position,
+                stands,
+                answers,
+            })
+        })
+    }
+
+    /// How long it may take until the slowest axis stands and is disabled: a halt that misses its deadline, a quick stop after that,
+    /// and the way down.
+    pub(in crate::bus) fn longest_stop(&self) -> Duration {
+        let stops = self.axes.iter().map(|axis| axis.core.longest_stop());
+        stops.max().unwrap_or_default()
+    }
+
+    /// What came upon which axis since the last time.
+    pub(in crate::bus) fn take_troubles(&mut self) -> Vec<(usize, Trouble)> {
+        self.journal.take_troubles().collect()
+    }
+
+    /// The last cycles of the axis at this place.
+    pub(in crate::bus) fn black_box(
+        &self,
+        index: usize,
+        trouble: Option<Trouble>,
+        history: impl Fn(&RecordedAxis) -> Vec<RecordedCycle>,
+    ) -> Option<BlackBox> {
+        let axis = self.recorded.get(index)?;
+        Some(BlackBox {
+            axis: axis.identity.clone(),
+            trouble,
+            cycles: history(axis),
+        })
+    }
+
+    fn stop(&mut self, now: Duration) -> StopRequest {
+        while let Some(watch) = self.control.take_watch() {
+            self.watch = Some(watch);
+        }
+        let mut stop = self.control.take_stop();
+        self.journal.stop_of_all(now, stop);
+        let expired = self.watch.as_mut().is_some_and(|watch| watch.expired(now));
+        if expired != self.expired {
+            self.expired = expired;
+            self.journal.liveness(now, expired);
+            for axis in &mut self.axes {
+                axis.core.set_expired(expired);
+            }
+            if expired {
+                stop |= StopRequest::HALT;
+            }
+        }
+        stop
+    }
+}
+
+impl Stepper for Rc<RefCell<Axes>> {
+    fn before_send(&mut self, now: Duration, drives: &mut Drives) {
+        let this = &mut *self.borrow_mut();
+        let stop = this.stop(now);
+        let disable = this.disable_asked.take();
+        // Else there is nothing to take in for any axis.
+        if this.groups.take_asked() || disable.is_some() || !stop.is_empty() {
+            for axis in &mut this.axes {
+                axis.take_in(now, stop, disable, drives);
+            }
+        }
+        let mut set = Set {
+            axes: &mut this.axes,
+            drives,
+        };
+        this.groups.advance(now, &mut set);
+    }
+
+    fn after_receive(&mut self, now: Duration, drives: &mut Drives) {
+        let this = &mut *self.borrow_mut();
+        let is_doubted = drives.take_doubted();
+        if is_doubted || this.was_doubted {
+            this.was_doubted = is_doubted;
+            for axis in &mut this.axes {
+                axis.port.note_miscount(drives.miscounted(axis.drive));
+            }
+        }
+        for (index, axis) in this.axes.iter_mut().enumerate() {
+            let core = &mut axis.core;
+            let step = |inputs: Inputs<'_>, unchanged: bool, outputs: &mut [u8]| {
+                if unchanged && core.rests_at(&inputs) {
+                    return None;
+                }
+                core.count_to(this.cycles);
+                Some(core.step_kept(now, inputs, unchanged, outputs))
+            };
+            let Some(news) = drives.step(axis.drive, step) else {
+                continue;
+            };
+            if let Some(snapshot) = axis.port.pass(&mut axis.core, news) {
+                this.journal.look(now, index, &snapshot);
+            }
+        }
+        this.cycles = this.cycles.wrapping_add(1);
+        this.groups.count_to(this.cycles);
+        // Once for all of them.
+        stored();
+        if this.groups.are_watched() {
+            for axis in &mut this.axes {
+                axis.port.wake();
+            }
+        }
+    }
+}
+
+impl RunningAxis {
+    /// Lets the core take in what was asked of the axis, and what is asked of all.
+    fn take_in(
+        &mut self,
+        now: Duration,
+        stop: StopRequest,
+        disable: Option<Failure>,
+        drives: &mut Drives,
+    ) {
+        if !stop.is_empty() {
+            self.port.request_stop(stop);
+        }
+        if let Some(cause) = disable {
+            self.port.end_because(cause);
+        }
+        if !(disable.is_some() || self.port.is_asked()) {
+            return;
+        }
+        let Some(outputs) = drives.outputs_mut(self.drive) else {
+            return;
+        };
+        if self.port.is_asked() {
+            self.port.before_send(&mut self.core, now, outputs);
+        }
+        if disable.is_some() {
+            self.core
+                .submit(now, OWN_COMMAND, Command::Disable, outputs);
+        }
+    }
+}
+
+struct Set<'a> {
+    axes: &'a mut [RunningAxis],
+    drives: &'a mut Drives,
+}
+
+impl AxisSet for Set<'_> {
+    fn axis(&mut self, index: usize) -> Option<(&mut AxisCore, &mut [u8])> {
+        let axis = self.axes.get_mut(index)?;
+        Some((&mut axis.core, self.drives.outputs_mut(axis.drive)?))
+    }
+}

@@ -1,0 +1,373 @@
+//! From the description of a line to a running network.
+
+use std::{sync::Arc, thread, time::Duration};
+
+use smol::channel::{Receiver, Sender, bounded, unbounded};
+
+use crate::{
+    bus::{
+        device::{
+            config::{DriveConfig, Watchdog},
+            io::IoConfig,
+            progress::{BringUpProgress, Listener, StepDone},
+        },
+        error::NetworkError,
+        expected::{DevicePlace, Expected},
+        log::{Log, Subscriber, Writer},
+        network::{
+            Network,
+            plan::LinePlan,
+            scan::{self, Line},
+            supervisor::{self, Started},
+        },
+        real_time::RealTime,
+        requests::{BusLoop, Reactor, Receiving, wake_on_time},
+        watch::{Control, Guard},
+    },
+    link::{Link, RawSocket},
+    wakes::{End, Wakes},
+};
+
+/// Describes a network: its link, its cycle, its drives.
+///
+/// ```no_run
+/// # async fn example() -> Result<(), Box<dyn std::error::Error>> {
+/// use servocrab::{bus::{DriveConfig, Network}, drives};
+/// use std::time::Duration;
+/// let net = Network::builder()
+///     .interface("eth0")
+///     .cycle(Duration::from_millis(1))
+///     .drive(0, DriveConfig::new(drives::akd2g()).axis("x").axis("y"))
+///     .start()
+///     .await?;
+/// let x = net.axis("x")?;
+/// # Ok(())
+/// # }
+/// ```
+#[must_use]
+pub struct NetworkBuilder {
+    link: LinkChoice,
+    real_time: RealTime,
+    receiving: Option<Receiving>,
+    listener: Listener,
+    plan: LinePlan,
+}
+
+enum LinkChoice {
+    None,
+    Interface(String),
+    Link(Box<dyn Link + Send>),
+}
+
+impl LinkChoice {
+    fn open(self) -> Result<Box<dyn Link + Send>, NetworkError> {
+        match self {
+            Self::None => Err(NetworkError::NoLink),
+            Self::Interface(name) => Ok(Box::new(RawSocket::open(&name)?)),
+            Self::Link(link) => Ok(link),
+        }
+    }
+}
+
+impl Network {
+    /// Begins the description of a network: a cycle of 1 ms, armed watchdogs, no drives yet.
+    pub const fn builder() -> NetworkBuilder {
+        NetworkBuilder {
+            link: LinkChoice::None,
+            real_time: RealTime::new(),
+            receiving: None,
+            listener: Listener::NOBODY,
+            plan: LinePlan {
+                cycle: Duration::from_millis(1),
+                drives: Vec::new(),
+                ios: Vec::new(),
+                others: Vec::new(),
+                complete: false,
+                watchdog: Watchdog::Armed(None),
+            },
+        }
+    }
+}
+
+impl NetworkBuilder {
+    /// Uses a raw socket on this network interface (Linux; needs `CAP_NET_RAW`).
+    pub fn interface(mut self, name: &str) -> Self {
+        self.link = LinkChoice::Interface(name.to_owned());
+        self
+    }
+
+    /// Uses this link.
+    pub fn link(mut self, link: impl Link + Send + 'static) -> Self {
+        self.link = LinkChoice::Link(Box::new(link));
+        self
+    }
+
+    /// The time from one exchange of process data to the next.
+    pub const fn cycle(mut self, cycle: Duration) -> Self {
+        self.plan.cycle = cycle;
+        self
+    }
+
+    /// What the bus thread gets of the operating system so that its cycles come on time. Without it: nothing.
+    pub fn real_time(mut self, real_time: RealTime) -> Self {
+        self.real_time = real_time;
+        self
+    }
+
+    /// Whether the bus thread sleeps or spins while it waits. Without it: what [`Receiving::suited_to`] says of the cycle and of this
+    /// machine.
+    pub const fn receiving(mut self, receiving: Receiving) -> Self {
+        self.receiving = Some(receiving);
+        self
+    }
+
+    /// A drive at this position in the line (the first SubDevice is 0), or wherever the one with this alias or identity stands.
+    /// SubDevices that are not named stay in PREOP.
+    ///
+    /// ```
+    /// use servocrab::{bus::{DevicePlace, DriveConfig, Network}, drives};
+    /// let builder = Network::builder()
+    ///     .drive(1, DriveConfig::new(drives::akd2g()).axis("x"))
+    ///     .drive(DevicePlace::Alias(7), DriveConfig::new(drives::akd2g()).axis("z").serial(4711));
+    /// ```
+    pub fn drive(mut self, place: impl Into<DevicePlace>, drive: DriveConfig) -> Self {
+        self.plan.drives.push((place.into(), drive));
+        self
+    }
+
+    /// A device that is no drive, whose inputs and outputs the program uses: [`Network::io`] gives them by the name that it has in
+    /// `io`.
+    pub fn io(mut self, place: impl Into<DevicePlace>, io: IoConfig) -> Self {
+        self.plan.ios.push((place.into(), io));
+        self
+    }
+
+    /// A device that must be in the line and is left alone, in PREOP: a coupler, a terminal, a drive of somebody else's.
+    ///
+    /// ```
+    /// use servocrab::bus::{Expected, Network};
+    /// let builder = Network::builder().expect(0, Expected::new(0x2, 0x044C_2C52).named("EK1100"));
+    /// ```
+    pub fn expect(mut self, place: impl Into<DevicePlace>, device: Expected) -> Self {
+        self.plan.others.push((place.into(), device));
+        self
+    }
+
+    /// The line has no other devices than those that were declared: one more is an error.
+    pub const fn complete(mut self) -> Self {
+        self.plan.complete = true;
+        self
+    }
+
+    /// Tells how far the bring-up is, after each step of each drive, and so whenever a device is led back ([`Network::recover`]). It
+    /// is called where that is awaited, and never on the bus thread: neither the bring-up nor the cycles wait for it, but what
+    /// is awaited is not ready before it has returned.
+    ///
+    /// ```
+    /// use servocrab::bus::Network;
+    /// let builder = Network::builder()
+    ///     .on_progress(|at| eprintln!("{}/{}: {}: {}", at.done, at.total, at.drive, at.step));
+    /// ```
+    pub fn on_progress(
+        mut self,
+        listener: impl Fn(&BringUpProgress<'_>) + Send + Sync + 'static,
+    ) -> Self {
+        self.listener = Listener::new(listener);
+        self
+    }
+
+    /// After this time without process data the drives leave OP and stop their axes. Without it: twenty cycles, at least
+    /// 100 ms.
+    pub fn watchdog(mut self, time: Duration) -> Self {
+        self.plan.watchdog = Watchdog::Armed(Some(time));
+        self
+    }
+
+    /// Does without the process-data watchdog: the axes go on moving when this program or its computer dies. The reason
+    /// goes into the log.
+    pub fn without_watchdog(mut self, reason: &str) -> Self {
+        self.plan.watchdog = Watchdog::Off(reason.to_owned());
+        self
+    }
+
+    /// Configures the line, starts the bus thread, and brings the drives into OP. The axes are disabled then.
+    ///
+    /// A caller that drops the future ends the bring-up: the drives are sent to INIT, and the link is free again when it is dropped,
+    /// which takes some milliseconds, and a second where nobody answers. Dropping it waits for that: not on a thread that the `tracing`
+    /// subscriber waits for.
+    ///
+    /// What happens on the bus is logged to the `tracing` subscriber that is current here. As soon as there are cycles a thread of its
+    /// own, `servocrab-log`, does that, so that a subscriber that blocks stops none. Its events carry the time of the bus as the
+    /// field `at`, and how many found no room while it was behind is an event too. The network's end waits for the last ones, but
+    /// not for longer than a second.
+    ///
+    /// # Errors
+    /// Everything that can be wrong with the link, the line or a drive: see [`NetworkError`].
+    pub async fn start(self) -> Result<Network, NetworkError> {
+        let (mut starting, parts) = self.prepare()?;
+        let subscriber = Subscriber::current();
+        let thread = thread::Builder::new()
+            .name("servocrab-bus".into())
+            .spawn(move || subscriber.of(|| parts.run()))
+            .map_err(|error| NetworkError::Thread(error.to_string()))?;
+        starting.guard.watch(thread);
+        starting.network().await
+    }
+
+    /// The network and its loop apart, for a program that runs the loop on a thread of its own making (with a real-time
+    /// priority, say), or turn by turn in virtual time ([`BusLoop::run_until`], with an example). The loop stays on the thread on which this is called, which gets
+    /// what [`real_time`](Self::real_time) says.
+    ///
+    /// Events are logged as in [`start`](Self::start), by a thread that may run on the processors of the one on which this is called, but
+    /// takes no real-time class from it; in virtual time ([`Link::is_virtual`]) by the turns themselves.
+    ///
+    /// # Errors
+    /// What is wrong with the declaration, or with the link; what the system refuses of real time.
+    pub fn split(self) -> Result<(Starting, BusLoop), NetworkError> {
+        let (starting, parts) = self.prepare()?;
+        parts.real_time.apply()?;
+        Ok((starting, parts.into_loop()))
+    }
+
+    /// Looks at the line without configuring it: every SubDevice is brought through INIT into PREOP, its SII is read, its
+    /// mailbox is served. What was declared of drives is left aside. Whatever the line was doing ends.
+    ///
+    /// # Errors
+    /// What is wrong with the link, or with the line as a whole; what is wrong with one SubDevice is told by it.
+    pub async fn scan(self) -> Result<Line, NetworkError> {
+        scan::scan(self.link.open()?).await
+    }
+
+    fn prepare(self) -> Result<(Starting, Parts), NetworkError> {
+        self.plan.check()?;
+        let link = self.link.open()?;
+        if let Watchdog::Off(reason) = &self.plan.watchdog {
+            tracing::warn!(reason, "the process-data watchdogs are off");
+        }
+        let (log, writer) = if link.is_virtual() {
+            (Log::default(), None)
+        } else {
+            let (log, writer) = Writer::start()?;
+            (log, Some(writer))
+        };
+        let (wakes, wakes_end) = if link.is_virtual() {
+            Wakes::in_turn()
+        } else {
+            let started = Wakes::start(self.real_time.priority());
+            started.map_err(|error| NetworkError::Thread(error.to_string()))?
+        };
+        let devices = self.plan.drives.len() + self.plan.ios.len();
+        let control = Control::new(devices, wakes);
+        control.set_waker(link.waker());
+        let (started, starting) = bounded(1);
+        let (to_tell, steps) = unbounded();
+        let (alive, over) = bounded(1);
+        let parts = Parts {
+            link,
+            real_time: self.real_time,
+            receiving: self.receiving,
+            plan: self.plan,
+            log,
+            writer,
+            control: Arc::clone(&control),
+            started,
+            to_tell,
+            alive,
+            wakes_end,
+        };
+        let starting = Starting {
+            guard: Guard::new(control),
+            started: starting,
+            steps,
+            listener: self.listener,
+            over,
+        };
+        Ok((starting, parts))
+    }
+}
+
+/// What the bus loop is made of, before it is on its thread.
+struct Parts {
+    link: Box<dyn Link + Send>,
+    real_time: RealTime,
+    receiving: Option<Receiving>,
+    plan: LinePlan,
+    log: Log,
+    writer: Option<Writer>,
+    control: Arc<Control>,
+    started: Sender<Result<Started, NetworkError>>,
+    to_tell: Sender<StepDone>,
+    alive: Sender<()>,
+    /// Last: see [`BusLoop`].
+    wakes_end: End,
+}
+
+impl Parts {
+    /// On the bus thread.
+    fn run(self) {
+        match self.real_time.apply() {
+            Ok(()) => self.into_loop().run(),
+            // Nobody takes it when the program has given up meanwhile.
+            Err(error) => drop(self.started.try_send(Err(error.into()))),
+        }
+    }
+
+    fn into_loop(self) -> BusLoop {
+        wake_on_time();
+        let receiving = self
+            .receiving
+            .unwrap_or_else(|| Receiving::suited_here(self.plan.cycle));
+        let reactor = Reactor::new(
+            self.link,
+            receiving,
+            &self.control.counters,
+            &self.control.wakes,
+            self.log,
+        );
+        let context = reactor.context().clone();
+        let (started, to_tell) = (self.started, self.to_tell);
+        let life =
+            supervisor::supervise(context.clone(), self.plan, self.control, started, to_tell);
+        if let Some(task) = context.spawn(life) {
+            task.detach();
+        }
+        BusLoop::new(reactor, self.writer, self.alive, self.wakes_end)
+    }
+}
+
+/// A network on its way to OP, while somebody turns its loop.
+pub struct Starting {
+    guard: Guard,
+    started: Receiver<Result<Started, NetworkError>>,
+    steps: Receiver<StepDone>,
+    listener: Listener,
+    over: Receiver<()>,
+}
+
+impl Starting {
+    /// The network, once its drives are in OP.
+    ///
+    /// # Errors
+    /// As [`NetworkBuilder::start`].
+    pub async fn network(self) -> Result<Network, NetworkError> {
+        let waiters = self.guard.waiters();
+        let started = self.listener.tell_until(self.steps, self.started.recv());
+        let ended = || NetworkError::Thread("it ended before the drives were in OP".into());
+        let started = waiters
+            .relay(started)
+            .await
+            .unwrap_or_else(|_| Err(ended()));
+        let started = match started {
+            Ok(started) => started,
+            Err(error) => {
+                self.guard.gone(&self.over).await;
+                return Err(error);
+            }
+        };
+        let (Some(control), thread) = self.guard.release() else {
+            return Err(NetworkError::Thread("it was given up".into()));
+        };
+        let (listener, over) = (self.listener, self.over);
+        Ok(Network::new(started, control, listener, over, thread))
+    }
+}

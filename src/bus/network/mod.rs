@@ -1,0 +1,655 @@
+//! All devices together: the start, the run, the recovery of a device and the end; and the running network, as a program holds it.
+//!
+//! `builder` and `plan` take what a program declares, `bring_up` leads the line into OP, `supervisor` keeps it, `recovery` leads one device
+//! back, `axes` steps the cores in each cycle, `scan` looks at a line without using it. It may call every other room of the bus; none calls
+//! it.
+
+pub(super) mod axes;
+pub(super) mod bring_up;
+pub(super) mod builder;
+pub(super) mod plan;
+pub(super) mod recovery;
+pub(super) mod scan;
+pub(super) mod supervisor;
+
+use std::{
+    fmt,
+    sync::{Arc, Mutex, PoisonError},
+    thread::JoinHandle,
+    time::Duration,
+};
+
+use smol::channel::{Receiver, Sender, bounded, unbounded};
+
+use crate::{
+    axis::{Axis, AxisSource, Liveness, StopRequest},
+    bus::{
+        cable::CableLoad,
+        cycle::{
+            CycleClock,
+            black_box::BlackBox,
+            statistics::{DriveStatistics, Statistics, Timing},
+        },
+        device::{io::Io, progress::Listener},
+        error::NetworkError,
+        event::{NetworkEvent, Recovered},
+        expected::DevicePlace,
+        network::supervisor::{Started, StartedDrive},
+        watch::{Control, Question, port_errors::DevicePorts},
+    },
+    coe::{Emergencies, SdoHandle},
+    wakes::Waiters,
+};
+
+/// Drives in OP, exchanging process data on a thread of their own.
+///
+/// A device that has left OP, or was lost, is reported ([`NetworkEvent`]) and stays as it is until the program has it led back
+/// ([`recover`](Self::recover)); all others go on.
+///
+/// Made by [`Network::builder`](Network::builder). When it is dropped all axes are stopped and disabled, the drives
+/// leave OP in order, and the thread ends; [`shutdown`](Self::shutdown) does the same and is awaited.
+pub struct Network {
+    axes: Vec<AxisSource>,
+    drives: Vec<StartedDrive>,
+    ios: Vec<Io>,
+    /// Where all devices of the exchange stand, in its order, and how they were declared.
+    places: Vec<(u16, DevicePlace)>,
+    emergencies: Emergencies,
+    control: Arc<Control>,
+    listener: Listener,
+    over: Receiver<()>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+impl Network {
+    pub(in crate::bus) fn new(
+        started: Started,
+        control: Arc<Control>,
+        listener: Listener,
+        over: Receiver<()>,
+        thread: Option<JoinHandle<()>>,
+    ) -> Self {
+        Self {
+            axes: started.axes,
+            drives: started.drives,
+            ios: started.ios,
+            places: started.places,
+            emergencies: started.emergencies,
+            control,
+            listener,
+            over,
+            thread: Mutex::new(thread),
+        }
+    }
+
+    /// A handle of the axis with this name.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no axis has this name.
+    pub fn axis(&self, name: &str) -> Result<Axis, NetworkError> {
+        self.axes
+            .iter()
+            .find(|source| source.name() == name)
+            .map(AxisSource::axis)
+            .ok_or_else(|| unknown("axis", name, self.axes.iter().map(AxisSource::name)))
+    }
+
+    /// The inputs and outputs of the device with this name.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no device that was declared by `io` has this name.
+    pub fn io(&self, name: &str) -> Result<Io, NetworkError> {
+        self.ios
+            .iter()
+            .find(|io| io.name() == name)
+            .cloned()
+            .ok_or_else(|| unknown("io", name, self.ios.iter().map(Io::name)))
+    }
+
+    /// The time of the cycles: to wait for the next inputs, and for pauses.
+    #[must_use]
+    pub fn clock(&self) -> CycleClock {
+        CycleClock::new(Arc::clone(&self.control.beat))
+    }
+
+    /// SDO access to the drive at this position in the line, or at the place by which it was declared; `None` if no drive was
+    /// declared there. What is mapped into the process data is not to be written by it: the next frame overwrites it.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use servocrab::coe::obj;
+    /// let sdo = net.sdo(0).ok_or("no drive was declared there")?;
+    /// sdo.write(obj::QUICK_STOP_DECELERATION, 150_000).await?;
+    /// assert_eq!(sdo.read(obj::QUICK_STOP_DECELERATION).await?, 150_000);
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn sdo(&self, place: impl Into<DevicePlace>) -> Option<SdoHandle> {
+        self.drive(place.into()).map(|drive| drive.sdo.clone())
+    }
+
+    /// The emergencies of the drive at this position in the line, or at the place by which it was declared, from its bring-up
+    /// on; `None` if no drive was declared there. 64 of them are kept for a program that does not take them.
+    ///
+    /// They tell the cause of a fault also where its error has no code, since the drive has no 603Fh
+    /// ([`Failure::Fault`](crate::axis::Failure::Fault)). Of a drive with several axes they do not say whose fault it is.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # use std::sync::{Arc, Mutex};
+    /// # let segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let segment = Arc::new(Mutex::new(segment));
+    /// # let wired = Arc::clone(&segment);
+    /// # let wire = Wire::new(move |frame, now| wired.lock().unwrap().process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use std::time::Duration;
+    /// use servocrab::{axis::Failure, coe::EmergencyReport, profile_position::SetPoint};
+    /// let emergencies = net.emergencies(0).ok_or("no drive was declared there")?;
+    /// let x = net.axis("x")?;
+    /// x.enable().await?;
+    /// let profile_position = x.profile_position().await?;
+    /// let motion = profile_position.move_rel(1_000_000, SetPoint::new().velocity(10_000)).await?;
+    /// # segment.lock().unwrap().axis_mut(0, 0).unwrap().inject_fault(0x8611);
+    /// let Err(error) = motion.done().await else { return Ok(()) };
+    /// eprintln!("{error}");
+    /// assert!(matches!(error.failure(), Some(Failure::Fault { .. })));
+    /// // Why, in the drive's own words. They may come some cycles after the fault; a drive need not have any.
+    /// let late = async {
+    ///     smol::Timer::after(Duration::from_secs(1)).await;
+    ///     None
+    /// };
+    /// let report = smol::future::or(emergencies.next(), late).await;
+    /// if let Some(EmergencyReport::Emergency(cause)) = &report {
+    ///     eprintln!("{cause}");
+    /// }
+    /// # assert_eq!(report.and_then(EmergencyReport::emergency).unwrap().emergency.code, 0x8611);
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn emergencies(&self, place: impl Into<DevicePlace>) -> Option<Emergencies> {
+        self.drive(place.into())
+            .map(|drive| drive.emergencies.clone())
+    }
+
+    /// The emergencies of all drives, from the bring-up on, in the order in which they were read: the same ones as of each
+    /// drive, in a queue of their own. 256 of them are kept for a program that does not take them.
+    #[must_use]
+    pub fn all_emergencies(&self) -> Emergencies {
+        self.emergencies.clone()
+    }
+
+    /// What happens to drives: lost, back, out of OP. Each event is seen once, whoever asks.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// let events = net.events();
+    /// // In a task of its own:
+    /// let told = async {
+    ///     while let Some(event) = events.next().await {
+    ///         eprintln!("{event}");
+    ///     }
+    /// };
+    /// # smol::future::or(told, async {}).await;
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn events(&self) -> NetworkEvents {
+        NetworkEvents {
+            queue: self.control.events.1.clone(),
+            waiters: Arc::clone(&self.control.waiters),
+        }
+    }
+
+    /// Leads the device at this position in the line, or at the place by which it was declared, back into OP: a drive, or a device
+    /// with inputs and outputs, that [`NetworkEvent::LeftOp`] or [`NetworkEvent::Lost`] has told of. All others go on meanwhile.
+    ///
+    /// Nothing moves by it, and nothing is switched on. What was pending on the axes of the drive ends as
+    /// [`BusLost`](crate::axis::Failure::BusLost) before it is in OP, if it had not ended by then; its outputs are those of
+    /// an axis that is switched off, and whatever the program sets in them beside is 0 until it is set again. Handles stay
+    /// valid; the axes are enabled by [`Axis::enable`]. Outputs of a device that is no drive are 0 until they are set again.
+    ///
+    /// How far it is is told as at the start ([`NetworkBuilder::on_progress`](crate::bus::network::builder::NetworkBuilder::on_progress)), where this is awaited. Several
+    /// devices can be led back at the same time; of one device, one call comes after the other. When the future is dropped
+    /// the attempt ends, and the device stays out of OP.
+    ///
+    /// ```no_run
+    /// # async fn example(net: servocrab::bus::Network) -> Result<(), Box<dyn std::error::Error>> {
+    /// use servocrab::bus::NetworkEvent;
+    /// let events = net.events();
+    /// while let Some(event) = events.next().await {
+    ///     if let NetworkEvent::LeftOp { drive, status } = event {
+    ///         eprintln!("{drive} is in {status}: somebody looks after the machine, then");
+    ///         let recovered = net.recover(&drive).await?;
+    ///         eprintln!("{drive}: {recovered}");
+    ///     }
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`NetworkError::Drive`] with the step that failed, or because the drive follows a distributed clock and others in front of it
+    /// are missing ([`DriveFault::ClockOfRunningLine`](crate::bus::error::DriveFault::ClockOfRunningLine)), or is the reference clock and was without
+    /// power ([`DriveFault::ReferenceOfRunningLine`](crate::bus::error::DriveFault::ReferenceOfRunningLine)); [`NetworkError::NotLocked`] if it follows a
+    /// distributed clock and the reference is silent, has jumped, or is out of step; [`NetworkError::WrongLine`] if
+    /// it is not in the line any more, or another device is in its place; [`NetworkError::Declaration`] if no drive and no device with inputs
+    /// and outputs was declared there; [`NetworkError::Thread`] if the network has ended. After an error the device is asked to leave
+    /// OP. Outputs of one that is no drive stay 0 until a call succeeds, also if it comes back by itself.
+    pub async fn recover(&self, place: impl Into<DevicePlace>) -> Result<Recovered, NetworkError> {
+        let place = place.into();
+        let index = self
+            .places
+            .iter()
+            .position(|(at, declared)| place == *declared || place == DevicePlace::Position(*at))
+            .ok_or_else(|| {
+                NetworkError::Declaration(format!(
+                    "no drive and no device with inputs and outputs was declared at {place}"
+                ))
+            })?;
+        let (to_tell, steps) = unbounded();
+        let asked = self.ask(|reply| Question::Recover(index, to_tell, reply));
+        let told = self.listener.tell_until(steps, asked);
+        self.control.waiters.relay(told).await?
+    }
+
+    async fn ask<T>(
+        &self,
+        question: impl FnOnce(Sender<T>) -> Question,
+    ) -> Result<T, NetworkError> {
+        let over = || NetworkError::Thread("the network has ended".into());
+        let (reply, answer) = bounded(1);
+        let answered = async {
+            let asked = self.control.questions.0.send(question(reply)).await;
+            asked.map_err(|_| over())?;
+            answer.recv().await.map_err(|_| over())
+        };
+        // Nobody takes what waits once the loop has ended, which it says by this.
+        let ended = async {
+            let _ = self.over.recv().await;
+            Err(over())
+        };
+        let told = smol::future::or(answered, ended);
+        self.control.waiters.relay(told).await
+    }
+
+    /// Stops and disables all axes, brings the drives out of OP, and ends the thread. Whoever has the network may ask for it, also
+    /// while others wait for something of it: these get an error, and so does everybody who asks for something later.
+    ///
+    /// The drives stay in OP until every axis that answers stands without power. That takes at most, for the slowest axis, twice
+    /// [`Deadlines::standstill`](crate::axis::Deadlines::standstill), once [`Deadlines::disable`](crate::axis::Deadlines::disable), the settle
+    /// time of its [`Tolerances`](crate::axis::Tolerances) and a second; then at most a second for each of the four steps down. Dropping the network
+    /// does the same; what is an error here is only logged then.
+    ///
+    /// # Errors
+    /// [`NetworkError::StillMoving`] with the axes that did not stand without power by then, or whose drives no longer answered while they
+    /// moved: what these do now is up to their own watchdog. The network has ended all the same.
+    pub async fn shutdown(&self) -> Result<(), NetworkError> {
+        self.control.request_shutdown();
+        // Ready when the bus loop is gone.
+        let _ = self.control.waiters.relay(self.over.recv()).await;
+        self.join();
+        self.control.end_events();
+        match self.control.left_moving.get() {
+            Some(moving) => Err(NetworkError::StillMoving(moving.clone())),
+            None => Ok(()),
+        }
+    }
+
+    fn drive(&self, place: DevicePlace) -> Option<&StartedDrive> {
+        self.drives
+            .iter()
+            .find(|drive| drive.place == place || DevicePlace::Position(drive.position) == place)
+    }
+
+    fn join(&self) {
+        let thread = self
+            .thread
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        let Some(thread) = thread else { return };
+        if thread.join().is_err() {
+            tracing::error!("the bus thread has panicked");
+        }
+        self.control.end_events();
+    }
+}
+
+/// The error for a name that was not declared, with those that were.
+fn unknown<'a>(kind: &str, name: &str, declared: impl Iterator<Item = &'a str>) -> NetworkError {
+    let mut text = format!("no {kind} is named `{name}`");
+    for (place, name) in declared.enumerate() {
+        text += if place == 0 { "; declared: " } else { ", " };
+        text += &format!("`{name}`");
+    }
+    NetworkError::Declaration(text)
+}
+
+impl Drop for Network {
+    fn drop(&mut self) {
+        self.control.request_shutdown();
+        self.join();
+    }
+}
+
+impl fmt::Debug for Network {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Network")
+            .field(
+                "axes",
+                &self.axes.iter().map(AxisSource::name).collect::<Vec<_>>(),
+            )
+            .finish_non_exhaustive()
+    }
+}
+
+/// What happens to the drives of a network.
+#[derive(Debug, Clone)]
+pub struct NetworkEvents {
+    queue: Receiver<NetworkEvent>,
+    waiters: Arc<Waiters>,
+}
+
+impl NetworkEvents {
+    /// The next event; `None` once the network is gone.
+    pub async fn next(&self) -> Option<NetworkEvent> {
+        self.waiters.relay(self.queue.recv()).await.ok()
+    }
+
+    /// The next event, if there is one now.
+    #[must_use]
+    pub fn try_next(&self) -> Option<NetworkEvent> {
+        self.queue.try_recv().ok()
+    }
+}
+
+// What a network tells of itself: counters, histograms, black boxes, the ports of its line.
+
+impl Network {
+    /// What the bus thread has counted.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// let before = net.statistics();
+    /// net.axis("x")?.enable().await?; // what the machine does
+    /// let now = net.statistics();
+    /// let (cycles, lost) = (now.cycles - before.cycles, now.lost - before.lost);
+    /// println!("{lost} frames of {cycles} cycles were lost");
+    /// assert!(cycles > 0);
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn statistics(&self) -> Statistics {
+        Statistics {
+            wakes: self.control.wakes.statistics(),
+            ..self.control.counters.read()
+        }
+    }
+
+    /// How steady the cycles were, as histograms.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// let before = net.timing();
+    /// net.axis("x")?.enable().await?; // what the machine does
+    /// let late = net.timing().lateness.since(&before.lateness);
+    /// if let (Some(most), Some(worst)) = (late.quantile(0.99), late.most()) {
+    ///     println!("99 % of {} cycles began at most {most:?} late, the worst {worst:?}", late.count());
+    ///     assert!(most <= worst);
+    /// }
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn timing(&self) -> Timing {
+        self.control.counters.timing()
+    }
+
+    /// What the frames of each cycle take on the cable.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// let load = net.cable_load();
+    /// println!("{} bytes: {:?} on the cable", load.bytes, load.time());
+    /// assert!(load.shortest_cycle() < std::time::Duration::from_micros(50));
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn cable_load(&self) -> CableLoad {
+        let load = self.control.counters.cable.get();
+        load.copied().unwrap_or_default()
+    }
+
+    /// What was counted of each declared drive.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// let told = net.drive_statistics();
+    /// for drive in &told {
+    ///     println!("{}: silent in {} cycles", drive.drive, drive.stale_cycles);
+    /// }
+    /// assert_eq!(told.len(), 1);
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn drive_statistics(&self) -> Vec<DriveStatistics> {
+        self.drives
+            .iter()
+            .map(|drive| {
+                let counters = self.control.counters.drive(drive.in_exchange);
+                DriveStatistics {
+                    drive: drive.sdo.drive().clone(),
+                    stale_cycles: counters.map_or(0, |counters| counters.stale.get()),
+                    undelivered_cycles: counters.map_or(0, |counters| counters.undelivered.get()),
+                }
+            })
+            .collect()
+    }
+
+    /// The last cycles of the axis with this name: words, positions, what was answered. With each fault they come by
+    /// themselves ([`NetworkEvent::Trouble`](crate::bus::event::NetworkEvent::Trouble)).
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// net.axis("x")?.enable().await?;
+    /// let black_box = net.black_box("x").await?;
+    /// for cycle in black_box.cycles.iter().rev().take(10) {
+    ///     let statusword = cycle.inputs.map(|inputs| inputs.statusword);
+    ///     println!("{}: sent {:?}, came back {statusword:?}", cycle.number, cycle.controlword);
+    /// }
+    /// assert_eq!(black_box.axis.axis, "x");
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no axis has this name; [`NetworkError::Thread`] if the network has ended.
+    pub async fn black_box(&self, axis: &str) -> Result<BlackBox, NetworkError> {
+        let index = self
+            .axes
+            .iter()
+            .position(|source| source.name() == axis)
+            .ok_or_else(|| unknown("axis", axis, self.axes.iter().map(AxisSource::name)))?;
+        self.ask(|reply| Question::BlackBox(index, reply)).await
+    }
+
+    /// The error counters of all ports of the line, declared or not: which cable or device damages frames. They count from
+    /// when a device was switched on, so what counts is how they change.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// let ports = net.port_errors().await?;
+    /// for device in &ports {
+    ///     for (port, errors) in device.ports.iter().enumerate() {
+    ///         if errors.invalid_frames > 0 || errors.physical > 0 {
+    ///             println!("device {}: look at the cable of its port {port}: {errors:?}", device.position);
+    ///         }
+    ///     }
+    /// }
+    /// assert_eq!(ports.len(), 1);
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`NetworkError::Line`] if they could not be read; [`NetworkError::Thread`] if the network has ended.
+    pub async fn port_errors(&self) -> Result<Vec<DevicePorts>, NetworkError> {
+        self.ask(Question::Ports).await?.map_err(NetworkError::Line)
+    }
+}
+
+// What stops all axes of a network: at once, from anywhere, or because the program is not alive.
+
+impl Network {
+    /// Stops every axis, in the next frame.
+    pub fn stop_all(&self, stop: StopRequest) {
+        self.control.request_stop(stop);
+    }
+
+    /// Stops every axis from anywhere: signal handlers, panic hooks, other threads.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use servocrab::axis::StopRequest;
+    /// let stop = net.stop_handle();
+    /// // On the thread of the panel's stop button:
+    /// std::thread::spawn(move || stop.stop_all(StopRequest::QUICK_STOP));
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn stop_handle(&self) -> NetworkStop {
+        NetworkStop {
+            control: Arc::clone(&self.control),
+        }
+    }
+
+    /// Has every axis halt when the program does not feed the returned rule for this time, or drops it. From then on, until it is fed,
+    /// ended, or another takes its place, nothing is enabled, resumed or started
+    /// ([`Failure::LivenessExpired`](crate::axis::Failure::LivenessExpired)); stops, `disable` and `reset_fault` work all the time.
+    /// What has halted goes on only by `resume`.
+    ///
+    /// There is one rule: the last one that was asked for.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use std::time::Duration;
+    /// let alive = net.liveness(Duration::from_millis(200));
+    /// for _ in 0..3 {
+    ///     alive.feed(); // once in each turn of the program's own loop
+    ///     smol::Timer::after(Duration::from_millis(10)).await;
+    /// }
+    /// alive.end(); // dropped without it, it would halt every axis
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    pub fn liveness(&self, timeout: Duration) -> Liveness {
+        let (liveness, watch) = Liveness::new(timeout);
+        self.control.add_watch(watch);
+        liveness
+    }
+}
+
+/// Stops every axis of a network, in the next frame. It neither blocks nor fails.
+#[derive(Debug, Clone)]
+pub struct NetworkStop {
+    control: Arc<Control>,
+}
+
+impl NetworkStop {
+    /// Stops every axis.
+    pub fn stop_all(&self, stop: StopRequest) {
+        self.control.request_stop(stop);
+    }
+}

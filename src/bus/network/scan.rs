@@ -1,0 +1,254 @@
+//! A line that is looked at and not configured: who is there, what each SubDevice says of itself, and its objects.
+
+use std::{
+    sync::Arc,
+    thread::{self, JoinHandle},
+};
+
+use smol::channel::{Receiver, Sender, bounded};
+
+use crate::{
+    bus::{
+        device::drive::serve_mailbox,
+        error::{AlStatus, BringUpStep, NetworkError},
+        line::{self, Found},
+        log::{Log, Subscriber},
+        network::supervisor,
+        requests::{BusLoop, Context, Reactor, Receiving, al, eeprom},
+        watch::{Control, Guard},
+    },
+    coe::{DriveId, Emergencies, ErrorTexts, SdoHandle},
+    link::Link,
+    sii::Sii,
+    wakes::Wakes,
+};
+
+/// ESC features, and the configured station alias (ETG.1000.4, registers).
+const FEATURES: u16 = 0x0008;
+pub(in crate::bus) const ALIAS: u16 = 0x0012;
+/// Bit 2 of the features: distributed clocks; bit 3: of 64 bits.
+const CLOCK: u8 = 0x04;
+const CLOCK_64: u8 = 0x08;
+
+/// The SubDevices of a line in PREOP, unconfigured, with their mailboxes served.
+///
+/// Made by [`NetworkBuilder::scan`](crate::bus::network::builder::NetworkBuilder::scan). When it is dropped the SubDevices go to INIT and the bus
+/// thread ends.
+///
+/// ```no_run
+/// # async fn example() -> Result<(), Box<dyn std::error::Error>> {
+/// use servocrab::bus::Network;
+/// let line = Network::builder().interface("eth0").scan().await?;
+/// for device in line.devices() {
+///     println!("{}, alias {}", device.id, device.alias);
+/// }
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct Line {
+    devices: Vec<LineDevice>,
+    control: Arc<Control>,
+    over: Receiver<()>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// A SubDevice of a [`Line`].
+#[derive(Debug)]
+pub struct LineDevice {
+    /// Its place, its name and what it says it is.
+    pub id: DriveId,
+    /// Its configured station alias (0012h); 0 if none.
+    pub alias: u16,
+    /// The AL state in which it was found, before it was brought into PREOP.
+    pub found_in: AlStatus,
+    /// The bits of its distributed clock, 32 or 64; none if it has none.
+    pub clock_bits: Option<u8>,
+    /// Its whole SII, if it could be read.
+    pub sii: Option<Sii>,
+    /// Access to its objects, if it is in PREOP and has CoE.
+    pub sdo: Option<SdoHandle>,
+    /// Its emergencies, if it has CoE.
+    pub emergencies: Option<Emergencies>,
+    /// Why it is not in PREOP, or its SII could not be read.
+    pub problem: Option<NetworkError>,
+}
+
+impl Line {
+    /// The SubDevices, in the line's order.
+    #[must_use]
+    pub fn devices(&self) -> &[LineDevice] {
+        &self.devices
+    }
+
+    /// Sends the SubDevices to INIT and ends the bus thread.
+    pub async fn close(mut self) {
+        self.control.request_shutdown();
+        let _ = self.over.recv().await;
+        self.join();
+    }
+
+    fn join(&mut self) {
+        if let Some(thread) = self.thread.take()
+            && thread.join().is_err()
+        {
+            tracing::error!("the bus thread has panicked");
+        }
+    }
+}
+
+impl Drop for Line {
+    fn drop(&mut self) {
+        self.control.request_shutdown();
+        self.join();
+    }
+}
+
+/// Looks at the line on this link, on a thread of its own.
+pub(in crate::bus) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, NetworkError> {
+    let (wakes, wakes_end) =
+        Wakes::start(None).map_err(|error| NetworkError::Thread(error.to_string()))?;
+    let control = Control::new(0, wakes);
+    control.set_waker(link.waker());
+    let (send_found, found) = bounded(1);
+    let (alive, over) = bounded(1);
+    let shared = Arc::clone(&control);
+    let subscriber = Subscriber::current();
+    // A caller that drops the future ends the scan.
+    let mut guard = Guard::new(Arc::clone(&control));
+    let thread = thread::Builder::new()
+        .name("servocrab-bus".into())
+        .spawn(move || {
+            let reactor = Reactor::new(
+                link,
+                Receiving::Block,
+                &shared.counters,
+                &shared.wakes,
+                Log::default(),
+            );
+            let context = reactor.context().clone();
+            if let Some(task) = context.spawn(life(context.clone(), shared, send_found)) {
+                task.detach();
+            }
+            subscriber.of(|| BusLoop::new(reactor, None, alive, wakes_end).run());
+        })
+        .map_err(|error| NetworkError::Thread(error.to_string()))?;
+    guard.watch(thread);
+    let ended = || NetworkError::Thread("it ended before the line was scanned".into());
+    let found = control.waiters.relay(found.recv()).await;
+    let devices = match found.unwrap_or_else(|_| Err(ended())) {
+        Ok(devices) => devices,
+        Err(error) => {
+            guard.gone(&over).await;
+            return Err(error);
+        }
+    };
+    let (_, thread) = guard.release();
+    Ok(Line {
+        devices,
+        control,
+        over,
+        thread,
+    })
+}
+
+type Scanned = Result<Vec<LineDevice>, NetworkError>;
+
+async fn life(context: Context, control: Arc<Control>, found: Sender<Scanned>) {
+    let devices = smol::future::or(async { Some(look(&context).await) }, async {
+        supervisor::given_up(&context, &control).await;
+        None
+    });
+    if let Some(devices) = devices.await {
+        let goes_on = devices.is_ok();
+        if found.send(devices).await.is_ok() && goes_on {
+            supervisor::given_up(&context, &control).await;
+        }
+    }
+    supervisor::leave(&context).await;
+    context.end();
+}
+
+async fn look(context: &Context) -> Scanned {
+    let registers = &context.registers;
+    let count = line::count(registers).await?;
+    let mut before = Vec::new();
+    for position in 0..count {
+        let status = al::status_at(registers, position).await;
+        before.push(status.map_err(NetworkError::Line)?);
+    }
+    let line = line::discover_each(context, count).await?;
+    let tasks: Option<Vec<_>> = line
+        .into_iter()
+        .zip(0..)
+        .zip(before)
+        .map(|((found, position), found_in)| {
+            context.spawn(device(context.clone(), found, position, found_in))
+        })
+        .collect();
+    let tasks = tasks.ok_or_else(|| NetworkError::Thread("the bus loop is gone".into()))?;
+    let mut devices = Vec::new();
+    for task in tasks {
+        devices.push(task.await?);
+    }
+    Ok(devices)
+}
+
+/// What there is to know of one SubDevice.
+async fn device(
+    context: Context,
+    found: Result<Found, NetworkError>,
+    position: u16,
+    found_in: AlStatus,
+) -> Result<LineDevice, NetworkError> {
+    let registers = &context.registers;
+    let [features, _] = registers
+        .read_at(position, FEATURES)
+        .await
+        .map_err(NetworkError::Line)?;
+    let alias = registers
+        .read_at(position, ALIAS)
+        .await
+        .map_err(NetworkError::Line)?;
+    let mut device = LineDevice {
+        id: DriveId {
+            position,
+            name: String::new(),
+            identity: crate::sii::Identity::default(),
+        },
+        alias: u16::from_le_bytes(alias),
+        found_in,
+        clock_bits: (features & CLOCK != 0).then_some(if features & CLOCK_64 != 0 {
+            64
+        } else {
+            32
+        }),
+        sii: None,
+        sdo: None,
+        emergencies: None,
+        problem: None,
+    };
+    let found = match found {
+        Ok(found) => found,
+        Err(problem) => {
+            if let NetworkError::Drive { drive, .. } = &problem {
+                device.id = drive.clone();
+            }
+            device.problem = Some(problem);
+            return Ok(device);
+        }
+    };
+    device.id = found.id.clone();
+    match eeprom::read_whole(registers, found.station).await {
+        Ok(sii) => device.sii = Some(sii),
+        Err(error) => {
+            device.sii = Some(Sii::clone(&found.sii));
+            device.problem = Some(found.clone().fault(BringUpStep::Sii, error.into()));
+        }
+    }
+    if let Some(mailbox) = serve_mailbox(&context, &found, ErrorTexts::default()) {
+        device.sdo = Some(mailbox.sdo);
+        device.emergencies = Some(mailbox.emergencies);
+    }
+    Ok(device)
+}

@@ -1,0 +1,391 @@
+//! The future that leads a network through its life: bring-up, watching over the AL states, the end in order.
+
+use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
+
+use async_task::Task;
+use smol::{channel::Sender, lock::Mutex};
+
+use crate::{
+    axis::{AxisSource, Delivery, Failure},
+    bus::{
+        clocks::sync::LockWatch,
+        cycle::black_box::{BlackBox, Trouble},
+        device::{
+            io::Io,
+            io_port::Ports,
+            progress::{Progress, StepDone},
+        },
+        error::{AlError, AlState, NetworkError},
+        event::{ClockEvent, NetworkEvent},
+        expected::DevicePlace,
+        line::Found,
+        log::Note,
+        network::{
+            axes::Axes,
+            bring_up,
+            plan::LinePlan,
+            recovery::{self, Recovery},
+        },
+        requests::{Context, al},
+        watch::{
+            Control, Question,
+            al_monitor::{at_once, look, read_state},
+            miscount::MiscountWatch,
+            port_errors,
+        },
+    },
+    coe::{DriveId, Emergencies, SdoHandle},
+    wakes::WakeStatistics,
+};
+
+/// How often the shutdown flag is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+/// How often AL states are read while something is wrong with them.
+const AL_EVERY: Duration = Duration::from_millis(20);
+/// How long axes may take to stop and disable at the end, beside their own deadlines.
+const DISABLE_LIMIT: Duration = Duration::from_secs(1);
+/// How long each AL state may take on the way down.
+const DOWN_LIMIT: Duration = Duration::from_secs(1);
+/// Error indication and SAFEOP, in the AL states of a line OR-ed together.
+const FALLEN: u8 = 0x14;
+const AL_CONTROL: u16 = 0x0120;
+
+/// What a program gets of a network that is in OP.
+pub(in crate::bus) struct Started {
+    pub(in crate::bus) axes: Vec<AxisSource>,
+    pub(in crate::bus) drives: Vec<StartedDrive>,
+    pub(in crate::bus) ios: Vec<Io>,
+    /// Where all devices of the exchange stand, in its order, and how they were declared.
+    pub(in crate::bus) places: Vec<(u16, DevicePlace)>,
+    /// Those of all drives.
+    pub(in crate::bus) emergencies: Emergencies,
+}
+
+/// The mailbox of a drive, or of another device that has one.
+pub(in crate::bus) struct StartedDrive {
+    /// Where it stands, and how it was declared.
+    pub(in crate::bus) position: u16,
+    pub(in crate::bus) place: DevicePlace,
+    /// Its place in the exchange.
+    pub(in crate::bus) in_exchange: usize,
+    pub(in crate::bus) sdo: SdoHandle,
+    pub(in crate::bus) emergencies: Emergencies,
+}
+
+/// Leads the network, and ends the loop.
+pub(in crate::bus) async fn supervise(
+    context: Context,
+    plan: LinePlan,
+    control: Arc<Control>,
+    started: Sender<Result<Started, NetworkError>>,
+    steps: Sender<StepDone>,
+) {
+    let period = plan.cycle;
+    let bring_up = smol::future::or(
+        async { Some(start(&context, plan, &control, steps).await) },
+        async {
+            given_up(&context, &control).await;
+            None
+        },
+    );
+    match bring_up.await {
+        Some(Ok((running, to_program))) => {
+            if started.send(Ok(to_program)).await.is_ok() {
+                let watching = watch(&context, &running, &control, period);
+                let answering = answer(&context, &running, &control);
+                smol::future::or(watching, answering).await;
+            }
+            end(&context, &running, &control, period).await;
+        }
+        Some(Err(error)) => {
+            leave(&context).await;
+            drop(started.send(Err(error)).await);
+        }
+        None => leave(&context).await,
+    }
+    context.end();
+}
+
+/// What works with the process data, and all devices in the order of the exchange.
+struct Running {
+    axes: Rc<RefCell<Axes>>,
+    ports: Rc<RefCell<Ports>>,
+    devices: Vec<Found>,
+    /// Who they are, for notes.
+    ids: Vec<Arc<DriveId>>,
+    /// Whose clock is the reference.
+    reference: Option<Arc<DriveId>>,
+    recovery: Rc<Recovery>,
+}
+
+async fn start(
+    context: &Context,
+    plan: LinePlan,
+    control: &Arc<Control>,
+    steps: Sender<StepDone>,
+) -> Result<(Running, Started), NetworkError> {
+    let period = plan.cycle;
+    let progress = Progress::new(context, steps, plan.drives.len(), plan.ios.len());
+    let progress = Rc::new(progress);
+    let ready = bring_up::configure(context, plan, &progress).await?;
+    let (axes, sources) = Axes::open(
+        &ready.drives,
+        Arc::clone(control),
+        &context.wakes,
+        context.log.clone(),
+    );
+    let axes = Rc::new(RefCell::new(axes));
+    let ports = Ports::open(ready.drives.len(), &ready.ios);
+    let ios = ports.handles();
+    let ports = Rc::new(RefCell::new(ports));
+    let stepper = (Rc::clone(&axes), Rc::clone(&ports));
+    let stepper = Box::new((stepper, control.beat.beater()));
+    bring_up::start_cycles(context, &ready, stepper, period).await?;
+    bring_up::operate(context, &ready, period, &progress).await?;
+    // Handles show what the last cycle was: whoever looks at once is to see devices in OP.
+    let before = control.beat.ended();
+    while control.beat.ended() == before {
+        context.time.sleep(period).await;
+    }
+    let drives = (0..).zip(&ready.drives);
+    let drives = drives.map(|(in_exchange, drive)| StartedDrive {
+        position: drive.found.id.position,
+        place: drive.place,
+        in_exchange,
+        sdo: drive.sdo.clone(),
+        emergencies: drive.emergencies.clone(),
+    });
+    let others = (ready.drives.len()..).zip(&ready.ios);
+    let others = others.filter_map(|(in_exchange, io)| {
+        let mailbox = io.mailbox.as_ref()?;
+        Some(StartedDrive {
+            position: io.found.id.position,
+            place: io.place,
+            in_exchange,
+            sdo: mailbox.sdo.clone(),
+            emergencies: mailbox.emergencies.clone(),
+        })
+    });
+    let to_program = Started {
+        axes: sources,
+        drives: drives.chain(others).collect(),
+        ios,
+        places: ready
+            .found()
+            .zip(ready.places())
+            .map(|(found, place)| (found.id.position, place))
+            .collect(),
+        emergencies: context.emergencies.1.clone(),
+    };
+    let devices: Vec<_> = ready.found().cloned().collect();
+    let ids: Vec<_> = devices
+        .iter()
+        .map(|device| Arc::new(device.id.clone()))
+        .collect();
+    let reference = ready.reference().map(Arc::new);
+    let recovery = Recovery {
+        context: context.clone(),
+        control: Arc::clone(control),
+        period,
+        axes: Rc::clone(&axes),
+        ports: Rc::clone(&ports),
+        line: ready.line.clone(),
+        devices: recovery::devices(ready),
+        search: Mutex::new(()),
+    };
+    let running = Running {
+        axes,
+        ports,
+        ids,
+        devices,
+        reference,
+        recovery: Rc::new(recovery),
+    };
+    Ok((running, to_program))
+}
+
+/// Resolves when the program wants the end.
+pub(in crate::bus) async fn given_up(context: &Context, control: &Control) {
+    while !control.is_shutdown() {
+        context.time.sleep(LOOK_EVERY).await;
+    }
+}
+
+/// Watches over the drives until the network is to end.
+async fn watch(context: &Context, running: &Running, control: &Arc<Control>, period: Duration) {
+    let mut usual = None;
+    let mut lost = vec![false; running.devices.len()];
+    let mut lock = LockWatch::new();
+    let mut wakers = WakeStatistics::default();
+    let mut miscounts = MiscountWatch::new();
+    let devices = running.devices.iter().zip(&running.ids);
+    let stations: Vec<_> = devices
+        .map(|(device, id)| (device.station, Arc::clone(id)))
+        .collect();
+    while !control.is_shutdown() {
+        context.time.rest(LOOK_EVERY).await;
+        if let Some(event) = lock.look(context.counters.clock.read())
+            && let Some(reference) = &running.reference
+        {
+            // Who has moved the clock, and what its drive does now, nobody knows; the others agree still.
+            if matches!(event, ClockEvent::Jumped { .. }) {
+                let mut axes = running.axes.borrow_mut();
+                axes.disable(Failure::ClockJumped);
+            }
+            let note = Note::Clock(Arc::clone(reference), event);
+            context.log.note(context.time.now(), note);
+            let reference = DriveId::clone(reference);
+            control.report(NetworkEvent::Clock { reference, event });
+        }
+        let seen = context.wakes.statistics();
+        if seen.slow > wakers.slow || seen.panicked > wakers.panicked {
+            context.log.note(context.time.now(), Note::Wakers(seen));
+            wakers = seen;
+        }
+        let Some((al_status, wrong)) = look(context, control, &running.ids, &mut lost) else {
+            return;
+        };
+        miscounts.look(context, control, &stations);
+        // After what happened to the drives, so that one follows from the other.
+        let axes = &running.axes;
+        let troubles = axes.borrow_mut().take_troubles();
+        for (index, trouble) in troubles {
+            // A thousand cycles are read at once: those of all axes of a machine would keep the next cycle waiting. Meanwhile the
+            // program takes what it was told before.
+            context.time.sleep(period.min(LOOK_EVERY)).await;
+            if let Some(black_box) = black_box(context, axes, index, Some(trouble)) {
+                control.report(NetworkEvent::Trouble(Arc::new(black_box)));
+            }
+            if control.is_shutdown() {
+                return;
+            }
+        }
+        let Some(seen) = al_status else { continue };
+        // A drive that has fallen before the first look is not taken for usual: SubDevices that nobody has declared are in PREOP.
+        if usual.is_none() && !wrong && seen.0 & FALLEN == 0 {
+            usual = Some(seen);
+        }
+        let all_operational = context
+            .cycle
+            .borrow()
+            .as_ref()
+            .is_some_and(|cycle| cycle.exchange.drives.iter().all(|drive| drive.operational));
+        if usual == Some(seen) && !wrong && all_operational {
+            continue;
+        }
+        let devices = running.devices.iter().zip(&running.ids).enumerate();
+        let looks = devices.map(|(place, (device, id))| {
+            let (context, control) = (context.clone(), Arc::clone(control));
+            read_state(context, control, place, device.station, Arc::clone(id))
+        });
+        at_once(context, looks).await;
+        context.time.sleep(AL_EVERY).await;
+    }
+}
+
+/// Answers what the program asks; nobody waits for somebody else's answer.
+async fn answer(context: &Context, running: &Running, control: &Control) {
+    // They end with the network.
+    let mut under_way: Vec<Task<()>> = Vec::new();
+    // An asker that went away misses its answer.
+    while let Ok(question) = control.questions.1.recv().await {
+        under_way.retain(|task| !task.is_finished());
+        match question {
+            Question::BlackBox(index, reply) => {
+                if let Some(black_box) = black_box(context, &running.axes, index, None) {
+                    let _ = reply.try_send(black_box);
+                }
+            }
+            Question::Ports(reply) => {
+                let asked = context.clone();
+                let reading = async move {
+                    let _ = reply.try_send(port_errors::read(&asked).await);
+                };
+                under_way.extend(context.spawn(reading));
+            }
+            Question::Recover(place, steps, reply) => {
+                let recovery = Rc::clone(&running.recovery);
+                let way_back = async move { recovery.serve(place, steps, &reply).await };
+                under_way.extend(context.spawn(way_back));
+            }
+        }
+    }
+}
+
+/// What the last cycles of an axis were; `None` when there are no cycles any more.
+fn black_box(
+    context: &Context,
+    axes: &RefCell<Axes>,
+    index: usize,
+    trouble: Option<Trouble>,
+) -> Option<BlackBox> {
+    let mut cycle = context.cycle.borrow_mut();
+    let exchange = &mut cycle.as_mut()?.exchange;
+    exchange.complete_record();
+    axes.borrow()
+        .black_box(index, trouble, |axis| exchange.history(axis))
+}
+
+/// The end in order: axes stopped and disabled, all other outputs 0, then SAFEOP, no more cycles, PREOP, INIT.
+async fn end(context: &Context, running: &Running, control: &Control, period: Duration) {
+    let time = &context.time;
+    let axes = &running.axes;
+    axes.borrow_mut().disable(Failure::BusLost {
+        delivery: Delivery::NotSent,
+    });
+    let limit = axes.borrow().longest_stop().saturating_add(DISABLE_LIMIT);
+    let until = time.now().saturating_add(limit);
+    loop {
+        // The first look is after a cycle, so that what was asked for has been sent.
+        time.sleep(period.saturating_mul(2)).await;
+        // Those that do not answer are not waited for: their drives have stopped them by their watchdog, or will.
+        let all = axes.borrow();
+        if all.moving().any(|axis| axis.answers) && time.now() < until {
+            continue;
+        }
+        let moving: Vec<_> = all.moving().collect();
+        if !moving.is_empty() {
+            context.log.note(time.now(), Note::NotStopped);
+            // Nobody else sets it.
+            let _ = control.left_moving.set(moving);
+        }
+        break;
+    }
+    // A brake or a valve holds what it holds for as long as an axis moves.
+    running.ports.borrow_mut().end();
+    time.sleep(period.saturating_mul(2)).await;
+    let mut there: Vec<_> = running.devices.iter().zip(&running.ids).collect();
+    for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
+        let asked = there.iter().map(|(device, _)| {
+            let (registers, station) = (context.registers.clone(), device.station);
+            async move { al::lower(&registers, station, state, DOWN_LIMIT).await }
+        });
+        let mut results = at_once(context, asked).await.into_iter();
+        // Who is silent is asked no further: the broadcast at the end is for all.
+        there.retain(|(_, id)| {
+            let Some(Err(error)) = results.next() else {
+                return true;
+            };
+            let note = Note::NotOnTheWayDown {
+                drive: Arc::clone(id),
+                state,
+                error,
+            };
+            context.log.note(time.now(), note);
+            !matches!(error, AlError::Register(_))
+        });
+        if state == AlState::SafeOp {
+            // Dropping the ports tells the handles.
+            context.cycle.borrow_mut().take();
+        }
+    }
+    leave(context).await;
+}
+
+/// Sends everybody to INIT, whoever listens.
+pub(in crate::bus) async fn leave(context: &Context) {
+    context.cycle.borrow_mut().take();
+    let reset = ethercrab::Command::bwr(AL_CONTROL).ignore_wkc();
+    let sent = reset.send(context.registers.main(), [0x11u8, 0]);
+    let _ = context.time.within(DOWN_LIMIT, sent).await;
+}

@@ -1,0 +1,397 @@
+//! ethercrab's datagrams on the link: put together into frames, sent, sent again when they are lost, and checked when they
+//! come back.
+//!
+//! ethercrab makes a frame for each datagram. What is queued at the same time shares frames here, and each datagram gets its
+//! own answer back with its own working counter: a line of drives costs hardly more system calls than one.
+//!
+//! ethercrab matches a reply by datagram index and command alone, so that a late one can be taken for a later request's.
+//! Therefore each frame gets a number of its own in its source address, and all its datagrams are compared.
+//! What reads or writes a mailbox is sent once, in frames of its own: a second reading would bring the next mail in the place
+//! of the lost one, and a second writing might be carried out twice. The mailbox client knows what to do about either.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    task::{Wake, Waker},
+    time::Duration,
+};
+
+use ethercrab::{
+    PduRx, PduTx,
+    error::{Error, PduError},
+};
+
+use crate::{
+    bus::{
+        cable::time_on_cable,
+        cycle::{
+            Gap,
+            frame::{self, DATAGRAM_HEADER, ETHERNET_HEADER, HEADERS, Tag, command},
+            statistics::Counters,
+        },
+        requests::SLOTS,
+    },
+    link::{LONGEST_FRAME, Link},
+};
+
+/// How long a frame may be away before it is sent again. A segment answers within microseconds; the rest is the
+/// operating system's.
+const RESEND_AFTER: Duration = Duration::from_millis(20);
+/// How often a frame is sent.
+const SENDINGS: u8 = 5;
+/// After this nothing of a request is on its way or will be sent any more.
+pub(in crate::bus) const GIVEN_UP_AFTER: Duration =
+    RESEND_AFTER.saturating_mul(SENDINGS as u32 + 1);
+
+/// How many requests may follow one without an answer: with those that are made before the next look, which have a slot
+/// each, fewer than ethercrab has indices.
+const AHEAD: u32 = 256 - 2 * SLOTS as u32;
+
+/// The two ends of ethercrab's loop that face the link, and the frames that are on their way.
+pub(in crate::bus) struct Acyclic {
+    tx: PduTx<'static>,
+    rx: PduRx<'static>,
+    /// Set by ethercrab: to look for what it has queued is to look at all of its slots.
+    news: Arc<News>,
+    call: Waker,
+    /// The number of the last frame.
+    number: u32,
+    /// How many requests there were.
+    requests: u32,
+    away: Vec<Away>,
+    spare: Vec<Away>,
+    /// An answer to one request, as ethercrab takes it.
+    single: Vec<u8>,
+    /// Until when the wire is busy with what was sent.
+    busy_until: Duration,
+    /// Something waits for room on the wire, or for the link.
+    held: bool,
+}
+
+/// Whether ethercrab may have something queued.
+struct News(AtomicBool);
+
+impl Wake for News {
+    fn wake(self: Arc<Self>) {
+        self.wake_by_ref();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// A frame with the requests that share it.
+#[derive(Default)]
+struct Away {
+    number: u32,
+    /// The number of its first request.
+    first: u32,
+    frame: Vec<u8>,
+    parts: Vec<Part>,
+    sent_at: Duration,
+    sendings: u8,
+    most_sendings: u8,
+    /// Whether the link did not take it at least once.
+    refused: bool,
+}
+
+/// A request's place in its frame.
+struct Part {
+    start: usize,
+    end: usize,
+    /// Where its last datagram begins.
+    last: usize,
+}
+
+impl Acyclic {
+    pub(in crate::bus) fn new(tx: PduTx<'static>, rx: PduRx<'static>) -> Self {
+        let slots = tx.capacity();
+        let news = Arc::new(News(AtomicBool::new(true)));
+        Self {
+            tx,
+            rx,
+            call: Waker::from(Arc::clone(&news)),
+            news,
+            number: 0,
+            requests: 0,
+            away: Vec::with_capacity(slots),
+            spare: (0..slots).map(|_| Away::with_room(slots)).collect(),
+            single: Vec::with_capacity(LONGEST_FRAME),
+            busy_until: Duration::ZERO,
+            held: false,
+        }
+    }
+
+    /// Whether there may be something to send although no future was polled.
+    pub(in crate::bus) fn has_work(&self, now: Duration) -> bool {
+        self.held || self.next().is_some_and(|next| now >= next)
+    }
+
+    /// Sends what ethercrab has queued, and again what is overdue, as far as it is back before the gap ends; the rest waits for
+    /// the next one. Without cycles there is no gap, and no limit. True when ethercrab has nothing left.
+    ///
+    /// What the link does not take is tried again with each call, for as long as an answer would be waited for, and counts as lost
+    /// then: whoever waits for it is told, and nothing else waits behind it.
+    pub(in crate::bus) fn send(
+        &mut self,
+        link: &mut dyn Link,
+        gap: Option<Gap>,
+        counters: &Counters,
+    ) -> bool {
+        let now = link.now();
+        self.held = true;
+        // Without cycles nothing has to make room for anything.
+        self.busy_until = gap.map_or(now, |_| self.busy_until.max(now));
+        let mut all = self.collect(now, gap);
+        let mut refused = false;
+        for away in &mut self.away {
+            let overdue = now >= away.sent_at.saturating_add(RESEND_AFTER);
+            if away.sendings == 0 || overdue && away.sendings < away.most_sendings {
+                if overdue {
+                    let takes = time_on_cable(away.frame.len());
+                    if gap.is_some_and(|gap| !gap.has_room(now, self.busy_until, takes)) {
+                        all = false;
+                        continue;
+                    }
+                    self.busy_until += takes;
+                }
+                if link.send(&away.frame).is_err() {
+                    if !away.refused {
+                        away.refused = true;
+                        counters.not_sent.add();
+                    }
+                    if !overdue {
+                        refused = true;
+                        continue;
+                    }
+                }
+                away.sent_at = now;
+                away.sendings += 1;
+            }
+        }
+        let mut place = 0;
+        while let Some(away) = self.away.get(place) {
+            let again = (1..away.most_sendings).contains(&away.sendings);
+            if again || now < away.sent_at.saturating_add(RESEND_AFTER) {
+                place += 1;
+                continue;
+            }
+            let mut away = self.away.swap_remove(place);
+            for part in &away.parts {
+                give_up(part, &mut away.frame, &mut self.single, &mut self.rx);
+            }
+            self.spare.push(away);
+        }
+        self.held = !all || refused;
+        all
+    }
+
+    /// Takes what ethercrab has queued into frames that are still to be sent, as far as the gap has room. True when it is all.
+    fn collect(&mut self, now: Duration, gap: Option<Gap>) -> bool {
+        if !self.news.0.swap(false, Ordering::Relaxed) {
+            return true;
+        }
+        // It forgets whom it has told.
+        self.tx.replace_waker(&self.call);
+        loop {
+            let Some(sendable) = self.tx.next_sendable_frame() else {
+                return true;
+            };
+            // An error leaves the request with ethercrab, which offers it again.
+            let collected = sendable.send_blocking(|bytes| {
+                let Some(datagrams) = bytes.get(HEADERS..) else {
+                    return Err(Error::SendFrame);
+                };
+                let once = frame::reaches_memory(bytes);
+                let most_sendings = if once { 1 } else { SENDINGS };
+                let open = self.away.iter().position(|away| {
+                    away.sendings == 0
+                        && away.most_sendings == most_sendings
+                        && away.frame.len() + datagrams.len() <= LONGEST_FRAME
+                });
+                let more = match open.and_then(|place| self.away.get(place)) {
+                    Some(away) => {
+                        let length = away.frame.len();
+                        time_on_cable(length + datagrams.len()) - time_on_cable(length)
+                    }
+                    None => time_on_cable(bytes.len()),
+                };
+                if gap.is_some_and(|gap| !gap.has_room(now, self.busy_until, more)) {
+                    return Err(Error::SendFrame);
+                }
+                self.busy_until += more;
+                self.requests = self.requests.wrapping_add(1);
+                let place = open.unwrap_or_else(|| {
+                    self.number = self.number.wrapping_add(1);
+                    let mut away = self.spare.pop().unwrap_or_default();
+                    away.begin(self.number, self.requests, bytes, now);
+                    away.most_sendings = most_sendings;
+                    self.away.push(away);
+                    self.away.len() - 1
+                });
+                if let Some(away) = self.away.get_mut(place) {
+                    away.add(datagrams);
+                }
+                Ok(bytes.len())
+            });
+            if collected.is_err() {
+                self.call.wake_by_ref();
+                return false;
+            }
+        }
+    }
+
+    /// Whether nothing more is to be asked for before the oldest request has had its answer or is given up.
+    ///
+    /// ethercrab finds the request of an answer by the datagram's index alone, and goes round its 256 indices: of two
+    /// requests under way with the same one, either might get the other's answer.
+    pub(in crate::bus) fn is_ahead(&self) -> bool {
+        self.away
+            .iter()
+            .any(|away| self.requests.wrapping_sub(away.first) >= AHEAD)
+    }
+
+    /// When the next frame is overdue. None while something is held: that ends with the next cycle.
+    pub(in crate::bus) fn next(&self) -> Option<Duration> {
+        if self.held {
+            return None;
+        }
+        self.away
+            .iter()
+            .map(|a| a.sent_at.saturating_add(RESEND_AFTER))
+            .min()
+    }
+
+    /// Hands the answers in a frame with this number to ethercrab, if it is the answer to one that is away.
+    /// `cycle` is when the last cycle was sent.
+    pub(in crate::bus) fn accept(
+        &mut self,
+        number: u32,
+        answer: &[u8],
+        cycle: Option<Duration>,
+        counters: &Counters,
+    ) {
+        let Some(place) = self.away.iter().position(|a| a.number == number) else {
+            counters.late.add();
+            return;
+        };
+        let fits = self
+            .away
+            .get(place)
+            .is_some_and(|away| frame::is_answer_to(answer, &away.frame));
+        if !fits {
+            counters.damaged.add();
+            return;
+        }
+        let away = self.away.swap_remove(place);
+        if cycle.is_some_and(|cycle| cycle > away.sent_at) {
+            counters.acyclic_in_cycle.add();
+        }
+        for part in &away.parts {
+            // An error means that the request's future was dropped meanwhile: nobody waits for the answer.
+            if !part.take_out(answer, &mut self.single)
+                || self.rx.receive_frame(&self.single).is_err()
+            {
+                counters.late.add();
+            }
+        }
+        self.spare.push(away);
+    }
+}
+
+impl Away {
+    /// One that takes this many requests without growing.
+    fn with_room(requests: usize) -> Self {
+        Self {
+            frame: Vec::with_capacity(LONGEST_FRAME),
+            parts: Vec::with_capacity(requests),
+            ..Self::default()
+        }
+    }
+
+    /// An empty frame with the headers of `model`.
+    fn begin(&mut self, number: u32, first: u32, model: &[u8], now: Duration) {
+        self.number = number;
+        self.first = first;
+        self.frame.clear();
+        self.frame
+            .extend_from_slice(model.get(..HEADERS).unwrap_or_default());
+        let address = Tag::Acyclic(number).source_address();
+        for (to, from) in self.frame.iter_mut().skip(6).zip(address) {
+            *to = from;
+        }
+        self.parts.clear();
+        self.sent_at = now;
+        self.sendings = 0;
+        self.refused = false;
+    }
+
+    /// Appends a request's datagrams.
+    fn add(&mut self, datagrams: &[u8]) {
+        if let Some(before) = self.parts.last() {
+            set_more(&mut self.frame, before.last, true);
+        }
+        let start = self.frame.len();
+        self.frame.extend_from_slice(datagrams);
+        set_length(&mut self.frame);
+        let last = frame::datagrams_from(&self.frame, start)
+            .flatten()
+            .last()
+            .map_or(start, |datagram| datagram.offset - DATAGRAM_HEADER);
+        let end = self.frame.len();
+        self.parts.push(Part { start, end, last });
+    }
+}
+
+impl Part {
+    /// Makes a frame of its own of its datagrams in `frame`; false if they are not there.
+    fn take_out(&self, frame: &[u8], single: &mut Vec<u8>) -> bool {
+        single.clear();
+        let (Some(headers), Some(datagrams)) =
+            (frame.get(..HEADERS), frame.get(self.start..self.end))
+        else {
+            return false;
+        };
+        single.extend_from_slice(headers);
+        single.extend_from_slice(datagrams);
+        set_length(single);
+        set_more(single, HEADERS + self.last - self.start, false);
+        true
+    }
+}
+
+/// Ends a request that has had no answer: as its answer ethercrab gets one with another command, which the request's
+/// future takes for undecodable ([`is_lost`]).
+fn give_up(part: &Part, frame: &mut [u8], single: &mut Vec<u8>, rx: &mut PduRx<'static>) {
+    if let Some(command) = frame.get_mut(part.start) {
+        *command = command::NOP;
+    }
+    if part.take_out(frame, single) {
+        // An error means that its future was dropped meanwhile.
+        let _ = rx.receive_frame(single);
+    }
+}
+
+/// Whether this is how a request ends that was given up.
+pub(in crate::bus) fn is_lost(error: &Error) -> bool {
+    *error == Error::Pdu(PduError::Decode)
+}
+
+/// Has the EtherCAT header say how many bytes follow it (eleven bits; type 1 above them).
+fn set_length(frame: &mut [u8]) {
+    let length = u16::try_from(frame.len() - HEADERS).unwrap_or(u16::MAX) & 0x07FF;
+    let header = (0x1000 | length).to_le_bytes();
+    for (to, from) in frame.iter_mut().skip(ETHERNET_HEADER).zip(header) {
+        *to = from;
+    }
+}
+
+/// Sets or clears a datagram's mark that another one follows (bit 15 of its length).
+fn set_more(frame: &mut [u8], datagram: usize, more: bool) {
+    if let Some(flags) = frame.get_mut(datagram + 7) {
+        *flags = *flags & 0x7F | u8::from(more) << 7;
+    }
+}

@@ -1,0 +1,252 @@
+//! Reading a SubDevice's SII over its registers 0500h to 050Fh (ETG.1000.4, SII interface).
+
+use std::{ops::Range, time::Duration};
+
+use crate::{
+    bus::{
+        error::{EepromError, RegisterError},
+        requests::registers::Registers,
+    },
+    sii::{Identity, Sii},
+};
+
+pub(in crate::bus) const CONFIGURATION: u16 = 0x0500;
+const CONTROL: u16 = 0x0502;
+const DATA: u16 = 0x0508;
+
+const OWNED_BY_DEVICE: [u8; 1] = [1];
+/// Command of 0502h: read.
+const READ: u16 = 0x0100;
+/// 0502h bit 6: eight bytes at once, else four.
+const EIGHT_BYTES: u16 = 0x0040;
+/// 0502h bits 13 and 14: no acknowledge of the EEPROM or a bad command, write refused.
+const ERRORS: u16 = 0x6000;
+/// 0502h bit 15.
+const BUSY: u16 = 0x8000;
+
+/// How long the EEPROM may be busy with one word.
+const LIMIT: Duration = Duration::from_millis(50);
+/// First byte of the categories, and the type that ends them.
+const CATEGORIES: usize = 0x80;
+const END: u16 = 0xFFFF;
+/// Bytes of the header with the identity, and with the mailbox and its protocols (words 8h to Fh, 18h to 1Ch).
+const HEADER: [Range<usize>; 2] = [0x10..0x20, 0x30..0x3A];
+/// General, FMMU, sync managers.
+const WANTED: [u16; 3] = [30, 40, 41];
+const STRINGS: u16 = 10;
+/// The longest image: the EEPROM is addressed up to 4 Mbit, but no device at hand has more than 64 KiB.
+const LONGEST: usize = 0x1_0000;
+
+/// Reads what configuration needs of a SubDevice's SII. Other categories are passed over unread: each access takes the
+/// EEPROM its time. Of the strings it is the type ("order number"), or else the name, which comes beside the rest.
+/// The EEPROM must belong to the master (0500h).
+pub(in crate::bus) async fn read(
+    registers: &Registers,
+    station: u16,
+) -> Result<(Sii, String), EepromError> {
+    // A command that comes while another one is under way, from before, is not taken: what would be read is what that one gives.
+    settled(registers, station, 0).await?;
+    let mut image = Image {
+        registers,
+        station,
+        bytes: Vec::new(),
+    };
+    // An image of the same form with nothing but those.
+    let mut wanted = image.header(HEADER).await?;
+    let mut strings = None;
+    let mut at = CATEGORIES;
+    while at < LONGEST {
+        let header = image.get(at..at + 4).await?;
+        let &[t0, t1, l0, l1] = header.as_slice() else {
+            break;
+        };
+        let (category, data) = (u16::from_le_bytes([t0, t1]), at + 4);
+        at = data + 2 * usize::from(u16::from_le_bytes([l0, l1]));
+        match category {
+            END => break,
+            STRINGS => strings = Some(data),
+            _ if WANTED.contains(&category) => {
+                wanted.extend(header);
+                wanted.extend(image.get(data..at.min(LONGEST)).await?);
+            }
+            _ => {}
+        }
+    }
+    wanted.extend(END.to_le_bytes());
+    let sii = Sii::parse(&wanted)?;
+    let name = match (strings, &sii.general) {
+        (Some(strings), Some(general)) if general.order != 0 => {
+            image.string(strings, general.order).await?
+        }
+        (Some(strings), Some(general)) => image.string(strings, general.name).await?,
+        _ => String::new(),
+    };
+    Ok((sii, name))
+}
+
+/// Reads who a SubDevice is.
+pub(in crate::bus) async fn identity(
+    registers: &Registers,
+    station: u16,
+) -> Result<Identity, EepromError> {
+    registers.write(station, CONFIGURATION, &[0]).await?;
+    settled(registers, station, 0).await?;
+    let mut image = Image {
+        registers,
+        station,
+        bytes: Vec::new(),
+    };
+    let [identity, _] = HEADER;
+    let mut wanted = image.header([identity]).await?;
+    wanted.extend(END.to_le_bytes());
+    Ok(Sii::parse(&wanted)?.identity)
+}
+
+/// Reads a SubDevice's whole SII. The EEPROM must belong to the master (0500h).
+pub(in crate::bus) async fn read_whole(
+    registers: &Registers,
+    station: u16,
+) -> Result<Sii, EepromError> {
+    let mut image = Image {
+        registers,
+        station,
+        bytes: Vec::new(),
+    };
+    let mut at = CATEGORIES;
+    while at < LONGEST {
+        let header = image.get(at..at + 4).await?;
+        let &[t0, t1, l0, l1] = header.as_slice() else {
+            break;
+        };
+        if u16::from_le_bytes([t0, t1]) == END {
+            break;
+        }
+        at += 4 + 2 * usize::from(u16::from_le_bytes([l0, l1]));
+    }
+    let whole = image.get(0..(at + 2).min(LONGEST)).await?;
+    Ok(Sii::parse(&whole)?)
+}
+
+/// Gives the EEPROM to the device, as some firmwares need it for SAFEOP (ETG.2010, Eeprom/AssignToPdi).
+pub(in crate::bus) async fn give_away(
+    registers: &Registers,
+    station: u16,
+) -> Result<(), RegisterError> {
+    registers
+        .write(station, CONFIGURATION, &OWNED_BY_DEVICE)
+        .await
+}
+
+/// The image of one SubDevice, as far as it has been read.
+struct Image<'a> {
+    registers: &'a Registers,
+    station: u16,
+    bytes: Vec<Option<u8>>,
+}
+
+impl Image<'_> {
+    /// What is before the categories, of which only these parts are read.
+    async fn header(
+        &mut self,
+        parts: impl IntoIterator<Item = Range<usize>>,
+    ) -> Result<Vec<u8>, EepromError> {
+        let mut header = vec![0; CATEGORIES];
+        for part in parts {
+            let bytes = self.get(part.clone()).await?;
+            if let Some(place) = header.get_mut(part) {
+                place.copy_from_slice(&bytes);
+            }
+        }
+        Ok(header)
+    }
+
+    /// Bytes of the image, of which those are read that are not known yet.
+    async fn get(&mut self, range: Range<usize>) -> Result<Vec<u8>, EepromError> {
+        let mut got = Vec::with_capacity(range.len());
+        for at in range {
+            if self.known(at).is_none() {
+                self.read(at / 2).await?;
+            }
+            got.push(self.known(at).unwrap_or(0));
+        }
+        Ok(got)
+    }
+
+    fn known(&self, at: usize) -> Option<u8> {
+        self.bytes.get(at).copied().flatten()
+    }
+
+    /// String `number` of the category whose data begin at `at`; empty where there is none.
+    async fn string(&mut self, at: usize, number: u8) -> Result<String, EepromError> {
+        if number == 0 || number > self.byte(at).await? {
+            return Ok(String::new());
+        }
+        let mut at = at + 1;
+        for _ in 1..number {
+            at += 1 + usize::from(self.byte(at).await?);
+        }
+        let length = usize::from(self.byte(at).await?);
+        let text = self.get(at + 1..at + 1 + length).await?;
+        Ok(String::from_utf8_lossy(&text).into_owned())
+    }
+
+    async fn byte(&mut self, at: usize) -> Result<u8, EepromError> {
+        Ok(self.get(at..at + 1).await?.first().copied().unwrap_or(0))
+    }
+
+    /// Reads as many bytes from this word on as the SubDevice gives at once.
+    async fn read(&mut self, word: usize) -> Result<(), EepromError> {
+        let bytes = read_words(self.registers, self.station, word).await?;
+        let from = word * 2;
+        let end = from + bytes.len();
+        if self.bytes.len() < end {
+            self.bytes.resize(end, None);
+        }
+        for (to, byte) in self.bytes.iter_mut().skip(from).zip(bytes) {
+            *to = Some(byte);
+        }
+        Ok(())
+    }
+}
+
+async fn read_words(
+    registers: &Registers,
+    station: u16,
+    word: usize,
+) -> Result<Vec<u8>, EepromError> {
+    let address = u32::try_from(word).unwrap_or(u32::MAX).to_le_bytes();
+    let [c0, c1] = READ.to_le_bytes();
+    let [a0, a1, a2, a3] = address;
+    registers
+        .write(station, CONTROL, &[c0, c1, a0, a1, a2, a3])
+        .await?;
+    let (control, data) = settled(registers, station, word).await?;
+    if control & ERRORS != 0 {
+        return Err(EepromError::Refused { word, control });
+    }
+    let length = if control & EIGHT_BYTES != 0 { 8 } else { 4 };
+    Ok(data.iter().take(length).copied().collect())
+}
+
+/// Control and data, once the EEPROM is not busy any more.
+async fn settled(
+    registers: &Registers,
+    station: u16,
+    word: usize,
+) -> Result<(u16, [u8; 8]), EepromError> {
+    let time = registers.time();
+    let started = time.now();
+    loop {
+        // Control, address and data in one look.
+        let [c0, c1, _, _, _, _, data @ ..] = registers.read::<14>(station, CONTROL).await?;
+        const { assert!(DATA - CONTROL == 6) };
+        let control = u16::from_le_bytes([c0, c1]);
+        if control & BUSY == 0 {
+            return Ok((control, data));
+        }
+        if time.now().saturating_sub(started) >= LIMIT {
+            return Err(EepromError::Busy { word });
+        }
+        time.sleep(Duration::from_micros(100)).await;
+    }
+}
