@@ -429,7 +429,7 @@ fn whoever_is_told_of_progress_and_blocks_keeps_neither_the_bring_up_nor_the_cyc
     ]);
     let recovered = recovering.join().unwrap().unwrap();
     assert!(
-        matches!(recovered, Recovered::LedBack { .. }),
+        matches!(recovered, Recovered::FromSafeOp { .. }),
         "{recovered}"
     );
 }

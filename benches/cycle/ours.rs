@@ -17,7 +17,7 @@ use std::{
 
 use servocrab::{
     axis::Axis,
-    bus::{BusLoop, DriveConfig, Network, Receiving},
+    bus::{BusLoop, DriveConfig, Network, WaitStrategy},
     coe::obj,
     drives,
     link::{Link, RawSocket},
@@ -108,10 +108,10 @@ impl Line {
             .link(Watched::new(socket, spin))
             .watchdog(Duration::from_secs(6))
             .cycle(Duration::from_nanos(PERIOD_NS))
-            .receiving(if spin {
-                Receiving::Spin
+            .wait_strategy(if spin {
+                WaitStrategy::Spin
             } else {
-                Receiving::Block
+                WaitStrategy::Block
             });
         for drive in 0..axes.div_ceil(2) {
             builder = builder.drive(drive as u16, drive_of(drive, axes - 2 * drive));

@@ -77,7 +77,7 @@ pub(crate) async fn measure(
         bar.set_position(begun.elapsed().as_millis().try_into()?);
         bar.set_message(format!("{} cycles", before.1.lateness.count()));
         while let Some(event) = happens.try_next() {
-            if matches!(event, NetworkEvent::Trouble(_)) {
+            if matches!(event, NetworkEvent::AxisIncident(_)) {
                 continue;
             }
             if events.len() < MOST_EVENTS {

@@ -30,7 +30,7 @@ pub enum NetworkEvent {
     InOp(DriveId),
     /// One of its axes has a fault, or counts as lost: with what its last cycles were. Told some milliseconds later, so that
     /// they hold what came of it.
-    Trouble(Arc<BlackBox>),
+    AxisIncident(Arc<BlackBox>),
     /// The working counter of a datagram stays wrong although its devices answer: whose outputs are delivered is not known, and their axes
     /// count as lost. With what the registers of each device show.
     Miscounted(Arc<Miscounted>),
@@ -50,7 +50,7 @@ impl NetworkEvent {
         match self {
             Self::Lost(drive) | Self::Back(drive) | Self::InOp(drive) => drive,
             Self::LeftOp { drive, .. } => drive,
-            Self::Trouble(black_box) => &black_box.axis.drive,
+            Self::AxisIncident(black_box) => &black_box.axis.drive,
             Self::Miscounted(miscounted) => miscounted.suspect(),
             Self::Clock { reference, .. } => reference,
         }
@@ -64,7 +64,7 @@ impl fmt::Display for NetworkEvent {
             Self::Back(drive) => write!(f, "{drive} answers again"),
             Self::LeftOp { drive, status } => write!(f, "{drive} has left OP: it is in {status}"),
             Self::InOp(drive) => write!(f, "{drive} is in OP again"),
-            Self::Trouble(black_box) => write!(f, "{black_box}"),
+            Self::AxisIncident(black_box) => write!(f, "{black_box}"),
             Self::Miscounted(miscounted) => write!(f, "{miscounted}"),
             Self::Clock { reference, event } => write!(f, "{reference}: {event}"),
         }
@@ -117,7 +117,7 @@ impl fmt::Display for ClockEvent {
 /// ```
 /// use servocrab::bus::{AlState, AlStatus, Recovered};
 /// let from = AlStatus { state: AlState::SafeOp, error: Some(0x001B) };
-/// let text = Recovered::LedBack { from }.to_string();
+/// let text = Recovered::FromSafeOp { from }.to_string();
 /// assert!(text.starts_with("led back into OP from SAFEOP with AL status code 001Bh"), "{text}");
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,7 +126,7 @@ pub enum Recovered {
     WasInOp,
     /// It had left OP and kept its power: the error was acknowledged, and it was led back. It holds what it held, all
     /// parameters and modes, and where it has been homed.
-    LedBack {
+    FromSafeOp {
         /// What it was found in.
         from: AlStatus,
     },
@@ -145,7 +145,7 @@ impl fmt::Display for Recovered {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::WasInOp => f.write_str("in OP: nothing was done"),
-            Self::LedBack { from } => write!(f, "led back into OP from {from}"),
+            Self::FromSafeOp { from } => write!(f, "led back into OP from {from}"),
             Self::BroughtUp { position, from } => {
                 write!(f, "brought up anew into OP at position {position}, ")?;
                 match from {

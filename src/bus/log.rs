@@ -46,7 +46,7 @@ pub(super) struct Log(Option<Arc<Queue>>);
 /// Filled by one thread, emptied by one other.
 #[derive(Debug)]
 struct Queue {
-    notes: ArrayQueue<(Duration, Note)>,
+    notes: ArrayQueue<(Duration, LogRecord)>,
     /// For how many notes there was no room. As long as it is not 0 nothing is queued, so that the number has its place.
     missed: AtomicU64,
     /// Whether notes go through the queue: cycles run, or have run.
@@ -61,7 +61,7 @@ struct Queue {
 impl Log {
     /// Notes what happened at this time of the bus. It neither blocks nor allocates once cycles run, and does nothing where nobody
     /// listens to events of its level.
-    pub(super) fn note(&self, at: Duration, note: Note) {
+    pub(super) fn record(&self, at: Duration, note: LogRecord) {
         if note.level() > LevelFilter::current() {
             return;
         }
@@ -102,7 +102,7 @@ impl Queue {
         }
     }
 
-    fn push(&self, at: Duration, note: Note) {
+    fn push(&self, at: Duration, note: LogRecord) {
         if self.missed.load(Ordering::Acquire) > 0 || self.notes.push((at, note)).is_err() {
             self.missed.fetch_add(1, Ordering::AcqRel);
         }
@@ -138,8 +138,8 @@ impl Queue {
 
 /// One event to be logged.
 #[derive(Debug)]
-pub(super) enum Note {
-    Axis(AxisNote),
+pub(super) enum LogRecord {
+    Axis(AxisRecord),
     Drive(Arc<DriveId>, DriveChange),
     /// A drive is in OP for the first time.
     BroughtUp(Arc<DriveId>),
@@ -187,7 +187,7 @@ pub(super) enum Note {
 
 /// What has changed of an axis, and what it shows.
 #[derive(Debug)]
-pub(super) struct AxisNote {
+pub(super) struct AxisRecord {
     pub(super) axis: Arc<AxisIdentity>,
     pub(super) change: AxisChange,
     pub(super) from: Option<State>,
@@ -229,7 +229,7 @@ impl DriveChange {
     }
 }
 
-impl Note {
+impl LogRecord {
     /// The level of the event that [`write`](Self::write) makes of it.
     pub(super) fn level(&self) -> Level {
         match self {
@@ -333,7 +333,7 @@ impl Note {
     }
 }
 
-impl AxisNote {
+impl AxisRecord {
     fn write(&self, at: Duration) {
         let AxisIdentity { axis, drive } = &*self.axis;
         // As a macro, because the level of an event is a constant.
@@ -505,9 +505,9 @@ mod tests {
     }
 
     /// Keeps the events of each thread for itself. One for all tests, since `tracing` remembers who listens for all threads.
-    struct Seen;
+    struct SeenLines;
 
-    impl Subscriber for Seen {
+    impl Subscriber for SeenLines {
         fn enabled(&self, _: &Metadata<'_>) -> bool {
             true
         }
@@ -542,7 +542,7 @@ mod tests {
     /// What this thread has written since this was asked for last.
     fn seen() -> Vec<(Level, String)> {
         static SUBSCRIBED: Once = Once::new();
-        SUBSCRIBED.call_once(|| tracing::subscriber::set_global_default(Seen).unwrap());
+        SUBSCRIBED.call_once(|| tracing::subscriber::set_global_default(SeenLines).unwrap());
         SEEN.take()
     }
 
@@ -554,9 +554,9 @@ mod tests {
         })
     }
 
-    fn axis(change: AxisChange) -> Note {
+    fn axis(change: AxisChange) -> LogRecord {
         let drive = DriveId::clone(&drive());
-        Note::Axis(AxisNote {
+        LogRecord::Axis(AxisRecord {
             axis: Arc::new(AxisIdentity {
                 axis: "z".into(),
                 drive,
@@ -577,8 +577,8 @@ mod tests {
         (log, queue)
     }
 
-    fn in_step(error: i64) -> Note {
-        Note::InStep {
+    fn in_step(error: i64) -> LogRecord {
+        LogRecord::InStep {
             phase_error_ns: error,
         }
     }
@@ -591,7 +591,7 @@ mod tests {
             state: AlState::SafeOp,
             error: Some(0x1B),
         };
-        let mut notes: Vec<Note> = [
+        let mut notes: Vec<LogRecord> = [
             AxisChange::Lost,
             AxisChange::Back,
             AxisChange::Fault,
@@ -607,26 +607,26 @@ mod tests {
             DriveChange::LeftOp(status),
             DriveChange::InOp,
         ];
-        notes.extend(changes.map(|change| Note::Drive(drive(), change)));
-        notes.extend(MailNote::of_each_kind(&drive()).map(Note::Mail));
+        notes.extend(changes.map(|change| LogRecord::Drive(drive(), change)));
+        notes.extend(MailNote::of_each_kind(&drive()).map(LogRecord::Mail));
         notes.extend([
-            Note::BroughtUp(drive()),
-            Note::StopOfAll(StopRequest::HALT),
-            Note::Unfed,
+            LogRecord::BroughtUp(drive()),
+            LogRecord::StopOfAll(StopRequest::HALT),
+            LogRecord::Unfed,
             in_step(-5),
-            Note::Clock(drive(), ClockEvent::OutOfStep { phase_error_ns: 5 }),
-            Note::Clock(drive(), ClockEvent::InStep),
-            Note::Clock(drive(), ClockEvent::Silent),
-            Note::Clock(drive(), ClockEvent::Jumped { by_ns: 5 }),
-            Note::Step {
+            LogRecord::Clock(drive(), ClockEvent::OutOfStep { phase_error_ns: 5 }),
+            LogRecord::Clock(drive(), ClockEvent::InStep),
+            LogRecord::Clock(drive(), ClockEvent::Silent),
+            LogRecord::Clock(drive(), ClockEvent::Jumped { by_ns: 5 }),
+            LogRecord::Step {
                 drive: drive(),
                 step: BringUpStep::Mapping,
                 done: 3,
                 total: 14,
             },
-            Note::NotStopped,
-            Note::Wakers(WakeStatistics::default()),
-            Note::NotOnTheWayDown {
+            LogRecord::NotStopped,
+            LogRecord::Wakers(WakeStatistics::default()),
+            LogRecord::NotOnTheWayDown {
                 drive: drive(),
                 state: AlState::SafeOp,
                 error: AlError::Refused(status),
@@ -661,10 +661,10 @@ mod tests {
         seen();
         let queue = Arc::new(Queue::new(4));
         let log = Log(Some(Arc::clone(&queue)));
-        log.note(AT, in_step(1));
+        log.record(AT, in_step(1));
         assert_eq!(seen().len(), 1);
         log.begin_cycles();
-        log.note(AT, in_step(2));
+        log.record(AT, in_step(2));
         assert_eq!(seen(), [], "it waits");
         queue.write();
         let lines = seen();
@@ -678,13 +678,13 @@ mod tests {
     fn what_finds_the_queue_full_is_counted_and_told_in_its_place() {
         seen();
         let (log, queue) = queued(4);
-        (0..10).for_each(|number| log.note(AT, in_step(number)));
+        (0..10).for_each(|number| log.record(AT, in_step(number)));
         // There is room again, but the number is not told yet.
         let (_, first) = queue.notes.pop().unwrap();
         first.write(AT);
-        log.note(AT, in_step(10));
+        log.record(AT, in_step(10));
         queue.write();
-        log.note(AT, in_step(11));
+        log.record(AT, in_step(11));
         queue.write();
         let lines: Vec<String> = seen().into_iter().map(|(_, line)| line).collect();
         let parts = [

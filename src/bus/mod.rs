@@ -32,7 +32,7 @@ mod watch;
 pub use cable::CableLoad;
 pub use clocks::DistributedClock;
 pub use cycle::CycleClock;
-pub use cycle::black_box::{Answered, BlackBox, RecordedCycle, Trouble};
+pub use cycle::black_box::{Answered, AxisIncident, BlackBox, RecordedCycle};
 pub use cycle::statistics::{ClockStatistics, DriveStatistics, Durations, Statistics, Timing};
 pub use device::config::DriveConfig;
 pub use device::io::{
@@ -51,7 +51,7 @@ pub use network::scan::{Line, LineDevice};
 pub use network::{Network, NetworkEvents, NetworkStop};
 pub use real_time::{RealTime, RealTimeError, Scheduling};
 pub use requests::sync_managers::{WatchdogError, arm_watchdog};
-pub use requests::{BusLoop, Receiving};
+pub use requests::{BusLoop, WaitStrategy};
 pub use watch::port_errors::{DevicePorts, PortErrors};
 
 pub use crate::wakes::WakeStatistics;

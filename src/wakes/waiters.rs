@@ -29,17 +29,17 @@ pub(crate) struct Waiters {
     /// The channels that were rung since their futures were woken last.
     rung: AtomicU64,
     /// Never locked by a thread that rings, and never while code of the program runs.
-    places: Mutex<Places>,
+    places: Mutex<WaiterSlots>,
 }
 
 #[derive(Debug, Default)]
-struct Places {
-    all: Vec<Place>,
+struct WaiterSlots {
+    all: Vec<WaiterSlot>,
     free: Vec<usize>,
 }
 
 #[derive(Debug)]
-struct Place {
+struct WaiterSlot {
     channels: u64,
     waker: Option<Waker>,
 }
@@ -58,7 +58,7 @@ impl Waiters {
             signal,
             awaited: AtomicU64::new(0),
             rung: AtomicU64::new(0),
-            places: Mutex::new(Places::default()),
+            places: Mutex::new(WaiterSlots::default()),
         }
     }
 
@@ -170,11 +170,11 @@ impl<'a> Seat<'a> {
     }
 }
 
-impl Places {
+impl WaiterSlots {
     /// A place that is nobody's.
     fn take(&mut self) -> usize {
         self.free.pop().unwrap_or_else(|| {
-            self.all.push(Place {
+            self.all.push(WaiterSlot {
                 channels: 0,
                 waker: None,
             });

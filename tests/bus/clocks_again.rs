@@ -90,7 +90,7 @@ fn a_drive_that_was_without_power_gets_the_time_of_the_running_line_and_nobody_e
         // It was cut off meanwhile.
         assert!(matches!(
             recover(&mut rig, 2).unwrap(),
-            Recovered::LedBack { .. }
+            Recovered::FromSafeOp { .. }
         ));
         rig.run_for(100 * MS);
         all_agree(&line, &mut rig);

@@ -142,7 +142,7 @@ fn a_drive_that_falls_silent_does_not_blind_the_others() {
     assert!(!x.status().lost);
     assert!((move_x(&mut rig, 5_000) - 5_000).abs() < 20);
     assert!(
-        matches!(events.try_next(), Some(NetworkEvent::Trouble(of)) if of.axis.axis == "z"),
+        matches!(events.try_next(), Some(NetworkEvent::AxisIncident(of)) if of.axis.axis == "z"),
         "what the lost axis did last"
     );
     assert_eq!(events.try_next(), None, "the first drive is well");
@@ -228,7 +228,7 @@ fn a_lost_drive_that_comes_back_fallen_says_so_and_does_not_hold_up_the_others()
             &told[..],
             [
                 NetworkEvent::Lost(_),
-                NetworkEvent::Trouble(_),
+                NetworkEvent::AxisIncident(_),
                 NetworkEvent::Back(_),
                 NetworkEvent::LeftOp { status, .. }
             ] if (status.state, status.error) == (State::SafeOp, Some(0x001B))

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use servocrab::{
-    bus::{DriveConfig, Network, NetworkBuilder, NetworkError, NetworkEvent, Trouble},
+    bus::{AxisIncident, DriveConfig, Network, NetworkBuilder, NetworkError, NetworkEvent},
     drives,
 };
 use servocrab_sim::{Segment, personality};
@@ -72,8 +72,8 @@ fn of_a_whole_line_that_is_lost_at_once_nothing_is_untold() {
         while let Some(event) = rig.until(smol::future::poll_once(events.next())) {
             match event.unwrap() {
                 NetworkEvent::Lost(drive) => lost.push(drive.position),
-                NetworkEvent::Trouble(black_box) => {
-                    assert_eq!(black_box.trouble, Some(Trouble::Lost));
+                NetworkEvent::AxisIncident(black_box) => {
+                    assert_eq!(black_box.incident, Some(AxisIncident::Lost));
                     boxes.push(black_box.axis.drive.position);
                 }
                 other => panic!("{other}"),

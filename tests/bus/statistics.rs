@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use servocrab::{
-    bus::{Answered, Expected, IoConfig, Network, NetworkError, NetworkEvent, PortErrors, Trouble},
+    bus::{
+        Answered, AxisIncident, Expected, IoConfig, Network, NetworkError, NetworkEvent, PortErrors,
+    },
     ds402::State,
     link::{Fate, Wire},
     profile_position::SetPoint,
@@ -105,7 +107,7 @@ fn a_black_box_holds_the_move_as_it_went_over_the_wire() {
     let mut net = rig.net.take().unwrap();
     let black_box = crate::rig::turn_until(&mut rig.bus, net.black_box("x")).unwrap();
     assert_eq!(black_box.axis.axis, "x");
-    assert_eq!(black_box.trouble, None);
+    assert_eq!(black_box.incident, None);
     assert!(black_box.cycles.len() > 50);
     // One cycle after the other, each millisecond.
     for pair in black_box.cycles.windows(2) {
@@ -159,11 +161,11 @@ fn a_fault_comes_with_the_cycles_that_led_to_it() {
     run(&mut rig, 50);
     line.segment().axis_mut(1, 0).unwrap().inject_fault(0x8611);
     let event = rig.until(events.next()).unwrap();
-    let NetworkEvent::Trouble(black_box) = &event else {
+    let NetworkEvent::AxisIncident(black_box) = &event else {
         panic!("{event}");
     };
     assert_eq!(black_box.axis.axis, "x");
-    assert_eq!(black_box.trouble, Some(Trouble::Fault));
+    assert_eq!(black_box.incident, Some(AxisIncident::Fault));
     let states: Vec<_> = black_box
         .cycles
         .iter()
@@ -191,12 +193,12 @@ fn a_lost_drive_is_told_first_and_then_each_of_its_axes_with_what_was_sent_to_it
         Some(NetworkEvent::Lost(_))
     ));
     for name in ["x", "y"] {
-        let Some(NetworkEvent::Trouble(black_box)) = rig.until(events.next()) else {
+        let Some(NetworkEvent::AxisIncident(black_box)) = rig.until(events.next()) else {
             panic!("no black box of {name}");
         };
         assert_eq!(
-            (black_box.axis.axis.as_str(), black_box.trouble),
-            (name, Some(Trouble::Lost))
+            (black_box.axis.axis.as_str(), black_box.incident),
+            (name, Some(AxisIncident::Lost))
         );
         let last = black_box.cycles.last().unwrap();
         assert_eq!((last.answered, last.inputs), (Answered::Nothing, None));
@@ -223,7 +225,7 @@ fn the_black_boxes_of_faults_at_the_same_time_are_read_in_different_cycles() {
         segment.axis_mut(1, axis).unwrap().inject_fault(0x8611);
     }
     let mut last = || {
-        let Some(NetworkEvent::Trouble(black_box)) = rig.until(events.next()) else {
+        let Some(NetworkEvent::AxisIncident(black_box)) = rig.until(events.next()) else {
             panic!("no black box");
         };
         black_box.cycles.last().unwrap().number

@@ -6,7 +6,7 @@ use std::{
 };
 
 use servocrab::{
-    bus::{Network, Receiving},
+    bus::{Network, WaitStrategy},
     link::{Link, Wire},
 };
 use servocrab_sim::{Segment, personality};
@@ -29,15 +29,15 @@ struct Sent {
 
 /// What left, and a network on a wire that notes it. Of process data `answered` says by the time whether it comes back.
 fn rig(
-    receiving: Receiving,
+    wait_strategy: WaitStrategy,
     answered: impl Fn(Duration) -> bool + Send + 'static,
 ) -> (Arc<Mutex<Vec<Sent>>>, Rig) {
-    rig_with(PERIOD, receiving, answered)
+    rig_with(PERIOD, wait_strategy, answered)
 }
 
 fn rig_with(
     period: Duration,
-    receiving: Receiving,
+    wait_strategy: WaitStrategy,
     answered: impl Fn(Duration) -> bool + Send + 'static,
 ) -> (Arc<Mutex<Vec<Sent>>>, Rig) {
     let frames = Arc::new(Mutex::new(Vec::new()));
@@ -53,7 +53,7 @@ fn rig_with(
     let builder = Network::builder()
         .link(link)
         .cycle(period)
-        .receiving(receiving)
+        .wait_strategy(wait_strategy)
         .drive(0, akd2g());
     (frames, Rig::start(builder).unwrap())
 }
@@ -61,18 +61,18 @@ fn rig_with(
 /// How much too long a thread sleeps here at the most.
 const OVERSLEPT: Duration = Duration::from_micros(7);
 
-const ALL: [Receiving; 3] = [
-    Receiving::Block,
-    Receiving::Spin,
-    Receiving::SpinThenBlock {
+const ALL: [WaitStrategy; 3] = [
+    WaitStrategy::Block,
+    WaitStrategy::Spin,
+    WaitStrategy::SpinThenBlock {
         spin: Duration::from_micros(20),
     },
 ];
 
 #[test]
 fn acyclic_frames_are_back_before_the_next_cycle_starts() {
-    for receiving in ALL {
-        let (frames, mut rig) = rig(receiving, |_| true);
+    for wait_strategy in ALL {
+        let (frames, mut rig) = rig(wait_strategy, |_| true);
         let before = rig.net().statistics();
         frames.lock().unwrap().clear();
         let sdo = rig.net().sdo(0).unwrap();
@@ -83,13 +83,13 @@ fn acyclic_frames_are_back_before_the_next_cycle_starts() {
         });
         let frames = frames.lock().unwrap().clone();
         let acyclic = frames.iter().filter(|frame| !frame.cyclic).count();
-        assert!(acyclic > 10, "{receiving:?}: {acyclic} acyclic frames");
+        assert!(acyclic > 10, "{wait_strategy:?}: {acyclic} acyclic frames");
         for (place, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.cyclic) {
             let next = frames.iter().skip(place).find(|frame| frame.cyclic);
             if let Some(next) = next {
                 assert!(
                     frame.at + AWAY <= next.at,
-                    "{receiving:?}: an acyclic frame left at {:?}, the next cycle at {:?}",
+                    "{wait_strategy:?}: an acyclic frame left at {:?}, the next cycle at {:?}",
                     frame.at,
                     next.at
                 );
@@ -106,8 +106,8 @@ fn acyclic_frames_are_back_before_the_next_cycle_starts() {
 
 #[test]
 fn cycles_start_on_the_same_beat_for_ever() {
-    for receiving in ALL {
-        let (frames, mut rig) = rig(receiving, |_| true);
+    for wait_strategy in ALL {
+        let (frames, mut rig) = rig(wait_strategy, |_| true);
         frames.lock().unwrap().clear();
         rig.run_for(Duration::from_millis(200));
         let frames = frames.lock().unwrap();
@@ -118,7 +118,7 @@ fn cycles_start_on_the_same_beat_for_ever() {
             assert!(*at + OVERSLEPT >= first + PERIOD * cycle);
             assert!(
                 late <= OVERSLEPT,
-                "{receiving:?}: cycle {cycle} was {late:?} late"
+                "{wait_strategy:?}: cycle {cycle} was {late:?} late"
             );
         }
     }
@@ -126,10 +126,10 @@ fn cycles_start_on_the_same_beat_for_ever() {
 
 #[test]
 fn what_does_not_come_back_is_waited_for_until_the_receive_deadline_and_no_longer() {
-    for receiving in ALL {
+    for wait_strategy in ALL {
         let silence = Arc::new(Mutex::new(None));
         let since = Arc::clone(&silence);
-        let (frames, mut rig) = rig(receiving, move |at| {
+        let (frames, mut rig) = rig(wait_strategy, move |at| {
             since.lock().unwrap().is_none_or(|since| at < since)
         });
         let (from, before) = (rig.bus.now(), rig.net().statistics());
@@ -138,36 +138,39 @@ fn what_does_not_come_back_is_waited_for_until_the_receive_deadline_and_no_longe
         rig.run_for(PERIOD * 8);
         let frames = frames.lock().unwrap();
         let starts: Vec<_> = frames.iter().filter(|f| f.cyclic).map(|f| f.at).collect();
-        assert!(starts.len() >= 8, "{receiving:?}: {starts:?}");
+        assert!(starts.len() >= 8, "{wait_strategy:?}: {starts:?}");
         for pair in starts.windows(2) {
             let apart = pair[1] - pair[0];
             let error = apart.abs_diff(PERIOD);
-            assert!(error <= 2 * OVERSLEPT, "{receiving:?}: {apart:?} apart");
+            assert!(error <= 2 * OVERSLEPT, "{wait_strategy:?}: {apart:?} apart");
         }
         let lost = rig.net().statistics().lost - before.lost;
-        assert!((7..=9).contains(&lost), "{receiving:?}: {lost} frames lost");
+        assert!(
+            (7..=9).contains(&lost),
+            "{wait_strategy:?}: {lost} frames lost"
+        );
     }
 }
 
 #[test]
 fn requests_have_their_time_between_cycles_that_are_all_lost() {
-    for receiving in ALL {
+    for wait_strategy in ALL {
         let silence = Arc::new(Mutex::new(None));
         let since = Arc::clone(&silence);
         // Long enough for every frame in the quarter that is left of it.
-        let (_, mut rig) = rig_with(4 * PERIOD, receiving, move |at| {
+        let (_, mut rig) = rig_with(4 * PERIOD, wait_strategy, move |at| {
             since.lock().unwrap().is_none_or(|since| at < since)
         });
         *silence.lock().unwrap() = Some(rig.bus.now());
         let sdo = rig.net().sdo(0).unwrap();
         let vendor = rig.until(async { sdo.read_bytes(0x1018, 1).await.unwrap() });
-        assert_eq!(vendor.len(), 4, "{receiving:?}");
+        assert_eq!(vendor.len(), 4, "{wait_strategy:?}");
     }
 }
 
 #[test]
 fn a_frame_that_comes_after_its_cycle_is_late_and_the_next_cycle_has_its_own() {
-    for receiving in ALL {
+    for wait_strategy in ALL {
         // Each frame of process data is away for longer than a cycle, from a moment on.
         let line = crate::rig::Line::new(Segment::new().with(personality::akd2g()));
         let slow = Arc::new(Mutex::new(false));
@@ -182,7 +185,7 @@ fn a_frame_that_comes_after_its_cycle_is_late_and_the_next_cycle_has_its_own() {
         let builder = Network::builder()
             .link(wire)
             .cycle(PERIOD)
-            .receiving(receiving)
+            .wait_strategy(wait_strategy)
             .drive(0, akd2g());
         let mut rig = Rig::start(builder).unwrap();
         let before = rig.net().statistics();
@@ -190,12 +193,12 @@ fn a_frame_that_comes_after_its_cycle_is_late_and_the_next_cycle_has_its_own() {
         rig.run_for(PERIOD * 6);
         let after = rig.net().statistics();
         let (late, lost) = (after.late - before.late, after.lost - before.lost);
-        assert!((4..=6).contains(&late), "{receiving:?}: {late} late");
-        assert!((5..=7).contains(&lost), "{receiving:?}: {lost} lost");
+        assert!((4..=6).contains(&late), "{wait_strategy:?}: {late} late");
+        assert!((5..=7).contains(&lost), "{wait_strategy:?}: {lost} lost");
         let x = rig.net().axis("x").unwrap();
         assert!(
             !x.status().answered,
-            "{receiving:?}: nothing of a late frame is used"
+            "{wait_strategy:?}: nothing of a late frame is used"
         );
     }
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use servocrab::{
     axis::{Deadlines, Tolerances},
-    bus::{DriveConfig, NetworkBuilder, NetworkError, Receiving},
+    bus::{DriveConfig, NetworkBuilder, NetworkError, WaitStrategy},
     drives,
 };
 
@@ -79,7 +79,7 @@ fn every_other_time_is_checked_where_it_is_declared() {
 fn a_thread_that_is_to_spin_for_ever_goes_on() {
     let spin = Duration::MAX;
     smol::block_on(async {
-        let builder = line().1.receiving(Receiving::SpinThenBlock { spin });
+        let builder = line().1.wait_strategy(WaitStrategy::SpinThenBlock { spin });
         let net = builder.start().await.unwrap();
         for _ in 0..20 {
             net.clock().next_cycle().await.unwrap();

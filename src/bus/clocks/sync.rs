@@ -16,7 +16,7 @@ use crate::{
         error::{BringUpStep, DriveFault, NetworkError, ReferenceClock, RegisterError},
         event::ClockEvent,
         line::Found,
-        log::Note,
+        log::LogRecord,
         requests::{Context, registers::Registers},
     },
     coe::{AbortCode, DriveError, Object, ReadWrite, SdoHandle, obj},
@@ -214,10 +214,10 @@ pub(in crate::bus) async fn wait_for_lock(
             return Ok(());
         };
         if seen.locked {
-            let note = Note::InStep {
+            let note = LogRecord::InStep {
                 phase_error_ns: seen.phase_error_ns,
             };
-            context.log.note(context.time.now(), note);
+            context.log.record(context.time.now(), note);
             break;
         }
         // From a jump there is no way back.

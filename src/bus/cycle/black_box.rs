@@ -47,7 +47,7 @@ pub struct RecordedCycle {
 
 /// What came upon an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Trouble {
+pub enum AxisIncident {
     /// The drive went into Fault or Fault reaction active.
     Fault,
     /// The drive no longer answers: the axis counts as lost.
@@ -60,16 +60,16 @@ pub struct BlackBox {
     /// The axis and its drive.
     pub axis: AxisIdentity,
     /// What they were kept for; `None` where the program asked for them.
-    pub trouble: Option<Trouble>,
+    pub incident: Option<AxisIncident>,
     /// The cycles, the oldest first: up to a thousand, and up to some milliseconds after the trouble.
     pub cycles: Vec<RecordedCycle>,
 }
 
 impl fmt::Display for BlackBox {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let what = match self.trouble {
-            Some(Trouble::Fault) => "has a fault",
-            Some(Trouble::Lost) => "counts as lost",
+        let what = match self.incident {
+            Some(AxisIncident::Fault) => "has a fault",
+            Some(AxisIncident::Lost) => "counts as lost",
             None => "was asked about",
         };
         write!(
@@ -169,7 +169,7 @@ impl Recorder {
 
     /// The kept cycles of an axis, the oldest first.
     pub(in crate::bus) fn read(&self, packed: &Packed, axis: &RecordedAxis) -> Vec<RecordedCycle> {
-        let place = Place::of(packed, axis.drive);
+        let place = RecordRanges::of(packed, axis.drive);
         let order = (self.next..KEPT).chain(0..self.next);
         let kept = order.filter_map(|at| {
             let head = self.heads.get(at).filter(|head| head.number != 0)?;
@@ -198,14 +198,14 @@ fn copy_in_turn<'a>(mut to: &mut [u8], from: impl Iterator<Item = &'a [u8]>) {
 }
 
 /// Where a drive's bytes lie in the record of a cycle.
-struct Place {
+struct RecordRanges {
     outputs: Option<Range<usize>>,
     inputs: Option<Range<usize>>,
     /// What was judged of it, behind the frames.
     judged: usize,
 }
 
-impl Place {
+impl RecordRanges {
     fn of(packed: &Packed, drive: usize) -> Self {
         let all = lengths(&packed.frames);
         let mut place = Self {
@@ -235,7 +235,7 @@ impl Place {
 fn cycle_of(
     head: &Head,
     bytes: &[u8],
-    place: &Place,
+    place: &RecordRanges,
     axis: &RecordedAxis,
 ) -> Option<RecordedCycle> {
     let answered = match bytes.get(place.judged)? {

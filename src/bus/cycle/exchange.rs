@@ -16,7 +16,7 @@ use crate::{
         cycle::{
             black_box::{RecordedAxis, RecordedCycle, Recorder},
             frame::{self, Tag},
-            packing::{Frame, MailboxStates, Member, Packed, Part, Sign, Watched, pack},
+            packing::{Frame, InputMarker, MailboxStates, Member, Packed, Part, Watched, pack},
             reference_clock::Distribution,
             statistics::Counters,
         },
@@ -72,8 +72,8 @@ impl Exchange {
                 let Some(inputs) = &share.inputs else {
                     continue;
                 };
-                let sign = members.get(share.drive).map(|member| member.sign);
-                if sign == Some(Sign::AnyBits) {
+                let marker = members.get(share.drive).map(|member| member.marker);
+                if marker == Some(InputMarker::AnyBits) {
                     any_bits.push((part.frame, inputs.clone()));
                 } else if let Some(frame) = packed.frames.get_mut(part.frame)
                     && let Some(to) = frame.request.get_mut(inputs.clone())
@@ -219,22 +219,24 @@ impl Exchange {
         for part in &mut self.packed.parts {
             let frame = self.packed.frames.get(part.frame);
             let frame = frame.filter(|frame| frame.back);
-            let calmly = frame.filter(|_| were_fresh && part.calm).and_then(|frame| {
-                let Frame { answer, before, .. } = frame;
-                judge_calmly(part, answer, before, self.cycle, &mut self.drives)
-            });
-            let verdict = calmly.unwrap_or_else(|| {
+            let unchanged = frame
+                .filter(|_| were_fresh && part.steady)
+                .and_then(|frame| {
+                    let Frame { answer, before, .. } = frame;
+                    check_unchanged(part, answer, before, self.cycle, &mut self.drives)
+                });
+            let check = unchanged.unwrap_or_else(|| {
                 let answer = frame.map(|frame| frame.answer.as_slice());
-                judge_part(part, answer, self.cycle, &mut self.drives, &mut events)
+                check_part(part, answer, self.cycle, &mut self.drives, &mut events)
             });
-            part.calm = verdict.calm;
-            part.miscounted = verdict.miscounted.map(|counter| {
+            part.steady = check.steady;
+            part.miscounted = check.miscounted.map(|counter| {
                 let cycles = part.miscounted.map_or(0, |(_, cycles)| cycles);
                 (counter, cycles.saturating_add(1))
             });
-            self.all_fresh &= verdict.fresh;
-            self.changed |= verdict.changed;
-            if !verdict.right && frame.is_some() {
+            self.all_fresh &= check.fresh;
+            self.changed |= check.changed;
+            if !check.right && frame.is_some() {
                 counters.wrong_working_counters.add();
                 events.wrong = true;
             }
@@ -374,7 +376,7 @@ pub(in crate::bus) struct DriveData {
     pub(in crate::bus) away: bool,
     stale_cycles: u32,
     pub(in crate::bus) patience: u32,
-    pub(in crate::bus) sign: Sign,
+    pub(in crate::bus) marker: InputMarker,
 }
 
 /// What a cycle brought from a drive.
@@ -489,7 +491,7 @@ impl DriveData {
             away: false,
             stale_cycles: 0,
             patience: member.patience,
-            sign: member.sign,
+            marker: member.marker,
         }
     }
 
@@ -530,9 +532,9 @@ impl DriveData {
     /// Whether anybody has written here since it was filled.
     #[inline]
     fn is_answer(&self, bytes: &[u8], cycle: u64) -> bool {
-        let pattern = match self.sign {
-            Sign::Statusword => PATTERN,
-            Sign::AnyBits => alternating(cycle),
+        let pattern = match self.marker {
+            InputMarker::Statusword => PATTERN,
+            InputMarker::AnyBits => alternating(cycle),
         };
         bytes.iter().any(|byte| *byte != pattern)
     }
@@ -624,14 +626,14 @@ fn copy(to: &mut [u8], from: &[u8]) {
 
 /// What was judged of a datagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::bus) struct Verdict {
+pub(in crate::bus) struct CounterCheck {
     /// Its working counter was right.
     pub(in crate::bus) right: bool,
     /// Moreover all of its drives are [`Answer::Fresh`], as far as it is their datagram.
     pub(in crate::bus) fresh: bool,
     /// Moreover nobody counts as lost, and the working counter is everybody's: with the same one again, only inputs that are
     /// others need to be looked at.
-    pub(in crate::bus) calm: bool,
+    pub(in crate::bus) steady: bool,
     /// It has brought other inputs than the one before.
     pub(in crate::bus) changed: bool,
     /// Its working counter, where that came back and was wrong although all of its drives answer, but for those that are lost.
@@ -640,13 +642,13 @@ pub(in crate::bus) struct Verdict {
 
 /// Takes the inputs of the drives that share a datagram. An answer that is not [`Answer::Fresh`] is noted with the drive, and
 /// so are other inputs than before.
-pub(in crate::bus) fn judge_part(
+pub(in crate::bus) fn check_part(
     part: &Part,
     answer: Option<&[u8]>,
     cycle: u64,
     drives: &mut Drives,
     events: &mut Events,
-) -> Verdict {
+) -> CounterCheck {
     let counter = answer
         .and_then(|answer| answer.get(part.data.end..part.data.end + 2))
         .and_then(|bytes| <[u8; 2]>::try_from(bytes).ok())
@@ -696,28 +698,28 @@ pub(in crate::bus) fn judge_part(
         devices: u16::try_from(part.shares.len()).unwrap_or(u16::MAX),
     });
     if !right {
-        doubt(part, miscounted, drives);
+        mark_unconfirmed(part, miscounted, drives);
     }
     let fresh = right && !silent;
-    Verdict {
+    CounterCheck {
         right,
         fresh,
         // Where nobody is to count, that nobody has says something only of who has left OP.
-        calm: fresh && all && !lost && expected > 0,
+        steady: fresh && all && !lost && expected > 0,
         changed,
         miscounted: miscounted.filter(|_| !is_explained),
     }
 }
 
-/// As [`judge_part`], where nobody was silent in the cycle before, and the verdict on this datagram was a calm one: from both
+/// As [`check_part`], where nobody was silent in the cycle before, and the verdict on this datagram was steady: from both
 /// answers. None if its working counter is another one now.
-pub(in crate::bus) fn judge_calmly(
+pub(in crate::bus) fn check_unchanged(
     part: &Part,
     answer: &[u8],
     before: &[u8],
     cycle: u64,
     drives: &mut Drives,
-) -> Option<Verdict> {
+) -> Option<CounterCheck> {
     let end = part.data.end + 2;
     let (answer, before) = (answer.get(..end)?, before.get(..end)?);
     let (mut silent, mut changed) = (false, false);
@@ -740,10 +742,10 @@ pub(in crate::bus) fn judge_calmly(
             take_equal_to_the_pattern(part, answer, drives);
         }
     }
-    Some(Verdict {
+    Some(CounterCheck {
         right: true,
         fresh: !silent,
-        calm: !silent,
+        steady: !silent,
         changed,
         miscounted: None,
     })
@@ -769,7 +771,7 @@ fn is_right_with_closed_outputs(
 }
 
 /// It is not known whose outputs were delivered.
-fn doubt(part: &Part, miscounted: Option<WorkingCounter>, drives: &mut Drives) {
+fn mark_unconfirmed(part: &Part, miscounted: Option<WorkingCounter>, drives: &mut Drives) {
     drives.doubted = true;
     for share in &part.shares {
         if let Some(drive) = drives.get_mut(share.drive)
@@ -786,7 +788,7 @@ fn take_equal_to_the_pattern(part: &Part, answer: &[u8], drives: &mut Drives) ->
     let mut changed = false;
     for share in &part.shares {
         if let Some(drive) = drives.get_mut(share.drive)
-            && drive.sign == Sign::AnyBits
+            && drive.marker == InputMarker::AnyBits
             && drive.answer == Answer::Stale
             && !drive.lost
             && let Some(inputs) = &share.inputs

@@ -9,7 +9,7 @@ use crate::{
     bus::cycle::{
         exchange::{self, Answer, Exchange, PATTERN, PATTERNS},
         frame::Tag,
-        packing::{Member, Sign, logical_addresses},
+        packing::{InputMarker, Member, logical_addresses},
         statistics::Counters,
     },
     link::Link,
@@ -47,7 +47,7 @@ fn two_drives() -> Exchange {
         outputs: 1,
         inputs: 2,
         lrw: true,
-        sign: Sign::Statusword,
+        marker: InputMarker::Statusword,
         patience: 3,
     };
     Exchange::new(&[member(0), member(3)], Vec::new(), None)
@@ -290,16 +290,19 @@ fn a_drive_that_has_left_op_and_closes_its_outputs_does_not_hold_up_the_others()
 
 /// A drive, and a device whose inputs can be anything: no outputs, two bytes of inputs.
 fn drive_and_inputs() -> Exchange {
-    let member = |logical, outputs, sign| Member {
+    let member = |logical, outputs, marker| Member {
         logical,
         outputs,
         inputs: 2,
         lrw: true,
-        sign,
+        marker,
         patience: 3,
     };
     Exchange::new(
-        &[member(0, 1, Sign::Statusword), member(3, 0, Sign::AnyBits)],
+        &[
+            member(0, 1, InputMarker::Statusword),
+            member(3, 0, InputMarker::AnyBits),
+        ],
         Vec::new(),
         None,
     )
@@ -363,16 +366,19 @@ fn inputs_that_did_not_come_are_stale_in_every_cycle_and_the_pattern_is_never_pa
 
 #[test]
 fn a_device_without_inputs_has_a_datagram_of_its_own_whose_counter_tells_whether_it_is_there() {
-    let member = |logical, inputs, sign| Member {
+    let member = |logical, inputs, marker| Member {
         logical,
         outputs: 1,
         inputs,
         lrw: true,
-        sign,
+        marker,
         patience: 3,
     };
     let mut exchange = Exchange::new(
-        &[member(0, 0, Sign::AnyBits), member(1, 2, Sign::Statusword)],
+        &[
+            member(0, 0, InputMarker::AnyBits),
+            member(1, 2, InputMarker::Statusword),
+        ],
         Vec::new(),
         None,
     );
@@ -413,7 +419,7 @@ fn each_frame_of_a_cycle_has_a_place_of_its_own_and_more_than_have_one_are_refus
         outputs: 702,
         inputs: 702,
         lrw: true,
-        sign: Sign::Statusword,
+        marker: InputMarker::Statusword,
         patience: 3,
     };
     let exchange = |frames: u32| {
@@ -469,12 +475,12 @@ enum Line {
 struct Lived {
     does: Vec<Does>,
     lines: Vec<Line>,
-    seen: Option<(usize, Seen)>,
+    seen: Option<(usize, ShownByDrive)>,
 }
 
 /// What is known of a device beside its answers.
 #[derive(Debug, Clone, Copy)]
-enum Seen {
+enum ShownByDrive {
     InOp,
     /// It has left OP.
     Fallen,
@@ -496,10 +502,10 @@ fn members() -> impl Strategy<Value = Vec<Member>> {
             outputs,
             inputs,
             lrw,
-            sign: if any_bits {
-                Sign::AnyBits
+            marker: if any_bits {
+                InputMarker::AnyBits
             } else {
-                Sign::Statusword
+                InputMarker::Statusword
             },
             patience,
         };
@@ -524,10 +530,10 @@ fn lived() -> impl Strategy<Value = Lived> {
         1 => (-3..4i16).prop_map(Line::Miscounted),
     ];
     let seen = prop_oneof![
-        Just(Seen::InOp),
-        Just(Seen::Fallen),
-        Just(Seen::Away),
-        Just(Seen::PutBack),
+        Just(ShownByDrive::InOp),
+        Just(ShownByDrive::Fallen),
+        Just(ShownByDrive::Away),
+        Just(ShownByDrive::PutBack),
     ];
     let seen = prop_oneof![
         10 => Just(None),
@@ -607,10 +613,10 @@ proptest! {
                     && let Some(drive) = exchange.drives.get_mut(place)
                 {
                     match seen {
-                        Seen::InOp => (drive.operational, drive.fallen) = (true, false),
-                        Seen::Fallen => (drive.operational, drive.fallen) = (false, true),
-                        Seen::PutBack => drive.put_back(),
-                        Seen::Away => exchange.drives.take_away(place),
+                        ShownByDrive::InOp => (drive.operational, drive.fallen) = (true, false),
+                        ShownByDrive::Fallen => (drive.operational, drive.fallen) = (false, true),
+                        ShownByDrive::PutBack => drive.put_back(),
+                        ShownByDrive::Away => exchange.drives.take_away(place),
                     }
                 }
                 let mut link = Sent::default();
@@ -638,15 +644,18 @@ proptest! {
 
 #[test]
 fn where_all_is_right_it_is_judged_calmly() {
-    let member = |logical, sign| Member {
+    let member = |logical, marker| Member {
         logical,
         outputs: 2,
         inputs: 11,
         lrw: true,
-        sign,
+        marker,
         patience: 3,
     };
-    let members = [member(0, Sign::Statusword), member(13, Sign::AnyBits)];
+    let members = [
+        member(0, InputMarker::Statusword),
+        member(13, InputMarker::AnyBits),
+    ];
     let (mut exchange, counters) = (
         Exchange::new(&members, Vec::new(), None),
         Counters::default(),
@@ -665,5 +674,5 @@ fn where_all_is_right_it_is_judged_calmly() {
         exchange.accept(tag, &frame, &counters);
         exchange.judge(&counters);
     }
-    assert!(exchange.all_fresh && exchange.packed.parts.iter().all(|part| part.calm));
+    assert!(exchange.all_fresh && exchange.packed.parts.iter().all(|part| part.steady));
 }

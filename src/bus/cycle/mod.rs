@@ -75,7 +75,7 @@ pub(in crate::bus) struct Cycle {
     took: Option<Duration>,
     round_trip: RoundTrip,
     /// Whether the frames of the last cycle were all back before its deadline.
-    calm: bool,
+    all_back: bool,
     /// Consecutive cycles in which everything was right.
     pub(in crate::bus) good: u32,
     /// What the last cycle showed.
@@ -105,7 +105,7 @@ impl Cycle {
             back_at: None,
             took: None,
             round_trip: RoundTrip::default(),
-            calm: false,
+            all_back: false,
             good: 0,
             last: Events::default(),
             membership_changed: false,
@@ -127,8 +127,8 @@ impl Cycle {
     }
 
     /// The time for acyclic frames until the next cycle starts.
-    pub(in crate::bus) fn gap(&self) -> Gap {
-        Gap {
+    pub(in crate::bus) fn window(&self) -> AcyclicWindow {
+        AcyclicWindow {
             end: self.next_start,
             round_trip: self.round_trip.reckoned(self.eighth),
             longest_alone: self.eighth,
@@ -138,7 +138,7 @@ impl Cycle {
     /// When [`turn`](Self::turn) is to be called at the latest. For a frame that is lost when all was well before that is the next
     /// start: the time that the thread is woken at in any case, so that it sets its timer once a cycle and not twice.
     pub(in crate::bus) const fn next(&self) -> Duration {
-        if self.in_flight() && !self.calm {
+        if self.in_flight() && !self.all_back {
             self.receive_until
         } else {
             self.next_start
@@ -217,10 +217,10 @@ impl Cycle {
 
     fn end(&mut self, now: Duration, counters: &Counters) {
         let events = self.exchange.judge(counters);
-        self.calm = false;
+        self.all_back = false;
         if let Some(back) = self.back_at.take() {
             let took = back.saturating_sub(self.sent_at);
-            self.calm = took <= self.deadline;
+            self.all_back = took <= self.deadline;
             self.round_trip.observe(took);
             self.took = Some(took);
         }
@@ -259,9 +259,9 @@ fn earlier(time: Duration, sooner: i64) -> Duration {
 
 // The time between the end of a cycle and the start of the next one, in which acyclic frames may be on their way.
 
-/// A gap, as seen from within it.
+/// The acyclic window, as seen from within it.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::bus) struct Gap {
+pub(in crate::bus) struct AcyclicWindow {
     /// When the next cycle starts.
     pub(in crate::bus) end: Duration,
     /// How long a frame is away, as measured.
@@ -270,8 +270,8 @@ pub(in crate::bus) struct Gap {
     pub(in crate::bus) longest_alone: Duration,
 }
 
-impl Gap {
-    /// Whether a frame that is sent now is back before the gap ends, when the wire is busy until then and takes this long for it.
+impl AcyclicWindow {
+    /// Whether a frame that is sent now is back before the window ends, when the wire is busy until then and takes this long for it.
     pub(in crate::bus) fn has_room(
         &self,
         now: Duration,
@@ -311,7 +311,7 @@ const CYCLE: u32 = 0;
 
 /// What the bus thread tells of each cycle.
 #[derive(Debug)]
-pub(in crate::bus) struct Beat {
+pub(in crate::bus) struct CycleTick {
     ended_ns: AtomicU64,
     /// There are no more cycles.
     is_over: AtomicBool,
@@ -319,9 +319,9 @@ pub(in crate::bus) struct Beat {
 }
 
 /// The end of whoever has the cycles: without it there are none any more.
-pub(in crate::bus) struct Beater(Arc<Beat>);
+pub(in crate::bus) struct TickSource(Arc<CycleTick>);
 
-impl Beat {
+impl CycleTick {
     pub(in crate::bus) fn new(wakes: &Wakes) -> Arc<Self> {
         Arc::new(Self {
             ended_ns: AtomicU64::new(0),
@@ -330,8 +330,8 @@ impl Beat {
         })
     }
 
-    pub(in crate::bus) fn beater(self: &Arc<Self>) -> Beater {
-        Beater(Arc::clone(self))
+    pub(in crate::bus) fn source(self: &Arc<Self>) -> TickSource {
+        TickSource(Arc::clone(self))
     }
 
     /// When the last cycle ended.
@@ -340,14 +340,14 @@ impl Beat {
     }
 }
 
-impl Drop for Beater {
+impl Drop for TickSource {
     fn drop(&mut self) {
         self.0.is_over.store(true, Ordering::Release);
         self.0.waiters.announce(CYCLE);
     }
 }
 
-impl Stepper for Beater {
+impl Stepper for TickSource {
     fn before_send(&mut self, _: Duration, _: &mut Drives) {}
 
     /// To be called when everybody else has taken in what the cycle brought.
@@ -359,11 +359,11 @@ impl Stepper for Beater {
 }
 
 /// The time of a network's cycles: by it a program waits for the next inputs, or for a while. From
-/// [`Network::clock`](crate::bus::network::Network::clock); clones are the same clock.
+/// [`Network::clock`](crate::bus::Network::clock); clones are the same clock.
 ///
 /// On a real link it goes as every clock does. On a [`Wire`](crate::link::Wire) in virtual time it goes as fast as the loop is
 /// turned, so that a test of a machine's pauses takes no time: see
-/// [`BusLoop::run_until`](crate::bus::requests::BusLoop::run_until).
+/// [`BusLoop::run_until`](crate::bus::BusLoop::run_until).
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -393,19 +393,19 @@ impl Stepper for Beater {
 /// ```
 #[derive(Debug, Clone)]
 pub struct CycleClock {
-    beat: Arc<Beat>,
+    tick: Arc<CycleTick>,
 }
 
 impl CycleClock {
-    pub(in crate::bus) const fn new(beat: Arc<Beat>) -> Self {
-        Self { beat }
+    pub(in crate::bus) const fn new(tick: Arc<CycleTick>) -> Self {
+        Self { tick }
     }
 
     /// When the last cycle ended, by the link's time: that of [`Link::now`](crate::link::Link::now), of the log and of the
     /// black boxes.
     #[must_use]
     pub fn now(&self) -> Duration {
-        self.beat.ended()
+        self.tick.ended()
     }
 
     /// Waits for the end of the next cycle, with what it brought, or did not, and gives its time.
@@ -427,11 +427,11 @@ impl CycleClock {
     }
 
     async fn until(&self, is_time: impl Fn(Duration) -> bool) -> Result<Duration, NetworkError> {
-        let beat = &*self.beat;
-        let shown = beat.waiters.until(CYCLE, || {
+        let tick = &*self.tick;
+        let shown = tick.waiters.until(CYCLE, || {
             // First this: the last cycle is one as well.
-            let is_over = beat.is_over.load(Ordering::Acquire);
-            let now = beat.ended();
+            let is_over = tick.is_over.load(Ordering::Acquire);
+            let now = tick.ended();
             (is_time(now) || is_over).then_some(now)
         });
         let now = shown.await;
@@ -446,7 +446,7 @@ impl CycleClock {
 mod tests {
     use std::time::Duration;
 
-    use super::{Gap, RoundTrip};
+    use super::{AcyclicWindow, RoundTrip};
     use crate::bus::cable::time_on_cable;
 
     const fn us(us: u64) -> Duration {
@@ -455,30 +455,30 @@ mod tests {
 
     #[test]
     fn a_frame_has_room_when_it_is_back_before_the_next_cycle() {
-        let gap = Gap {
+        let window = AcyclicWindow {
             end: us(1000),
             round_trip: us(50),
             longest_alone: us(125),
         };
         // 84 bytes with all that is around the shortest frame: 6.72 µs.
-        assert!(gap.has_room(us(943), us(0), time_on_cable(14)));
-        assert!(!gap.has_room(us(944), us(0), time_on_cable(60)));
+        assert!(window.has_room(us(943), us(0), time_on_cable(14)));
+        assert!(!window.has_room(us(944), us(0), time_on_cable(60)));
         // 1538 bytes with all that is around the longest one: 123.04 µs.
-        assert!(gap.has_room(us(826), us(0), time_on_cable(1514)));
-        assert!(!gap.has_room(us(827), us(0), time_on_cable(1514)));
-        assert!(!gap.has_room(us(820), us(828), time_on_cable(1514)));
+        assert!(window.has_room(us(826), us(0), time_on_cable(1514)));
+        assert!(!window.has_room(us(827), us(0), time_on_cable(1514)));
+        assert!(!window.has_room(us(820), us(828), time_on_cable(1514)));
     }
 
     #[test]
     fn between_cycles_shorter_than_a_frame_one_goes_alone() {
-        let gap = Gap {
+        let window = AcyclicWindow {
             end: us(100),
             round_trip: us(12),
             longest_alone: us(12),
         };
-        assert!(gap.has_room(us(50), us(0), time_on_cable(1514)));
-        assert!(!gap.has_room(us(50), us(57), time_on_cable(1514)));
-        assert!(!gap.has_room(us(80), us(0), time_on_cable(1514)));
+        assert!(window.has_room(us(50), us(0), time_on_cable(1514)));
+        assert!(!window.has_room(us(50), us(57), time_on_cable(1514)));
+        assert!(!window.has_room(us(80), us(0), time_on_cable(1514)));
     }
 
     #[test]

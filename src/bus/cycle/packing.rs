@@ -27,14 +27,14 @@ pub(in crate::bus) struct Member {
     pub(in crate::bus) outputs: usize,
     pub(in crate::bus) inputs: usize,
     pub(in crate::bus) lrw: bool,
-    pub(in crate::bus) sign: Sign,
+    pub(in crate::bus) marker: InputMarker,
     /// Consecutive silent cycles after which it counts as lost.
     pub(in crate::bus) patience: u32,
 }
 
 /// How a device's inputs show that it answered. Of one without inputs the working counter of its own datagram tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::bus) enum Sign {
+pub(in crate::bus) enum InputMarker {
     /// They begin with a statusword, which is never all ones.
     Statusword,
     /// Any bits may stand there: the pattern is the complement of the last cycle's, so that inputs that stay as they are
@@ -55,8 +55,8 @@ pub(in crate::bus) struct Part {
     pub(in crate::bus) frame: usize,
     pub(in crate::bus) data: Range<usize>,
     pub(in crate::bus) shares: Vec<Share>,
-    /// Whether it was judged as calm in the last cycle.
-    pub(in crate::bus) calm: bool,
+    /// Whether it was steady in the last cycle.
+    pub(in crate::bus) steady: bool,
     /// Its place among all of them.
     pub(in crate::bus) number: u16,
     /// Its working counter, if it was wrong in the last cycle, and in how many before that one after the other.
@@ -253,7 +253,7 @@ impl Packer {
                 frame,
                 shares: shares.collect(),
                 data,
-                calm: false,
+                steady: false,
             });
         }
         let [r0, r1] = AL_STATUS.to_le_bytes();

@@ -15,7 +15,7 @@ use crate::{
         error::{AlState, BringUpStep, DriveFault, NetworkError, WatchdogState},
         expected::DevicePlace,
         line::Found,
-        log::Note,
+        log::LogRecord,
         requests::{
             Context, al, eeprom,
             executor::Time,
@@ -53,7 +53,7 @@ pub(in crate::bus) struct ReadyDrive {
     /// What is still to be written in SAFEOP.
     pub(in crate::bus) start_up: Vec<StartUpList>,
     /// How it is set up once more, by the same mailbox.
-    pub(in crate::bus) again: Job,
+    pub(in crate::bus) setup: DriveSetup,
 }
 
 /// An axis with what was read from its drive.
@@ -65,7 +65,7 @@ pub(in crate::bus) struct ReadyAxis {
 
 /// What is to be done with one drive.
 #[derive(Clone)]
-pub(in crate::bus) struct Job {
+pub(in crate::bus) struct DriveSetup {
     pub(in crate::bus) found: Found,
     pub(in crate::bus) place: DevicePlace,
     pub(in crate::bus) config: DriveConfig,
@@ -85,7 +85,7 @@ pub(in crate::bus) struct Job {
     pub(in crate::bus) progress: Rc<Progress>,
 }
 
-impl Job {
+impl DriveSetup {
     /// Does it.
     pub(in crate::bus) async fn run(self, context: Context) -> Result<ReadyDrive, NetworkError> {
         let found = self.found.clone();
@@ -205,7 +205,7 @@ impl Job {
             sync0_after: self.config.clock.map(|clock| clock.shift_in(self.cycle)),
             axes,
             start_up: self.config.start_up.clone(),
-            again: Self {
+            setup: Self {
                 mailbox: Some(mailbox),
                 ..self
             },
@@ -216,8 +216,8 @@ impl Job {
 impl Found {
     /// Notes how far its set-up is.
     pub(in crate::bus) fn note(&self, context: &Context, what: &'static str) {
-        let note = Note::SetUp(Arc::new(self.id.clone()), what);
-        context.log.note(context.time.now(), note);
+        let note = LogRecord::SetUp(Arc::new(self.id.clone()), what);
+        context.log.record(context.time.now(), note);
     }
 
     /// The error of a step, with the drive.
@@ -259,7 +259,9 @@ pub(in crate::bus) fn serve_mailbox(
     let client = client
         .with_error_texts(error_texts)
         .reporting_to(context.emergencies.0.clone())
-        .noting_to(Arc::new(move |at, note| log.note(at, Note::Mail(note))));
+        .noting_to(Arc::new(move |at, note| {
+            log.record(at, LogRecord::Mail(note))
+        }));
     let signal = client.signal();
     context.spawn(client.run())?.detach();
     Some(Mailbox {
@@ -323,7 +325,7 @@ impl Clock for TaskClock {
 
 // What is read of each axis of a drive on its way to SAFEOP, and what it does when the process data stop.
 
-impl Job {
+impl DriveSetup {
     /// What is read of an axis, and what the program says of it.
     pub(in crate::bus) async fn axis_config(
         &self,
@@ -436,8 +438,8 @@ pub(in crate::bus) async fn stop_on_loss(
         .map_err(|(_, error)| (step, error))?
     else {
         let axis = axis.name.clone();
-        let note = Note::NoAbortConnection { axis };
-        context.log.note(context.time.now(), note);
+        let note = LogRecord::NoAbortConnection { axis };
+        context.log.record(context.time.now(), note);
         return Ok(());
     };
     // A quick stop that only switches off would let the axis coast: then a fault, which has a reaction of its own.

@@ -61,7 +61,7 @@ impl IoConfig {
 
 // A device's inputs and outputs, as a program holds them.
 
-/// A device that is no drive, in OP: [`Network::io`](crate::bus::network::Network::io).
+/// A device that is no drive, in OP: [`Network::io`](crate::bus::Network::io).
 ///
 /// ```no_run
 /// # async fn example(net: servocrab::bus::Network) -> Result<(), Box<dyn std::error::Error>> {
@@ -255,7 +255,7 @@ pub struct IoStatus {
     /// It is in OP: it acts on its outputs.
     pub operational: bool,
     /// The last cycle is known to have delivered the outputs that the program has set. Not so where they are held at 0: while it is
-    /// being led back, from an attempt that failed until one succeeds ([`Network::recover`](crate::bus::network::Network::recover)), and at
+    /// being led back, from an attempt that failed until one succeeds ([`Network::recover`](crate::bus::Network::recover)), and at
     /// the end of the network.
     pub delivered: bool,
 }

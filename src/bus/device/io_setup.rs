@@ -4,7 +4,7 @@ use std::{rc::Rc, time::Duration};
 
 use crate::{
     bus::{
-        cycle::packing::{Member, Sign, fits_one_frame},
+        cycle::packing::{InputMarker, Member, fits_one_frame},
         device::{
             drive::{Failed, Mailbox, SAFE_OP_LIMIT, arm, mapping_fault, serve_mailbox},
             io::IoConfig,
@@ -27,7 +27,7 @@ use crate::{
 
 /// What is to be done with one device.
 #[derive(Clone)]
-pub(in crate::bus) struct IoJob {
+pub(in crate::bus) struct IoSetup {
     pub(in crate::bus) found: Found,
     pub(in crate::bus) place: DevicePlace,
     pub(in crate::bus) config: IoConfig,
@@ -57,10 +57,10 @@ pub(in crate::bus) struct ReadyIo {
     pub(in crate::bus) start_up: Vec<StartUpList>,
     progress: Rc<Progress>,
     /// How it is set up once more, by the same mailbox.
-    pub(in crate::bus) again: IoJob,
+    pub(in crate::bus) setup: IoSetup,
 }
 
-impl IoJob {
+impl IoSetup {
     /// Finds out what the device exchanges.
     pub(in crate::bus) async fn look(self, context: Context) -> Result<ReadyIo, NetworkError> {
         let found = self.found.clone();
@@ -125,7 +125,7 @@ impl IoJob {
             watchdog: self.watchdog,
             start_up: self.config.start_up.clone(),
             progress: Rc::clone(&self.progress),
-            again: Self { mailbox, ..self },
+            setup: Self { mailbox, ..self },
         })
     }
 }
@@ -168,7 +168,7 @@ impl ReadyIo {
             outputs,
             inputs,
             lrw: self.lrw,
-            sign: Sign::AnyBits,
+            marker: InputMarker::AnyBits,
             patience: self.patience,
         }
     }

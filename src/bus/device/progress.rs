@@ -18,7 +18,7 @@ use smol::{
 use crate::{
     bus::{
         error::{AlState, BringUpStep},
-        log::Note,
+        log::LogRecord,
         requests::Context,
     },
     coe::DriveId,
@@ -153,12 +153,12 @@ impl Progress {
         };
         // Whoever waited may have gone away.
         let _ = self.steps.try_send(told);
-        let note = Note::Step {
+        let note = LogRecord::Step {
             drive,
             step,
             done,
             total,
         };
-        self.context.log.note(self.context.time.now(), note);
+        self.context.log.record(self.context.time.now(), note);
     }
 }

@@ -21,7 +21,7 @@ const TRIES: usize = 3;
 
 /// A device of the line as it is now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Seen {
+enum FoundAs {
     /// It has kept its address: this is its place at the start.
     Known(usize),
     /// It has none of the line's, and is this one.
@@ -83,18 +83,18 @@ async fn names(registers: &Registers, at_start: usize) -> Result<Vec<Option<usiz
 async fn identify(
     registers: &Registers,
     names: &[Option<usize>],
-) -> Result<Vec<Seen>, NetworkError> {
+) -> Result<Vec<FoundAs>, NetworkError> {
     let mut seen = Vec::with_capacity(names.len());
     for (position, name) in (0..).zip(names) {
         seen.push(match name {
-            Some(place) => Seen::Known(*place),
+            Some(place) => FoundAs::Known(*place),
             None => {
                 let station = PROVISIONAL.wrapping_add(position);
                 give_name(registers, position, station).await?;
                 let identity = eeprom::identity(registers, station).await;
                 give_name(registers, position, 0).await?;
                 // One that cannot be read is none of the line's.
-                Seen::Nameless(identity.unwrap_or_default())
+                FoundAs::Nameless(identity.unwrap_or_default())
             }
         });
     }
@@ -108,7 +108,7 @@ async fn give_name(registers: &Registers, position: u16, station: u16) -> Result
 }
 
 /// Which of the devices that are there is the wanted one.
-fn choose(line: &[DriveId], wanted: &DriveId, seen: &[Seen]) -> Result<u16, NetworkError> {
+fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, NetworkError> {
     let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
     let place = usize::from(wanted.position);
     let candidates = candidates(&expected, place, seen);
@@ -116,13 +116,13 @@ fn choose(line: &[DriveId], wanted: &DriveId, seen: &[Seen]) -> Result<u16, Netw
         &[(only, false)] => return Ok(to_position(only)),
         [] => {
             let mut behind = seen.iter().enumerate().filter(|(_, seen)| match seen {
-                Seen::Known(known) => *known < place,
-                Seen::Nameless(_) => false,
+                FoundAs::Known(known) => *known < place,
+                FoundAs::Nameless(_) => false,
             });
             // What stands where it would be the next one.
             let at = behind.next_back().map_or(0, |(at, _)| at + 1);
             match seen.get(at) {
-                Some(Seen::Nameless(identity)) if *identity != wanted.identity => {
+                Some(FoundAs::Nameless(identity)) if *identity != wanted.identity => {
                     return Err(mismatch(wanted, Some((at, *identity)), Verdict::Different));
                 }
                 _ => Verdict::Missing,
@@ -168,7 +168,7 @@ pub(in crate::bus) fn mismatch(
 
 /// The nameless devices that can be the one that had this place, if what is there is a part of the line in its order; each
 /// with whether it can be that of another place as well. Devices that no place of the line had are left out.
-fn candidates(line: &[Identity], place: usize, seen: &[Seen]) -> Vec<(usize, bool)> {
+fn candidates(line: &[Identity], place: usize, seen: &[FoundAs]) -> Vec<(usize, bool)> {
     let own: Vec<_> = seen
         .iter()
         .enumerate()
@@ -185,8 +185,8 @@ fn candidates(line: &[Identity], place: usize, seen: &[Seen]) -> Vec<(usize, boo
 }
 
 /// Whether the device with this number among those that are there can be the nameless one that had this place.
-fn can_be(own: &[(usize, &Seen)], number: usize, line: &[Identity], place: usize) -> bool {
-    let (Some((_, Seen::Nameless(identity))), Some(before), Some(behind)) =
+fn can_be(own: &[(usize, &FoundAs)], number: usize, line: &[Identity], place: usize) -> bool {
+    let (Some((_, FoundAs::Nameless(identity))), Some(before), Some(behind)) =
         (own.get(number), own.get(..number), own.get(number + 1..))
     else {
         return false;
@@ -200,13 +200,13 @@ fn can_be(own: &[(usize, &Seen)], number: usize, line: &[Identity], place: usize
 }
 
 /// Whether these are devices of this part of a line, which begins with place `from`, in its order; some may be missing.
-fn fit(seen: &[(usize, &Seen)], from: usize, line: &[Identity]) -> bool {
+fn fit(seen: &[(usize, &FoundAs)], from: usize, line: &[Identity]) -> bool {
     let mut places = (from..).zip(line);
     seen.iter()
         .all(|(_, seen)| places.any(|(place, identity)| seen.is(place, identity)))
 }
 
-impl Seen {
+impl FoundAs {
     fn is(&self, place: usize, identity: &Identity) -> bool {
         match self {
             Self::Known(known) => *known == place,
@@ -238,10 +238,10 @@ mod tests {
     fn between_two_that_are_known_the_nameless_one_is_the_one_that_is_missing_there() {
         let line = [one(1, 0), one(2, 0), one(2, 0), one(2, 0)];
         let seen = [
-            Seen::Known(0),
-            Seen::Known(1),
-            Seen::Nameless(one(2, 0)),
-            Seen::Known(3),
+            FoundAs::Known(0),
+            FoundAs::Known(1),
+            FoundAs::Nameless(one(2, 0)),
+            FoundAs::Known(3),
         ];
         assert_eq!(candidates(&line, 2, &seen), [(2, false)]);
         assert_eq!(candidates(&line, 1, &seen), NOBODY, "it is known");
@@ -252,7 +252,7 @@ mod tests {
     #[test]
     fn all_without_a_name_are_told_apart_by_their_order_if_all_are_there() {
         let line = [one(2, 0), one(2, 0), one(3, 0), one(2, 0)];
-        let seen = line.map(Seen::Nameless);
+        let seen = line.map(FoundAs::Nameless);
         for place in 0..4 {
             assert_eq!(candidates(&line, place, &seen), [(place, false)]);
         }
@@ -261,12 +261,12 @@ mod tests {
     #[test]
     fn of_two_that_are_alike_and_one_missing_nobody_knows_which_one_is_there() {
         let line = [one(2, 0), one(2, 0), one(2, 0)];
-        let seen = [Seen::Known(0), Seen::Nameless(one(2, 0))];
+        let seen = [FoundAs::Known(0), FoundAs::Nameless(one(2, 0))];
         assert_eq!(candidates(&line, 1, &seen), [(1, true)]);
         assert_eq!(candidates(&line, 2, &seen), [(1, true)]);
         // A serial number tells.
         let line = [one(2, 0), one(2, 1), one(2, 2)];
-        let seen = [Seen::Known(0), Seen::Nameless(one(2, 2))];
+        let seen = [FoundAs::Known(0), FoundAs::Nameless(one(2, 2))];
         assert_eq!(candidates(&line, 1, &seen), NOBODY);
         assert_eq!(candidates(&line, 2, &seen), [(1, false)]);
     }
@@ -275,13 +275,17 @@ mod tests {
     fn a_stranger_is_left_out_wherever_it_stands() {
         let line = [one(1, 0), one(2, 7), one(3, 0)];
         let seen = [
-            Seen::Known(0),
-            Seen::Nameless(one(9, 9)),
-            Seen::Nameless(one(2, 7)),
-            Seen::Known(2),
+            FoundAs::Known(0),
+            FoundAs::Nameless(one(9, 9)),
+            FoundAs::Nameless(one(2, 7)),
+            FoundAs::Known(2),
         ];
         assert_eq!(candidates(&line, 1, &seen), [(2, false)]);
-        let other_serial = [Seen::Known(0), Seen::Nameless(one(2, 8)), Seen::Known(2)];
+        let other_serial = [
+            FoundAs::Known(0),
+            FoundAs::Nameless(one(2, 8)),
+            FoundAs::Known(2),
+        ];
         assert_eq!(candidates(&line, 1, &other_serial), NOBODY);
     }
 }

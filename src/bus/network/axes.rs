@@ -10,13 +10,13 @@ use crate::{
     bus::{
         cycle::{
             Stepper,
-            black_box::{BlackBox, RecordedAxis, RecordedCycle, Trouble},
+            black_box::{AxisIncident, BlackBox, RecordedAxis, RecordedCycle},
             exchange::Drives,
         },
         device::drive::{Parameters, ReadyDrive},
         error::MovingAxis,
         log::Log,
-        watch::{Control, transition_log::Journal},
+        watch::{Control, transition_log::TransitionLog},
     },
     ds402::State,
     wakes::{Wakes, stored},
@@ -38,7 +38,7 @@ pub(in crate::bus) struct Axes {
     disable_asked: Option<Failure>,
     /// Whether it was not known of the outputs of the last cycle whether they were delivered.
     was_doubted: bool,
-    journal: Journal,
+    transitions: TransitionLog,
     /// In the order of `axes`.
     recorded: Vec<RecordedAxis>,
     control: Arc<Control>,
@@ -100,7 +100,7 @@ impl Axes {
             cycles: 0,
             watch: None,
             expired: false,
-            journal: Journal::new(recorded.iter().map(|axis| axis.identity.clone()), log),
+            transitions: TransitionLog::new(recorded.iter().map(|axis| axis.identity.clone()), log),
             recorded,
             control,
             disable_asked: None,
@@ -180,21 +180,21 @@ impl Axes {
     }
 
     /// What came upon which axis since the last time.
-    pub(in crate::bus) fn take_troubles(&mut self) -> Vec<(usize, Trouble)> {
-        self.journal.take_troubles().collect()
+    pub(in crate::bus) fn take_incidents(&mut self) -> Vec<(usize, AxisIncident)> {
+        self.transitions.take_incidents().collect()
     }
 
     /// The last cycles of the axis at this place.
     pub(in crate::bus) fn black_box(
         &self,
         index: usize,
-        trouble: Option<Trouble>,
+        incident: Option<AxisIncident>,
         history: impl Fn(&RecordedAxis) -> Vec<RecordedCycle>,
     ) -> Option<BlackBox> {
         let axis = self.recorded.get(index)?;
         Some(BlackBox {
             axis: axis.identity.clone(),
-            trouble,
+            incident,
             cycles: history(axis),
         })
     }
@@ -204,11 +204,11 @@ impl Axes {
             self.watch = Some(watch);
         }
         let mut stop = self.control.take_stop();
-        self.journal.stop_of_all(now, stop);
+        self.transitions.stop_of_all(now, stop);
         let expired = self.watch.as_mut().is_some_and(|watch| watch.expired(now));
         if expired != self.expired {
             self.expired = expired;
-            self.journal.liveness(now, expired);
+            self.transitions.liveness(now, expired);
             for axis in &mut self.axes {
                 axis.core.set_expired(expired);
             }
@@ -260,7 +260,7 @@ impl Stepper for Rc<RefCell<Axes>> {
                 continue;
             };
             if let Some(snapshot) = axis.port.pass(&mut axis.core, news) {
-                this.journal.look(now, index, &snapshot);
+                this.transitions.look(now, index, &snapshot);
             }
         }
         this.cycles = this.cycles.wrapping_add(1);

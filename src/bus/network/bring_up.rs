@@ -14,18 +14,18 @@ use crate::{
         cycle::{
             Cycle, Stepper,
             exchange::Exchange,
-            packing::{Member, Sign, Watched, fits_one_frame, logical_addresses},
+            packing::{InputMarker, Member, Watched, fits_one_frame, logical_addresses},
         },
         device::{
             config::{DriveConfig, Watchdog},
-            drive::{Failed, Job, ReadyDrive},
-            io_setup::{IoJob, ReadyIo},
+            drive::{DriveSetup, Failed, ReadyDrive},
+            io_setup::{IoSetup, ReadyIo},
             progress::Progress,
         },
         error::{AlState, BringUpStep, DriveFault, NetworkError},
         expected::DevicePlace,
         line::{self, Found, loop_is_gone},
-        log::Note,
+        log::LogRecord,
         network::plan::LinePlan,
         requests::{Context, al, registers::Registers},
     },
@@ -126,7 +126,7 @@ pub(in crate::bus) async fn configure(
         .into_iter()
         .zip(found)
         .map(|((place, config), found)| {
-            let job = IoJob {
+            let job = IoSetup {
                 found,
                 place,
                 config,
@@ -186,7 +186,7 @@ fn checked(
     cycle: Duration,
     clocks: Option<Rc<Clocks>>,
     progress: Rc<Progress>,
-) -> Result<Job, NetworkError> {
+) -> Result<DriveSetup, NetworkError> {
     let mapping = match config.mapping() {
         Ok(mapping) => mapping,
         Err(error) => return Err(found.fault(BringUpStep::Mapping, error.into())),
@@ -200,7 +200,7 @@ fn checked(
             DriveFault::TooLong { outputs, inputs },
         ));
     }
-    Ok(Job {
+    Ok(DriveSetup {
         found,
         place,
         config,
@@ -299,7 +299,7 @@ pub(in crate::bus) fn member(drive: &ReadyDrive) -> Member {
         outputs: drive.layout.output_bytes(),
         inputs: drive.layout.input_bytes(),
         lrw: drive.lrw,
-        sign: Sign::Statusword,
+        marker: InputMarker::Statusword,
         patience: patience.unwrap_or(1).max(1),
     }
 }
@@ -341,8 +341,8 @@ pub(in crate::bus) async fn operate(
         {
             data.operational = true;
         }
-        let note = Note::BroughtUp(Arc::new(found.id.clone()));
-        context.log.note(context.time.now(), note);
+        let note = LogRecord::BroughtUp(Arc::new(found.id.clone()));
+        context.log.record(context.time.now(), note);
         progress.step(&found.id, BringUpStep::State(AlState::Op));
     }
     Ok(())

@@ -21,7 +21,7 @@ use crate::{
             supervisor::{self, Started},
         },
         real_time::RealTime,
-        requests::{BusLoop, Reactor, Receiving, wake_on_time},
+        requests::{BusLoop, Reactor, WaitStrategy, wake_on_time},
         watch::{Control, Guard},
     },
     link::{Link, RawSocket},
@@ -48,7 +48,7 @@ use crate::{
 pub struct NetworkBuilder {
     link: LinkChoice,
     real_time: RealTime,
-    receiving: Option<Receiving>,
+    wait_strategy: Option<WaitStrategy>,
     listener: Listener,
     plan: LinePlan,
 }
@@ -75,7 +75,7 @@ impl Network {
         NetworkBuilder {
             link: LinkChoice::None,
             real_time: RealTime::new(),
-            receiving: None,
+            wait_strategy: None,
             listener: Listener::NOBODY,
             plan: LinePlan {
                 cycle: Duration::from_millis(1),
@@ -114,10 +114,10 @@ impl NetworkBuilder {
         self
     }
 
-    /// Whether the bus thread sleeps or spins while it waits. Without it: what [`Receiving::suited_to`] says of the cycle and of this
+    /// Whether the bus thread sleeps or spins while it waits. Without it: what [`WaitStrategy::suited_to`] says of the cycle and of this
     /// machine.
-    pub const fn receiving(mut self, receiving: Receiving) -> Self {
-        self.receiving = Some(receiving);
+    pub const fn wait_strategy(mut self, wait_strategy: WaitStrategy) -> Self {
+        self.wait_strategy = Some(wait_strategy);
         self
     }
 
@@ -265,7 +265,7 @@ impl NetworkBuilder {
         let parts = Parts {
             link,
             real_time: self.real_time,
-            receiving: self.receiving,
+            wait_strategy: self.wait_strategy,
             plan: self.plan,
             log,
             writer,
@@ -290,7 +290,7 @@ impl NetworkBuilder {
 struct Parts {
     link: Box<dyn Link + Send>,
     real_time: RealTime,
-    receiving: Option<Receiving>,
+    wait_strategy: Option<WaitStrategy>,
     plan: LinePlan,
     log: Log,
     writer: Option<Writer>,
@@ -314,12 +314,12 @@ impl Parts {
 
     fn into_loop(self) -> BusLoop {
         wake_on_time();
-        let receiving = self
-            .receiving
-            .unwrap_or_else(|| Receiving::suited_here(self.plan.cycle));
+        let wait_strategy = self
+            .wait_strategy
+            .unwrap_or_else(|| WaitStrategy::suited_here(self.plan.cycle));
         let reactor = Reactor::new(
             self.link,
-            receiving,
+            wait_strategy,
             &self.control.counters,
             &self.control.wakes,
             self.log,

@@ -109,7 +109,7 @@ impl Network {
     /// The time of the cycles: to wait for the next inputs, and for pauses.
     #[must_use]
     pub fn clock(&self) -> CycleClock {
-        CycleClock::new(Arc::clone(&self.control.beat))
+        CycleClock::new(Arc::clone(&self.control.tick))
     }
 
     /// SDO access to the drive at this position in the line, or at the place by which it was declared; `None` if no drive was
@@ -232,7 +232,7 @@ impl Network {
     /// an axis that is switched off, and whatever the program sets in them beside is 0 until it is set again. Handles stay
     /// valid; the axes are enabled by [`Axis::enable`]. Outputs of a device that is no drive are 0 until they are set again.
     ///
-    /// How far it is is told as at the start ([`NetworkBuilder::on_progress`](crate::bus::network::builder::NetworkBuilder::on_progress)), where this is awaited. Several
+    /// How far it is is told as at the start ([`NetworkBuilder::on_progress`](crate::bus::NetworkBuilder::on_progress)), where this is awaited. Several
     /// devices can be led back at the same time; of one device, one call comes after the other. When the future is dropped
     /// the attempt ends, and the device stays out of OP.
     ///
@@ -253,8 +253,8 @@ impl Network {
     ///
     /// # Errors
     /// [`NetworkError::Drive`] with the step that failed, or because the drive follows a distributed clock and others in front of it
-    /// are missing ([`DriveFault::ClockOfRunningLine`](crate::bus::error::DriveFault::ClockOfRunningLine)), or is the reference clock and was without
-    /// power ([`DriveFault::ReferenceOfRunningLine`](crate::bus::error::DriveFault::ReferenceOfRunningLine)); [`NetworkError::NotLocked`] if it follows a
+    /// are missing ([`DriveFault::ClockOfRunningLine`](crate::bus::DriveFault::ClockOfRunningLine)), or is the reference clock and was without
+    /// power ([`DriveFault::ReferenceOfRunningLine`](crate::bus::DriveFault::ReferenceOfRunningLine)); [`NetworkError::NotLocked`] if it follows a
     /// distributed clock and the reference is silent, has jumped, or is out of step; [`NetworkError::WrongLine`] if
     /// it is not in the line any more, or another device is in its place; [`NetworkError::Declaration`] if no drive and no device with inputs
     /// and outputs was declared there; [`NetworkError::Thread`] if the network has ended. After an error the device is asked to leave
@@ -506,7 +506,7 @@ impl Network {
     }
 
     /// The last cycles of the axis with this name: words, positions, what was answered. With each fault they come by
-    /// themselves ([`NetworkEvent::Trouble`](crate::bus::event::NetworkEvent::Trouble)).
+    /// themselves ([`NetworkEvent::AxisIncident`](crate::bus::NetworkEvent::AxisIncident)).
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

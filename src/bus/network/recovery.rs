@@ -23,16 +23,16 @@ use crate::{
             packing::Member,
         },
         device::{
-            drive::{Failed, Job, SAFE_OP_LIMIT},
+            drive::{DriveSetup, Failed, SAFE_OP_LIMIT},
             io_port::Ports,
-            io_setup::{IoJob, ReadyIo},
+            io_setup::{IoSetup, ReadyIo},
             progress::{Progress, StepDone},
         },
         error::{AlState, AlStatus, BringUpStep, DriveFault, NetworkError, RegisterError},
         event::Recovered,
         expected::Verdict,
         line::{self, Found, STATION_ADDRESS, find},
-        log::Note,
+        log::LogRecord,
         network::{
             axes::Axes,
             bring_up::{self, Ready},
@@ -85,11 +85,13 @@ impl Recovery {
             self.leave(place, device).await;
         }
         let note = match &result {
-            Some(Ok(recovered)) => Note::Recovered(Arc::clone(&device.id), *recovered),
-            Some(Err(error)) => Note::NotRecovered(Arc::clone(&device.id), Some(error.to_string())),
-            None => Note::NotRecovered(Arc::clone(&device.id), None),
+            Some(Ok(recovered)) => LogRecord::Recovered(Arc::clone(&device.id), *recovered),
+            Some(Err(error)) => {
+                LogRecord::NotRecovered(Arc::clone(&device.id), Some(error.to_string()))
+            }
+            None => LogRecord::NotRecovered(Arc::clone(&device.id), None),
         };
-        self.context.log.note(self.context.time.now(), note);
+        self.context.log.record(self.context.time.now(), note);
         if let Some(result) = result {
             // Whoever has gone away by now misses it.
             let _ = reply.try_send(result);
@@ -114,7 +116,7 @@ impl Recovery {
             Err(error) => return Err(device.fault((BringUpStep::Identity, error.into()))),
         };
         note_state(&self.context, &self.control, place, &device.id, from);
-        let half_way = device.stage.get() == Stage::Anew;
+        let half_way = device.phase.get() == ReturnPhase::Anew;
         match from.state {
             AlState::Op if from.error.is_none() && !half_way => {
                 let is_served = self.until(|this| this.is_served(place));
@@ -125,7 +127,7 @@ impl Recovery {
             }
             AlState::Op | AlState::SafeOp if !half_way => {
                 self.lead_back(place, device, steps).await?;
-                Ok(Recovered::LedBack { from })
+                Ok(Recovered::FromSafeOp { from })
             }
             _ => {
                 self.bring_up(place, device, steps).await?;
@@ -161,7 +163,7 @@ impl Recovery {
         steps: Sender<StepDone>,
     ) -> Result<(), NetworkError> {
         let found = &device.found;
-        device.stage.set(Stage::Anew);
+        device.phase.set(ReturnPhase::Anew);
         self.axes.borrow_mut().forget(place);
         self.cut_off(place);
         self.lead_into_pre_op(device).await?;
@@ -216,10 +218,10 @@ impl Recovery {
     /// From PREOP into SAFEOP; gives what was read for each axis.
     async fn set_up_drive(
         &self,
-        (job, layout, member): &(Job, Layout, Member),
+        (job, layout, member): &(DriveSetup, Layout, Member),
         progress: &Rc<Progress>,
     ) -> Result<Vec<AxisConfig>, NetworkError> {
-        let job = Job {
+        let job = DriveSetup {
             progress: Rc::clone(progress),
             ..job.clone()
         };
@@ -241,9 +243,9 @@ impl Recovery {
         before: &ReadyIo,
         progress: &Rc<Progress>,
     ) -> Result<(), NetworkError> {
-        let job = IoJob {
+        let job = IoSetup {
             progress: Rc::clone(progress),
-            ..before.again.clone()
+            ..before.setup.clone()
         };
         let mut io = job.look(self.context.clone()).await?;
         if !io.exchanges_as(before) {
@@ -263,7 +265,7 @@ impl Recovery {
         let Found { station, id, .. } = &device.found;
         let safe_op = BringUpStep::State(AlState::SafeOp);
         let progress = Progress::of_one(&self.context, steps, 2);
-        device.stage.set(Stage::LedBack);
+        device.phase.set(ReturnPhase::FromSafeOp);
         self.begin_again(place, |_| Again::Unknown);
         let registers = &self.context.registers;
         al::request(registers, *station, AlState::SafeOp, SAFE_OP_LIMIT)
@@ -305,7 +307,7 @@ impl Recovery {
             self.until(|this| this.is_served(place) && this.axes.borrow().are_back(place));
         is_back.await.map_err(|failed| device.fault(failed))?;
         self.ports.borrow_mut().release(place);
-        device.stage.set(Stage::None);
+        device.phase.set(ReturnPhase::None);
         Ok(())
     }
 
@@ -383,16 +385,16 @@ impl Recovery {
     async fn leave(&self, place: usize, device: &Device) {
         let registers = &self.context.registers;
         let station = device.found.station;
-        match device.stage.get() {
-            Stage::None => {}
-            Stage::LedBack => {
+        match device.phase.get() {
+            ReturnPhase::None => {}
+            ReturnPhase::FromSafeOp => {
                 let in_op = |status: AlStatus| status.state == AlState::Op;
                 if al::status(registers, station).await.is_ok_and(in_op) {
                     let _ = al::request(registers, station, AlState::SafeOp, SAFE_OP_LIMIT).await;
                 }
-                device.stage.set(Stage::None);
+                device.phase.set(ReturnPhase::None);
             }
-            Stage::Anew => drop(line::set_back(registers, station).await),
+            ReturnPhase::Anew => drop(line::set_back(registers, station).await),
         }
         self.with_data(place, |data| data.away = false);
     }
@@ -421,22 +423,22 @@ pub(in crate::bus) struct Device {
     /// Held by whoever leads it back.
     pub(in crate::bus) in_work: Mutex<()>,
     /// How far it is.
-    pub(in crate::bus) stage: Cell<Stage>,
+    pub(in crate::bus) phase: Cell<ReturnPhase>,
 }
 
 /// How a device is set up, and what came of it at the start.
 pub(in crate::bus) enum SetUp {
-    Drive(Box<(Job, Layout, Member)>),
+    Drive(Box<(DriveSetup, Layout, Member)>),
     Io(Box<ReadyIo>),
 }
 
 /// How far a device is on its way back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::bus) enum Stage {
+pub(in crate::bus) enum ReturnPhase {
     /// Not on its way.
     None,
     /// Being led from SAFEOP into OP.
-    LedBack,
+    FromSafeOp,
     /// Being set up anew, or left half-way there: it must be set up anew the next time.
     Anew,
 }
@@ -452,13 +454,13 @@ pub(in crate::bus) fn devices(ready: Ready) -> Vec<Device> {
         synchronised,
         set_up,
         in_work: Mutex::new(()),
-        stage: Cell::new(Stage::None),
+        phase: Cell::new(ReturnPhase::None),
     };
     let drives = ready.drives.into_iter();
     let drives = drives.map(|drive| {
         let member = bring_up::member(&drive);
         let lists = (drive.sdo, drive.start_up);
-        let set_up = SetUp::Drive(Box::new((drive.again, drive.layout, member)));
+        let set_up = SetUp::Drive(Box::new((drive.setup, drive.layout, member)));
         device(
             drive.found,
             Some(lists),

@@ -14,7 +14,7 @@ use crate::{
         line::{self, Found},
         log::{Log, Subscriber},
         network::supervisor,
-        requests::{BusLoop, Context, Reactor, Receiving, al, eeprom},
+        requests::{BusLoop, Context, Reactor, WaitStrategy, al, eeprom},
         watch::{Control, Guard},
     },
     coe::{DriveId, Emergencies, ErrorTexts, SdoHandle},
@@ -32,7 +32,7 @@ const CLOCK_64: u8 = 0x08;
 
 /// The SubDevices of a line in PREOP, unconfigured, with their mailboxes served.
 ///
-/// Made by [`NetworkBuilder::scan`](crate::bus::network::builder::NetworkBuilder::scan). When it is dropped the SubDevices go to INIT and the bus
+/// Made by [`NetworkBuilder::scan`](crate::bus::NetworkBuilder::scan). When it is dropped the SubDevices go to INIT and the bus
 /// thread ends.
 ///
 /// ```no_run
@@ -121,7 +121,7 @@ pub(in crate::bus) async fn scan(link: Box<dyn Link + Send>) -> Result<Line, Net
         .spawn(move || {
             let reactor = Reactor::new(
                 link,
-                Receiving::Block,
+                WaitStrategy::Block,
                 &shared.counters,
                 &shared.wakes,
                 Log::default(),

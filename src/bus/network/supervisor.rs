@@ -9,7 +9,7 @@ use crate::{
     axis::{AxisSource, Delivery, Failure},
     bus::{
         clocks::sync::LockWatch,
-        cycle::black_box::{BlackBox, Trouble},
+        cycle::black_box::{AxisIncident, BlackBox},
         device::{
             io::Io,
             io_port::Ports,
@@ -19,7 +19,7 @@ use crate::{
         event::{ClockEvent, NetworkEvent},
         expected::DevicePlace,
         line::Found,
-        log::Note,
+        log::LogRecord,
         network::{
             axes::Axes,
             bring_up,
@@ -139,12 +139,12 @@ async fn start(
     let ios = ports.handles();
     let ports = Rc::new(RefCell::new(ports));
     let stepper = (Rc::clone(&axes), Rc::clone(&ports));
-    let stepper = Box::new((stepper, control.beat.beater()));
+    let stepper = Box::new((stepper, control.tick.source()));
     bring_up::start_cycles(context, &ready, stepper, period).await?;
     bring_up::operate(context, &ready, period, &progress).await?;
     // Handles show what the last cycle was: whoever looks at once is to see devices in OP.
-    let before = control.beat.ended();
-    while control.beat.ended() == before {
+    let before = control.tick.ended();
+    while control.tick.ended() == before {
         context.time.sleep(period).await;
     }
     let drives = (0..).zip(&ready.drives);
@@ -232,14 +232,16 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
                 let mut axes = running.axes.borrow_mut();
                 axes.disable(Failure::ClockJumped);
             }
-            let note = Note::Clock(Arc::clone(reference), event);
-            context.log.note(context.time.now(), note);
+            let note = LogRecord::Clock(Arc::clone(reference), event);
+            context.log.record(context.time.now(), note);
             let reference = DriveId::clone(reference);
             control.report(NetworkEvent::Clock { reference, event });
         }
         let seen = context.wakes.statistics();
         if seen.slow > wakers.slow || seen.panicked > wakers.panicked {
-            context.log.note(context.time.now(), Note::Wakers(seen));
+            context
+                .log
+                .record(context.time.now(), LogRecord::Wakers(seen));
             wakers = seen;
         }
         let Some((al_status, wrong)) = look(context, control, &running.ids, &mut lost) else {
@@ -248,13 +250,13 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
         miscounts.look(context, control, &stations);
         // After what happened to the drives, so that one follows from the other.
         let axes = &running.axes;
-        let troubles = axes.borrow_mut().take_troubles();
-        for (index, trouble) in troubles {
+        let incidents = axes.borrow_mut().take_incidents();
+        for (index, incident) in incidents {
             // A thousand cycles are read at once: those of all axes of a machine would keep the next cycle waiting. Meanwhile the
             // program takes what it was told before.
             context.time.sleep(period.min(LOOK_EVERY)).await;
-            if let Some(black_box) = black_box(context, axes, index, Some(trouble)) {
-                control.report(NetworkEvent::Trouble(Arc::new(black_box)));
+            if let Some(black_box) = black_box(context, axes, index, Some(incident)) {
+                control.report(NetworkEvent::AxisIncident(Arc::new(black_box)));
             }
             if control.is_shutdown() {
                 return;
@@ -317,13 +319,13 @@ fn black_box(
     context: &Context,
     axes: &RefCell<Axes>,
     index: usize,
-    trouble: Option<Trouble>,
+    incident: Option<AxisIncident>,
 ) -> Option<BlackBox> {
     let mut cycle = context.cycle.borrow_mut();
     let exchange = &mut cycle.as_mut()?.exchange;
     exchange.complete_record();
     axes.borrow()
-        .black_box(index, trouble, |axis| exchange.history(axis))
+        .black_box(index, incident, |axis| exchange.history(axis))
 }
 
 /// The end in order: axes stopped and disabled, all other outputs 0, then SAFEOP, no more cycles, PREOP, INIT.
@@ -345,7 +347,7 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
         }
         let moving: Vec<_> = all.moving().collect();
         if !moving.is_empty() {
-            context.log.note(time.now(), Note::NotStopped);
+            context.log.record(time.now(), LogRecord::NotStopped);
             // Nobody else sets it.
             let _ = control.left_moving.set(moving);
         }
@@ -366,12 +368,12 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
             let Some(Err(error)) = results.next() else {
                 return true;
             };
-            let note = Note::NotOnTheWayDown {
+            let note = LogRecord::NotOnTheWayDown {
                 drive: Arc::clone(id),
                 state,
                 error,
             };
-            context.log.note(time.now(), note);
+            context.log.record(time.now(), note);
             !matches!(error, AlError::Register(_))
         });
         if state == AlState::SafeOp {

@@ -27,7 +27,7 @@ use crate::{
     bus::{
         cable::time_on_cable,
         cycle::{
-            Gap,
+            AcyclicWindow,
             frame::{self, DATAGRAM_HEADER, ETHERNET_HEADER, HEADERS, Tag, command},
             statistics::Counters,
         },
@@ -54,7 +54,7 @@ pub(in crate::bus) struct Acyclic {
     tx: PduTx<'static>,
     rx: PduRx<'static>,
     /// Set by ethercrab: to look for what it has queued is to look at all of its slots.
-    news: Arc<News>,
+    dirty: Arc<DirtyFlag>,
     call: Waker,
     /// The number of the last frame.
     number: u32,
@@ -71,9 +71,9 @@ pub(in crate::bus) struct Acyclic {
 }
 
 /// Whether ethercrab may have something queued.
-struct News(AtomicBool);
+struct DirtyFlag(AtomicBool);
 
-impl Wake for News {
+impl Wake for DirtyFlag {
     fn wake(self: Arc<Self>) {
         self.wake_by_ref();
     }
@@ -109,12 +109,12 @@ struct Part {
 impl Acyclic {
     pub(in crate::bus) fn new(tx: PduTx<'static>, rx: PduRx<'static>) -> Self {
         let slots = tx.capacity();
-        let news = Arc::new(News(AtomicBool::new(true)));
+        let dirty = Arc::new(DirtyFlag(AtomicBool::new(true)));
         Self {
             tx,
             rx,
-            call: Waker::from(Arc::clone(&news)),
-            news,
+            call: Waker::from(Arc::clone(&dirty)),
+            dirty,
             number: 0,
             requests: 0,
             away: Vec::with_capacity(slots),
@@ -130,29 +130,29 @@ impl Acyclic {
         self.held || self.next().is_some_and(|next| now >= next)
     }
 
-    /// Sends what ethercrab has queued, and again what is overdue, as far as it is back before the gap ends; the rest waits for
-    /// the next one. Without cycles there is no gap, and no limit. True when ethercrab has nothing left.
+    /// Sends what ethercrab has queued, and again what is overdue, as far as it is back before the window ends; the rest waits for
+    /// the next one. Without cycles there is no window, and no limit. True when ethercrab has nothing left.
     ///
     /// What the link does not take is tried again with each call, for as long as an answer would be waited for, and counts as lost
     /// then: whoever waits for it is told, and nothing else waits behind it.
     pub(in crate::bus) fn send(
         &mut self,
         link: &mut dyn Link,
-        gap: Option<Gap>,
+        window: Option<AcyclicWindow>,
         counters: &Counters,
     ) -> bool {
         let now = link.now();
         self.held = true;
         // Without cycles nothing has to make room for anything.
-        self.busy_until = gap.map_or(now, |_| self.busy_until.max(now));
-        let mut all = self.collect(now, gap);
+        self.busy_until = window.map_or(now, |_| self.busy_until.max(now));
+        let mut all = self.collect(now, window);
         let mut refused = false;
         for away in &mut self.away {
             let overdue = now >= away.sent_at.saturating_add(RESEND_AFTER);
             if away.sendings == 0 || overdue && away.sendings < away.most_sendings {
                 if overdue {
                     let takes = time_on_cable(away.frame.len());
-                    if gap.is_some_and(|gap| !gap.has_room(now, self.busy_until, takes)) {
+                    if window.is_some_and(|window| !window.has_room(now, self.busy_until, takes)) {
                         all = false;
                         continue;
                     }
@@ -189,9 +189,9 @@ impl Acyclic {
         all
     }
 
-    /// Takes what ethercrab has queued into frames that are still to be sent, as far as the gap has room. True when it is all.
-    fn collect(&mut self, now: Duration, gap: Option<Gap>) -> bool {
-        if !self.news.0.swap(false, Ordering::Relaxed) {
+    /// Takes what ethercrab has queued into frames that are still to be sent, as far as the window has room. True when it is all.
+    fn collect(&mut self, now: Duration, window: Option<AcyclicWindow>) -> bool {
+        if !self.dirty.0.swap(false, Ordering::Relaxed) {
             return true;
         }
         // It forgets whom it has told.
@@ -219,7 +219,7 @@ impl Acyclic {
                     }
                     None => time_on_cable(bytes.len()),
                 };
-                if gap.is_some_and(|gap| !gap.has_room(now, self.busy_until, more)) {
+                if window.is_some_and(|window| !window.has_room(now, self.busy_until, more)) {
                     return Err(Error::SendFrame);
                 }
                 self.busy_until += more;

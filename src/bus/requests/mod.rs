@@ -34,7 +34,7 @@ use smol::channel::Sender;
 
 use crate::{
     bus::{
-        cycle::{Cycle, Gap, frame::Tag, statistics::Counters},
+        cycle::{AcyclicWindow, Cycle, frame::Tag, statistics::Counters},
         log::{Log, Writer},
         requests::{
             acyclic::Acyclic,
@@ -98,7 +98,7 @@ pub(in crate::bus) struct Reactor {
     acyclic: Acyclic,
     tasks: Rc<Tasks>,
     context: Context,
-    receiving: Receiving,
+    wait_strategy: WaitStrategy,
     buffer: Vec<u8>,
 }
 
@@ -106,7 +106,7 @@ impl Reactor {
     /// Makes the storage that ethercrab needs, which lives as long as the process.
     pub(in crate::bus) fn new(
         link: Box<dyn Link>,
-        receiving: Receiving,
+        wait_strategy: WaitStrategy,
         counters: &Arc<Counters>,
         wakes: &Wakes,
         log: Log,
@@ -151,7 +151,7 @@ impl Reactor {
                 over: Rc::new(Cell::new(false)),
             },
             tasks,
-            receiving,
+            wait_strategy,
             buffer: vec![0; LONGEST_FRAME],
         }
     }
@@ -180,7 +180,7 @@ impl Reactor {
         self.context.wakes.hand_over();
         let mut busy = false;
         if !next.is_some_and(|next| next.in_flight) {
-            busy = self.acyclic_work(next.map(|next| next.gap));
+            busy = self.acyclic_work(next.map(|next| next.window));
             self.context.log.hand_over();
             self.context.wakes.hand_over();
         }
@@ -225,28 +225,28 @@ impl Reactor {
     }
 
     /// Ends the cycle that is due or complete, begins the next one if it is time.
-    fn exchange(&mut self, now: Duration) -> Option<Next> {
+    fn exchange(&mut self, now: Duration) -> Option<NextCycle> {
         let mut cycle = self.context.cycle.borrow_mut();
         let cycle = cycle.as_mut()?;
         cycle.turn(now, &mut *self.link, &self.context.counters);
-        Some(Next {
+        Some(NextCycle {
             at: cycle.next(),
             in_flight: cycle.in_flight(),
             sent: cycle.sent(),
-            gap: cycle.gap(),
+            window: cycle.window(),
         })
     }
 
     /// Polls futures, then sends what they queued. True if there may be more to do at once.
-    fn acyclic_work(&mut self, gap: Option<Gap>) -> bool {
-        if self.acyclic.has_work(self.context.time.now()) && !self.send_acyclic(gap) {
+    fn acyclic_work(&mut self, window: Option<AcyclicWindow>) -> bool {
+        if self.acyclic.has_work(self.context.time.now()) && !self.send_acyclic(window) {
             // What futures would ask for now had to wait behind that.
             return false;
         }
         let mut polls = 0;
         let mut more = !self.acyclic.is_ahead();
         while more && polls < POLLS_PER_TURN {
-            if polls % 8 == 7 && gap.is_some_and(|gap| self.link.now() >= gap.end) {
+            if polls % 8 == 7 && window.is_some_and(|window| self.link.now() >= window.end) {
                 break;
             }
             more = self.tasks.poll_one();
@@ -254,19 +254,19 @@ impl Reactor {
         }
         // Futures may have been dropped above, and none will be before ethercrab's frames are sent.
         if polls > 0 {
-            more &= self.send_acyclic(gap);
+            more &= self.send_acyclic(window);
         }
         more
     }
 
     /// False while frames wait for room.
-    fn send_acyclic(&mut self, gap: Option<Gap>) -> bool {
+    fn send_acyclic(&mut self, window: Option<AcyclicWindow>) -> bool {
         let counters = &self.context.counters;
-        self.acyclic.send(&mut *self.link, gap, counters)
+        self.acyclic.send(&mut *self.link, window, counters)
     }
 
     /// `now` is when the turn began: what has become due since then ends the sleep at once.
-    fn wait(&mut self, now: Duration, next: Option<Next>) {
+    fn wait(&mut self, now: Duration, next: Option<NextCycle>) {
         let cycle = next.map(|next| next.at);
         let until = if next.is_some_and(|next| next.in_flight) {
             // Nothing else is served before the cycle is over.
@@ -287,7 +287,7 @@ impl Reactor {
             Some(next) if next.in_flight => Awaited::Frames { sent: next.sent },
             Some(next) => Awaited::Cycle { start: next.at },
         };
-        match self.receiving.sleep(now, until, awaited) {
+        match self.wait_strategy.sleep(now, until, awaited) {
             None => self.link.pause(),
             Some(until) => self.link.wait(until),
         }
@@ -295,11 +295,11 @@ impl Reactor {
 }
 
 #[derive(Clone, Copy)]
-struct Next {
+struct NextCycle {
     at: Duration,
     in_flight: bool,
     sent: Duration,
-    gap: Gap,
+    window: AcyclicWindow,
 }
 
 // Whether the bus thread sleeps or spins while it waits.
@@ -314,19 +314,19 @@ const FEWEST_CORES_TO_SPIN: usize = 4;
 /// How the bus thread waits for the frames of a cycle and for the start of the next one. While the line is brought up it sleeps.
 ///
 /// A thread that sleeps is woken some 10 to 50 µs after its time or its frame; one that spins sees both within a microsecond, and
-/// takes a processor core for itself meanwhile. Without a [real-time class](crate::bus::real_time::RealTime) the kernel lets another thread on that
+/// takes a processor core for itself meanwhile. Without a [real-time class](crate::bus::RealTime) the kernel lets another thread on that
 /// core when it has spun for a while, and then the cycle is late by milliseconds: [`Spin`](Self::Spin) wants a core that nobody else
 /// uses.
 ///
 /// ```
-/// use servocrab::bus::{Network, Receiving};
+/// use servocrab::bus::{Network, WaitStrategy};
 /// use std::time::Duration;
 /// let builder = Network::builder()
 ///     .cycle(Duration::from_micros(250))
-///     .receiving(Receiving::SpinThenBlock { spin: Duration::from_micros(30) });
+///     .wait_strategy(WaitStrategy::SpinThenBlock { spin: Duration::from_micros(30) });
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Receiving {
+pub enum WaitStrategy {
     /// Sleeps whenever there is nothing to do.
     Block,
     /// Never sleeps.
@@ -338,14 +338,14 @@ pub enum Receiving {
     },
 }
 
-impl Receiving {
+impl WaitStrategy {
     /// What is taken where the program says nothing: [`SpinThenBlock`](Self::SpinThenBlock) with 50 µs, but not more than an eighth
     /// of the cycle, where cycles are at most 500 µs long and the process may use four cores or more; else [`Block`](Self::Block).
     ///
     /// ```
-    /// use servocrab::bus::Receiving;
+    /// use servocrab::bus::WaitStrategy;
     /// use std::time::Duration;
-    /// assert_eq!(Receiving::suited_to(Duration::from_millis(1), 8), Receiving::Block);
+    /// assert_eq!(WaitStrategy::suited_to(Duration::from_millis(1), 8), WaitStrategy::Block);
     /// ```
     #[must_use]
     pub fn suited_to(period: Duration, cores: usize) -> Self {
@@ -435,7 +435,7 @@ impl BusLoop {
         }
     }
 
-    /// One turn: frames, a cycle if it is time, acyclic work in the gap, and a wait until there is more to do. False
+    /// One turn: frames, a cycle if it is time, acyclic work in the window, and a wait until there is more to do. False
     /// once the network has ended.
     #[must_use = "the loop is over when this is false"]
     pub fn turn(&mut self) -> bool {
@@ -465,7 +465,7 @@ impl BusLoop {
     /// [`Wire`](crate::link::Wire) in virtual time, to a simulated segment, the drives move as they do and nobody waits for
     /// it: a minute there takes a fraction of a second here.
     ///
-    /// Pauses of the machine belong to the cycles' clock ([`Network::clock`](crate::bus::network::Network::clock)), which goes with the
+    /// Pauses of the machine belong to the cycles' clock ([`Network::clock`](crate::bus::Network::clock)), which goes with the
     /// loop. A timer of an executor goes by the clock on the wall, and so do [`Done::within`](crate::profile_position::Done::within) and
     /// [`Home::within`](crate::homing::Home::within): while such a one is waited for, virtual time runs away.
     ///
@@ -527,7 +527,7 @@ impl BusLoop {
 mod tests {
     use std::time::Duration;
 
-    use super::{Awaited, Receiving};
+    use super::{Awaited, WaitStrategy};
 
     const fn us(us: u64) -> Duration {
         Duration::from_micros(us)
@@ -535,29 +535,29 @@ mod tests {
 
     #[test]
     fn short_cycles_on_many_cores_spin_for_a_part_of_the_cycle_and_all_others_sleep() {
-        assert_eq!(Receiving::suited_to(us(1000), 64), Receiving::Block);
-        assert_eq!(Receiving::suited_to(us(250), 2), Receiving::Block);
-        let spins = |spin| Receiving::SpinThenBlock { spin: us(spin) };
-        assert_eq!(Receiving::suited_to(us(500), 4), spins(50));
-        assert_eq!(Receiving::suited_to(us(200), 4), spins(25));
+        assert_eq!(WaitStrategy::suited_to(us(1000), 64), WaitStrategy::Block);
+        assert_eq!(WaitStrategy::suited_to(us(250), 2), WaitStrategy::Block);
+        let spins = |spin| WaitStrategy::SpinThenBlock { spin: us(spin) };
+        assert_eq!(WaitStrategy::suited_to(us(500), 4), spins(50));
+        assert_eq!(WaitStrategy::suited_to(us(200), 4), spins(25));
     }
 
     #[test]
     fn a_thread_spins_before_a_cycle_and_after_its_frames_and_sleeps_between() {
-        let receiving = Receiving::SpinThenBlock { spin: us(30) };
+        let wait_strategy = WaitStrategy::SpinThenBlock { spin: us(30) };
         let frames = Awaited::Frames { sent: us(100) };
-        assert_eq!(receiving.sleep(us(129), us(829), frames), None);
-        assert_eq!(receiving.sleep(us(130), us(830), frames), Some(us(830)));
+        assert_eq!(wait_strategy.sleep(us(129), us(829), frames), None);
+        assert_eq!(wait_strategy.sleep(us(130), us(830), frames), Some(us(830)));
         let cycle = Awaited::Cycle { start: us(1000) };
-        assert_eq!(receiving.sleep(us(400), us(1000), cycle), Some(us(970)));
-        let timer = receiving.sleep(us(400), us(490), cycle);
+        assert_eq!(wait_strategy.sleep(us(400), us(1000), cycle), Some(us(970)));
+        let timer = wait_strategy.sleep(us(400), us(490), cycle);
         assert_eq!(timer, Some(us(490)));
-        assert_eq!(receiving.sleep(us(970), us(1000), cycle), None);
+        assert_eq!(wait_strategy.sleep(us(970), us(1000), cycle), None);
     }
 
     #[test]
     fn nobody_spins_while_there_are_no_cycles() {
-        let sleep = Receiving::Spin.sleep(us(5), us(705), Awaited::Nothing);
+        let sleep = WaitStrategy::Spin.sleep(us(5), us(705), Awaited::Nothing);
         assert_eq!(sleep, Some(us(705)));
     }
 }

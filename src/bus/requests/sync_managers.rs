@@ -379,7 +379,7 @@ pub async fn arm_watchdog(
     time: Duration,
 ) -> Result<(), WatchdogError> {
     let expected = watchdog_ticks(time).ok_or(WatchdogError::Time(time))?;
-    let device = Device { main, station };
+    let device = DeviceRegisters { main, station };
     let mut outputs = None;
     for number in 0..8 {
         let at = SYNC_MANAGER + 8 * number;
@@ -418,12 +418,12 @@ pub async fn arm_watchdog(
     Ok(())
 }
 
-struct Device<'a> {
+struct DeviceRegisters<'a> {
     main: &'a MainDevice<'a>,
     station: u16,
 }
 
-impl Device<'_> {
+impl DeviceRegisters<'_> {
     async fn read<const N: usize>(&self, register: u16) -> Result<[u8; N], WatchdogError> {
         let answer = Command::fprd(self.station, register)
             .receive_slice(self.main, N as u16)

@@ -6,7 +6,7 @@ use crate::{
     bus::{
         cycle::{Cycle, exchange::DriveData},
         error::{AlState, AlStatus, RegisterError},
-        log::{DriveChange, Note},
+        log::{DriveChange, LogRecord},
         requests::{Context, al},
         watch::Control,
     },
@@ -39,8 +39,8 @@ pub(in crate::bus) fn look(
 
 /// Notes and tells what happened to a drive.
 fn report(context: &Context, control: &Control, drive: &Arc<DriveId>, change: DriveChange) {
-    let note = Note::Drive(Arc::clone(drive), change);
-    context.log.note(context.time.now(), note);
+    let note = LogRecord::Drive(Arc::clone(drive), change);
+    context.log.record(context.time.now(), note);
     control.report(change.of(drive));
 }
 

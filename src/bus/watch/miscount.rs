@@ -6,7 +6,7 @@ use crate::{
     bus::{
         error::{AlState, RegisterError},
         event::{DeviceFinding, Finding, Miscounted, NetworkEvent},
-        log::Note,
+        log::LogRecord,
         requests::{
             Context, al,
             registers::Registers,
@@ -79,8 +79,8 @@ async fn report(
         counter,
         devices: devices.collect(),
     });
-    let note = Note::Miscounted(Arc::clone(&miscounted));
-    context.log.note(context.time.now(), note);
+    let note = LogRecord::Miscounted(Arc::clone(&miscounted));
+    context.log.record(context.time.now(), note);
     control.report(NetworkEvent::Miscounted(miscounted));
 }
 

@@ -23,7 +23,7 @@ use smol::channel::{Receiver, Sender};
 use crate::{
     axis::{LivenessWatch, StopRequest},
     bus::{
-        cycle::{Beat, black_box::BlackBox, statistics::Counters},
+        cycle::{CycleTick, black_box::BlackBox, statistics::Counters},
         device::progress::StepDone,
         error::{MovingAxis, NetworkError, RegisterError},
         event::{NetworkEvent, Recovered},
@@ -61,7 +61,7 @@ pub(in crate::bus) struct Control {
     watches: SegQueue<LivenessWatch>,
     waker: OnceLock<Waker>,
     pub(in crate::bus) counters: Arc<Counters>,
-    pub(in crate::bus) beat: Arc<Beat>,
+    pub(in crate::bus) tick: Arc<CycleTick>,
     pub(in crate::bus) wakes: Wakes,
     /// The program's futures that wait for what the bus thread sends.
     pub(in crate::bus) waiters: Arc<Waiters>,
@@ -80,7 +80,7 @@ impl Control {
             watches: SegQueue::new(),
             waker: OnceLock::new(),
             counters: Arc::default(),
-            beat: Beat::new(&wakes),
+            tick: CycleTick::new(&wakes),
             waiters: wakes.waiters(),
             wakes,
             events: smol::channel::bounded(EVENTS + EVENTS_OF_A_DEVICE * devices),
@@ -130,7 +130,7 @@ impl Control {
 
     /// Keeps the event if there is room; a program that does not look loses the later ones.
     pub(in crate::bus) fn report(&self, event: NetworkEvent) {
-        if matches!(event, NetworkEvent::Trouble(_)) && self.events.0.len() >= BLACK_BOXES {
+        if matches!(event, NetworkEvent::AxisIncident(_)) && self.events.0.len() >= BLACK_BOXES {
             return;
         }
         drop(self.events.0.try_send(event));

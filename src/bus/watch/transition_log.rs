@@ -8,38 +8,38 @@ use std::{sync::Arc, time::Duration};
 use crate::{
     axis::{AxisIdentity, Snapshot, StopRequest},
     bus::{
-        cycle::black_box::Trouble,
-        log::{AxisChange, AxisNote, Log, Note},
+        cycle::black_box::AxisIncident,
+        log::{AxisChange, AxisRecord, Log, LogRecord},
     },
     ds402::State,
 };
 
 /// Troubles that are kept until somebody asks, for each axis: all of a line may come in one cycle.
-const TROUBLES_OF_AN_AXIS: usize = 2;
+const INCIDENTS_OF_AN_AXIS: usize = 2;
 
 /// Notes what happens to the axes, in the order in which it happens.
-pub(in crate::bus) struct Journal {
+pub(in crate::bus) struct TransitionLog {
     axes: Vec<Arc<AxisIdentity>>,
-    seen: Vec<Option<Seen>>,
+    seen: Vec<Option<ShownState>>,
     log: Log,
     unfed: bool,
     /// What came upon which axis since somebody asked.
-    troubles: Vec<(usize, Trouble)>,
+    incidents: Vec<(usize, AxisIncident)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Seen {
+struct ShownState {
     state: State,
     halted: bool,
     lost: bool,
 }
 
-impl Journal {
+impl TransitionLog {
     pub(in crate::bus) fn new(axes: impl Iterator<Item = AxisIdentity>, log: Log) -> Self {
         let axes: Vec<_> = axes.map(Arc::new).collect();
         Self {
             seen: vec![None; axes.len()],
-            troubles: Vec::with_capacity(TROUBLES_OF_AN_AXIS * axes.len()),
+            incidents: Vec::with_capacity(INCIDENTS_OF_AN_AXIS * axes.len()),
             axes,
             log,
             unfed: false,
@@ -51,18 +51,18 @@ impl Journal {
         let Some(seen) = self.seen.get_mut(index) else {
             return;
         };
-        let new = Seen {
+        let new = ShownState {
             state: snapshot.state,
             halted: snapshot.halted,
             lost: snapshot.lost,
         };
         let before = seen.replace(new);
         if before != Some(new) {
-            let trouble = before.and_then(|before| new.trouble_since(before));
-            if let Some(trouble) = trouble
-                && self.troubles.len() < self.troubles.capacity()
+            let incident = before.and_then(|before| new.incident_since(before));
+            if let Some(incident) = incident
+                && self.incidents.len() < self.incidents.capacity()
             {
-                self.troubles.push((index, trouble));
+                self.incidents.push((index, incident));
             }
             if let Some(axis) = self.axes.get(index) {
                 note_changes(&self.log, now, axis, before, snapshot);
@@ -73,30 +73,32 @@ impl Journal {
     /// Notes that the program stopped all axes.
     pub(in crate::bus) fn stop_of_all(&self, now: Duration, stop: StopRequest) {
         if !stop.is_empty() {
-            self.log.note(now, Note::StopOfAll(stop));
+            self.log.record(now, LogRecord::StopOfAll(stop));
         }
     }
 
     /// Notes that the program no longer says that it is alive, once each time.
     pub(in crate::bus) fn liveness(&mut self, now: Duration, expired: bool) {
         if expired && !self.unfed {
-            self.log.note(now, Note::Unfed);
+            self.log.record(now, LogRecord::Unfed);
         }
         self.unfed = expired;
     }
 
     /// What came upon which axis since the last time, in that order.
-    pub(in crate::bus) fn take_troubles(&mut self) -> impl Iterator<Item = (usize, Trouble)> + '_ {
-        self.troubles.drain(..)
+    pub(in crate::bus) fn take_incidents(
+        &mut self,
+    ) -> impl Iterator<Item = (usize, AxisIncident)> + '_ {
+        self.incidents.drain(..)
     }
 }
 
-impl Seen {
-    fn trouble_since(self, before: Self) -> Option<Trouble> {
+impl ShownState {
+    fn incident_since(self, before: Self) -> Option<AxisIncident> {
         if self.lost && !before.lost {
-            Some(Trouble::Lost)
+            Some(AxisIncident::Lost)
         } else if self.state.is_fault() && !before.state.is_fault() {
-            Some(Trouble::Fault)
+            Some(AxisIncident::Fault)
         } else {
             None
         }
@@ -108,11 +110,11 @@ fn note_changes(
     log: &Log,
     now: Duration,
     axis: &Arc<AxisIdentity>,
-    before: Option<Seen>,
+    before: Option<ShownState>,
     snapshot: &Snapshot,
 ) {
     let note = |change| {
-        let note = AxisNote {
+        let note = AxisRecord {
             axis: Arc::clone(axis),
             change,
             from: before.map(|seen| seen.state),
@@ -121,7 +123,7 @@ fn note_changes(
             controlword: snapshot.controlword,
             position: snapshot.position,
         };
-        log.note(now, Note::Axis(note));
+        log.record(now, LogRecord::Axis(note));
     };
     if before.map_or(snapshot.lost, |seen| seen.lost != snapshot.lost) {
         note(if snapshot.lost {

@@ -45,7 +45,7 @@ fn a_drive_that_lost_its_power_while_its_axes_moved_is_brought_up_and_nothing_mo
         yard.undisturbed = yard.counters();
         let rear = yard.recover(2).unwrap();
         assert!(
-            matches!(rear, Recovered::LedBack { from } if from.error == Some(0x001B)),
+            matches!(rear, Recovered::FromSafeOp { from } if from.error == Some(0x001B)),
             "{name}: {rear}"
         );
         assert_eq!(yard.undisturbed, yard.counters());
@@ -179,7 +179,7 @@ fn a_drive_that_follows_its_clock_is_led_back_after_a_fall_and_brought_up_after_
     yard.nothing_may_happen();
     let recovered = yard.recover(1).unwrap();
     assert!(
-        matches!(recovered, Recovered::LedBack { .. }),
+        matches!(recovered, Recovered::FromSafeOp { .. }),
         "{recovered}"
     );
     yard.nothing_has_happened();

@@ -39,7 +39,7 @@ fn a_drive_that_fell_while_its_axes_moved_is_led_back_and_nothing_moves_by_it() 
         }
         yard.nothing_may_happen();
         let recovered = yard.recover(1).unwrap();
-        assert_eq!(recovered, Recovered::LedBack { from: FALLEN }, "{name}");
+        assert_eq!(recovered, Recovered::FromSafeOp { from: FALLEN }, "{name}");
         assert_eq!(yard.state(MIDDLE), AlState::Op);
         yard.nothing_has_happened();
         assert!(
@@ -64,7 +64,7 @@ fn a_drive_is_led_back_before_anybody_has_noticed_that_it_fell() {
     fall(&yard.line, 0x001B);
     yard.undisturbed = yard.counters();
     let recovered = yard.recover(1).unwrap();
-    assert_eq!(recovered, Recovered::LedBack { from: FALLEN });
+    assert_eq!(recovered, Recovered::FromSafeOp { from: FALLEN });
     let outcome = yard.rig.until(motion.done());
     assert!(is_over(&outcome), "{outcome:?}");
     drop(mode);
@@ -142,7 +142,7 @@ fn a_drive_that_falls_again_on_the_way_says_why_and_can_be_led_back_later() {
     yard.nothing_may_happen();
     let recovered = yard.recover(1).unwrap();
     assert!(
-        matches!(recovered, Recovered::LedBack { .. }),
+        matches!(recovered, Recovered::FromSafeOp { .. }),
         "{recovered}"
     );
     yard.nothing_has_happened();

@@ -80,7 +80,7 @@ fn outputs_of_a_device_that_fell_are_0_when_it_is_back_until_they_are_set_again(
     rig.run_for(50 * MS);
     let recovered = recover(&mut rig, 2);
     assert!(
-        matches!(recovered, Recovered::LedBack { .. }),
+        matches!(recovered, Recovered::FromSafeOp { .. }),
         "{recovered}"
     );
     assert_eq!((first.get(), second.get()), (None, None));
@@ -123,7 +123,7 @@ fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_swit
     }
     let recovered = recover(&mut rig, 3);
     assert!(
-        matches!(recovered, Recovered::LedBack { .. }),
+        matches!(recovered, Recovered::FromSafeOp { .. }),
         "{recovered}"
     );
     assert_eq!(
