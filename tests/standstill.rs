@@ -569,3 +569,69 @@ fn a_stop_beside_a_disable_leaves_that_its_end() {
         assert!(matches!(end, Ok(Completion::Stopped { .. })), "{end:?}");
     }
 }
+
+#[test]
+fn a_drive_whose_inputs_freeze_in_motion_is_not_taken_to_have_stopped() {
+    for (command, _) in STOPS {
+        for (velocity, before) in [(true, 0), (false, 0), (true, 3), (false, 3)] {
+            let what = format!("{command:?}, 606Ch {velocity}, frozen {before} cycles before");
+            let mut plant = Plant::moving(40_000.0, |config| {
+                if !velocity {
+                    config.fields.actual_velocity = None;
+                }
+            });
+            // Its application has died: the frames go on, and nothing follows them any more.
+            plant.frozen = true;
+            plant.run(before);
+            let asked = plant.now;
+            let id = plant.send(command);
+            let result = plant.finish(id);
+            assert!(
+                matches!(
+                    result,
+                    Err(Failure::QuickStopIgnored | Failure::Timeout { .. })
+                ),
+                "{what}: {result:?}"
+            );
+            let took = plant.now - asked;
+            assert!(took < Duration::from_secs(21), "{what}: {took:?}");
+        }
+    }
+}
+
+#[test]
+fn a_drive_whose_inputs_are_frozen_ends_every_command_but_a_halt_with_a_failure() {
+    let commands = [
+        Command::Stop,
+        Command::QuickStop,
+        Command::Disable,
+        Command::Release,
+        Command::Halt,
+    ];
+    for command in commands {
+        // For so long that the axis seems to stand.
+        let mut plant = Plant::moving(40_000.0, |_| {});
+        plant.frozen = true;
+        plant.run(1_000);
+        let id = plant.send(command);
+        let result = plant.finish(id);
+        if command == Command::Halt {
+            // A set-point that waits in the drive looks the same.
+            assert!(result.is_ok(), "{result:?}");
+        } else {
+            assert_eq!(result, Err(Failure::QuickStopIgnored), "{command:?}");
+        }
+    }
+    for (state, command) in [
+        (0x0250, Command::Enable),
+        (0x0217, Command::Disable),
+        (0x0238, Command::ResetFault),
+    ] {
+        let mut plant = Plant::new(|_| {});
+        plant.state = state;
+        plant.run(200);
+        plant.frozen = true;
+        let id = plant.send(command);
+        assert!(plant.finish(id).is_err(), "{command:?}");
+    }
+}

@@ -255,6 +255,8 @@ pub(crate) struct Handles {
     pub(super) claims: Claims,
     /// Whether the drive may hold parameters that a move has written by SDO.
     pub(crate) parameters_changed: AtomicBool,
+    /// Whether the drive holds an end velocity that a move has written by SDO: the axis may go on where a move has ended.
+    pub(crate) ends_in_motion: AtomicBool,
     keep_moving: AtomicBool,
     /// The last motion whose future was dropped before it was accepted; 0 for none.
     given_up: AtomicU32,
@@ -273,6 +275,7 @@ impl Handles {
             shared,
             claims: Claims::default(),
             parameters_changed: AtomicBool::new(false),
+            ends_in_motion: AtomicBool::new(false),
             keep_moving: AtomicBool::new(false),
             given_up: AtomicU32::new(0),
         }
@@ -345,7 +348,8 @@ impl Drop for Handles {
         let given_up = CommandId(self.given_up.load(Ordering::Acquire));
         // The frame with its bit 4 may be under way, and then no snapshot shows it yet.
         let may_be_sent = given_up.0 != 0 && !self.shared.is_done(given_up);
-        let may_move = status.has_set_point || status.velocity != 0 || may_be_sent;
+        let goes_on = self.ends_in_motion.load(Ordering::Acquire);
+        let may_move = status.has_set_point || status.velocity != 0 || may_be_sent || goes_on;
         if may_move && !self.keep_moving.load(Ordering::Acquire) {
             self.shared.request_stop(StopRequest::STOP);
             self.shared.trace("last handle dropped: stopped");

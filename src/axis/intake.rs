@@ -88,6 +88,9 @@ impl AxisCore {
             if self.begins_to_stop(now, sample.state()) {
                 self.standstill.begin_anew();
             }
+            if self.stopping.unanswered && self.halt_delivered.is_some() {
+                self.stopping.unanswered = self.sample == Some(sample);
+            }
             self.sample = Some(sample);
             self.standstill
                 .observe(now, sample.position, sample.velocity, &self.bounds);

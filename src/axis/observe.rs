@@ -310,7 +310,7 @@ impl AxisCore {
             let slowing = &mut self.stopping.slowing;
             slowing.observe(now, sample.position, &self.bounds);
         }
-        if self.stands_halted(now) {
+        if self.stands_halted(now) && !self.stopping.unanswered {
             // Of a stop under way the halt is the first part alone: no set-point is kept, and who waits is told of the stop.
             if !self.stopping.is_active() {
                 self.homing.halted(&mut self.events);

@@ -52,6 +52,9 @@ pub(super) struct Stopping {
     pub(super) unwatched: bool,
     /// Whether bit 8 is the stop's own: it falls again where there is nothing to abandon.
     pub(super) lent: bool,
+    /// Whether the axis was under way for a set-point when bit 8 was asked for, and no input has changed since that was delivered: then nobody knows
+    /// whether the drive is still at work, and a position that stays is no rest.
+    pub(super) unanswered: bool,
     /// What bit 8 does.
     pub(super) slowing: Slowing,
     /// Since when a drive that stays in Operation enabled is known to have been sent bit 2 low, and what that does.
@@ -78,6 +81,7 @@ impl Stopping {
     pub(super) fn begin_halt(&mut self) {
         self.unwatched = false;
         self.lent = false;
+        self.unanswered = false;
         self.slowing = Slowing::default();
     }
 

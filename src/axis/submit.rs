@@ -315,6 +315,7 @@ impl AxisCore {
             self.halted = true;
             self.halt_delivered = None;
             self.stopping.begin_halt();
+            self.stopping.unanswered = self.has_motion() && self.standstill.is_under_way();
             self.stopping.halt_reported = false;
         }
     }

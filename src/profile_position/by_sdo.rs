@@ -17,6 +17,7 @@ pub(crate) struct BySdo {
     writes: Vec<(ObjectAddress, Vec<u8>)>,
     /// The objects that it leaves out.
     left_out: Vec<ObjectAddress>,
+    ends_in_motion: bool,
     /// A speed of zero.
     pub(crate) zero: Option<&'static str>,
 }
@@ -60,6 +61,8 @@ impl BySdo {
             obj::PROFILE_DECELERATION,
             "profile deceleration 6084h",
         );
+        this.ends_in_motion =
+            fields.end_velocity.is_none() && parameters.end_velocity.is_some_and(|end| end != 0);
         this.other(
             fields.end_velocity.is_some(),
             &mut parameters.end_velocity,
@@ -87,6 +90,8 @@ impl BySdo {
         let changed = &handles.parameters_changed;
         // Said before, and taken back when it is known: a caller may give up in between.
         changed.store(true, Ordering::Release);
+        let end_velocity = &handles.ends_in_motion;
+        end_velocity.fetch_or(self.ends_in_motion, Ordering::AcqRel);
         claim.written.begin(handles.shared.attached());
         for object in self.left_out {
             // What a move leaves out is again what the drive held.

@@ -30,6 +30,8 @@ pub(crate) struct Standstill {
     last: u64,
     /// It stands since it came to where it is.
     stands: bool,
+    /// It came here from another place, and does not stand.
+    came: bool,
     /// Around it, where it stands and 606Ch is no more than its threshold: at these positions it stands on.
     rest: Option<Positions>,
 }
@@ -241,10 +243,12 @@ impl Standstill {
                 false
             }
         };
+        let was_seen = self.stay.since != NEVER;
         let stays = self.stay.observe(now, position, bounds.position, bounds);
         // What has just begun has stayed for no time.
         self.stands = (stays && (self.stands || self.stay.time_after(now, 0) >= bounds.settle_ns))
             || (quiet && self.quiet.time_after(now, 0) >= bounds.shorter);
+        self.came = !self.stands && (if stays { self.came } else { was_seen });
         self.rest = if self.stands {
             self.rest(velocity.is_some(), bounds)
         } else {
@@ -270,6 +274,7 @@ impl Standstill {
         self.stay.since = NEVER;
         self.quiet.since = NEVER;
         self.stands = false;
+        self.came = false;
         self.rest = None;
     }
 
@@ -294,6 +299,12 @@ impl Standstill {
     #[inline]
     pub(crate) const fn is_standing(&self) -> bool {
         self.stands
+    }
+
+    /// Whether it was seen to move, and has not stood since.
+    #[inline]
+    pub(crate) const fn is_under_way(&self) -> bool {
+        self.came
     }
 
     /// As [`is_standing`](Self::is_standing), by what was seen after `since` alone.

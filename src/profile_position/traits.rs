@@ -89,7 +89,8 @@ pub struct Traits {
     pub relative_base: RelativeBase,
     /// Whether a halted set-point is kept and continued when bit 8 falls.
     pub halt_keeps_set_point: bool,
-    /// The drive's own cycle: bit 4 must stay low for two of them where nothing shows that the drive has seen it low.
+    /// The drive's own cycle: bit 4 must stay low for two of them where nothing shows that the drive has seen it low. With distributed
+    /// clocks a `Network` takes SYNC0's cycle where that is longer.
     pub drive_cycle: Duration,
     /// Whether bit 4 of the statusword shows that the power stage has its supply.
     pub shows_voltage: bool,

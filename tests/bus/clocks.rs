@@ -265,6 +265,30 @@ fn the_synchronisation_types_are_set_where_the_drive_has_them() {
 }
 
 #[test]
+fn a_drive_has_surely_seen_a_word_after_two_pulses() {
+    // Its own cycle is no longer than SYNC0's, and it may look at its outputs at each pulse alone.
+    for (sync0, least) in [(MS, 2 * MS), (8 * MS, 16 * MS)] {
+        let line = Line::new(Segment::new().with(Servo::sigma7().build()));
+        let drive = DriveConfig::new(drives::sigma7())
+            .axis("x")
+            .dc(DistributedClock::new(0x0300).sync0_cycle(sync0));
+        let builder = Network::builder().link(line.wire()).drive(0, drive);
+        let mut rig = Rig::start(builder).unwrap();
+        let axis = rig.net().axis("x").unwrap();
+        rig.until(axis.enable()).unwrap();
+        rig.run_for(200 * MS);
+        let asked = rig.bus.now();
+        rig.until(axis.halt()).unwrap();
+        let took = rig.bus.now() - asked;
+        assert!(
+            took >= least && took <= least + 4 * MS,
+            "{sync0:?}: {took:?}"
+        );
+        rig.shutdown();
+    }
+}
+
+#[test]
 fn a_reference_that_nobody_can_follow_keeps_the_line_from_op() {
     let line = Line::new(Segment::new().with(insisting(MS, 5_000.0, 0)));
     let builder = Network::builder().link(line.wire()).drive(0, named("x"));

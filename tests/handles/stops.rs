@@ -2,8 +2,9 @@
 
 use servocrab::{
     axis::{Axis, AxisError, AxisErrorKind, Delivery, Failure},
+    coe::{AnyObject, obj},
     ds402::State,
-    profile_position::SetPoint,
+    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::ds402;
 
@@ -388,6 +389,39 @@ fn dropping_the_last_handle_stops_a_moving_axis() {
     assert!(machine.stands());
     assert_ne!(machine.drive().state(), ds402::State::OperationEnabled);
     assert!(machine.drive().position() < 100_000);
+}
+
+#[test]
+fn dropping_the_last_handle_stops_an_axis_that_goes_on_at_its_end_velocity() {
+    for by_sdo in [false, true] {
+        let end_velocity: AnyObject = obj::END_VELOCITY.into();
+        let (mut machine, axis) = Machine::enabled_of(&Variant {
+            not_mapped: vec![0x606C],
+            mapped_too: if by_sdo { vec![] } else { vec![end_velocity] },
+            behaviour: ds402::Behaviour {
+                goes_on_at_end_velocity: true,
+                reached: ds402::ReachedPolicy::Window,
+                ..ds402::Behaviour::akd2g()
+            },
+            ..Variant::default()
+        });
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        let set_point = SetPoint::new().velocity(20_000).end_velocity(5_000);
+        let moved = machine.finish(pp.move_abs(4_000, set_point)).unwrap();
+        let reached = machine.finish(moved.done()).unwrap();
+        assert!(matches!(reached, Outcome::Reached { .. }), "{reached:?}");
+        machine.run(150);
+        assert!(machine.goes_at(5_000.0));
+        let status = axis.status();
+        assert_eq!(status.velocity, 0, "it is not mapped");
+        drop((moved, pp, axis));
+        machine.cycle();
+        let word = *machine.stations[0].words.last().unwrap();
+        assert_ne!(word & HALT, 0, "by SDO: {by_sdo}: {word:04X}");
+        machine.run(1_000);
+        assert!(machine.stands(), "by SDO: {by_sdo}");
+        assert_ne!(machine.drive().state(), ds402::State::OperationEnabled);
+    }
 }
 
 #[test]

@@ -229,6 +229,8 @@ pub struct Behaviour {
     pub own_objects: &'static [Entry],
     /// 607Bh at power-up. Within a range that is not all of its type, positions wrap: a modulo axis.
     pub position_range: (i32, i32),
+    /// An end velocity (6082h) that no further set-point takes up is kept; otherwise the axis stops beyond its target.
+    pub goes_on_at_end_velocity: bool,
     /// 605Ah at power-up.
     pub quick_stop_option: i16,
     /// 6007h at power-up.

@@ -233,7 +233,12 @@ impl Axis {
         self.buffer.active = self.buffer.waiting.pop_front();
         if self.buffer.active.is_none() && !self.trajectory.stands() {
             // An end velocity (6082h) that no further set-point takes up: assumed to end in a stop beyond the target.
-            self.slow_down();
+            if self.behaviour.goes_on_at_end_velocity {
+                let velocity = self.trajectory.velocity();
+                self.trajectory.run_at(velocity, active.bounds);
+            } else {
+                self.slow_down();
+            }
         }
         true
     }

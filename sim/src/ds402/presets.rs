@@ -112,6 +112,7 @@ impl Behaviour {
             without: &[],
             own_objects: &[],
             position_range: (i32::MIN, i32::MAX),
+            goes_on_at_end_velocity: false,
             quick_stop_option: 2,
             abort_connection_option: 1,
         }

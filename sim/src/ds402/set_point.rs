@@ -20,7 +20,7 @@ pub(super) struct SetPoint {
     value: i64,
     /// Where it leads; known from the latch or from the start on.
     pub(super) target: Option<i64>,
-    bounds: Bounds,
+    pub(super) bounds: Bounds,
     /// Velocity at its target for the blend that follows, in counts/s; else its own end velocity (6082h).
     junction: Option<f64>,
     /// Passes the target before it without stopping.

@@ -107,7 +107,7 @@ impl DistributedClock {
     }
 
     /// SYNC0's cycle.
-    fn cycle(&self, period: Duration) -> Duration {
+    pub(in crate::bus) fn cycle(&self, period: Duration) -> Duration {
         self.cycle.unwrap_or(period)
     }
 

@@ -12,7 +12,6 @@ pub(in crate::bus) const DATAGRAM_OVERHEAD: usize = DATAGRAM_HEADER + 2;
 pub(in crate::bus) const PAYLOAD: usize = 1498;
 
 /// Datagram commands.
-
 pub(in crate::bus) mod command {
     pub(in crate::bus) const NOP: u8 = 0;
     pub(in crate::bus) const FPRD: u8 = 4;

@@ -336,6 +336,11 @@ impl DriveSetup {
     ) -> Result<AxisConfig, Failed> {
         let mut config = AxisConfig::new(fields);
         config.traits = self.config.description.traits;
+        if let Some(clock) = &self.config.clock {
+            // It acts on its process data once for each SYNC0, however short its own cycle is.
+            let sync0 = clock.cycle(self.cycle);
+            config.traits.drive_cycle = config.traits.drive_cycle.max(sync0);
+        }
         config.mode = axis.mode;
         config.deadlines = axis.deadlines;
         config.referencing = axis.referencing;
