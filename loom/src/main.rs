@@ -4,7 +4,7 @@
 #![allow(dead_code, unused_imports, reason = "the models use part of each file")]
 
 mod axis;
-mod io;
+mod bus;
 mod models;
 mod wakes;
 

@@ -18,7 +18,7 @@ use servocrab::{
 
 use crate::{
     axis::{Outputs, Status},
-    io::Inputs,
+    bus::Inputs,
     sync::{Arc, AtomicU64, Ordering},
     wakes::Shared,
 };

@@ -260,7 +260,7 @@ pub(in crate::bus) fn serve_mailbox(
         .with_error_texts(error_texts)
         .reporting_to(context.emergencies.0.clone())
         .noting_to(Arc::new(move |at, note| {
-            log.record(at, LogRecord::Mail(note))
+            log.record(at, LogRecord::Mail(note));
         }));
     let signal = client.signal();
     context.spawn(client.run())?.detach();
