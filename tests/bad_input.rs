@@ -21,6 +21,8 @@ use servocrab::{
     units::{Quantity, Ratio, Scale, ScaleError, ScaledProfilePosition, ScaledSetPoint},
 };
 
+use servocrab_sim::ds402::{Behaviour, Plant};
+
 use machine::{Machine, Task, Variant};
 
 /// What is asked for.
@@ -58,6 +60,14 @@ struct Leases {
     scaled: Option<ScaledProfilePosition>,
 }
 
+/// On an axis that is exactly where its drive says: limits are figures to the count.
+fn ideal() -> Variant {
+    Variant {
+        behaviour: Behaviour::akd2g().with_plant(Plant::ideal()),
+        ..Variant::default()
+    }
+}
+
 /// With 607Dh from −2000 to 2000 and 607Fh of 60000, less a home offset of 500.
 fn limited() -> Variant {
     let mut variant = Variant {
@@ -73,7 +83,7 @@ fn limited() -> Variant {
             }),
             max_velocity: Some(60_000),
         },
-        ..Variant::default()
+        ..ideal()
     };
     variant.traits.relative_base = RelativeBase::Demand;
     variant.traits.limits = LimitsRule::cia402();
@@ -110,7 +120,7 @@ macro_rules! scale {
 
 fn rows() -> Vec<Row> {
     use Before::{At1000, Disabled, Enabled, Faulted, Halted, WrongMode};
-    let plain = Variant::default;
+    let plain = ideal;
     // Written by SDO where 6081h is not mapped: that must not happen either.
     let fast = SetPoint::new().velocity(7_000);
     let unmapped = fast.profile_type(3);

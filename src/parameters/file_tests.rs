@@ -119,7 +119,7 @@ fn every_mistake_is_named_with_its_line() {
     for object in [
         "6081",
         "6081h:",
-        "6081h:0",
+        "6081h:100",
         "60811h:00",
         "h",
         "6081h:00:00",

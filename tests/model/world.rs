@@ -686,14 +686,15 @@ impl World {
                 .filter(|asked| asked.pending)
                 .any(|asked| kind(asked.kind))
         };
-        let act = if pending(|kind| kind != Kind::Move) {
-            Act::Nothing
-        } else if pending(|kind| kind == Kind::Move) && !self.core.snapshot().halted {
+        // A halted move waits for more to be said.
+        let halted = self.core.snapshot().halted;
+        let answers =
+            pending(|kind| kind != Kind::Move) || (!halted && pending(|kind| kind == Kind::Move));
+        let act = if answers {
             Act::Nothing
         } else if self.around.power == Power::Fault {
             Act::Ask(Ask::Reset)
         } else {
-            // A halted move waits for more to be said.
             Act::Ask(Ask::Disable)
         };
         (0..)
