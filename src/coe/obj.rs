@@ -84,8 +84,8 @@ objects! {
     MAX_TORQUE, 0x6072:0, u16, ReadWrite, RX, ThousandthsOfRatedTorque, "max torque";
     MAX_CURRENT, 0x6073:0, u16, ReadWrite, RX, ThousandthsOfRatedCurrent, "max current";
     TORQUE_DEMAND, 0x6074:0, i16, ReadOnly, TX, ThousandthsOfRatedTorque, "torque demand";
-    MOTOR_RATED_CURRENT, 0x6075:0, u32, ReadWrite, RX, Milliamperes, "motor rated current";
-    MOTOR_RATED_TORQUE, 0x6076:0, u32, ReadWrite, RX, MillinewtonMetres, "motor rated torque";
+    MOTOR_RATED_CURRENT, 0x6075:0, u32, ReadWrite, NO, Milliamperes, "motor rated current";
+    MOTOR_RATED_TORQUE, 0x6076:0, u32, ReadWrite, NO, MillinewtonMetres, "motor rated torque";
     TORQUE_ACTUAL, 0x6077:0, i16, ReadOnly, TX, ThousandthsOfRatedTorque, "torque actual value";
     CURRENT_ACTUAL, 0x6078:0, i16, ReadOnly, TX, ThousandthsOfRatedCurrent, "current actual value";
     DC_LINK_VOLTAGE, 0x6079:0, u32, ReadOnly, TX, Millivolts, "DC link circuit voltage";

@@ -174,7 +174,22 @@ const OF_THE_DRIVE: [Listed; 5] = [
 
 #[test]
 fn the_librarys_objects_have_a_real_drives_types_and_access() {
-    let library: [Listed; 6] = [
+    let library: [Listed; 9] = [
+        (
+            &[(0x6075, 0)],
+            ReadOnlyThere,
+            "CiA 402: writable; that drive knows its motor",
+        ),
+        (
+            &[(0x6076, 0), (0x60C1, 1), (0x60E3, 0)],
+            Absent,
+            "optional in CiA 402",
+        ),
+        (
+            &[(0x60A4, 1), (0x60A4, 2), (0x60C2, 1), (0x60C2, 2)],
+            Mapping,
+            "that drive has them among the data of its TxPDOs",
+        ),
         (
             &[(0x1003, 0), (0x1003, 1)],
             Absent,
