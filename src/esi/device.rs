@@ -2,7 +2,7 @@
 
 use super::dictionary::{self, EsiEntry};
 use super::error::{EsiError, EsiFault};
-use super::modules::{self, EsiSlot, Modules, Part};
+use super::modules::{self, DevicePart, EsiSlot, Modules};
 use super::xml::Element;
 use crate::coe::ObjectAddress;
 use crate::parameters::{ObjectValue, StartUpList, StartUpWrite, Transition};
@@ -209,7 +209,7 @@ fn read_sync_manager(manager: &Element<'_>) -> Result<EsiSyncManager, EsiError> 
 
 fn read_pdo(
     element: &Element<'_>,
-    part: &Part<'_>,
+    part: &DevicePart<'_>,
     direction: Direction,
 ) -> Result<EsiPdo, EsiError> {
     let index_element = element.need("Index")?;
@@ -247,7 +247,7 @@ fn read_pdo(
     })
 }
 
-fn read_command(command: &Element<'_>, part: &Part<'_>) -> Result<EsiInitCommand, EsiError> {
+fn read_command(command: &Element<'_>, part: &DevicePart<'_>) -> Result<EsiInitCommand, EsiError> {
     let transition = |element: Element<'_>| match element.text() {
         "PS" => EsiTransition::PreOpToSafeOp,
         "SO" => EsiTransition::SafeOpToOp,

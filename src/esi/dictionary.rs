@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::error::{EsiError, EsiFault};
-use super::modules::Part;
+use super::modules::DevicePart;
 use super::xml::Element;
 use crate::coe::{Mappable, ObjectAddress};
 
@@ -59,7 +59,7 @@ impl Flags {
 pub(super) fn read(
     dictionary: &Element<'_>,
     of_device: Option<&Element<'_>>,
-    part: &Part<'_>,
+    part: &DevicePart<'_>,
     room: &mut usize,
     entries: &mut Vec<EsiEntry>,
 ) -> Result<(), EsiError> {

@@ -40,7 +40,7 @@ impl<'a> Modules<'a> {
 
 /// What is read for a device: its own element, or a module with the place where it is put.
 #[derive(Clone, Copy)]
-pub(super) struct Part<'a> {
+pub(super) struct DevicePart<'a> {
     pub(super) element: Element<'a>,
     /// Added to the index of a PDO that depends on the slot.
     pdo_offset: u32,
@@ -48,7 +48,7 @@ pub(super) struct Part<'a> {
     object_offset: u32,
 }
 
-impl<'a> Part<'a> {
+impl<'a> DevicePart<'a> {
     pub(super) const fn device(element: Element<'a>) -> Self {
         Self {
             element,
@@ -91,9 +91,9 @@ fn shifted(index: &Element<'_>, by: u32) -> Result<u16, EsiError> {
 pub(super) fn parts<'a>(
     device: &Element<'a>,
     modules: &Modules<'a>,
-) -> Result<(Vec<EsiSlot>, Vec<Part<'a>>), EsiError> {
+) -> Result<(Vec<EsiSlot>, Vec<DevicePart<'a>>), EsiError> {
     let mut slots = Vec::new();
-    let mut parts = vec![Part::device(*device)];
+    let mut parts = vec![DevicePart::device(*device)];
     for all in device.children("Slots") {
         for slot in all.children("Slot") {
             let instances: u16 = slot.attribute_number("MaxInstances")?.unwrap_or(1);
@@ -121,7 +121,7 @@ pub(super) fn parts<'a>(
                             own.map_or_else(|| all.attribute_number(name), |own| Ok(Some(own)))?;
                         Ok(step.unwrap_or(0).saturating_mul(number))
                     };
-                    parts.push(Part {
+                    parts.push(DevicePart {
                         element: *element,
                         pdo_offset: offset("SlotPdoIncrement")?,
                         object_offset: offset("SlotIndexIncrement")?,
