@@ -15,22 +15,13 @@ fn after() -> SetPoint {
 }
 
 /// It waits 200 ms with bit 10 high before it begins, and between two moves.
-const LATE: Habits = Habits {
-    frequency: 0.0,
-    damping: 1.0,
-    start_delay: 200,
-    dwell: 200,
-    dither: 0,
-    droop: 0,
-    window: 10,
-    window_time: 5,
-    ends_settled: false,
-    shows_room: false,
-    limits: None,
-    from_actual: false,
-    acknowledge_delay: 0,
-    halt_hides_bit_10: false,
-};
+fn late() -> Habits {
+    Habits {
+        start_delay: 200,
+        dwell: 200,
+        ..Habits::default()
+    }
+}
 
 /// Runs until this has an end; the drive never holds a set-point that the core does not know.
 fn finish(bus: &mut Bus, id: CommandId) -> Result<Completion, Failure> {
@@ -47,7 +38,7 @@ fn finish(bus: &mut Bus, id: CommandId) -> Result<Completion, Failure> {
 
 #[test]
 fn what_a_short_move_shows_when_it_begins_late_is_not_the_end_of_the_next() {
-    let mut bus = Bus::enabled(LATE, |_| {});
+    let mut bus = Bus::enabled(late(), |_| {});
     // Within the window: over at once, for all that shows. The drive begins it later, and rests again before the next.
     let short = bus.abs(5, after());
     assert_eq!(bus.finish(short), Ok(Completion::Reached { position: 0 }));
@@ -61,7 +52,7 @@ fn what_a_short_move_shows_when_it_begins_late_is_not_the_end_of_the_next() {
 
 #[test]
 fn what_a_short_move_shows_when_it_begins_late_does_not_end_two_behind_it() {
-    let mut bus = Bus::enabled(LATE, |_| {});
+    let mut bus = Bus::enabled(late(), |_| {});
     bus.run(110);
     let short = bus.abs(5, after());
     assert_eq!(bus.finish(short), Ok(Completion::Reached { position: 0 }));
@@ -98,7 +89,7 @@ fn missed(bus: &mut Bus) {
 
 #[test]
 fn a_stop_abandons_a_move_that_seemed_to_have_missed_its_target() {
-    let mut bus = Bus::enabled(LATE, |_| {});
+    let mut bus = Bus::enabled(late(), |_| {});
     missed(&mut bus);
     assert!(bus.core.snapshot().has_set_point);
     let stop = bus.send(Command::Stop);
@@ -111,7 +102,7 @@ fn a_stop_abandons_a_move_that_seemed_to_have_missed_its_target() {
 
 #[test]
 fn behind_a_move_that_seemed_to_have_missed_its_target_one_is_sent_and_no_more() {
-    let mut bus = Bus::enabled(LATE, |_| {});
+    let mut bus = Bus::enabled(late(), |_| {});
     missed(&mut bus);
     let moves = [bus.abs(2_000, after()), bus.abs(3_000, after())];
     for (id, position) in moves.into_iter().zip([2_000, 3_000]) {
@@ -129,7 +120,7 @@ fn behind_a_move_that_seemed_to_have_missed_its_target_one_is_sent_and_no_more()
 
 #[test]
 fn a_distance_behind_a_move_that_seemed_to_have_missed_its_target_ends_nowhere_known() {
-    let mut bus = Bus::enabled(LATE, |_| {});
+    let mut bus = Bus::enabled(late(), |_| {});
     missed(&mut bus);
     // Within the window of nothing that is known: it counts from the end of the one before.
     let id = bus.rel(5, after());
@@ -146,7 +137,7 @@ fn a_distance_behind_a_move_that_seemed_to_have_missed_its_target_ends_nowhere_k
 
 #[test]
 fn a_replacement_drops_a_move_that_seemed_to_have_missed_its_target() {
-    let mut bus = Bus::enabled(LATE, |_| {});
+    let mut bus = Bus::enabled(late(), |_| {});
     missed(&mut bus);
     let id = bus.abs(-500, SetPoint::new());
     assert_eq!(
