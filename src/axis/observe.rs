@@ -430,7 +430,7 @@ impl AxisCore {
         }
     }
 
-    /// Those who wait are told that the axis does not come to rest. A drive in Operation enabled is commanded on.
+    /// Waiting stops fail, since the axis does not come to rest. A drive in Operation enabled is commanded on.
     fn give_waiting_up(&mut self, state: State) {
         let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
         self.fail_motions(failure);

@@ -1,4 +1,4 @@
-//! Why a network could not be started, or a device not be led back: which one, which step, what was expected and what came; with the
+//! Why a network could not be started, or a device not be recovered: which one, which step, what was expected and what came; with the
 //! errors of each access, and the states that they name.
 
 use std::{fmt, time::Duration};
@@ -14,7 +14,7 @@ use crate::{
     sii::SiiError,
 };
 
-/// Why a network could not be started, or a device of it not be led back.
+/// Why a network could not be started, or a device of it not be recovered.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NetworkError {

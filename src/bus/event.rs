@@ -1,4 +1,4 @@
-//! What happens to a running network and its devices, as a program is told of it.
+//! What happens to a running network and its devices: the events that a program receives.
 
 use std::{fmt, sync::Arc};
 
@@ -19,7 +19,7 @@ pub enum NetworkEvent {
     Lost(DriveId),
     /// It answers again.
     Back(DriveId),
-    /// It left OP: its axes no longer act on what they are told.
+    /// It left OP: its axes no longer act on their outputs.
     LeftOp {
         /// The drive.
         drive: DriveId,

@@ -309,7 +309,7 @@ impl RoundTrip {
 /// All wait for the same.
 const CYCLE: u32 = 0;
 
-/// What the bus thread tells of each cycle.
+/// What the bus thread reports of each cycle.
 #[derive(Debug)]
 pub(in crate::bus) struct CycleTick {
     ended_ns: AtomicU64,
