@@ -1,13 +1,18 @@
-//! An axis without an absolute encoder, on an embedded simulated segment. It is homed by its limit switch, and its positions mean
+//! An axis without an absolute encoder, by default on an embedded simulated segment. It is homed by its limit switch, and its positions mean
 //! something from then on. It moves to some of them, and is jogged for as long as a key would be held.
 //!
-//! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
+//! `--interface eth0 --drive 0` takes a real drive, which has a negative limit switch and nothing in its way.
+
+#[macro_use]
+#[path = "common/say.rs"]
+mod say;
 
 use std::{error::Error, process::ExitCode, time::Duration};
 
+use clap::Parser;
 use servocrab::{
     axis::{Axis, AxisError, Failure},
-    bus::{DriveConfig, Network},
+    bus::{AxisConfig, DriveConfig, Network},
     coe::obj,
     drives,
     homing::{HomingMethod, HomingParameters},
@@ -19,8 +24,19 @@ use servocrab_sim::{Segment, ds402::Machine, personality::Servo};
 /// Encoder counts, and counts/s and counts/s² made of them.
 const TURN: u32 = 1 << 16;
 
+/// Homes, moves and jogs the one axis of a drive after CiA 402.
+#[derive(Parser)]
+struct Arguments {
+    /// The network interface that the drive is on; without it, a simulated drive in this process.
+    #[arg(long)]
+    interface: Option<String>,
+    /// Position of the drive in the line, from 0.
+    #[arg(long, default_value_t = 0, requires = "interface")]
+    drive: u16,
+}
+
 fn main() -> ExitCode {
-    match smol::block_on(run()) {
+    match smol::block_on(run(&Arguments::parse())) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("home_and_jog: {error}");
@@ -29,17 +45,19 @@ fn main() -> ExitCode {
     }
 }
 
-async fn run() -> Result<(), Box<dyn Error>> {
-    let net = Network::builder()
-        .link(wire())
+async fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let network = match &arguments.interface {
+        Some(interface) => Network::builder().interface(interface),
+        None => Network::builder().link(wire()),
+    };
+    let net = network
         .cycle(Duration::from_millis(1))
         // Longer than a computer without real time keeps this thread waiting when it is busy.
         .watchdog(Duration::from_millis(500))
         .drive(
-            0,
+            arguments.drive,
             DriveConfig::new(drives::generic())
-                .axis("lift")
-                .map_output("lift", obj::TARGET_VELOCITY),
+                .axis(AxisConfig::new("lift").map_output(obj::TARGET_VELOCITY)),
         )
         .start()
         .await?;
@@ -74,10 +92,12 @@ async fn unreferenced(lift: &Axis) -> Result<(), AxisError> {
     let positions = lift.profile_position().await?;
     match positions.move_abs(65_536, SetPoint::new()).await {
         Err(error) if error.failure() == Some(Failure::NotReferenced) => {
-            println!("before homing: {}", error.kind);
+            say!("before homing: {}", error.kind);
         }
         Err(error) => return Err(error),
-        Ok(_) => println!("before homing: moved, which must not be"),
+        Ok(_) => {
+            say!("before homing: moved, which must not be");
+        }
     }
     positions.release().await
 }
@@ -93,7 +113,7 @@ async fn home(lift: &Axis) -> Result<(), AxisError> {
         // A lift that has not found its switch by then is stopped.
         .within(Duration::from_secs(20))
         .await?;
-    println!(
+    say!(
         "homed by the negative limit switch, at {}; referenced: {}",
         homed.position,
         lift.status().referenced
@@ -108,7 +128,7 @@ async fn move_to(lift: &Axis, target: i32) -> Result<(), AxisError> {
         .acceleration(80 * TURN)
         .deceleration(80 * TURN);
     let outcome = positions.move_abs(target, set_point).await?.done().await?;
-    println!("after homing: {outcome:?}");
+    say!("after homing: {outcome:?}");
     positions.release().await
 }
 
@@ -118,13 +138,13 @@ async fn jog(lift: &Axis) -> Result<(), AxisError> {
     let before = lift.status().position;
     let held = velocities.jog(2 * 65_536).await?;
     pause(300).await;
-    println!("jogging at {} counts/s", lift.status().velocity);
+    say!("jogging at {} counts/s", lift.status().velocity);
     held.set(-65_536)?;
     pause(300).await;
-    println!("and back at {} counts/s", lift.status().velocity);
+    say!("and back at {} counts/s", lift.status().velocity);
     held.release().await?;
     let status = lift.status();
-    println!(
+    say!(
         "let go: stands at {:+} counts from where it was, velocity {}",
         status.position - before,
         status.velocity
@@ -139,11 +159,11 @@ async fn halted_jog(lift: &Axis) -> Result<(), AxisError> {
     pause(200).await;
     lift.halt().await?;
     if let Err(error) = held.set(65_536) {
-        println!("halted, the jog says: {}", error.kind);
+        say!("halted, the jog says: {}", error.kind);
     }
     lift.resume().await?;
     pause(200).await;
-    println!("resumed: velocity {}", lift.status().velocity);
+    say!("resumed: velocity {}", lift.status().velocity);
     drop(held);
     velocities.release().await
 }

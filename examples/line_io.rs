@@ -3,6 +3,10 @@
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
 
+#[macro_use]
+#[path = "common/say.rs"]
+mod say;
+
 use std::{
     error::Error,
     process::ExitCode,
@@ -10,9 +14,10 @@ use std::{
     time::Duration,
 };
 
+use clap::Parser;
 use servocrab::{
     axis::Referencing,
-    bus::{DevicePlace, DriveConfig, Expected, IoConfig, Network, NetworkBuilder},
+    bus::{AxisConfig, DevicePlace, DriveConfig, Expected, IoConfig, Network, NetworkBuilder},
     drives,
     link::Wire,
     profile_position::SetPoint,
@@ -29,7 +34,12 @@ const OUTPUTS: Expected = Expected::new(0, 0x444F_3038);
 /// The drive's station alias, as its switches set it.
 const LIFT: DevicePlace = DevicePlace::Alias(7);
 
+/// Runs on simulated drives in this process, and takes no arguments.
+#[derive(Parser)]
+struct Arguments {}
+
 fn main() -> ExitCode {
+    Arguments::parse();
     match smol::block_on(run()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -48,7 +58,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
         .with(digital_inputs());
     let refused = machine(&Line::new(Mutex::new(swapped))).start().await;
     if let Err(error) = refused {
-        println!("{error}");
+        say!("{error}");
     }
 
     let segment = Segment::new()
@@ -60,7 +70,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     let net = machine(&line).start().await?;
     for io in [net.io("buttons")?, net.io("valves")?] {
         let first = io.points().first().map(ToString::to_string);
-        println!("{}: {}", io.name(), first.unwrap_or_default());
+        say!("{}: {}", io.name(), first.unwrap_or_default());
     }
     let start = net.io("buttons")?.input::<bool>("Channel 1.Input")?;
     let gripper = net.io("valves")?.output::<bool>("Channel 3.Output")?;
@@ -71,7 +81,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     while start.get() != Ok(true) {
         clock.next_cycle().await?;
     }
-    println!("the start button is pressed");
+    say!("the start button is pressed");
     gripper.set(true);
 
     let axis = net.axis("lift")?;
@@ -82,19 +92,18 @@ async fn run() -> Result<(), Box<dyn Error>> {
         .acceleration(5_000_000)
         .deceleration(5_000_000);
     let moved = positions.move_abs(50_000, set_point).await?.done().await?;
-    println!("lift: {moved:?}");
-    println!("valves: {:08b}", outputs(&line));
+    say!("lift: {moved:?}");
+    say!("valves: {:08b}", outputs(&line));
     axis.disable().await?;
     net.shutdown().await?;
-    println!("valves at the end: {:08b}", outputs(&line));
+    say!("valves at the end: {:08b}", outputs(&line));
     Ok(())
 }
 
 /// What the machine has, wherever it is wired.
 fn machine(line: &Line) -> NetworkBuilder {
     let drive = DriveConfig::new(drives::akd2g())
-        .axis("lift")
-        .referencing("lift", Referencing::AbsoluteEncoder);
+        .axis(AxisConfig::new("lift").referencing(Referencing::AbsoluteEncoder));
     let segment = Arc::clone(line);
     Network::builder()
         .link(Wire::new(move |frame, now| {

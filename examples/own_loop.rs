@@ -3,16 +3,21 @@
 //!
 //! Run it with `cargo run --release --example own_loop`.
 
+#[macro_use]
+#[path = "common/say.rs"]
+mod say;
+
 use std::{
     error::Error,
     process::ExitCode,
     time::{Duration, Instant},
 };
 
+use clap::Parser;
 use ethercrab::{MainDevice, MainDeviceConfig, PduRx, PduStorage, PduTx, Timeouts};
 use servocrab::{
     axis::{
-        AxisConfig, AxisCore, AxisFields, Command, CommandId, Event, Inputs, Referencing,
+        AxisCore, AxisFields, Command, CommandId, CoreConfig, Event, Inputs, Referencing,
         StopRequest,
     },
     bus::arm_watchdog,
@@ -30,7 +35,12 @@ const CYCLE: Duration = Duration::from_millis(1);
 /// An LRW counts 1 for the inputs and 2 for the outputs of each drive.
 const EXPECTED_WORKING_COUNTER: u16 = 3;
 
+/// Runs on simulated drives in this process, and takes no arguments.
+#[derive(Parser)]
+struct Arguments {}
+
 fn main() -> ExitCode {
+    Arguments::parse();
     match begin() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -60,7 +70,7 @@ async fn control(main_device: &MainDevice<'_>) -> Result<(), Box<dyn Error>> {
     let group = main_device.init_single_group::<2, 128>(|| 0).await?;
     let group = group.into_pre_op_pdi(main_device).await?;
     for drive in group.iter(main_device) {
-        println!(
+        say!(
             "{} at {:04X}h: watchdog 100 ms",
             drive.name(),
             drive.configured_address()
@@ -86,7 +96,7 @@ async fn control(main_device: &MainDevice<'_>) -> Result<(), Box<dyn Error>> {
     // The drive's default mapping is the one that the library would write; the offsets come from it.
     let description = drives::akd2g();
     let layout = description.default_mapping()?.layout();
-    let mut config = AxisConfig::new(AxisFields::from_layout(&layout, AxisOffset::of_axis(1))?);
+    let mut config = CoreConfig::new(AxisFields::from_layout(&layout, AxisOffset::of_axis(1))?);
     config.traits = description.traits;
     config.defaults = Parameters {
         velocity: Some(50_000),
@@ -118,7 +128,7 @@ async fn control(main_device: &MainDevice<'_>) -> Result<(), Box<dyn Error>> {
             let Some((id, (what, command))) = steps.next() else {
                 break;
             };
-            println!("{:6.3} s  {what}", now.as_secs_f64());
+            say!("{:6.3} s  {what}", now.as_secs_f64());
             axis.submit(now, id, command, &mut drive.outputs_raw_mut());
             under_way = Some(id);
         }
@@ -136,7 +146,7 @@ async fn control(main_device: &MainDevice<'_>) -> Result<(), Box<dyn Error>> {
         };
         axis.step(now, inputs, io.outputs());
         while let Some((id, event)) = axis.poll_event() {
-            println!(
+            say!(
                 "{:6.3} s    {event:?} at {}",
                 now.as_secs_f64(),
                 axis.snapshot().position

@@ -5,6 +5,10 @@
 //! The machine's logic has tests of its own, in virtual time: `cargo test --example pick_and_place`. On a real link,
 //! `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
 
+#[macro_use]
+#[path = "common/say.rs"]
+mod say;
+
 use std::{
     error::Error,
     process::ExitCode,
@@ -12,14 +16,15 @@ use std::{
     time::Duration,
 };
 
+use clap::Parser;
 use servocrab::{
-    axis::{AxisError, Failure},
-    bus::{CycleClock, DriveConfig, Network, NetworkBuilder},
+    axis::{Axis, AxisError, Failure, start_together},
+    bus::{AxisConfig, CycleClock, DriveConfig, Network, NetworkBuilder},
     drives,
-    homing::HomingMethod,
+    homing::{HomingMethod, HomingParameters},
     link::Wire,
-    profile_position::Start,
-    units::{self, Ratio, Scale, ScaledAxis, ScaledHomingParameters, ScaledSetPoint},
+    profile_position::{BufferMode, SetPoint},
+    units::{Mm, Ratio, Scale},
 };
 use servocrab_sim::{Segment, ds402::Machine as Shaft, personality::Servo};
 
@@ -31,7 +36,7 @@ const CLEAR: f64 = 90.0;
 /// How long the gripper takes.
 const GRIP: Duration = Duration::from_millis(40);
 /// mm/s and mm/s².
-const FAST: ScaledSetPoint = ScaledSetPoint::new()
+const FAST: SetPoint<Mm> = SetPoint::new()
     .velocity(200.0)
     .acceleration(2_000.0)
     .deceleration(2_000.0);
@@ -40,18 +45,16 @@ type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
 /// What the program is about, whatever line it is wired to.
 struct Machine {
-    x: ScaledAxis,
-    y: ScaledAxis,
+    x: Axis<Mm>,
+    y: Axis<Mm>,
     clock: CycleClock,
 }
 
 impl Machine {
     fn new(net: &Network) -> Result<Self> {
-        // 10 000 of the drive's counts are a millimetre.
-        let mm = Scale::counts_per_unit(Ratio::new(10_000, 1)?);
         Ok(Self {
-            x: net.axis("x")?.scaled(mm),
-            y: net.axis("y")?.scaled(mm),
+            x: net.axis_in("x")?,
+            y: net.axis_in("y")?,
             clock: net.clock(),
         })
     }
@@ -68,14 +71,14 @@ impl Machine {
     async fn cycle(&self) -> Result<()> {
         let on_x = self.x.profile_position().await?;
         let on_y = self.y.profile_position().await?;
-        let there = [on_x.abs(PICK.0, FAST)?, on_y.abs(PICK.1, FAST)?];
-        for motion in units::together(there).await.map_err(AxisError::from)? {
+        let there = [on_x.abs(PICK.0, FAST), on_y.abs(PICK.1, FAST)];
+        for motion in start_together(there).await? {
             motion.done().await?;
         }
         self.clock.sleep(GRIP).await?;
         // Fast to where the way is clear, and on without a stop, slower, to the place.
         let clear = on_x.move_abs(CLEAR, FAST).await?;
-        let slower = FAST.velocity(60.0).start(Start::Blend);
+        let slower = FAST.velocity(60.0).buffer_mode(BufferMode::Blending);
         let place = on_x.move_abs(PLACE.0, slower).await?;
         clear.done().await?;
         on_y.move_abs(PLACE.1, FAST).await?.done().await?;
@@ -86,10 +89,10 @@ impl Machine {
     }
 }
 
-async fn home(axis: &ScaledAxis) -> std::result::Result<(), AxisError> {
+async fn home(axis: &Axis<Mm>) -> std::result::Result<(), AxisError> {
     axis.enable().await?;
     let homing = axis.homing().await?;
-    let slowly = ScaledHomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+    let slowly = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
         .speeds(50.0, 5.0)
         .acceleration(500.0)
         .offset(0.0);
@@ -97,12 +100,17 @@ async fn home(axis: &ScaledAxis) -> std::result::Result<(), AxisError> {
     homing.release().await
 }
 
+/// Runs on simulated drives in this process, and takes no arguments.
+#[derive(Parser)]
+struct Arguments {}
+
 fn main() -> ExitCode {
+    Arguments::parse();
     let run = async {
         let line = line();
         let wired = Arc::clone(&line);
         let wire = Wire::new(move |frame, now| lock(&wired).process(frame, now));
-        run(&line, wired_to(wire).start().await?).await
+        run(&line, wired_to(wire)?.start().await?).await
     };
     let done = tokio::runtime::Builder::new_current_thread()
         .build()
@@ -121,7 +129,7 @@ async fn run(line: &Line, net: Network) -> Result<()> {
     let machine = Machine::new(&net)?;
     machine.home().await?;
     machine.cycle().await?;
-    println!(
+    say!(
         "placed a part, at {:.2} mm and {:.2} mm",
         machine.x.status().position,
         machine.y.status().position
@@ -136,7 +144,7 @@ async fn run(line: &Line, net: Network) -> Result<()> {
     else {
         return failed;
     };
-    println!("to the operator: {error}");
+    say!("to the operator: {error}");
     if !matches!(error.failure(), Some(Failure::Fault { .. })) {
         return failed;
     }
@@ -145,18 +153,22 @@ async fn run(line: &Line, net: Network) -> Result<()> {
     machine.x.reset_fault().await?;
     machine.x.enable().await?;
     machine.cycle().await?;
-    println!("and goes on");
+    say!("and goes on");
     net.shutdown().await?;
     Ok(())
 }
 
-fn wired_to(wire: Wire) -> NetworkBuilder {
-    let drive = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
-    Network::builder()
+fn wired_to(wire: Wire) -> Result<NetworkBuilder> {
+    // 10 000 of the drive's counts are a millimetre.
+    let mm = Scale::counts_per_unit(Ratio::new(10_000, 1)?);
+    let drive = DriveConfig::new(drives::akd2g())
+        .axis(AxisConfig::new("x").unit::<Mm>(mm))
+        .axis(AxisConfig::new("y").unit::<Mm>(mm));
+    Ok(Network::builder()
         .link(wire)
         // Longer than a computer without real time keeps this thread waiting when it is busy.
         .watchdog(Duration::from_millis(500))
-        .drive(0, drive)
+        .drive(0, drive))
 }
 
 type Line = Arc<Mutex<Segment>>;
@@ -198,7 +210,7 @@ mod tests {
         let latency = Duration::from_micros(20);
         let wire =
             Wire::in_virtual_time(latency, move |frame, now| lock(&wired).process(frame, now));
-        let (starting, mut bus) = wired_to(wire).split()?;
+        let (starting, mut bus) = wired_to(wire)?.split()?;
         bus.run_until(async {
             let net = starting.network().await?;
             let machine = Machine::new(&net)?;

@@ -5,13 +5,17 @@
 //!
 //! Without a drive: make a veth pair, run `servocrab-sim --interface a --drive akd2g` on one end and this on the other.
 
+#[macro_use]
+#[path = "common/say.rs"]
+mod say;
+
 use std::{error::Error, process::ExitCode, time::Duration};
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use servocrab::{
     axis::{Axis, AxisError, Referencing},
-    bus::{DriveConfig, Network},
+    bus::{AxisConfig, DriveConfig, Network},
     drives,
     profile_position::{Outcome, SetPoint},
 };
@@ -88,7 +92,7 @@ async fn run(
     if let Some(time) = arguments.watchdog_ms {
         builder = builder.watchdog(Duration::from_millis(time));
     }
-    let net = builder
+    let start = builder
         .on_progress(move |at| {
             shown.set_length(at.total as u64);
             shown.set_position(at.done as u64);
@@ -99,24 +103,16 @@ async fn run(
         .drive(
             arguments.drive,
             DriveConfig::new(drives::akd2g())
-                .axis("axis 1")
-                .referencing("axis 1", UNREFERENCED)
-                .axis("axis 2")
-                .referencing("axis 2", UNREFERENCED),
+                .axis(AxisConfig::new("1").referencing(UNREFERENCED))
+                .axis(AxisConfig::new("2").referencing(UNREFERENCED)),
         )
-        .start()
-        .await?;
+        .start();
+    let started = future::or(async { Some(start.await) }, ended_by(interrupted)).await;
     bar.finish_and_clear();
-    let axis = net.axis(&format!("axis {}", arguments.axis))?;
-    println!("in OP; the axis is at {}", axis.status().position);
+    let net = started.ok_or("interrupted: the bring-up has ended")??;
+    let axis = net.axis(&arguments.axis.to_string())?;
+    say!("in OP; the axis is at {}", axis.status().position);
 
-    let interrupt = async {
-        // An error means that nobody can interrupt any more.
-        if interrupted.recv().await.is_err() {
-            future::pending::<()>().await;
-        }
-        None
-    };
     let emergencies = net.all_emergencies();
     let told = async {
         while let Some(report) = emergencies.next().await {
@@ -125,27 +121,43 @@ async fn run(
         future::pending().await
     };
     let moved = async { Some(one_move(arguments, &axis).await) };
-    let moved = future::or(told, future::or(interrupt, moved)).await;
-    // Stops the axis by quick stop where it is moving, then disables it.
-    axis.disable().await?;
-    println!("disabled at {}", axis.status().position);
+    let moved = future::or(told, future::or(ended_by(interrupted), moved)).await;
+    if let Some(Ok(outcome)) = &moved {
+        say!("{outcome:?}");
+    }
+    // Stops the axis by quick stop where it is moving, then disables it. What became of the move is said first: after a loss neither
+    // goes well, and the move's error tells more.
+    let disabled = axis.disable().await;
+    if disabled.is_ok() {
+        say!("disabled at {}", axis.status().position);
+    }
     while let Some(report) = emergencies.try_next() {
         eprintln!("{report}");
     }
-    net.shutdown().await?;
+    let ended = net.shutdown().await;
+    if let Some(Err(error)) = moved {
+        return Err(error.into());
+    }
+    disabled?;
+    ended?;
     match moved {
-        Some(Ok(outcome)) => {
-            println!("{outcome:?}");
-            Ok(())
-        }
-        Some(Err(error)) => Err(error.into()),
+        Some(_) => Ok(()),
         None => Err("interrupted: stopped and disabled".into()),
     }
 }
 
+/// Waits for Ctrl-C.
+async fn ended_by<T>(interrupted: &smol::channel::Receiver<()>) -> Option<T> {
+    // An error means that nobody can interrupt any more.
+    if interrupted.recv().await.is_err() {
+        future::pending::<()>().await;
+    }
+    None
+}
+
 async fn one_move(arguments: &Arguments, axis: &Axis) -> Result<Outcome, AxisError> {
     axis.enable().await?;
-    println!("enabled");
+    say!("enabled");
     let profile_position = axis.profile_position().await?;
     let set_point = SetPoint::new()
         .velocity(arguments.velocity)
@@ -159,6 +171,6 @@ async fn one_move(arguments: &Arguments, axis: &Axis) -> Result<Outcome, AxisErr
                 .await?
         }
     };
-    println!("moving");
+    say!("moving");
     motion.done().await
 }

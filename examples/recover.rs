@@ -3,6 +3,10 @@
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
 
+#[macro_use]
+#[path = "common/say.rs"]
+mod say;
+
 use std::{
     error::Error,
     process::ExitCode,
@@ -10,6 +14,7 @@ use std::{
     time::Duration,
 };
 
+use clap::Parser;
 use servocrab::{
     axis::Axis,
     bus::{DriveConfig, Network, NetworkEvent},
@@ -20,7 +25,12 @@ use servocrab::{
 };
 use servocrab_sim::{Segment, personality};
 
+/// Runs on simulated drives in this process, and takes no arguments.
+#[derive(Parser)]
+struct Arguments {}
+
 fn main() -> ExitCode {
+    Arguments::parse();
     match smol::block_on(run()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -46,7 +56,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
         .await?;
     let (belt, lift) = (net.axis("belt")?, net.axis("lift")?);
     home(&lift).await?;
-    println!("lift: referenced: {}", lift.status().referenced);
+    say!("lift: referenced: {}", lift.status().referenced);
 
     belt.enable().await?;
     let belts = belt.profile_position().await?;
@@ -56,8 +66,12 @@ async fn run() -> Result<(), Box<dyn Error>> {
 
     switch(&line, false);
     match up.done().await {
-        Err(error) => println!("lift: {}", error.kind),
-        Ok(outcome) => println!("lift: {outcome:?}, which must not be"),
+        Err(error) => {
+            say!("lift: {}", error.kind);
+        }
+        Ok(outcome) => {
+            say!("lift: {outcome:?}, which must not be");
+        }
     }
     let lost = loop {
         match net.events().next().await {
@@ -66,7 +80,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
             None => return Err("the network is gone".into()),
         }
     };
-    println!(
+    say!(
         "{lost} is lost; the belt moves on: {}",
         belt.status().velocity > 0
     );
@@ -74,19 +88,20 @@ async fn run() -> Result<(), Box<dyn Error>> {
     // Somebody has looked what was the matter, and says that the drive may be taken back.
     switch(&line, true);
     let recovered = net.recover(&lost).await?;
-    println!("lift: {recovered}");
+    say!("lift: {recovered}");
     let status = lift.status();
-    println!(
+    say!(
         "lift: {:?}, referenced: {}",
-        status.state, status.referenced
+        status.state,
+        status.referenced
     );
     drop(lifts);
     home(&lift).await?;
     let lifts = lift.profile_position().await?;
     let moved = lifts.move_abs(20_000, set_point()).await?.done().await?;
-    println!("lift: {moved:?}");
+    say!("lift: {moved:?}");
 
-    println!("belt: {:?}", far.done().await?);
+    say!("belt: {:?}", far.done().await?);
     drop((belts, lifts));
     belt.disable().await?;
     lift.disable().await?;

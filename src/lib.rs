@@ -5,8 +5,7 @@
 //! # #[cfg(feature = "std")]
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! use std::time::Duration;
-//! use servocrab::{axis::Referencing, bus::{DriveConfig, Network}, drives, link::Wire};
-//! use servocrab::profile_position::{Outcome, SetPoint};
+//! use servocrab::{AxisConfig, DriveConfig, Network, Outcome, Referencing, SetPoint, drives, link::Wire};
 //! use servocrab_sim::{Segment, personality};
 //!
 //! // A simulated segment in this process. On a real link: `.interface("eth0")` in place of `.link(wire)`.
@@ -16,10 +15,8 @@
 //! smol::block_on(async {
 //!     // Both motors have absolute encoders; an axis without one is homed before its first absolute move.
 //!     let drive = DriveConfig::new(drives::akd2g())
-//!         .axis("x")
-//!         .referencing("x", Referencing::AbsoluteEncoder)
-//!         .axis("y")
-//!         .referencing("y", Referencing::AbsoluteEncoder);
+//!         .axis(AxisConfig::new("x").referencing(Referencing::AbsoluteEncoder))
+//!         .axis(AxisConfig::new("y").referencing(Referencing::AbsoluteEncoder));
 //!     let net = Network::builder()
 //!         .link(wire)
 //!         .cycle(Duration::from_millis(1))
@@ -81,8 +78,12 @@ pub mod bus;
 pub mod coe;
 pub mod drives;
 pub mod ds402;
+#[cfg(feature = "std")]
+mod esc;
 #[cfg(feature = "esi")]
 pub mod esi;
+#[cfg(feature = "std")]
+mod handle;
 pub mod homing;
 #[cfg(feature = "std")]
 pub mod link;
@@ -97,3 +98,42 @@ mod sync;
 pub mod units;
 #[cfg(feature = "std")]
 mod wakes;
+
+/// The Rust blocks of the README and of the guide, which `cargo test --doc` compiles.
+#[cfg(all(doctest, feature = "std"))]
+mod pages {
+    #[doc = include_str!("../README.md")]
+    mod readme {}
+    #[doc = include_str!("../docs/guide/first-move.md")]
+    mod first_move {}
+    #[doc = include_str!("../docs/guide/units.md")]
+    mod units {}
+    #[doc = include_str!("../docs/guide/paths.md")]
+    mod paths {}
+    #[doc = include_str!("../docs/guide/faults.md")]
+    mod faults {}
+    #[doc = include_str!("../docs/guide/tests.md")]
+    mod tests {}
+    #[doc = include_str!("../docs/guide/service.md")]
+    mod service {}
+}
+
+/// The targets of log lines: what belongs to one axis, to one device, to the line and its cycle.
+mod log_target {
+    pub const AXIS: &str = "servocrab::axis";
+    #[cfg(feature = "std")]
+    pub const DRIVE: &str = "servocrab::drive";
+    #[cfg(feature = "std")]
+    pub const BUS: &str = "servocrab::bus";
+}
+
+// What most programs name.
+pub use axis::Referencing;
+#[cfg(feature = "std")]
+pub use bus::{AxisConfig, DriveConfig, Network, NetworkError};
+#[cfg(feature = "std")]
+pub use handle::{
+    Axis, AxisError, Homing, Move, Outcome, ProfilePosition, ProfileVelocity, start_together,
+};
+pub use homing::{HomingMethod, HomingParameters};
+pub use profile_position::{BufferMode, SetPoint};

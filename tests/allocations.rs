@@ -21,7 +21,7 @@ use std::{
 
 use servocrab::{
     axis::Referencing,
-    bus::{BusLoop, DriveConfig, Network},
+    bus::{AxisConfig, BusLoop, DriveConfig, Network},
     coe::{Emergencies, SdoHandle, information::ListKind, obj},
     drives,
     link::{Fate, Wire},
@@ -182,9 +182,9 @@ async fn listener(emergencies: Emergencies, done: Rc<Done>) {
     }
 }
 
-/// Whether a frame's first datagram reads or writes a mailbox: FPRD or FPWR from 1000h on.
+/// Whether a frame's first datagram behind the tag reads or writes a mailbox: FPRD or FPWR from 1000h on.
 fn carries_mail(frame: &[u8]) -> bool {
-    matches!(frame[16], 4 | 5) && u16::from_le_bytes([frame[20], frame[21]]) >= 0x1000
+    matches!(frame[32], 4 | 5) && u16::from_le_bytes([frame[36], frame[37]]) >= 0x1000
 }
 
 /// A wire to the segment, on which every thousandth frame with mails is lost, on its way out and back in turns.
@@ -209,11 +209,10 @@ fn a_hundred_thousand_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_
         let drive = Servo::akd2g().with_complete_access();
         segment.with(drive.with_sdo_information().build())
     });
-    let segment = Arc::new(Mutex::new(segment.ideal()));
+    let segment = Arc::new(Mutex::new(segment));
     let drive = |name: &str| {
         DriveConfig::new(drives::akd2g())
-            .axis(name)
-            .referencing(name, Referencing::UnreferencedMovesAllowed)
+            .axis(AxisConfig::new(name).referencing(Referencing::UnreferencedMovesAllowed))
     };
     let builder = Network::builder()
         .cycle(Duration::from_micros(250))

@@ -1,5 +1,5 @@
 //! The arithmetic of positions, turns and times: every case at 8 bits, the boundaries at 32 bits and at the ends of time.
-#![allow(missing_docs, unreachable_pub)]
+#![allow(missing_docs)]
 
 // The very code of the axis core, at another width.
 #[path = "../src/profile_position/circle.rs"]
@@ -9,10 +9,10 @@ use core::time::Duration;
 
 use circle::{Circle, Turn};
 use servocrab::axis::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Deadlines, Inputs, Referencing,
+    AxisCore, AxisFields, Command, CommandId, CoreConfig, Deadlines, Inputs, Referencing,
     Tolerances,
 };
-use servocrab::profile_position::{MoveCommand, PositionRange, Reference, SetPoint, Start};
+use servocrab::profile_position::{BufferMode, MoveCommand, PositionRange, Reference, SetPoint};
 
 type Small = Circle<8>;
 type Whole = Circle<32>;
@@ -242,7 +242,7 @@ fn live(
     modulo: Option<PositionRange>,
     words: &[u16],
 ) {
-    let mut config = AxisConfig::new(AxisFields::at(0, 0));
+    let mut config = CoreConfig::new(AxisFields::at(0, 0));
     config.referencing = Referencing::UnreferencedMovesAllowed;
     config.modulo = modulo;
     config.traits.drive_cycle = span;
@@ -279,14 +279,14 @@ fn live(
                         Reference::Relative
                     },
                     target,
-                    set_point: SetPoint::new().start(start),
+                    set_point: SetPoint::new().buffer_mode(start),
                     gated: false,
                 })
             };
             let command = match (place + 4 * round) % 9 {
                 0 => Command::Enable,
-                1 => a_move(i32::MAX, Start::Immediately),
-                2 => a_move(i32::MIN, Start::AfterCurrent),
+                1 => a_move(i32::MAX, BufferMode::Aborting),
+                2 => a_move(i32::MIN, BufferMode::Buffered),
                 3 => Command::Halt,
                 4 => Command::Resume,
                 5 => Command::Stop,

@@ -15,10 +15,10 @@ use servocrab::{
     drives,
     ds402::Mode,
     profile_position::{
-        Limits, LimitsRule, PositionRange, ProfilePosition, RelativeBase, SetPoint, Start,
+        BufferMode, Limits, LimitsRule, PositionRange, ProfilePosition, RelativeBase, SetPoint,
         StartBits,
     },
-    units::{Quantity, Ratio, Scale, ScaleError, ScaledProfilePosition, ScaledSetPoint},
+    units::{Mm, Quantity, Ratio, Scale, ScaleError},
 };
 
 use servocrab_sim::ds402::{Behaviour, Plant};
@@ -30,8 +30,8 @@ use machine::{Machine, Task, Variant};
 enum Ask {
     Abs(i32, SetPoint),
     Rel(i32, SetPoint),
-    ScaledAbs(f64, ScaledSetPoint),
-    ScaledRel(f64, ScaledSetPoint),
+    ScaledAbs(f64, SetPoint<Mm>),
+    ScaledRel(f64, SetPoint<Mm>),
 }
 
 /// What the axis is like when it is asked.
@@ -51,13 +51,13 @@ struct Row {
     variant: Variant,
     before: Before,
     ask: Ask,
-    expected: fn(&AxisErrorKind) -> bool,
+    expected: fn(&AxisError) -> bool,
 }
 
 /// The lease, in counts and in a thousandth of units.
 struct Leases {
     plain: Option<ProfilePosition>,
-    scaled: Option<ScaledProfilePosition>,
+    scaled: Option<ProfilePosition<Mm>>,
 }
 
 /// On an axis that is exactly where its drive says: limits are figures to the count.
@@ -95,7 +95,7 @@ fn row(
     variant: Variant,
     before: Before,
     ask: Ask,
-    expected: fn(&AxisErrorKind) -> bool,
+    expected: fn(&AxisError) -> bool,
 ) -> Row {
     Row {
         mistake,
@@ -108,13 +108,13 @@ fn row(
 
 macro_rules! failed {
     ($failure:pat $(if $guard:expr)?) => {
-        |kind| matches!(kind, AxisErrorKind::Failed($failure) $(if $guard)?)
+        |error| matches!(&error.kind, AxisErrorKind::Failed($failure) $(if $guard)?)
     };
 }
 
 macro_rules! scale {
     ($error:pat) => {
-        |kind| matches!(kind, AxisErrorKind::Scale($error))
+        |error| matches!(&error.kind, AxisErrorKind::Scale($error))
     };
 }
 
@@ -138,7 +138,7 @@ fn rows() -> Vec<Row> {
         referencing: Referencing::ByHoming,
         ..plain()
     };
-    let mm = ScaledSetPoint::new();
+    let mm = SetPoint::new();
     vec![
         row(
             "a start that AX2000 lacks",
@@ -146,7 +146,7 @@ fn rows() -> Vec<Row> {
             Enabled,
             Ask::Abs(100, fast),
             failed!(Failure::Unsupported {
-                start: Start::Immediately,
+                buffer_mode: BufferMode::Aborting,
                 ..
             }),
         ),
@@ -154,9 +154,9 @@ fn rows() -> Vec<Row> {
             "a blend on a drive without",
             no_blend(),
             Enabled,
-            Ask::Rel(100, fast.start(Start::Blend)),
+            Ask::Rel(100, fast.buffer_mode(BufferMode::Blending)),
             failed!(Failure::Unsupported {
-                start: Start::Blend,
+                buffer_mode: BufferMode::Blending,
                 ..
             }),
         ),
@@ -164,7 +164,7 @@ fn rows() -> Vec<Row> {
             "a ramp that AX2000 lacks",
             ax2000(),
             Enabled,
-            Ask::Abs(100, unmapped.start(Start::AfterCurrent)),
+            Ask::Abs(100, unmapped.buffer_mode(BufferMode::Buffered)),
             failed!(Failure::ProfileType {
                 profile_type: 3,
                 ..
@@ -174,7 +174,7 @@ fn rows() -> Vec<Row> {
             "a sin² ramp in a blend on AX2000",
             ax2000(),
             Enabled,
-            Ask::Abs(100, fast.profile_type(1).start(Start::Blend)),
+            Ask::Abs(100, fast.profile_type(1).buffer_mode(BufferMode::Blending)),
             failed!(Failure::ProfileType {
                 profile_type: 1,
                 ..
@@ -441,7 +441,11 @@ fn rows() -> Vec<Row> {
             limited(),
             Enabled,
             Ask::ScaledAbs(1.501, mm.velocity(7.0)),
-            |kind| kind.to_string().contains("1.501") && kind.to_string().contains("1.5 "),
+            |error| {
+                error
+                    .to_string()
+                    .contains("target 1.501 mm lies beyond the limit 1.5 mm")
+            },
         ),
     ]
 }
@@ -458,7 +462,9 @@ fn prepare(row: &Row, variant: &Variant) -> (Machine, Axis, Leases) {
             leases.plain = Some(machine.finish(axis.profile_position()).unwrap());
         }
         Ask::ScaledAbs(..) | Ask::ScaledRel(..) => {
-            let scaled = axis.scaled(Scale::counts_per_unit(Ratio::new(1_000, 1).unwrap()));
+            let scaled = axis
+                .scaled(Scale::counts_per_unit(Ratio::new(1_000, 1).unwrap()))
+                .unwrap();
             leases.scaled = Some(machine.finish(scaled.profile_position()).unwrap());
         }
     }
@@ -539,7 +545,7 @@ fn each_mistake_has_its_error_and_leaves_the_wire_as_it_was() {
                 }
             }
             let error = answer.expect(&mistake).expect_err(&mistake);
-            assert!((row.expected)(&error.kind), "{mistake}: {error:?}");
+            assert!((row.expected)(&error), "{mistake}: {error:?}");
             for _ in 0..200 {
                 step_both(&mut asked, &mut untouched, &mistake);
             }

@@ -9,7 +9,7 @@ use servocrab::coe::obj;
 use servocrab::drives::{self, DriveDescription};
 use servocrab::ds402::Mode;
 use servocrab::homing::{HomingCommand, HomingMethod};
-use servocrab::profile_position::{Limits, PositionRange, RelativeBase, SetPoint, Start};
+use servocrab::profile_position::{BufferMode, Limits, PositionRange, RelativeBase, SetPoint};
 use servocrab::profile_velocity::JogSetPoint;
 use servocrab_sim::ds402::{Behaviour, ReachedPolicy};
 
@@ -74,10 +74,10 @@ fn a_relative_replacement_beyond_a_limit_fails_alone() {
     let mut rig = rig();
     let first = rig.abs(50_000, SetPoint::new());
     rig.wait_accepted(first);
-    let second = rig.abs(60_000, SetPoint::new().start(Start::AfterCurrent));
+    let second = rig.abs(60_000, SetPoint::new().buffer_mode(BufferMode::Buffered));
     rig.wait_accepted(second);
     // No place for this one yet.
-    let third = rig.abs(70_000, SetPoint::new().start(Start::AfterCurrent));
+    let third = rig.abs(70_000, SetPoint::new().buffer_mode(BufferMode::Buffered));
     let fourth = rig.rel(90_000, SetPoint::new());
     rig.cycle();
     rig.cycle();
@@ -100,14 +100,15 @@ fn after_a_jog_a_distance_counts_from_where_the_axis_stands() {
 
 #[test]
 fn of_no_length_after_a_jog_a_distance_may_have_a_way_to_go_where_nobody_knows_its_base() {
-    // Its bit 10 stays high on no way.
+    // Its bit 10 stays high on no way, on a shaft that no load moves.
     let behaviour = Behaviour {
         reached: ReachedPolicy::Window,
         ..Behaviour::akd2g()
     };
     let mut rig = Rig::of(description(), behaviour, |config| {
         config.traits.relative_base = RelativeBase::Undocumented;
-    });
+    })
+    .ideal();
     rig.enable();
     let nowhere = rig.rel(0, SetPoint::new());
     assert_eq!(rig.finish(nowhere), Ok(Completion::Reached { position: 0 }));

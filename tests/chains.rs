@@ -8,7 +8,7 @@ use common::{Link, Rig};
 use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::drives;
 use servocrab::profile_position::{
-    Delivery, MoveCommand, Reference, RelativeBase, SetPoint, Start,
+    BufferMode, Delivery, MoveCommand, Reference, RelativeBase, SetPoint,
 };
 use servocrab_sim::ds402::{self, AckFault, Behaviour, Bit5, Executed, FullBuffer, Outcome};
 
@@ -32,7 +32,7 @@ fn with_behaviour(behaviour: Behaviour) -> Rig {
 }
 
 fn after() -> SetPoint {
-    SetPoint::new().start(Start::AfterCurrent)
+    SetPoint::new().buffer_mode(BufferMode::Buffered)
 }
 
 /// A move under way to 50 000 and one behind it to 60 000: the buffer is full.
@@ -56,10 +56,7 @@ fn a_full_buffer_is_replaced_by_one_edge_and_the_motion_tells() {
     let (first, second) = full(&mut rig);
     let sent = rig.words.len();
     let third = rig.abs(-10_000, SetPoint::new());
-    assert_eq!(
-        rig.finish(third),
-        Ok(Completion::Reached { position: -10_000 })
-    );
+    rig.assert_reached(third, -10_000);
     assert_eq!(rig.outcome(first), Some(Err(Failure::Superseded)));
     assert_eq!(rig.outcome(second), Some(Err(Failure::Superseded)));
     assert_eq!(rig.distinct_words(sent), [0x3F, 0x0F]);
@@ -67,7 +64,7 @@ fn a_full_buffer_is_replaced_by_one_edge_and_the_motion_tells() {
         rig.ledger().last().map(|e| e.outcome),
         Some(Outcome::Reached)
     );
-    assert_eq!(rig.drive.position(), -10_000);
+    rig.assert_at(-10_000);
 }
 
 #[test]
@@ -80,10 +77,7 @@ fn a_distance_onto_a_full_buffer_is_refused_and_nothing_is_sent() {
         rig.finish(third),
         Err(Failure::Unsupported { .. })
     ));
-    assert!(matches!(
-        rig.finish(second),
-        Ok(Completion::Reached { position: 60_000 })
-    ));
+    rig.assert_reached(second, 60_000);
     assert!(matches!(
         rig.outcome(first),
         Some(Ok(Completion::Reached { .. }))
@@ -103,11 +97,7 @@ fn a_lost_frame_around_the_replacement_changes_timing_only() {
         let third = rig.abs(-10_000, SetPoint::new());
         rig.run(lost);
         rig.cycle_over(link);
-        assert_eq!(
-            rig.finish(third),
-            Ok(Completion::Reached { position: -10_000 }),
-            "{link:?} {lost}"
-        );
+        rig.assert_reached(third, -10_000);
         let runs = executed(&rig)
             .iter()
             .filter(|(target, _)| *target == -10_000)
@@ -129,12 +119,7 @@ fn a_replacement_while_a_place_becomes_free_is_executed_once() {
             return;
         }
         let third = rig.abs(-3_000, SetPoint::new());
-        let end = rig.finish(third);
-        assert_eq!(
-            end,
-            Ok(Completion::Reached { position: -3_000 }),
-            "at {moment} ms"
-        );
+        rig.assert_reached(third, -3_000);
         assert!(rig.outcome(first).is_some() && rig.outcome(second).is_some());
         let runs = executed(&rig)
             .iter()
@@ -152,14 +137,8 @@ fn a_replacement_overtakes_the_moves_that_wait_for_their_turn() {
         rig.run(100);
         let now = rig.abs(-2_000, SetPoint::new());
         let behind = rig.abs(-4_000, after());
-        assert_eq!(
-            rig.finish(behind),
-            Ok(Completion::Reached { position: -4_000 })
-        );
-        assert_eq!(
-            rig.outcome(now),
-            Some(Ok(Completion::Reached { position: -2_000 }))
-        );
+        rig.assert_reached(behind, -4_000);
+        rig.assert_reached(now, -2_000);
         for id in moves {
             assert_eq!(rig.outcome(id), Some(Err(Failure::Superseded)));
         }
@@ -251,7 +230,7 @@ fn a_stop_between_the_edge_and_its_proof_says_that_it_is_unknown() {
 fn blends_pass_their_targets_both_ways_and_in_order() {
     for direction in [1, -1] {
         let mut rig = Rig::enabled();
-        let blend = SetPoint::new().start(Start::Blend);
+        let blend = SetPoint::new().buffer_mode(BufferMode::Blending);
         let moves: Vec<_> = (1..=4)
             .map(|n| {
                 let start = if n == 1 { SetPoint::new() } else { blend };
@@ -259,12 +238,7 @@ fn blends_pass_their_targets_both_ways_and_in_order() {
             })
             .collect();
         let last = *moves.last().expect("four moves");
-        assert_eq!(
-            rig.finish(last),
-            Ok(Completion::Reached {
-                position: direction * 60_000
-            })
-        );
+        rig.assert_reached(last, direction * 60_000);
         for id in &moves[..3] {
             assert!(matches!(
                 rig.outcome(*id),
@@ -297,11 +271,8 @@ fn blends_pass_their_targets_both_ways_and_in_order() {
 fn a_blend_that_has_to_turn_back_is_executed_and_ends_at_its_own_target() {
     let mut rig = Rig::enabled();
     let first = rig.abs(20_000, SetPoint::new());
-    let second = rig.abs(5_000, SetPoint::new().start(Start::Blend));
-    assert_eq!(
-        rig.finish(second),
-        Ok(Completion::Reached { position: 5_000 })
-    );
+    let second = rig.abs(5_000, SetPoint::new().buffer_mode(BufferMode::Blending));
+    rig.assert_reached(second, 5_000);
     assert!(matches!(rig.outcome(first), Some(Ok(_))));
     assert_eq!(rig.ledger().len(), 2);
 }
@@ -316,7 +287,7 @@ fn moves_of_no_length_are_moves() {
             rig.abs(0, after()),
         ];
         for id in moves {
-            assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 0 }));
+            rig.assert_reached(id, 0);
         }
         assert_eq!(rig.ledger().len(), 3);
     }
@@ -329,7 +300,7 @@ fn the_same_target_twice_is_two_moves_queued_or_not() {
         let second = rig.abs(8_000, after());
         let third = rig.abs(8_000, after());
         for id in [first, second, third] {
-            assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 8_000 }));
+            rig.assert_reached(id, 8_000);
         }
         assert_eq!(rig.ledger().len(), 3);
     }
@@ -350,8 +321,7 @@ fn a_replacement_waits_for_the_handshake_before_where_bit_12_follows_bit_4() {
         rig.run(late);
         assert_eq!(rig.distinct_words(sent), [0x0F], "for {late} ms");
         rig.drive.disturbances().ack = AckFault::None;
-        let reached = Completion::Reached { position: -10_000 };
-        assert_eq!(rig.finish(third), Ok(reached));
+        rig.assert_reached(third, -10_000);
         for replaced in [first, second] {
             assert_eq!(rig.outcome(replaced), Some(Err(Failure::Superseded)));
         }
@@ -368,7 +338,8 @@ fn a_way_that_is_longer_than_half_the_number_circle_is_not_over_on_its_way() {
             full_buffer: FullBuffer::OverwritePending,
             ..Behaviour::akd2g()
         };
-        let mut rig = Rig::new(behaviour, |_| {});
+        // These are the numbers' ends, and faster than any shaft.
+        let mut rig = Rig::new(behaviour, |_| {}).ideal();
         rig.drive.place(from);
         rig.enable();
         let fast = |start| {
@@ -376,11 +347,11 @@ fn a_way_that_is_longer_than_half_the_number_circle_is_not_over_on_its_way() {
                 .velocity(2_000_000_000)
                 .acceleration(4_000_000_000)
                 .deceleration(4_000_000_000)
-                .start(start)
+                .buffer_mode(start)
         };
-        let first = rig.abs(to as i32, fast(Start::Immediately));
-        let second = rig.abs(to as i32 / 2, fast(Start::AfterCurrent));
-        let third = rig.abs(to as i32 / 4, fast(Start::AfterCurrent));
+        let first = rig.abs(to as i32, fast(BufferMode::Aborting));
+        let second = rig.abs(to as i32 / 2, fast(BufferMode::Buffered));
+        let third = rig.abs(to as i32 / 4, fast(BufferMode::Buffered));
         let reached = |position: i64| {
             Ok(Completion::Reached {
                 position: position as i32,
@@ -422,7 +393,7 @@ fn a_move_that_waits_for_others_to_start_with_does_not_fail_by_one_cycle_that_is
     rig.cycle();
     assert!(rig.core.is_armed(id));
     rig.core.fire(rig.now, id, &mut rig.outputs);
-    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 1_000 }));
+    rig.assert_reached(id, 1_000);
 }
 
 /// It counts from where the axis is when the move before passes its end: behind that by the following error.
@@ -438,7 +409,7 @@ fn a_distance_blended_on_a_drive_that_counts_from_the_actual_position_ends_where
     });
     rig.enable();
     let first = rig.abs(10_000, SetPoint::new());
-    let second = rig.rel(10_000, SetPoint::new().start(Start::Blend));
+    let second = rig.rel(10_000, SetPoint::new().buffer_mode(BufferMode::Blending));
     let end = rig.finish(second);
     let executed = executed(&rig)[1];
     assert!(executed.0 < 19_900, "{executed:?}");

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use servocrab::drives::{self, DriveDescription};
 use servocrab::pdo_map::Direction;
 use servocrab::profile_position::{
-    BufferSignal, LimitsActive, LimitsOff, RelativeBase, Start, StartBits,
+    BufferMode, BufferSignal, LimitsActive, LimitsOff, RelativeBase, StartBits,
 };
 use servocrab::sii::Identity;
 use servocrab_sim::{Device, personality};
@@ -51,8 +51,8 @@ fn objects(drive: &DriveDescription, direction: Direction) -> String {
     objects.join(" ")
 }
 
-fn start(drive: &DriveDescription, start: Start) -> String {
-    match drive.traits.bits(start) {
+fn start(drive: &DriveDescription, buffer_mode: BufferMode) -> String {
+    match drive.traits.bits(buffer_mode) {
         StartBits::Bits(bits) => match (bits.bits() & 0x20 != 0, bits.bits() & 0x200 != 0) {
             (false, false) => "bits 5 and 9 low".to_owned(),
             (true, false) => "bit 5".to_owned(),
@@ -111,13 +111,15 @@ const ROWS: [(&str, Cell); 14] = [
     ("most entries in a PDO", |drive| {
         drive.limits.entries_per_pdo.to_string()
     }),
-    ("`Start::Immediately`", |drive| {
-        start(drive, Start::Immediately)
+    ("`BufferMode::Aborting`", |drive| {
+        start(drive, BufferMode::Aborting)
     }),
-    ("`Start::AfterCurrent`", |drive| {
-        start(drive, Start::AfterCurrent)
+    ("`BufferMode::Buffered`", |drive| {
+        start(drive, BufferMode::Buffered)
     }),
-    ("`Start::Blend`", |drive| start(drive, Start::Blend)),
+    ("`BufferMode::Blending`", |drive| {
+        start(drive, BufferMode::Blending)
+    }),
     ("bit 12 is taken to show", |drive| {
         match drive.traits.buffer_signal {
             BufferSignal::Acknowledge => "room in the buffer",

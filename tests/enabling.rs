@@ -162,6 +162,29 @@ fn a_disable_ends_the_wait() {
 }
 
 #[test]
+fn a_stop_or_disable_in_the_middle_of_an_enable_is_done_when_the_drive_will_not_be_enabled() {
+    for command in [Command::Stop, Command::Disable] {
+        for wait in 0..20 {
+            let mut rig = Rig::akd2g();
+            rig.run(120);
+            let enable = rig.send(Command::Enable);
+            rig.run(wait);
+            let id = rig.send(command);
+            // A stop of an axis that is enabled by now leaves it so.
+            if command == Command::Stop && rig.outcome(enable) == Some(Ok(Completion::Done)) {
+                break;
+            }
+            let ended = rig.finish(id);
+            let enabled = ds402::State::OperationEnabled;
+            for _ in 0..20 {
+                assert_ne!(rig.drive.state(), enabled, "{command:?} {wait}: {ended:?}");
+                rig.cycle();
+            }
+        }
+    }
+}
+
+#[test]
 fn an_axis_that_is_inhibited_while_it_moves_says_that_it_was_disabled() {
     let mut rig = Rig::enabled();
     let id = rig.abs(50_000, SetPoint::new());

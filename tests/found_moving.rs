@@ -67,7 +67,7 @@ fn run_without_coasting(rig: &mut Rig, cycles: usize) {
             rig.drive.state(),
             ds402::State::OperationEnabled | ds402::State::QuickStopActive
         );
-        assert!(powered || rig.drive.velocity() == 0.0, "it coasts");
+        assert!(powered || !rig.moves(), "it coasts");
     }
 }
 
@@ -85,7 +85,7 @@ fn it_gets_a_quick_stop_until_it_stands_and_then_disable_voltage() {
 fn one_that_stands_is_switched_off_at_once() {
     let mut rig = found_on_the_way_to(5_000, (2, true));
     // It arrives before the first frame that it takes.
-    while rig.drive.velocity() != 0.0 {
+    while !rig.drive.stands() {
         rig.cycle_over(Link::RequestLost);
     }
     let from = rig.words.len();
@@ -102,7 +102,7 @@ fn one_whose_drive_takes_no_orders_is_told_to_switch_off_when_it_stands() {
     run_without_coasting(&mut rig, 100);
     assert_eq!(rig.word(), QUICK_STOP);
     run_without_coasting(&mut rig, 2_000);
-    assert_eq!(rig.drive.velocity(), 0.0, "it has arrived");
+    assert!(rig.drive.stands(), "it has arrived");
     assert_eq!(rig.word(), 0);
 }
 
@@ -128,7 +128,7 @@ fn whoever_stops_it_is_told_when_it_stands() {
             while rig.outcome(id).is_none() {
                 run_without_coasting(&mut rig, 1);
             }
-            assert_eq!(rig.drive.velocity(), 0.0, "{command:?}, {drive:?}");
+            assert!(rig.drive.stands(), "{command:?}, {drive:?}");
             assert_eq!(rig.outcome(id), Some(Ok(Completion::Stopped { state })));
         }
     }
@@ -142,6 +142,6 @@ fn an_enable_stops_it_first_and_no_motion_follows() {
         run_without_coasting(&mut rig, 2_000);
         assert_eq!(rig.outcome(id), Some(Ok(Completion::Done)));
         assert_eq!(rig.drive.state(), ds402::State::OperationEnabled);
-        assert_eq!(rig.drive.velocity(), 0.0);
+        assert!(rig.drive.stands());
     }
 }

@@ -9,7 +9,7 @@ use std::fmt::Write;
 use common::{Link, Rig};
 use servocrab::axis::{Command, CommandId, Completion, Event, Failure};
 use servocrab::ds402::{Mode, QuickStopOption, State};
-use servocrab::profile_position::{MoveCommand, Reference, SetPoint, Start};
+use servocrab::profile_position::{BufferMode, MoveCommand, Reference, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Plant};
 
 const EXPECTED: &str = include_str!("vectors/matrix.txt");
@@ -65,15 +65,15 @@ fn commands() -> Vec<(&'static str, Option<Command>)> {
         Command::Move(MoveCommand {
             reference: Reference::Absolute,
             target: -2_000,
-            set_point: SetPoint::new().start(start),
+            set_point: SetPoint::new().buffer_mode(start),
             gated: false,
         })
     };
     vec![
         ("nothing", None),
-        ("move immediately", Some(to(Start::Immediately))),
-        ("move after current", Some(to(Start::AfterCurrent))),
-        ("move blended", Some(to(Start::Blend))),
+        ("move immediately", Some(to(BufferMode::Aborting))),
+        ("move after current", Some(to(BufferMode::Buffered))),
+        ("move blended", Some(to(BufferMode::Blending))),
         ("halt", Some(Command::Halt)),
         ("resume", Some(Command::Resume)),
         ("stop", Some(Command::Stop)),

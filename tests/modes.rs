@@ -8,6 +8,7 @@ mod common;
 
 use core::time::Duration;
 
+use common::frames::Random;
 use common::{CYCLE, Link, Rig};
 use servocrab::axis::{Command, CommandId, Completion, Event, Failure, Referencing, StopRequest};
 use servocrab::coe::obj;
@@ -25,30 +26,6 @@ const QUIET: usize = 1_500;
 
 const MODES: [Mode; 3] = [Mode::ProfilePosition, Mode::Homing, Mode::ProfileVelocity];
 const METHODS: [i8; 7] = [17, 18, 33, 34, 35, 37, 99];
-
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    fn below(&mut self, n: u64) -> u64 {
-        self.next() % n
-    }
-
-    fn one_in(&mut self, n: u64) -> bool {
-        self.below(n) == 0
-    }
-
-    fn pick<T: Copy>(&mut self, of: &[T]) -> T {
-        of[self.below(of.len() as u64) as usize]
-    }
-}
 
 /// A command, and what the axis knew when it was given.
 struct Issued {
@@ -80,7 +57,7 @@ struct Life {
 
 impl Life {
     fn new(seed: u64) -> Self {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let latency = random.below(4) as usize;
         let behaviour = Behaviour {
             machine: Machine {
@@ -96,6 +73,7 @@ impl Life {
             mode_change_cycles: random.below(6) as u32,
             homing_method_refused_at_write: false,
             quick_stop_option: random.pick(&[2, 6]),
+            plant: Plant::seeded(seed),
             ..Behaviour::akd2g()
         };
         let mut description = drives::akd2g();
@@ -113,10 +91,6 @@ impl Life {
             // What comes back is this old: a drive that is slower by it.
             config.traits.drive_cycle = CYCLE * (1 + latency as u32);
         });
-        // Half of the shafts are where their demand is.
-        if seed % 2 == 1 {
-            rig = rig.on_plant(Plant::seeded(seed));
-        }
         rig.latency = latency;
         for (index, subindex, value) in [
             (0x6099, 1, 60_000),

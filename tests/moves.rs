@@ -6,7 +6,7 @@ mod common;
 use common::Rig;
 use servocrab::axis::{Command, Completion, Delivery, Event, Failure, Referencing};
 use servocrab::ds402::State;
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Executed, FullBuffer, Outcome};
 
 #[test]
@@ -17,7 +17,7 @@ fn an_axis_is_enabled_step_by_step_and_nothing_moves() {
     rig.run(100);
     // Quick stop as long as nothing is known of the drive.
     assert_eq!(rig.distinct_words(1), [0x0B, 0x00, 0x06, 0x07, 0x0F]);
-    assert_eq!(rig.drive.position(), 777);
+    rig.assert_at(777);
     assert!(rig.ledger().is_empty());
 }
 
@@ -25,7 +25,7 @@ fn an_axis_is_enabled_step_by_step_and_nothing_moves() {
 fn an_absolute_move_is_executed_once_and_reaches_its_target() {
     let mut rig = Rig::enabled();
     let id = rig.abs(10_000, SetPoint::new().velocity(50_000));
-    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 10_000 }));
+    rig.assert_reached(id, 10_000);
     assert_eq!(rig.ledger().len(), 1);
     assert_eq!(rig.ledger()[0].outcome, Outcome::Reached);
     assert_eq!(rig.reports(id).first(), Some(&Event::Accepted));
@@ -37,7 +37,7 @@ fn relative_moves_add_up() {
     for n in 1..=3 {
         let id = rig.rel(-1_000, SetPoint::new());
         assert!(matches!(rig.finish(id), Ok(Completion::Reached { .. })));
-        assert_eq!(rig.drive.position(), -1_000 * n);
+        rig.assert_at(-1_000 * n);
     }
     assert_eq!(rig.ledger().len(), 3);
 }
@@ -49,10 +49,7 @@ fn a_move_with_immediately_supersedes_the_one_under_way() {
     rig.wait_accepted(first);
     rig.run(100);
     let second = rig.abs(-5_000, SetPoint::new());
-    assert_eq!(
-        rig.finish(second),
-        Ok(Completion::Reached { position: -5_000 })
-    );
+    rig.assert_reached(second, -5_000);
     assert_eq!(rig.outcome(first), Some(Err(Failure::Superseded)));
     assert_eq!(rig.ledger()[0].outcome, Outcome::Replaced);
 }
@@ -61,16 +58,9 @@ fn a_move_with_immediately_supersedes_the_one_under_way() {
 fn queued_and_blended_moves_end_in_order() {
     let mut rig = Rig::enabled();
     let a = rig.abs(10_000, SetPoint::new());
-    let b = rig.abs(20_000, SetPoint::new().start(Start::AfterCurrent));
-    let c = rig.abs(30_000, SetPoint::new().start(Start::Blend));
-    let end = rig.finish(c);
-    assert_eq!(
-        end,
-        Ok(Completion::Reached { position: 30_000 }),
-        "{:?} {:#?}",
-        rig.events,
-        rig.ledger()
-    );
+    let b = rig.abs(20_000, SetPoint::new().buffer_mode(BufferMode::Buffered));
+    let c = rig.abs(30_000, SetPoint::new().buffer_mode(BufferMode::Blending));
+    rig.assert_reached(c, 30_000);
     assert!(matches!(
         rig.outcome(a),
         Some(Ok(Completion::Reached { .. }))
@@ -113,7 +103,7 @@ fn a_halt_keeps_the_set_point_and_resume_completes_it() {
     let resume = rig.send(Command::Resume);
     rig.cycle();
     assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
-    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 50_000 }));
+    rig.assert_reached(id, 50_000);
     assert_eq!(rig.ledger().len(), 1);
 }
 
@@ -217,8 +207,7 @@ fn an_axis_stopped_while_bit_4_is_high_moves_again_when_it_is_enabled_again() {
         assert!(rig.outcome(first).is_some_and(|end| end.is_err()));
         rig.enable();
         let second = rig.abs(-10_000, SetPoint::new());
-        let reached = Completion::Reached { position: -10_000 };
-        assert_eq!(rig.finish(second), Ok(reached), "{command:?}");
+        rig.assert_reached(second, -10_000);
     }
 }
 
@@ -288,7 +277,7 @@ fn an_axis_that_was_not_homed_moves_by_distances_only_and_nothing_of_an_absolute
 
     let relative = rig.rel(10_000, SetPoint::new());
     assert!(rig.finish(relative).is_ok());
-    assert_eq!(rig.drive.position(), 10_000);
+    rig.assert_at(10_000);
 }
 
 #[test]
@@ -299,7 +288,7 @@ fn an_absolute_encoder_is_a_reference_from_the_first_cycle_on() {
     rig.enable();
     assert!(rig.core.snapshot().referenced);
     let id = rig.abs(10_000, SetPoint::new());
-    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 10_000 }));
+    rig.assert_reached(id, 10_000);
 }
 
 #[test]
@@ -352,14 +341,14 @@ fn a_move_that_comes_back_to_its_end_makes_room_only_when_it_has_ended() {
         let gentle = SetPoint::new().deceleration(200_000);
         let first = rig.abs(3_000, gentle);
         rig.wait_accepted(first);
-        let second = rig.abs(-4_000, SetPoint::new().start(Start::Blend));
+        let second = rig.abs(-4_000, SetPoint::new().buffer_mode(BufferMode::Blending));
         rig.wait_accepted(second);
-        let third = rig.abs(500, SetPoint::new().start(Start::AfterCurrent));
+        let third = rig.abs(500, SetPoint::new().buffer_mode(BufferMode::Buffered));
         rig.run_until(1_000, |rig| rig.drive.position() > 4_000);
         assert_eq!(rig.outcome(first), None, "it is on its way back to 3000");
         assert!(rig.finish(first).is_ok());
         assert!(rig.finish(second).is_ok());
-        assert_eq!(rig.finish(third), Ok(Completion::Reached { position: 500 }));
+        rig.assert_reached(third, 500);
         assert_eq!(
             ends(&rig)[1..],
             [
@@ -379,7 +368,7 @@ fn a_queued_move_that_is_executed_before_its_late_acknowledge_is_seen_is_not_the
     rig.drive.disturbances().ack_delay_cycles = 400;
     let first = rig.abs(696, SetPoint::new());
     rig.wait_accepted(first);
-    let second = rig.abs(711, SetPoint::new().start(Start::AfterCurrent));
+    let second = rig.abs(711, SetPoint::new().buffer_mode(BufferMode::Buffered));
     assert!(rig.finish(second).is_ok());
     assert!(rig.finish(first).is_ok(), "{:?}", rig.outcome(first));
 }

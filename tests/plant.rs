@@ -3,15 +3,18 @@
 
 use core::time::Duration;
 
+#[path = "common/differential.rs"]
+mod differential;
+#[path = "common/frames.rs"]
+mod frames;
 #[path = "common/plant.rs"]
 mod plant;
-#[path = "common/twins.rs"]
-mod twins;
 
-use plant::{Bus, End, Habits, Link, random};
+use frames::{Link, Random};
+use plant::{Bus, End, Habits};
 use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::profile_position::{
-    BufferSignal, MoveCommand, Reference, RelativeBase, SetPoint, Start,
+    BufferMode, BufferSignal, MoveCommand, Reference, RelativeBase, SetPoint,
 };
 
 /// An axis that goes 32 counts past its end at 500 000 counts/s², critically damped.
@@ -23,7 +26,7 @@ fn overshooting() -> Habits {
 }
 
 fn after() -> SetPoint {
-    SetPoint::new().start(Start::AfterCurrent)
+    SetPoint::new().buffer_mode(BufferMode::Buffered)
 }
 
 /// `Reached` and `Passed` are true of each of these moves, none went into a full buffer, and each has ended.
@@ -84,10 +87,10 @@ fn an_axis_that_goes_past_its_end_has_not_left_it() {
 
 /// What one random run drew, and what came of it.
 fn sweep(seed: u64, wild: bool) -> Result<(), String> {
-    let mut state = seed;
+    let mut random = Random::new(seed);
     let mut draw = |range: core::ops::Range<i64>| {
         let span = (range.end - range.start) as u64;
-        range.start + (random(&mut state) % span) as i64
+        range.start + random.below(span) as i64
     };
     let shows_room = draw(0..4) == 0;
     let window = [5, 10, 20, 50, 100, 300][draw(0..6) as usize];
@@ -123,14 +126,14 @@ fn sweep(seed: u64, wild: bool) -> Result<(), String> {
     let mut at = 0;
     for _ in 0..draw(3..7) {
         let start = match draw(0..5) {
-            _ if moves.is_empty() => Start::Immediately,
-            0..3 => Start::AfterCurrent,
-            _ => Start::Blend,
+            _ if moves.is_empty() => BufferMode::Aborting,
+            0..3 => BufferMode::Buffered,
+            _ => BufferMode::Blending,
         };
         let far = [200, 2_000, 20_000][draw(0..3) as usize];
         at += draw(-far..far);
         let set_point = SetPoint::new()
-            .start(start)
+            .buffer_mode(start)
             .acceleration(draw(50..2_000) as u32 * 1_000)
             .deceleration(draw(50..2_000) as u32 * 1_000);
         // As many as may wait.
@@ -230,7 +233,7 @@ fn blind_around_an_arrival(
     } else {
         BufferSignal::None
     };
-    let mut bus = Bus::enabled(habits.clone(), |config| {
+    let mut bus = Bus::enabled(*habits, |config| {
         config.traits.buffer_signal = signal;
         config.loss.stale_cycles = 60;
         config.loss.undelivered_cycles = 90;
@@ -240,8 +243,8 @@ fn blind_around_an_arrival(
         .deceleration(4_000_000);
     let moves = [
         bus.abs(targets[0], fast),
-        bus.abs(targets[1], fast.start(Start::AfterCurrent)),
-        bus.abs(targets[2], fast.start(Start::AfterCurrent)),
+        bus.abs(targets[1], fast.buffer_mode(BufferMode::Buffered)),
+        bus.abs(targets[2], fast.buffer_mode(BufferMode::Buffered)),
     ];
     bus.run(moment as usize);
     if stall {
@@ -336,8 +339,8 @@ fn a_target_that_is_passed_between_two_long_cycles_is_not_missed() {
                         .deceleration(4_000_000);
                     let moves = [
                         bus.abs(first, fast),
-                        bus.abs(second, fast.start(Start::AfterCurrent)),
-                        bus.abs(first, fast.start(Start::AfterCurrent)),
+                        bus.abs(second, fast.buffer_mode(BufferMode::Buffered)),
+                        bus.abs(first, fast.buffer_mode(BufferMode::Buffered)),
                     ];
                     for id in moves {
                         bus.finish(id).ok();
@@ -527,14 +530,14 @@ fn slow() -> Habits {
 
 #[test]
 fn an_axis_that_still_settles_when_the_next_move_is_taken_has_not_missed_that() {
-    for start in [Start::AfterCurrent, Start::Immediately] {
+    for start in [BufferMode::Buffered, BufferMode::Aborting] {
         let mut bus = Bus::enabled(slow(), |config| config.tolerances.position = 50);
         let first = bus.abs(3_000, SetPoint::new());
         assert!(bus.finish(first).is_ok());
         let at = bus.drive.actual;
         // The drive waits with bit 10 high, and the axis goes on to the end before.
         bus.drive.habits.start_delay = 900;
-        let second = bus.abs(5_000, SetPoint::new().start(start));
+        let second = bus.abs(5_000, SetPoint::new().buffer_mode(start));
         bus.wait_accepted(second);
         let mut furthest: f64 = 0.0;
         for _ in 0..850 {
@@ -553,13 +556,13 @@ fn an_axis_that_still_settles_when_the_next_move_is_taken_has_not_missed_that() 
 
 #[test]
 fn an_axis_that_sets_off_slowly_has_not_come_to_rest_where_it_was() {
-    for (start, target) in [(Start::AfterCurrent, 27), (Start::Immediately, -40)] {
+    for (start, target) in [(BufferMode::Buffered, 27), (BufferMode::Aborting, -40)] {
         let habits = Habits {
             start_delay: 400,
             ..slow()
         };
         let mut bus = Bus::enabled(habits, |_| {});
-        let id = bus.abs(target, SetPoint::new().start(start));
+        let id = bus.abs(target, SetPoint::new().buffer_mode(start));
         let end = bus.finish(id);
         assert!(
             matches!(end, Ok(Completion::Reached { .. })),
@@ -705,7 +708,7 @@ fn distances_that_wait_behind_one_that_is_short_have_not_ended_with_it() {
         ..Habits::default()
     };
     for distances in [[5, 1_000, 5], [5, 1_000, 1_000], [5, -7, 900]] {
-        let mut bus = Bus::enabled(habits.clone(), |config| {
+        let mut bus = Bus::enabled(habits, |config| {
             config.traits.buffer_signal = BufferSignal::Acknowledge;
             config.deadlines.acknowledge = Duration::from_secs(5);
         });

@@ -19,13 +19,14 @@ const STOPS: [Command; 4] = [
     Command::Release,
 ];
 
-/// On a move of a minute, with a drive that takes no quick stop any more.
+/// On a move of a minute, with a drive that takes no quick stop any more. Its shaft is ideal: `NOTICED` is a figure of docs/motion.md.
 fn moving(shows_velocity: bool) -> (Rig, CommandId) {
     let mut rig = Rig::new(Behaviour::akd2g(), |config| {
         if !shows_velocity {
             config.fields.actual_velocity = None;
         }
-    });
+    })
+    .ideal();
     rig.enable();
     let id = rig.abs(600_000, SetPoint::new().velocity(10_000));
     rig.wait_accepted(id);

@@ -19,7 +19,7 @@ use std::{
 use namespace::{Process, inside_namespace, run, say, simulated, simulated_on, veth_pair};
 use servocrab::{
     axis::Referencing,
-    bus::{DriveConfig, Network, NetworkBuilder, NetworkError, Statistics},
+    bus::{AxisConfig, DriveConfig, Network, NetworkBuilder, NetworkError, Statistics},
     drives,
     profile_position::{Outcome, SetPoint},
 };
@@ -251,6 +251,51 @@ fn ctrl_c_in_mid_move_stops_and_disables() {
     assert!(stopping.time_s < last.time_s);
 }
 
+#[test]
+fn home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable() {
+    if !inside_namespace("home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable") {
+        return;
+    }
+    let machine = [
+        "--stands-at",
+        "327680",
+        "--limit-switches",
+        "196608..100000000",
+    ];
+    let machine = machine.map(str::to_owned);
+    let simulator = program("servocrab-sim");
+    let _line = simulated_on("slave0", &simulator, &["generic"], 60, &machine);
+    let done = Command::new(program("examples/home_and_jog"))
+        .args(["--interface", "master0"])
+        .output()
+        .expect("it starts");
+    let (said, errors) = (
+        String::from_utf8_lossy(&done.stdout),
+        String::from_utf8_lossy(&done.stderr),
+    );
+    assert!(done.status.success(), "{said}{errors}");
+    assert!(said.contains("referenced: true"), "{said}");
+    assert!(said.contains("after homing: Reached"), "{said}");
+    let refused = Command::new(program("examples/recover"))
+        .args(["--interface", "master0"])
+        .output()
+        .expect("it starts");
+    assert_eq!(refused.status.code(), Some(2), "it takes no arguments");
+}
+
+#[test]
+fn an_example_whose_output_nobody_reads_goes_on_to_its_end() {
+    let mut child = Command::new(program("examples/home_and_jog"))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("it starts");
+    drop(child.stdout.take());
+    let ended = child.wait_with_output().expect("it is our child");
+    let errors = String::from_utf8_lossy(&ended.stderr);
+    assert!(ended.status.success() && errors.is_empty(), "{errors}");
+}
+
 /// Runs `program` to its end, which must be a failure, and gives what it wrote about it.
 fn failure(mut program: Process, limit: Duration) -> String {
     let code = program.wait(limit).code();
@@ -375,7 +420,7 @@ fn another_device_at_the_drives_position_is_an_error_with_both_identities() {
     assert!(
         text.starts_with(
             "pp_move: the line is not the expected one, and nothing was configured:\n"
-        ) && text.contains(" AKD2G (0000006Ah:414B4432h) ")
+        ) && text.contains(" AKD2G (0000006Ah:any) ")
             && text.contains(" Coupler (00000000h:434F5550h, ")
             && text.trim_end().ends_with("another device"),
         "{text}"
@@ -398,8 +443,7 @@ fn network(place: usize, devices: &[&str]) -> (Process, PathBuf, NetworkBuilder)
             .iter()
             .fold(DriveConfig::new(drives::akd2g()), |config, name| {
                 config
-                    .axis(name)
-                    .referencing(name, Referencing::UnreferencedMovesAllowed)
+                    .axis(AxisConfig::new(name).referencing(Referencing::UnreferencedMovesAllowed))
             });
         builder.drive(drive, config)
     });

@@ -40,7 +40,7 @@ fn in_a_process(test: &str, command: &[&str]) -> Option<Output> {
 }
 
 fn start(real_time: RealTime) -> Result<Network, NetworkError> {
-    let mut segment = Segment::new().with(personality::generic()).ideal();
+    let mut segment = Segment::new().with(personality::generic());
     let builder = Network::builder()
         .link(Wire::new(move |frame: &mut [u8], now| {
             segment.process(frame, now)

@@ -9,7 +9,7 @@ mod common;
 use common::Rig;
 use servocrab::axis::{Delivery, Failure, WaitingFor};
 use servocrab::ds402::{Controlword, Mode, PowerCommand, State, Statusword, describe_error_code};
-use servocrab::profile_position::{Reference, SetPoint, Start};
+use servocrab::profile_position::{BufferMode, Reference, SetPoint};
 
 const STATES: &str = include_str!("vectors/statusword_states.txt");
 const COMMANDS: &str = include_str!("vectors/device_commands.txt");
@@ -94,9 +94,9 @@ fn each_device_command_is_the_word_of_the_command_table() {
 fn each_kind_of_start_is_the_word_of_the_akd2gs_bit_tables() {
     for row in rows(STARTS) {
         let start = match row[0] {
-            "Immediately" => Start::Immediately,
-            "AfterCurrent" => Start::AfterCurrent,
-            "Blend" => Start::Blend,
+            "Aborting" => BufferMode::Aborting,
+            "Buffered" => BufferMode::Buffered,
+            "Blending" => BufferMode::Blending,
             other => panic!("{other}"),
         };
         let reference = match row[1] {
@@ -110,7 +110,7 @@ fn each_kind_of_start_is_the_word_of_the_akd2gs_bit_tables() {
         rig.wait_accepted(first);
         rig.run(50);
         let from = rig.words.len();
-        let set_point = SetPoint::new().start(start);
+        let set_point = SetPoint::new().buffer_mode(start);
         let second = match reference {
             Reference::Absolute => rig.abs(60_000, set_point),
             Reference::Relative => rig.rel(60_000, set_point),

@@ -54,7 +54,7 @@ fn is_powered(rig: &Rig) -> bool {
 /// word may have done so.
 fn cycle(rig: &mut Rig, option: i16, what: &str) {
     rig.cycle();
-    let moves = rig.drive.velocity() != 0.0;
+    let moves = rig.moves();
     if option == 0 {
         let sent = rig.words.last().unwrap();
         assert!(!moves || sent & 2 != 0, "{what}: {sent:04X} is sent");
@@ -65,11 +65,11 @@ fn cycle(rig: &mut Rig, option: i16, what: &str) {
 
 fn to_rest(rig: &mut Rig, option: i16, what: &str) {
     for _ in 0..12_000 {
-        if rig.drive.velocity() == 0.0 {
+        if rig.drive.stands() {
             for _ in 0..400 {
                 cycle(rig, option, what);
             }
-            if rig.drive.velocity() == 0.0 {
+            if rig.drive.stands() {
                 return;
             }
         }
@@ -88,7 +88,8 @@ fn is_usable(rig: &mut Rig, what: &str) {
     let enable = rig.send(Command::Enable);
     assert_eq!(rig.finish(enable), Ok(Completion::Done), "{what}: enable");
     rig.run(200);
-    assert_eq!(rig.drive.position() as i32, at, "{what}: it moves unasked");
+    let off = (rig.drive.position() as i32 - at).abs();
+    assert!(off <= 10, "{what}: it moves unasked, by {off}");
     let halted = rig.core.snapshot().halted;
     if halted {
         let resume = rig.send(Command::Resume);
@@ -96,8 +97,12 @@ fn is_usable(rig: &mut Rig, what: &str) {
     }
     let target = at + 500;
     let id = rig.abs(target, SetPoint::new());
-    let reached = Ok(Completion::Reached { position: target });
-    assert_eq!(rig.finish(id), reached, "{what}: a move");
+    let end = rig.finish(id);
+    let is_there = |position: i32| (position - target).abs() <= 10;
+    assert!(
+        matches!(end, Ok(Completion::Reached { position }) if is_there(position)),
+        "{what}: a move to {target}: {end:?}"
+    );
 }
 
 #[test]
@@ -155,7 +160,7 @@ fn nor_does_it_while_something_is_asked_for() {
                         cycle(&mut rig, option, &what);
                     }
                     assert!(rig.outcome(id).is_some(), "{what}: it has no end");
-                    if rig.drive.velocity() == 0.0 {
+                    if rig.drive.stands() {
                         to_rest(&mut rig, option, &what);
                         let standing = matches!(command, Command::Halt | Command::Stop);
                         if !(standing && rig.core.snapshot().has_set_point) {
@@ -189,7 +194,9 @@ fn a_stop_that_ends_well_ends_at_standstill_whatever_one_word_shows() {
                     let mut fastest = 0.0;
                     for _ in 0..12_000 {
                         if let Some(result) = rig.outcome(id) {
-                            assert!(result.is_err() || fastest == 0.0, "{what}: at {fastest}");
+                            let standstill = f64::from(rig.drive.plant().standstill_velocity);
+                            let stands = fastest <= standstill;
+                            assert!(result.is_err() || stands, "{what}: at {fastest}");
                             break;
                         }
                         cycle(&mut rig, option, &what);
@@ -292,7 +299,7 @@ fn every_state_may_follow_every_other() {
                             assert!(rig.drive.velocity() > 40_000.0, "{what}");
                             continue;
                         }
-                        assert_eq!(rig.drive.velocity(), 0.0, "{what}");
+                        assert!(!rig.moves(), "{what}");
                         if let Some(stop) = stop {
                             assert!(rig.outcome(stop).is_some(), "{what}: no end");
                         }
@@ -358,6 +365,29 @@ fn an_axis_is_not_enabled_by_one_wrong_word() {
     }
 }
 
+/// It may be enabled, and hold a set-point of which the core knows nothing.
+#[test]
+fn a_drive_that_is_enabled_before_it_was_told_to_is_led_down_first() {
+    let mut early = 0;
+    for wait in 0..12 {
+        let mut rig = rig(2, true);
+        rig.run(200);
+        let id = rig.send(Command::Enable);
+        rig.run(wait);
+        rig.forged = Some(0x0237);
+        rig.cycle();
+        if rig.words.last().unwrap() & 0x08 != 0 {
+            break;
+        }
+        early += 1;
+        rig.cycle();
+        let word = rig.words.last().unwrap();
+        assert_eq!(word & 0x0F, 0, "{word:04X} is sent after {wait} cycles");
+        assert_eq!(rig.finish(id), Ok(Completion::Done), "{wait}");
+    }
+    assert!(early > 1);
+}
+
 #[test]
 fn words_of_a_drive_without_power_do_not_enable_an_axis_that_moves() {
     for word in [0x0250, 0x0231, 0x0233] {
@@ -372,7 +402,7 @@ fn words_of_a_drive_without_power_do_not_enable_an_axis_that_moves() {
             }
             rig.cycle();
             let brakes = rig.words.last().unwrap() & 0x06 == 0x02;
-            let moves = rig.drive.velocity() != 0.0;
+            let moves = rig.moves();
             assert!(brakes || !moves || wrong == 0, "{word:04X}: {wrong}");
         }
         assert!(

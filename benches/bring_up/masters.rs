@@ -1,31 +1,57 @@
-//! The masters that are Rust: from nothing to every drive in OP.
+//! The masters that are Rust: from nothing to every drive in OP, and this library's first enabled axis.
 
-use std::time::{Duration, Instant};
+use std::{
+    process::exit,
+    sync::atomic::{AtomicUsize, Ordering::Relaxed},
+    time::{Duration, Instant},
+};
 
 use ethercrab::{PduStorage, std::tx_rx_task};
 use servocrab::{
-    bus::{DriveConfig, Network},
+    bus::{AlState, BringUpStep, DriveConfig, Network, NetworkBuilder},
     drives,
 };
 
 use crate::stock_set_up::{in_op, main_device};
 
-/// This library: mapping of both axes written and read back, parameters read, watchdog armed and verified.
-pub(crate) fn servocrab(interface: &str, drives: usize) -> Duration {
+/// This library until all drives are in OP: mapping of both axes compared, defaults that the outputs overwrite read, watchdog armed and
+/// verified. What only motion needs is read after that: the process ends with the time, so that hardly any of it is counted.
+pub(crate) fn servocrab_to_op(interface: &str, drives: usize) -> ! {
     let begun = Instant::now();
+    let left = AtomicUsize::new(drives);
+    let builder = builder(interface, drives).on_progress(move |progress| {
+        let in_op = progress.step == BringUpStep::State(AlState::Op);
+        if in_op && left.fetch_sub(1, Relaxed) == 1 {
+            println!("{}", begun.elapsed().as_secs_f64() * 1e3);
+            exit(0);
+        }
+    });
+    smol::block_on(builder.start()).expect("the line comes up");
+    panic!("not all drives were reported in OP")
+}
+
+/// This library until its first axis is enabled: before that all that motion needs was read of all drives.
+pub(crate) fn servocrab_to_enable(interface: &str, drives: usize) -> Duration {
+    let begun = Instant::now();
+    let network = smol::block_on(builder(interface, drives).start()).expect("the line comes up");
+    let axis = network.axis("x0").expect("it was declared");
+    smol::block_on(axis.enable()).expect("the axis is enabled");
+    let took = begun.elapsed();
+    smol::block_on(network.shutdown()).unwrap();
+    took
+}
+
+fn builder(interface: &str, drives: usize) -> NetworkBuilder {
     let mut builder = Network::builder()
         .interface(interface)
         .cycle(Duration::from_millis(1));
     for position in 0..u16::try_from(drives).expect("fewer drives") {
         let drive = DriveConfig::new(drives::akd2g())
-            .axis(&format!("x{position}"))
-            .axis(&format!("y{position}"));
+            .axis(format!("x{position}"))
+            .axis(format!("y{position}"));
         builder = builder.drive(position, drive);
     }
-    let network = smol::block_on(builder.start()).expect("the line comes up");
-    let took = begun.elapsed();
-    smol::block_on(network.shutdown()).unwrap();
-    took
+    builder
 }
 
 const FRAMES: usize = 64;

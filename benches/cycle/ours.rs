@@ -28,8 +28,9 @@ use crate::{
     measure::{Measured, Mode, PERIOD_NS, cpu_ns, now_ns, serve},
 };
 
-/// Second byte of the source address of process data.
-const PROCESS_DATA: u8 = 0xC5;
+/// Where a frame's first datagram has its index: the frame's place in the cycle, or this.
+const PLACE: usize = 17;
+const ACYCLIC: u8 = 0xFF;
 
 /// Brings the line up, enables every axis, and runs cycles as it is commanded.
 pub(crate) fn servocrab(interface: &str, axes: usize, spin: bool, frames: &Path) {
@@ -150,7 +151,7 @@ fn drive_of(drive: usize, axes: usize) -> DriveConfig {
     }
     let mut config = DriveConfig::new(description);
     for axis in 0..axes.min(2) {
-        config = config.axis(&(2 * drive + axis).to_string());
+        config = config.axis((2 * drive + axis).to_string());
     }
     config
 }
@@ -288,7 +289,9 @@ impl Watched {
 
 impl Link for Watched {
     fn send(&mut self, frame: &[u8]) -> io::Result<()> {
-        if let [_, _, _, _, _, _, _, PROCESS_DATA, _, _, _, place, ..] = *frame {
+        if let Some(&place) = frame.get(PLACE)
+            && place != ACYCLIC
+        {
             if self.spin && !FAST.get() && place == 0 {
                 let now = now_ns();
                 let due = DUE.get() + PERIOD_NS;

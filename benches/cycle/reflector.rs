@@ -24,6 +24,7 @@ use crate::{
 
 /// Bytes of the Ethernet and the EtherCAT header.
 const HEADERS: usize = 16;
+const NOP: u8 = 0;
 const FPRD: u8 = 4;
 const LOGICAL: std::ops::RangeInclusive<u8> = 10..=12;
 
@@ -51,7 +52,7 @@ struct Held {
 /// The answer to a kind of frame.
 struct Kept {
     length: usize,
-    /// Command and address of the first datagram.
+    /// Command and address of the first datagram that is no NOP.
     first: [u8; 5],
     answer: Vec<u8>,
     /// The datagrams' data with their working counters.
@@ -173,16 +174,24 @@ impl Kept {
 }
 
 fn first(frame: &[u8]) -> Option<[u8; 5]> {
-    let &[command, _, a, b, c, d, ..] = frame.get(HEADERS..)? else {
+    let &[command, _, a, b, c, d, ..] = frame.get(begin(frame)..)? else {
         return None;
     };
     Some([command, a, b, c, d])
 }
 
+/// Where the first datagram is that does something: ours has a NOP before it, whose address is another one in each frame.
+fn begin(frame: &[u8]) -> usize {
+    match frame.get(HEADERS..) {
+        Some(&[NOP, _, _, _, _, _, length, _, ..]) => HEADERS + 12 + usize::from(length),
+        _ => HEADERS,
+    }
+}
+
 /// What distinguishes a frame of process data, or of many states, from others; and where data and working counters are.
 fn kind(frame: &[u8]) -> (Option<[u8; 5]>, Vec<Range<usize>>) {
     let mut data = Vec::new();
-    let (mut at, mut logical) = (HEADERS, false);
+    let (mut at, mut logical) = (begin(frame), false);
     while let Some(&[command, _, _, _, _, _, low, high]) = frame.get(at..at + 8) {
         logical |= LOGICAL.contains(&command);
         let flags = u16::from_le_bytes([low, high]);

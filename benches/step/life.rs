@@ -15,7 +15,7 @@ use std::{
 
 use servocrab::{
     axis::{Axis, Referencing},
-    bus::{BusLoop, DriveConfig, Network},
+    bus::{AxisConfig, BusLoop, DriveConfig, Network},
     drives,
     link::{Link, Wire},
     pdo_map::Direction,
@@ -128,8 +128,7 @@ pub(crate) fn live(axes: usize) {
     for position in 0..axes {
         let name = position.to_string();
         let drive = DriveConfig::new(drives::generic())
-            .axis(&name)
-            .referencing(&name, Referencing::AbsoluteEncoder);
+            .axis(AxisConfig::new(&name).referencing(Referencing::AbsoluteEncoder));
         builder = builder.drive(u16::try_from(position).expect("fewer drives"), drive);
     }
     let (starting, mut bus) = builder.split().expect("a network");
@@ -196,8 +195,8 @@ fn place() -> Place {
 /// Makes the position of one drive in so many another one in every other cycle, in a frame that comes back.
 fn dither(frame: &mut [u8], every: usize, place: &Place) {
     const LRW: u8 = 12;
-    // The low bit of the cycle's number, which is in the source address (with the frame's place behind it).
-    let bit = frame[10] & 1;
+    // The low bit of the cycle's number, which is the address of the first datagram.
+    let bit = frame[18] & 1;
     let mut at = 16;
     loop {
         let number = |at: usize| usize::from(u16::from_le_bytes([frame[at], frame[at + 1]]));

@@ -22,9 +22,9 @@ use crate::{
 const CYCLE: Duration = Duration::from_millis(1);
 /// What is shown, from the first frame on.
 const CYCLES: usize = 300;
-/// Where the source address says that a frame is process data.
-const TAG: usize = 7;
-const CYCLIC: u8 = 0xC5;
+/// Where a frame's first datagram has its index, and which one says that it is no process data.
+const TAG: usize = 17;
+const ACYCLIC: u8 = 0xFF;
 
 const CURVES: [(f64, &str, RGBColor); 2] = [
     (100.0, "reference +100 ppm", RGBColor(0, 92, 175)),
@@ -63,7 +63,7 @@ fn run(reference_ppm: f64) -> Result<Vec<f64>> {
     let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame, now| {
         if let Some(reference) = segment
             .device(0)
-            .filter(|_| frame.get(TAG) == Some(&CYCLIC))
+            .filter(|_| frame.get(TAG).is_some_and(|tag| *tag != ACYCLIC))
         {
             let time = reference.system_time(now).cast_signed();
             let cycle = CYCLE.as_nanos() as i64;

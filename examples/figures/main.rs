@@ -1,7 +1,7 @@
 //! The timing diagrams of the drives' documents, drawn from runs of this library on the simulated drives: writes
 //! `target/figures/*.svg`. Virtual time, so the pictures are the same on every machine; `docs/figures/` holds copies.
 
-#[path = "../../tests/common/cable.rs"]
+#[path = "../../tools/src/doctor/cable.rs"]
 mod cable;
 mod chart;
 mod clocks;
@@ -18,21 +18,22 @@ use std::{
     time::Duration,
 };
 
+use clap::Parser;
 use picture::{Bit, Panel, Picture, Recorder, Step, Word, lock};
 use servocrab::{
     axis::{AxisError, AxisErrorKind, Failure, Referencing},
-    bus::{BusLoop, DriveConfig, Network},
+    bus::{AxisConfig, BusLoop, DriveConfig, Network},
     drives::{self, DriveDescription},
     link::Wire,
-    profile_position::{Move, ProfilePosition, SetPoint, Start},
+    profile_position::{BufferMode, Move, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{Device, Segment, personality};
 
 const FOLDER: &str = "target/figures";
 /// What is shown before the first command.
 const LEAD_S: f64 = 0.010;
-/// Where a frame's first datagram has its command, and the command of process data.
-const COMMAND: usize = 16;
+/// Where a frame's first datagram behind the tag has its command, and the command of process data.
+const COMMAND: usize = 32;
 const LRW: u8 = 12;
 /// Virtual time in which every run must be over.
 const LIMIT: Duration = Duration::from_secs(60);
@@ -52,7 +53,12 @@ const FAST: SetPoint = SLOW.velocity(400_000);
 
 type Result<T = ()> = std::result::Result<T, Box<dyn Error>>;
 
+/// Runs on simulated drives in this process, and takes no arguments.
+#[derive(Parser)]
+struct Arguments {}
+
 fn main() -> Result {
+    Arguments::parse();
     single_set_point()?;
     set_of_set_points()?;
     akd2g_bit_5()?;
@@ -81,8 +87,8 @@ fn single_set_point() -> Result {
 /// The 2010h document's second figure.
 fn set_of_set_points() -> Result {
     let panel = run("bit 5 = 0", pp2010(), |stage| {
-        let slow = SLOW.start(Start::AfterCurrent);
-        let fast = FAST.start(Start::AfterCurrent);
+        let slow = SLOW.buffer_mode(BufferMode::Buffered);
+        let fast = FAST.buffer_mode(BufferMode::Buffered);
         let first = stage.moves("first set-point: 16 000", 16_000, slow)?;
         stage.pause(15);
         let second = stage.moves(
@@ -103,14 +109,14 @@ fn set_of_set_points() -> Result {
 }
 
 /// Two moves on an AKD2G, the second while the first runs.
-fn akd2g_pair(name: &str, first: Start, second: Start) -> Result<Panel> {
+fn akd2g_pair(name: &str, first: BufferMode, second: BufferMode) -> Result<Panel> {
     run(name, akd2g(), |stage| {
-        let first = stage.moves("first move: 30 000", 30_000, SLOW.start(first))?;
+        let first = stage.moves("first move: 30 000", 30_000, SLOW.buffer_mode(first))?;
         stage.pause(70);
         let second = stage.moves(
             "second move: 60 000, twice as fast",
             60_000,
-            FAST.start(second),
+            FAST.buffer_mode(second),
         )?;
         stage.ends(&[first, second])
     })
@@ -119,8 +125,8 @@ fn akd2g_pair(name: &str, first: Start, second: Start) -> Result<Panel> {
 /// The AKD2G's pair for bit 5.
 fn akd2g_bit_5() -> Result {
     let panels = [
-        akd2g_pair("bit 5 = 0", Start::AfterCurrent, Start::AfterCurrent)?,
-        akd2g_pair("bit 5 = 1", Start::Immediately, Start::Immediately)?,
+        akd2g_pair("bit 5 = 0", BufferMode::Buffered, BufferMode::Buffered)?,
+        akd2g_pair("bit 5 = 1", BufferMode::Aborting, BufferMode::Aborting)?,
     ];
     let title = "AKD2G, bit 5: start after the current move, or immediately";
     let bits = [BIT_4, BIT_5, BIT_9, BIT_12, BIT_10];
@@ -130,8 +136,8 @@ fn akd2g_bit_5() -> Result {
 /// The AKD2G's pair for bit 9.
 fn akd2g_bit_9() -> Result {
     let panels = [
-        akd2g_pair("bit 9 = 0", Start::AfterCurrent, Start::AfterCurrent)?,
-        akd2g_pair("bit 9 = 1", Start::AfterCurrent, Start::Blend)?,
+        akd2g_pair("bit 9 = 0", BufferMode::Buffered, BufferMode::Buffered)?,
+        akd2g_pair("bit 9 = 1", BufferMode::Buffered, BufferMode::Blending)?,
     ];
     let title = "AKD2G, bit 9 (bit 5 = 0): start from standstill, or blend into the next move";
     let bits = [BIT_4, BIT_5, BIT_9, BIT_12, BIT_10];
@@ -141,9 +147,9 @@ fn akd2g_bit_9() -> Result {
 /// The AX2000's figure of the handshake, with its numbers.
 fn ax2000_handshake() -> Result {
     let mut panel = run("set of set-points", ax2000(), |stage| {
-        let alone = SLOW.start(Start::AfterCurrent);
+        let alone = SLOW.buffer_mode(BufferMode::Buffered);
         let first = stage.moves("move_abs(10 000)", 10_000, alone)?;
-        let next = SLOW.start(Start::Blend);
+        let next = SLOW.buffer_mode(BufferMode::Blending);
         let second = stage.moves("blend into move_abs(20 000)", 20_000, next)?;
         stage.ends(&[first, second])
     })?;
@@ -167,10 +173,12 @@ fn ax2000_handshake() -> Result {
     write("ax2000-handshake", &picture, &[panel])
 }
 
-/// Data are there (1), bit 4 rises (2), bit 12 rises (3), bit 4 falls (4), bit 12 falls (5), bit 4 rises again (6).
+/// Data are there (1), bit 4 rises (2), bit 12 rises (3), bit 4 falls (4), bit 12 falls (5). Bit 5 is set (6): a set-point that
+/// continues a set; the one before has it at 0.
 fn six_steps(panel: &Panel) -> Option<Vec<Step>> {
     const DATA: usize = 0;
     const NEW_SET_POINT: usize = 1;
+    const CHANGE_IMMEDIATELY: usize = 2;
     const ACKNOWLEDGE: usize = 3;
     let edge = |from: usize, word: fn(&picture::Row) -> u16, bit: u16, high: bool| {
         let rows = panel.rows.iter().enumerate().skip(from);
@@ -184,7 +192,7 @@ fn six_steps(panel: &Panel) -> Option<Vec<Step>> {
     let acknowledged = edge(rise, status, 12, true)?;
     let fall = edge(acknowledged, control, 4, false)?;
     let free = edge(fall, status, 12, false)?;
-    let next = edge(free, control, 4, true)?;
+    let set = edge(0, control, 5, true)?;
     let target = panel.rows.get(rise)?.target;
     let data = panel.rows.iter().position(|row| row.target == target)?;
     let steps = [
@@ -193,7 +201,7 @@ fn six_steps(panel: &Panel) -> Option<Vec<Step>> {
         (acknowledged, ACKNOWLEDGE),
         (fall, NEW_SET_POINT),
         (free, ACKNOWLEDGE),
-        (next, NEW_SET_POINT),
+        (set, CHANGE_IMMEDIATELY),
     ];
     (1..)
         .zip(steps)
@@ -310,8 +318,7 @@ fn run(name: &str, drive: Drive, story: impl FnOnce(&mut Stage) -> Result) -> Re
         comes_back
     });
     let config = DriveConfig::new(drive.description)
-        .axis("x")
-        .referencing("x", Referencing::AbsoluteEncoder);
+        .axis(AxisConfig::new("x").referencing(Referencing::AbsoluteEncoder));
     let builder = Network::builder()
         .link(wire)
         .cycle(Duration::from_millis(1))

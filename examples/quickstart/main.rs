@@ -3,6 +3,10 @@
 //!
 //! On a real link, `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
 
+#[macro_use]
+#[path = "../common/say.rs"]
+mod say;
+
 #[path = "../picture/mod.rs"]
 mod picture;
 
@@ -14,15 +18,16 @@ use std::{
     time::{Duration, Instant},
 };
 
+use clap::Parser;
 use picture::{Bit, Picture, Recorder, Word, lock};
 use servocrab::{
     axis::{self, Axis, AxisError, AxisErrorKind, Failure, Referencing},
-    bus::{DriveConfig, Network},
+    bus::{AxisConfig, DriveConfig, Network},
     coe::obj,
     drives,
     link::Wire,
     parameters::StartUpWrite,
-    profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
+    profile_position::{BufferMode, Move, Outcome, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{Segment, personality};
 
@@ -36,7 +41,12 @@ const BITS: [Bit; 6] = [
     ("fault (6041h bit 3)", Word::Status(3)),
 ];
 
+/// Runs on simulated drives in this process, and takes no arguments.
+#[derive(Parser)]
+struct Arguments {}
+
 fn main() -> ExitCode {
+    Arguments::parse();
     match smol::block_on(run()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -53,15 +63,13 @@ async fn run() -> Result<(), Box<dyn Error>> {
     let wired = Arc::clone(&segment);
     let wire = Wire::new(move |frame, now| lock(&wired).process(frame, now));
 
-    println!("Bringing up the segment: CoE configuration, PDO mapping, watchdog, OP.");
+    say!("Bringing up the segment: CoE configuration, PDO mapping, watchdog, OP.");
     // Besides the mapping, the drive gets its quick stop ramp of both axes over CoE, counts/s².
     let ramp = 150_000;
     let drive = DriveConfig::new(drives::akd2g())
-        .axis("x")
-        .axis("y")
         // The simulated motors have absolute encoders; others are homed first, see examples/home_and_jog.rs.
-        .referencing("x", Referencing::AbsoluteEncoder)
-        .referencing("y", Referencing::AbsoluteEncoder)
+        .axis(AxisConfig::new("x").referencing(Referencing::AbsoluteEncoder))
+        .axis(AxisConfig::new("y").referencing(Referencing::AbsoluteEncoder))
         .start_up(StartUpWrite::new(obj::QUICK_STOP_DECELERATION, ramp))
         .start_up(StartUpWrite::new(
             obj::QUICK_STOP_DECELERATION.axis(2),
@@ -97,7 +105,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
     x.disable().await?;
     story.says(Y, "disable");
     y.disable().await?;
-    println!(
+    say!(
         "{:7.3} s  x is in {}, y is in {}",
         story.now(),
         x.status().state,
@@ -116,7 +124,7 @@ async fn run() -> Result<(), Box<dyn Error>> {
         tail_s: 0.5,
     };
     picture.draw(Path::new(PICTURE), &recorder.panels(0.05))?;
-    println!("The whole story as a picture: {PICTURE}");
+    say!("The whole story as a picture: {PICTURE}");
     Ok(())
 }
 
@@ -144,7 +152,10 @@ async fn moves(story: &Story, x: &ProfilePosition) -> Result<(), AxisError> {
     let first = x.move_abs(8_000, fast).await?;
     story.says(X, "blend into move_abs(16 000), slower");
     let second = x
-        .move_abs(16_000, fast.velocity(15_000).start(Start::Blend))
+        .move_abs(
+            16_000,
+            fast.velocity(15_000).buffer_mode(BufferMode::Blending),
+        )
         .await?;
     story.ends(X, &first).await?;
     story.ends(X, &second).await
@@ -162,7 +173,7 @@ async fn start_both(
         .deceleration(100_000);
     story.says(X, "together with y: abs(0)");
     story.says(Y, "together with x: abs(12 000)");
-    let both = axis::together([x.abs(0, gentle), y.abs(12_000, gentle)]).await?;
+    let both = axis::start_together([x.abs(0, gentle), y.abs(12_000, gentle)]).await?;
     for (axis, motion) in both.iter().enumerate() {
         story.ends(axis, motion).await?;
     }
@@ -249,13 +260,13 @@ impl Story {
 
     /// A command is about to be given.
     fn says(&self, axis: usize, what: &str) {
-        println!("{:7.3} s  {}: {what}", self.now(), NAMES[axis]);
+        say!("{:7.3} s  {}: {what}", self.now(), NAMES[axis]);
         self.recorder.mark(axis, what);
     }
 
     /// Something was reported.
     fn tells(&self, axis: usize, what: &str) {
-        println!("{:7.3} s  {}:   → {what}", self.now(), NAMES[axis]);
+        say!("{:7.3} s  {}:   → {what}", self.now(), NAMES[axis]);
     }
 
     /// Waits for a move's one outcome and prints it; that a move ends otherwise is part of the example.

@@ -37,6 +37,7 @@ pub(crate) mod code {
     pub(crate) const SYNC_TIMEOUT: u16 = 0x0034;
     pub(crate) const INVALID_SYNC_CYCLE: u16 = 0x0035;
     pub(crate) const UNSUPPORTED_SYNC0_CYCLE: u16 = 0x0036;
+    pub(crate) const EEPROM_ERROR: u16 = 0x0051;
 }
 
 /// Control bit 4 acknowledges an error, status bit 4 shows it.

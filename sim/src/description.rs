@@ -79,6 +79,10 @@ pub struct PdoDescription {
     pub sync_manager: Option<u8>,
     /// Its content cannot be changed.
     pub fixed: bool,
+    /// It must be assigned.
+    pub mandatory: bool,
+    /// PDOs that cannot be assigned beside it.
+    pub excludes: Vec<u16>,
     /// What is in it.
     pub entries: Vec<PdoEntryDescription>,
 }
@@ -124,7 +128,7 @@ pub struct Mailbox {
     pub out: (u16, u16),
     /// Where the MainDevice reads: address and length in bytes.
     pub input: (u16, u16),
-    /// Protocols (1 AoE, 2 EoE, 4 CoE, 8 FoE, 10h SoE, 20h VoE).
+    /// Protocols (1 AoE, 2 EoE, 4 CoE, 8 FoE, 10h SoE, 20h VoE). With EoE an address can be set, with FoE no file is there.
     pub protocols: u16,
     /// CoE details byte of SII category 30. What it offers is served, and nothing else.
     pub coe_details: u8,
@@ -196,6 +200,11 @@ pub struct Description {
     pub supports_lrw: bool,
     /// Whether an SII read gives eight bytes instead of four.
     pub sii_reads_eight_bytes: bool,
+    /// Whether 1C32h:1 and 1C33h:1 take the synchronisation with the process data (1 and 34) as well.
+    pub sm_synchronous: bool,
+    /// Whether its processor serves the EEPROM (0502h, bit 5), and needs it for PREOP: while it belongs to the MainDevice (0500h is 0)
+    /// PREOP is refused with AL status code 0051h.
+    pub emulates_eeprom: bool,
 }
 
 impl Description {
@@ -222,6 +231,8 @@ impl Description {
             checks_watchdog: false,
             supports_lrw: true,
             sii_reads_eight_bytes: true,
+            emulates_eeprom: false,
+            sm_synchronous: false,
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry as MapEntry;
 
 use crate::coe::Abort;
 use crate::coe::info::{EntryInfo, ObjectCode, ObjectInfo, access, data_type};
@@ -183,7 +184,8 @@ impl Dictionary {
         self.objects.insert(index, object);
     }
 
-    /// Adds an object that only keeps what is written to it, unless there is one of this index.
+    /// Adds an object that only keeps what is written to it. Of one that is there already the subindices get the
+    /// values at power-up and the access that are given, and the missing ones are added.
     pub(crate) fn plain(&mut self, plain: &PlainObject) {
         let entries = plain.entries.iter().map(|entry| {
             let mut value = entry.default.clone().unwrap_or_default();
@@ -218,7 +220,27 @@ impl Dictionary {
             name: plain.name.clone().into(),
             entries,
         };
-        self.objects.entry(plain.index).or_insert(object);
+        match self.objects.entry(plain.index) {
+            MapEntry::Vacant(vacant) => {
+                vacant.insert(object);
+            }
+            MapEntry::Occupied(mut there) => {
+                let there = &mut there.get_mut().entries;
+                for (subindex, mut entry) in object.entries {
+                    if let Some(own) = there.get(&subindex) {
+                        entry.choices = own.choices;
+                        let mut given = plain.entries.iter();
+                        if !given.any(|given| given.subindex == subindex && given.default.is_some())
+                        {
+                            entry.value.clone_from(&own.value);
+                            entry.default.clone_from(&own.default);
+                            entry.lengths.1 = entry.lengths.1.max(own.value.len());
+                        }
+                    }
+                    there.insert(subindex, entry);
+                }
+            }
+        }
     }
 
     /// The indices of all objects, ascending.

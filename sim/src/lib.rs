@@ -39,8 +39,8 @@ pub use description::{
 };
 pub use device::{Blueprint, Device, Habits, ListedEntry, ListedObject};
 pub use drive::{AxisStatusObject, DriveBlueprint, PlainEntry, PlainObject};
-pub use esi_file::{EsiDrive, EsiError};
+pub use esi_file::{EsiChoice, EsiDrive, EsiError};
 pub use faults::{Fault, FaultyWire};
 pub use pdo::{PdoHabit, PdoLimits};
-pub use seeded_faults::{Faults, FaultsError, FaultyLine, Outage, PlantChoice, Rate};
+pub use seeded_faults::{Delayed, Faults, FaultsError, FaultyLine, Outage, PlantChoice, Rate};
 pub use segment::{CycleRecord, Segment};

@@ -15,8 +15,25 @@ const TYPE_ERROR: u8 = 0;
 const MOST_WAITING: usize = 32;
 /// Messages beyond which an emergency is dropped, so that a drive that nobody listens to does not fill the memory.
 const MOST_EMERGENCIES: usize = 1024;
-/// Type of a CoE message.
+/// Types of messages: Ethernet over EtherCAT, CoE, file access.
+const TYPE_EOE: u8 = 2;
 pub(crate) const TYPE_COE: u8 = 3;
+const TYPE_FOE: u8 = 4;
+/// The bits of EoE and FoE among the protocols of the SII (ETG.2010).
+const SERVES_EOE: u16 = 0x0002;
+const SERVES_FOE: u16 = 0x0008;
+/// EoE: types of its messages, the mark of a last fragment, and which of its parameters a request sets (ETG.1000.6).
+const EOE_FRAGMENT: u8 = 0;
+const EOE_SET_IP: u8 = 2;
+const EOE_SET_FILTER: u8 = 4;
+const EOE_LAST: u8 = 0x01;
+const EOE_HAS_MAC: u8 = 0x01;
+const EOE_HAS_IP: u8 = 0x02;
+/// Result of an EoE request that is not served.
+const EOE_UNSUPPORTED: u16 = 0x0002;
+/// FoE: an error, and that of a file which is not there.
+const FOE_ERROR: u8 = 5;
+const FOE_NOT_FOUND: u32 = 0x8001;
 
 /// Why a message was not served, as an error message gives it (ETG.1000.4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,14 +87,25 @@ pub(crate) struct Mailbox {
     pub(crate) delay: Duration,
     /// A request, by how many are taken before it, that takes this time in place of the other.
     pub(crate) late: Option<(u64, Duration)>,
+    /// The protocols that the SII names.
+    protocols: u16,
 }
 
 impl Mailbox {
-    /// Forgets everything but the delays: INIT was entered.
+    /// A mailbox for these protocols of the SII. CoE is always served.
+    pub(crate) fn serving(protocols: u16) -> Self {
+        Self {
+            protocols,
+            ..Self::default()
+        }
+    }
+
+    /// Forgets everything but the delays and the protocols: INIT was entered.
     pub(crate) fn reset(&mut self) {
         *self = Self {
             delay: self.delay,
             late: self.late,
+            protocols: self.protocols,
             ..Self::default()
         };
     }
@@ -193,9 +221,16 @@ impl Mailbox {
         payload: &[u8],
         serve: &mut impl FnMut(&[u8]) -> Result<Vec<Vec<u8>>, MailError>,
     ) {
-        if kind != TYPE_COE {
-            self.reply_error(MailError::UnsupportedProtocol);
-            return;
+        match kind {
+            TYPE_COE => {}
+            TYPE_EOE if self.protocols & SERVES_EOE != 0 => return self.answer_ethernet(payload),
+            TYPE_FOE if self.protocols & SERVES_FOE != 0 => {
+                // It has no files.
+                let mut payload = vec![FOE_ERROR, 0];
+                payload.extend(FOE_NOT_FOUND.to_le_bytes());
+                return self.queue_new(TYPE_FOE, payload);
+            }
+            _ => return self.reply_error(MailError::UnsupportedProtocol),
         }
         match serve(payload) {
             Ok(payloads) => self
@@ -208,13 +243,42 @@ impl Mailbox {
         }
     }
 
+    /// An address is set, and the device says on its network that it has it (a gratuitous ARP), without having been asked. Frames for it
+    /// are taken and go nowhere.
+    fn answer_ethernet(&mut self, payload: &[u8]) {
+        let Some((&kind, rest)) = payload.split_first() else {
+            return self.reply_error(MailError::TooShort);
+        };
+        let result = match kind & 0x0F {
+            EOE_FRAGMENT => return,
+            EOE_SET_IP => 0,
+            EOE_SET_FILTER => EOE_UNSUPPORTED,
+            _ => return self.reply_error(MailError::ServiceNotSupported),
+        };
+        // Each response has the type behind its request's.
+        let mut response = vec![kind + 1, EOE_LAST];
+        response.extend(u16::to_le_bytes(result));
+        self.queue_new(TYPE_EOE, response);
+        let address = rest.get(3..).and_then(address_of);
+        if let Some((mac, ip)) = address.filter(|_| kind & 0x0F == EOE_SET_IP) {
+            let frame = gratuitous_arp(mac, ip);
+            let blocks = u16::try_from(frame.len().div_ceil(32)).unwrap_or(0);
+            let mut fragment = vec![EOE_FRAGMENT, EOE_LAST];
+            // Fragment 0, the whole frame's length in blocks of 32 bytes, frame 0.
+            fragment.extend((blocks << 6).to_le_bytes());
+            fragment.extend(frame);
+            self.queue_new(TYPE_EOE, fragment);
+        }
+    }
+
     fn reply_error(&mut self, error: MailError) {
         let mut payload = vec![1, 0];
         payload.extend((error as u16).to_le_bytes());
-        self.queue.push_back(Outgoing::New {
-            kind: TYPE_ERROR,
-            payload,
-        });
+        self.queue_new(TYPE_ERROR, payload);
+    }
+
+    fn queue_new(&mut self, kind: u8, payload: Vec<u8>) {
+        self.queue.push_back(Outgoing::New { kind, payload });
     }
 
     /// Puts the first queued message when the last one was read.
@@ -237,6 +301,30 @@ impl Mailbox {
             self.waiting = Some(mail);
         }
     }
+}
+
+/// The addresses that a request of EoE sets: flags, three bytes unused, then what is flagged.
+fn address_of(parameters: &[u8]) -> Option<([u8; 6], [u8; 4])> {
+    let (head, values) = parameters.split_first_chunk::<4>()?;
+    let needed = EOE_HAS_MAC | EOE_HAS_IP;
+    if head[0] & needed != needed {
+        return None;
+    }
+    let (mac, values) = values.split_first_chunk()?;
+    Some((*mac, *values.first_chunk()?))
+}
+
+/// The Ethernet frame by which a host says that it has this address (RFC 826, RFC 5227), filled up to 60 bytes.
+fn gratuitous_arp(mac: [u8; 6], ip: [u8; 4]) -> Vec<u8> {
+    let mut frame = vec![0xFF; 6];
+    frame.extend(mac);
+    frame.extend([0x08, 0x06, 0, 1, 0x08, 0, 6, 4, 0, 1]);
+    frame.extend(mac);
+    frame.extend(ip);
+    frame.extend([0; 6]);
+    frame.extend(ip);
+    frame.resize(60, 0);
+    frame
 }
 
 fn compose(kind: u8, counter: u8, payload: &[u8]) -> Vec<u8> {
@@ -384,6 +472,38 @@ mod tests {
         assert!(talk.slots.to_master.is_none());
         talk.poll(Duration::from_millis(5));
         assert!(talk.slots.to_master.is_some());
+    }
+
+    #[test]
+    fn an_address_that_is_set_is_acknowledged_and_announced() {
+        let mut talk = Dialogue::new();
+        talk.mailbox.protocols = SERVES_EOE;
+        let (mac, ip) = ([0x02, 1, 2, 3, 4, 5], [192, 168, 1, 7]);
+        let mut mail = vec![18, 0, 0, 0, 0, 0x12, 0x02, 0x01, 0, 0, 0x03, 0, 0, 0];
+        mail.extend(mac);
+        mail.extend(ip);
+        talk.send(&mail);
+        let response = talk.read().unwrap();
+        assert_eq!(response, [4, 0, 0, 0, 0, 0x12, 0x03, 0x01, 0, 0]);
+        let announced = talk.read().unwrap();
+        assert_eq!(announced[..6], [64, 0, 0, 0, 0, 0x22]);
+        // The last fragment of a frame of two blocks of 32 bytes.
+        assert_eq!(announced[6..10], [0x00, 0x01, 0x80, 0x00]);
+        assert_eq!(announced[10..16], [0xFF; 6]);
+        assert_eq!(announced[16..22], mac);
+        assert_eq!(announced[38..42], ip, "who has it");
+        assert_eq!(announced[48..52], ip, "whom it asks for");
+        assert_eq!(talk.read(), None);
+    }
+
+    #[test]
+    fn a_file_is_not_there_and_a_frame_is_not_answered() {
+        let mut talk = Dialogue::new();
+        talk.mailbox.protocols = SERVES_EOE | SERVES_FOE;
+        talk.send(&[7, 0, 0, 0, 0, 0x14, 1, 0, 0, 0, 0, 0, b'x']);
+        assert_eq!(talk.read().unwrap()[6..], [5, 0, 0x01, 0x80, 0, 0]);
+        talk.send(&[4, 0, 0, 0, 0, 0x22, 0, 1, 0, 0]);
+        assert_eq!(talk.read(), None);
     }
 
     #[test]

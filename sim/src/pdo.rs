@@ -7,8 +7,8 @@ mod list;
 use crate::coe::Abort;
 use crate::coe::info::{EntryInfo, ObjectCode, ObjectInfo, access, data_type};
 use crate::description::{Direction, PdoDescription};
-pub(crate) use list::Entry;
 use list::List;
+pub(crate) use list::MappedEntry;
 
 /// What can be known about an object that is to be mapped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,6 +58,8 @@ pub(crate) struct PdoSet {
 struct Pdo {
     index: u16,
     fixed: bool,
+    mandatory: bool,
+    excludes: Vec<u16>,
     content: List,
 }
 
@@ -81,10 +83,16 @@ impl PdoSet {
             .map(|pdo| u32::from(pdo.index))
             .collect();
         let pdos = own.map(|pdo| {
-            let values: Vec<u32> = pdo.entries.iter().map(Entry::of_description).collect();
+            let values: Vec<u32> = pdo
+                .entries
+                .iter()
+                .map(MappedEntry::of_description)
+                .collect();
             Pdo {
                 index: pdo.index,
                 fixed: pdo.fixed,
+                mandatory: pdo.mandatory,
+                excludes: pdo.excludes.clone(),
                 // What is fixed may be longer than what can be mapped.
                 content: List::new(&values, limits.entries.max(values.len() as u8)),
             }
@@ -216,7 +224,7 @@ impl PdoSet {
     }
 
     /// The objects in all assigned PDOs, in order.
-    pub(crate) fn layout(&self) -> Vec<Entry> {
+    pub(crate) fn layout(&self) -> Vec<MappedEntry> {
         let assigned = self
             .assignment
             .active()
@@ -224,7 +232,7 @@ impl PdoSet {
             .filter_map(|pdo| self.list(u16::try_from(*pdo).ok()?));
         assigned
             .flat_map(List::active)
-            .map(|value| Entry::from_value(*value))
+            .map(|value| MappedEntry::from_value(*value))
             .collect()
     }
 
@@ -244,6 +252,20 @@ impl PdoSet {
             .map(|pdo| &pdo.content)
     }
 
+    /// Whether these PDOs can be assigned together: none excludes another, and no mandatory one is missing. An empty
+    /// assignment is the first step to another one.
+    fn go_together(&self, chosen: &[u32]) -> bool {
+        let is_chosen = |index: &u16| chosen.contains(&u32::from(*index));
+        chosen.is_empty()
+            || self.pdos.iter().all(|pdo| {
+                if is_chosen(&pdo.index) {
+                    !pdo.excludes.iter().any(is_chosen)
+                } else {
+                    !pdo.mandatory
+                }
+            })
+    }
+
     fn write_assignment(&mut self, subindex: u8, value: u32) -> Result<(), Abort> {
         if subindex == 0 {
             let count = u8::try_from(value).map_err(|_| Abort::Range)?;
@@ -252,7 +274,7 @@ impl PdoSet {
                 .values
                 .get(..usize::from(count))
                 .ok_or(Abort::Range)?;
-            if chosen.contains(&0) {
+            if chosen.contains(&0) || !self.go_together(chosen) {
                 return Err(Abort::Incompatible);
             }
             let before = core::mem::replace(&mut self.assignment.count, count);
@@ -301,7 +323,7 @@ impl PdoSet {
             }
             if chosen
                 .iter()
-                .map(|value| usize::from(Entry::from_value(*value).bits))
+                .map(|value| usize::from(MappedEntry::from_value(*value).bits))
                 .sum::<usize>()
                 > limit
             {
@@ -314,7 +336,7 @@ impl PdoSet {
             return Err(Abort::SubindexLocked);
         }
         if value != 0 {
-            let entry = Entry::from_value(value);
+            let entry = MappedEntry::from_value(value);
             // 0000h:00 fills bits with nothing (ETG.1000.6, PDO mapping).
             if (entry.index, entry.subindex) != (0, 0) {
                 let object = lookup(entry.index, entry.subindex)?;

@@ -50,6 +50,8 @@ pub struct Segment {
     reached: Vec<bool>,
     /// The cable in front of this device is pulled.
     unplugged: Option<usize>,
+    /// Where the end of the line is plugged in.
+    ring: Option<(usize, usize)>,
     bad_cable: Option<BadCable>,
     observer: Option<Observer>,
     started: bool,
@@ -185,6 +187,12 @@ impl Segment {
         self.unplugged = Some(position);
     }
 
+    /// Plugs a cable from the last SubDevice's port 1 into this port of another one, so that the line is a ring.
+    pub fn plug_end_into(&mut self, position: usize, port: usize) {
+        self.ring = Some((position, port));
+        self.reached.clear();
+    }
+
     /// Puts the cable back.
     pub fn plug(&mut self) {
         self.unplugged = None;
@@ -259,14 +267,19 @@ impl Segment {
 
     /// Looks which SubDevices have power and a cable; when that has changed, ports open and close.
     fn see_who_is_reached(&mut self) {
-        let reached = self.topology.reached(|position| {
+        let passable = |position: usize| {
             let powered = self.devices.get(position).is_some_and(Device::is_powered);
             powered && self.unplugged != Some(position)
-        });
+        };
+        let open = |position: usize, port| {
+            let device = self.devices.get(position);
+            device.is_some_and(|device| device.port_is_open(port))
+        };
+        let reached = self.topology.reached(passable, open);
         if reached == self.reached {
             return;
         }
-        let places = self.topology.places(&reached);
+        let places = self.topology.places(&reached, self.ring);
         let devices = self.devices.iter_mut().zip(places).zip(&reached);
         for ((device, place), _) in devices.filter(|(_, reached)| **reached) {
             device.set_place(place);

@@ -112,6 +112,10 @@ fn general(description: &Description, strings: &mut Strings) -> Vec<u8> {
     bytes[0] = strings.index(&description.group);
     bytes[3] = strings.index(&description.name);
     bytes[5] = description.mailbox.map_or(0, |mailbox| mailbox.coe_details);
+    // FoE and EoE, as a real AKD has them where its mailbox names these protocols.
+    let protocols = description.mailbox.map_or(0, |mailbox| mailbox.protocols);
+    bytes[6] = u8::from(protocols & 0x0008 != 0);
+    bytes[7] = if protocols & 0x0002 != 0 { 0x03 } else { 0 };
     bytes[9] = description.ds402_channels;
     bytes[11] = flags(description);
     // Ports 0 and 1 are MII.

@@ -68,22 +68,40 @@ impl Topology {
         }
     }
 
-    /// Which devices a frame reaches when only those are passable.
-    pub(crate) fn reached(&self, passable: impl Fn(usize) -> bool) -> Vec<bool> {
+    /// Which devices a frame reaches when only those are passable, and only those ports of a device open.
+    pub(crate) fn reached(
+        &self,
+        passable: impl Fn(usize) -> bool,
+        open: impl Fn(usize, usize) -> bool,
+    ) -> Vec<bool> {
         let mut reached: Vec<bool> = Vec::with_capacity(self.links.len());
         for (device, link) in self.links.iter().enumerate() {
-            let front = link.to.is_none_or(|(front, _)| reached[front]);
+            let front = link
+                .to
+                .is_none_or(|(front, port)| reached[front] && open(front, port));
             reached.push(front && passable(device));
         }
         reached
     }
 
-    /// The place of each device while a frame reaches those.
-    pub(crate) fn places(&self, reached: &[bool]) -> Vec<Place> {
+    /// The place of each device while a frame reaches those; `ring` is a device's port to which the last one is plugged.
+    pub(crate) fn places(&self, reached: &[bool], ring: Option<(usize, usize)>) -> Vec<Place> {
         let mut places = vec![Place::default(); self.links.len()];
         if reached.first() == Some(&true) {
             let arrival = self.links.first().map_or(0, |link| link.delay);
             self.pass(0, arrival, reached, &mut places);
+        }
+        if let Some((to, port)) = ring {
+            let last = places.len().saturating_sub(1);
+            for (device, port) in [(last, 1), (to, port)] {
+                // No frame of the MainDevice comes in there: it goes by that cable once and leaves the ring.
+                if let Some(back) = places
+                    .get_mut(device)
+                    .and_then(|place| place.back.get_mut(port))
+                {
+                    *back = Some(HOP_NS);
+                }
+            }
         }
         places
     }
@@ -163,7 +181,7 @@ mod tests {
     fn a_frame_goes_through_the_branch_and_then_on() {
         let mut topology = branch();
         topology.set_delay(2, 1_000);
-        let places = topology.places(&[true; 4]);
+        let places = topology.places(&[true; 4], None);
         let arrivals: Vec<_> = places.iter().map(|place| place.arrival).collect();
         assert_eq!(arrivals, [0, 500, 1_500, 3_000]);
         assert_eq!(places[1].back, [None, Some(3_000), None, Some(2_000)]);
@@ -172,12 +190,12 @@ mod tests {
 
     #[test]
     fn behind_a_pulled_cable_nothing_is_reached() {
-        let reached = branch().reached(|device| device != 2);
+        let reached = branch().reached(|device| device != 2, |_, _| true);
         assert_eq!(reached, [true, true, false, true]);
-        let places = branch().places(&reached);
+        let places = branch().places(&reached, None);
         assert_eq!(places[1].back, [None, Some(1_000), None, None]);
         assert_eq!(
-            branch().reached(|device| device != 1),
+            branch().reached(|device| device != 1, |_, _| true),
             [true, false, false, false]
         );
     }

@@ -3,10 +3,11 @@
 use bitflags::bitflags;
 
 use crate::{
-    ds402::Mode,
+    ds402::{Controlword, Mode, State, Statusword},
     homing::HomingCommand,
     profile_position::{Limits, MoveCommand},
     profile_velocity::JogSetPoint,
+    units::{AxisUnit, Counts, Scale},
 };
 
 /// A command to an axis. Each gives exactly one last event ([`Event::Done`](super::Event::Done)).
@@ -112,6 +113,61 @@ impl<'a> Inputs<'a> {
             Self::Fresh(inputs)
         } else {
             Self::Stale
+        }
+    }
+}
+
+// What is known of an axis after a cycle.
+
+/// What is known of an axis after a cycle, with position and velocity in the unit of the handle that it comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Snapshot<U: AxisUnit = Counts> {
+    /// How many cycles there were since the first one, with and without inputs.
+    pub cycle: u64,
+    /// Consecutive cycles that brought no inputs; 0 when the other fields are of this cycle.
+    pub age: u32,
+    /// Whether the drive answered in this cycle.
+    pub answered: bool,
+    /// Whether the drive counts as lost.
+    pub lost: bool,
+    /// Statusword 6041h.
+    pub statusword: Statusword,
+    /// The state it shows.
+    pub state: State,
+    /// The controlword 6040h in the outputs now.
+    pub controlword: Controlword,
+    /// Modes of operation display 6061h; [`Mode::None`] while not known.
+    pub mode: Mode,
+    /// Position actual value 6064h.
+    pub position: U::Signed,
+    /// Velocity actual value 606Ch; 0 where it is not mapped.
+    pub velocity: U::Signed,
+    /// Whether the axis is halted (bit 8).
+    pub halted: bool,
+    /// Whether the axis has a set-point, or may have one.
+    pub has_set_point: bool,
+    /// Whether the axis knows where it is: by [`Referencing`](super::Referencing).
+    pub referenced: bool,
+}
+
+impl Snapshot {
+    /// The same with position and velocity in another unit.
+    #[must_use]
+    pub fn in_unit<U: AxisUnit>(&self, scale: &Scale) -> Snapshot<U> {
+        Snapshot {
+            position: scale.position_in::<U>(self.position),
+            velocity: scale.velocity_in::<U>(self.velocity),
+            cycle: self.cycle,
+            age: self.age,
+            answered: self.answered,
+            lost: self.lost,
+            statusword: self.statusword,
+            state: self.state,
+            controlword: self.controlword,
+            mode: self.mode,
+            halted: self.halted,
+            has_set_point: self.has_set_point,
+            referenced: self.referenced,
         }
     }
 }

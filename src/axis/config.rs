@@ -7,17 +7,17 @@ use crate::{
     profile_position::{Bounds, Limits, Parameters, PositionRange, Traits},
 };
 
-use super::{AxisFields, Referencing};
+use super::AxisFields;
 
-/// An axis: where its objects lie, how its drive behaves, what counts as arrived and for how long to wait.
+/// The settings of an axis core: where its objects lie, how its drive behaves, what counts as arrived, and how long to wait.
 ///
 /// ```
 /// use core::time::Duration;
-/// use servocrab::{axis::{AxisConfig, AxisFields, Deadlines, Referencing}, coe::AxisOffset, drives};
+/// use servocrab::{axis::{CoreConfig, AxisFields, Deadlines, Referencing}, coe::AxisOffset, drives};
 ///
 /// let drive = drives::akd2g();
 /// let layout = drive.default_mapping()?.layout();
-/// let mut config = AxisConfig::new(AxisFields::from_layout(&layout, AxisOffset::of_axis(1))?);
+/// let mut config = CoreConfig::new(AxisFields::from_layout(&layout, AxisOffset::of_axis(1))?);
 /// config.traits = drive.traits;
 /// config.referencing = Referencing::AbsoluteEncoder;
 /// config.deadlines = Deadlines { standstill: Duration::from_secs(30), ..Deadlines::default() };
@@ -25,7 +25,7 @@ use super::{AxisFields, Referencing};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone)]
-pub struct AxisConfig {
+pub struct CoreConfig {
     /// Where the axis' objects lie in the drive's process data.
     pub fields: AxisFields,
     /// How the drive's Profile Position mode behaves.
@@ -58,9 +58,12 @@ pub struct AxisConfig {
     pub modulo: Option<PositionRange>,
     /// How the axis comes to know where it is.
     pub referencing: Referencing,
+    /// Whether the drive showed, when the axis attached, that it has been homed and has kept its position since
+    /// ([`Traits::homed`]). With it the axis begins as referenced.
+    pub homed: bool,
 }
 
-impl AxisConfig {
+impl CoreConfig {
     /// An axis after CiA 402 with its objects there, mode 1, and the default tolerances and deadlines. What its moves leave
     /// out is not known, nor are the drive's limits.
     #[must_use]
@@ -80,11 +83,12 @@ impl AxisConfig {
             limits: Limits::trust_drive(),
             modulo: None,
             referencing: Referencing::default(),
+            homed: false,
         }
     }
 }
 
-impl AxisConfig {
+impl CoreConfig {
     /// These limits as this axis has them: absolute targets of a modulo axis lie within its turn.
     pub(super) const fn limits_with(&self, limits: Limits) -> Limits {
         match self.modulo {
@@ -231,6 +235,80 @@ impl Default for Loss {
         Self {
             stale_cycles: 10,
             undelivered_cycles: 30,
+        }
+    }
+}
+
+// Whether the positions of an axis mean anything: since a homing, by an absolute encoder, or not at all.
+
+/// How an axis comes to know where it is. Without that, absolute moves are refused as
+/// [`Failure::NotReferenced`](super::Failure::NotReferenced); relative moves, homing and jogging need no reference.
+///
+/// ```
+/// use servocrab::{axis::Referencing, bus::{AxisConfig, DriveConfig}, drives};
+/// let drive = DriveConfig::new(drives::akd2g())
+///     .axis(AxisConfig::new("lift").referencing(Referencing::AbsoluteEncoder))
+///     .axis("belt"); // this one must be homed before its first absolute move
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Referencing {
+    /// By a homing that was attained since the drive was last lost. The next homing takes the reference away until it is attained.
+    /// So does every loss of the drive: nothing shows whether it has kept its power and its position. A fault alone does not; a
+    /// program that knows better homes again.
+    ///
+    /// A drive that shows that it is homed ([`Traits::homed`](crate::profile_position::Traits::homed)) is asked whenever the axis
+    /// attaches. Then a homing by an earlier program counts, for as long as the drive keeps its power.
+    #[default]
+    ByHoming,
+    /// The drive always knows its position, in the coordinates that the program means.
+    AbsoluteEncoder,
+    /// The axis is moved to absolute positions without knowing what they mean: 6064h counts from wherever the drive was
+    /// switched on. For test benches and for axes that nothing stands in the way of.
+    UnreferencedMovesAllowed,
+}
+
+// What a drive held, when its axis attached, of how it stops and of when it calls its axis standing.
+
+/// What the drive of an axis held, when the axis attached, of how it stops and of when it calls the axis standing:
+/// [`Axis::drive_settings`](super::Axis::drive_settings).
+///
+/// ```
+/// # use std::time::Duration;
+/// use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # smol::block_on(async {
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::generic());
+/// # let link = Wire::new(move |frame: &mut [u8], now: Duration| segment.process(frame, now));
+/// let drive = DriveConfig::new(drives::generic()).axis("x");
+/// let net = Network::builder().link(link).drive(0, drive).start().await?;
+/// let held = net.axis("x")?.drive_settings();
+/// // 605Dh: bit 8 stops the axis by the ramp of its set-point.
+/// assert_eq!(held.stop_options.halt, Some(1));
+/// // 606Fh.
+/// assert!(held.velocity_windows.threshold.is_some());
+/// # net.shutdown().await?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// # }).unwrap();
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DriveSettings {
+    /// Quick stop option code 605Ah, or 2 where the drive has no such object: where a quick stop ends.
+    pub quick_stop: QuickStopOption,
+    /// Option codes of the other stops, 605Bh to 605Eh.
+    pub stop_options: StopOptions,
+    /// Windows and times of the velocity, 606Dh to 6070h.
+    pub velocity_windows: VelocityWindows,
+    /// Supported drive modes 6502h. None where the drive has no such object.
+    pub supported_modes: Option<SupportedModes>,
+}
+
+#[cfg(feature = "std")]
+impl DriveSettings {
+    pub(crate) const fn of(config: &super::CoreConfig) -> Self {
+        Self {
+            quick_stop: config.quick_stop,
+            stop_options: config.stop_options,
+            velocity_windows: config.velocity_windows,
+            supported_modes: config.supported_modes,
         }
     }
 }

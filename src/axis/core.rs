@@ -4,27 +4,26 @@
 //! before sending, send the outputs, [`AxisCore::step`] with what came back, then drain [`AxisCore::poll_event`].
 //! Everything in the outputs when `step` is called counts as sent.
 
-use core::time::Duration;
+use core::{
+    hash::{Hash, Hasher},
+    time::Duration,
+};
 
 use crate::{
-    ds402::{Controlword, Mode, PowerCommand, Sample, State, Statusword},
-    homing::Procedure,
+    ds402::{Controlword, Mode, PowerCommand, PowerGoal, Sample, State, Statusword},
+    homing::{HomingCommand, Procedure, Verdict},
     profile_position::{
-        Bounds, CommandId, Completion, Event, Events, Failure, LastSeen, Sequencer, Standstill,
+        Bounds, BufferMode, CommandId, Completion, Delivery, Event, Events, Failure, LastSeen,
+        MoveCommand, Parameters, Reference, Sequencer, Standstill, StartBits, WaitingFor, no_older,
     },
-    profile_velocity::Jogging,
+    profile_velocity::{JogSetPoint, Jogging},
 };
 
 use super::{
-    AxisConfig, Inputs, Referencing, Snapshot, StopRequest,
-    brake::Brake,
-    calm::{Calm, News},
-    fields::Sight,
-    intake::Pace,
-    modes::{MODE_BITS, ModeChange},
-    power::Power,
-    stopping::{Stopping, Wait},
-    submit::Resuming,
+    Command, CoreConfig, Inputs, Referencing, Snapshot, StopRequest,
+    fields::StatusKey,
+    power::{Brake, Power, RESET_EDGES, RESET_PAUSE, ResetPhase},
+    stopping::{Stage, Stopping, Wait},
 };
 
 /// One cycle as the modes see it. A macro, because they change while it is borrowed from the rest of the core.
@@ -43,22 +42,21 @@ macro_rules! cycle {
             halted: $core.halted,
             blind: $core.blind_cycles,
             stalled: $core.pace.stalled,
-            limit_tells: $core.limit_tells,
+            bit_11_is_valid: $core.bit_11_is_valid,
             acknowledge: $core.config.deadlines.acknowledge,
             begin: $core.config.deadlines.begin,
             controlword: $core.sent,
         }
     };
 }
-pub(super) use cycle;
 
 /// One axis, stepped once a cycle.
 ///
 /// ```
 /// use core::time::Duration;
-/// use servocrab::axis::{AxisConfig, AxisCore, AxisFields, Command, CommandId, Inputs};
+/// use servocrab::axis::{CoreConfig, AxisCore, AxisFields, Command, CommandId, Inputs};
 ///
-/// let mut axis = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
+/// let mut axis = AxisCore::new(CoreConfig::new(AxisFields::at(0, 0)));
 /// let mut outputs = [0; 6];
 /// axis.submit(Duration::ZERO, CommandId(1), Command::Enable, &mut outputs);
 /// // The drive shows Switch on disabled at position 0, for two of its cycles; the answer is Shutdown, 06h.
@@ -70,67 +68,70 @@ pub(super) use cycle;
 /// ```
 #[derive(Debug, Clone)]
 pub struct AxisCore {
-    pub(super) config: AxisConfig,
+    pub(super) config: CoreConfig,
     pub(super) bounds: Bounds,
     pub(super) sample: Option<Sample>,
-    pub(super) standstill: Standstill,
-    pub(super) last_seen: LastSeen,
+    standstill: Standstill,
+    last_seen: LastSeen,
     pub(super) brake: Brake,
-    pub(super) sequencer: Sequencer,
-    pub(super) homing: Procedure,
-    pub(super) jogging: Jogging,
+    sequencer: Sequencer,
+    homing: Procedure,
+    jogging: Jogging,
     pub(super) power: Power,
     pub(super) stopping: Stopping,
-    pub(super) events: Events,
+    events: Events,
     /// Bit 8.
-    pub(super) halted: bool,
+    halted: bool,
     /// Whether a stop was asked for since the last frame: nothing takes it back before it is sent.
-    pub(super) stop_unsent: bool,
+    stop_unsent: bool,
     /// A resume whose frame has not been sent.
-    pub(super) resuming: Option<Resuming>,
+    resuming: Option<Resuming>,
     /// Since when bit 8 is known to have been delivered.
-    pub(super) halt_delivered: Option<Duration>,
+    halt_delivered: Option<Duration>,
     pub(super) mode: Mode,
     pub(super) mode_change: Option<ModeChange>,
     /// 6061h where it is read by SDO.
-    pub(super) noted_mode: Mode,
-    pub(super) manufacturer: Controlword,
+    noted_mode: Mode,
+    manufacturer: Controlword,
     /// In the outputs now, and sent with the next cycle.
-    pub(super) outgoing: Controlword,
+    outgoing: Controlword,
     /// Sent with the last cycle.
     pub(super) sent: Controlword,
     /// Target velocity in the outputs now, and sent with the last cycle.
-    pub(super) outgoing_velocity: i32,
-    pub(super) sent_velocity: i32,
+    outgoing_velocity: i32,
+    sent_velocity: i32,
     /// Since when no bit of a mode and no velocity is known to have been delivered.
-    pub(super) quiet_since: Option<Duration>,
+    quiet_since: Option<Duration>,
     /// Whether a homing was attained since the drive was last lost.
-    pub(super) homed: bool,
+    homed: bool,
     /// Whether one was when the drive was lost last: it is still true of a drive that has kept its power.
-    pub(super) homed_before_loss: bool,
-    pub(super) answered: bool,
+    homed_before_loss: bool,
+    answered: bool,
     pub(super) lost: bool,
-    pub(super) stale_cycles: u32,
+    stale_cycles: u32,
     /// How many cycles without inputs there were before the last one with them.
-    pub(super) blind_cycles: u32,
-    pub(super) undelivered_cycles: u32,
-    pub(super) pace: Pace,
+    blind_cycles: u32,
+    undelivered_cycles: u32,
+    /// Whether its drive is on its way into OP: until it is there, outputs that it does not take are no loss.
+    awaits_op: bool,
+    pace: Pace,
     /// Whether bit 11 was ever seen low in Operation enabled.
-    pub(super) limit_tells: bool,
-    pub(super) cycle: u64,
+    bit_11_is_valid: bool,
+    pub(crate) cycle: u64,
     /// Whether the program counts as not alive.
-    pub(super) expired: bool,
-    pub(super) calm: Calm,
-    /// What was shown when it was calm.
-    pub(super) sight: Sight,
-    pub(super) news: News,
+    pub(crate) expired: bool,
+    idle_path: IdlePath,
+    /// What was shown when the idle path was taken.
+    status_key: StatusKey,
+    change: SnapshotChange,
 }
 
 impl AxisCore {
-    /// An axis that commands nothing until it is told to: its first words are Disable voltage, or quick stop as long
+    /// An axis that commands nothing until it is asked to: its first words are Disable voltage, or quick stop as long
     /// as it is not known that the drive moves nothing; its first target is where the drive stands.
     #[must_use]
-    pub fn new(config: AxisConfig) -> Self {
+    pub fn new(config: CoreConfig) -> Self {
+        let homed = config.homed;
         let (config, bounds) = config.with_bounds();
         Self {
             bounds,
@@ -158,20 +159,21 @@ impl AxisCore {
             outgoing_velocity: 0,
             sent_velocity: 0,
             quiet_since: None,
-            homed: false,
+            homed,
             homed_before_loss: false,
             answered: false,
             lost: false,
             stale_cycles: 0,
             blind_cycles: 0,
             undelivered_cycles: 0,
+            awaits_op: false,
             pace: Pace::default(),
-            limit_tells: false,
+            bit_11_is_valid: false,
             cycle: 0,
             expired: false,
-            calm: Calm::No,
-            sight: Sight::default(),
-            news: News::Anything,
+            idle_path: IdlePath::No,
+            status_key: StatusKey::default(),
+            change: SnapshotChange::Anything,
         }
     }
 
@@ -179,7 +181,7 @@ impl AxisCore {
     /// sending. A rise of bit 4 that was about to be sent is withdrawn and its move fails as not sent; returns whether
     /// there was one. What was sent before keeps its bit 4.
     pub fn apply_stop(&mut self, now: Duration, stop: StopRequest, outputs: &mut [u8]) -> bool {
-        if stop.is_empty() && self.calm != Calm::No {
+        if stop.is_empty() && self.idle_path != IdlePath::No {
             return false;
         }
         let rising = self
@@ -221,7 +223,7 @@ impl AxisCore {
         if unchanged && self.step_at_rest(&inputs) {
             return false;
         }
-        if let Some(changed) = self.step_calmly(now, &inputs, outputs) {
+        if let Some(changed) = self.step_on_idle_path(now, &inputs, outputs) {
             return changed;
         }
         self.step_whole(now, inputs, outputs);
@@ -232,7 +234,7 @@ impl AxisCore {
     fn step_whole(&mut self, now: Duration, inputs: Inputs<'_>, outputs: &mut [u8]) {
         let delivered = self.take_in(now, inputs);
         self.write_outputs(outputs);
-        self.judge_calm(delivered);
+        self.choose_path(delivered);
     }
 
     /// Takes the next report; drain it after every other call.
@@ -257,7 +259,7 @@ impl AxisCore {
 
     /// Ends the homing with this id as by [`StopRequest::STOP`], if it was sent and has not ended: nobody waits for it any more.
     #[cfg(feature = "std")]
-    pub(super) fn end_homing(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
+    pub(crate) fn end_homing(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
         let ends = self.homing.is_under_way(id);
         if ends {
             self.apply_stop(now, StopRequest::STOP, outputs);
@@ -283,6 +285,15 @@ impl AxisCore {
         }
     }
 
+    /// Its drive is in SAFEOP and on its way into OP, or has come there: until then outputs that it does not take are no loss.
+    #[cfg(feature = "std")]
+    pub(crate) const fn await_op(&mut self, awaits_op: bool) {
+        self.awaits_op = awaits_op;
+        if self.undelivered_cycles > 0 {
+            self.undelivered_cycles = 1;
+        }
+    }
+
     /// Whether the last step had inputs of the drive, and the outputs before them were delivered.
     const fn has_fresh_inputs(&self) -> bool {
         self.answered && self.undelivered_cycles == 0
@@ -290,7 +301,7 @@ impl AxisCore {
 
     /// The move that has just been taken in rises in the next frame, if the last inputs were fresh and nothing is in its way. After
     /// others it waits for the next fresh ones.
-    pub(super) fn start_move_now(&mut self, now: Duration) {
+    fn start_move_now(&mut self, now: Duration) {
         let Some(sample) = self.sample else { return };
         let ready = self.has_fresh_inputs()
             && !self.halted
@@ -332,7 +343,7 @@ impl AxisCore {
     /// Sets bits 11–15 of the controlword, which are the manufacturer's; other bits are ignored.
     pub fn set_manufacturer_bits(&mut self, bits: Controlword) {
         self.manufacturer = bits & Controlword::MANUFACTURER;
-        self.calm = Calm::No;
+        self.idle_path = IdlePath::No;
     }
 
     /// Whether the program counts as not alive. As long as it does nothing is enabled, started or resumed: that fails as
@@ -344,7 +355,7 @@ impl AxisCore {
     /// Says what 6061h shows, where it is not mapped and was read by SDO.
     pub fn note_mode(&mut self, mode: Mode) {
         self.noted_mode = mode;
-        self.calm = Calm::No;
+        self.idle_path = IdlePath::No;
         if let Some(sample) = &mut self.sample
             && self.config.fields.mode_display.is_none()
         {
@@ -354,30 +365,30 @@ impl AxisCore {
 
     /// What the drive held when it was attached last.
     #[cfg(feature = "std")]
-    pub(super) const fn drive_settings(&self) -> super::DriveSettings {
+    pub(crate) const fn drive_settings(&self) -> super::DriveSettings {
         super::DriveSettings::of(&self.config)
     }
 
     /// What is new since this was asked last.
     #[cfg(feature = "std")]
     #[inline]
-    pub(super) const fn take_news(&mut self) -> News {
-        core::mem::replace(&mut self.news, News::Nothing)
+    pub(crate) const fn take_change(&mut self) -> SnapshotChange {
+        core::mem::replace(&mut self.change, SnapshotChange::Nothing)
     }
 
     /// Position and velocity, as the snapshot has them.
     #[cfg(feature = "std")]
     #[inline]
-    pub(super) fn motion(&self) -> u64 {
-        self.sample.map_or(0, |sample| {
-            super::status::motion(sample.position, sample.velocity.unwrap_or(0))
+    pub(crate) fn motion(&self) -> (i32, i32) {
+        self.sample.map_or((0, 0), |sample| {
+            (sample.position, sample.velocity.unwrap_or(0))
         })
     }
 
     /// Cycles since inputs came in last.
     #[cfg(feature = "std")]
     #[inline]
-    pub(super) const fn age(&self) -> u32 {
+    pub(crate) const fn age(&self) -> u32 {
         self.stale_cycles
     }
 
@@ -386,39 +397,39 @@ impl AxisCore {
     }
 
     /// Whether the outputs hold bit 4, with a target that belongs to it.
-    pub(super) const fn outgoing_starts(&self) -> bool {
+    const fn outgoing_starts(&self) -> bool {
         self.outgoing.contains(Controlword::NEW_SET_POINT)
     }
 
     #[inline(always)]
-    pub(super) fn state(&self) -> State {
+    pub(crate) fn state(&self) -> State {
         self.sample.map_or(State::NotReadyToSwitchOn, |s| s.state())
     }
 
-    pub(super) fn done(&mut self, id: CommandId, result: Result<Completion, Failure>) {
+    fn done(&mut self, id: CommandId, result: Result<Completion, Failure>) {
         self.events.push(id, Event::Done(result));
     }
 
     /// Whether the axis stood in the last cycle with inputs. Without any it is not known to stand.
     #[inline]
-    pub(super) const fn is_standing(&self) -> bool {
+    const fn is_standing(&self) -> bool {
         self.standstill.is_standing()
     }
 
     /// Whether the axis has come to rest from all that its drive has done, or may have done.
-    pub(super) const fn is_at_rest(&self) -> bool {
+    const fn is_at_rest(&self) -> bool {
         self.is_standing() || !self.brake.may_drive()
     }
 
     /// Whether the drive has surely shown that its power stage is off, and the axis rests from what it may have been driven to. A moving one
     /// may be driven still, whatever the statuswords show.
-    pub(super) const fn is_down_at_rest(&self) -> bool {
+    const fn is_down_at_rest(&self) -> bool {
         self.brake.is_down() && self.is_at_rest()
     }
 
     /// Rest as before; and of an axis that is not to be enabled any more, what was sent last keeps the drive from following a set-point: a state
     /// without power that was shown once may be wrong.
-    pub(super) fn is_at_rest_for_good(&self) -> bool {
+    fn is_at_rest_for_good(&self) -> bool {
         let led_down = !self.sent.contains(Controlword::ENABLE_OPERATION);
         self.is_at_rest() && (led_down || self.power.is_driving())
     }
@@ -440,7 +451,7 @@ impl AxisCore {
     }
 
     /// Whether the axis' positions are known to mean what the program means.
-    pub(super) fn is_referenced(&self) -> bool {
+    fn is_referenced(&self) -> bool {
         self.homed || self.config.referencing == Referencing::AbsoluteEncoder
     }
 
@@ -453,7 +464,7 @@ impl AxisCore {
     }
 
     /// The same, where those who wait for a stop wait on.
-    pub(super) fn fail_commands_but_stops(&mut self, failure: Failure) {
+    fn fail_commands_but_stops(&mut self, failure: Failure) {
         if let Some(id) = self.power.take_waiter() {
             self.done(id, Err(failure));
         }
@@ -462,7 +473,7 @@ impl AxisCore {
     }
 
     /// The same, and those who wait for a halt fail.
-    pub(super) fn fail_others(&mut self, failure: Failure) {
+    fn fail_others(&mut self, failure: Failure) {
         self.fail_commands_but_stops(failure);
         while let Some(id) = self
             .stopping
@@ -506,11 +517,11 @@ impl AxisCore {
         command.controlword() | bits | self.manufacturer
     }
 
-    pub(super) fn write_outputs(&mut self, outputs: &mut [u8]) {
+    fn write_outputs(&mut self, outputs: &mut [u8]) {
         self.outgoing = self.compose();
         self.outgoing_velocity = self.target_velocity();
-        self.calm = Calm::No;
-        self.news = News::Anything;
+        self.idle_path = IdlePath::No;
+        self.change = SnapshotChange::Anything;
         self.write_fields(outputs);
     }
 
@@ -531,5 +542,2203 @@ impl AxisCore {
             parameters,
         );
         fields.write_velocity(outputs, self.outgoing_velocity);
+    }
+}
+
+// What a cycle brought: inputs, or none, and when a drive counts as lost.
+
+/// How far apart the cycles with inputs are: a host that stalls sees as little as one whose frames are lost.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pace {
+    /// The last cycle with inputs that was computed as a whole.
+    last: (u64, Duration),
+    /// From it to the one before.
+    gap: Option<Duration>,
+    /// For how many cycles nothing was seen before the last one, by the clock; 0 where that is not known.
+    pub stalled: u32,
+}
+
+impl Pace {
+    /// Takes in a cycle with inputs, after so many without.
+    fn observe(&mut self, now: Duration, cycle: u64, stale: u32) {
+        let (last, at) = core::mem::replace(&mut self.last, (cycle, now));
+        let cycles = stale.saturating_add(1);
+        // Between others lie those that were not computed as a whole.
+        let gap = (cycle.wrapping_sub(last) == u64::from(cycles)).then(|| {
+            let time = now.saturating_sub(at);
+            // A division is dear.
+            if cycles == 1 { time } else { time / cycles }
+        });
+        self.stalled = match (core::mem::replace(&mut self.gap, gap), gap) {
+            (Some(before), Some(gap)) if gap > before && gap / 2 > before => {
+                let times = gap.as_micros() / before.as_micros().max(1);
+                u32::try_from(times)
+                    .unwrap_or(u32::MAX)
+                    .saturating_mul(cycles)
+            }
+            _ => 0,
+        };
+    }
+}
+
+impl AxisCore {
+    /// Takes in what a cycle brought. Whether the outputs are known to have been delivered.
+    fn take_in(&mut self, now: Duration, inputs: Inputs<'_>) -> bool {
+        self.cycle = self.cycle.wrapping_add(1);
+        if self.sets_off() {
+            self.standstill.begin_anew();
+        }
+        self.sent = self.outgoing;
+        self.sent_velocity = self.outgoing_velocity;
+        self.stop_unsent = false;
+        self.mark_sent(now);
+        self.finish_resume(now);
+        self.sequencer.disarm();
+        let (bytes, delivered) = match inputs {
+            Inputs::Fresh(bytes) => (Some(bytes), true),
+            Inputs::Answered(bytes) => (Some(bytes), false),
+            Inputs::Stale => (None, false),
+        };
+        let sample = bytes
+            .and_then(|bytes| self.config.fields.sample(bytes, self.noted_mode))
+            .filter(|sample| sample.state() != State::Unknown);
+        let delivered = delivered && sample.is_some();
+        self.answered = sample.is_some();
+        if self.answered {
+            self.blind_cycles = self.stale_cycles;
+            self.pace.observe(now, self.cycle, self.stale_cycles);
+        }
+        self.stale_cycles = if self.answered {
+            0
+        } else {
+            self.stale_cycles.saturating_add(1)
+        };
+        self.undelivered_cycles = if delivered {
+            0
+        } else {
+            self.undelivered_cycles.saturating_add(1)
+        };
+        if delivered {
+            self.lost = false;
+        }
+        self.observe_quiet(now, delivered);
+        if let Some(sample) = sample {
+            if self.begins_to_stop(now, sample.state()) {
+                self.standstill.begin_anew();
+            }
+            if self.stopping.unanswered && self.halt_delivered.is_some() {
+                self.stopping.unanswered = self.sample == Some(sample);
+            }
+            self.sample = Some(sample);
+            if self.blind_cycles != 0 {
+                self.standstill.note_loss(now, &self.bounds);
+            }
+            self.standstill
+                .observe(now, sample.position, sample.velocity, &self.bounds);
+            if self.awaits_standstill() {
+                self.last_seen.observe(now, &sample, &self.bounds);
+            } else {
+                self.last_seen = LastSeen::default();
+            }
+            self.brake.observe(
+                now,
+                sample.state(),
+                self.standstill.is_standing(),
+                !self.power.leads_up(),
+                &self.config.traits,
+                self.config.deadlines.standstill,
+            );
+            self.observe(now, &sample, delivered);
+        }
+        let loss = self.config.loss;
+        if !self.lost
+            && (self.stale_cycles >= loss.stale_cycles
+                || (self.undelivered_cycles >= loss.undelivered_cycles && !self.awaits_op))
+        {
+            self.lose(now);
+        } else if self.lost && self.stale_cycles == loss.stale_cycles {
+            // It answered until now: stops were to end by what it shows.
+            self.fail_commands(Failure::BusLost {
+                delivery: Delivery::NotSent,
+            });
+        }
+        delivered
+    }
+
+    /// Whether anybody waits for the axis to stand.
+    fn awaits_standstill(&self) -> bool {
+        self.stopping.is_active()
+            || !self.stopping.has_no_waiter()
+            || self.jogging.is_released()
+            || matches!(self.power, Power::Resetting { .. })
+    }
+
+    /// Whether the drive may have begun just now to stop an axis that was under way, or that it may set going: that it stood before says
+    /// nothing then. One that stands halted has come to rest from that, for a quick stop of ours; what the drive does by itself is its own affair.
+    fn begins_to_stop(&self, now: Duration, state: State) -> bool {
+        let Some(before) = &self.sample else {
+            return false;
+        };
+        let leaves = before.state() == State::OperationEnabled && state != before.state();
+        let enters = state == State::QuickStopActive && state != before.state();
+        let obeys = self.stopping.is_quick() && !state.is_fault();
+        (leaves || enters)
+            && !(self.is_standing() && (!self.has_motion() || (obeys && self.stands_halted(now))))
+    }
+
+    /// Whether a motion may begin with the outputs composed last.
+    fn sets_off(&self) -> bool {
+        let rises = self.outgoing.difference(self.sent);
+        let falls = self.sent.difference(self.outgoing);
+        rises.contains(Controlword::NEW_SET_POINT)
+            // Without a set-point nothing goes on by it.
+            || (falls.contains(Controlword::HALT) && self.has_motion())
+            || (self.sent_velocity == 0 && self.outgoing_velocity != 0)
+    }
+
+    /// The drive does not answer, or whether it receives its outputs is not known: everything ends, and what still reaches it is a
+    /// quick stop. Of one that answers, those who wait for a stop wait for what it shows.
+    fn lose(&mut self, now: Duration) {
+        self.lost = true;
+        self.homed_before_loss = self.homed;
+        self.homed = false;
+        let driven = self.power.is_driving();
+        if self.has_motion() {
+            // Since it was seen last its drive may have set off.
+            self.standstill.begin_anew();
+        }
+        let failure = self.failure_of_loss();
+        self.fail_motions(failure);
+        if self.answered {
+            self.fail_commands_but_stops(failure);
+        } else {
+            self.fail_commands(failure);
+        }
+        if driven && !self.begin_quick_stop(now) {
+            self.power = Power::Off;
+        }
+    }
+
+    /// What is said of commands of a drive that counts as lost.
+    fn failure_of_loss(&self) -> Failure {
+        if self.answered {
+            Failure::Undelivered {
+                delivery: Delivery::NotSent,
+                counter: None,
+            }
+        } else {
+            Failure::BusLost {
+                delivery: Delivery::NotSent,
+            }
+        }
+    }
+}
+
+// What each cycle's inputs mean for the commands that are under way.
+
+/// Between its arrival and its rest an axis without a set-point is within so many position windows: more is a motion, and is
+/// stopped.
+const SETTLES_WITHIN: u32 = 4;
+
+impl AxisCore {
+    /// Takes in one cycle with fresh inputs.
+    fn observe(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        let state = sample.state();
+        if state.is_fault() && !matches!(self.power, Power::Resetting { .. }) {
+            self.observe_fault(now);
+        }
+        self.observe_mode_change(now, sample);
+        self.observe_power(now, sample, delivered);
+        self.observe_halt(now, sample, delivered);
+        self.observe_stop(now, sample, delivered);
+        if state == State::OperationEnabled && self.power.is_driving() {
+            self.bit_11_is_valid |= !sample.statusword.contains(Statusword::INTERNAL_LIMIT);
+            self.observe_mode(now, sample, delivered);
+        } else if !self.power.is_driving() && !self.outgoing_starts() {
+            self.sequencer.follow_position(sample.position);
+        }
+    }
+
+    /// A fault ends everything; nothing here resets it. Should the drive go on by itself, the axis is led down. Who waits for a stop
+    /// waits for the standstill.
+    fn observe_fault(&mut self, now: Duration) {
+        let failure = self.fault().unwrap_or(Failure::Fault { code: None });
+        self.fail_motions(failure);
+        if !matches!(self.stopping.stage, Stage::Settling { .. }) {
+            self.stopping.off = false;
+            self.stopping.stage = if self.stopping.note_fault(failure) {
+                self.settling(now)
+            } else {
+                Stage::None
+            };
+        }
+        self.fail_others(failure);
+        self.leave_operation(Power::Off);
+    }
+
+    /// Waiting for the standstill of an axis that is stopped already, as far as this can be.
+    pub(super) fn settling(&self, now: Duration) -> Stage {
+        Stage::Settling {
+            until: now.saturating_add(self.config.deadlines.standstill),
+        }
+    }
+
+    /// The drive is out of Operation enabled: bits 4 and 8 fall.
+    fn leave_operation(&mut self, power: Power) {
+        // A reset that is under way goes on to its own end.
+        if !matches!(self.power, Power::Resetting { .. }) {
+            self.power = power;
+        }
+        self.halted = false;
+        self.halt_delivered = None;
+        self.lower_mode_bits();
+    }
+
+    fn observe_power(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        let state = sample.state();
+        match self.power {
+            Power::Off => {}
+            Power::Holding => {
+                if self.is_down_at_rest() {
+                    self.power = Power::Off;
+                }
+            }
+            Power::Ready => {
+                if state == State::SwitchOnDisabled {
+                    self.power = Power::Off;
+                }
+            }
+            Power::Disabling {
+                id,
+                goal: _,
+                deadline,
+            } => {
+                if state == State::OperationEnabled && !self.is_standing() {
+                    // It was not at rest after all, or something has set it in motion since.
+                    self.power = Power::Off;
+                    self.begin_quick_stop(now);
+                    self.stopping.off = true;
+                    self.wait_for_stop(now, id);
+                } else if is_down(state) && self.is_at_rest() {
+                    self.power = if state == State::ReadyToSwitchOn {
+                        Power::Ready
+                    } else {
+                        Power::Off
+                    };
+                    self.leave_operation(self.power);
+                    self.done(id, Ok(Completion::Stopped { state }));
+                } else if now >= deadline {
+                    let failure = self.timeout(
+                        WaitingFor::State(State::SwitchOnDisabled),
+                        Delivery::NotSent,
+                    );
+                    self.power = Power::Off;
+                    self.done(id, Err(failure));
+                }
+            }
+            Power::Enabling {
+                id,
+                deadline,
+                was_down,
+                shown,
+            } => {
+                let ordered = delivered && self.sent.contains(Controlword::ENABLE_OPERATION);
+                let enabled = state == State::OperationEnabled && was_down;
+                // A single word may be wrong: a drive that was sent no more than 07h is not enabled.
+                let shown = (enabled && (ordered || shown.is_some())).then(|| shown.unwrap_or(now));
+                if shown.is_some_and(|since| now > since) && self.has_seen(now, shown) {
+                    self.power = Power::Enabled;
+                    self.done(id, Ok(Completion::Done));
+                } else if now >= deadline {
+                    self.power = Power::Off;
+                    self.done(id, Err(self.why_not_enabled(sample)));
+                } else {
+                    let down = self.is_down_at_rest();
+                    // One that is enabled without having been asked to was not down, whatever it showed: it may hold a set-point.
+                    let was_down =
+                        was_down && (!enabled || self.sent.contains(Controlword::ENABLE_OPERATION));
+                    if down {
+                        self.halted = false;
+                        self.halt_delivered = None;
+                    }
+                    self.power = Power::Enabling {
+                        id,
+                        deadline,
+                        was_down: was_down || down,
+                        shown,
+                    };
+                }
+            }
+            Power::Enabled => {
+                if state != State::OperationEnabled
+                    && !state.is_fault()
+                    && !self.stopping.is_quick()
+                {
+                    if self.stopping.is_active() {
+                        // Somebody waits for the standstill, which the drive now brings about its own way.
+                        let standstill = self.config.deadlines.standstill;
+                        self.stopping.begin_quick(now.saturating_add(standstill));
+                    } else {
+                        self.observe_drop(now, state);
+                    }
+                }
+            }
+            Power::Resetting { id, phase, edges } => {
+                self.observe_reset(now, id, phase, edges, state, delivered);
+            }
+        }
+    }
+
+    fn why_not_enabled(&self, sample: &Sample) -> Failure {
+        if !sample.statusword.contains(Statusword::REMOTE) {
+            Failure::LocalControl
+        } else if self.config.traits.shows_voltage
+            && !sample.statusword.contains(Statusword::VOLTAGE_ENABLED)
+        {
+            Failure::NoVoltage
+        } else if matches!(
+            sample.state(),
+            State::SwitchOnDisabled | State::ReadyToSwitchOn
+        ) {
+            Failure::SwitchOnRefused {
+                state: sample.state(),
+            }
+        } else {
+            self.timeout(
+                WaitingFor::State(State::OperationEnabled),
+                Delivery::NotSent,
+            )
+        }
+    }
+
+    /// The drive has left Operation enabled by itself, or by somebody else's stop.
+    fn observe_drop(&mut self, now: Duration, state: State) {
+        let (failure, power) = if state == State::QuickStopActive {
+            (Failure::QUICK_STOPPED, Power::Holding)
+        } else {
+            (Failure::Disabled { state }, Power::Off)
+        };
+        self.fail_motions(failure);
+        self.fail_others(failure);
+        self.stopping.off = false;
+        self.stopping.stage = if self.stopping.has_no_waiter() {
+            Stage::None
+        } else {
+            self.settling(now)
+        };
+        self.leave_operation(power);
+    }
+
+    fn observe_reset(
+        &mut self,
+        now: Duration,
+        id: CommandId,
+        phase: ResetPhase,
+        edges: u8,
+        state: State,
+        delivered: bool,
+    ) {
+        let deadlines = self.config.deadlines;
+        let low = ResetPhase::Low {
+            until: now.saturating_add(RESET_PAUSE),
+            reaction: now.saturating_add(deadlines.standstill),
+            shown: None,
+        };
+        let seen = |since| self.has_seen(now, Some(since)) && now > since;
+        let spent = edges >= RESET_EDGES;
+        let phase = match phase {
+            ResetPhase::Low { .. } | ResetPhase::High { .. } if !state.is_fault() => {
+                ResetPhase::Gone {
+                    since: now,
+                    until: now.saturating_add(deadlines.standstill),
+                }
+            }
+            ResetPhase::Low {
+                until,
+                reaction,
+                shown,
+            } => {
+                let is_fault = state == State::Fault;
+                let shown = is_fault.then(|| shown.unwrap_or(now));
+                let is_low = delivered && !self.sent.contains(Controlword::FAULT_RESET);
+                let stands = self.is_standing();
+                if stands && is_low && now >= until && shown.is_some_and(seen) {
+                    ResetPhase::High {
+                        until: now.saturating_add(deadlines.fault_reset),
+                    }
+                } else if now >= reaction {
+                    let waiting_for = if is_fault {
+                        self.standstill_awaited()
+                    } else {
+                        WaitingFor::State(State::Fault)
+                    };
+                    let failure = self.timeout(waiting_for, Delivery::NotSent);
+                    self.end_reset(id, Err(failure));
+                    return;
+                } else {
+                    ResetPhase::Low {
+                        until,
+                        reaction,
+                        shown,
+                    }
+                }
+            }
+            ResetPhase::High { until } if now < until => return,
+            ResetPhase::High { .. } | ResetPhase::Gone { .. } if state.is_fault() && spent => {
+                let failure = self.fault().unwrap_or(Failure::Fault { code: None });
+                self.end_reset(id, Err(failure));
+                return;
+            }
+            ResetPhase::High { .. } => low,
+            ResetPhase::Gone { .. } if state.is_fault() => low,
+            ResetPhase::Gone { since, until } => {
+                if is_down(state) && seen(since) {
+                    self.end_reset(id, Ok(Completion::Stopped { state }));
+                    return;
+                }
+                if now >= until {
+                    let waiting_for = WaitingFor::State(State::SwitchOnDisabled);
+                    let failure = self.timeout(waiting_for, Delivery::NotSent);
+                    self.end_reset(id, Err(failure));
+                    return;
+                }
+                ResetPhase::Gone { since, until }
+            }
+        };
+        let edges = edges + u8::from(matches!(phase, ResetPhase::High { .. }));
+        self.power = Power::Resetting { id, phase, edges };
+    }
+
+    fn end_reset(&mut self, id: CommandId, result: Result<Completion, Failure>) {
+        self.power = Power::Off;
+        self.leave_operation(Power::Off);
+        self.done(id, result);
+    }
+
+    fn observe_halt(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        if !self.halted {
+            self.stopping.begin_halt();
+            // The axis left Operation enabled before it was seen to stand: who waited for the halt waits for that all the same.
+            if self.stopping.halts_become_stops() && !self.stopping.is_active() {
+                self.stopping.stage = self.settling(now);
+            }
+            return;
+        }
+        if delivered && self.sent.contains(Controlword::HALT) {
+            self.halt_delivered.get_or_insert(now);
+        }
+        if self.has_seen_halt(now) {
+            let deceleration = &mut self.stopping.deceleration;
+            deceleration.observe(now, sample.position, &self.bounds);
+        }
+        if self.stands_halted(now) && !self.stopping.unanswered {
+            // Of a stop under way the halt is the first part alone: no set-point is kept, and who waits gets the stop as the reason.
+            if !self.stopping.is_active() {
+                self.homing.halted(&mut self.events);
+                if !self.stopping.halt_reported {
+                    self.stopping.halt_reported = true;
+                    self.sequencer.report_halted(&mut self.events);
+                }
+            }
+            let state = sample.state();
+            while let Some(id) = self
+                .stopping
+                .take_waiter(|wait| matches!(wait, Wait::Halt { .. }))
+            {
+                self.done(id, Ok(Completion::Stopped { state }));
+            }
+        }
+        while self.stopping.deceleration.ignores_stop()
+            && let Some(id) = self
+                .stopping
+                .take_waiter(|wait| matches!(wait, Wait::Halt { .. }))
+        {
+            self.done(id, Err(Failure::HaltIgnored));
+        }
+        while let Some(id) = self
+            .stopping
+            .take_waiter(|w| matches!(w, Wait::Halt { until } if now >= until))
+        {
+            let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
+            self.done(id, Err(failure));
+        }
+        if self.stopping.deceleration.ignores_stop() && self.stopping.unwatched {
+            self.begin_quick_stop(now);
+        }
+    }
+
+    /// Whether bit 8 has brought the axis to rest. With a set-point that may have set it off just before, by what was seen after the
+    /// drive has had the time to take bit 8 in.
+    fn stands_halted(&self, now: Duration) -> bool {
+        let seen = self.halt_delivered.map_or(Duration::MAX, |delivered| {
+            delivered.saturating_add(self.config.traits.surely_seen())
+        });
+        now >= seen
+            && self.is_standing()
+            && (!self.has_motion() || self.standstill.stands_since(now, seen, &self.bounds))
+    }
+
+    /// Whether the drive has had the time to take bit 8 in.
+    fn has_seen_halt(&self, now: Duration) -> bool {
+        self.has_seen(now, self.halt_delivered)
+    }
+
+    fn observe_stop(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        let state = sample.state();
+        match self.stopping.stage {
+            Stage::None => {}
+            Stage::Halting { until, from } => {
+                // An axis that has just come into its window may go past it before it settles.
+                let near = self.bounds.position.saturating_mul(SETTLES_WITHIN);
+                let distance = |from| self.bounds.distance(from, sample.position);
+                let from = from.filter(|&from| distance(from) <= near);
+                self.stopping.stage = Stage::Halting { until, from };
+                if from.is_some() && self.stands_halted(now) {
+                    self.finish_without_quick_stop(state);
+                    return;
+                }
+                // A drive that ignores bit 8 would let the axis run on until the deadline.
+                let ignored = self.stopping.deceleration.ignores_stop();
+                if ignored || self.stands_halted(now) || now >= until {
+                    self.begin_quick_stop(now);
+                }
+            }
+            Stage::Quick { until } => {
+                // A drive that stays there although 605Ah said otherwise when it was read is believed in the end.
+                let late = until.is_none_or(|until| now >= until);
+                let holds = state == State::QuickStopActive
+                    && (self.config.quick_stop.stays_in_quick_stop_active() || late);
+                let off = matches!(state, State::NotReadyToSwitchOn | State::SwitchOnDisabled);
+                let followed = self.has_quick_stopped(now, holds || off, delivered);
+                if followed && ((holds && self.is_standing()) || (off && self.is_at_rest())) {
+                    self.finish_quick_stop(now, state);
+                } else if self.ignores_quick_stop(now, sample, delivered) {
+                    self.give_quick_stop_up(now);
+                } else if self.stopping.quick_delivered.is_none() && late && until.is_some() {
+                    self.give_waiting_up(state);
+                }
+            }
+            Stage::Settling { until } => {
+                // A disable under way leads the drive down by itself, and stops the axis if it moves after all.
+                let disables = matches!(self.power, Power::Disabling { .. });
+                let powered = matches!(state, State::OperationEnabled | State::QuickStopActive);
+                if powered && !disables {
+                    self.cancel_enabling(Failure::QUICK_STOPPED);
+                    let standstill = self.config.deadlines.standstill;
+                    self.stopping.begin_quick(now.saturating_add(standstill));
+                } else if self.is_at_rest_for_good() {
+                    self.finish_stop(state);
+                } else if now >= until {
+                    self.give_waiting_up(state);
+                }
+            }
+            Stage::Off { until } => {
+                if is_down(state) {
+                    self.leave_operation(self.power);
+                    if self.is_at_rest() || self.stopping.has_no_waiter() {
+                        self.finish_stop(state);
+                    } else {
+                        self.stopping.stage = self.settling(now);
+                    }
+                } else if now >= until {
+                    self.stopping.stage = Stage::None;
+                    let failure = self.timeout(
+                        WaitingFor::State(State::SwitchOnDisabled),
+                        Delivery::NotSent,
+                    );
+                    self.fail_commands(failure);
+                }
+            }
+        }
+    }
+
+    /// Waiting stops fail, since the axis does not come to rest. A drive in Operation enabled is commanded on.
+    fn give_waiting_up(&mut self, state: State) {
+        let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
+        self.fail_motions(failure);
+        self.fail_commands(failure);
+        if state == State::OperationEnabled {
+            self.stopping.stage = Stage::Quick { until: None };
+            return;
+        }
+        self.stopping.stage = Stage::None;
+        self.stopping.off = false;
+        self.leave_operation(if state == State::QuickStopActive {
+            Power::Holding
+        } else {
+            Power::Off
+        });
+    }
+
+    fn finish_quick_stop(&mut self, now: Duration, state: State) {
+        let off = core::mem::take(&mut self.stopping.off);
+        let failure = if off {
+            Failure::Disabled { state }
+        } else {
+            Failure::QUICK_STOPPED
+        };
+        self.fail_motions(failure);
+        if state == State::QuickStopActive && off {
+            self.leave_operation(Power::Off);
+            self.stopping.stage = Stage::Off {
+                until: now.saturating_add(self.config.deadlines.disable),
+            };
+        } else {
+            self.leave_operation(if state == State::QuickStopActive {
+                Power::Holding
+            } else {
+                Power::Off
+            });
+            self.finish_stop(state);
+        }
+    }
+
+    /// The axis stands where it was, and nothing is known that it could move for: bit 8 is as it was before.
+    fn finish_without_quick_stop(&mut self, state: State) {
+        if self.stopping.lent {
+            self.halted = false;
+            self.halt_delivered = None;
+            self.stopping.begin_halt();
+        }
+        self.finish_stop(state);
+    }
+
+    fn finish_stop(&mut self, state: State) {
+        self.stopping.stage = Stage::None;
+        while let Some((id, failure)) = self.stopping.next_waiter() {
+            self.done(id, failure.map_or(Ok(Completion::Stopped { state }), Err));
+        }
+    }
+
+    fn observe_moves(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        let cycle = cycle!(self, now, sample, delivered);
+        if self.sequencer.step(&cycle, &mut self.events) {
+            // A set-point that the drive took while halted is kept as well: whoever asked for it gets that answer.
+            self.stopping.halt_reported = false;
+        }
+    }
+
+    /// A wait for standstill, with what was seen instead.
+    fn standstill_awaited(&self) -> WaitingFor {
+        WaitingFor::Standstill(self.last_seen.unrest(&self.bounds))
+    }
+
+    pub(super) fn timeout(&self, waiting_for: WaitingFor, delivery: Delivery) -> Failure {
+        let statusword = self.sample.map_or(Statusword::empty(), |s| s.statusword);
+        Failure::Timeout {
+            waiting_for,
+            statusword,
+            controlword: self.sent,
+            delivery,
+        }
+    }
+}
+
+// How each command begins. What it then does from cycle to cycle is above.
+
+impl AxisCore {
+    /// Takes a command in, between two steps. What it stops or withdraws is out of the outputs at once. It reports through [`AxisCore::poll_event`], under this id, with exactly one
+    /// [`Event::Done`](super::Event::Done).
+    pub fn submit(&mut self, now: Duration, id: CommandId, command: Command, outputs: &mut [u8]) {
+        self.begin(now, id, command);
+        self.write_outputs(outputs);
+    }
+
+    fn begin(&mut self, now: Duration, id: CommandId, command: Command) {
+        let stops = matches!(
+            command,
+            Command::Halt | Command::Stop | Command::QuickStop | Command::Disable
+        );
+        if self.is_lost() && !(stops && self.answered) {
+            let failure = self.failure_of_loss();
+            self.done(id, Err(failure));
+            return;
+        }
+        if self.expired && command.sets_going() {
+            self.done(id, Err(Failure::LivenessExpired));
+            return;
+        }
+        match command {
+            Command::Enable => self.enable(now, id),
+            Command::Disable => self.disable(now, id),
+            Command::ResetFault => self.reset_fault(now, id),
+            Command::SelectMode(mode) => self.select_mode(now, id, mode, false),
+            Command::PrepareMode(mode) => self.select_mode(now, id, mode, true),
+            Command::Home(command) => self.start_homing(id, command),
+            Command::Jog(set_point) => self.start_jog(id, set_point),
+            Command::Move(command) => self.start_move(now, id, command),
+            Command::CheckMove(command) => {
+                let result = self.check_unmapped_move(command).map(|()| Completion::Done);
+                self.done(id, result);
+            }
+            Command::CheckHome => {
+                let result = self.check_homing().map(|()| Completion::Done);
+                self.done(id, result);
+            }
+            Command::CheckJog(velocity) => {
+                let result = self.check_jogging(velocity).map(|()| Completion::Done);
+                self.done(id, result);
+            }
+            Command::SetLimits(limits) => {
+                self.config.limits = self.config.limits_with(limits);
+                self.done(id, Ok(Completion::Done));
+            }
+            Command::Halt => self.halt(now, id),
+            Command::Resume => self.resume(now, id),
+            Command::Stop => self.stop(now, id),
+            Command::QuickStop => self.quick_stop(now, id),
+            Command::Release => self.release(now, id),
+        }
+    }
+
+    fn enable(&mut self, now: Duration, id: CommandId) {
+        let refused = if let Some(fault) = self.fault() {
+            Some(fault)
+        } else if self.stopping.is_active() || (self.stop_unsent && !self.power.is_driving()) {
+            Some(Failure::Busy)
+        } else {
+            match self.power {
+                Power::Enabling { .. } | Power::Disabling { .. } | Power::Resetting { .. } => {
+                    Some(Failure::Busy)
+                }
+                Power::Enabled => {
+                    self.done(id, Ok(Completion::Done));
+                    return;
+                }
+                Power::Off | Power::Ready | Power::Holding => None,
+            }
+        };
+        if let Some(failure) = refused {
+            self.done(id, Err(failure));
+            return;
+        }
+        self.lower_mode_bits();
+        self.power = Power::Enabling {
+            id,
+            deadline: now.saturating_add(self.config.deadlines.enable),
+            was_down: self.is_down_at_rest(),
+            shown: None,
+        };
+    }
+
+    fn disable(&mut self, now: Duration, id: CommandId) {
+        match self.power {
+            // Asked for again by those who wait for it.
+            Power::Disabling { id: waiter, .. } if waiter == id => return,
+            Power::Resetting { .. } | Power::Disabling { .. } => {
+                self.done(id, Err(Failure::Busy));
+                return;
+            }
+            _ => {}
+        }
+        let state = self.state();
+        if state.is_fault() {
+            self.await_standstill(now, id);
+            return;
+        }
+        self.cancel_enabling(Failure::Disabled { state });
+        if self.begin_stop(now, Failure::Disabled { state }) {
+            self.stopping.off = !self.stopping.is_switching_off();
+            self.wait_for_stop(now, id);
+            return;
+        }
+        let deadline = now.saturating_add(self.config.deadlines.disable);
+        match self.power {
+            Power::Enabled => {
+                self.power = Power::Disabling {
+                    id,
+                    goal: PowerGoal::Ready,
+                    deadline,
+                };
+            }
+            _ if is_down(state) => self.await_standstill(now, id),
+            _ => {
+                self.power = Power::Disabling {
+                    id,
+                    goal: PowerGoal::Off,
+                    deadline,
+                }
+            }
+        }
+    }
+
+    fn reset_fault(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        if !state.is_fault() {
+            self.done(id, Err(Failure::NoFault { state }));
+        } else if matches!(self.power, Power::Resetting { .. }) {
+            self.done(id, Err(Failure::Busy));
+        } else {
+            let reaction = now.saturating_add(self.config.deadlines.standstill);
+            self.power = Power::Resetting {
+                id,
+                phase: ResetPhase::Low {
+                    until: now,
+                    reaction,
+                    shown: None,
+                },
+                edges: 0,
+            };
+        }
+    }
+
+    fn start_move(&mut self, now: Duration, id: CommandId, command: MoveCommand) {
+        match self.check_move(command) {
+            Ok(command) => {
+                self.sequencer.submit(id, command, &mut self.events);
+                self.start_move_now(now);
+            }
+            Err(failure) => self.done(id, Err(failure)),
+        }
+    }
+
+    fn halt(&mut self, now: Duration, id: CommandId) {
+        if let Some(fault) = self.fault() {
+            self.done(id, Err(fault));
+            return;
+        }
+        if self.power.is_driving() && !self.stopping.is_quick() && !self.halts_under_control() {
+            self.done(id, Err(Failure::HaltCoasts));
+            return;
+        }
+        self.begin_halt(now);
+        if self.stopping.is_quick() || self.stopping.is_switching_off() {
+            self.wait_for_stop(now, id);
+        } else if self.power.is_driving() {
+            let until = now.saturating_add(self.config.deadlines.standstill);
+            if !self.stopping.wait(id, Wait::Halt { until }) {
+                self.done(id, Err(Failure::Busy));
+            }
+        } else {
+            self.await_standstill(now, id);
+        }
+    }
+
+    fn resume(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        let result = if let Some(fault) = self.fault() {
+            Err(fault)
+        } else if self.stopping.is_active() {
+            Err(Failure::QUICK_STOPPED)
+        } else if !self.power.is_driving() {
+            Err(Failure::NotEnabled { state })
+        } else if self.resuming.is_some() {
+            Err(Failure::Busy)
+        } else if !self.halted {
+            if self.has_motion() {
+                Err(Failure::Moving)
+            } else {
+                self.resuming = Some(Resuming {
+                    id,
+                    from_rest: None,
+                });
+                return;
+            }
+        } else if self.stop_unsent && (self.has_motion() || !self.is_standing()) {
+            Err(Failure::Busy)
+        } else if self.sequencer.is_unknown() || self.homing.is_unknown() {
+            Err(Failure::NeedsStop)
+        } else if self.homing.has_motion() {
+            Err(Failure::HomingHalted)
+        } else if self.sequencer.has_set_point() && !self.config.traits.halt_keeps_set_point {
+            Err(Failure::ResumeUnsupported)
+        } else {
+            self.halted = false;
+            let stands = self.stands_halted(now);
+            self.resuming = Some(Resuming {
+                id,
+                from_rest: Some(stands),
+            });
+            return;
+        };
+        self.done(id, result);
+    }
+
+    /// What was sent last had bit 8 low, and nothing has stopped the axis before that.
+    fn finish_resume(&mut self, now: Duration) {
+        let Some(Resuming { id, from_rest }) = self.resuming.take() else {
+            return;
+        };
+        if let Some(from_rest) = from_rest {
+            self.sequencer.resumed(now, from_rest);
+            while let Some((waiter, _)) = self.stopping.next_waiter() {
+                self.done(waiter, Err(Failure::Superseded));
+            }
+        }
+        self.done(id, Ok(Completion::Done));
+    }
+
+    /// A stop comes before bit 8 has fallen.
+    fn fail_resume(&mut self, failure: Failure) {
+        if let Some(Resuming { id, from_rest }) = self.resuming.take() {
+            self.halted |= from_rest.is_some();
+            self.done(id, Err(failure));
+        }
+    }
+
+    fn stop(&mut self, now: Duration, id: CommandId) {
+        let state = self.state();
+        if !state.is_fault() && self.begin_stop(now, Failure::QUICK_STOPPED) {
+            self.wait_for_stop(now, id);
+        } else {
+            self.await_standstill(now, id);
+        }
+    }
+
+    fn quick_stop(&mut self, now: Duration, id: CommandId) {
+        if let Some(fault) = self.fault() {
+            self.done(id, Err(fault));
+        } else if self.begin_quick_stop(now) {
+            self.wait_for_stop(now, id);
+        } else {
+            self.await_standstill(now, id);
+        }
+    }
+
+    fn release(&mut self, now: Duration, id: CommandId) {
+        self.stop(now, id);
+    }
+
+    /// There is nothing to send: it is done when the axis stands.
+    fn await_standstill(&mut self, now: Duration, id: CommandId) {
+        if self.is_at_rest_for_good() {
+            let state = self.state();
+            self.done(id, Ok(Completion::Stopped { state }));
+            return;
+        }
+        if !self.stopping.is_active() {
+            self.stopping.stage = self.settling(now);
+        }
+        self.wait_for_stop(now, id);
+    }
+
+    fn wait_for_stop(&mut self, now: Duration, id: CommandId) {
+        self.stopping
+            .set_deadline(now.saturating_add(self.config.deadlines.standstill));
+        if !self.stopping.wait(id, Wait::Stop) {
+            self.done(id, Err(Failure::Busy));
+        }
+    }
+
+    /// Bit 8 from the next frame on. Moves that are not sent fail as halted.
+    fn begin_halt(&mut self, now: Duration) {
+        self.cancel_enabling(Failure::HALTED);
+        if self.runs_unasked() || (self.power.is_driving() && !self.halts_under_control()) {
+            self.begin_quick_stop(now);
+            return;
+        }
+        if !self.power.is_driving() || self.stopping.is_quick() || self.state().is_fault() {
+            return;
+        }
+        self.withdraw_unsent(Failure::HALTED);
+        self.fail_resume(Failure::HALTED);
+        self.stop_unsent = true;
+        self.stopping.lent = false;
+        if !self.halted {
+            self.halted = true;
+            self.halt_delivered = None;
+            self.stopping.begin_halt();
+            self.stopping.unanswered = self.has_motion() && self.standstill.is_under_way();
+            self.stopping.halt_reported = false;
+        }
+    }
+
+    /// Halt, with the quick stop to follow. False when the axis stands without a set-point: nothing is sent then.
+    /// Moves that are not sent fail as `failure`.
+    fn begin_stop(&mut self, now: Duration, failure: Failure) -> bool {
+        self.cancel_enabling(failure);
+        if self.runs_unasked() || self.stopping.is_switching_off() {
+            return self.begin_quick_stop(now);
+        }
+        if !self.power.is_driving() || self.state().is_fault() {
+            return false;
+        }
+        let disables = matches!(failure, Failure::Disabled { .. });
+        if self.stopping.is_active() {
+            if disables && let Stage::Halting { from, .. } = &mut self.stopping.stage {
+                *from = None;
+            }
+            return true;
+        }
+        let has_motion = self.has_motion();
+        self.withdraw_unsent(failure);
+        // Nothing starts in its frame, also where there is nothing to stop.
+        self.stop_unsent = true;
+        if !has_motion && self.is_standing() {
+            return false;
+        }
+        self.fail_resume(failure);
+        if !self.halts_under_control() {
+            return self.begin_quick_stop(now);
+        }
+        let rests_perhaps = !has_motion && !disables && !self.halted;
+        let from = match self.sample {
+            Some(sample) if rests_perhaps && sample.state() == State::OperationEnabled => {
+                Some(sample.position)
+            }
+            _ => None,
+        };
+        self.begin_halt(now);
+        self.stopping.lent = from.is_some();
+        let until = now.saturating_add(self.config.deadlines.standstill);
+        self.stopping.stage = Stage::Halting { until, from };
+        true
+    }
+
+    /// Whether bit 8 stops the axis and does not let it coast.
+    const fn halts_under_control(&self) -> bool {
+        self.config.stop_options.halts_under_control()
+    }
+
+    /// Bit 2 low from the next frame on. False when the axis is not enabled: it has nothing to stop.
+    fn begin_quick_stop(&mut self, now: Duration) -> bool {
+        self.cancel_enabling(Failure::QUICK_STOPPED);
+        if self.stopping.is_switching_off() {
+            return true;
+        }
+        let enabled = self.power.is_driving() || self.state() == State::OperationEnabled;
+        if self.state().is_fault() || !(enabled || self.runs_unasked()) {
+            return false;
+        }
+        if let Power::Disabling { id, .. } = self.power {
+            // What it sends would leave the way in which the axis stops to 605Bh.
+            self.power = Power::Off;
+            self.stopping.off = true;
+            self.wait_for_stop(now, id);
+        }
+        self.withdraw_unsent(Failure::QUICK_STOPPED);
+        self.fail_resume(Failure::QUICK_STOPPED);
+        if !self.stopping.is_quick() {
+            let standstill = self.config.deadlines.standstill;
+            self.stopping.begin_quick(now.saturating_add(standstill));
+        }
+        true
+    }
+
+    /// Whether the drive moves, or holds, an axis that we have not enabled: it is stopping by quick stop. It was found so, or
+    /// somebody else has enabled it.
+    fn runs_unasked(&self) -> bool {
+        let powered = matches!(
+            self.state(),
+            State::OperationEnabled | State::QuickStopActive
+        );
+        !self.power.is_driving() && (self.stopping.is_quick() || powered && !self.is_standing())
+    }
+
+    fn cancel_enabling(&mut self, failure: Failure) {
+        if let Power::Enabling { id, .. } = self.power {
+            self.power = Power::Off;
+            self.stop_unsent = true;
+            self.done(id, Err(failure));
+        }
+    }
+
+    fn fault(&self) -> Option<Failure> {
+        let sample = self.sample?;
+        sample.state().is_fault().then_some(Failure::Fault {
+            code: sample.error_code.filter(|&code| code != 0),
+        })
+    }
+}
+
+/// A resume that is not sent yet.
+#[derive(Debug, Clone, Copy, Hash)]
+struct Resuming {
+    id: CommandId,
+    /// Whether the axis goes on from standstill; none if it was not halted.
+    from_rest: Option<bool>,
+}
+
+/// Whether the power stage is off in this state.
+const fn is_down(state: State) -> bool {
+    matches!(
+        state,
+        State::NotReadyToSwitchOn | State::SwitchOnDisabled | State::ReadyToSwitchOn
+    )
+}
+
+// What a quick stop shows of itself, and when it is given up.
+
+impl AxisCore {
+    /// Whether the drive has had the time to take in what was delivered then.
+    fn has_seen(&self, now: Duration, delivered: Option<Duration>) -> bool {
+        delivered.is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen())
+    }
+
+    /// Whether the state of this sample, in which a quick stop may end or not, shows that the drive has followed it: the drive has surely seen bit 2
+    /// low; or, where nobody knows what it receives, has shown no other state for the settle time. One statusword alone may be wrong.
+    fn has_quick_stopped(&mut self, now: Duration, may_end: bool, delivered: bool) -> bool {
+        if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
+            self.stopping.sent_since.get_or_insert(now);
+        }
+        if !may_end {
+            self.stopping.shown_since = None;
+            return false;
+        }
+        let shown = *self.stopping.shown_since.get_or_insert(now);
+        self.has_seen(now, self.stopping.sent_since)
+            || now.saturating_sub(shown) >= self.bounds.settle
+    }
+
+    /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower, or has
+    /// had the time to come to rest since.
+    fn ignores_quick_stop(&mut self, now: Duration, sample: &Sample, delivered: bool) -> bool {
+        if sample.state() != State::OperationEnabled {
+            self.stopping.measure_quick();
+            return false;
+        }
+        if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
+            self.stopping.quick_delivered.get_or_insert(now);
+        }
+        if self.has_seen(now, self.stopping.quick_delivered) {
+            let deceleration = &mut self.stopping.quick_deceleration;
+            deceleration.observe(now, sample.position, &self.bounds);
+        }
+        let standstill = self.config.deadlines.standstill;
+        let since = self.stopping.quick_delivered;
+        self.stopping.quick_deceleration.ignores_stop()
+            || since.is_some_and(|since| now.saturating_sub(since) >= standstill)
+    }
+
+    /// The drive does not stop the axis: without voltage it at least drives it no further.
+    fn give_quick_stop_up(&mut self, now: Duration) {
+        self.fail_motions(Failure::QuickStopIgnored);
+        self.fail_commands(Failure::QuickStopIgnored);
+        self.power = Power::Off;
+        self.stopping.off = false;
+        self.brake.give_up();
+        let until = now.saturating_add(self.config.deadlines.disable);
+        self.stopping.stage = Stage::Off { until };
+    }
+}
+
+// Everything for which a motion is refused before anything of it is written.
+
+impl AxisCore {
+    /// What the drive's limits say of a velocity.
+    fn check_jog(&self, velocity: i32) -> Result<(), Failure> {
+        let limits = &self.config.limits;
+        limits.check_velocity(Some(velocity.unsigned_abs()))
+    }
+
+    /// Everything for which a homing is refused.
+    fn check_homing(&self) -> Result<(), Failure> {
+        self.check_mode(Mode::Homing)?;
+        if self.homing.is_unknown() {
+            Err(Failure::NeedsStop)
+        } else if self.homing.is_idle() {
+            Ok(())
+        } else {
+            Err(Failure::Busy)
+        }
+    }
+
+    /// Everything for which a jog is refused, but for ramps that are zero.
+    fn check_jogging(&self, velocity: i32) -> Result<(), Failure> {
+        self.check_mode(Mode::ProfileVelocity)?;
+        self.check_jog(velocity)?;
+        if self.jogging.is_held() {
+            Err(Failure::Busy)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// What every start of a motion needs.
+    fn check_mode(&self, expected: Mode) -> Result<(), Failure> {
+        let shown = self.sample.map_or(Mode::None, |s| s.mode);
+        if let Some(fault) = self.fault() {
+            return Err(fault);
+        }
+        if self.stopping.is_active() {
+            return Err(Failure::QUICK_STOPPED);
+        }
+        if !matches!(self.power, Power::Enabled) {
+            return Err(Failure::NotEnabled {
+                state: self.state(),
+            });
+        }
+        if self.halted {
+            return Err(Failure::HALTED);
+        }
+        if self.mode_change.is_some() || shown != expected || self.mode != expected {
+            return Err(Failure::WrongMode {
+                expected,
+                shown,
+                delivery: Delivery::NotSent,
+            });
+        }
+        Ok(())
+    }
+
+    /// As `check_move`, for a move whose parameters may have to be written by SDO first.
+    fn check_unmapped_move(&self, mut command: MoveCommand) -> Result<(), Failure> {
+        self.check_limits(&command)?;
+        let traits = &self.config.traits;
+        let set_point = &mut command.set_point;
+        traits.check_profile_type(
+            set_point.buffer_mode,
+            set_point.parameters.profile_type,
+            None,
+        )?;
+        set_point.parameters = self.config.fields.mapped(&set_point.parameters);
+        self.check_move(command).map(drop)
+    }
+
+    /// What the drive's limits say of a move. Where a relative one ends shows when its turn comes.
+    fn check_limits(&self, command: &MoveCommand) -> Result<(), Failure> {
+        let limits = &self.config.limits;
+        let parameters = &command.set_point.parameters;
+        limits.check_velocity(parameters.velocity)?;
+        limits.check_velocity(parameters.end_velocity)?;
+        match command.reference {
+            Reference::Absolute => {
+                let rule = &self.config.traits.limits;
+                limits.check_target(command.target.into(), rule, self.is_referenced())
+            }
+            Reference::Relative => Ok(()),
+        }
+    }
+
+    /// Everything that can be refused before anything is written.
+    fn check_move(&self, mut command: MoveCommand) -> Result<MoveCommand, Failure> {
+        let buffer_mode = command.set_point.buffer_mode;
+        if let StartBits::Unsupported(reason) = self.config.traits.bits(buffer_mode) {
+            return Err(Failure::Unsupported {
+                buffer_mode,
+                reason,
+            });
+        }
+        self.check_mode(Mode::ProfilePosition)?;
+        if self.sequencer.is_unknown() {
+            return Err(Failure::NeedsStop);
+        }
+        if command.reference == Reference::Absolute
+            && !self.is_referenced()
+            && self.config.referencing != Referencing::UnreferencedMovesAllowed
+        {
+            return Err(Failure::NotReferenced);
+        }
+        self.check_limits(&command)?;
+        let parameters = &mut command.set_point.parameters;
+        *parameters = self
+            .config
+            .fields
+            .complete(parameters, &self.config.defaults)?;
+        self.check_profile_type(&command)?;
+        Ok(command)
+    }
+
+    fn check_profile_type(&self, command: &MoveCommand) -> Result<(), Failure> {
+        let traits = &self.config.traits;
+        let set_point = &command.set_point;
+        let blends =
+            set_point.buffer_mode == BufferMode::Blending && traits.blend_needs_linear_ramps;
+        if blends && self.config.fields.profile_type.is_none() {
+            // Written by SDO it would not be known here, nor changed between two set-points.
+            return Err(Failure::NotMapped("motion profile type 6086h"));
+        }
+        traits.check_profile_type(
+            set_point.buffer_mode,
+            set_point.parameters.profile_type,
+            self.sequencer.last_profile_type(),
+        )
+    }
+}
+
+// The active mode: whose bits and set-points are in the outputs, and how one mode gives way to another.
+
+/// The bits of the controlword that mean something else in each mode.
+const MODE_BITS: Controlword = Controlword::NEW_SET_POINT
+    .union(Controlword::CHANGE_IMMEDIATELY)
+    .union(Controlword::RELATIVE)
+    .union(Controlword::BLEND);
+
+/// A change of 6060h that waits for 6061h.
+#[derive(Debug, Clone, Copy, Hash)]
+pub(super) struct ModeChange {
+    id: CommandId,
+    to: Mode,
+    before: Mode,
+    deadline: Duration,
+    step: ModeStep,
+}
+
+/// How far a change of mode is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+enum ModeStep {
+    /// Until the axis stands and the drive has surely seen the bits of the last mode low and its target velocity 0; then it is written, or
+    /// whoever writes it by SDO gets the reason.
+    Quiet { by_sdo: bool },
+    /// 6060h is in the outputs.
+    Written,
+    /// Whoever writes 6060h by SDO has been asked to: until the mode is awaited, the drive may show either.
+    BySdo,
+}
+
+impl AxisCore {
+    /// The velocity of a jog that is held, from the next outputs on. False if it is not followed: this jog is not held any
+    /// more, or the velocity is above max profile velocity 607Fh.
+    pub fn set_jog(&mut self, id: CommandId, velocity: i32, outputs: &mut [u8]) -> bool {
+        let followed = self.check_jog(velocity).is_ok() && self.jogging.set(id, velocity);
+        if followed {
+            self.write_outputs(outputs);
+        }
+        followed
+    }
+
+    /// Lets go of a jog: target velocity 0 in the next outputs. It is done at standstill. False if it is not held any more.
+    pub fn release_jog(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
+        let until = now.saturating_add(self.config.deadlines.standstill);
+        let held = self.jogging.release(id, until);
+        if held {
+            self.write_outputs(outputs);
+        }
+        held
+    }
+
+    /// Max profile velocity 607Fh as velocities are checked against it.
+    #[cfg(feature = "std")]
+    pub(crate) const fn max_velocity(&self) -> Option<u32> {
+        self.config.limits.max_velocity
+    }
+
+    /// The jog that is held or coming to rest.
+    #[must_use]
+    pub const fn jog(&self) -> Option<CommandId> {
+        self.jogging.id()
+    }
+
+    fn select_mode(&mut self, now: Duration, id: CommandId, to: Mode, by_sdo: bool) {
+        let shown = self.sample.is_some_and(|sample| sample.mode == to);
+        if shown && self.mode == to && self.mode_change.is_none() {
+            self.done(id, Ok(Completion::Done));
+        } else if !self
+            .config
+            .supported_modes
+            .is_none_or(|modes| modes.allows(to))
+        {
+            self.done(id, Err(Failure::ModeNotSupported { mode: to }));
+        } else if self.halted {
+            self.done(id, Err(Failure::HALTED));
+        } else if !self.is_idle() || self.has_motion() {
+            self.done(id, Err(Failure::Moving));
+        } else if self.stopping.is_active()
+            || self
+                .mode_change
+                .is_some_and(|change| change.step != ModeStep::BySdo)
+        {
+            self.done(id, Err(Failure::Busy));
+        } else {
+            let change = ModeChange {
+                id,
+                to,
+                before: self.mode,
+                deadline: now.saturating_add(self.config.deadlines.mode),
+                step: ModeStep::Quiet { by_sdo },
+            };
+            self.mode_change = Some(change);
+            self.write_mode(now);
+        }
+    }
+
+    /// Writes 6060h, or says that it may be written, once nothing of the last mode is left that the next could take for its
+    /// own.
+    fn write_mode(&mut self, now: Duration) {
+        let Some(change) = &mut self.mode_change else {
+            return;
+        };
+        let ModeStep::Quiet { by_sdo } = change.step else {
+            return;
+        };
+        let quiet = self
+            .quiet_since
+            .is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen());
+        if !quiet || (self.power.is_driving() && !self.standstill.is_standing()) {
+            return;
+        }
+        // 607Ah still holds the last move's target or distance; another mode may follow it at once.
+        if let Some(sample) = self.sample {
+            self.sequencer.follow_position(sample.position);
+        }
+        let (id, to) = (change.id, change.to);
+        if by_sdo {
+            change.step = ModeStep::BySdo;
+            self.done(id, Ok(Completion::Done));
+        } else {
+            change.step = ModeStep::Written;
+            self.mode = to;
+        }
+    }
+
+    /// What has just been sent, of the mode's own: since when it is nothing.
+    fn observe_quiet(&mut self, now: Duration, delivered: bool) {
+        if self.sent.intersects(MODE_BITS) || self.sent_velocity != 0 {
+            self.quiet_since = None;
+        } else if delivered {
+            self.quiet_since.get_or_insert(now);
+        }
+    }
+
+    fn observe_mode_change(&mut self, now: Duration, sample: &Sample) {
+        self.write_mode(now);
+        let Some(change) = self
+            .mode_change
+            .filter(|change| change.step != ModeStep::BySdo)
+        else {
+            return;
+        };
+        if change.step == ModeStep::Written && sample.mode == change.to {
+            self.mode_change = None;
+            self.done(change.id, Ok(Completion::Done));
+        } else if now >= change.deadline {
+            self.mode_change = None;
+            self.mode = change.before;
+            let moves = matches!(change.step, ModeStep::Quiet { .. }) && !self.is_standing();
+            let failure = if moves {
+                Failure::Moving
+            } else {
+                self.timeout(WaitingFor::Mode(change.to), Delivery::NotSent)
+            };
+            self.done(change.id, Err(failure));
+        }
+    }
+
+    /// Gives up the change of mode with this id: nobody waits for it. The mode before is in the outputs again.
+    fn withdraw_mode_change(&mut self, id: CommandId) -> bool {
+        let mut of_id = self.mode_change.iter().filter(|change| change.id == id);
+        let is_pending = of_id.any(|change| change.step != ModeStep::BySdo);
+        if is_pending {
+            self.fail_mode_change(Failure::Withdrawn);
+        }
+        is_pending
+    }
+
+    fn fail_mode_change(&mut self, failure: Failure) {
+        if let Some(change) = self
+            .mode_change
+            .take_if(|change| change.step != ModeStep::BySdo)
+        {
+            self.mode = change.before;
+            self.done(change.id, Err(failure));
+        }
+    }
+
+    fn start_homing(&mut self, id: CommandId, command: HomingCommand) {
+        if let Some(offset) = command.offset {
+            // The drive holds it already, and counts its software position limits from it.
+            self.config.limits.home_offset = offset;
+        }
+        match self.check_homing() {
+            Err(failure) => self.done(id, Err(failure)),
+            Ok(()) => self.homing.submit(id, command, &mut self.events),
+        }
+    }
+
+    fn start_jog(&mut self, id: CommandId, mut set_point: JogSetPoint) {
+        let fields = &self.config.fields;
+        let checked = self
+            .check_jogging(set_point.velocity)
+            .and_then(|()| fields.complete_jog(&mut set_point, &self.config.defaults));
+        match checked {
+            Err(failure) => self.done(id, Err(failure)),
+            Ok(()) => self.jogging.submit(id, set_point, &mut self.events),
+        }
+    }
+
+    /// One cycle in Operation enabled: the active mode's machine goes on.
+    fn observe_mode(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+        if self.stopping.is_quick() {
+            return;
+        }
+        if sample.mode != self.mode {
+            self.homing.outside();
+            if !self.is_idle() {
+                let failure = Failure::WrongMode {
+                    expected: self.mode,
+                    shown: sample.mode,
+                    delivery: Delivery::NotSent,
+                };
+                self.fail_motions(failure);
+                self.begin_quick_stop(now);
+            }
+            return;
+        }
+        if self.mode == Mode::ProfilePosition {
+            self.observe_moves(now, sample, delivered);
+            return;
+        }
+        // No move of ours is under way: whoever looks at 607Ah finds no jump, not even after a homing has moved the zero.
+        self.sequencer.follow_other_mode(sample.position);
+        let cycle = cycle!(self, now, sample, delivered);
+        match self.mode {
+            Mode::Homing => match self.homing.step(&cycle, &mut self.events) {
+                Verdict::GoOn => {}
+                Verdict::Attained => self.homed = true,
+                Verdict::StopIt => {
+                    self.begin_quick_stop(now);
+                }
+                Verdict::EndIt => {
+                    self.begin_stop(now, Failure::QUICK_STOPPED);
+                }
+            },
+            Mode::ProfileVelocity => self.jogging.step(&cycle, &mut self.events),
+            _ => {}
+        }
+    }
+
+    /// Bits 4, 5, 6 and 9 of the next controlword: the active mode's.
+    const fn mode_bits(&self) -> Controlword {
+        if !self.power.allows_mode_bits() {
+            return Controlword::empty();
+        }
+        match self.mode {
+            Mode::ProfilePosition => self.sequencer.bits(),
+            Mode::Homing => self.homing.bits(),
+            _ => Controlword::empty(),
+        }
+    }
+
+    /// Target velocity 60FFh of the next outputs.
+    const fn target_velocity(&self) -> i32 {
+        match self.mode {
+            Mode::ProfileVelocity if self.power.allows_mode_bits() => self.jogging.velocity(),
+            _ => 0,
+        }
+    }
+
+    /// Profile parameters of the next outputs, of a jog: its ramps in place of those of the moves.
+    fn jog_parameters(&self) -> Parameters {
+        let held = *self.sequencer.parameters();
+        let ramps = self.jogging.ramps();
+        Parameters {
+            acceleration: ramps.acceleration.or(held.acceleration),
+            deceleration: ramps.deceleration.or(held.deceleration),
+            ..held
+        }
+    }
+
+    /// Whether the drive follows a set-point of any mode, or may.
+    fn has_motion(&self) -> bool {
+        self.sequencer.has_set_point()
+            || self.homing.has_motion()
+            || self.jogging.has_motion()
+            || (self.sequencer.has_end_velocity() && self.power.is_driving() && !self.is_standing())
+    }
+
+    /// Whether nothing waits and nothing is under way, in any mode.
+    fn is_idle(&self) -> bool {
+        self.sequencer.is_idle() && self.homing.is_idle() && self.jogging.is_idle()
+    }
+
+    /// The outputs composed last have been sent.
+    fn mark_sent(&mut self, now: Duration) {
+        self.sequencer.mark_sent(now);
+        self.jogging.mark_sent();
+        if self.homing.mark_sent(now) {
+            // From now on the drive's positions are between two meanings.
+            self.homed = false;
+        }
+    }
+
+    /// Ends every motion with this failure, which says how far each set-point came.
+    pub(super) fn fail_motions(&mut self, failure: Failure) {
+        self.sequencer.fail_all(failure, &mut self.events);
+        self.homing.fail(failure, &mut self.events);
+        self.jogging.end(failure, &mut self.events);
+    }
+
+    /// A stop takes over: what is not sent is not started, and a velocity that is held is let go with this frame.
+    fn withdraw_unsent(&mut self, failure: Failure) {
+        self.sequencer.withdraw_unsent(failure, &mut self.events);
+        self.homing.withdraw_unsent(failure, &mut self.events);
+        self.jogging.end(failure, &mut self.events);
+    }
+
+    /// The axis is out of Operation enabled: no bit of a mode stays, and nothing is held any more.
+    fn lower_mode_bits(&mut self) {
+        self.sequencer.lower();
+        self.homing.lower();
+        // Nothing that leads here leaves a jog; should one be left, it must not come back with the next enable.
+        let state = self.state();
+        self.jogging
+            .end(Failure::Disabled { state }, &mut self.events);
+    }
+}
+
+// Cycles in which nothing happens: what cannot have changed is not computed again.
+//
+// At the end of each whole step it is judged once whether the next can only come to the same: nothing asked for, nothing
+// waiting, no deadline running, the outputs delivered as they are. As long as statusword, mode and error code then stay as
+// they were, all that is left to do is to follow the position. Whatever composes outputs ends that
+// ([`AxisCore::write_outputs`]), and so does everything else that a whole step would take in.
+// `tests/invariants` holds both ways against each other.
+
+/// Whether the next step can be other than this one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum IdlePath {
+    /// It can: it is computed as a whole.
+    No,
+    /// No set-point is under way, and 607Ah stays.
+    Standing,
+    /// The same, and 607Ah follows the position.
+    Following,
+    /// One set-point is under way, and only its position and bit 10 can end it.
+    Moving,
+}
+
+/// What is new since the axis' port looked last.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(
+    not(feature = "std"),
+    expect(dead_code, reason = "only a port asks for changes")
+)]
+pub(crate) enum SnapshotChange {
+    /// The cycle's number alone.
+    Nothing,
+    /// Position and velocity.
+    Motion,
+    /// That there were no inputs.
+    Silence,
+    Anything,
+}
+
+impl AxisCore {
+    /// Whether a step with these inputs, which are those of the last one, does nothing but count the cycle: no set-point is under way.
+    #[inline]
+    const fn stays(&self, inputs: &Inputs<'_>) -> bool {
+        matches!(self.idle_path, IdlePath::Standing | IdlePath::Following)
+            && matches!(inputs, Inputs::Fresh(_))
+            && self.stale_cycles == 0
+            // Else the time alone may bring it to rest.
+            && self.is_standing()
+    }
+
+    /// Whether moreover its port has taken in everything: such a step may be left out, if it is counted later.
+    #[cfg(feature = "std")]
+    #[inline]
+    pub(crate) fn rests_at(&self, inputs: &Inputs<'_>) -> bool {
+        self.stays(inputs) && self.change == SnapshotChange::Nothing
+    }
+
+    /// Counts the steps that were left out: there were so many in all.
+    #[cfg(feature = "std")]
+    #[inline]
+    pub(crate) const fn count_to(&mut self, cycles: u64) {
+        self.cycle = cycles;
+    }
+
+    /// A step with inputs that are those of the last one: whether that is all.
+    #[inline(always)]
+    fn step_at_rest(&mut self, inputs: &Inputs<'_>) -> bool {
+        let stays = self.stays(inputs);
+        if stays {
+            self.cycle = self.cycle.wrapping_add(1);
+        }
+        stays
+    }
+
+    /// A step that needs nothing but the position. None if it has to be computed as a whole; else whether the outputs have
+    /// changed.
+    #[inline(always)]
+    fn step_on_idle_path(
+        &mut self,
+        now: Duration,
+        inputs: &Inputs<'_>,
+        outputs: &mut [u8],
+    ) -> Option<bool> {
+        if self.idle_path == IdlePath::No {
+            return None;
+        }
+        match inputs {
+            // How long it was blind matters for the first one after that.
+            Inputs::Fresh(bytes) if self.stale_cycles == 0 => self.follow(now, bytes, outputs),
+            Inputs::Stale => self.wait_blindly().then_some(false),
+            Inputs::Fresh(_) | Inputs::Answered(_) => None,
+        }
+    }
+
+    #[inline(always)]
+    fn follow(&mut self, now: Duration, bytes: &[u8], outputs: &mut [u8]) -> Option<bool> {
+        let fields = &self.config.fields;
+        if !fields.shows(bytes, &self.status_key) {
+            return None;
+        }
+        let (position, velocity) = fields.motion(bytes)?;
+        let sample = self.sample.as_mut()?;
+        sample.position = position;
+        if let Some(before) = &mut sample.velocity {
+            *before = velocity;
+        }
+        self.standstill
+            .observe(now, position, sample.velocity, &self.bounds);
+        self.cycle = self.cycle.wrapping_add(1);
+        self.change = match self.change {
+            SnapshotChange::Nothing | SnapshotChange::Motion => SnapshotChange::Motion,
+            SnapshotChange::Silence | SnapshotChange::Anything => SnapshotChange::Anything,
+        };
+        match self.idle_path {
+            IdlePath::Standing | IdlePath::No => Some(false),
+            IdlePath::Following => {
+                self.sequencer.follow_position(position);
+                fields.write_target(outputs, position);
+                Some(true)
+            }
+            IdlePath::Moving => {
+                if self.sequencer.follow(now, sample, &self.bounds) {
+                    self.look_for_end(now);
+                }
+                Some(false)
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn look_for_end(&mut self, now: Duration) {
+        let Some(sample) = &self.sample else { return };
+        let cycle = cycle!(self, now, sample, true);
+        if self.sequencer.end(&cycle, &mut self.events) {
+            self.idle_path = IdlePath::No;
+            self.change = SnapshotChange::Anything;
+        }
+    }
+
+    /// A cycle without inputs, if the drive does not count as lost by it.
+    fn wait_blindly(&mut self) -> bool {
+        let (stale, undelivered) = (
+            self.stale_cycles.saturating_add(1),
+            self.undelivered_cycles.saturating_add(1),
+        );
+        let loss = &self.config.loss;
+        if stale >= loss.stale_cycles || undelivered >= loss.undelivered_cycles {
+            return false;
+        }
+        self.cycle = self.cycle.wrapping_add(1);
+        self.answered = false;
+        self.stale_cycles = stale;
+        self.undelivered_cycles = undelivered;
+        self.change = match self.change {
+            SnapshotChange::Nothing => SnapshotChange::Silence,
+            _ => SnapshotChange::Anything,
+        };
+        true
+    }
+
+    /// Whether the next step can be other than the one just computed.
+    fn choose_path(&mut self, delivered: bool) {
+        self.idle_path = IdlePath::No;
+        let Some(sample) = self.sample else { return };
+        // In the others, drives do things by themselves.
+        let settled = matches!(
+            sample.state(),
+            State::NotReadyToSwitchOn
+                | State::SwitchOnDisabled
+                | State::ReadyToSwitchOn
+                | State::SwitchedOn
+                | State::OperationEnabled
+        );
+        let sent = self.outgoing == self.sent && self.outgoing_velocity == self.sent_velocity;
+        let driving = self.power.is_driving();
+        // One that is enabled and not to be is stopped before it is switched off: whether it stands is looked at.
+        let settled = settled && (driving || sample.state() != State::OperationEnabled);
+        let enabled = sample.state() == State::OperationEnabled && driving;
+        let in_mode = enabled && sample.mode == self.mode;
+        let allowed = delivered
+            && self.brake.allows_idle_path(driving)
+            && settled
+            && sent
+            && self.blind_cycles == 0
+            && !self.lost
+            && !self.halted
+            && self.mode_change.is_none()
+            && self.power.allows_idle_path()
+            && self.stopping.allows_idle_path()
+            && self
+                .homing
+                .allows_idle_path(in_mode && self.mode == Mode::Homing)
+            && self.jogging.allows_idle_path()
+            && (self.sequencer.holds_any() || !self.sequencer.has_end_velocity())
+            && self
+                .sequencer
+                .allows_idle_path(in_mode && self.mode == Mode::ProfilePosition);
+        if !allowed {
+            return;
+        }
+        self.status_key = StatusKey::of(&sample);
+        let follows = if enabled {
+            in_mode && self.mode != Mode::ProfilePosition
+        } else {
+            !driving && !self.outgoing_starts()
+        };
+        self.idle_path = match (self.sequencer.holds_any(), follows) {
+            (false, false) => IdlePath::Standing,
+            (false, true) => IdlePath::Following,
+            (true, _) if in_mode && self.mode == Mode::ProfilePosition => IdlePath::Moving,
+            (true, _) => IdlePath::No,
+        };
+    }
+}
+
+impl Power {
+    /// Whether nobody waits for it and it has no deadline.
+    const fn allows_idle_path(&self) -> bool {
+        matches!(
+            self,
+            Self::Off | Self::Ready | Self::Enabled | Self::Holding
+        )
+    }
+}
+
+impl Stopping {
+    /// Whether no stop is under way and nobody waits for one.
+    fn allows_idle_path(&self) -> bool {
+        self.stage == Stage::None && self.has_no_waiter()
+    }
+}
+
+// An axis whose drive is recovered after it has left OP or was without power: it begins again, disabled.
+
+#[cfg(feature = "std")]
+/// What is known of the drive of an axis that begins again.
+#[derive(Debug)]
+pub(crate) enum Again {
+    /// Nothing yet: its outputs must be harmless, whatever comes.
+    Unknown,
+    /// It has kept its power, and with it what it knows.
+    Kept,
+    /// It was without power, or was set back: this is what it holds now.
+    Anew(Box<CoreConfig>),
+}
+
+#[cfg(feature = "std")]
+impl AxisCore {
+    /// Begins again as if it had just been made, for a drive that does not act on its outputs now. Everything that is pending ends
+    /// as lost. No enable, set-point or velocity is left in the outputs. The axis counts as lost until its drive takes outputs
+    /// again.
+    pub(crate) fn restart(&mut self, now: Duration, again: Again, outputs: &mut [u8]) {
+        if !self.lost {
+            self.lose(now);
+        }
+        // Of a drive that answers, those who wait for a stop have waited on. What it shows from now on is of another beginning.
+        self.fail_commands(self.failure_of_loss());
+        match again {
+            Again::Unknown => {}
+            Again::Kept => self.homed = self.homed_before_loss,
+            Again::Anew(config) => self.attach(*config),
+        }
+        // Where it may still be moving, switching off would let it coast.
+        let may_move = matches!(
+            self.state(),
+            State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
+        );
+        self.power = if may_move { Power::Holding } else { Power::Off };
+        self.sequencer = Sequencer::new(self.config.defaults);
+        if let Some(sample) = self.sample {
+            self.sequencer.follow_position(sample.position);
+        }
+        self.homing = Procedure::new(self.config.deadlines.standstill);
+        self.jogging = Jogging::new();
+        self.stopping = Stopping::default();
+        self.halted = false;
+        self.halt_delivered = None;
+        self.mode_change = None;
+        self.set_manufacturer_bits(Controlword::empty());
+        self.sent = Controlword::empty();
+        self.sent_velocity = 0;
+        self.quiet_since = None;
+        self.write_outputs(outputs);
+    }
+
+    /// What was read of the drive of an axis that was commanded nothing yet.
+    pub(crate) fn know(&mut self, config: CoreConfig) {
+        self.homed = config.homed;
+        (self.config, self.bounds) = config.with_bounds();
+        self.sequencer = Sequencer::new(self.config.defaults);
+        if let Some(sample) = self.sample {
+            self.sequencer.follow_position(sample.position);
+        }
+        // Seen with other windows.
+        self.standstill = Standstill::default();
+        self.idle_path = IdlePath::No;
+        self.change = SnapshotChange::Anything;
+    }
+
+    /// The drive's power was off: what it knew before is gone, its position among it.
+    pub(crate) const fn forget(&mut self) {
+        self.homed = false;
+        self.homed_before_loss = false;
+    }
+
+    /// What the drive holds now, of which nothing has been seen yet.
+    fn attach(&mut self, config: CoreConfig) {
+        self.forget();
+        self.homed = config.homed;
+        (self.config, self.bounds) = config.with_bounds();
+        self.sample = None;
+        self.standstill = Standstill::default();
+        self.brake = Brake::default();
+        self.bit_11_is_valid = false;
+        self.noted_mode = Mode::None;
+    }
+}
+
+// What makes no difference to an axis any more, for a search over all its states.
+//
+// Times count up for ever, and numbers of cycles. Each is compared with a bound, and beyond that all values mean the same:
+// [`AxisCore::let_go`] makes them the same, and [`Hash`] differs for two cores that may do different things next.
+
+/// A deadline that is over, as one that is over just now.
+fn not_over(until: &mut Duration, now: Duration) {
+    *until = (*until).max(now);
+}
+
+impl AxisCore {
+    /// Lets go of what makes no difference any more, after a step at this time. Before the next bit 4 rises, what 607Ah and the
+    /// parameters hold is part of that.
+    #[doc(hidden)]
+    pub fn let_go(&mut self, now: Duration) {
+        let (seen, deadlines) = (self.config.traits.surely_seen(), &self.config.deadlines);
+        let settle = self.bounds.settle;
+        self.standstill.let_go(now, settle);
+        self.brake.let_go(now, seen);
+        self.sequencer.let_go(
+            now,
+            seen,
+            deadlines.acknowledge,
+            deadlines.begin,
+            settle,
+            self.config.fields.actual_velocity.is_some(),
+        );
+        if !self.outgoing_starts() && !self.sent.contains(Controlword::NEW_SET_POINT) {
+            self.sequencer.let_go_of_target();
+        }
+        for (at, longest) in [
+            (&mut self.quiet_since, seen),
+            (&mut self.halt_delivered, seen.saturating_add(settle)),
+        ] {
+            if let Some(at) = at {
+                no_older(at, now, longest);
+            }
+        }
+        self.stopping.let_go(now, deadlines.standstill.max(seen));
+        match &mut self.power {
+            Power::Off | Power::Ready | Power::Enabled | Power::Holding => {}
+            Power::Disabling { deadline, .. } | Power::Enabling { deadline, .. } => {
+                not_over(deadline, now);
+            }
+            Power::Resetting { phase, .. } => phase.let_go(now, seen),
+        }
+        if self.lost {
+            let loss = &self.config.loss;
+            let beyond = |cycles: u32, bound: u32| cycles.min(bound.saturating_add(1));
+            self.stale_cycles = beyond(self.stale_cycles, loss.stale_cycles);
+            self.undelivered_cycles = beyond(self.undelivered_cycles, loss.undelivered_cycles);
+        }
+    }
+}
+
+impl ResetPhase {
+    fn let_go(&mut self, now: Duration, seen: Duration) {
+        match self {
+            Self::Low {
+                until,
+                reaction,
+                shown,
+            } => {
+                not_over(until, now);
+                not_over(reaction, now);
+                if let Some(shown) = shown {
+                    no_older(shown, now, seen.max(Duration::from_nanos(1)));
+                }
+            }
+            Self::High { until } => not_over(until, now),
+            Self::Gone { since, until } => {
+                no_older(since, now, seen.max(Duration::from_nanos(1)));
+                not_over(until, now);
+            }
+        }
+    }
+}
+
+impl Stopping {
+    fn let_go(&mut self, now: Duration, longest: Duration) {
+        match &mut self.stage {
+            Stage::None | Stage::Quick { until: None } => {}
+            Stage::Halting { until, .. }
+            | Stage::Quick { until: Some(until) }
+            | Stage::Settling { until }
+            | Stage::Off { until } => not_over(until, now),
+        }
+        if let Some(at) = &mut self.quick_delivered {
+            no_older(at, now, longest);
+        }
+        self.each_wait(|wait| {
+            if let Wait::Halt { until } = wait {
+                not_over(until, now);
+            }
+        });
+    }
+}
+
+/// Everything that decides what the axis does next, but for what it was configured with: of two that differ in that alone, this
+/// says nothing. A field that is left out here says so.
+impl Hash for AxisCore {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        let Self {
+            config: _,
+            bounds: _,
+            sample,
+            standstill,
+            // Only what errors say.
+            last_seen: _,
+            brake,
+            sequencer,
+            homing,
+            jogging,
+            power,
+            stopping,
+            // Drained after each call.
+            events: _,
+            halted,
+            stop_unsent,
+            resuming,
+            halt_delivered,
+            mode,
+            mode_change,
+            noted_mode,
+            manufacturer,
+            outgoing,
+            sent,
+            outgoing_velocity,
+            sent_velocity,
+            quiet_since,
+            homed,
+            homed_before_loss,
+            answered,
+            lost,
+            stale_cycles,
+            blind_cycles,
+            undelivered_cycles,
+            awaits_op,
+            // With cycles of one length nothing ever stalls.
+            pace: _,
+            bit_11_is_valid,
+            cycle: _,
+            expired,
+            // A cycle that is computed as a whole comes to the same.
+            idle_path: _,
+            status_key: _,
+            change: _,
+        } = self;
+        sample.hash(state);
+        standstill.hash(state);
+        brake.hash(state);
+        sequencer.hash(state);
+        homing.hash(state);
+        jogging.hash(state);
+        power.hash(state);
+        stopping.hash(state);
+        (halted, stop_unsent, resuming, halt_delivered).hash(state);
+        (mode, mode_change, noted_mode, manufacturer).hash(state);
+        (
+            outgoing,
+            sent,
+            outgoing_velocity,
+            sent_velocity,
+            quiet_since,
+        )
+            .hash(state);
+        (
+            homed,
+            homed_before_loss,
+            answered,
+            lost,
+            awaits_op,
+            bit_11_is_valid,
+            expired,
+        )
+            .hash(state);
+        (stale_cycles, blind_cycles, undelivered_cycles).hash(state);
+    }
+}
+
+#[cfg(all(test, feature = "std"))]
+mod restart_tests {
+    use super::*;
+    use crate::axis::{AxisFields, Command, CommandId, Event, Inputs};
+
+    const QUICK_STOP: u16 = 0x0B;
+
+    /// An axis that was enabled, and whose drive has shown this statusword last.
+    fn enabled_then(statusword: u16) -> (AxisCore, [u8; 6], Duration) {
+        let mut core = AxisCore::new(CoreConfig::new(AxisFields::at(0, 0)));
+        let (mut outputs, mut now) = ([0; 6], Duration::ZERO);
+        core.submit(now, CommandId(1), Command::Enable, &mut outputs);
+        for word in [
+            0x0250, 0x0250, 0x0250, 0x0231, 0x0233, 0x0237, 0x0237, 0x0237, statusword,
+        ] {
+            now += Duration::from_millis(1);
+            let [low, high] = u16::to_le_bytes(word);
+            core.step(now, Inputs::Fresh(&[low, high, 0, 0, 0, 0]), &mut outputs);
+        }
+        (core, outputs, now)
+    }
+
+    #[test]
+    fn an_axis_that_may_still_be_moving_is_not_switched_off() {
+        // Operation enabled, Quick stop active, Fault reaction active.
+        for statusword in [0x0237, 0x0217, 0x023F] {
+            let (mut core, mut outputs, now) = enabled_then(statusword);
+            for again in [Again::Unknown, Again::Kept] {
+                core.restart(now, again, &mut outputs);
+                assert_eq!(
+                    u16::from_le_bytes([outputs[0], outputs[1]]),
+                    QUICK_STOP,
+                    "{statusword:04X}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn who_waits_for_a_stop_of_a_drive_that_answers_is_not_forgotten() {
+        let (mut core, mut outputs, mut now) = enabled_then(0x0237);
+        for cycle in 1..=core.config.loss.undelivered_cycles {
+            now += Duration::from_millis(1);
+            let position = (cycle as i32 * 100).to_le_bytes();
+            let moving = [
+                0x37,
+                0x02,
+                position[0],
+                position[1],
+                position[2],
+                position[3],
+            ];
+            core.step(now, Inputs::Answered(&moving), &mut outputs);
+        }
+        assert!(core.is_lost());
+        core.submit(now, CommandId(2), Command::Stop, &mut outputs);
+        while core.poll_event().is_some() {}
+        core.restart(now, Again::Kept, &mut outputs);
+        let (id, event) = core.poll_event().expect("the stop has an end");
+        assert_eq!(id, CommandId(2));
+        assert!(matches!(event, Event::Done(Err(_))), "{event:?}");
+    }
+
+    #[test]
+    fn a_drive_that_is_lost_in_its_fault_reaction_gets_a_quick_stop() {
+        let (mut core, mut outputs, now) = enabled_then(0x023F);
+        assert_eq!(outputs[0], 0x0B, "its reaction ignores that");
+        for _ in 0..core.config.loss.stale_cycles {
+            core.step(now, Inputs::Stale, &mut outputs);
+        }
+        assert!(core.is_lost());
+        assert_eq!(u16::from_le_bytes([outputs[0], outputs[1]]), QUICK_STOP);
+        // Fault: the reaction is over, and the axis stands.
+        for cycle in 1..=110 {
+            let now = now + Duration::from_millis(cycle);
+            core.step(now, Inputs::Fresh(&[0x38, 0x02, 0, 0, 0, 0]), &mut outputs);
+        }
+        assert_eq!(u16::from_le_bytes([outputs[0], outputs[1]]), 0);
     }
 }

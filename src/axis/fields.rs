@@ -245,14 +245,14 @@ impl AxisFields {
 
     /// Whether the drive's inputs show nothing that is new beside the motion.
     #[inline]
-    pub(super) fn shows(&self, inputs: &[u8], sight: &Sight) -> bool {
-        read(inputs, self.statusword) == Some(sight.statusword)
+    pub(super) fn shows(&self, inputs: &[u8], status_key: &StatusKey) -> bool {
+        read(inputs, self.statusword) == Some(status_key.statusword)
             && self
                 .mode_display
-                .is_none_or(|at| read(inputs, at) == Some(sight.mode))
+                .is_none_or(|at| read(inputs, at) == Some(status_key.mode))
             && self
                 .error_code
-                .is_none_or(|at| read(inputs, at) == Some(sight.error_code))
+                .is_none_or(|at| read(inputs, at) == Some(status_key.error_code))
     }
 
     /// Position and velocity out of the drive's inputs; a velocity that is not mapped is 0.
@@ -321,14 +321,14 @@ impl AxisFields {
 
 /// What inputs show beside the motion, as bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Sight {
+pub(super) struct StatusKey {
     statusword: [u8; 2],
     mode: [u8; 1],
     error_code: [u8; 2],
 }
 
-impl Sight {
-    pub(super) fn of(sample: &Sample) -> Self {
+impl StatusKey {
+    pub fn of(sample: &Sample) -> Self {
         Self {
             statusword: sample.statusword.bits().to_le_bytes(),
             mode: sample.mode.raw().to_le_bytes(),

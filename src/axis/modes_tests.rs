@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Delivery, Event, Failure,
+    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Event, Failure,
     Inputs,
 };
 use crate::{
@@ -35,7 +35,7 @@ impl Played {
     /// In Operation enabled, in this mode.
     fn enabled(mode: Mode) -> Self {
         let mut this = Self {
-            core: AxisCore::new(AxisConfig::new(FIELDS)),
+            core: AxisCore::new(CoreConfig::new(FIELDS)),
             outputs: [0; 11],
             now: Duration::ZERO,
             mode: 1,

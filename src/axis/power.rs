@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::{
     ds402::{PowerCommand, PowerGoal, Sample, State, Statusword, next_command},
-    profile_position::{CommandId, Traits},
+    profile_position::{CommandId, Traits, no_older},
 };
 
 /// Edges of bit 7 that one reset sends at most.
@@ -65,22 +65,22 @@ pub(super) enum ResetPhase {
 
 impl Power {
     /// Whether the drive follows, or may follow, set-points of ours.
-    pub(super) const fn is_driving(&self) -> bool {
+    pub const fn is_driving(&self) -> bool {
         matches!(self, Self::Enabled)
     }
 
     /// Whether the bits of the mode go into the controlword.
-    pub(super) const fn allows_mode_bits(&self) -> bool {
+    pub const fn allows_mode_bits(&self) -> bool {
         matches!(self, Self::Enabled)
     }
 
     /// Whether the drive is led, or stays led, to Operation enabled.
-    pub(super) const fn leads_up(&self) -> bool {
+    pub const fn leads_up(&self) -> bool {
         matches!(self, Self::Enabled | Self::Enabling { was_down: true, .. })
     }
 
     /// Whether this command of it takes, or may take, the axis' power.
-    pub(super) const fn leads_down(&self, command: PowerCommand) -> bool {
+    pub const fn leads_down(&self, command: PowerCommand) -> bool {
         match command {
             PowerCommand::DisableVoltage => true,
             PowerCommand::Shutdown | PowerCommand::SwitchOn => !self.leads_up(),
@@ -91,12 +91,7 @@ impl Power {
     }
 
     /// The command that leads on from `state`.
-    pub(super) fn command(
-        &self,
-        state: State,
-        sample: Option<&Sample>,
-        traits: &Traits,
-    ) -> PowerCommand {
+    pub fn command(&self, state: State, sample: Option<&Sample>, traits: &Traits) -> PowerCommand {
         match self {
             Self::Off => PowerCommand::DisableVoltage,
             Self::Ready => next_command(state, PowerGoal::Ready),
@@ -124,7 +119,7 @@ impl Power {
     }
 
     /// Ends what somebody waits for, with the voltage disabled; says who waited.
-    pub(super) fn take_waiter(&mut self) -> Option<CommandId> {
+    pub fn take_waiter(&mut self) -> Option<CommandId> {
         match *self {
             Self::Disabling { id, .. } | Self::Enabling { id, .. } | Self::Resetting { id, .. } => {
                 *self = Self::Off;
@@ -133,4 +128,126 @@ impl Power {
             _ => None,
         }
     }
+}
+
+// Whether a word that leads down may take the axis' power: only from one that stands.
+//
+// A statusword of one cycle may be wrong, and the axis move all the same. As long as the drive may be driving an axis that does
+// not stand, quick stop goes out in place of every word that leads down. In the states without power both lead to the same.
+
+/// What is known of the drive's power stage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+enum BrakePhase {
+    /// Nothing yet.
+    #[default]
+    Unknown,
+    /// It holds or drives the axis, or has done so, and the axis has not been seen to stand since.
+    Driven,
+    /// It drives nothing.
+    Free,
+}
+
+/// What brakes the axis before its power goes.
+#[derive(Debug, Clone, Copy, Hash, Default)]
+pub(super) struct Brake {
+    stage: BrakePhase,
+    /// Until when quick stop is sent for an axis that does not come to rest.
+    until: Option<Duration>,
+    /// Since when each sample has shown a state without power, and how many there were.
+    down: Option<(Duration, u32)>,
+    over: bool,
+    confirmed: bool,
+    /// Whether the last sample showed Quick stop active.
+    stopping: bool,
+}
+
+impl Brake {
+    /// Takes in one sample of a drive with these traits. `leading_down`: the axis is to lose its power. `patience` is how long it may
+    /// take to come to rest.
+    pub fn observe(
+        &mut self,
+        now: Duration,
+        state: State,
+        standing: bool,
+        leading_down: bool,
+        traits: &Traits,
+        patience: Duration,
+    ) {
+        let powered = is_powered(state);
+        let stopping = state == State::QuickStopActive;
+        if stopping && !self.stopping {
+            // It stops the axis from now on, however long it did not.
+            self.until = None;
+            self.over = false;
+        }
+        self.stopping = stopping;
+        self.down = match self.down {
+            _ if powered => None,
+            None => Some((now, 1)),
+            Some((since, samples)) => Some((since, samples.saturating_add(1))),
+        };
+        self.confirmed = self.down.is_some_and(|(since, samples)| {
+            samples > 1 && now.saturating_sub(since) >= traits.surely_seen()
+        });
+        if powered {
+            self.stage = BrakePhase::Driven;
+        } else if standing || (self.confirmed && (self.stage == BrakePhase::Unknown || self.over)) {
+            self.stage = BrakePhase::Free;
+        }
+        if standing || !leading_down || self.stage == BrakePhase::Free {
+            self.until = None;
+            self.over = false;
+        } else {
+            let until = *self.until.get_or_insert(now.saturating_add(patience));
+            self.over |= now >= until;
+        }
+    }
+
+    /// Lets go of what makes no difference any more.
+    pub fn let_go(&mut self, now: Duration, seen: Duration) {
+        if let Some((since, samples)) = &mut self.down {
+            no_older(since, now, seen);
+            *samples = (*samples).min(2);
+        }
+        if let Some(until) = &mut self.until {
+            *until = (*until).max(now);
+        }
+    }
+
+    /// The drive ignores quick stop.
+    pub const fn give_up(&mut self) {
+        self.over = true;
+    }
+
+    /// Whether quick stop goes out in place of a word that leads down.
+    pub const fn holds(&self, standing: bool) -> bool {
+        !standing && !self.over && self.may_drive()
+    }
+
+    /// Whether the drive may be driving the axis, or the axis run on from that.
+    pub const fn may_drive(&self) -> bool {
+        !matches!(self.stage, BrakePhase::Free)
+    }
+
+    /// Whether a sample like the last one changes nothing.
+    pub const fn allows_idle_path(&self, driving: bool) -> bool {
+        match self.stage {
+            BrakePhase::Unknown => false,
+            BrakePhase::Driven => driving && self.down.is_none() && self.until.is_none(),
+            BrakePhase::Free => self.confirmed,
+        }
+    }
+
+    /// Whether the drive has surely shown that its power stage is off.
+    pub const fn is_down(&self) -> bool {
+        self.confirmed
+    }
+}
+
+/// Whether the drive follows set-points in this state, or stops the axis.
+const fn is_powered(state: State) -> bool {
+    matches!(
+        state,
+        State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
+    )
 }

@@ -2,12 +2,7 @@
 
 use core::time::Duration;
 
-use crate::{
-    ds402::{Controlword, Sample, State},
-    profile_position::{CommandId, Failure},
-};
-
-use super::{AxisCore, power::Power, slowing::Slowing};
+use crate::profile_position::{Bounds, CommandId, Failure};
 
 /// Commands that can wait for one standstill.
 const WAITERS: usize = 8;
@@ -43,50 +38,50 @@ pub(super) enum Wait {
 /// The stop under way.
 #[derive(Debug, Clone, Hash, Default)]
 pub(super) struct Stopping {
-    pub(super) stage: Stage,
+    pub stage: Stage,
     /// Whether the axis is to be disabled at the end.
-    pub(super) off: bool,
-    /// Whether those whose set-points are kept have been told that the axis stands.
-    pub(super) halt_reported: bool,
+    pub off: bool,
+    /// Whether those whose set-points are kept have been informed that the axis stands.
+    pub halt_reported: bool,
     /// Whether bit 8 was asked for by something that nobody waits for: liveness, a stop handle.
-    pub(super) unwatched: bool,
+    pub unwatched: bool,
     /// Whether bit 8 is the stop's own: it falls again where there is nothing to abandon.
-    pub(super) lent: bool,
+    pub lent: bool,
     /// Whether the axis was under way for a set-point when bit 8 was asked for, and no input has changed since that was delivered: then nobody knows
     /// whether the drive is still at work, and a position that stays is no rest.
-    pub(super) unanswered: bool,
+    pub unanswered: bool,
     /// What bit 8 does.
-    pub(super) slowing: Slowing,
+    pub deceleration: DecelerationMonitor,
     /// Since when a drive that stays in Operation enabled is known to have been sent bit 2 low, and what that does.
-    pub(super) quick_delivered: Option<Duration>,
-    pub(super) quick_slowing: Slowing,
+    pub quick_delivered: Option<Duration>,
+    pub quick_deceleration: DecelerationMonitor,
     /// Since when bit 2 low is known to have been delivered in this quick stop, and since when each sample has shown a state in which it may end.
-    sent_since: Option<Duration>,
-    shown_since: Option<Duration>,
+    pub sent_since: Option<Duration>,
+    pub shown_since: Option<Duration>,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
     /// How many of these places are taken: there is seldom anybody to look for.
     waiting: usize,
 }
 
 impl Stopping {
-    pub(super) const fn is_quick(&self) -> bool {
+    pub const fn is_quick(&self) -> bool {
         matches!(self.stage, Stage::Quick { .. })
     }
 
-    pub(super) const fn is_switching_off(&self) -> bool {
+    pub const fn is_switching_off(&self) -> bool {
         matches!(self.stage, Stage::Off { .. })
     }
 
     /// Bit 8 begins, or is over.
-    pub(super) fn begin_halt(&mut self) {
+    pub fn begin_halt(&mut self) {
         self.unwatched = false;
         self.lent = false;
         self.unanswered = false;
-        self.slowing = Slowing::default();
+        self.deceleration = DecelerationMonitor::default();
     }
 
     /// Bit 2 falls, and the axis is to stand by then.
-    pub(super) fn begin_quick(&mut self, until: Duration) {
+    pub fn begin_quick(&mut self, until: Duration) {
         self.stage = Stage::Quick { until: Some(until) };
         self.sent_since = None;
         self.shown_since = None;
@@ -94,24 +89,24 @@ impl Stopping {
     }
 
     /// What bit 2 does is measured from its next delivery on.
-    fn measure_quick(&mut self) {
+    pub fn measure_quick(&mut self) {
         self.quick_delivered = None;
-        self.quick_slowing = Slowing::default();
+        self.quick_deceleration = DecelerationMonitor::default();
     }
 
-    pub(super) const fn is_active(&self) -> bool {
+    pub const fn is_active(&self) -> bool {
         !matches!(self.stage, Stage::None)
     }
 
     /// Somebody new waits for a quick stop whose deadline has passed: it gets a deadline again.
-    pub(super) const fn set_deadline(&mut self, until: Duration) {
+    pub const fn set_deadline(&mut self, until: Duration) {
         if matches!(self.stage, Stage::Quick { until: None }) {
             self.stage = Stage::Quick { until: Some(until) };
         }
     }
 
     /// Adds a waiter; false when there is no room. One that waits already waits on.
-    pub(super) fn wait(&mut self, id: CommandId, wait: Wait) -> bool {
+    pub fn wait(&mut self, id: CommandId, wait: Wait) -> bool {
         if self
             .waiters
             .iter()
@@ -131,7 +126,7 @@ impl Stopping {
     }
 
     /// Whoever waits for a stop has heard of a fault, and waits for the standstill alone. Whether there is anybody.
-    pub(super) fn note_fault(&mut self, failure: Failure) -> bool {
+    pub fn note_fault(&mut self, failure: Failure) -> bool {
         let mut waits = false;
         for (_, wait) in self.waiters.iter_mut().flatten() {
             if *wait == Wait::Stop {
@@ -143,7 +138,7 @@ impl Stopping {
     }
 
     /// Whoever waits for a halt waits for the standstill alone. Whether there is anybody.
-    pub(super) fn halts_become_stops(&mut self) -> bool {
+    pub fn halts_become_stops(&mut self) -> bool {
         if self.has_no_waiter() {
             return false;
         }
@@ -157,8 +152,8 @@ impl Stopping {
         waits
     }
 
-    /// Takes one waiter, and what it was to be told instead of the end of its stop.
-    pub(super) fn next_waiter(&mut self) -> Option<(CommandId, Option<Failure>)> {
+    /// Takes one waiter, and the answer that it was to get instead of the end of its stop.
+    pub fn next_waiter(&mut self) -> Option<(CommandId, Option<Failure>)> {
         let (id, wait) = self.take(|_| true)?;
         let failure = match wait {
             Wait::Faulted(failure) => Some(failure),
@@ -168,17 +163,17 @@ impl Stopping {
     }
 
     /// Does this with what each of them waits for.
-    pub(super) fn each_wait(&mut self, of: impl FnMut(&mut Wait)) {
+    pub fn each_wait(&mut self, of: impl FnMut(&mut Wait)) {
         let waits = self.waiters.iter_mut().flatten().map(|(_, wait)| wait);
         waits.for_each(of);
     }
 
-    pub(super) const fn has_no_waiter(&self) -> bool {
+    pub const fn has_no_waiter(&self) -> bool {
         self.waiting == 0
     }
 
     /// Takes one waiter for which `which` holds.
-    pub(super) fn take_waiter(&mut self, which: impl Fn(Wait) -> bool) -> Option<CommandId> {
+    pub fn take_waiter(&mut self, which: impl Fn(Wait) -> bool) -> Option<CommandId> {
         self.take(which).map(|(id, _)| id)
     }
 
@@ -193,65 +188,143 @@ impl Stopping {
     }
 }
 
-impl AxisCore {
-    /// Whether the drive has had the time to take in what was delivered then.
-    pub(super) fn has_seen(&self, now: Duration, delivered: Option<Duration>) -> bool {
-        delivered.is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen())
+// Whether an axis gets slower after bit 8. A drive may ignore it, and an axis that was to stop runs on.
+
+/// How long each speed is measured for at least: long against the jitter of a cycle, short against the way to a person.
+const SPAN: Duration = Duration::from_millis(100);
+
+/// And until way and time have come to this, in counts times nanoseconds: then what a ramp of 40 s takes from the way of the next span is two
+/// counts, more than what is lost by counting in whole ones.
+const MEASURED: u128 = 80 * 1_000_000_000;
+
+/// From one span to the next an axis on a ramp loses more than this part of its speed, one in so many: on a linear ramp of up to
+/// 400 s, and on a smooth one (sin²), which begins with next to nothing, of up to 14 s.
+const LEAST_PART: u128 = 4_000;
+
+/// The speed of a halted axis, by its positions, from when its drive has surely seen bit 8.
+#[derive(Debug, Clone, Copy, Hash, Default)]
+pub(super) struct DecelerationMonitor {
+    span: Option<Span>,
+    /// The way of the span before, and how long that was.
+    before: Option<(u64, Duration)>,
+    ignores_stop: bool,
+}
+
+/// A measurement under way.
+#[derive(Debug, Clone, Copy, Hash)]
+struct Span {
+    since: Duration,
+    position: i32,
+    way: i64,
+}
+
+impl DecelerationMonitor {
+    /// Whether in the last span the axis was under way, and as fast as in the one before.
+    pub const fn ignores_stop(&self) -> bool {
+        self.ignores_stop
     }
 
-    /// Whether the state of this sample, in which a quick stop may end or not, shows that the drive has followed it: the drive has surely seen bit 2
-    /// low; or, where nobody knows what it receives, has shown no other state for the settle time. One statusword alone may be wrong.
-    pub(super) fn has_quick_stopped(
-        &mut self,
-        now: Duration,
-        may_end: bool,
-        delivered: bool,
-    ) -> bool {
-        if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
-            self.stopping.sent_since.get_or_insert(now);
+    /// Takes in one cycle.
+    pub fn observe(&mut self, now: Duration, position: i32, bounds: &Bounds) {
+        let begin = Span {
+            since: now,
+            position,
+            way: 0,
+        };
+        let span = self.span.get_or_insert(begin);
+        span.way = span.way.saturating_add(bounds.way(span.position, position));
+        span.position = position;
+        let time = now.saturating_sub(span.since);
+        let way = span.way.unsigned_abs();
+        if time < SPAN || u128::from(way) * time.as_nanos() < MEASURED {
+            return;
         }
-        if !may_end {
-            self.stopping.shown_since = None;
-            return false;
-        }
-        let shown = *self.stopping.shown_since.get_or_insert(now);
-        self.has_seen(now, self.stopping.sent_since)
-            || now.saturating_sub(shown) >= self.bounds.settle
+        self.span = Some(begin);
+        self.ignores_stop = self.before.is_some_and(|before| {
+            way > u64::from(bounds.position) && !is_slower((way, time), before)
+        });
+        self.before = Some((way, time));
+    }
+}
+
+/// Whether the first of two ways, each in its time, was gone more slowly than the second.
+fn is_slower(this: (u64, Duration), before: (u64, Duration)) -> bool {
+    let speed = |way: u64, other: Duration| u128::from(way).saturating_mul(other.as_nanos());
+    let (this, before) = (speed(this.0, before.1), speed(before.0, this.1));
+    this.saturating_mul(LEAST_PART) < before.saturating_mul(LEAST_PART - 1)
+}
+
+#[cfg(test)]
+mod deceleration_tests {
+    use super::*;
+    use crate::profile_position::PositionRange;
+
+    /// Whether an axis whose position after so many milliseconds is this is found to run on, within five seconds.
+    fn ignores_stop(turn: Option<PositionRange>, at: impl Fn(f64) -> f64) -> Option<u32> {
+        let settle = Duration::from_millis(100);
+        let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), turn);
+        let mut deceleration = DecelerationMonitor::default();
+        (0..5_000).find(|&cycle| {
+            let position = at(f64::from(cycle)).round() as i64;
+            let position = turn.map_or(position as i32, |turn| turn.wrap(position));
+            deceleration.observe(Duration::from_millis(cycle.into()), position, &bounds);
+            deceleration.ignores_stop()
+        })
     }
 
-    /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower, or has
-    /// had the time to come to rest since.
-    pub(super) fn ignores_quick_stop(
-        &mut self,
-        now: Duration,
-        sample: &Sample,
-        delivered: bool,
-    ) -> bool {
-        if sample.state() != State::OperationEnabled {
-            self.stopping.measure_quick();
-            return false;
+    #[test]
+    fn one_that_is_as_fast_as_before_or_faster_runs_on_after_two_spans() {
+        let turn = PositionRange { min: 0, max: 3_599 };
+        for turn in [None, Some(turn)] {
+            for (speed, found) in [
+                (-50.0, 200),
+                (12.0, 200),
+                (7.0, 214),
+                (-1.0, 566),
+                (0.2, 1_903),
+            ] {
+                assert_eq!(ignores_stop(turn, |ms| speed * ms), Some(found), "{speed}");
+            }
+            assert_eq!(ignores_stop(turn, |ms| 0.01 * ms * ms), Some(324), "faster");
         }
-        if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
-            self.stopping.quick_delivered.get_or_insert(now);
-        }
-        if self.has_seen(now, self.stopping.quick_delivered) {
-            let slowing = &mut self.stopping.quick_slowing;
-            slowing.observe(now, sample.position, &self.bounds);
-        }
-        let standstill = self.config.deadlines.standstill;
-        let since = self.stopping.quick_delivered;
-        self.stopping.quick_slowing.runs_on()
-            || since.is_some_and(|since| now.saturating_sub(since) >= standstill)
     }
 
-    /// The drive does not stop the axis: without voltage it at least drives it no further.
-    pub(super) fn give_quick_stop_up(&mut self, now: Duration) {
-        self.fail_motions(Failure::QuickStopIgnored);
-        self.fail_commands(Failure::QuickStopIgnored);
-        self.power = Power::Off;
-        self.stopping.off = false;
-        self.brake.give_up();
-        let until = now.saturating_add(self.config.deadlines.disable);
-        self.stopping.stage = Stage::Off { until };
+    #[test]
+    fn one_on_a_ramp_does_not_run_on_however_gentle_that_is() {
+        for seconds in [0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0] {
+            // So many counts a millisecond at first, linear.
+            for speed in [0.05, 0.2, 0.5, 1.0, 3.0, 20.0, 300.0] {
+                let end = seconds * 1_000.0;
+                let linear = |ms: f64| {
+                    let ms = ms.min(end);
+                    speed * (ms - ms * ms / (2.0 * end))
+                };
+                assert_eq!(ignores_stop(None, linear), None, "{speed}, {seconds} s");
+            }
+        }
+        for seconds in [0.1, 1.0, 5.0, 8.0] {
+            // The same as a sin² ramp, which begins with no deceleration at all.
+            let end = seconds * 1_000.0;
+            let smooth = |ms: f64| {
+                let ms = ms.min(end);
+                let turn = core::f64::consts::PI / end;
+                10.0 * (ms + (turn * ms).sin() / turn)
+            };
+            assert_eq!(ignores_stop(None, smooth), None, "{seconds} s, sin²");
+        }
+    }
+
+    #[test]
+    fn one_that_stands_or_comes_to_rest_does_not_run_on() {
+        assert_eq!(ignores_stop(None, |_| 5.0), None);
+        let swinging = |ms: f64| 4.0 * (ms / 30.0).sin();
+        assert_eq!(ignores_stop(None, swinging), None);
+    }
+
+    #[test]
+    fn one_that_gets_slower_and_then_fast_again_runs_on() {
+        // To a target, and on to the next one.
+        let way = |ms: f64| 2_000.0 * (ms / 500.0).sin() + 4.0 * ms;
+        assert!(ignores_stop(None, way).is_some_and(|found| found > 200));
     }
 }

@@ -6,11 +6,11 @@ use std::{fmt, time::Duration};
 use crate::{
     axis::{AxisIdentity, FieldError},
     bus::{cable::CableLoad, expected::LineMismatch, real_time::RealTimeError},
-    coe::{DriveId, SdoError},
+    coe::{DriveError, DriveId, SdoError},
     ds402::State,
     link::RawSocketError,
     parameters::StartUpError,
-    pdo_map::{MappingError, Step, verify::Differences},
+    pdo_map::{ConfigureError, MappingError, Step, verify::Differences},
     sii::SiiError,
 };
 
@@ -46,6 +46,28 @@ pub enum NetworkError {
         /// Those that answered by the working counter.
         got: u16,
     },
+    /// SubDevices come and go while they are counted.
+    #[error(
+        "the line does not become steady: {before} SubDevices answered, and then {now}. Look for a loose cable, and for a device that \
+         starts again and again"
+    )]
+    UnsteadyLine {
+        /// Those that answered first.
+        before: u16,
+        /// Those that answered after that.
+        now: u16,
+    },
+    /// The last SubDevice is connected to another device behind it, which can only stand before it.
+    #[error(
+        "the line is a ring: a cable leads from port {port} of the last SubDevice, at position {position}, back into the line. Unplug it \
+         there: redundancy by a ring is not supported"
+    )]
+    Ring {
+        /// The last SubDevice.
+        position: u16,
+        /// Its port at which the cable is plugged in.
+        port: u8,
+    },
     /// All process data together need more frames than a cycle can have.
     #[error(
         "the process data need {got} frames, and a cycle has at most {most}: map less, or divide the line into several networks"
@@ -80,7 +102,7 @@ pub enum NetworkError {
     /// Two devices were declared at one place, or one name for two axes, or there is no axis.
     #[error("{0}")]
     Declaration(String),
-    /// The wiring of the line cannot be told, so that the delays of its distributed clocks cannot be measured.
+    /// The wiring of the line cannot be determined, so that the delays of its distributed clocks cannot be measured.
     #[error("distributed clocks: {0}")]
     Topology(#[from] TopologyError),
     /// The cycles are not in step with the reference clock.
@@ -313,7 +335,7 @@ pub enum DriveFault {
         /// What the device holds.
         got: WatchdogState,
     },
-    /// Led back, it exchanges other process data than at the start.
+    /// When it was brought back into OP, it exchanged other process data than at the start.
     #[error(
         "it exchanges other process data than at the start: {got:?} bytes of outputs and inputs in place of {expected:?}, or \
          others of the same length. Shut the network down and start it again"
@@ -339,7 +361,7 @@ pub enum DriveFault {
     },
     /// Quick stop option code 605Ah is 0: at quick stop the drive switches off, and the axis coasts.
     #[error(
-        "605Ah of axis {axis} is 0: it would coast at quick stop; set 605Ah in the start-up list, or accept it with `DriveConfig::coast_at_quick_stop`"
+        "605Ah of axis {axis} is 0: it would coast at quick stop; set 605Ah in the start-up list, or accept it with `AxisConfig::coast_at_quick_stop`"
     )]
     QuickStopCoasts {
         /// The axis' name.
@@ -381,6 +403,20 @@ pub enum DriveFault {
     /// SYNC0's start had always passed before the unit was on.
     #[error("the start of SYNC0 had passed before its SYNC unit was on: frames take too long")]
     Sync0Passed,
+    /// It asks for SYNC0, which an earlier program has set, and no distributed clock is used.
+    #[error(
+        "it refused and is in {status}: {index:04X}h:01 holds {value} (SYNC{}), from an earlier program with distributed clocks, and this \
+         one uses none. Write the type that it is to have by a start-up list (0 is free run), or use its clock with `DriveConfig::dc`",
+        value.saturating_sub(2)
+    )]
+    SyncLeft {
+        /// What it shows.
+        status: AlStatus,
+        /// The object's index.
+        index: u16,
+        /// What it holds.
+        value: u16,
+    },
     /// 1C32h:1 or 1C33h:1 does not keep the synchronisation with SYNC0.
     #[error("{index:04X}h:01 is {value} where 2 (SYNC0) was written")]
     SyncType {
@@ -415,6 +451,71 @@ pub enum DriveFault {
     /// The cyclic exchange did not get going.
     #[error("no complete exchange of process data within {0:?}")]
     NoExchange(Duration),
+    /// The frames of process data come back, but after their cycle: what they bring is not used.
+    #[error(
+        "the frames of process data come back {away:?} after they were sent, and the cycle is {cycle:?}: make the cycle longer, or look for \
+         what delays them: the interface's interrupt moderation, a switch or bridge in the path, a busy computer"
+    )]
+    LateFrames {
+        /// The longest that one was away.
+        away: Duration,
+        /// The network's cycle.
+        cycle: Duration,
+    },
+}
+
+/// Without the drive, which the error around it names.
+impl From<DriveError> for DriveFault {
+    fn from(DriveError { error, .. }: DriveError) -> Self {
+        Self::Sdo(error)
+    }
+}
+
+/// Without the drive, which the error around it names.
+impl From<ConfigureError> for DriveFault {
+    fn from(error: ConfigureError) -> Self {
+        match error {
+            ConfigureError::Refused { step, error } => Self::MappingRefused {
+                step,
+                error: error.error,
+            },
+            ConfigureError::Unreadable(error) => Self::Sdo(error.error),
+            ConfigureError::Differs(error) => Self::MappingDiffers(error.error),
+        }
+    }
+}
+
+/// A step of one device that failed, and how. The error around it names the device.
+#[derive(Debug)]
+pub(in crate::bus) struct StepError(
+    pub(in crate::bus) BringUpStep,
+    pub(in crate::bus) Box<DriveFault>,
+);
+
+/// Names the step in which something failed.
+pub(in crate::bus) trait AtStep<T> {
+    fn at(self, step: BringUpStep) -> Result<T, StepError>;
+}
+
+impl<T, E: Into<DriveFault>> AtStep<T> for Result<T, E> {
+    fn at(self, step: BringUpStep) -> Result<T, StepError> {
+        self.map_err(|error| StepError(step, Box::new(error.into())))
+    }
+}
+
+/// Names the device of which a step failed.
+pub(in crate::bus) trait OfDevice<T> {
+    fn of(self, device: &DriveId) -> Result<T, NetworkError>;
+}
+
+impl<T> OfDevice<T> for Result<T, StepError> {
+    fn of(self, device: &DriveId) -> Result<T, NetworkError> {
+        self.map_err(|StepError(step, error)| NetworkError::Drive {
+            drive: device.clone(),
+            step,
+            error,
+        })
+    }
 }
 
 /// The state in the AL status, register 0130h.
@@ -599,7 +700,7 @@ pub struct WatchdogState {
     pub ticks: u16,
 }
 
-/// Why the wiring cannot be told. Positions count from 0.
+/// Why the wiring cannot be determined. Positions count from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TopologyError {

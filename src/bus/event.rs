@@ -28,7 +28,7 @@ pub enum NetworkEvent {
     },
     /// It is in OP again.
     InOp(DriveId),
-    /// One of its axes has a fault, or counts as lost: with what its last cycles were. Told some milliseconds later, so that
+    /// One of its axes has a fault, or counts as lost: with what its last cycles were. It comes some milliseconds later, so that
     /// they hold what came of it.
     AxisIncident(Arc<BlackBox>),
     /// The working counter of a datagram stays wrong although its devices answer: whose outputs are delivered is not known, and their axes
@@ -86,7 +86,7 @@ pub enum ClockEvent {
     /// be lost, or have been switched off and on: then the network is to be started anew.
     Silent,
     /// The clock shows a time that it cannot have. All clocks follow the cycles from now on, which go on at the speed that they
-    /// had, and all axes were told to stop and disable, as at the network's end; it is to be started anew.
+    /// had, and all axes were stopped and disabled, as at the network's end; it is to be started anew.
     Jumped {
         /// By how much it jumped, less multiples of 2^32, in nanoseconds.
         by_ns: i64,
@@ -118,13 +118,13 @@ impl fmt::Display for ClockEvent {
 /// use servocrab::bus::{AlState, AlStatus, Recovered};
 /// let from = AlStatus { state: AlState::SafeOp, error: Some(0x001B) };
 /// let text = Recovered::FromSafeOp { from }.to_string();
-/// assert!(text.starts_with("led back into OP from SAFEOP with AL status code 001Bh"), "{text}");
+/// assert!(text.starts_with("back in OP from SAFEOP with AL status code 001Bh"), "{text}");
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Recovered {
     /// It was in OP, and nothing was done.
     WasInOp,
-    /// It had left OP and kept its power: the error was acknowledged, and it was led back. It holds what it held, all
+    /// It had left OP and kept its power: the error was acknowledged, and it is in OP again. It holds what it held, all
     /// parameters and modes, and where it has been homed.
     FromSafeOp {
         /// What it was found in.
@@ -145,7 +145,7 @@ impl fmt::Display for Recovered {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::WasInOp => f.write_str("in OP: nothing was done"),
-            Self::FromSafeOp { from } => write!(f, "led back into OP from {from}"),
+            Self::FromSafeOp { from } => write!(f, "back in OP from {from}"),
             Self::BroughtUp { position, from } => {
                 write!(f, "brought up anew into OP at position {position}, ")?;
                 match from {
@@ -168,7 +168,7 @@ pub struct Miscounted {
 
 impl Miscounted {
     /// The first device that shows something, or the first of all.
-    pub(super) fn suspect(&self) -> &DriveId {
+    fn suspect(&self) -> &DriveId {
         let shows = self.devices.iter().find(|one| !one.findings.is_empty());
         // There are no datagrams without devices.
         let first = shows.or(self.devices.first());

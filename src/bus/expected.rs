@@ -132,8 +132,8 @@ impl Expected {
             && is(self.serial, identity.serial)
     }
 
-    /// Whether it can be told from other devices.
-    pub(super) const fn says_something(&self) -> bool {
+    /// Whether it can be distinguished from other devices.
+    const fn says_something(&self) -> bool {
         self.vendor.is_some() || self.product.is_some() || self.serial.is_some()
     }
 }
@@ -260,6 +260,18 @@ pub struct LineRow {
 }
 
 impl LineRow {
+    /// What stands here in place of another product of the same maker.
+    fn other_product(&self) -> Option<(&Self, &Present)> {
+        let ((_, expected), found) = (self.expected.as_ref()?, self.found.as_ref()?);
+        let Identity {
+            vendor, product, ..
+        } = found.id.identity;
+        let is_other = self.verdict == Verdict::Different
+            && expected.vendor == Some(vendor)
+            && expected.product.is_some_and(|expected| expected != product);
+        is_other.then_some((self, found))
+    }
+
     fn cells(&self) -> [String; 4] {
         let nothing = || String::from("-");
         let expected = self.expected.as_ref().map(|(place, device)| match place {
@@ -295,6 +307,15 @@ impl fmt::Display for LineMismatch {
             write!(
                 f,
                 "\n  {position:first$}  {expected:second$}  {found:third$}  {verdict}"
+            )?;
+        }
+        for (row, found) in self.0.iter().filter_map(LineRow::other_product) {
+            let position = row.position.unwrap_or(found.id.position);
+            let product = found.id.identity.product;
+            write!(
+                f,
+                "\nAt position {position} is another product of the same maker. If it works as the expected one, accept it: set `product` \
+                 of its `DriveDescription`, or the product code of its `Expected`, to 0x{product:08X}"
             )?;
         }
         Ok(())

@@ -33,6 +33,8 @@ use crate::{
     },
     coe::{DriveId, MailNote},
     ds402::{Controlword, State, Statusword},
+    log_target::{AXIS, BUS, DRIVE},
+    units::AxisScale,
     wakes::WakeStatistics,
 };
 
@@ -61,7 +63,7 @@ struct Queue {
 impl Log {
     /// Notes what happened at this time of the bus. It neither blocks nor allocates once cycles run, and does nothing where nobody
     /// listens to events of its level.
-    pub(super) fn record(&self, at: Duration, note: LogRecord) {
+    pub fn record(&self, at: Duration, note: LogRecord) {
         if note.level() > LevelFilter::current() {
             return;
         }
@@ -72,7 +74,7 @@ impl Log {
     }
 
     /// Cycles begin: from now on nothing is written on this thread.
-    pub(super) fn begin_cycles(&self) {
+    pub fn begin_cycles(&self) {
         if let Some(queue) = &self.0 {
             queue.in_cycles.store(true, Ordering::Relaxed);
         }
@@ -80,7 +82,7 @@ impl Log {
 
     /// Wakes the thread that writes, if there is something new for it. A system call, and so not for the time in which frames are
     /// away.
-    pub(super) fn hand_over(&self) {
+    pub fn hand_over(&self) {
         if let Some(queue) = &self.0
             && queue.is_news.load(Ordering::Relaxed)
         {
@@ -126,6 +128,7 @@ impl Queue {
                 return;
             }
             tracing::warn!(
+                target: BUS,
                 missed,
                 "events found no room while the log was behind: they are not logged"
             );
@@ -163,6 +166,8 @@ pub(super) enum LogRecord {
     },
     /// How far the set-up of a device is.
     SetUp(Arc<DriveId>, &'static str),
+    /// Its processor had not let go of its EEPROM.
+    EepromForced(Arc<DriveId>),
     /// A device is in OP again because the program asked for it.
     Recovered(Arc<DriveId>, Recovered),
     /// It is not, for this reason, or because nobody waits for it any more.
@@ -175,6 +180,11 @@ pub(super) enum LogRecord {
     Miscounted(Arc<Miscounted>),
     /// A waker of the program holds up the others, or has panicked.
     Wakers(WakeStatistics),
+    /// Frames of process data come back after their cycle.
+    LateFrames {
+        away: Duration,
+        cycle: Duration,
+    },
     /// At the end, axes still move.
     NotStopped,
     /// At the end, a drive did not go into this state.
@@ -188,13 +198,14 @@ pub(super) enum LogRecord {
 /// What has changed of an axis, and what it shows.
 #[derive(Debug)]
 pub(super) struct AxisRecord {
-    pub(super) axis: Arc<AxisIdentity>,
-    pub(super) change: AxisChange,
-    pub(super) from: Option<State>,
-    pub(super) to: State,
-    pub(super) statusword: Statusword,
-    pub(super) controlword: Controlword,
-    pub(super) position: i32,
+    pub axis: Arc<AxisIdentity>,
+    pub scale: AxisScale,
+    pub change: AxisChange,
+    pub from: Option<State>,
+    pub to: State,
+    pub statusword: Statusword,
+    pub controlword: Controlword,
+    pub position: i32,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -217,8 +228,8 @@ pub(super) enum DriveChange {
 }
 
 impl DriveChange {
-    /// As a program is told it.
-    pub(super) fn of(self, drive: &DriveId) -> NetworkEvent {
+    /// As the program gets it.
+    pub fn of(self, drive: &DriveId) -> NetworkEvent {
         let drive = drive.clone();
         match self {
             Self::Lost => NetworkEvent::Lost(drive),
@@ -231,7 +242,7 @@ impl DriveChange {
 
 impl LogRecord {
     /// The level of the event that [`write`](Self::write) makes of it.
-    pub(super) fn level(&self) -> Level {
+    pub fn level(&self) -> Level {
         match self {
             Self::Axis(note) => match note.change {
                 AxisChange::Fault => Level::ERROR,
@@ -251,9 +262,11 @@ impl LogRecord {
             Self::StopOfAll(_)
             | Self::NotRecovered(..)
             | Self::NoAbortConnection { .. }
+            | Self::EepromForced(_)
             | Self::Unfed
             | Self::Clock(..)
             | Self::NotStopped
+            | Self::LateFrames { .. }
             | Self::Wakers(_)
             | Self::Miscounted(_)
             | Self::NotOnTheWayDown { .. } => Level::WARN,
@@ -261,56 +274,73 @@ impl LogRecord {
     }
 
     /// Makes an event of it.
-    pub(super) fn write(self, at: Duration) {
+    pub fn write(self, at: Duration) {
         match self {
             Self::Axis(note) => note.write(at),
             Self::Drive(drive, change) => write_drive(&drive, change, at),
             Self::BroughtUp(drive) => {
-                tracing::info!(drive = %format_args!("{drive:#}"), ?at, "in OP");
+                tracing::info!(target: DRIVE, drive = %format_args!("{drive:#}"), ?at, "in OP");
             }
             Self::Mail(note) => note.write(at),
-            Self::StopOfAll(stop) => tracing::warn!(?stop, ?at, "all axes are stopped"),
+            Self::StopOfAll(stop) => {
+                tracing::warn!(target: BUS, ?stop, ?at, "all axes are stopped");
+            }
             Self::Unfed => {
                 tracing::warn!(
+                    target: BUS,
                     ?at,
                     "the program no longer feeds its liveness: all axes are halted"
                 );
             }
             Self::InStep { phase_error_ns } => {
-                tracing::info!(phase_error_ns, ?at, "in step with the reference clock");
+                tracing::info!(target: BUS, phase_error_ns, ?at, "in step with the reference clock");
             }
             Self::Clock(drive, event @ ClockEvent::InStep) => {
-                tracing::info!(%drive, ?at, "{event}");
+                tracing::info!(target: BUS, %drive, ?at, "{event}");
             }
-            Self::Clock(drive, event) => tracing::warn!(%drive, ?at, "{event}"),
+            Self::Clock(drive, event) => tracing::warn!(target: BUS, %drive, ?at, "{event}"),
             Self::Step {
                 drive,
                 step,
                 done,
                 total,
-            } => tracing::debug!(%drive, %step, done, total, ?at, "bring-up step done"),
-            Self::SetUp(drive, what) => tracing::debug!(%drive, ?at, "{what}"),
-            Self::Recovered(drive, recovered) => tracing::info!(%drive, ?at, "{recovered}"),
+            } => {
+                tracing::debug!(target: DRIVE, %drive, %step, done, total, ?at, "bring-up step done");
+            }
+            Self::SetUp(drive, what) => tracing::debug!(target: DRIVE, %drive, ?at, "{what}"),
+            Self::EepromForced(drive) => {
+                tracing::warn!(
+                    target: DRIVE,
+                    %drive,
+                    ?at,
+                    "its processor does not let go of its EEPROM (0501h bit 0): taken by force (0500h = 02h)"
+                );
+            }
+            Self::Recovered(drive, recovered) => {
+                tracing::info!(target: DRIVE, %drive, ?at, "{recovered}");
+            }
             Self::NotRecovered(drive, Some(reason)) => {
-                tracing::warn!(%drive, ?at, "not recovered into OP: {reason}");
+                tracing::warn!(target: DRIVE, %drive, ?at, "not recovered into OP: {reason}");
             }
             Self::NotRecovered(drive, None) => {
-                tracing::warn!(%drive, ?at, "not recovered into OP: no call waits for it any more");
+                tracing::warn!(target: DRIVE, %drive, ?at, "not recovered into OP: no call waits for it any more");
             }
             Self::NoAbortConnection { axis } => {
                 tracing::warn!(
+                    target: DRIVE,
                     axis,
                     ?at,
                     "no object 6007h: the drive alone decides what it does when the process data stop"
                 );
             }
-            Self::Miscounted(miscounted) => tracing::warn!(?at, "{miscounted}"),
+            Self::Miscounted(miscounted) => tracing::warn!(target: BUS, ?at, "{miscounted}"),
             Self::Wakers(WakeStatistics {
                 slow,
                 longest,
                 panicked,
             }) => {
                 tracing::warn!(
+                    target: BUS,
                     slow,
                     ?longest,
                     panicked,
@@ -318,8 +348,15 @@ impl LogRecord {
                     "a waker of the program blocks or has panicked: no other future is woken while one blocks"
                 );
             }
+            Self::LateFrames { away, cycle } => tracing::warn!(
+                ?at,
+                ?away,
+                ?cycle,
+                "frames of process data come back after their cycle, and are not used: their drives count as silent"
+            ),
             Self::NotStopped => {
                 tracing::warn!(
+                    target: BUS,
                     ?at,
                     "axes did not stop in time; their drives now act by 6007h"
                 );
@@ -328,7 +365,7 @@ impl LogRecord {
                 drive,
                 state,
                 error,
-            } => tracing::warn!(%drive, %state, ?at, "not on the way down: {error}"),
+            } => tracing::warn!(target: DRIVE, %drive, %state, ?at, "not on the way down: {error}"),
         }
     }
 }
@@ -336,17 +373,20 @@ impl LogRecord {
 impl AxisRecord {
     fn write(&self, at: Duration) {
         let AxisIdentity { axis, drive } = &*self.axis;
+        let position = self.scale.scale().position_of(self.position);
+        let unit = self.scale.unit();
         // As a macro, because the level of an event is a constant.
         macro_rules! event {
             ($level:ident, $text:literal) => {
                 tracing::$level!(
+                    target: AXIS,
                     axis,
                     %drive,
                     from = self.from.map(tracing::field::debug),
                     to = ?self.to,
                     statusword = %self.statusword,
                     controlword = %self.controlword,
-                    position = self.position,
+                    position = %format_args!("{position} {unit}"),
                     ?at,
                     $text
                 )
@@ -366,8 +406,12 @@ impl AxisRecord {
 fn write_drive(drive: &DriveId, change: DriveChange, at: Duration) {
     let event = change.of(drive);
     match change {
-        DriveChange::Lost | DriveChange::LeftOp(_) => tracing::warn!(%drive, ?at, "{event}"),
-        DriveChange::Back | DriveChange::InOp => tracing::info!(%drive, ?at, "{event}"),
+        DriveChange::Lost | DriveChange::LeftOp(_) => {
+            tracing::warn!(target: DRIVE, %drive, ?at, "{event}");
+        }
+        DriveChange::Back | DriveChange::InOp => {
+            tracing::info!(target: DRIVE, %drive, ?at, "{event}");
+        }
     }
 }
 
@@ -391,7 +435,7 @@ impl Writer {
     ///
     /// # Errors
     /// [`NetworkError::Thread`] if the system gives no thread.
-    pub(super) fn start() -> Result<(Log, Self), NetworkError> {
+    pub fn start() -> Result<(Log, Self), NetworkError> {
         let queue = Arc::new(Queue::new(ROOM));
         let (alive, gone) = mpsc::channel();
         let subscriber = Subscriber::current();
@@ -411,7 +455,7 @@ impl Writer {
 
     /// Waits until all is written, but not for a subscriber that blocks: the thread is left to itself then, writes the rest when it
     /// can, and ends.
-    pub(super) fn end(self) {
+    pub fn end(self) {
         self.close();
         let _ = self.gone.recv_timeout(LAST_LINES);
     }
@@ -459,12 +503,12 @@ pub(super) struct Subscriber(Dispatch);
 
 impl Subscriber {
     /// The default of this thread.
-    pub(super) fn current() -> Self {
+    pub fn current() -> Self {
         Self(dispatcher::get_default(Clone::clone))
     }
 
     /// Does something with it as the default. A program that has none yet may set one for all threads later.
-    pub(super) fn of<T>(&self, what: impl FnOnce() -> T) -> T {
+    pub fn of<T>(&self, what: impl FnOnce() -> T) -> T {
         if self.0.is::<NoSubscriber>() {
             return what();
         }
@@ -521,7 +565,7 @@ mod tests {
         fn record_follows_from(&self, _: &span::Id, _: &span::Id) {}
 
         fn event(&self, event: &Event<'_>) {
-            let mut line = Line(String::new());
+            let mut line = EventText(String::new());
             event.record(&mut line);
             SEEN.with_borrow_mut(|seen| seen.push((*event.metadata().level(), line.0)));
         }
@@ -531,9 +575,9 @@ mod tests {
         fn exit(&self, _: &span::Id) {}
     }
 
-    struct Line(String);
+    struct EventText(String);
 
-    impl Visit for Line {
+    impl Visit for EventText {
         fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
             write!(self.0, "{}={value:?} ", field.name()).unwrap();
         }
@@ -561,6 +605,7 @@ mod tests {
                 axis: "z".into(),
                 drive,
             }),
+            scale: AxisScale::COUNTS,
             change,
             from: Some(State::OperationEnabled),
             to: State::Fault,
@@ -624,6 +669,10 @@ mod tests {
                 done: 3,
                 total: 14,
             },
+            LogRecord::LateFrames {
+                away: Duration::from_millis(3),
+                cycle: Duration::from_millis(1),
+            },
             LogRecord::NotStopped,
             LogRecord::Wakers(WakeStatistics::default()),
             LogRecord::NotOnTheWayDown {
@@ -650,7 +699,7 @@ mod tests {
         seen();
         axis(AxisChange::Fault).write(AT);
         let line = format!(
-            "message=fault axis=\"z\" drive={} from=OperationEnabled to=Fault statusword=0218h controlword=000Fh position=-7 at=1.5s ",
+            "message=fault axis=\"z\" drive={} from=OperationEnabled to=Fault statusword=0218h controlword=000Fh position=-7 counts at=1.5s ",
             drive()
         );
         assert_eq!(seen(), [(Level::ERROR, line)]);
@@ -679,7 +728,7 @@ mod tests {
         seen();
         let (log, queue) = queued(4);
         (0..10).for_each(|number| log.record(AT, in_step(number)));
-        // There is room again, but the number is not told yet.
+        // There is room again, but the number is not reported yet.
         let (_, first) = queue.notes.pop().unwrap();
         first.write(AT);
         log.record(AT, in_step(10));

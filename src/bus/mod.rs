@@ -26,6 +26,7 @@ mod line;
 mod log;
 mod network;
 mod real_time;
+mod recorder;
 mod requests;
 mod watch;
 
@@ -34,7 +35,7 @@ pub use clocks::DistributedClock;
 pub use cycle::CycleClock;
 pub use cycle::black_box::{Answered, AxisIncident, BlackBox, RecordedCycle};
 pub use cycle::statistics::{ClockStatistics, DriveStatistics, Durations, Statistics, Timing};
-pub use device::config::DriveConfig;
+pub use device::config::{AxisConfig, DriveConfig};
 pub use device::io::{
     Io, IoConfig, IoError, IoErrorKind, IoInput, IoOutput, IoStatus, IoValue, Sampled, Stale,
 };
@@ -48,10 +49,15 @@ pub use event::{ClockEvent, DeviceFinding, Finding, Miscounted, NetworkEvent, Re
 pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict};
 pub use network::builder::{NetworkBuilder, Starting};
 pub use network::scan::{Line, LineDevice};
+pub use network::view::{AxisView, NetworkView};
 pub use network::{Network, NetworkEvents, NetworkStop};
 pub use real_time::{RealTime, RealTimeError, Scheduling};
+pub use recorder::{
+    Capture, NoSignal, RecordedCycles, RecordedSignal, RecordedValues, Recorder, Signal, Trigger,
+    TriggerCondition,
+};
 pub use requests::sync_managers::{WatchdogError, arm_watchdog};
 pub use requests::{BusLoop, WaitStrategy};
-pub use watch::port_errors::{DevicePorts, PortErrors};
+pub use watch::{DevicePorts, PortErrors};
 
 pub use crate::wakes::WakeStatistics;

@@ -171,7 +171,7 @@ impl RealTime {
         }
         if *self != Self::new() {
             let thread = thread::current();
-            tracing::info!(thread = thread.name(), settings = ?self, "real time");
+            tracing::info!(target: crate::log_target::BUS, thread = thread.name(), settings = ?self, "real time");
         }
         Ok(())
     }

@@ -7,45 +7,40 @@
 //! Its messages have their memory from the beginning. All else that a transfer takes comes with its call (`calls`) and goes back
 //! with the answer.
 
-use alloc::sync::Arc;
-use alloc::{vec, vec::Vec};
-use core::future::Future;
-use core::time::Duration;
-
-use smol::future::or;
-
-use super::calls::{Answer, Call, Request, Served, calls};
-use super::emergencies::{Emergencies, EmergencyQueue};
-use super::error::{DriveId, SdoStep, Transfer, Unsupported};
-use super::error_texts::ErrorTexts;
-use super::handle::SdoHandle;
-use super::mail_signal::MailSignal;
-use super::mailbox::{MailboxError, SHORTEST_MAILBOX, sdo_mail};
-use super::sdo::{SdoFault, Step, abort_request};
-use super::transport::{LinkFault, MailboxTransport};
-use crate::wakes::Waiters;
-
 #[cfg(test)]
 mod tests;
 
-mod access;
-mod counters;
-mod dialogue;
-mod doubt;
-mod late;
 mod notes;
-mod pace;
-mod reading;
-mod settings;
 
-use counters::Counters;
-pub(super) use dialogue::{Dialogue, Failure};
-use doubt::{Doubt, LOOKED_FOR, Settled};
-use late::MOST_OWED;
+use alloc::string::ToString;
+use alloc::sync::Arc;
+use alloc::vec;
+use alloc::vec::Vec;
+use core::future::{Future, poll_fn};
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use core::task::Poll;
+use core::time::Duration;
+
+use atomic_waker::AtomicWaker;
+use smol::future::or;
+
+use super::emergencies::{Emergencies, EmergencyQueue, Received};
+use super::emergency::Emergency;
+use super::error::AbortCode;
+use super::error::{DriveId, ErrorTexts, SdoError, SdoStep, Transfer, Unsupported};
+use super::handle::{Answer, Call, Request, SdoHandle, Served, calls};
+use super::information::{Inquiry, Question};
+use super::mailbox::{
+    Counter, HEADER_LENGTH, Mail, MailboxError, SHORTEST_MAILBOX, information_mail, sdo_mail,
+};
+use super::obj;
+use super::object::ObjectAddress;
+use super::sdo::{Download, SdoFault, Step, Upload, abort_request};
+use super::transport::{LinkFault, MailboxStatus, MailboxTransport};
+use crate::sii::{Mailbox, Sii};
+use crate::wakes::Waiters;
 use notes::{Excerpt, MailEvent};
 pub(crate) use notes::{MailNote, Notes};
-use pace::Pace;
-pub use settings::MailboxSettings;
 
 /// Messages read in a row before deadlines and requests get their turn: a device may send without end.
 const MAILS_AT_ONCE: usize = 16;
@@ -401,5 +396,807 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             Some(notes) => notes(self.clock.now(), note),
             None => note.write(self.clock.now()),
         }
+    }
+}
+
+// Settings of a mailbox client: lengths, deadlines, bounds.
+
+/// Lengths, deadlines and bounds of a mailbox client.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::{coe::MailboxSettings, sii::{Mailbox, Protocols}};
+///
+/// // As a device's SII gives it.
+/// let mailbox = Mailbox {
+///     receive_offset: 0x1800,
+///     receive_length: 1024,
+///     send_offset: 0x1C00,
+///     send_length: 1024,
+///     protocols: Protocols(4), // CoE
+/// };
+/// let patient = MailboxSettings { reply_timeout: Duration::from_secs(5), ..MailboxSettings::new(&mailbox) };
+/// assert_eq!(patient.read_length, 1024);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MailboxSettings {
+    /// Bytes of the mailbox that the master writes.
+    pub write_length: usize,
+    /// Bytes of the mailbox that the master reads.
+    pub read_length: usize,
+    /// After this a frame counts as lost and its future is dropped.
+    pub frame_timeout: Duration,
+    /// After this the reading of a message counts as lost, and the message is asked for again by the repeat request. Shorter
+    /// than the time for a frame, because the link must not send this one again: that would read the next message.
+    pub mail_timeout: Duration,
+    /// After this a request without reply has failed; counted anew for each segment.
+    pub reply_timeout: Duration,
+    /// The longest time between two looks at a mailbox while a reply is due; the first ones follow each other sooner.
+    pub poll_interval: Duration,
+    /// The time between two looks at the mailbox while nothing is due, for emergencies. Not in the cycles of a `Network`, whose
+    /// frames show what waits.
+    pub idle_interval: Duration,
+    /// Whether the device may be asked by SDO information: what its SII's CoE details say. If not, such questions fail as
+    /// not supported, unasked.
+    pub sdo_information: bool,
+    /// How many accesses in a row may fail before a transfer is given up.
+    pub attempts: u32,
+    /// Requests that may wait.
+    pub request_capacity: usize,
+    /// Emergencies that are kept for a program that has not taken them.
+    pub emergency_capacity: usize,
+}
+
+impl MailboxSettings {
+    /// The settings for the mailbox of a device with this SII, as [`MailboxSettings::new`].
+    #[must_use]
+    pub fn of(sii: &Sii, mailbox: &Mailbox) -> Self {
+        let general = sii.general.as_ref();
+        Self {
+            sdo_information: general.is_none_or(|general| general.coe.sdo_information()),
+            ..Self::new(mailbox)
+        }
+    }
+
+    /// The settings for a device's mailbox, with 1 s for a reply.
+    #[must_use]
+    pub fn new(mailbox: &Mailbox) -> Self {
+        Self {
+            write_length: usize::from(mailbox.receive_length),
+            read_length: usize::from(mailbox.send_length),
+            frame_timeout: Duration::from_millis(150),
+            mail_timeout: Duration::from_millis(40),
+            reply_timeout: Duration::from_secs(1),
+            poll_interval: Duration::from_micros(250),
+            idle_interval: Duration::from_millis(10),
+            sdo_information: true,
+            attempts: 5,
+            request_capacity: 16,
+            emergency_capacity: 64,
+        }
+    }
+}
+
+// Accesses to the mailbox with their deadlines, and the request for a message whose reading was lost.
+
+impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
+    /// Asks the device for its last message once more and waits until it has followed.
+    async fn repeat(&mut self, before: MailboxStatus) -> Result<(), Failure> {
+        let toggle = !before.repeat_requested;
+        let deadline = self.clock.now() + self.settings.frame_timeout;
+        self.repeated = true;
+        while let Err(fault) = self.access(self.transport.request_repeat(toggle)).await {
+            self.tolerate(fault)?;
+            self.pause().await;
+        }
+        // A device that never follows has no repeat; what it sends next is read as usual.
+        while self.clock.now() < deadline {
+            match self.access(self.transport.status()).await {
+                Ok(status) if status.repeat_done == toggle => break,
+                Ok(_) => {}
+                Err(fault) => self.tolerate(fault)?,
+            }
+            self.pause().await;
+        }
+        Ok(())
+    }
+
+    /// Asks the device for its last message once more, whatever its mailbox shows.
+    async fn ask_again(&mut self) -> Result<(), Failure> {
+        loop {
+            match self.access(self.transport.status()).await {
+                Ok(status) => return self.repeat(status).await,
+                Err(fault) => self.tolerate(fault)?,
+            }
+        }
+    }
+
+    async fn pause(&self) {
+        let next = self.clock.now() + self.settings.poll_interval;
+        self.clock.sleep_until(next).await;
+    }
+
+    /// One access with its deadline.
+    async fn access<R>(
+        &self,
+        access: impl Future<Output = Result<R, LinkFault>>,
+    ) -> Result<R, LinkFault> {
+        self.access_within(self.settings.frame_timeout, access)
+            .await
+    }
+
+    async fn access_within<R>(
+        &self,
+        limit: Duration,
+        access: impl Future<Output = Result<R, LinkFault>>,
+    ) -> Result<R, LinkFault> {
+        let deadline = self.clock.now() + limit;
+        or(access, async {
+            self.clock.sleep_until(deadline).await;
+            Err(LinkFault::Lost)
+        })
+        .await
+    }
+
+    /// Counts a failed access; too many in a row end the transfer.
+    fn tolerate(&mut self, fault: LinkFault) -> Result<(), Failure> {
+        if fault == LinkFault::Busy {
+            return Ok(());
+        }
+        self.failures += 1;
+        if self.failures >= self.settings.attempts {
+            return Err(Failure::Link(fault));
+        }
+        Ok(())
+    }
+}
+
+// Reading of messages: one at a time, to whom it concerns, and what waits while nothing was asked for.
+
+impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
+    /// Reads away what waits while nothing was asked for.
+    async fn collect(&mut self, mut mail_waits: bool) {
+        self.forget_the_session_before();
+        for _ in 0..MAILS_AT_ONCE {
+            let found = if core::mem::take(&mut mail_waits) {
+                self.read_waiting().await
+            } else {
+                self.look(None).await
+            };
+            match found {
+                Ok(Found::Other) => {}
+                Ok(_) => break,
+                Err(fault) => {
+                    self.note(MailEvent::Unreadable(fault));
+                    break;
+                }
+            }
+        }
+        self.signal.forget();
+    }
+
+    /// Reads one message, if there is one, and hands it to whom it concerns.
+    async fn look(&mut self, dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
+        let status = match self.access(self.transport.status()).await {
+            Ok(status) => status,
+            Err(fault) => {
+                self.tolerate(fault)?;
+                return Ok(Found::Nothing);
+            }
+        };
+        if !status.mail_waiting {
+            self.failures = 0;
+            return Ok(Found::Nothing);
+        }
+        match self.read().await {
+            Ok(true) => self.take(dialogue),
+            // Empty although a message waited: a frame that was sent again has read it before.
+            Ok(false) | Err(LinkFault::Lost) => {
+                self.tolerate(LinkFault::Lost)?;
+                self.repeat(status).await?;
+                Ok(Found::Nothing)
+            }
+            Err(fault) => {
+                self.tolerate(fault)?;
+                Ok(Found::Nothing)
+            }
+        }
+    }
+
+    /// Reads the message that is known to wait while nothing was asked for.
+    async fn read_waiting(&mut self) -> Result<Found, Failure> {
+        match self.read().await {
+            Ok(true) => self.take(None),
+            // Empty although a message waited: a frame that came twice has read it before.
+            Ok(false) | Err(LinkFault::Lost) => {
+                self.tolerate(LinkFault::Lost)?;
+                self.ask_again().await?;
+                Ok(Found::Nothing)
+            }
+            Err(fault) => {
+                self.tolerate(fault)?;
+                Ok(Found::Nothing)
+            }
+        }
+    }
+
+    /// Reads one message, where there may be one, and hands it to whom it concerns.
+    async fn read_unasked(&mut self, dialogue: &mut Dialogue) -> Result<Found, Failure> {
+        match self.read().await {
+            Ok(true) => self.take(Some(dialogue)),
+            Ok(false) => Ok(Found::Nothing),
+            // Whether a message was read by the frame that is lost, nobody knows.
+            Err(LinkFault::Lost) => {
+                self.tolerate(LinkFault::Lost)?;
+                self.ask_again().await?;
+                Ok(Found::Nothing)
+            }
+            Err(fault) => {
+                self.tolerate(fault)?;
+                Ok(Found::Nothing)
+            }
+        }
+    }
+
+    /// Reads the mailbox; false if it is empty.
+    async fn read(&mut self) -> Result<bool, LinkFault> {
+        let mut mail = core::mem::take(&mut self.reply);
+        mail.fill(0);
+        let reading = self.transport.read_mail(&mut mail);
+        let read = self
+            .access_within(self.settings.mail_timeout, reading)
+            .await;
+        self.reply = mail;
+        if read == Ok(true) {
+            self.failures = 0;
+        }
+        read
+    }
+
+    /// Takes the message that was read.
+    fn take(&mut self, dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
+        let mail = core::mem::take(&mut self.reply);
+        let found = self.pass_on(&mail, dialogue);
+        self.reply = mail;
+        found
+    }
+
+    fn pass_on(&mut self, mail: &[u8], dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
+        let (header, content) = match Mail::parse(mail) {
+            Ok(parsed) => parsed,
+            Err(cut) if dialogue.is_some() => return Err(Failure::Fault(cut.into())),
+            Err(cut) => {
+                self.note(MailEvent::Cut(cut));
+                return Ok(Found::Other);
+            }
+        };
+        let whole = mail
+            .get(..HEADER_LENGTH + usize::from(header.length))
+            .unwrap_or(mail);
+        let twice = self.repeated && header.counter != 0 && whole == self.last;
+        self.repeated = false;
+        if twice {
+            return Ok(Found::Other);
+        }
+        self.last.clear();
+        self.last.extend_from_slice(whole);
+        match (content, dialogue) {
+            (Mail::Emergency(emergency), _) => {
+                self.report(emergency);
+                Ok(Found::Other)
+            }
+            (content @ (Mail::SdoReply(_) | Mail::SdoInformation(_)), Some(dialogue)) => {
+                match dialogue.feed(content, self.owed.is_empty())? {
+                    Step::Foreign => {
+                        if !self.doubt.feed(content) {
+                            self.note(MailEvent::Foreign(content.into()));
+                        }
+                        Ok(Found::Other)
+                    }
+                    step => Ok(Found::Answer(step)),
+                }
+            }
+            (Mail::Error(error), Some(_)) if self.owed.is_empty() => Err(Failure::Refused(error)),
+            // An error reply does not say which request it is for. If it was this one's, no other answer will come.
+            (Mail::Error(error), Some(_)) => {
+                self.refusal = Some(error);
+                Ok(Found::Other)
+            }
+            (content, _) => {
+                self.note(MailEvent::Unawaited(content.into()));
+                Ok(Found::Other)
+            }
+        }
+    }
+
+    fn report(&self, emergency: Emergency) {
+        self.note(MailEvent::Emergency(emergency, Arc::clone(&self.texts)));
+        let received = Received {
+            drive: Arc::clone(&self.drive),
+            at: self.clock.now(),
+            emergency,
+            texts: Arc::clone(&self.texts),
+        };
+        if let Some(queue) = &self.of_network {
+            queue.push(received.clone());
+        }
+        self.emergencies.push(received);
+    }
+}
+
+// A write whose frame is lost: the device may have taken it, or never seen it, and its sync manager does not show which.
+//
+// It is not sent again before that is known: a command object must not be carried out twice. A device answers in order, so the
+// client reads another object. If the write's own answer does not come before that one's, the write never arrived.
+
+/// How long the answer is looked for before another object is read.
+const LOOKED_FOR: Duration = Duration::from_millis(20);
+
+/// What has become of an unconfirmed write.
+enum Settled {
+    Written,
+    /// It can be sent again.
+    NeverArrived,
+}
+
+/// An unconfirmed write while another object is read.
+#[derive(Default)]
+struct Doubt {
+    /// In its place, and without its data, which were in the one message: it takes the same replies.
+    write: Option<Dialogue>,
+    answer: Option<Result<Step, Failure>>,
+}
+
+impl Doubt {
+    /// Takes a reply that is not the other object's. False if it is not the write's either.
+    fn feed(&mut self, reply: Mail<'_>) -> bool {
+        match self.write.as_mut().map(|write| write.feed(reply, false)) {
+            None | Some(Ok(Step::Foreign)) => false,
+            Some(answer) => {
+                self.answer = Some(answer);
+                true
+            }
+        }
+    }
+}
+
+impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
+    /// Finds out whether the device has taken the write.
+    async fn settle(&mut self, transfer: Transfer, timeout: Duration) -> Result<Settled, Failure> {
+        self.note(MailEvent::Doubtful(transfer));
+        let other = self.another_object(transfer);
+        self.remember_owed(transfer);
+        let write = Download::new(transfer.object, Vec::new(), self.settings.write_length);
+        self.doubt.write = Some(Dialogue::Download(write));
+        let answered = self.read_another(other, timeout).await;
+        self.doubt.write = None;
+        match self.doubt.answer.take() {
+            Some(Ok(_)) => Ok(Settled::Written),
+            Some(Err(failure)) => Err(failure),
+            None if answered => Ok(Settled::NeverArrived),
+            None => {
+                self.remember_owed(transfer);
+                Err(Failure::NoReply)
+            }
+        }
+    }
+}
+
+// Replies that come after their transfer was given up: they must not answer another one.
+
+/// Transfers that are remembered as owed their replies; with more of them any object may be meant.
+const MOST_OWED: usize = 32;
+
+impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
+    /// Notes that the reply to this transfer may still come.
+    fn remember_owed(&mut self, transfer: Transfer) {
+        if self.owed.len() < MOST_OWED && !self.owed.contains(&transfer) {
+            self.owed.push(transfer);
+        }
+    }
+
+    /// Whether a reply may still come that would pass for one to `transfer`.
+    fn owes_like(&self, transfer: Transfer) -> bool {
+        self.owed.len() >= MOST_OWED || self.owed.iter().any(|owed| owed.is_like(transfer))
+    }
+
+    /// An answer to this transfer has come. A device answers in order: nothing earlier is owed any more.
+    fn answered(&mut self, transfer: Transfer) {
+        self.owed.clear();
+        if core::mem::take(&mut self.sent_again) {
+            self.owed.push(transfer);
+        }
+    }
+
+    /// An object whose reading is no answer to `transfer` or to what is owed.
+    fn another_object(&self, transfer: Transfer) -> ObjectAddress {
+        let others = [obj::DEVICE_TYPE, obj::VENDOR_ID, obj::PRODUCT_CODE].map(|o| o.address());
+        let is_free = |other: &ObjectAddress| {
+            let read = Transfer::read(*other);
+            !read.is_like(transfer) && !self.owed.iter().any(|owed| owed.is_like(read))
+        };
+        others.into_iter().find(is_free).unwrap_or(others[0])
+    }
+
+    /// Waits out the late reply of an earlier transfer of the same object, which its address does not distinguish from this one's.
+    /// A device answers in order: once it has answered about another object, nothing late comes.
+    async fn resynchronise(
+        &mut self,
+        transfer: Transfer,
+        timeout: Duration,
+    ) -> Result<(), Failure> {
+        let other = self.another_object(transfer);
+        if self.read_another(other, timeout).await {
+            Ok(())
+        } else {
+            Err(Failure::EarlierReply)
+        }
+    }
+
+    /// Reads an object whose value does not matter; whether the device answered.
+    async fn read_another(&mut self, other: ObjectAddress, timeout: Duration) -> bool {
+        let upload = Upload::new(other).with_buffer(core::mem::take(&mut self.other));
+        let mut dialogue = Dialogue::Upload(upload);
+        let read = self
+            .converse(&mut dialogue, Transfer::read(other), timeout)
+            .await;
+        self.other = dialogue.into_data();
+        matches!(read, Ok(()) | Err(Failure::Fault(SdoFault::Aborted(_))))
+    }
+}
+
+// A transfer as the client sees it: of either direction, with the reasons for which it fails.
+
+/// A transfer of either direction, or a question.
+#[derive(Debug)]
+pub(super) enum Dialogue {
+    Upload(Upload),
+    Download(Download),
+    Inquiry(Inquiry, Question),
+}
+
+impl Dialogue {
+    /// Makes of `mail` the one that is due.
+    fn compose(&self, mail: &mut Vec<u8>, counter: Counter) {
+        match self {
+            Self::Upload(upload) => sdo_mail(mail, counter, |mail| {
+                mail.extend_from_slice(&upload.request());
+            }),
+            Self::Download(download) => {
+                sdo_mail(mail, counter, |mail| download.append_request(mail));
+            }
+            Self::Inquiry(inquiry, _) => {
+                information_mail(mail, counter, |mail| inquiry.append_request(mail));
+            }
+        }
+    }
+
+    /// Takes a reply. `nothing_late` if no reply of an earlier request can come any more.
+    fn feed(&mut self, reply: Mail<'_>, nothing_late: bool) -> Result<Step, Failure> {
+        let step = match (self, reply) {
+            (Self::Upload(upload), Mail::SdoReply(reply)) => upload.feed(reply),
+            (Self::Download(download), Mail::SdoReply(reply)) => download.feed(reply),
+            (Self::Inquiry(inquiry, _), Mail::SdoInformation(reply)) => inquiry.feed(reply),
+            // A device without the service may say so by an SDO abort.
+            (Self::Inquiry(..), Mail::SdoReply(&[0x80, _, _, _, c0, c1, c2, c3, ..]))
+                if nothing_late =>
+            {
+                let code = AbortCode(u32::from_le_bytes([c0, c1, c2, c3]));
+                return Err(Failure::NoService(Unsupported::Service(code)));
+            }
+            _ => Ok(Step::Foreign),
+        };
+        step.map_err(Failure::Fault)
+    }
+
+    /// Whether the device writes the object when it takes the message that is due. Not where segments follow: their toggle bit
+    /// shows one that comes twice.
+    fn writes_at_once(&self) -> bool {
+        match self {
+            Self::Download(download) => !download.is_segmented() && download.fits_one_mail(),
+            Self::Upload(_) | Self::Inquiry(..) => false,
+        }
+    }
+
+    const fn is_question(&self) -> bool {
+        matches!(self, Self::Inquiry(..))
+    }
+
+    const fn is_segmented(&self) -> bool {
+        match self {
+            Self::Upload(upload) => upload.is_segmented(),
+            Self::Download(download) => download.is_segmented(),
+            Self::Inquiry(..) => false,
+        }
+    }
+
+    /// What a reply would be now.
+    pub fn waits_for(&self) -> SdoStep {
+        match self {
+            Self::Inquiry(inquiry, _) if inquiry.is_under_way() => SdoStep::Fragment,
+            _ if self.is_segmented() => SdoStep::Segment,
+            _ => SdoStep::Reply,
+        }
+    }
+
+    /// Bytes that the answer has had.
+    pub const fn room_taken(&self) -> usize {
+        match self {
+            Self::Upload(upload) => upload.received(),
+            Self::Download(_) => 0,
+            Self::Inquiry(inquiry, _) => inquiry.received(),
+        }
+    }
+
+    pub fn into_data(self) -> Vec<u8> {
+        match self {
+            Self::Upload(upload) => upload.into_data(),
+            Self::Download(_) => Vec::new(),
+            Self::Inquiry(inquiry, _) => inquiry.into_data(),
+        }
+    }
+
+    /// Distinguishes the refusal of a question from a device without the service.
+    pub fn judge(&self, error: SdoError) -> SdoError {
+        let Self::Inquiry(_, question) = self else {
+            return error;
+        };
+        let is_about_all = matches!(question, Question::Counts | Question::List(_));
+        let reason = match &error {
+            SdoError::Mailbox { error, .. } if error.is_about_the_service() => {
+                Unsupported::Mail(*error)
+            }
+            SdoError::Aborted { code, .. }
+                if is_about_all
+                    && matches!(*code, AbortCode::COMMAND | AbortCode::UNSUPPORTED_ACCESS) =>
+            {
+                Unsupported::Service(*code)
+            }
+            _ => return error,
+        };
+        SdoError::NotSupported {
+            transfer: error.transfer(),
+            reason,
+        }
+    }
+}
+
+/// Why an exchange failed, before it is reported with its object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Failure {
+    Fault(SdoFault),
+    Refused(MailboxError),
+    /// The device has no SDO information.
+    NoService(Unsupported),
+    NotTaken,
+    NoReply,
+    /// The late reply of an earlier transfer has not come, nor any other.
+    EarlierReply,
+    /// The frame with the message is lost, and the device must not get it twice.
+    Doubtful,
+    Link(LinkFault),
+}
+
+impl Failure {
+    /// The error, where it may allocate: on the caller's thread.
+    pub fn describe(self, transfer: Transfer, after: Duration, reply: SdoStep) -> SdoError {
+        let timeout = |step| SdoError::Timeout {
+            transfer,
+            step,
+            after,
+        };
+        match self {
+            Self::Fault(fault) => SdoError::from_fault(transfer, fault),
+            Self::Refused(error) => SdoError::Mailbox { transfer, error },
+            Self::NoService(reason) => SdoError::NotSupported { transfer, reason },
+            Self::EarlierReply => timeout(SdoStep::EarlierReply),
+            Self::NotTaken => timeout(SdoStep::Sending),
+            Self::NoReply | Self::Doubtful => timeout(reply),
+            Self::Link(fault) => SdoError::Link {
+                transfer,
+                step: reply,
+                reason: fault.to_string(),
+            },
+        }
+    }
+
+    /// The abort code for the device, if it has to get one.
+    const fn abort_code(&self) -> Option<AbortCode> {
+        match self {
+            Self::Fault(fault) => fault.abort_code(),
+            Self::NotTaken | Self::NoReply => Some(AbortCode::TIME_OUT),
+            Self::Refused(_)
+            | Self::NoService(_)
+            | Self::EarlierReply
+            | Self::Doubtful
+            | Self::Link(_) => None,
+        }
+    }
+}
+
+// Which counter the next message gets. A device drops a message with the counter of the last one that it took, and there are only
+// seven counters. After a message that it never took, the next one must not get the counter of the last one taken.
+
+/// The counters of the messages to one device.
+#[derive(Debug)]
+struct Counters {
+    /// Of the message that is due.
+    current: Counter,
+    /// The last message that the device took may have had one of these: bits by the counters.
+    taken: u8,
+}
+
+impl Default for Counters {
+    fn default() -> Self {
+        // The next one is the first.
+        let current = (1..7).fold(Counter::FIRST, |counter, _| counter.next());
+        Self { current, taken: 0 }
+    }
+}
+
+impl Counters {
+    /// For the next message: none that the last message taken may have had, as long as there is another.
+    fn next(&mut self) -> Counter {
+        let mut next = self.current.next();
+        while self.taken & bit(next) != 0 && next != self.current {
+            next = next.next();
+        }
+        if self.taken & bit(next) != 0 {
+            // All are in doubt. The one that was given last is the likeliest to be the last taken, the oldest the least likely.
+            next = self.current.next();
+        }
+        self.current = next;
+        next
+    }
+
+    /// The device took the message with the counter that was given last.
+    fn taken(&mut self) {
+        self.taken = bit(self.current);
+    }
+
+    /// Whether it took that, nobody knows.
+    fn perhaps_taken(&mut self) {
+        self.taken |= bit(self.current);
+    }
+}
+
+const fn bit(counter: Counter) -> u8 {
+    1 << counter.get()
+}
+
+#[cfg(test)]
+mod counter_tests {
+    use super::Counters;
+
+    #[test]
+    fn when_all_counters_are_in_doubt_no_two_messages_in_a_row_get_the_same_one() {
+        let mut counters = Counters::default();
+        let mut last = None;
+        for number in 0..30 {
+            let next = counters.next().get();
+            assert!((1..=7).contains(&next));
+            assert_ne!(Some(next), last, "message {number}");
+            counters.perhaps_taken();
+            last = Some(next);
+        }
+        counters.taken();
+        assert_ne!(Some(counters.next().get()), last);
+    }
+}
+
+// When a device's mailbox is looked at while its answer is due: by how long it took for the answer before.
+//
+// Each look costs the line a datagram, each reading of an empty mailbox one as long as the mailbox.
+
+/// Pauses between two looks grow with the time waited, from this one on.
+const SHORTEST_PAUSE: Duration = Duration::from_micros(50);
+/// Who answers within this time is read at once.
+const AT_ONCE: Duration = Duration::from_micros(100);
+/// No first look is later: the answer before may have been an exception.
+const LATEST_FIRST_LOOK: Duration = Duration::from_millis(4);
+
+/// How long a device takes for its answers.
+#[derive(Debug, Default)]
+struct Pace {
+    /// The answer before took so long.
+    last: Duration,
+}
+
+impl Pace {
+    /// Whether its answer is expected to be there as soon as the request is.
+    fn is_quick(&self) -> bool {
+        self.last <= AT_ONCE
+    }
+
+    fn answered_after(&mut self, time: Duration) {
+        self.last = time;
+    }
+
+    /// How long after the request the first look is worth its frame. It is somewhat before the answer is expected, so that an
+    /// estimate that was too long comes down.
+    fn first_look(&self) -> Duration {
+        (self.last * 3 / 4).min(LATEST_FIRST_LOOK)
+    }
+
+    /// The pause before the next look, after this time.
+    fn pause(&self, waited: Duration, longest: Duration) -> Duration {
+        (waited / 16).max(SHORTEST_PAUSE).min(longest)
+    }
+}
+
+// What the bus loop sees of a device's mailbox within its cycles, for the client of that mailbox.
+
+/// Nobody else looks at the mailbox: the client does.
+const UNWATCHED: u8 = 0;
+/// No message waited when the mailbox was looked at last.
+const EMPTY: u8 = 1;
+/// A message waits.
+const FULL: u8 = 2;
+
+/// Wakes a mailbox client when a message waits, so that it asks for nothing while there is none. Clones are the same signal.
+///
+/// It follows the level of the mailbox's state: a message that is not read away is seen again. Observing neither allocates
+/// nor locks.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct MailSignal(Arc<SignalledMail>);
+
+#[derive(Debug, Default)]
+struct SignalledMail {
+    seen: AtomicU8,
+    /// The device has been in INIT since the client was at its mailbox.
+    begins_anew: AtomicBool,
+    client: AtomicWaker,
+}
+
+impl MailSignal {
+    /// The mailbox was looked at. Frames that were sent before a message was read must have been observed before the client
+    /// is polled after that reading.
+    pub fn observe(&self, mail_waits: bool) {
+        let seen = if mail_waits { FULL } else { EMPTY };
+        if self.0.seen.swap(seen, Ordering::AcqRel) != seen && mail_waits {
+            self.0.client.wake();
+        }
+    }
+
+    /// The mailbox will not be looked at any more: the client does it from now on.
+    pub fn end(&self) {
+        self.0.seen.store(UNWATCHED, Ordering::Release);
+        self.0.client.wake();
+    }
+
+    /// The device is in INIT: it has forgotten what it was to answer, and counts its messages from the beginning.
+    pub fn begin_anew(&self) {
+        self.0.begins_anew.store(true, Ordering::Release);
+    }
+
+    /// Whether it began anew since this was asked last.
+    fn has_begun_anew(&self) -> bool {
+        self.0.begins_anew.swap(false, Ordering::AcqRel)
+    }
+
+    fn is_watched(&self) -> bool {
+        self.0.seen.load(Ordering::Acquire) != UNWATCHED
+    }
+
+    /// Forgets a message that was seen: the client has been at the mailbox since.
+    fn forget(&self) {
+        // Fails where none was seen.
+        let _ = self
+            .0
+            .seen
+            .compare_exchange(FULL, EMPTY, Ordering::AcqRel, Ordering::Acquire);
+    }
+
+    /// Resolves when a message waits (true), or nobody looks any more (false).
+    async fn mail_waits(&self) -> bool {
+        poll_fn(|context| {
+            self.0.client.register(context.waker());
+            match self.0.seen.load(Ordering::Acquire) {
+                FULL => Poll::Ready(true),
+                UNWATCHED => Poll::Ready(false),
+                _ => Poll::Pending,
+            }
+        })
+        .await
     }
 }

@@ -11,7 +11,7 @@ use smol::stream::{Stream, StreamExt, unfold};
 
 use super::emergency::Emergency;
 use super::error::DriveId;
-use super::error_texts::ErrorTexts;
+use super::error::ErrorTexts;
 use crate::wakes::Waiters;
 
 /// An emergency message, whose it is, when it was read, and what it means.
@@ -98,9 +98,17 @@ pub struct Emergencies {
     queue: Receiver<Queued>,
     waiters: Arc<Waiters>,
     overflow: Arc<Overflow>,
+    counted: Arc<Counted>,
 }
 
 impl Emergencies {
+    /// How many there were of each code, whether they were taken or not. Sixteen codes are told apart; `None` stands for all others.
+    /// That an error is gone (0000h) is no emergency.
+    #[must_use]
+    pub fn counted(&self) -> Vec<(Option<u16>, u64)> {
+        self.counted.read()
+    }
+
     /// The next report; `None` once the bus is gone and all have been taken.
     pub async fn next(&self) -> Option<EmergencyReport> {
         loop {
@@ -135,10 +143,10 @@ impl Emergencies {
 /// An emergency as it was read. Its meaning is made, on the heap where need be, on the program's side.
 #[derive(Debug, Clone)]
 pub(super) struct Received {
-    pub(super) drive: Arc<DriveId>,
-    pub(super) at: Duration,
-    pub(super) emergency: Emergency,
-    pub(super) texts: Arc<ErrorTexts>,
+    pub drive: Arc<DriveId>,
+    pub at: Duration,
+    pub emergency: Emergency,
+    pub texts: Arc<ErrorTexts>,
 }
 
 impl From<Received> for DriveEmergency {
@@ -179,35 +187,77 @@ impl Overflow {
     }
 }
 
+/// How many emergencies there were of each code. One thread counts, and any may read.
+#[derive(Debug, Default)]
+struct Counted {
+    /// The code above the number; 0 in a place that is free.
+    codes: [AtomicU64; 16],
+    others: AtomicU64,
+}
+
+const NUMBER: u64 = (1 << 48) - 1;
+
+impl Counted {
+    fn add(&self, code: u16) {
+        if code == 0 {
+            return;
+        }
+        for place in &self.codes {
+            let held = place.load(Ordering::Relaxed);
+            if held == 0 || held >> 48 == u64::from(code) {
+                let number = (held & NUMBER) + 1;
+                place.store(u64::from(code) << 48 | number, Ordering::Relaxed);
+                return;
+            }
+        }
+        self.others.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn read(&self) -> Vec<(Option<u16>, u64)> {
+        let codes = self.codes.iter().map(|place| {
+            let held = place.load(Ordering::Relaxed);
+            (Some((held >> 48) as u16), held & NUMBER)
+        });
+        let others = (None, self.others.load(Ordering::Relaxed));
+        let all = codes.chain([others]);
+        all.filter(|(_, number)| *number > 0).collect()
+    }
+}
+
 /// The bus's end of [`Emergencies`]: used on one thread.
 #[derive(Debug, Clone)]
 pub(crate) struct EmergencyQueue {
     queue: Sender<Queued>,
     capacity: usize,
     overflow: Arc<Overflow>,
+    counted: Arc<Counted>,
 }
 
 impl EmergencyQueue {
     /// A queue of this many emergencies, and where those wait who want them.
-    pub(crate) fn new(capacity: usize, waiters: Arc<Waiters>) -> (Self, Emergencies) {
+    pub fn new(capacity: usize, waiters: Arc<Waiters>) -> (Self, Emergencies) {
         let capacity = capacity.max(1);
         // One more, for the place of what was lost.
         let (sender, receiver) = bounded(capacity.saturating_add(1));
         let overflow = Arc::new(Overflow::default());
+        let counted = Arc::new(Counted::default());
         let queue = Self {
             queue: sender,
             capacity,
             overflow: Arc::clone(&overflow),
+            counted: Arc::clone(&counted),
         };
         let emergencies = Emergencies {
             queue: receiver,
             waiters,
             overflow,
+            counted,
         };
         (queue, emergencies)
     }
 
     pub(super) fn push(&self, emergency: Received) {
+        self.counted.add(emergency.emergency.code);
         if self.queue.len() < self.capacity {
             // It fails only where nobody can ask any more.
             let _ = self.queue.try_send(Queued::Emergency(emergency));
@@ -260,6 +310,22 @@ mod tests {
         assert!(taken(&emergencies).is_empty());
         (6..=8).for_each(|code| queue.push(emergency(code)));
         assert_eq!(taken(&emergencies), [6, 7, 8], "as much room as before");
+    }
+
+    #[test]
+    fn each_code_is_counted_whether_taken_or_lost_and_all_beyond_sixteen_together() {
+        let (queue, emergencies) = EmergencyQueue::new(1, Waiters::direct());
+        for code in [0x8611, 0, 0xFFFF, 0x8611] {
+            queue.push(emergency(code));
+        }
+        assert_eq!(
+            emergencies.counted(),
+            [(Some(0x8611), 2), (Some(0xFFFF), 1)]
+        );
+        (1..=17).for_each(|code| queue.push(emergency(code)));
+        let counted = emergencies.counted();
+        assert_eq!(counted.len(), 17);
+        assert_eq!(counted.last(), Some(&(None, 3)));
     }
 
     #[test]

@@ -1,16 +1,18 @@
 //! What can go wrong with an SDO transfer. An error has the object, the step, what was expected and what came, and the drive where
 //! it is known.
 
-use alloc::string::String;
-use core::fmt;
-use core::time::Duration;
+use alloc::{borrow::Cow, collections::BTreeMap, format, string::String};
+use core::{fmt, time::Duration};
 
-use super::abort::AbortCode;
-use super::information::{ListKind, Question};
-use super::mailbox::{CutMail, MailboxError};
-use super::object::ObjectAddress;
-use super::sdo::SdoFault;
-use crate::sii::Identity;
+use crate::{ds402::describe_error_code, sii::Identity};
+
+use super::{
+    emergency::Emergency,
+    information::{ListKind, Question},
+    mailbox::{CutMail, MailboxError},
+    object::ObjectAddress,
+    sdo::SdoFault,
+};
 
 /// An SDO transfer that failed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -109,7 +111,9 @@ pub enum SdoError {
         reason: String,
     },
     /// The bus has been closed, or the device has no mailbox.
-    #[error("{transfer}: nobody serves the mailbox of this device")]
+    #[error(
+        "{transfer}: nothing serves the mailbox of this device: its network was shut down or has ended, or it has no mailbox"
+    )]
     Closed {
         /// What was attempted.
         transfer: Transfer,
@@ -299,7 +303,7 @@ pub enum SdoStep {
     Segment,
     /// A further fragment.
     Fragment,
-    /// A late reply of an earlier transfer of the same object, which must not be taken for this one's.
+    /// A late reply of an earlier transfer of the same object, which must not answer this one.
     EarlierReply,
     /// Reading a message that is there.
     Fetching,
@@ -354,10 +358,158 @@ where
     pub error: E,
 }
 
+// What a drive's own error codes mean, as data.
+
+/// What the error codes of a drive mean by its own documents, beyond those of CiA 402.
+///
+/// ```
+/// use servocrab::coe::{Emergency, ErrorTexts};
+///
+/// let mut texts = ErrorTexts::default();
+/// texts.codes.insert(0xFF01, "brake resistor missing".into());
+/// let emergency = |code| Emergency { code, register: 0x81, data: [0; 5] };
+/// assert_eq!(texts.text(&emergency(0xFF01)), "brake resistor missing");
+/// assert_eq!(texts.text(&emergency(0x8611)), "following error");
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ErrorTexts {
+    /// Texts of error codes (603Fh), which go before those of CiA 402.
+    pub codes: BTreeMap<u16, Cow<'static, str>>,
+    /// The number by which the drive itself names its errors, where its emergencies carry one.
+    pub number: Option<DriveNumber>,
+}
+
+/// A number of the maker's in the five data bytes of an emergency: what the drive shows on its display.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DriveNumber {
+    /// The error code with which it comes.
+    pub with_code: u16,
+    /// Where its two bytes, the low one first, begin among the five (0 to 3).
+    pub byte: u8,
+    /// What the maker calls it; the number follows in three hexadecimal digits.
+    pub prefix: Cow<'static, str>,
+    /// Texts of these numbers.
+    pub texts: BTreeMap<u16, Cow<'static, str>>,
+}
+
+impl ErrorTexts {
+    /// What this emergency means: by the drive's own table, else by the table of CiA 402, else by the group of its code.
+    #[must_use]
+    pub fn text(&self, emergency: &Emergency) -> Cow<'static, str> {
+        let of_code = self.codes.get(&emergency.code).cloned();
+        of_code
+            .or_else(|| self.number.as_ref()?.text(emergency))
+            .unwrap_or(Cow::Borrowed(describe_error_code(emergency.code)))
+    }
+}
+
+impl DriveNumber {
+    fn text(&self, emergency: &Emergency) -> Option<Cow<'static, str>> {
+        let &[low, high] = emergency
+            .data
+            .get(usize::from(self.byte)..)?
+            .first_chunk()?;
+        if emergency.code != self.with_code {
+            return None;
+        }
+        let (prefix, number) = (&self.prefix, u16::from_le_bytes([low, high]));
+        Some(Cow::Owned(match self.texts.get(&number) {
+            Some(text) => format!("{prefix}{number:03X}: {text}"),
+            None => format!("{prefix}{number:03X}"),
+        }))
+    }
+}
+
+// SDO abort codes as number and words (ETG.1000.6, CiA 301).
+
+/// The reason for which a device refused an SDO transfer; shown as words and number.
+///
+/// ```
+/// use servocrab::coe::AbortCode;
+/// assert_eq!(AbortCode(0x0602_0000).to_string(), "object does not exist (06020000h)");
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct AbortCode(pub u32);
+
+impl AbortCode {
+    /// The toggle bit of a segment did not alternate.
+    pub const TOGGLE: Self = Self(0x0503_0000);
+    /// The protocol timed out.
+    pub const TIME_OUT: Self = Self(0x0504_0000);
+    /// The command is not valid or unknown.
+    pub const COMMAND: Self = Self(0x0504_0001);
+    /// The access is not supported.
+    pub const UNSUPPORTED_ACCESS: Self = Self(0x0601_0000);
+    /// The object cannot be written.
+    pub const READ_ONLY: Self = Self(0x0601_0002);
+    /// The entry cannot be written while subindex 0 is not zero.
+    pub const SUBINDEX_0_NOT_ZERO: Self = Self(0x0601_0003);
+    /// There is no such object.
+    pub const NO_OBJECT: Self = Self(0x0602_0000);
+    /// The object cannot be mapped into a PDO.
+    pub const NOT_MAPPABLE: Self = Self(0x0604_0041);
+    /// The mapping is longer than the PDO may be.
+    pub const MAPPING_TOO_LONG: Self = Self(0x0604_0042);
+    /// The number of bytes is not that of the object's type.
+    pub const LENGTH: Self = Self(0x0607_0010);
+    /// There is no such subindex.
+    pub const NO_SUBINDEX: Self = Self(0x0609_0011);
+    /// Not in the present state.
+    pub const PRESENT_STATE: Self = Self(0x0800_0022);
+
+    /// The meaning as text; "unknown reason" for a code that the standards do not list.
+    #[must_use]
+    pub const fn text(self) -> &'static str {
+        match self.0 {
+            0x0503_0000 => "toggle bit did not alternate",
+            0x0504_0000 => "SDO protocol timed out",
+            0x0504_0001 => "command specifier unknown",
+            0x0504_0005 => "out of memory",
+            0x0601_0000 => "access to this object not supported",
+            0x0601_0001 => "read of a write-only object",
+            0x0601_0002 => "write of a read-only object",
+            0x0601_0003 => "entry cannot be written while subindex 0 is not zero",
+            0x0601_0004 => "complete access not supported",
+            0x0601_0005 => "object is longer than the mailbox",
+            0x0601_0006 => "object is mapped into an RxPDO, download blocked",
+            0x0602_0000 => "object does not exist",
+            0x0604_0041 => "object cannot be mapped into a PDO",
+            0x0604_0042 => "mapped objects exceed the PDO's length",
+            0x0604_0043 => "parameters are incompatible",
+            0x0604_0047 => "internal incompatibility in the device",
+            0x0606_0000 => "access failed because of a hardware error",
+            0x0607_0010 => "length does not match the data type",
+            0x0607_0012 => "length too high for the data type",
+            0x0607_0013 => "length too low for the data type",
+            0x0609_0011 => "subindex does not exist",
+            0x0609_0030 => "value out of range",
+            0x0609_0031 => "value too high",
+            0x0609_0032 => "value too low",
+            0x0609_0033 => "detected modules do not match the configured ones",
+            0x0609_0036 => "maximum is less than minimum",
+            0x060A_0023 => "resource not available",
+            0x0800_0000 => "general error",
+            0x0800_0020 => "data cannot be stored or transferred",
+            0x0800_0021 => "data cannot be stored or transferred because of local control",
+            0x0800_0022 => "data cannot be stored or transferred in the present state",
+            0x0800_0023 => "object dictionary could not be generated",
+            0x0800_0024 => "no data available",
+            _ => "unknown reason",
+        }
+    }
+}
+
+impl fmt::Display for AbortCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({:08X}h)", self.text(), self.0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::*;
     use alloc::string::ToString;
+
+    use super::*;
 
     #[test]
     fn a_drives_error_tells_drive_object_and_reason() {
@@ -394,6 +546,67 @@ mod tests {
         assert_eq!(
             error.to_string(),
             "reading 6041h:00: no success after 500ms while waiting for the reply"
+        );
+    }
+
+    fn emergency(code: u16, data: [u8; 5]) -> Emergency {
+        Emergency {
+            code,
+            register: 0x81,
+            data,
+        }
+    }
+
+    #[test]
+    fn the_drives_own_text_goes_before_the_standards() {
+        let mut texts = ErrorTexts::default();
+        assert_eq!(
+            texts.text(&emergency(0x3220, [0; 5])),
+            "DC link under-voltage"
+        );
+        texts.codes.insert(0x3220, "F502".into());
+        assert_eq!(texts.text(&emergency(0x3220, [0; 5])), "F502");
+        assert_eq!(texts.text(&emergency(0x3299, [0; 5])), "DC link voltage");
+    }
+
+    #[test]
+    fn a_number_in_the_data_is_read_where_it_lies_and_with_its_code_alone() {
+        let number = |byte| ErrorTexts {
+            codes: BTreeMap::new(),
+            number: Some(DriveNumber {
+                with_code: 0xFF00,
+                byte,
+                prefix: "alarm A.".into(),
+                texts: [(0x0D00, "position deviation".into())].into(),
+            }),
+        };
+        let data = [0xAA, 0x00, 0x0D, 0x10, 0x0C];
+        let text = |byte, code| number(byte).text(&emergency(code, data));
+        assert_eq!(text(1, 0xFF00), "alarm A.D00: position deviation");
+        assert_eq!(text(3, 0xFF00), "alarm A.C10");
+        assert_eq!(text(4, 0xFF00), "manufacturer specific");
+        assert_eq!(text(1, 0x8611), "following error");
+    }
+}
+
+#[cfg(test)]
+mod abort_tests {
+    use super::*;
+    use alloc::string::ToString;
+
+    #[test]
+    fn an_abort_code_shows_words_and_number() {
+        assert_eq!(
+            AbortCode::PRESENT_STATE.to_string(),
+            "data cannot be stored or transferred in the present state (08000022h)"
+        );
+    }
+
+    #[test]
+    fn an_unlisted_code_keeps_its_number() {
+        assert_eq!(
+            AbortCode(0x1234_5678).to_string(),
+            "unknown reason (12345678h)"
         );
     }
 }

@@ -1,17 +1,28 @@
 //! What a program holds of a mailbox client: the handle for SDO transfers.
 
+use alloc::boxed::Box;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
+use core::future::poll_fn;
+use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use core::task::Poll;
 use core::time::Duration;
 
-use super::calls::{Callers, Request};
-use super::client::Dialogue;
-use super::error::{DriveError, DriveId, SdoError, Transfer};
-use super::object::{Object, ObjectAddress};
-use super::sdo::{Download, Upload};
-use super::value::{Readable, Value, Writable};
+use atomic_waker::AtomicWaker;
+use crossbeam_queue::ArrayQueue;
+use smol::channel::{Receiver, Sender, bounded};
 
-mod information;
+use super::client::{Dialogue, Failure, MailboxSettings};
+use super::error::AbortCode;
+use super::error::{DriveError, DriveId, SdoError, Transfer};
+use super::information::{
+    DictionaryObject, EntryDescription, Inquiry, ListKind, ObjectCounts, ObjectDescription,
+    ObjectDictionary, Question, Undescribed, object_counts, object_list,
+};
+use super::object::{Object, ObjectAddress};
+use super::sdo::{Download, SdoFault, Upload};
+use super::value::{Readable, Value, Writable};
+use crate::wakes::Waiters;
 
 /// Reads and writes objects of one drive; clones share its mailbox, in which transfers run one after another.
 ///
@@ -202,10 +213,529 @@ impl SdoHandle {
         }
     }
 
-    pub(super) fn error(&self, error: SdoError) -> DriveError {
+    fn error(&self, error: SdoError) -> DriveError {
         DriveError {
             drive: DriveId::clone(&self.drive),
             error,
         }
+    }
+}
+
+// Questions about a drive's object dictionary (SDO information).
+
+/// Bytes that a dictionary may take. Drives have up to some thousands of entries, of some hundred bytes each.
+const MOST_BYTES: usize = 16 << 20;
+
+impl SdoHandle {
+    /// Reads the drive's whole object dictionary: its list of objects, and what each object and each entry is.
+    ///
+    /// It takes one message and its answer for every object and every entry: seconds, on a drive with a thousand of them. What the
+    /// drive lists but does not describe is listed apart ([`ObjectDictionary::undescribed`]).
+    ///
+    /// # Errors
+    /// [`SdoError::NotSupported`] if the drive has no SDO information. Else as [`SdoHandle::read`], and `Fragments` where a part of
+    /// an answer is missing. `WrongSize` if the descriptions take more than 16 MiB, as no drive's do.
+    pub async fn dictionary(&self) -> Result<ObjectDictionary, DriveError> {
+        self.dictionary_within(MOST_BYTES).await
+    }
+
+    pub(super) async fn dictionary_within(
+        &self,
+        most: usize,
+    ) -> Result<ObjectDictionary, DriveError> {
+        let mut dictionary = ObjectDictionary::default();
+        let mut held = 0;
+        let mut hold = |bytes: usize| {
+            held += bytes;
+            let transfer = Transfer::from(Question::List(ListKind::All));
+            let fault = SdoFault::Size {
+                expected: most,
+                got: held,
+            };
+            (held <= most)
+                .then_some(())
+                .ok_or_else(|| self.error(SdoError::from_fault(transfer, fault)))
+        };
+        for index in self.object_list(ListKind::All).await? {
+            let object = self.describe_object(index).await;
+            let description = match refusal(object)? {
+                Ok(description) => description,
+                Err(code) => {
+                    hold(size_of::<Undescribed>())?;
+                    dictionary.undescribed.push(Undescribed {
+                        index,
+                        subindex: None,
+                        code,
+                    });
+                    continue;
+                }
+            };
+            hold(size_of::<DictionaryObject>() + description.name.len())?;
+            let mut entries = Vec::new();
+            for subindex in 0..=description.max_subindex {
+                match refusal(self.describe_entry(index, subindex).await)? {
+                    Ok(entry) => {
+                        hold(entry.bytes())?;
+                        entries.push(entry);
+                    }
+                    Err(AbortCode::NO_SUBINDEX) => {}
+                    Err(code) => {
+                        hold(size_of::<Undescribed>())?;
+                        dictionary.undescribed.push(Undescribed {
+                            index,
+                            subindex: Some(subindex),
+                            code,
+                        });
+                    }
+                }
+            }
+            dictionary.objects.push(DictionaryObject {
+                description,
+                entries,
+            });
+        }
+        Ok(dictionary)
+    }
+
+    /// How many objects the drive's lists have.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`].
+    pub async fn object_counts(&self) -> Result<ObjectCounts, DriveError> {
+        self.ask(Question::Counts, object_counts).await
+    }
+
+    /// The indices of the objects of a list, in the drive's order.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`].
+    pub async fn object_list(&self, kind: ListKind) -> Result<Vec<u16>, DriveError> {
+        self.ask(Question::List(kind), object_list).await
+    }
+
+    /// What an object is.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`]; `Aborted` for an object that the drive does not have.
+    pub async fn describe_object(&self, index: u16) -> Result<ObjectDescription, DriveError> {
+        self.ask(Question::Object { index }, ObjectDescription::parse)
+            .await
+    }
+
+    /// What an entry of an object is, with unit, default and limits as far as the drive reports them.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`]; `Aborted` for an entry that the drive does not have.
+    pub async fn describe_entry(
+        &self,
+        index: u16,
+        subindex: u8,
+    ) -> Result<EntryDescription, DriveError> {
+        let question = |wanted| Question::Entry {
+            index,
+            subindex,
+            wanted,
+        };
+        let parse = EntryDescription::parse;
+        match self.ask(question(Question::EVERYTHING), parse).await {
+            // A drive may refuse what it does not know of an entry, or say that it reports it and not do so.
+            Err(DriveError {
+                error: SdoError::Aborted { code, .. },
+                ..
+            }) if code != AbortCode::NO_SUBINDEX && code != AbortCode::NO_OBJECT => {}
+            Err(DriveError {
+                error: SdoError::Cut { .. },
+                ..
+            }) => {}
+            other => return other,
+        }
+        self.ask(question(Question::BASICS), parse).await
+    }
+
+    async fn ask<T>(
+        &self,
+        question: Question,
+        parse: impl Fn(&[u8]) -> Result<T, SdoFault>,
+    ) -> Result<T, DriveError> {
+        let transfer = Transfer::from(question);
+        let inquiry = Inquiry::new(question).with_buffer(self.room());
+        let answer = self
+            .run(transfer, Dialogue::Inquiry(inquiry, question))
+            .await?;
+        parse(&answer).map_err(|fault| self.error(SdoError::from_fault(transfer, fault)))
+    }
+}
+
+/// A refusal of one description apart from what ends the reading.
+fn refusal<T>(result: Result<T, DriveError>) -> Result<Result<T, AbortCode>, DriveError> {
+    match result {
+        Ok(value) => Ok(Ok(value)),
+        Err(DriveError {
+            error: SdoError::Aborted { code, .. },
+            ..
+        }) => Ok(Err(code)),
+        Err(error) => Err(error),
+    }
+}
+
+// How transfers get from any thread to the mailbox client, and their outcomes back: through places that are made once.
+//
+// On the client's thread nothing is allocated and nothing freed. A dialogue brings its buffers along and goes back with them. What
+// a caller that went away has left behind stays in its place until the next caller takes that one.
+
+/// Bytes that are got ready for an answer of unknown length, as long as none was longer: more than most objects have.
+const USUAL_ROOM: usize = 4096;
+
+/// A transfer on its way to the client.
+#[derive(Debug)]
+pub(super) struct Request {
+    pub transfer: Transfer,
+    /// With room for what it will hold.
+    pub dialogue: Dialogue,
+    /// The time for each reply.
+    pub timeout: Duration,
+}
+
+/// A transfer that is over.
+#[derive(Debug)]
+pub(super) struct Answer {
+    pub dialogue: Dialogue,
+    pub result: Result<(), Failure>,
+}
+
+/// A request and where its answer goes.
+#[derive(Debug)]
+pub(super) struct Call {
+    pub request: Request,
+    pub place: Arc<CallSlot>,
+}
+
+/// Where a caller waits for its answer.
+#[derive(Debug)]
+pub(super) struct CallSlot {
+    /// Room for one.
+    answer: ArrayQueue<Answer>,
+    caller: AtomicWaker,
+    /// One of both, caller and client, is through with the call.
+    left: AtomicBool,
+}
+
+impl CallSlot {
+    /// Whether the caller of a call that is not answered has gone away.
+    pub fn is_left(&self) -> bool {
+        self.left.load(Ordering::Acquire)
+    }
+}
+
+#[derive(Debug)]
+struct Calls {
+    places: Box<[Arc<CallSlot>]>,
+    free: (Sender<Arc<CallSlot>>, Receiver<Arc<CallSlot>>),
+    /// Room for a call from each place.
+    waiting: ArrayQueue<Call>,
+    client: AtomicWaker,
+    /// The program's futures that wait for an answer, or for a place.
+    waiters: Arc<Waiters>,
+    callers_gone: AtomicBool,
+    client_gone: AtomicBool,
+    settings: MailboxSettings,
+    /// Bytes of the longest answer, or the usual room.
+    longest: AtomicUsize,
+}
+
+/// The callers' end and the client's.
+pub(super) fn calls(settings: MailboxSettings, waiters: Arc<Waiters>) -> (Callers, Served) {
+    // One is served while the others wait.
+    let count = settings.request_capacity.max(1).saturating_add(1);
+    let place = || CallSlot {
+        answer: ArrayQueue::new(1),
+        caller: AtomicWaker::new(),
+        left: AtomicBool::new(false),
+    };
+    let places: Box<[_]> = (0..count).map(|_| Arc::new(place())).collect();
+    let free = bounded(count);
+    for place in &places {
+        // There is room for all.
+        let _ = free.0.try_send(Arc::clone(place));
+    }
+    let calls = Arc::new(Calls {
+        places,
+        free,
+        waiting: ArrayQueue::new(count),
+        client: AtomicWaker::new(),
+        waiters,
+        callers_gone: AtomicBool::new(false),
+        client_gone: AtomicBool::new(false),
+        settings,
+        longest: AtomicUsize::new(USUAL_ROOM),
+    });
+    (Callers(Arc::clone(&calls)), Served(calls))
+}
+
+impl Calls {
+    /// Caller and client leave a place once each; with the second one it is free again.
+    fn leave(&self, place: &Arc<CallSlot>) {
+        if place.left.swap(true, Ordering::AcqRel) {
+            place.left.store(false, Ordering::Release);
+            let _ = self.free.0.try_send(Arc::clone(place));
+        }
+    }
+}
+
+/// The end of the callers; without it the client ends.
+#[derive(Debug)]
+pub(super) struct Callers(Arc<Calls>);
+
+impl Callers {
+    fn settings(&self) -> &MailboxSettings {
+        &self.0.settings
+    }
+
+    /// Bytes that an answer of unknown length is to be given: no answer before was longer.
+    pub fn room(&self) -> usize {
+        self.0.longest.load(Ordering::Relaxed)
+    }
+
+    /// Hands `request` to the client, once there is a place for it, and waits for its answer; `None` if the client is gone.
+    async fn call(&self, request: Request) -> Option<Answer> {
+        self.0.waiters.relay(self.call_directly(request)).await
+    }
+
+    async fn call_directly(&self, request: Request) -> Option<Answer> {
+        let calls = &*self.0;
+        let place = calls.free.1.recv().await.ok()?;
+        let seated = Seated { calls, place };
+        let place = &seated.place;
+        drop(place.answer.pop());
+        let call = Call {
+            request,
+            place: Arc::clone(place),
+        };
+        calls.waiting.push(call).ok()?;
+        calls.client.wake();
+        poll_fn(|context| {
+            place.caller.register(context.waker());
+            // Looked at first: what the client has answered before it went is an answer.
+            let is_gone = calls.client_gone.load(Ordering::Acquire);
+            match place.answer.pop() {
+                None if !is_gone => Poll::Pending,
+                answer => Poll::Ready(answer),
+            }
+        })
+        .await
+    }
+}
+
+impl Drop for Callers {
+    fn drop(&mut self) {
+        self.0.callers_gone.store(true, Ordering::Release);
+        self.0.client.wake();
+    }
+}
+
+/// A caller in its place.
+struct Seated<'a> {
+    calls: &'a Calls,
+    place: Arc<CallSlot>,
+}
+
+impl Drop for Seated<'_> {
+    fn drop(&mut self) {
+        self.place.caller.take();
+        self.calls.leave(&self.place);
+    }
+}
+
+/// The end of the client; without it all calls end.
+pub(super) struct Served(Arc<Calls>);
+
+impl Served {
+    /// The next call; `None` if nobody can call any more.
+    pub async fn next(&self) -> Option<Call> {
+        let calls = &*self.0;
+        poll_fn(|context| {
+            calls.client.register(context.waker());
+            // Looked at first: what was asked before the last caller went is asked.
+            let are_gone = calls.callers_gone.load(Ordering::Acquire);
+            match calls.waiting.pop() {
+                None if !are_gone => Poll::Pending,
+                call => Poll::Ready(call),
+            }
+        })
+        .await
+    }
+
+    /// Gives a call's answer to its caller, or leaves it in its place.
+    pub fn answer(&self, place: &Arc<CallSlot>, answer: Answer) {
+        self.0
+            .longest
+            .fetch_max(answer.dialogue.room_taken(), Ordering::Relaxed);
+        // The caller has emptied the place.
+        let _ = place.answer.push(answer);
+        self.0.leave(place);
+        place.caller.wake();
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.0.client_gone.store(true, Ordering::Release);
+        self.0.free.0.close();
+        for place in &self.0.places {
+            place.caller.wake();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::pin::pin;
+    use std::task::{Context, Waker};
+    use std::thread;
+
+    use super::*;
+    use crate::coe::object::ObjectAddress;
+    use crate::coe::sdo::{Step, Upload};
+    use crate::sii::{Mailbox, Protocols};
+
+    fn settings(request_capacity: usize) -> MailboxSettings {
+        let mailbox = Mailbox {
+            receive_offset: 0,
+            receive_length: 64,
+            send_offset: 0,
+            send_length: 64,
+            protocols: Protocols(4),
+        };
+        MailboxSettings {
+            request_capacity,
+            ..MailboxSettings::new(&mailbox)
+        }
+    }
+
+    fn request(index: u16) -> Request {
+        let object = ObjectAddress::new(index, 0);
+        Request {
+            transfer: Transfer::read(object),
+            dialogue: Dialogue::Upload(Upload::new(object)),
+            timeout: Duration::ZERO,
+        }
+    }
+
+    /// Answers each call by the index that it asks for.
+    fn answer(served: &Served, call: Call) {
+        let Call { request, place } = call;
+        let [i0, i1] = request.transfer.object.index.to_le_bytes();
+        let Dialogue::Upload(mut upload) = request.dialogue else {
+            panic!("no upload");
+        };
+        let fed = upload.feed(&[0x4B, i0, i1, 0, i0, i1, 0, 0]);
+        assert_eq!(fed, Ok(Step::Done));
+        let dialogue = Dialogue::Upload(upload);
+        let result = Ok(());
+        served.answer(&place, Answer { dialogue, result });
+    }
+
+    #[test]
+    fn every_caller_gets_its_own_answer_and_every_place_is_given_back_though_callers_go_away() {
+        const CALLS: u16 = 400;
+        let (callers, served) = calls(settings(2), Waiters::direct());
+        let callers = Arc::new(callers);
+        let asked: Vec<_> = (0..6u16)
+            .map(|thread| {
+                let callers = Arc::clone(&callers);
+                thread::spawn(move || {
+                    smol::block_on(async {
+                        for number in 0..CALLS {
+                            let index = thread << 12 | number;
+                            let mut call = pin!(callers.call(request(index)));
+                            if number % 3 == 1 {
+                                // It goes away at some moment.
+                                for _ in 0..number % 5 {
+                                    if smol::future::poll_once(call.as_mut()).await.is_some() {
+                                        break;
+                                    }
+                                    thread::yield_now();
+                                }
+                                continue;
+                            }
+                            let answer = call.await.unwrap();
+                            assert_eq!(answer.result, Ok(()));
+                            assert_eq!(answer.dialogue.into_data(), index.to_le_bytes());
+                        }
+                    });
+                })
+            })
+            .collect();
+        let client = thread::spawn(move || {
+            smol::block_on(async {
+                while let Some(call) = served.next().await {
+                    answer(&served, call);
+                }
+            });
+        });
+        for thread in asked {
+            thread.join().unwrap();
+        }
+        let shared = Arc::clone(&callers.0);
+        drop(callers);
+        client.join().unwrap();
+        assert_eq!(shared.free.1.len(), 3);
+    }
+
+    #[test]
+    fn what_a_caller_leaves_behind_is_no_answer_for_the_next() {
+        let (callers, served) = calls(settings(1), Waiters::direct());
+        let mut context = Context::from_waker(Waker::noop());
+        for left in [1, 2] {
+            {
+                let mut call = pin!(callers.call(request(0x1000 + left)));
+                assert!(call.as_mut().poll(&mut context).is_pending());
+            }
+            let call = smol::block_on(served.next()).unwrap();
+            assert!(call.place.is_left());
+            answer(&served, call);
+        }
+        for index in 0x2000..0x2004 {
+            let mut call = pin!(callers.call(request(index)));
+            assert!(call.as_mut().poll(&mut context).is_pending());
+            answer(&served, smol::block_on(served.next()).unwrap());
+            let Poll::Ready(Some(answer)) = call.as_mut().poll(&mut context) else {
+                panic!("no answer");
+            };
+            assert_eq!(answer.dialogue.into_data(), index.to_le_bytes());
+        }
+        assert_eq!(callers.0.free.1.len(), 2);
+    }
+
+    #[test]
+    fn calls_that_wait_for_a_place_or_an_answer_end_with_the_client() {
+        let (callers, served) = calls(settings(1), Waiters::direct());
+        let callers = Arc::new(callers);
+        let waiting: Vec<_> = (0..4)
+            .map(|index| {
+                let callers = Arc::clone(&callers);
+                thread::spawn(move || smol::block_on(callers.call(request(index))).is_none())
+            })
+            .collect();
+        while callers.0.waiting.len() < 2 {
+            thread::yield_now();
+        }
+        drop(served);
+        for thread in waiting {
+            assert!(thread.join().unwrap());
+        }
+    }
+
+    #[test]
+    fn the_client_serves_what_was_asked_and_ends_when_nobody_can_ask() {
+        let (callers, served) = calls(settings(1), Waiters::direct());
+        let mut context = Context::from_waker(Waker::noop());
+        {
+            let mut call = pin!(callers.call(request(1)));
+            assert!(call.as_mut().poll(&mut context).is_pending());
+        }
+        drop(callers);
+        assert!(smol::block_on(served.next()).is_some());
+        assert!(smol::block_on(served.next()).is_none());
     }
 }

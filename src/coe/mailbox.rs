@@ -300,7 +300,7 @@ mod tests {
     #[test]
     fn a_request_is_written_as_soem_writes_it_to_a_real_akd() {
         let counter = Counter::FIRST.next();
-        let mut mail = vec![0xEE; 40];
+        let mut mail = alloc::vec![0xEE; 40];
         sdo_mail(&mut mail, counter, |mail| {
             mail.extend_from_slice(&REQUEST[8..]);
         });

@@ -71,40 +71,40 @@ impl Clock for VirtualClock {
 
 /// The device; clones are the same one.
 #[derive(Clone)]
-pub(crate) struct Device(pub(crate) Rc<RefCell<State>>);
+pub(crate) struct Device(pub(crate) Rc<RefCell<DeviceState>>);
 
-pub(crate) struct State {
+pub(crate) struct DeviceState {
     clock: VirtualClock,
     /// The object dictionary.
-    pub(crate) objects: BTreeMap<(u16, u8), Vec<u8>>,
+    pub objects: BTreeMap<(u16, u8), Vec<u8>>,
     /// Objects that cannot be written, and the abort code for it.
-    pub(crate) refused: BTreeMap<(u16, u8), u32>,
+    pub refused: BTreeMap<(u16, u8), u32>,
     /// Objects that keep their value though a write to them is confirmed.
-    pub(crate) stubborn: Vec<(u16, u8)>,
+    pub stubborn: Vec<(u16, u8)>,
     /// Every write that was carried out, in order.
-    pub(crate) written: Vec<(u16, u8, Vec<u8>)>,
+    pub written: Vec<(u16, u8, Vec<u8>)>,
     /// Every SDO request that was served.
-    pub(crate) served: usize,
+    pub served: usize,
     /// What happens to the accesses from now on, in order; then nothing.
-    pub(crate) faults: VecDeque<Option<Fault>>,
+    pub faults: VecDeque<Option<Fault>>,
     /// Accesses so far.
-    pub(crate) accesses: usize,
+    pub accesses: usize,
     /// How long the next replies take, in order; then none.
-    pub(crate) delays: VecDeque<Duration>,
+    pub delays: VecDeque<Duration>,
     /// Mails put before the next reply.
-    pub(crate) before_reply: Vec<Vec<u8>>,
+    pub before_reply: Vec<Vec<u8>>,
     /// The fragments of the next answers to SDO information, in order; then the service is refused.
-    pub(crate) information: VecDeque<Vec<Vec<u8>>>,
+    pub information: VecDeque<Vec<Vec<u8>>>,
     /// The next replies that are not sent.
-    pub(crate) swallow: usize,
+    pub swallow: usize,
     /// A message that is there whenever the mailbox is looked at.
-    pub(crate) flood: Option<Vec<u8>>,
+    pub flood: Option<Vec<u8>>,
     /// Requests are taken from this moment on.
-    pub(crate) takes_from: Duration,
+    pub takes_from: Duration,
     /// A request with the counter of the one before is served like any other.
-    pub(crate) ignores_counter: bool,
+    pub ignores_counter: bool,
     /// It is cut off: frames come back, and it has not answered them.
-    pub(crate) absent: bool,
+    pub absent: bool,
     request: Option<Vec<u8>>,
     last_counter: u8,
     reply_counter: u8,
@@ -116,7 +116,7 @@ pub(crate) struct State {
 }
 
 /// Bytes of both mailboxes.
-pub(crate) const MAILBOX: usize = 32;
+const MAILBOX: usize = 32;
 
 /// A client and its device, ready to run.
 pub(crate) fn rig() -> (Rig, Device, SdoHandle, Emergencies) {
@@ -128,7 +128,7 @@ pub(crate) fn rig_with(
     change: impl FnOnce(&mut MailboxSettings),
 ) -> (Rig, Device, SdoHandle, Emergencies) {
     let clock = VirtualClock::default();
-    let device = Device(Rc::new(RefCell::new(State::new(clock.clone()))));
+    let device = Device(Rc::new(RefCell::new(DeviceState::new(clock.clone()))));
     let mailbox = Mailbox {
         receive_offset: 0x1000,
         receive_length: MAILBOX as u16,
@@ -161,15 +161,15 @@ pub(crate) fn rig_with(
 
 /// Runs futures beside the client in virtual time.
 pub(crate) struct Rig {
-    pub(crate) clock: VirtualClock,
+    pub clock: VirtualClock,
     /// Tells the client what a bus loop sees of the mailbox.
-    pub(crate) signal: MailSignal,
+    pub signal: MailSignal,
     executor: smol::LocalExecutor<'static>,
 }
 
 impl Rig {
     /// Runs `future` to its end.
-    pub(crate) fn run<R: 'static>(&self, future: impl Future<Output = R> + 'static) -> R {
+    pub fn run<R: 'static>(&self, future: impl Future<Output = R> + 'static) -> R {
         let task = self.executor.spawn(future);
         let mut turns = 0;
         loop {
@@ -184,26 +184,26 @@ impl Rig {
     }
 
     /// Lets time pass.
-    pub(crate) fn pass(&self, duration: Duration) {
+    pub fn pass(&self, duration: Duration) {
         let (clock, until) = (self.clock.clone(), self.clock.now() + duration);
         self.run(async move { clock.sleep_until(until).await });
     }
 }
 
 impl Device {
-    pub(crate) fn set(&self, index: u16, subindex: u8, value: &[u8]) {
+    pub fn set(&self, index: u16, subindex: u8, value: &[u8]) {
         let mut state = self.0.borrow_mut();
         state.objects.insert((index, subindex), value.to_vec());
     }
 
     /// Puts a message into the queue of those to be read.
-    pub(crate) fn post(&self, mail: &[u8]) {
+    pub fn post(&self, mail: &[u8]) {
         let mut state = self.0.borrow_mut();
         let now = state.clock.now();
         state.outbox.push_back((now, mail.to_vec()));
     }
 
-    async fn access<R>(&self, act: impl Fn(&mut State) -> R) -> Result<R, LinkFault> {
+    async fn access<R>(&self, act: impl Fn(&mut DeviceState) -> R) -> Result<R, LinkFault> {
         let fault = {
             let mut state = self.0.borrow_mut();
             state.accesses += 1;
@@ -235,7 +235,7 @@ impl MailboxTransport for Device {
     }
 
     async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
-        let read = match self.access(State::fetch).await {
+        let read = match self.access(DeviceState::fetch).await {
             Err(LinkFault::NotAnswered) => None,
             read => read?,
         };
@@ -246,7 +246,7 @@ impl MailboxTransport for Device {
     }
 
     async fn status(&self) -> Result<MailboxStatus, LinkFault> {
-        self.access(State::status).await
+        self.access(DeviceState::status).await
     }
 
     async fn request_repeat(&self, toggle: bool) -> Result<(), LinkFault> {
@@ -254,7 +254,7 @@ impl MailboxTransport for Device {
     }
 }
 
-impl State {
+impl DeviceState {
     fn new(clock: VirtualClock) -> Self {
         Self {
             clock,
@@ -285,7 +285,7 @@ impl State {
     }
 
     /// It has been in INIT: its mailbox is empty, and counts begin again.
-    pub(crate) fn begin_anew(&mut self) {
+    pub fn begin_anew(&mut self) {
         self.request = None;
         self.last_counter = 0;
         self.reply_counter = 0;
@@ -315,7 +315,7 @@ impl State {
         Some(mail)
     }
 
-    pub(crate) fn status(&mut self) -> MailboxStatus {
+    pub fn status(&mut self) -> MailboxStatus {
         self.work();
         let now = self.clock.now();
         MailboxStatus {

@@ -1,21 +1,64 @@
 //! Kollmorgen AKD2G with two axes, after its documents "Profile Position Mode" and "6040h, 6840h Controlword".
 
 use super::{AxisDescription, DriveDescription};
-use crate::coe::ErrorTexts;
+use bitflags::bitflags;
+
+use crate::coe::{ErrorTexts, obj};
 use crate::pdo_map::Limits;
-use crate::profile_position::{BufferSignal, LimitsOff, LimitsRule, RelativeBase, Traits};
+use crate::profile_position::{
+    BufferSignal, HomedSignal, LimitsOff, LimitsRule, RelativeBase, Traits,
+};
+
+bitflags! {
+    /// The motion status of an axis (`AXIS#.MOTIONSTAT`), 5000h:4 and 5100h:4: [`obj::AKD2G_MOTION_STATUS`]. After the maker's public
+    /// help, page "AXIS#.MOTIONSTAT".
+    ///
+    /// ```
+    /// use servocrab::drives::Akd2gMotionStatus;
+    /// let shown = Akd2gMotionStatus::from_bits_retain(0x0000_8806);
+    /// assert!(shown.contains(Akd2gMotionStatus::HOMING_DONE));
+    /// ```
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+    pub struct Akd2gMotionStatus: u32 {
+        /// Bit 0, a motion task is active.
+        const MOTION_TASK_ACTIVE = 1 << 0;
+        /// Bit 1, the home position has been found.
+        const HOME_POSITION_FOUND = 1 << 1;
+        /// Bit 2, the homing is done.
+        const HOMING_DONE = 1 << 2;
+        /// Bit 3, a homing is active.
+        const HOMING_ACTIVE = 1 << 3;
+        /// Bit 4, an error during the homing.
+        const HOMING_ERROR = 1 << 4;
+        /// Bit 9, a service motion is active.
+        const SERVICE_MOTION = 1 << 9;
+        /// Bit 10, a motion task could not be activated.
+        const MOTION_TASK_NOT_ACTIVATED = 1 << 10;
+        /// Bit 11, the trajectory is over and the axis is within SETTLE.P.
+        const SETTLED = 1 << 11;
+        /// Bit 12, the target velocity is reached.
+        const TARGET_VELOCITY_REACHED = 1 << 12;
+        /// Bit 13, an exception.
+        const EXCEPTION = 1 << 13;
+        /// Bit 14, the target has been crossed.
+        const TARGET_CROSSED = 1 << 14;
+        /// Bit 15, the axis is in the position window.
+        const IN_POSITION_WINDOW = 1 << 15;
+    }
+}
 
 /// A two-axis AKD2G.
 ///
-/// From its documents: axis 2 at +0800h, 5000h and 5100h, the objects of Profile Position. Assumed, because no
-/// document at hand says: product code 414B4432h, one RxPDO and one TxPDO per axis (1600h and 1610h, 1A00h and
-/// 1A10h), 64 bytes per direction.
+/// From its documents: axis 2 at +0800h, 5000h and 5100h, the objects of Profile Position. From its maker's public help: the
+/// bits of 5000h:4, by which an axis counts as homed. Assumed, because no
+/// document at hand says: one RxPDO and one TxPDO per axis (1600h and 1610h, 1A00h and 1A10h), 64 bytes per direction.
+/// Its product code is in none of them; any of the vendor's is accepted. Set [`DriveDescription::product`] to demand one.
 #[must_use]
 pub fn akd2g() -> DriveDescription {
     DriveDescription {
         name: "AKD2G".into(),
         vendor: Some(0x0000_006A),
-        product: Some(0x414B_4432),
+        product: None,
         axes: alloc::vec![
             AxisDescription::profile_position(1, 0x1600, 0x1A00),
             AxisDescription::profile_position(2, 0x1610, 0x1A10),
@@ -33,6 +76,14 @@ pub fn akd2g() -> DriveDescription {
             buffer_signal: BufferSignal::None,
             relative_base: RelativeBase::Undocumented,
             halt_keeps_set_point: true,
+            // Of the public help, page "AXIS#.MOTIONSTAT".
+            homed: Some(HomedSignal {
+                object: obj::AKD2G_MOTION_STATUS.address(),
+                set: Akd2gMotionStatus::HOMING_DONE.bits(),
+                clear: Akd2gMotionStatus::HOMING_ACTIVE
+                    .union(Akd2gMotionStatus::HOMING_ERROR)
+                    .bits(),
+            }),
             // Of the first AKD generation's manual: limits of 0 and 0 are off.
             limits: LimitsRule {
                 off: LimitsOff::BothZero,
@@ -85,18 +136,23 @@ mod tests {
     }
 
     #[test]
-    fn another_product_is_not_an_akd2g() {
+    fn any_product_of_the_maker_is_accepted_until_one_is_demanded() {
         let identity = Identity {
             vendor: 0x6A,
-            product: 0x414B_4432,
+            product: 0x0041_4B44,
             revision: 7,
             serial: 1,
         };
         assert!(akd2g().matches(&identity));
-        let akd = Identity {
-            product: 0x0041_4B44,
+        let vendor = Identity {
+            vendor: 2,
             ..identity
         };
-        assert!(!akd2g().matches(&akd));
+        assert!(!akd2g().matches(&vendor));
+        let demanding = DriveDescription {
+            product: Some(0x414B_4432),
+            ..akd2g()
+        };
+        assert!(!demanding.matches(&identity));
     }
 }

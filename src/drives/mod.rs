@@ -16,7 +16,7 @@ mod generic;
 mod pp2010;
 mod sigma7;
 
-pub use akd2g::akd2g;
+pub use akd2g::{Akd2gMotionStatus, akd2g};
 pub use ax2000::ax2000;
 pub use generic::generic;
 pub use pp2010::pp2010;

@@ -5,16 +5,13 @@
 
 mod error_code;
 mod mode;
-mod option_code;
-mod power;
-mod sample;
-mod signals;
 mod words;
 
 pub use error_code::describe as describe_error_code;
-pub use mode::{Mode, SupportedModes};
-pub use option_code::{AbortConnection, QuickStopOption, StopOptions, VelocityWindows};
-pub use power::{PowerCommand, PowerGoal, next_command};
-pub use sample::Sample;
-pub use signals::{DigitalInputs, DigitalOutputs, TouchProbeFunction, TouchProbeStatus};
-pub use words::{Controlword, State, Statusword};
+pub use mode::{
+    AbortConnection, Mode, QuickStopOption, StopOptions, SupportedModes, VelocityWindows,
+};
+pub use words::{
+    Controlword, DigitalInputs, DigitalOutputs, PowerCommand, PowerGoal, Sample, State, Statusword,
+    TouchProbeFunction, TouchProbeStatus, next_command,
+};

@@ -4,6 +4,8 @@
 
 use bitflags::bitflags;
 
+use super::Mode;
+
 bitflags! {
     /// The statusword (object 6041h; 6841h for a second axis).
     ///
@@ -181,5 +183,212 @@ impl core::fmt::Display for State {
             Self::Fault => "Fault",
             Self::Unknown => "no DS402 state",
         })
+    }
+}
+
+// Power sequencing: which command leads from the state just seen towards a goal.
+
+/// Where the power sequencing is to lead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PowerGoal {
+    /// Voltage disabled: Switch on disabled.
+    Off,
+    /// Ready to switch on, power off; from Operation enabled by shutdown (605Bh).
+    Ready,
+    /// Operation enabled.
+    Enabled,
+}
+
+/// A command of bits 0–3 and 7 of the controlword.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PowerCommand {
+    /// Bits x x 0 x: transitions 7, 9, 10, 12.
+    DisableVoltage,
+    /// 06h: transitions 2, 6, 8.
+    Shutdown,
+    /// 07h: transition 3, or 5 from Operation enabled.
+    SwitchOn,
+    /// 0Fh: transition 4.
+    EnableOperation,
+    /// Bit 2 low: transitions 7, 10, 11. Sent with bits 0, 1 and 3 as in Operation enabled (0Bh).
+    QuickStop,
+    /// Bit 7: transition 15 at its rising edge.
+    FaultReset,
+}
+
+impl PowerCommand {
+    /// The command's bits; no others are set.
+    ///
+    /// ```
+    /// use servocrab::ds402::PowerCommand;
+    /// assert_eq!(PowerCommand::QuickStop.controlword().bits(), 0x000B);
+    /// ```
+    #[must_use]
+    pub const fn controlword(self) -> Controlword {
+        Controlword::from_bits_retain(match self {
+            Self::DisableVoltage => 0x0000,
+            Self::Shutdown => 0x0006,
+            Self::SwitchOn => 0x0007,
+            Self::EnableOperation => 0x000F,
+            Self::QuickStop => 0x000B,
+            Self::FaultReset => 0x0080,
+        })
+    }
+}
+
+/// The command that leads from `state` one step towards `goal`.
+///
+/// The step after it is chosen from the next statusword, never sent blindly. Quick stop active is always left by
+/// disabling the voltage, since not every drive knows transition 16. Nothing here resets a fault: in Fault the bits stay 0.
+#[must_use]
+pub const fn next_command(state: State, goal: PowerGoal) -> PowerCommand {
+    match (goal, state) {
+        (PowerGoal::Enabled, State::OperationEnabled | State::SwitchedOn) => {
+            PowerCommand::EnableOperation
+        }
+        (PowerGoal::Enabled, State::ReadyToSwitchOn) => PowerCommand::SwitchOn,
+        (PowerGoal::Enabled, State::SwitchOnDisabled)
+        | (
+            PowerGoal::Ready,
+            State::SwitchOnDisabled
+            | State::ReadyToSwitchOn
+            | State::SwitchedOn
+            | State::OperationEnabled,
+        ) => PowerCommand::Shutdown,
+        (PowerGoal::Off, _)
+        | (
+            _,
+            State::NotReadyToSwitchOn
+            | State::QuickStopActive
+            | State::FaultReactionActive
+            | State::Fault
+            | State::Unknown,
+        ) => PowerCommand::DisableVoltage,
+    }
+}
+
+// Digital inputs and outputs and the touch probes: named bits of CiA 402-2.
+
+bitflags! {
+    /// Digital inputs (object 60FDh). Bits 16 to 31 are the manufacturer's.
+    ///
+    /// ```
+    /// use servocrab::ds402::DigitalInputs;
+    /// let inputs = DigitalInputs::from_bits_retain(0x0001_0004);
+    /// assert!(inputs.contains(DigitalInputs::HOME_SWITCH));
+    /// assert!(!inputs.intersects(DigitalInputs::NEGATIVE_LIMIT_SWITCH | DigitalInputs::POSITIVE_LIMIT_SWITCH));
+    /// ```
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+    pub struct DigitalInputs: u32 {
+        /// Bit 0, negative limit switch.
+        const NEGATIVE_LIMIT_SWITCH = 1 << 0;
+        /// Bit 1, positive limit switch.
+        const POSITIVE_LIMIT_SWITCH = 1 << 1;
+        /// Bit 2, home switch.
+        const HOME_SWITCH = 1 << 2;
+        /// Bit 3, interlock.
+        const INTERLOCK = 1 << 3;
+    }
+}
+
+bitflags! {
+    /// Physical outputs (object 60FEh:1; the same bits in the mask 60FEh:2 enable them). Bits 16 to 31 are the manufacturer's.
+    ///
+    /// ```
+    /// use servocrab::ds402::DigitalOutputs;
+    /// assert_eq!(DigitalOutputs::SET_BRAKE.bits(), 1);
+    /// ```
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+    pub struct DigitalOutputs: u32 {
+        /// Bit 0, set brake.
+        const SET_BRAKE = 1 << 0;
+    }
+}
+
+bitflags! {
+    /// Touch probe function (object 60B8h).
+    ///
+    /// ```
+    /// use servocrab::ds402::TouchProbeFunction;
+    /// let once = TouchProbeFunction::ENABLE_1 | TouchProbeFunction::POSITIVE_EDGE_1;
+    /// assert_eq!(once.bits(), 0x0011);
+    /// ```
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+    pub struct TouchProbeFunction: u16 {
+        /// Bit 0, touch probe 1 enabled.
+        const ENABLE_1 = 1 << 0;
+        /// Bit 1, touch probe 1: each event; else the first one only.
+        const CONTINUOUS_1 = 1 << 1;
+        /// Bit 2, touch probe 1: the encoder's zero pulse; else the probe's input.
+        const ZERO_PULSE_1 = 1 << 2;
+        /// Bit 3, touch probe 1: the source that 60D0h:1 names.
+        const OTHER_SOURCE_1 = 1 << 3;
+        /// Bit 4, touch probe 1: samples at the positive edge.
+        const POSITIVE_EDGE_1 = 1 << 4;
+        /// Bit 5, touch probe 1: samples at the negative edge.
+        const NEGATIVE_EDGE_1 = 1 << 5;
+        /// Bit 8, touch probe 2 enabled.
+        const ENABLE_2 = 1 << 8;
+        /// Bit 9, touch probe 2: each event; else the first one only.
+        const CONTINUOUS_2 = 1 << 9;
+        /// Bit 10, touch probe 2: the encoder's zero pulse; else the probe's input.
+        const ZERO_PULSE_2 = 1 << 10;
+        /// Bit 11, touch probe 2: the source that 60D0h:2 names.
+        const OTHER_SOURCE_2 = 1 << 11;
+        /// Bit 12, touch probe 2: samples at the positive edge.
+        const POSITIVE_EDGE_2 = 1 << 12;
+        /// Bit 13, touch probe 2: samples at the negative edge.
+        const NEGATIVE_EDGE_2 = 1 << 13;
+    }
+}
+
+bitflags! {
+    /// Touch probe status (object 60B9h).
+    ///
+    /// ```
+    /// use servocrab::ds402::TouchProbeStatus;
+    /// let status = TouchProbeStatus::from_bits_retain(0x0003);
+    /// assert!(status.contains(TouchProbeStatus::POSITIVE_STORED_1));
+    /// ```
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+    pub struct TouchProbeStatus: u16 {
+        /// Bit 0, touch probe 1 is enabled.
+        const ENABLED_1 = 1 << 0;
+        /// Bit 1, touch probe 1: 60BAh holds the position of a positive edge.
+        const POSITIVE_STORED_1 = 1 << 1;
+        /// Bit 2, touch probe 1: 60BBh holds the position of a negative edge.
+        const NEGATIVE_STORED_1 = 1 << 2;
+        /// Bit 8, touch probe 2 is enabled.
+        const ENABLED_2 = 1 << 8;
+        /// Bit 9, touch probe 2: 60BCh holds the position of a positive edge.
+        const POSITIVE_STORED_2 = 1 << 9;
+        /// Bit 10, touch probe 2: 60BDh holds the position of a negative edge.
+        const NEGATIVE_STORED_2 = 1 << 10;
+    }
+}
+
+// What one cycle's inputs show of an axis.
+
+/// What one cycle's inputs show of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Sample {
+    /// Statusword 6041h.
+    pub statusword: Statusword,
+    /// Modes of operation display 6061h; [`Mode::None`] where it is not known.
+    pub mode: Mode,
+    /// Position actual value 6064h, position units.
+    pub position: i32,
+    /// Velocity actual value 606Ch, velocity units, where it is mapped.
+    pub velocity: Option<i32>,
+    /// Error code 603Fh, where it is mapped.
+    pub error_code: Option<u16>,
+}
+
+impl Sample {
+    /// The state that the statusword shows.
+    #[must_use]
+    #[inline(always)]
+    pub const fn state(&self) -> State {
+        self.statusword.state()
     }
 }

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
+use super::device::EsiEntry;
 use super::device::{EsiDevice, EsiPdo};
-use super::dictionary::EsiEntry;
 use crate::coe::{AbortCode, DriveError, Object, ObjectAddress, ReadOnly, SdoError, SdoHandle};
 use crate::pdo_map::Entry;
 

@@ -22,6 +22,17 @@ pub struct NoAxis {
     pub slots: usize,
 }
 
+/// An ESI file's device that cannot be a drive of a network: [`DriveConfig::from_esi`](crate::bus::DriveConfig::from_esi).
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum EsiDriveError {
+    /// It has no axis.
+    #[error(transparent)]
+    NoAxis(#[from] NoAxis),
+    /// One of its `InitCmd`s cannot be executed.
+    #[error(transparent)]
+    InitCommand(#[from] super::RefusedInitCommand),
+}
+
 impl EsiDevice {
     /// What the library must know of the drive, as far as the file says it.
     ///

@@ -1,10 +1,10 @@
 //! A device of an ESI file.
 
-use super::dictionary::{self, EsiEntry};
-use super::error::{EsiError, EsiFault};
-use super::modules::{self, DevicePart, EsiSlot, Modules};
-use super::xml::Element;
-use crate::coe::ObjectAddress;
+use std::collections::BTreeMap;
+use std::fmt;
+
+use super::xml::{Element, EsiError, EsiFault, Max, quoted};
+use crate::coe::{Mappable, ObjectAddress};
 use crate::parameters::{ObjectValue, StartUpList, StartUpWrite, Transition};
 use crate::pdo_map::{Direction, Entry, Pdo};
 
@@ -94,39 +94,100 @@ pub struct EsiInitCommand {
     pub object: ObjectAddress,
     /// The bytes.
     pub data: Vec<u8>,
+    /// Whether the bytes are all subindices from the object's one on, by complete access.
+    pub complete_access: bool,
     /// What it is for.
     pub comment: String,
 }
 
 /// A change of the AL state as ESI files name it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum EsiTransition {
+    /// `IP`.
+    InitToPreOp,
     /// `PS`.
     PreOpToSafeOp,
     /// `SO`.
     SafeOpToOp,
-    /// Another one, of those at which nothing is written here.
-    Other,
+    /// Another one, as the file names it, cut to 40 characters. At these the library writes nothing.
+    Other(String),
+}
+
+impl fmt::Display for EsiTransition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::InitToPreOp => "IP",
+            Self::PreOpToSafeOp => "PS",
+            Self::SafeOpToOp => "SO",
+            Self::Other(name) => name,
+        })
+    }
+}
+
+/// An `InitCmd` that the library cannot execute as the file asks.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the InitCmd {}{} of {device} {why}: take it out of `EsiDevice::init_commands`, and write the object otherwise if the drive needs it",
+    command.object,
+    if command.comment.is_empty() { String::new() } else { format!(" (\"{}\")", command.comment) }
+)]
+pub struct RefusedInitCommand {
+    /// The device's name.
+    pub device: String,
+    /// The command.
+    pub command: Box<EsiInitCommand>,
+    /// Why not.
+    pub why: InitCommandFault,
+}
+
+/// Why an `InitCmd` cannot be executed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum InitCommandFault {
+    /// Its transition is none of `IP`, `PS` and `SO`.
+    #[error("is for the transition {0}, and only those of IP, PS and SO are executed")]
+    Transition(EsiTransition),
+    /// It writes several subindices at once.
+    #[error("is written by complete access, and only single subindices are")]
+    CompleteAccess,
 }
 
 impl EsiDevice {
-    /// Its `InitCmd`s as a start-up list: those of `PS` in PREOP, those of `SO` in SAFEOP; others are left out.
-    #[must_use]
-    pub fn start_up_list(&self) -> StartUpList {
-        let mut list = StartUpList::new();
+    /// Its `InitCmd`s as a start-up list. Those of `IP` come first, in PREOP, since a drive in INIT has no mailbox. Those of `PS`
+    /// follow, also in PREOP, and those of `SO` in SAFEOP.
+    ///
+    /// # Errors
+    /// [`RefusedInitCommand`] for the first command of another transition, or by complete access. None is left out.
+    pub fn start_up_list(&self) -> Result<StartUpList, RefusedInitCommand> {
+        let refused = |command: &EsiInitCommand, why| RefusedInitCommand {
+            device: self.name.clone(),
+            command: Box::new(command.clone()),
+            why,
+        };
+        let (mut first, mut further) = (Vec::new(), Vec::new());
         for command in &self.init_commands {
+            if command.complete_access {
+                return Err(refused(command, InitCommandFault::CompleteAccess));
+            }
+            let value = ObjectValue::Bytes(command.data.clone());
+            let write = StartUpWrite::to(command.object, value).comment(&command.comment);
             for transition in &command.transitions {
-                let transition = match transition {
-                    EsiTransition::PreOpToSafeOp => Transition::PreOpToSafeOp,
-                    EsiTransition::SafeOpToOp => Transition::SafeOpToOp,
-                    EsiTransition::Other => continue,
-                };
-                let value = ObjectValue::Bytes(command.data.clone());
-                let write = StartUpWrite::to(command.object, value);
-                list = list.write(write.comment(&command.comment).at(transition));
+                match transition {
+                    EsiTransition::InitToPreOp => first.push(write.clone()),
+                    EsiTransition::PreOpToSafeOp => further.push(write.clone()),
+                    EsiTransition::SafeOpToOp => {
+                        further.push(write.clone().at(Transition::SafeOpToOp));
+                    }
+                    EsiTransition::Other(_) => {
+                        let why = InitCommandFault::Transition(transition.clone());
+                        return Err(refused(command, why));
+                    }
+                }
             }
         }
-        list
+        let all = first.into_iter().chain(further);
+        Ok(all.fold(StartUpList::new(), StartUpList::write))
     }
 
     pub(super) fn read<'a>(
@@ -142,7 +203,7 @@ impl EsiDevice {
         let mut pdos = Vec::new();
         let mut dictionary = Vec::new();
         let mut init_commands = Vec::new();
-        let (slots, parts) = modules::parts(device, modules)?;
+        let (slots, parts) = parts(device, modules)?;
         let dictionary_of = |element: &Element<'a>| {
             let mut profiles = element.children("Profile");
             profiles.find_map(|profile| profile.child("Dictionary"))
@@ -157,7 +218,7 @@ impl EsiDevice {
         }
         for part in &parts {
             if let Some(element) = dictionary_of(&part.element) {
-                dictionary::read(&element, of_device.as_ref(), part, room, &mut dictionary)?;
+                read_dictionary(&element, of_device.as_ref(), part, room, &mut dictionary)?;
             }
             let coe = part
                 .element
@@ -249,11 +310,15 @@ fn read_pdo(
 
 fn read_command(command: &Element<'_>, part: &DevicePart<'_>) -> Result<EsiInitCommand, EsiError> {
     let transition = |element: Element<'_>| match element.text() {
+        "IP" => EsiTransition::InitToPreOp,
         "PS" => EsiTransition::PreOpToSafeOp,
         "SO" => EsiTransition::SafeOpToOp,
-        _ => EsiTransition::Other,
+        other => EsiTransition::Other(quoted(other)),
     };
+    // Without one it would never be written.
+    command.need("Transition")?;
     Ok(EsiInitCommand {
+        complete_access: command.flag("CompleteAccess"),
         transitions: command.children("Transition").map(transition).collect(),
         object: ObjectAddress::new(
             part.object_index(&command.need("Index")?)?,
@@ -262,4 +327,299 @@ fn read_command(command: &Element<'_>, part: &DevicePart<'_>) -> Result<EsiInitC
         data: command.need("Data")?.bytes()?,
         comment: command.text_of("Comment"),
     })
+}
+
+// Modules in the slots of a device, which hold the PDOs of an axis each in the files of many drives (ETG.5001).
+
+/// Slots of a device. Real files have one for an axis, and couplers up to 255.
+const MOST_SLOTS: u16 = 255;
+
+/// A slot of a device, with the module that the file puts there: by default, or because one has to be there.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EsiSlot {
+    /// The slot's name.
+    pub name: String,
+    /// The identification of the module in it; none where it is empty. What the module has is read if it is in the same file.
+    pub module: Option<u32>,
+    /// The modules that fit, by their identification.
+    pub fitting: Vec<u32>,
+}
+
+/// The modules of a file, by their identification.
+pub(super) struct Modules<'a>(BTreeMap<u32, Element<'a>>);
+
+impl<'a> Modules<'a> {
+    pub fn read(root: &Element<'a>) -> Result<Self, EsiError> {
+        let mut modules = BTreeMap::new();
+        for module in root
+            .children("Descriptions")
+            .flat_map(|descriptions| descriptions.children("Modules"))
+            .flat_map(|modules| modules.children("Module"))
+        {
+            if let Some(ident) = module.need("Type")?.attribute_number("ModuleIdent")? {
+                modules.entry(ident).or_insert(module);
+            }
+        }
+        Ok(Self(modules))
+    }
+}
+
+/// What is read for a device: its own element, or a module with the place where it is put.
+#[derive(Clone, Copy)]
+struct DevicePart<'a> {
+    pub element: Element<'a>,
+    /// Added to the index of a PDO that depends on the slot.
+    pdo_offset: u32,
+    /// Added to the index of an object that depends on the slot.
+    object_offset: u32,
+}
+
+impl<'a> DevicePart<'a> {
+    pub const fn device(element: Element<'a>) -> Self {
+        Self {
+            element,
+            pdo_offset: 0,
+            object_offset: 0,
+        }
+    }
+
+    pub fn pdo_index(&self, index: &Element<'_>) -> Result<u16, EsiError> {
+        shifted(index, self.pdo_offset)
+    }
+
+    pub fn object_index(&self, index: &Element<'_>) -> Result<u16, EsiError> {
+        // The object that maps a PDO has the PDO's index.
+        let offset = match index.number()? {
+            0x1600..=0x1BFF_u16 => self.pdo_offset,
+            _ => self.object_offset,
+        };
+        shifted(index, offset)
+    }
+}
+
+fn shifted(index: &Element<'_>, by: u32) -> Result<u16, EsiError> {
+    let base: u16 = index.number()?;
+    if !index.flag("DependOnSlot") {
+        return Ok(base);
+    }
+    u32::from(base)
+        .checked_add(by)
+        .and_then(|index| u16::try_from(index).ok())
+        .ok_or_else(|| {
+            index.error(EsiFault::Number {
+                max: <u16 as Max>::MAX,
+                got: format!("{base} and {by} for the slot"),
+            })
+        })
+}
+
+/// The slots of a device, and the device's element followed by the modules in them.
+fn parts<'a>(
+    device: &Element<'a>,
+    modules: &Modules<'a>,
+) -> Result<(Vec<EsiSlot>, Vec<DevicePart<'a>>), EsiError> {
+    let mut slots = Vec::new();
+    let mut parts = vec![DevicePart::device(*device)];
+    for all in device.children("Slots") {
+        for slot in all.children("Slot") {
+            let instances: u16 = slot.attribute_number("MaxInstances")?.unwrap_or(1);
+            let needed: u16 = slot.attribute_number("MinInstances")?.unwrap_or(0);
+            if slots.len() + usize::from(instances) > usize::from(MOST_SLOTS) {
+                return Err(slot.error(EsiFault::TooManySlots));
+            }
+            let mut fitting = Vec::new();
+            let mut default = None;
+            for ident in slot.children("ModuleIdent") {
+                let number: u32 = ident.number()?;
+                if ident.flag("Default") {
+                    default = default.or(Some(number));
+                }
+                fitting.push(number);
+            }
+            for instance in 0..instances {
+                let must = instance < needed;
+                let module = default.or_else(|| fitting.first().copied().filter(|_| must));
+                let number = u32::try_from(slots.len()).unwrap_or(u32::MAX);
+                if let Some(element) = module.and_then(|ident| modules.0.get(&ident)) {
+                    let offset = |name| -> Result<u32, EsiError> {
+                        let own: Option<u32> = slot.attribute_number(name)?;
+                        let step =
+                            own.map_or_else(|| all.attribute_number(name), |own| Ok(Some(own)))?;
+                        Ok(step.unwrap_or(0).saturating_mul(number))
+                    };
+                    parts.push(DevicePart {
+                        element: *element,
+                        pdo_offset: offset("SlotPdoIncrement")?,
+                        object_offset: offset("SlotIndexIncrement")?,
+                    });
+                }
+                slots.push(EsiSlot {
+                    name: slot.text_of("Name"),
+                    module,
+                    fitting: fitting.clone(),
+                });
+            }
+        }
+    }
+    Ok((slots, parts))
+}
+
+// The dictionary of a device: its objects, unfolded by their data types into entries.
+
+/// Entries of all dictionaries of a file together. A short file can name data types of many subindices often.
+pub(super) const MOST_ENTRIES: usize = 1 << 18;
+
+/// An entry of a device's dictionary.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EsiEntry {
+    /// Where it is.
+    pub object: ObjectAddress,
+    /// The name; for an element of an array that of the object.
+    pub name: String,
+    /// Its length in bits; of a text the most.
+    pub bits: u32,
+    /// It is text or another value of varying length.
+    pub varies: bool,
+    /// It can be read.
+    pub readable: bool,
+    /// It can be written.
+    pub writable: bool,
+    /// The PDOs into which it can be mapped.
+    pub mappable: Mappable,
+}
+
+/// Access and mapping, as `Flags` says; a subitem's are those of its object where it says nothing.
+#[derive(Clone, Copy)]
+struct Flags {
+    readable: bool,
+    writable: bool,
+    mappable: Mappable,
+}
+
+impl Flags {
+    fn read(element: &Element<'_>, otherwise: Self) -> Self {
+        let Some(flags) = element.child("Flags") else {
+            return otherwise;
+        };
+        let access = flags.text_of("Access");
+        let mapping = flags.text_of("PdoMapping").to_uppercase();
+        Self {
+            readable: access.is_empty() && otherwise.readable || access.contains('r'),
+            writable: access.contains('w'),
+            mappable: Mappable {
+                outputs: mapping.contains('R'),
+                inputs: mapping.contains('T'),
+            },
+        }
+    }
+}
+
+/// Adds the entries of a dictionary. A module's may name data types of its device's.
+fn read_dictionary(
+    dictionary: &Element<'_>,
+    of_device: Option<&Element<'_>>,
+    part: &DevicePart<'_>,
+    room: &mut usize,
+    entries: &mut Vec<EsiEntry>,
+) -> Result<(), EsiError> {
+    let types: BTreeMap<_, _> = of_device
+        .into_iter()
+        .chain([dictionary])
+        .flat_map(|dictionary| dictionary.children("DataTypes"))
+        .flat_map(|types| types.children("DataType"))
+        .filter_map(|kind| Some((kind.child("Name")?.text(), kind)))
+        .collect();
+    for object in dictionary
+        .children("Objects")
+        .flat_map(|objects| objects.children("Object"))
+    {
+        let mut unfolding = Unfolding {
+            types: &types,
+            index: part.object_index(&object.need("Index")?)?,
+            object,
+            room,
+            entries,
+        };
+        unfolding.unfold()?;
+    }
+    Ok(())
+}
+
+struct Unfolding<'a, 'b> {
+    types: &'a BTreeMap<&'a str, Element<'a>>,
+    index: u16,
+    object: Element<'a>,
+    room: &'b mut usize,
+    entries: &'b mut Vec<EsiEntry>,
+}
+
+impl Unfolding<'_, '_> {
+    fn unfold(&mut self) -> Result<(), EsiError> {
+        let nothing = Flags {
+            readable: true,
+            writable: false,
+            mappable: Mappable::NO,
+        };
+        let flags = Flags::read(&self.object, nothing);
+        let name = self.object.text_of("Name");
+        let type_name = self.object.text_of("Type");
+        let kind = self.types.get(type_name.as_str()).copied();
+        let mut subitems = kind
+            .iter()
+            .flat_map(|kind| kind.children("SubItem"))
+            .peekable();
+        if subitems.peek().is_none() {
+            let bits = self.object.number_of("BitSize")?.unwrap_or(0);
+            return self.push(0, &name, &type_name, bits, flags);
+        }
+        for item in subitems {
+            let type_of_item = item.text_of("Type");
+            let bits: u32 = item.number_of("BitSize")?.unwrap_or(0);
+            let flags = Flags::read(&item, flags);
+            if let Some(subindex) = item.number_of("SubIdx")? {
+                self.push(subindex, &item.text_of("Name"), &type_of_item, bits, flags)?;
+                continue;
+            }
+            // The elements of an array, which follow subindex 0.
+            let array = self.types.get(type_of_item.as_str());
+            let bounds = array.and_then(|array| array.child("ArrayInfo"));
+            let Some(bounds) = bounds else { continue };
+            let first: u8 = bounds.number_of("LBound")?.unwrap_or(1).max(1);
+            let elements: u8 = bounds.need("Elements")?.number()?;
+            let base = array
+                .map(|array| array.text_of("BaseType"))
+                .unwrap_or_default();
+            let bits = bits.checked_div(u32::from(elements)).unwrap_or(0);
+            for subindex in (first..=u8::MAX).take(usize::from(elements)) {
+                self.push(subindex, &name, &base, bits, flags)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn push(
+        &mut self,
+        subindex: u8,
+        name: &str,
+        type_name: &str,
+        bits: u32,
+        flags: Flags,
+    ) -> Result<(), EsiError> {
+        *self.room = self
+            .room
+            .checked_sub(1)
+            .ok_or_else(|| self.object.error(EsiFault::TooManyEntries))?;
+        // A name is repeated for each element of an array.
+        let name = name.chars().take(128).collect();
+        self.entries.push(EsiEntry {
+            object: ObjectAddress::new(self.index, subindex),
+            name,
+            bits,
+            varies: type_name.contains("STRING") || type_name.contains("ARRAY"),
+            readable: flags.readable,
+            writable: flags.writable,
+            mappable: flags.mappable,
+        });
+        Ok(())
+    }
 }

@@ -1,7 +1,9 @@
 //! ESI files: what a maker says of its devices in XML (`EtherCATInfo`, ETG.2000), with the feature `esi`.
 //!
-//! From an [`EsiDevice`] come a [`DriveDescription`](crate::drives::DriveDescription) ([`EsiDevice::description`]), a start-up list of its
-//! `InitCmd`s ([`EsiDevice::start_up_list`]), and a table of what a drive has otherwise ([`EsiDevice::compare`]).
+//! From an [`EsiDevice`] comes a drive of a network in one call: [`DriveConfig::from_esi`](crate::bus::DriveConfig::from_esi). It consists of a
+//! [`DriveDescription`](crate::drives::DriveDescription) ([`EsiDevice::description`]) and a start-up list of its `InitCmd`s
+//! ([`EsiDevice::start_up_list`]). [`EsiDevice::compare`] gives
+//! a table of what a drive has otherwise.
 //!
 //! Files are not trusted: at most [`MOST_BYTES`], a bounded number of elements, no document type definition (and so no entities),
 //! no recursion. Of the slots of a modular device
@@ -11,18 +13,15 @@
 mod compare;
 mod describe;
 mod device;
-mod dictionary;
-mod error;
-mod modules;
 mod xml;
 
 pub use compare::{EsiDifference, EsiDifferences};
-pub use describe::NoAxis;
-pub use device::{EsiClockMode, EsiDevice, EsiInitCommand, EsiPdo, EsiSyncManager, EsiTransition};
-pub use dictionary::EsiEntry;
-pub use error::{EsiError, EsiFault};
-pub use modules::EsiSlot;
-pub use xml::MOST_BYTES;
+pub use describe::{EsiDriveError, NoAxis};
+pub use device::{
+    EsiClockMode, EsiDevice, EsiEntry, EsiInitCommand, EsiPdo, EsiSlot, EsiSyncManager,
+    EsiTransition, InitCommandFault, RefusedInitCommand,
+};
+pub use xml::{EsiError, EsiFault, MOST_BYTES};
 
 use std::path::Path;
 
@@ -81,9 +80,9 @@ impl Esi {
             return Err(root.error(EsiFault::NoEsi));
         }
         let vendor = root.need("Vendor")?;
-        let modules = modules::Modules::read(&root)?;
+        let modules = device::Modules::read(&root)?;
         let mut devices = Vec::new();
-        let mut room = dictionary::MOST_ENTRIES;
+        let mut room = device::MOST_ENTRIES;
         for devices_of_file in root
             .children("Descriptions")
             .flat_map(|descriptions| descriptions.children("Devices"))

@@ -1,5 +1,6 @@
 use super::*;
 use crate::coe::ObjectAddress;
+use crate::parameters::Transition;
 use crate::pdo_map::{Direction, Entry};
 use proptest::prelude::*;
 
@@ -38,7 +39,7 @@ fn pdos_limits_and_commands_of_a_file_become_a_description() {
     let layout = description.default_mapping().unwrap().layout();
     assert_eq!((layout.output_bytes(), layout.input_bytes()), (19, 11));
     assert_eq!(device.clock_modes[0].assign_activate, 0x0300);
-    let list = device.start_up_list();
+    let list = device.start_up_list().unwrap();
     assert_eq!(list.writes.len(), 1);
     assert_eq!(list.writes[0].object, ObjectAddress::new(0x605A, 0));
     assert_eq!(list.writes[0].value.encode(), [2, 0]);
@@ -136,6 +137,7 @@ fn the_axes_of_a_modular_drive_are_in_the_modules_of_its_slots() {
     }
     let written: Vec<_> = device
         .start_up_list()
+        .unwrap()
         .writes
         .iter()
         .map(|write| write.object)
@@ -189,7 +191,7 @@ fn an_error_names_file_line_and_element() {
         (Some(4), EsiFault::Missing("Index"))
     );
     let odd = fault(&file(
-        "<Mailbox><CoE><InitCmd><Index>1</Index><SubIndex>0</SubIndex><Data>123</Data></InitCmd></CoE></Mailbox>",
+        "<Mailbox><CoE><InitCmd><Transition>PS</Transition><Index>1</Index><SubIndex>0</SubIndex><Data>123</Data></InitCmd></CoE></Mailbox>",
     ));
     assert_eq!(odd.fault, EsiFault::Bytes("123".to_owned()));
     assert_eq!(fault("<Html/>").fault, EsiFault::NoEsi);
@@ -223,16 +225,16 @@ fn a_billion_laughs_are_refused_as_a_type_definition() {
         );
     }
     text += "]><EtherCATInfo>&a29;</EtherCATInfo>";
-    assert!(matches!(fault(&text).fault, EsiFault::Xml(_)));
+    assert_eq!(fault(&text).fault, EsiFault::TypeDefinition);
 }
 
 #[test]
 fn hostile_depth_width_and_size_are_refused_or_read_within_bounds() {
     let deep = "<a>".repeat(500_000);
-    assert!(matches!(fault(&deep).fault, EsiFault::Xml(_)));
+    assert_eq!(fault(&deep).fault, EsiFault::Truncated);
     let deep = format!("{deep}{}", "</a>".repeat(500_000));
     assert_eq!(fault(&deep).fault, EsiFault::NoEsi);
-    let many = format!("<EtherCATInfo>{}</EtherCATInfo>", "<a/>".repeat(2_100_000));
+    let many = format!("<EtherCATInfo>{}</EtherCATInfo>", "<a/>".repeat(4_100_000));
     assert!(matches!(fault(&many).fault, EsiFault::Xml(_)));
     let namespaces: String = (0..1000)
         .map(|n| format!("<a xmlns:n{n}=\"{n}\">"))
@@ -257,6 +259,93 @@ fn a_short_file_cannot_unfold_into_a_long_dictionary() {
         "<Profile><Dictionary>{types}<Objects>{objects}</Objects></Dictionary></Profile>"
     ));
     assert_eq!(fault(&text).fault, EsiFault::TooManyEntries);
+}
+
+#[test]
+fn a_truncated_file_is_named_with_the_line_where_it_ends() {
+    let text: String = GENERIC
+        .lines()
+        .take(50)
+        .map(|line| format!("{line}\n"))
+        .collect();
+    let cut = fault(&text);
+    assert_eq!(
+        (cut.line, cut.fault.clone()),
+        (Some(50), EsiFault::Truncated),
+        "{cut}"
+    );
+    let within = fault(&GENERIC[..GENERIC.find("<Sm ").unwrap() + 10]);
+    assert!(within.line > Some(50), "{within}");
+}
+
+#[test]
+fn a_type_definition_is_named_with_its_line_and_a_remedy() {
+    let text =
+        format!("<?xml version=\"1.0\"?>\n\n<!DOCTYPE EtherCATInfo SYSTEM \"x.dtd\">{GENERIC}");
+    assert_eq!(
+        fault(&text).to_string(),
+        "drive.xml:3: the file has a document type definition, which is not read: take the line that begins with \
+         <!DOCTYPE out of it"
+    );
+}
+
+/// A device with these `InitCmd`s, each a transition and an index.
+fn with_commands(commands: &[(&str, &str)]) -> EsiDevice {
+    let commands = commands.iter().map(|(attributes, transition)| {
+        format!(
+            "<InitCmd {attributes}>{transition}<Index>#x2000</Index><SubIndex>1</SubIndex><Data>0{}</Data>\
+             <Comment>one</Comment></InitCmd>",
+            transition.len() % 10
+        )
+    });
+    let commands: String = commands.collect();
+    let text = file(&format!(
+        "<Name>Drive</Name><Mailbox><CoE>{commands}</CoE></Mailbox>"
+    ));
+    let mut esi = Esi::from_bytes("drive.xml", text.as_bytes()).unwrap();
+    esi.devices.remove(0)
+}
+
+#[test]
+fn commands_of_each_transition_are_executed_in_their_order_or_refused_by_name() {
+    let at = |name: &str| format!("<Transition>{name}</Transition>");
+    let (ip, ps, so) = (at("IP"), at("PS"), at("SO"));
+    let both = format!("{ps}{ip}");
+    let device = with_commands(&[("", &so), ("", &ps), ("Fixed=\"1\"", &ip), ("", &both)]);
+    let list = device.start_up_list().unwrap();
+    let transitions: Vec<_> = list.writes.iter().map(|write| write.transition).collect();
+    assert_eq!(
+        transitions,
+        [
+            Transition::PreOpToSafeOp,
+            Transition::PreOpToSafeOp,
+            Transition::SafeOpToOp,
+            Transition::PreOpToSafeOp,
+            Transition::PreOpToSafeOp,
+        ]
+    );
+    // Those of IP go first: the fixed one, and that of both.
+    let firsts: Vec<_> = list
+        .writes
+        .iter()
+        .take(2)
+        .map(|write| write.value.encode())
+        .collect();
+    assert_eq!(firsts, [[ip.len() as u8 % 10], [both.len() as u8 % 10]]);
+    let error = with_commands(&[("", &ps), ("Fixed=\"1\"", &at("OS"))])
+        .start_up_list()
+        .unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the InitCmd 2000h:01 (\"one\") of Drive is for the transition OS, and only those of IP, PS and SO are \
+         executed: take it out of `EsiDevice::init_commands`, and write the object otherwise if the drive needs it"
+    );
+    let error = with_commands(&[("CompleteAccess=\"1\"", &ps)]).start_up_list();
+    assert_eq!(error.unwrap_err().why, InitCommandFault::CompleteAccess);
+    let none = fault(&file(
+        "<Mailbox><CoE><InitCmd><Index>1</Index><SubIndex>0</SubIndex><Data>00</Data></InitCmd></CoE></Mailbox>",
+    ));
+    assert_eq!(none.fault, EsiFault::Missing("Transition"));
 }
 
 proptest! {

@@ -1,18 +1,127 @@
 //! The XML below an ESI file: bounds that hold whatever is in it, and elements with their numbers.
 
 use std::borrow::Cow;
+use std::fmt;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use roxmltree::{Document, Node, ParsingOptions};
 
-use super::error::{EsiError, EsiFault};
+// What is wrong with an ESI file, and where.
+
+/// An ESI file that cannot be read: file, line, element and reason.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{file}{}: {fault}", LineAndElement(*.line, .element))]
+pub struct EsiError {
+    /// The file.
+    pub file: String,
+    /// The line, from 1, where it is known.
+    pub line: Option<u32>,
+    /// The element, where it is known.
+    pub element: Option<String>,
+    /// The reason.
+    pub fault: EsiFault,
+}
+
+impl EsiError {
+    pub(super) fn of_file(file: &str, fault: EsiFault) -> Self {
+        Self {
+            file: file.to_owned(),
+            line: None,
+            element: None,
+            fault,
+        }
+    }
+}
+
+struct LineAndElement<'a>(Option<u32>, &'a Option<String>);
+
+impl fmt::Display for LineAndElement<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(line) = self.0 {
+            write!(f, ":{line}")?;
+        }
+        if let Some(element) = self.1 {
+            write!(f, ", element {element}")?;
+        }
+        Ok(())
+    }
+}
+
+/// What is wrong with an ESI file.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EsiFault {
+    /// The file cannot be read.
+    #[error("the file cannot be read: {0}")]
+    Unreadable(String),
+    /// The file is larger than any that is read.
+    #[error("the file has more than {} bytes", super::MOST_BYTES)]
+    TooLarge,
+    /// It is neither UTF-8 nor said to be ISO 8859-1.
+    #[error(
+        "the text is no UTF-8, and no other encoding that is understood is named: save the file as UTF-8"
+    )]
+    Encoding,
+    /// It ends within an element.
+    #[error(
+        "the file ends here, before its outermost element does: it was cut off, so copy it again"
+    )]
+    Truncated,
+    /// It has a document type definition, which no ESI file needs.
+    #[error(
+        "the file has a document type definition, which is not read: take the line that begins with <!DOCTYPE out of it"
+    )]
+    TypeDefinition,
+    /// It is no XML, or has more elements than are read.
+    #[error("{0}")]
+    Xml(String),
+    /// It is XML with more namespaces or attributes than an ESI file has.
+    #[error("more {0} than an ESI file has")]
+    Excessive(&'static str),
+    /// It is XML of another kind.
+    #[error("expected EtherCATInfo as the outermost element: this is no ESI file")]
+    NoEsi,
+    /// An element is missing.
+    #[error("the element {0} is missing")]
+    Missing(&'static str),
+    /// A number was expected.
+    #[error(
+        "expected a number (decimal, or #x and hexadecimal digits) of at most {max}, got `{got}`"
+    )]
+    Number {
+        /// The greatest number that fits there.
+        max: u32,
+        /// What is there, cut to 40 characters.
+        got: String,
+    },
+    /// Bytes in hexadecimal digits were expected.
+    #[error("expected bytes as pairs of hexadecimal digits, got `{0}`")]
+    Bytes(String),
+    /// A PDO index out of its range.
+    #[error(
+        "expected an index of 1600h to 17FFh for an RxPDO and of 1A00h to 1BFFh for a TxPDO, got {0:04X}h"
+    )]
+    PdoIndex(u16),
+    /// A PDO with more entries than a mapping object has room for.
+    #[error("PDO {0:04X}h has more than 254 entries")]
+    LongPdo(u16),
+    /// A device has more slots than are read.
+    #[error("the device has more than 255 slots")]
+    TooManySlots,
+    /// The dictionaries have more entries than are read.
+    #[error(
+        "the dictionaries have more entries than are read ({})",
+        super::device::MOST_ENTRIES
+    )]
+    TooManyEntries,
+}
 
 /// The most bytes of a file that is read. Real files have up to some ten million.
 pub const MOST_BYTES: usize = 32 << 20;
 /// Elements, texts and comments together.
-const MOST_NODES: u32 = 2_000_000;
+const MOST_NODES: u32 = 4_000_000;
 /// Declarations of namespaces in the whole file; each costs memory in every element below.
 const MOST_NAMESPACES: usize = 32;
 /// Attributes of one element, which are compared each with each.
@@ -71,11 +180,28 @@ pub(super) fn parse<'a>(file: &str, text: &'a str) -> Result<Document<'a>, EsiEr
         nodes_limit: MOST_NODES,
         ..ParsingOptions::default()
     };
-    Document::parse_with_options(text, options).map_err(|error| EsiError {
-        file: file.to_owned(),
-        line: Some(error.pos().row),
-        element: None,
-        fault: EsiFault::Xml(quoted_to(&error.to_string(), 200)),
+    Document::parse_with_options(text, options).map_err(|error| {
+        let (line, fault) = match error {
+            // Their position is always the first line.
+            roxmltree::Error::UnexpectedEndOfStream | roxmltree::Error::UnclosedRootNode => {
+                (text.lines().count(), EsiFault::Truncated)
+            }
+            roxmltree::Error::DtdDetected => {
+                let before = text.split("<!DOCTYPE").next().unwrap_or_default();
+                let line = before.matches('\n').count().saturating_add(1);
+                (line, EsiFault::TypeDefinition)
+            }
+            error => (
+                error.pos().row as usize,
+                EsiFault::Xml(quoted_to(&error.to_string(), 200)),
+            ),
+        };
+        EsiError {
+            file: file.to_owned(),
+            line: u32::try_from(line.max(1)).ok(),
+            element: None,
+            fault,
+        }
     })
 }
 
@@ -87,18 +213,18 @@ pub(super) struct Element<'a> {
 }
 
 impl<'a> Element<'a> {
-    pub(super) fn root(file: &'a str, document: &'a Document<'a>) -> Self {
+    pub fn root(file: &'a str, document: &'a Document<'a>) -> Self {
         Self {
             file,
             node: document.root_element(),
         }
     }
 
-    pub(super) fn name(&self) -> &'a str {
+    pub fn name(&self) -> &'a str {
         self.node.tag_name().name()
     }
 
-    pub(super) fn children(&self, name: &'static str) -> impl Iterator<Item = Self> + use<'a> {
+    pub fn children(&self, name: &'static str) -> impl Iterator<Item = Self> + use<'a> {
         let file = self.file;
         self.node
             .children()
@@ -106,41 +232,41 @@ impl<'a> Element<'a> {
             .map(move |node| Self { file, node })
     }
 
-    pub(super) fn child(&self, name: &'static str) -> Option<Self> {
+    pub fn child(&self, name: &'static str) -> Option<Self> {
         self.children(name).next()
     }
 
-    pub(super) fn need(&self, name: &'static str) -> Result<Self, EsiError> {
+    pub fn need(&self, name: &'static str) -> Result<Self, EsiError> {
         self.child(name)
             .ok_or_else(|| self.error(EsiFault::Missing(name)))
     }
 
-    pub(super) fn text(&self) -> &'a str {
+    pub fn text(&self) -> &'a str {
         self.node.text().unwrap_or_default().trim()
     }
 
     /// The text of a child; empty without it. Of several (languages) the first.
-    pub(super) fn text_of(&self, name: &'static str) -> String {
+    pub fn text_of(&self, name: &'static str) -> String {
         self.child(name)
             .map(|child| child.text().to_owned())
             .unwrap_or_default()
     }
 
-    pub(super) fn attribute(&self, name: &str) -> Option<&'a str> {
+    pub fn attribute(&self, name: &str) -> Option<&'a str> {
         self.node.attribute(name)
     }
 
     /// Whether an attribute says yes.
-    pub(super) fn flag(&self, name: &str) -> bool {
+    pub fn flag(&self, name: &str) -> bool {
         matches!(self.attribute(name).map(str::trim), Some("1" | "true"))
     }
 
-    pub(super) fn number<T: TryFrom<u32> + Max>(&self) -> Result<T, EsiError> {
+    pub fn number<T: TryFrom<u32> + Max>(&self) -> Result<T, EsiError> {
         self.parsed(self.text())
     }
 
     /// The number of a child.
-    pub(super) fn number_of<T: TryFrom<u32> + Max>(
+    pub fn number_of<T: TryFrom<u32> + Max>(
         &self,
         name: &'static str,
     ) -> Result<Option<T>, EsiError> {
@@ -148,7 +274,7 @@ impl<'a> Element<'a> {
     }
 
     /// The number of an attribute.
-    pub(super) fn attribute_number<T: TryFrom<u32> + Max>(
+    pub fn attribute_number<T: TryFrom<u32> + Max>(
         &self,
         name: &str,
     ) -> Result<Option<T>, EsiError> {
@@ -158,7 +284,7 @@ impl<'a> Element<'a> {
     }
 
     /// The bytes that its text writes in hexadecimal digits.
-    pub(super) fn bytes(&self) -> Result<Vec<u8>, EsiError> {
+    pub fn bytes(&self) -> Result<Vec<u8>, EsiError> {
         let text = self.text();
         let wrong = || self.error(EsiFault::Bytes(quoted_to(text, QUOTED)));
         let digits: Option<Vec<u32>> = text
@@ -176,7 +302,7 @@ impl<'a> Element<'a> {
             .collect())
     }
 
-    pub(super) fn error(&self, fault: EsiFault) -> EsiError {
+    pub fn error(&self, fault: EsiFault) -> EsiError {
         let document = self.node.document();
         EsiError {
             file: self.file.to_owned(),
@@ -221,6 +347,11 @@ impl Max for u16 {
 
 impl Max for u32 {
     const MAX: u32 = u32::MAX;
+}
+
+/// A text of the file as a message quotes it.
+pub(super) fn quoted(text: &str) -> String {
+    quoted_to(text, QUOTED)
 }
 
 fn quoted_to(text: &str, most: usize) -> String {

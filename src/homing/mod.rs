@@ -2,19 +2,14 @@
 //!
 //! The drive does it by itself; the types and the sequencing of bit 4 here are pure.
 
-mod method;
 mod parameters;
 mod procedure;
-mod run;
 #[cfg(test)]
 mod tests;
 
-#[cfg(feature = "std")]
-mod handle;
-
-pub use method::HomingMethod;
+pub use parameters::HomingMethod;
 pub use parameters::{HomingCommand, HomingParameters};
 pub(crate) use procedure::{Procedure, Verdict};
 
 #[cfg(feature = "std")]
-pub use handle::{Home, Homed, Homing};
+pub use crate::handle::{Home, Homed, Homing};

@@ -2,7 +2,7 @@
 //!
 //! Contract: the axis core calls [`Procedure::step`] in every cycle with fresh inputs in Operation enabled with mode 6
 //! shown, [`Procedure::outside`] in the others, and puts [`Procedure::bits`] into the next controlword. Whatever ends the
-//! homing is told by [`Procedure::fail`], after which bit 4 stays as it is until [`Procedure::lower`].
+//! homing is reported by [`Procedure::fail`], after which bit 4 stays as it is until [`Procedure::lower`].
 //!
 //! What the three bits mean is the table of CiA DSP 402 v2.0, 13.2.2 (statusword in homing mode), as bits 13, 12, 10:
 //! 000 in progress, 001 interrupted or not started, 010 attained and not yet at rest, 011 done, 100 error and moving,
@@ -11,17 +11,17 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::Controlword,
+    ds402::{Controlword, Statusword},
     profile_position::{
         CommandId, Completion, Cycle, Delivery, Event, Events, Failure, WaitingFor,
     },
 };
 
-use super::{HomingCommand, run::Run};
+use super::HomingCommand;
 
 /// Where the homing is.
 #[derive(Debug, Clone, Copy, Hash)]
-enum Stage {
+enum HomingPhase {
     /// Bit 4 is low; a homing may be waiting to be started.
     Low {
         /// Since when it is known to have been delivered low in this mode.
@@ -33,11 +33,11 @@ enum Stage {
     Abandoned,
     /// Halted: the drive may go on when bit 8 falls, so only a quick stop leads on.
     Halted,
-    /// Bit 4 was sent and nothing came of it that can be told from an earlier homing: only a stop makes that known.
+    /// Bit 4 was sent and nothing came of it that differs from what an earlier homing leaves: only a stop makes that known.
     Unknown,
 }
 
-const LOW: Stage = Stage::Low {
+const LOW: HomingPhase = HomingPhase::Low {
     delivered: None,
     waiting: None,
 };
@@ -58,13 +58,13 @@ pub(crate) enum Verdict {
 /// The sequencing of one drive axis' homing.
 #[derive(Debug, Clone, Hash)]
 pub(crate) struct Procedure {
-    stage: Stage,
+    stage: HomingPhase,
     /// How long an axis with an error may take to come to rest.
     standstill: Duration,
 }
 
 impl Procedure {
-    pub(crate) const fn new(standstill: Duration) -> Self {
+    pub const fn new(standstill: Duration) -> Self {
         Self {
             stage: LOW,
             standstill,
@@ -72,31 +72,33 @@ impl Procedure {
     }
 
     /// Bit 4 of the next controlword.
-    pub(crate) const fn bits(&self) -> Controlword {
+    pub const fn bits(&self) -> Controlword {
         match self.stage {
-            Stage::High(_) | Stage::Abandoned => Controlword::HOMING_START,
-            Stage::Low { .. } | Stage::Halted | Stage::Unknown => Controlword::empty(),
+            HomingPhase::High(_) | HomingPhase::Abandoned => Controlword::HOMING_START,
+            HomingPhase::Low { .. } | HomingPhase::Halted | HomingPhase::Unknown => {
+                Controlword::empty()
+            }
         }
     }
 
     /// Whether the drive is homing, or may be, or would go on when bit 8 falls.
-    pub(crate) const fn has_motion(&self) -> bool {
+    pub const fn has_motion(&self) -> bool {
         match self.stage {
-            Stage::Low { .. } => false,
-            Stage::High(Run { sent, .. }) => sent,
-            Stage::Abandoned | Stage::Halted | Stage::Unknown => true,
+            HomingPhase::Low { .. } => false,
+            HomingPhase::High(Run { sent, .. }) => sent,
+            HomingPhase::Abandoned | HomingPhase::Halted | HomingPhase::Unknown => true,
         }
     }
 
     /// Whether no homing waits or is under way.
-    pub(crate) const fn is_idle(&self) -> bool {
-        matches!(self.stage, Stage::Low { waiting: None, .. })
+    pub const fn is_idle(&self) -> bool {
+        matches!(self.stage, HomingPhase::Low { waiting: None, .. })
     }
 
     /// Whether a cycle like the last one changes nothing. `in_mode`: the drive is enabled and shows mode 6, if it is to.
-    pub(crate) const fn is_calm(&self, in_mode: bool) -> bool {
+    pub const fn allows_idle_path(&self, in_mode: bool) -> bool {
         match self.stage {
-            Stage::Low {
+            HomingPhase::Low {
                 waiting: None,
                 delivered,
             } => delivered.is_some() || !in_mode,
@@ -106,30 +108,25 @@ impl Procedure {
 
     /// Whether the homing with this number was sent and has not ended.
     #[cfg(feature = "std")]
-    pub(crate) fn is_under_way(&self, id: CommandId) -> bool {
-        matches!(self.stage, Stage::High(run) if run.sent && run.id == id)
+    pub fn is_under_way(&self, id: CommandId) -> bool {
+        matches!(self.stage, HomingPhase::High(run) if run.sent && run.id == id)
     }
 
     /// Whether bit 4 was sent without an answer: only a stop clears that.
-    pub(crate) const fn is_unknown(&self) -> bool {
-        matches!(self.stage, Stage::Unknown)
+    pub const fn is_unknown(&self) -> bool {
+        matches!(self.stage, HomingPhase::Unknown)
     }
 
     /// Takes a checked homing in; one at a time.
-    pub(crate) fn submit(&mut self, id: CommandId, command: HomingCommand, events: &mut Events) {
+    pub fn submit(&mut self, id: CommandId, command: HomingCommand, events: &mut Events) {
         match &mut self.stage {
-            Stage::Low { waiting, .. } if waiting.is_none() => *waiting = Some((id, command)),
+            HomingPhase::Low { waiting, .. } if waiting.is_none() => *waiting = Some((id, command)),
             _ => events.push(id, Event::Done(Err(Failure::Busy))),
         }
     }
 
     /// Withdraws a homing that has not been sent; whether there was one.
-    pub(crate) fn withdraw(
-        &mut self,
-        id: CommandId,
-        failure: Failure,
-        events: &mut Events,
-    ) -> bool {
+    pub fn withdraw(&mut self, id: CommandId, failure: Failure, events: &mut Events) -> bool {
         let unsent = self.unsent() == Some(id);
         if unsent {
             self.withdraw_unsent(failure, events);
@@ -138,7 +135,7 @@ impl Procedure {
     }
 
     /// A stop takes over: a homing that is not sent does not start.
-    pub(crate) fn withdraw_unsent(&mut self, failure: Failure, events: &mut Events) {
+    pub fn withdraw_unsent(&mut self, failure: Failure, events: &mut Events) {
         if let Some(id) = self.unsent() {
             self.stage = LOW;
             events.push(id, Event::Done(Err(failure)));
@@ -146,9 +143,9 @@ impl Procedure {
     }
 
     /// The outputs composed last have been sent. Whether a homing has begun with them.
-    pub(crate) fn mark_sent(&mut self, now: Duration) -> bool {
+    pub fn mark_sent(&mut self, now: Duration) -> bool {
         match &mut self.stage {
-            Stage::High(run) if !run.sent => {
+            HomingPhase::High(run) if !run.sent => {
                 run.sent = true;
                 run.since = now;
                 true
@@ -158,44 +155,44 @@ impl Procedure {
     }
 
     /// Ends it with this failure, which says how far it came. Bit 4 stays as it was sent.
-    pub(crate) fn fail(&mut self, failure: Failure, events: &mut Events) {
+    pub fn fail(&mut self, failure: Failure, events: &mut Events) {
         self.withdraw_unsent(failure.with_delivery(Delivery::NotSent), events);
-        if let Stage::High(run) = self.stage {
+        if let HomingPhase::High(run) = self.stage {
             let failure = failure.with_delivery(run.delivery());
             events.push(run.id, Event::Done(Err(failure)));
-            self.stage = Stage::Abandoned;
+            self.stage = HomingPhase::Abandoned;
         }
     }
 
     /// The axis stands halted: the homing is over, and bit 4 falls.
-    pub(crate) fn halted(&mut self, events: &mut Events) {
-        if let Stage::High(run) = self.stage {
+    pub fn halted(&mut self, events: &mut Events) {
+        if let HomingPhase::High(run) = self.stage {
             let failure = Failure::Halted {
                 delivery: run.delivery(),
             };
             events.push(run.id, Event::Done(Err(failure)));
         }
-        if matches!(self.stage, Stage::High(_) | Stage::Abandoned) {
-            self.stage = Stage::Halted;
+        if matches!(self.stage, HomingPhase::High(_) | HomingPhase::Abandoned) {
+            self.stage = HomingPhase::Halted;
         }
     }
 
     /// The axis is out of Operation enabled: bit 4 is low and no homing goes on.
-    pub(crate) const fn lower(&mut self) {
+    pub const fn lower(&mut self) {
         self.stage = LOW;
     }
 
     /// A cycle in another mode or state: what bit 4 was there counts for nothing here.
-    pub(crate) const fn outside(&mut self) {
-        if let Stage::Low { delivered, .. } = &mut self.stage {
+    pub const fn outside(&mut self) {
+        if let HomingPhase::Low { delivered, .. } = &mut self.stage {
             *delivered = None;
         }
     }
 
     /// One cycle with fresh inputs in Operation enabled and mode 6.
-    pub(crate) fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> Verdict {
+    pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> Verdict {
         match &mut self.stage {
-            Stage::Low { delivered, waiting } => {
+            HomingPhase::Low { delivered, waiting } => {
                 let low = !cycle.controlword.contains(Controlword::HOMING_START);
                 if low && cycle.delivered {
                     delivered.get_or_insert(cycle.now);
@@ -219,13 +216,18 @@ impl Procedure {
                     && cycle.delivered
                     && !cycle.halted
                 {
-                    self.stage = Stage::High(Run::new(id, command, cycle));
+                    self.stage = HomingPhase::High(Run::new(id, command, cycle));
                 }
                 Verdict::GoOn
             }
-            Stage::High(run) if run.sent && !cycle.halted => {
+            HomingPhase::High(run) if run.sent => {
                 let was_begun = run.begun;
-                let end = run.step(cycle, self.standstill);
+                // A halted one ends at standstill. Its time goes on.
+                let end = if cycle.halted {
+                    run.is_late(cycle).then(|| Err(run.timeout(cycle)))
+                } else {
+                    run.step(cycle, self.standstill)
+                };
                 let id = run.id;
                 if run.begun && !was_begun {
                     events.push(id, Event::Accepted);
@@ -250,18 +252,18 @@ impl Procedure {
         match result {
             Ok(_) => Verdict::Attained,
             Err(Failure::HomingError { moving: true }) => {
-                self.stage = Stage::Abandoned;
+                self.stage = HomingPhase::Abandoned;
                 Verdict::StopIt
             }
             Err(Failure::Timeout {
                 waiting_for: WaitingFor::HomingEnd,
                 ..
             }) => {
-                self.stage = Stage::Abandoned;
+                self.stage = HomingPhase::Abandoned;
                 Verdict::EndIt
             }
             Err(Failure::Timeout { .. }) => {
-                self.stage = Stage::Unknown;
+                self.stage = HomingPhase::Unknown;
                 Verdict::GoOn
             }
             Err(_) => Verdict::GoOn,
@@ -270,14 +272,223 @@ impl Procedure {
 
     const fn unsent(&self) -> Option<CommandId> {
         match self.stage {
-            Stage::Low {
+            HomingPhase::Low {
                 waiting: Some((id, _)),
                 ..
             }
-            | Stage::High(Run {
+            | HomingPhase::High(Run {
                 id, sent: false, ..
             }) => Some(id),
             _ => None,
         }
     }
+}
+
+// A homing whose bit 4 is high: what the drive's bits say of it, and not of an earlier one.
+
+/// A homing whose bit 4 is high.
+#[derive(Debug, Clone, Copy, Hash)]
+struct Run {
+    pub id: CommandId,
+    command: HomingCommand,
+    pub sent: bool,
+    /// When bit 4 was sent.
+    pub since: Duration,
+    /// When it is known to have been delivered.
+    delivered: Option<Duration>,
+    /// Bit 12 was high when bit 4 rose: of an earlier homing, until it has been low.
+    stale_attained: bool,
+    /// Bit 13, likewise.
+    stale_error: bool,
+    /// The bits said "in progress" before bit 4 rose, and have since: they do of some drives at rest.
+    stale_progress: bool,
+    /// Where the axis was before bit 4 rose.
+    position: i32,
+    /// The drive has shown that it is at work on this one.
+    pub begun: bool,
+    /// Since when all three bits say done.
+    done_since: Option<Duration>,
+    /// Since when bit 12 has said so of this one, and the axis stands.
+    attained_since: Option<Duration>,
+    /// Since when the drive has not been at work on this one, by bits 12 and 10.
+    over_since: Option<Duration>,
+    /// Since when the drive has shown an error while moving.
+    error_since: Option<Duration>,
+}
+
+impl Run {
+    /// How far it came, should it not end well.
+    pub const fn delivery(&self) -> Delivery {
+        if self.begun {
+            Delivery::Accepted
+        } else {
+            Delivery::Unknown
+        }
+    }
+
+    pub const fn new(id: CommandId, command: HomingCommand, cycle: &Cycle<'_>) -> Self {
+        let word = cycle.sample.statusword;
+        Self {
+            id,
+            command,
+            sent: false,
+            since: cycle.now,
+            delivered: None,
+            stale_attained: word.contains(Statusword::HOMING_ATTAINED),
+            stale_error: word.contains(Statusword::HOMING_ERROR),
+            stale_progress: is_in_progress(word),
+            position: cycle.sample.position,
+            begun: false,
+            done_since: None,
+            attained_since: None,
+            over_since: None,
+            error_since: None,
+        }
+    }
+
+    /// One cycle after bit 4 was sent; the result, once there is one.
+    pub fn step(
+        &mut self,
+        cycle: &Cycle<'_>,
+        standstill: Duration,
+    ) -> Option<Result<Completion, Failure>> {
+        let word = cycle.sample.statusword;
+        let attained = word.contains(Statusword::HOMING_ATTAINED);
+        let error = word.contains(Statusword::HOMING_ERROR);
+        let at_rest = word.contains(Statusword::TARGET_REACHED);
+        if cycle.delivered {
+            self.delivered.get_or_insert(cycle.now);
+        }
+        // The fall of what an earlier homing has left is this one's doing, and so is "in progress" where it is news. Where it
+        // is none, the axis leaves where it was, or bit 12 rises, after the drive has surely seen bit 4.
+        let fell = self.stale_attained && !attained && !error;
+        let progress = is_in_progress(word);
+        let seen = self
+            .delivered
+            .is_some_and(|since| cycle.now.saturating_sub(since) >= cycle.traits.surely_seen());
+        let left =
+            cycle.bounds.distance(self.position, cycle.sample.position) > cycle.bounds.position;
+        self.begun |= if self.stale_progress {
+            seen && !error && (attained || left)
+        } else {
+            fell || progress
+        };
+        let start = if self.stale_progress {
+            // It may take its time to leave.
+            cycle.acknowledge.max(cycle.begin)
+        } else {
+            cycle.acknowledge
+        };
+        self.stale_progress &= progress || attained;
+        self.stale_attained &= attained;
+        self.stale_error &= error;
+
+        if error && !self.stale_error {
+            self.begun = true;
+            return self.error(cycle, at_rest, standstill);
+        }
+        let done = attained && at_rest && !error;
+        let since = |since: &mut Option<Duration>, holds: bool| {
+            *since = holds.then(|| since.unwrap_or(cycle.now));
+            since.map_or(Duration::ZERO, |since| cycle.now.saturating_sub(since))
+        };
+        let held = since(&mut self.done_since, done) >= cycle.bounds.settle;
+        let mine = attained && !error && self.is_mine(cycle);
+        let stands = cycle.standstill.is_standing();
+        let rested = since(&mut self.attained_since, mine && stands);
+        let over = since(&mut self.over_since, self.begun && !progress && !error);
+        if self.is_late(cycle) || over >= standstill {
+            return Some(Err(self.timeout(cycle)));
+        }
+        self.begun |= mine;
+        // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
+        // not come, the axis' rest.
+        if mine && ((at_rest && (stands || held)) || rested >= cycle.begin) {
+            return Some(Ok(Completion::Homed {
+                position: cycle.sample.position,
+            }));
+        }
+        if !self.begun && cycle.now.saturating_sub(self.since) >= start {
+            return Some(Err(if error {
+                // An error that has stood all the time, and the drive at rest: it did not even begin.
+                Failure::HomingError { moving: false }
+            } else {
+                Failure::Timeout {
+                    waiting_for: WaitingFor::HomingStart,
+                    statusword: word,
+                    controlword: cycle.controlword,
+                    delivery: Delivery::Unknown,
+                }
+            }));
+        }
+        None
+    }
+
+    /// Whether its time is over.
+    pub fn is_late(&self, cycle: &Cycle<'_>) -> bool {
+        self.command.is_late(cycle.now)
+    }
+
+    /// It has not ended in its time.
+    pub const fn timeout(&self, cycle: &Cycle<'_>) -> Failure {
+        Failure::Timeout {
+            waiting_for: WaitingFor::HomingEnd,
+            statusword: cycle.sample.statusword,
+            controlword: cycle.controlword,
+            delivery: self.delivery(),
+        }
+    }
+
+    /// Whether bits that say "done" say it of this homing.
+    fn is_mine(&self, cycle: &Cycle<'_>) -> bool {
+        if self.begun {
+            return !self.stale_attained;
+        }
+        if !self.command.method.is_motionless() {
+            return false;
+        }
+        // Nothing moves: "in progress" may be over within one of the drive's cycles and never be seen. An edge of bit 12
+        // after bit 4 is proof as well. Without one, the drive has had bit 4 for so long that it would show it if it were
+        // still at work, and the axis reads what it reads at home: then even a drive that has not seen bit 4 tells the truth.
+        let long_enough = |since: Duration| {
+            cycle.now.saturating_sub(since)
+                >= cycle
+                    .bounds
+                    .settle
+                    .max(cycle.traits.surely_seen().saturating_mul(2))
+        };
+        !self.stale_attained
+            || (self.reads_home(cycle)
+                && self.delivered.is_some_and(long_enough)
+                && self.done_since.is_some_and(long_enough))
+    }
+
+    /// Whether the position is what it is at home: the home offset, with the sign that the drive gives it.
+    fn reads_home(&self, cycle: &Cycle<'_>) -> bool {
+        let offset = self.command.offset.unwrap_or(0);
+        [offset, offset.wrapping_neg()]
+            .into_iter()
+            .any(|home| cycle.bounds.distance(home, cycle.sample.position) <= cycle.bounds.position)
+    }
+
+    fn error(
+        &mut self,
+        cycle: &Cycle<'_>,
+        at_rest: bool,
+        standstill: Duration,
+    ) -> Option<Result<Completion, Failure>> {
+        let since = *self.error_since.get_or_insert(cycle.now);
+        let moving = !at_rest && !cycle.standstill.is_standing();
+        let late = cycle.now.saturating_sub(since) >= standstill;
+        (!moving || late).then_some(Err(Failure::HomingError { moving }))
+    }
+}
+
+/// Bits 13, 12 and 10 as 000.
+const fn is_in_progress(word: Statusword) -> bool {
+    !word.intersects(
+        Statusword::HOMING_ATTAINED
+            .union(Statusword::HOMING_ERROR)
+            .union(Statusword::TARGET_REACHED),
+    )
 }

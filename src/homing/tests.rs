@@ -45,6 +45,16 @@ impl Dialogue {
 
     /// The same, with another deadline for standstill.
     fn begin_within(standstill: Duration, method: HomingMethod, bits: u16) -> Self {
+        Self::begin_until(None, standstill, method, bits)
+    }
+
+    /// The same, with a limit of its own time.
+    fn begin_until(
+        until: Option<Duration>,
+        standstill: Duration,
+        method: HomingMethod,
+        bits: u16,
+    ) -> Self {
         let mut this = Self {
             procedure: Procedure::new(standstill),
             events: Events::new(),
@@ -63,7 +73,7 @@ impl Dialogue {
             HomingCommand {
                 method,
                 offset: Some(-500),
-                until: None,
+                until,
             },
             &mut this.events,
         );
@@ -106,7 +116,7 @@ impl Dialogue {
             halted: self.halted,
             blind: 0,
             stalled: 0,
-            limit_tells: true,
+            bit_11_is_valid: true,
             acknowledge: Duration::from_millis(500),
             begin: Duration::from_secs(2),
             controlword: self.sent,
@@ -133,6 +143,23 @@ impl Dialogue {
                 event
             })
             .collect()
+    }
+
+    /// That its only report is the end of its time, of a homing that the drive has accepted.
+    #[track_caller]
+    fn ends_by_its_time(&mut self) {
+        let reports = self.reports();
+        assert!(
+            matches!(
+                reports[..],
+                [Event::Done(Err(Failure::Timeout {
+                    waiting_for: WaitingFor::HomingEnd,
+                    delivery: Delivery::Accepted,
+                    ..
+                }))]
+            ),
+            "{reports:?}"
+        );
     }
 }
 
@@ -267,18 +294,7 @@ fn a_homing_that_the_drive_is_no_longer_at_work_on_ends_in_time() {
             }
             homing.shows(bits[(cycle % 2) as usize]);
         }
-        let reports = homing.reports();
-        assert!(
-            matches!(
-                reports[..],
-                [Event::Done(Err(Failure::Timeout {
-                    waiting_for: WaitingFor::HomingEnd,
-                    delivery: Delivery::Accepted,
-                    ..
-                }))]
-            ),
-            "{reports:?}"
-        );
+        homing.ends_by_its_time();
         assert_eq!(homing.verdict, Verdict::EndIt);
         assert!(homing.is_high(), "until it is stopped");
     }
@@ -445,6 +461,26 @@ fn a_halt_ends_it_at_standstill_with_bit_4_low_and_only_leaving_operation_clears
     assert!(homing.procedure.has_motion());
     homing.procedure.lower();
     assert!(!homing.procedure.has_motion());
+}
+
+#[test]
+fn the_time_of_a_halted_one_that_does_not_come_to_rest_goes_on() {
+    let until = Duration::from_millis(200);
+    let method = HomingMethod::NEGATIVE_LIMIT;
+    let mut homing =
+        Dialogue::begin_until(Some(until), Duration::from_secs(1), method, NOT_STARTED);
+    homing.velocity = -50;
+    homing.shows_for(10, IN_PROGRESS);
+    homing.halted = true;
+    while homing.now + Duration::from_millis(1) < until {
+        homing.shows(IN_PROGRESS);
+        assert_eq!(homing.verdict, Verdict::GoOn);
+    }
+    assert_eq!(homing.reports(), [Event::Accepted]);
+    homing.shows(IN_PROGRESS);
+    assert_eq!(homing.verdict, Verdict::EndIt);
+    homing.ends_by_its_time();
+    assert!(homing.is_high(), "the stop ends it");
 }
 
 #[test]

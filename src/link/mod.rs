@@ -2,10 +2,7 @@
 //!
 //! A link also owns the time that the bus loop goes by, so that a wire can run in virtual time.
 
-mod others;
 mod raw;
-mod ring;
-mod waiting;
 mod wire;
 
 use std::{io, task::Waker, time::Duration};

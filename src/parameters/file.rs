@@ -17,19 +17,21 @@
 //! transition = "SAFEOP-OP"               # PREOP-SAFEOP if left out
 //! ```
 
-use std::fmt;
+use std::fmt::Write;
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
+use std::{fmt, io};
 
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, Deserializer, Error as _, SeqAccess, Visitor};
 use toml::Spanned;
 
-use super::raw_value::RawValue;
+use super::set::{Parameter, ParameterSet, is_parameter};
 use super::start_up::{StartUpList, StartUpWrite, Transition, is_controlword};
-use super::value::{ObjectValue, ValueType};
+use super::value::{ObjectValue, ValueType, known_name};
 use crate::coe::{AxisOffset, ObjectAddress, obj};
+use crate::sii::Identity;
 
 /// The longest file that is read or written: some ten thousand parameters, more than any drive has.
 ///
@@ -39,7 +41,7 @@ pub const LONGEST_FILE: usize = 1 << 20;
 
 /// A file that could not be used: which, where, and why.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{}: {kind}", Place(self))]
+#[error("{}: {kind}", FilePosition(self))]
 pub struct FileError {
     /// The file, as it was named.
     pub file: String,
@@ -54,9 +56,9 @@ pub struct FileError {
     pub kind: FileFault,
 }
 
-struct Place<'a>(&'a FileError);
+struct FilePosition<'a>(&'a FileError);
 
-impl fmt::Display for Place<'_> {
+impl fmt::Display for FilePosition<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let error = self.0;
         f.write_str(&error.file)?;
@@ -179,14 +181,14 @@ impl StartUpList {
 }
 
 /// A file's text, and what its errors begin with.
-pub(super) struct Source<'a> {
+struct Source<'a> {
     text: &'a str,
     file: &'a str,
-    pub(super) drive: Option<String>,
+    pub drive: Option<String>,
 }
 
 impl<'a> Source<'a> {
-    pub(super) const fn new(text: &'a str, file: &'a str) -> Self {
+    pub const fn new(text: &'a str, file: &'a str) -> Self {
         Self {
             text,
             file,
@@ -194,7 +196,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    pub(super) fn parse<T: DeserializeOwned>(&self) -> Result<T, FileError> {
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, FileError> {
         if self.text.len() > LONGEST_FILE {
             return Err(self.too_long());
         }
@@ -204,11 +206,11 @@ impl<'a> Source<'a> {
         })
     }
 
-    pub(super) fn too_long(&self) -> FileError {
+    pub fn too_long(&self) -> FileError {
         self.error(None, None, FileFault::TooLong)
     }
 
-    pub(super) fn error(
+    pub fn error(
         &self,
         span: Option<Range<usize>>,
         object: Option<&str>,
@@ -224,7 +226,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    pub(super) fn line(&self, at: usize) -> Option<usize> {
+    pub fn line(&self, at: usize) -> Option<usize> {
         self.text.as_bytes().get(..at).map(line_behind)
     }
 
@@ -260,7 +262,7 @@ impl<'a> Source<'a> {
     }
 
     /// The object and the value of an entry.
-    pub(super) fn entry(
+    pub fn entry(
         &self,
         object: &Spanned<String>,
         axis: Option<&Spanned<u8>>,
@@ -322,7 +324,7 @@ pub(super) fn read(path: &Path) -> Result<String, FileError> {
     Ok(text)
 }
 
-pub(super) fn io_error(path: &Path, error: &std::io::Error) -> FileError {
+fn io_error(path: &Path, error: &std::io::Error) -> FileError {
     FileError {
         file: path.display().to_string(),
         line: None,
@@ -332,6 +334,524 @@ pub(super) fn io_error(path: &Path, error: &std::io::Error) -> FileError {
     }
 }
 
+// Values as a TOML file has them, before their types are known.
+
+/// A value as TOML has it.
+#[derive(Debug)]
+enum RawValue {
+    Integer(i128),
+    Float(f64),
+    Text(String),
+    Bytes(Vec<u8>),
+}
+
+impl RawValue {
+    /// The value of this type, or how it looks in the file.
+    pub fn of_type(self, kind: ValueType) -> Result<ObjectValue, String> {
+        let value = match (kind, &self) {
+            (ValueType::U8, Self::Integer(n)) => u8::try_from(*n).ok().map(Into::into),
+            (ValueType::I8, Self::Integer(n)) => i8::try_from(*n).ok().map(Into::into),
+            (ValueType::U16, Self::Integer(n)) => u16::try_from(*n).ok().map(Into::into),
+            (ValueType::I16, Self::Integer(n)) => i16::try_from(*n).ok().map(Into::into),
+            (ValueType::U32, Self::Integer(n)) => u32::try_from(*n).ok().map(Into::into),
+            (ValueType::I32, Self::Integer(n)) => i32::try_from(*n).ok().map(Into::into),
+            (ValueType::U64, Self::Integer(n)) => u64::try_from(*n).ok().map(Into::into),
+            (ValueType::I64, Self::Integer(n)) => i64::try_from(*n).ok().map(Into::into),
+            (ValueType::F32, Self::Integer(n)) => single(*n as f64),
+            (ValueType::F32, Self::Float(n)) => single(*n),
+            (ValueType::Text, Self::Text(text)) => Some(ObjectValue::Text(text.clone())),
+            (ValueType::Bytes, Self::Bytes(bytes)) => Some(ObjectValue::Bytes(bytes.clone())),
+            _ => None,
+        };
+        value.ok_or_else(|| match self {
+            Self::Integer(n) => n.to_string(),
+            Self::Float(n) => format!("{n:?}"),
+            Self::Text(text) => format!("{text:?}"),
+            Self::Bytes(_) => "a list of bytes".into(),
+        })
+    }
+}
+
+/// The nearest number of single precision, if there is one.
+fn single(number: f64) -> Option<ObjectValue> {
+    let near = number as f32;
+    (near.is_finite() || !number.is_finite()).then_some(ObjectValue::F32(near))
+}
+
+impl<'de> Deserialize<'de> for RawValue {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(RawValueVisitor)
+    }
+}
+
+struct RawValueVisitor;
+
+impl<'de> Visitor<'de> for RawValueVisitor {
+    type Value = RawValue;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number, a string or a list of bytes")
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<RawValue, E> {
+        Ok(RawValue::Integer(value.into()))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<RawValue, E> {
+        Ok(RawValue::Integer(value.into()))
+    }
+
+    fn visit_i128<E>(self, value: i128) -> Result<RawValue, E> {
+        Ok(RawValue::Integer(value))
+    }
+
+    fn visit_u128<E: serde::de::Error>(self, value: u128) -> Result<RawValue, E> {
+        let value = i128::try_from(value);
+        value
+            .map(RawValue::Integer)
+            .map_err(|_| E::custom("a number of more than 64 bits"))
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<RawValue, E> {
+        Ok(RawValue::Float(value))
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<RawValue, E> {
+        Ok(RawValue::Text(value.into()))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<RawValue, A::Error> {
+        let mut bytes = Vec::new();
+        while let Some(byte) = list.next_element::<i64>()? {
+            bytes.push(
+                u8::try_from(byte)
+                    .map_err(|_| A::Error::custom(format!("{byte} is no byte (0 to 255)")))?,
+            );
+        }
+        Ok(RawValue::Bytes(bytes))
+    }
+}
+
+// Sets of parameters as TOML files, written so that people can read and change them.
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawSet {
+    drive: Option<String>,
+    identity: Option<RawIdentity>,
+    #[serde(default)]
+    parameter: Vec<Spanned<RawParameter>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawIdentity {
+    vendor: u32,
+    product: u32,
+    revision: u32,
+    serial: u32,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawParameter {
+    object: Spanned<String>,
+    name: Option<String>,
+    #[serde(rename = "type")]
+    kind: Option<Spanned<String>>,
+    value: Spanned<RawValue>,
+}
+
+impl ParameterSet {
+    /// Reads a set from a TOML file.
+    ///
+    /// # Errors
+    /// [`FileError`]: file, line, drive and object, and what is wrong there.
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, FileError> {
+        let path = path.as_ref();
+        Self::from_toml(&read(path)?, &path.display().to_string())
+    }
+
+    /// Reads a set from TOML; `file` is how errors call it.
+    ///
+    /// ```
+    /// use servocrab::parameters::ParameterSet;
+    /// let toml = "[[parameter]]\nobject = \"2345h:01\"\ntype = \"i16\"\nvalue = -7\n";
+    /// let set = ParameterSet::from_toml(toml, "left.toml").unwrap();
+    /// assert_eq!(ParameterSet::from_toml(&set.to_toml(), "again.toml").unwrap(), set);
+    /// ```
+    ///
+    /// # Errors
+    /// As [`ParameterSet::load`].
+    pub fn from_toml(text: &str, file: &str) -> Result<Self, FileError> {
+        let mut source = Source::new(text, file);
+        let raw: RawSet = source.parse()?;
+        source.drive.clone_from(&raw.drive);
+        let identity = raw.identity.map(|raw| Identity {
+            vendor: raw.vendor,
+            product: raw.product,
+            revision: raw.revision,
+            serial: raw.serial,
+        });
+        let mut parameters = Vec::new();
+        for raw in raw.parameter {
+            let raw = raw.into_inner();
+            let (object, value) = source.entry(&raw.object, None, raw.kind.as_ref(), raw.value)?;
+            if !is_parameter(object) {
+                let (span, name) = (raw.object.span(), raw.object.get_ref());
+                return Err(source.error(Some(span), Some(name), FileFault::NoParameter));
+            }
+            let name = raw
+                .name
+                .unwrap_or_else(|| known_name(object).unwrap_or_default().into());
+            parameters.push(Parameter {
+                object,
+                name,
+                value,
+            });
+        }
+        Ok(Self {
+            drive: raw.drive,
+            identity,
+            parameters,
+        })
+    }
+
+    /// The set as TOML, as [`ParameterSet::from_toml`] reads it.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        let mut text = String::new();
+        // Writing to a string does not fail.
+        let _ = self.write_toml(&mut text);
+        text
+    }
+
+    fn write_toml(&self, text: &mut String) -> std::fmt::Result {
+        if let Some(drive) = &self.drive {
+            writeln!(text, "drive = {}\n", quoted(drive))?;
+        }
+        if let Some(identity) = self.identity {
+            let Identity {
+                vendor,
+                product,
+                revision,
+                serial,
+            } = identity;
+            writeln!(
+                text,
+                "[identity]\nvendor = 0x{vendor:08X}\nproduct = 0x{product:08X}\nrevision = 0x{revision:08X}\nserial = {serial}\n"
+            )?;
+        }
+        for parameter in &self.parameters {
+            let (kind, value) = shown(&parameter.value);
+            writeln!(text, "[[parameter]]\nobject = \"{}\"", parameter.object)?;
+            writeln!(text, "name = {}", quoted(&parameter.name))?;
+            writeln!(text, "type = \"{kind}\"\nvalue = {value}\n")?;
+        }
+        Ok(())
+    }
+
+    /// Writes the set into a TOML file. A file that is there is replaced at once or not at all.
+    ///
+    /// # Errors
+    /// [`FileError`] with the reason of the operating system; [`FileFault::TooLong`] for a set that could not be read again.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
+        let path = path.as_ref();
+        let text = self.to_toml();
+        if text.len() > LONGEST_FILE {
+            return Err(Source::new(&text, &path.display().to_string()).too_long());
+        }
+        let mut beside = path.as_os_str().to_owned();
+        beside.push(".new");
+        let failed = |error: io::Error| io_error(path, &error);
+        std::fs::write(&beside, text).map_err(failed)?;
+        std::fs::rename(&beside, path).map_err(failed)
+    }
+}
+
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.into()).to_string()
+}
+
+/// Type and value as a file has them.
+fn shown(value: &ObjectValue) -> (ValueType, String) {
+    let text = match value {
+        ObjectValue::U8(n) => n.to_string(),
+        ObjectValue::I8(n) => n.to_string(),
+        ObjectValue::U16(n) => n.to_string(),
+        ObjectValue::I16(n) => n.to_string(),
+        ObjectValue::U32(n) => n.to_string(),
+        ObjectValue::I32(n) => n.to_string(),
+        ObjectValue::U64(n) => n.to_string(),
+        ObjectValue::I64(n) => n.to_string(),
+        // There are many that are no number, and a file has one: its bytes are kept.
+        ObjectValue::F32(n) if n.is_nan() => {
+            return (ValueType::Bytes, format!("{:?}", n.to_le_bytes()));
+        }
+        ObjectValue::F32(n) => toml::Value::Float((*n).into()).to_string(),
+        ObjectValue::Text(text) => quoted(text),
+        ObjectValue::Bytes(bytes) => format!("{bytes:?}"),
+    };
+    (value.value_type(), text)
+}
+
 #[cfg(test)]
-#[path = "file_tests.rs"]
-mod tests;
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::coe::ObjectAddress;
+
+    fn error(text: &str) -> String {
+        StartUpList::from_toml(text, "list.toml")
+            .unwrap_err()
+            .to_string()
+    }
+
+    fn entry(rest: &str) -> String {
+        format!("drive = \"left\"\n\n[[write]]\nobject = \"2345h:01\"\n{rest}")
+    }
+
+    #[test]
+    fn a_list_has_its_lines_in_order_with_types_axes_and_transitions() {
+        let text = r#"
+        drive = "gantry left"
+        [[write]]
+        object = "quick stop deceleration"
+        axis = 2
+        value = 1_000_000
+        comment = "with full load"
+        verify = true
+        [[write]]
+        object = "2345h:0A"
+        type = "bytes"
+        value = [1, 0xFF]
+        transition = "SAFEOP-OP"
+    "#;
+        let list = StartUpList::from_toml(text, "list.toml").unwrap();
+        let mut first = StartUpWrite::new(obj::QUICK_STOP_DECELERATION.axis(2), 1_000_000)
+            .comment("with full load")
+            .verified();
+        first.line = Some(4);
+        let mut second = StartUpWrite::to(ObjectAddress::new(0x2345, 10), vec![1, 0xFF])
+            .at(Transition::SafeOpToOp);
+        second.line = Some(10);
+        assert_eq!(list.writes, [first, second]);
+    }
+
+    #[test]
+    fn every_type_has_its_ends_and_nothing_beyond_them() {
+        for (kind, good, bad) in [
+            ("u8", ["0", "255"], ["-1", "256"]),
+            ("i8", ["-128", "127"], ["-129", "128"]),
+            ("u16", ["0", "0xFFFF"], ["-1", "65536"]),
+            ("i16", ["-32768", "32767"], ["-32769", "32768"]),
+            ("u32", ["0", "4294967295"], ["-1", "4294967296"]),
+            (
+                "i32",
+                ["-2147483648", "2147483647"],
+                ["-2147483649", "2147483648"],
+            ),
+            (
+                "u64",
+                ["0", "18446744073709551615"],
+                ["-1", "18446744073709551616"],
+            ),
+            (
+                "i64",
+                ["-9223372036854775808", "9223372036854775807"],
+                ["9223372036854775808", "1.5"],
+            ),
+            ("f32", ["1.5", "-3"], ["1e300", "\"1\""]),
+            ("string", ["\"ab\"", "''"], ["1", "[1]"]),
+            ("bytes", ["[]", "[0, 255]"], ["\"ab\"", "1"]),
+        ] {
+            for value in good {
+                let text = entry(&format!("type = \"{kind}\"\nvalue = {value}"));
+                let list = StartUpList::from_toml(&text, "list.toml").unwrap();
+                assert_eq!(list.writes[0].value.value_type().to_string(), kind);
+            }
+            for value in bad {
+                let got = error(&entry(&format!("type = \"{kind}\"\nvalue = {value}")));
+                let place = "list.toml:6: drive \"left\": object \"2345h:01\": expected ";
+                assert!(got.starts_with(place), "{kind} {value}: {got}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_mistake_is_named_with_its_line() {
+        for (rest, line, part) in [
+            ("value = 1", 4, "its type is not known"),
+            ("type = \"u128\"\nvalue = 1", 5, "`u128` is no type"),
+            (
+                "type = \"u8\"\naxis = 9\nvalue = 1",
+                6,
+                "axis 9 is not 1 to 8",
+            ),
+            (
+                "type = \"u8\"\nvalue = 1\ntransition = \"INIT-PREOP\"",
+                7,
+                "PREOP-SAFEOP or SAFEOP-OP",
+            ),
+            ("type = \"u8\"\nvalues = 1", 6, "unknown field `values`"),
+            ("type = \"u8\"", 3, "missing field `value`"),
+            (
+                "type = \"u8\"\nvalue = true",
+                6,
+                "a number, a string or a list of bytes",
+            ),
+            ("type = \"bytes\"\nvalue = [256]", 6, "256 is no byte"),
+            ("type = \"u8\"\nvalue = ", 6, ""),
+            (
+                "type = \"u8\"\nvalue = 1\ntype = \"u8\"",
+                7,
+                "duplicate key",
+            ),
+        ] {
+            let got = error(&entry(rest));
+            assert!(
+                got.starts_with(&format!("list.toml:{line}: ")),
+                "{rest}: {got}"
+            );
+            assert!(got.contains(part), "{rest}: {got}");
+        }
+        for object in [
+            "6081",
+            "6081h:",
+            "6081h:100",
+            "60811h:00",
+            "h",
+            "6081h:00:00",
+            "6081h:+1",
+            "",
+        ] {
+            let got = error(&format!(
+                "[[write]]\nobject = \"{object}\"\ntype = \"u8\"\nvalue = 1"
+            ));
+            assert!(
+                got.contains("neither index and subindex"),
+                "{object}: {got}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_list_never_writes_a_controlword() {
+        for object in [
+            "object = \"controlword\"",
+            "object = \"6840h\"",
+            "object = \"controlword\"\naxis = 8",
+        ] {
+            let got = error(&format!("[[write]]\n{object}\nvalue = 15"));
+            assert!(got.starts_with("list.toml:2: "), "{got}");
+            assert!(got.contains("enable the axis by its handle"), "{got}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_missing_or_too_long_is_named() {
+        let error = StartUpList::load("no/such/list.toml").unwrap_err();
+        assert!(matches!(error.kind, FileFault::Io(_)), "{error}");
+        assert!(error.to_string().starts_with("no/such/list.toml: "));
+        let error = StartUpList::from_toml(&"#".repeat(LONGEST_FILE + 1), "l").unwrap_err();
+        assert_eq!(error.kind, FileFault::TooLong);
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_makes_a_list_panic(text in "\\PC{0,200}") {
+            let _ = StartUpList::from_toml(&text, "l");
+        }
+
+        #[test]
+        fn a_damaged_list_is_read_or_refused_with_a_line(
+            cut in 0_usize..400, at in 0_usize..400, new in prop::sample::select(b"\"=[]{}#,.-09xh\n\t \\".to_vec()),
+        ) {
+            let whole = entry("type = \"u16\"\nvalue = 7\ncomment = \"c\"\n[[write]]\nobject = \"position window\"\nvalue = 0x10\nverify = true\n");
+            let mut bytes = whole.into_bytes();
+            if let Some(byte) = bytes.get_mut(at) {
+                *byte = new;
+            }
+            bytes.truncate(cut.max(1));
+            let text = String::from_utf8(bytes).unwrap();
+            if let Err(error) = StartUpList::from_toml(&text, "l") {
+                let lines = text.split('\n').count();
+                let line = error.line.expect("a line");
+                prop_assert!((1..=lines).contains(&line), "{} of {}: {}", line, lines, error);
+            }
+        }
+    }
+
+    fn values() -> impl Strategy<Value = ObjectValue> {
+        let kind = prop::sample::select(vec![
+            "u8", "i8", "u16", "i16", "u32", "i32", "u64", "i64", "f32", "string", "bytes",
+        ]);
+        (kind, prop::collection::vec(any::<u8>(), 0..12)).prop_map(|(kind, mut bytes)| {
+            let width = match kind {
+                "u8" | "i8" => 1,
+                "u16" | "i16" => 2,
+                "u32" | "i32" | "f32" => 4,
+                "u64" | "i64" => 8,
+                _ => bytes.len(),
+            };
+            bytes.resize(width, 0xA5);
+            ObjectValue::decode(kind.parse().unwrap(), &bytes)
+        })
+    }
+
+    #[test]
+    fn a_command_in_a_file_is_refused_with_its_line() {
+        let text = "drive = \"left\"\n[[parameter]]\nobject = \"modes of operation\"\nvalue = 1\n";
+        let error = ParameterSet::from_toml(text, "left.toml").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "left.toml:3: drive \"left\": object \"modes of operation\": this object is a command or a record, and no parameter"
+        );
+    }
+
+    #[test]
+    fn a_set_that_could_not_be_read_again_is_not_written() {
+        let path = std::env::temp_dir().join(format!("servocrab-long-{}.toml", std::process::id()));
+        let set = |length| ParameterSet {
+            drive: Some("x".repeat(length)),
+            identity: None,
+            parameters: Vec::new(),
+        };
+        let around = set(0).to_toml().len();
+        let longest = LONGEST_FILE - around;
+        let error = set(longest + 1).save(&path).unwrap_err();
+        assert_eq!(error.kind, FileFault::TooLong);
+        assert!(!path.exists());
+        set(longest).save(&path).unwrap();
+        assert_eq!(ParameterSet::load(&path).unwrap(), set(longest));
+        std::fs::remove_file(&path).unwrap();
+    }
+
+    proptest! {
+        #[test]
+        fn a_set_comes_out_of_its_file_as_it_was(
+            drive: Option<String>, name: String, values in prop::collection::vec(values(), 0..8), serial: u32,
+        ) {
+            let parameters = values.into_iter().map(|value| Parameter {
+                object: ObjectAddress::new(0x2345, 0xAB),
+                name: name.clone(),
+                value,
+            });
+            let identity = Some(Identity { vendor: 0x6A, product: u32::MAX, revision: 0, serial });
+            let set = ParameterSet { drive, identity, parameters: parameters.collect() };
+            let text = set.to_toml();
+            let read = ParameterSet::from_toml(&text, "l").map_err(|error| TestCaseError::fail(format!("{error}\n{text}")))?;
+            // Bytes for bytes: what is no number is not equal to itself, and comes back as bytes.
+            prop_assert_eq!(read.to_toml(), text);
+            for (read, written) in read.parameters.iter().zip(&set.parameters) {
+                prop_assert_eq!(read.value.encode(), written.value.encode());
+            }
+        }
+
+        #[test]
+        fn nothing_makes_a_set_panic(text in "\\PC{0,200}") {
+            let _ = ParameterSet::from_toml(&text, "l");
+        }
+    }
+}

@@ -8,25 +8,17 @@
 
 #[cfg(feature = "files")]
 mod file;
-mod guard;
-mod memory;
-mod objects;
-#[cfg(feature = "files")]
-mod raw_value;
 mod restore;
 mod set;
-#[cfg(feature = "files")]
-mod set_file;
 mod start_up;
 mod value;
 
 #[cfg(feature = "files")]
 pub use file::{FileError, FileFault, LONGEST_FILE};
-pub use guard::Enabled;
-pub use memory::{
-    MemoryError, MemoryFault, MemorySupport, defaults_support, load_defaults, store, store_support,
+pub use restore::{
+    Enabled, MemoryError, MemoryFault, MemorySupport, RestoreError, RestoreFault, Restored,
+    defaults_support, load_defaults, store, store_support,
 };
-pub use restore::{RestoreError, RestoreFault, Restored};
 pub use set::{
     Backup, Difference, Differences, Held, Parameter, ParameterObject, ParameterSet, Progress,
     is_parameter,

@@ -162,13 +162,18 @@ impl StartUpList {
         Ok(())
     }
 
-    /// The first line that a start-up list must not have: the controlword, by which an axis could be switched on before
-    /// anything watches it.
+    /// The first line that a start-up list must not have. The controlword could switch an axis on before anything watches
+    /// it; the statusword can only be read.
     pub(crate) fn mistake(&self) -> Option<StartUpError> {
         let mut lines = self.writes.iter().enumerate();
-        lines
-            .find(|(_, write)| is_controlword(write.object))
-            .map(|(place, write)| self.error(place, write, WriteFault::Controlword))
+        lines.find_map(|(place, write)| {
+            let fault = match of_first_axis(write.object)? {
+                0x6040 => WriteFault::Controlword,
+                0x6041 => WriteFault::Statusword,
+                _ => return None,
+            };
+            Some(self.error(place, write, fault))
+        })
     }
 
     fn error(&self, place: usize, write: &StartUpWrite, fault: WriteFault) -> StartUpError {
@@ -192,14 +197,18 @@ impl From<StartUpWrite> for StartUpList {
 
 /// 6040h of any axis.
 pub(super) fn is_controlword(object: ObjectAddress) -> bool {
-    (0x6000..0xA000).contains(&object.index)
-        && (object.index - 0x6000) % 0x0800 == 0x0040
-        && object.subindex == 0
+    of_first_axis(object) == Some(0x6040)
+}
+
+/// The index that a variable of the profile has on the first axis.
+fn of_first_axis(object: ObjectAddress) -> Option<u16> {
+    let is_profile = (0x6000..0xA000).contains(&object.index) && object.subindex == 0;
+    is_profile.then(|| 0x6000 + (object.index - 0x6000) % 0x0800)
 }
 
 /// A line of a start-up list that could not be written.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{}: {fault}", Place(self))]
+#[error("{}: {fault}", ObjectAndLine(self))]
 pub struct StartUpError {
     /// The file of the list.
     pub file: Option<String>,
@@ -218,9 +227,9 @@ pub struct StartUpError {
     pub fault: WriteFault,
 }
 
-struct Place<'a>(&'a StartUpError);
+struct ObjectAndLine<'a>(&'a StartUpError);
 
-impl fmt::Display for Place<'_> {
+impl fmt::Display for ObjectAndLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let error = self.0;
         match (&error.file, error.line) {
@@ -258,6 +267,11 @@ pub enum WriteFault {
     /// It is a controlword.
     #[error("the controlword is no parameter: enable the axis by its handle")]
     Controlword,
+    /// It is a statusword.
+    #[error(
+        "the statusword can only be read: take the line out; an axis is commanded by its handle, and parameters are other objects"
+    )]
+    Statusword,
 }
 
 /// Writes an object, and compares what it holds then.

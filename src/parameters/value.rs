@@ -201,7 +201,7 @@ fn without_padding(bytes: &[u8]) -> &[u8] {
 }
 
 /// The object that the library knows at this address, or that it knows of a first axis and that is here of another.
-pub(super) fn known(address: ObjectAddress) -> Option<AnyObject> {
+fn known(address: ObjectAddress) -> Option<AnyObject> {
     let all = obj::all();
     let find = |index| {
         all.iter()

@@ -3,11 +3,11 @@
 use alloc::boxed::Box;
 use alloc::vec::Vec;
 
-use super::entry::{Entry, Pdo};
 use super::layout::Layout;
 use super::mapping::{Direction, Mapping};
+use super::mapping::{Entry, Pdo};
+use super::mapping::{Plan, Step};
 use super::offer::FixedPdo;
-use super::plan::{Plan, Step};
 use super::verify::{self, Differences};
 use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoHandle};
 

@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 use core::marker::PhantomData;
 
-use super::entry::Entry;
+use super::mapping::Entry;
 use super::mapping::{Direction, Mapping, width};
 use crate::coe::{Number, Object, ObjectAddress, Readable, Writable};
 
@@ -133,6 +133,50 @@ impl Place {
             bits,
         }
     }
+
+    /// The bits at this place of `image`; `None` where that is too short, or where the place does not lie within eight bytes.
+    pub(crate) fn read(self, image: &[u8]) -> Option<u64> {
+        let bytes = image.get(self.range()?)?;
+        let mut eight = [0; 8];
+        eight.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        Some(self.read_eight(eight))
+    }
+
+    /// The bits at this place of an image of which these are the eight bytes from its first one on.
+    pub(crate) const fn read_eight(self, bytes: [u8; 8]) -> u64 {
+        u64::from_le_bytes(bytes).wrapping_shr(self.bit as u32) & self.mask()
+    }
+
+    /// Puts the lowest bits of `value` at this place of `image` and leaves all others as they are; `false` where that is too short,
+    /// or where the place does not lie within eight bytes.
+    pub(crate) fn write(self, image: &mut [u8], value: u64) -> bool {
+        let Some(target) = self.range().and_then(|range| image.get_mut(range)) else {
+            return false;
+        };
+        let mask = self.mask();
+        let [value, mask] =
+            [value & mask, mask].map(|bits| bits.wrapping_shl(self.bit.into()).to_le_bytes());
+        let parts = value.into_iter().zip(mask);
+        for (byte, (value, mask)) in target.iter_mut().zip(parts) {
+            *byte = *byte & !mask | value;
+        }
+        true
+    }
+
+    /// The bytes in which it lies.
+    fn range(self) -> Option<core::ops::Range<usize>> {
+        let touched = (usize::from(self.bit) + usize::from(self.bits)).div_ceil(8);
+        (touched <= 8).then_some(())?;
+        Some(self.byte..self.byte.checked_add(touched)?)
+    }
+
+    /// As many low bits as it is long.
+    const fn mask(self) -> u64 {
+        match self.bits {
+            0..64 => (1 << self.bits) - 1,
+            _ => u64::MAX,
+        }
+    }
 }
 
 /// A number at its place in a drive's process data.
@@ -177,44 +221,13 @@ impl<T: Number> Field<T> {
     /// The number in `image`; `None` if that is too short.
     #[must_use]
     pub fn read(&self, image: &[u8]) -> Option<T> {
-        // Up to 32 bits that start within a byte touch five bytes at most.
-        let mut bytes = [0; 8];
-        for (to, from) in bytes.iter_mut().zip(self.bytes(image)?) {
-            *to = *from;
-        }
-        let raw = u64::from_le_bytes(bytes) >> self.place.bit;
-        Some(T::from_raw((raw & self.mask()) as u32))
+        Some(T::from_raw(self.place.read(image)? as u32))
     }
 
     /// Puts `value` into `image`, leaving all other bits as they are; `false` if that is too short.
     #[must_use = "a value that does not fit is not written"]
     pub fn write(&self, image: &mut [u8], value: T) -> bool {
-        let Some(range) = self.range() else {
-            return false;
-        };
-        let Some(target) = image.get_mut(range) else {
-            return false;
-        };
-        let value = (u64::from(value.to_raw()) & self.mask()) << self.place.bit;
-        let mask = self.mask() << self.place.bit;
-        let parts = value.to_le_bytes().into_iter().zip(mask.to_le_bytes());
-        for (byte, (value, mask)) in target.iter_mut().zip(parts) {
-            *byte = *byte & !mask | value;
-        }
-        true
-    }
-
-    fn bytes<'a>(&self, image: &'a [u8]) -> Option<&'a [u8]> {
-        image.get(self.range()?)
-    }
-
-    fn range(&self) -> Option<core::ops::Range<usize>> {
-        let touched = (usize::from(self.place.bit) + usize::from(self.place.bits)).div_ceil(8);
-        Some(self.place.byte..self.place.byte.checked_add(touched)?)
-    }
-
-    const fn mask(&self) -> u64 {
-        (1 << T::BITS) - 1
+        self.place.write(image, value.to_raw().into())
     }
 }
 
@@ -292,6 +305,41 @@ mod tests {
         assert_eq!(layout.output_bytes(), 9);
         assert_eq!(layout.find(Direction::Inputs, 0x6040, 0), None);
         assert_eq!(layout.find(Direction::Outputs, 0x6860, 0), None);
+    }
+
+    proptest! {
+        #[test]
+        fn bits_survive_at_any_place_and_leave_their_neighbours(
+            value: u64, byte in 0usize..4, bit in 0u8..8, bits in 0u8..=57, fill: [u8; 16],
+        ) {
+            let place = Place { byte, bit, bits };
+            let mut image = fill;
+            prop_assert!(place.write(&mut image, value));
+            prop_assert_eq!(place.read(&image), Some(value & ((1 << bits) - 1)));
+            prop_assert_eq!(
+                Some(place.read_eight(image[byte..byte + 8].try_into().unwrap())),
+                place.read(&image)
+            );
+            prop_assert!(place.write(&mut image, place.read(&fill).unwrap()));
+            prop_assert_eq!(image, fill);
+        }
+    }
+
+    #[test]
+    fn bits_that_end_behind_the_image_or_behind_eight_bytes_are_none() {
+        let place = |byte, bit, bits| Place { byte, bit, bits };
+        let mut image = [0xFF; 9];
+        assert_eq!(place(0, 0, 64).read(&image), Some(u64::MAX));
+        for place in [
+            place(0, 1, 64),
+            place(8, 0, 9),
+            place(9, 0, 1),
+            place(usize::MAX, 7, 9),
+        ] {
+            assert_eq!(place.read(&image), None, "{place:?}");
+            assert!(!place.write(&mut image, 0), "{place:?}");
+        }
+        assert_eq!(image, [0xFF; 9]);
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use alloc::vec::Vec;
 
-use super::entry::{Entry, Pdo};
+use super::mapping::MappingError;
 use super::mapping::{Direction, Limits, Mapping, entry_of};
-use super::mapping_error::MappingError;
+use super::mapping::{Entry, Pdo};
 use crate::coe::AnyObject;
 
 /// Fixed PDOs of one direction among which is chosen, beside the mandatory ones: those that hold most of what is wanted.

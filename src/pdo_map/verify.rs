@@ -4,8 +4,8 @@ use alloc::string::String;
 use alloc::vec::Vec;
 use core::fmt;
 
-use super::entry::{Entry, Pdo};
 use super::mapping::{Direction, Mapping};
+use super::mapping::{Entry, Pdo};
 
 /// Compares what was declared with what was read back.
 ///

@@ -2,15 +2,12 @@
 
 use core::time::Duration;
 
-use crate::{
-    axis::no_older,
-    ds402::{Controlword, Sample, Statusword},
-};
+use crate::ds402::{Controlword, Sample, Statusword};
 
 use super::{
-    Bounds, BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference, RelativeBase,
-    Start, StartBits, Traits,
-    track::{Bases, Rest, Sight, Track},
+    Bounds, BufferMode, BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference,
+    RelativeBase, StartBits, Traits, no_older,
+    track::{Rest, Track},
 };
 
 /// Set-points that the drive may hold.
@@ -69,44 +66,44 @@ pub(super) struct Chain {
 struct Over {
     track: Track,
     /// How the next one was started, and when it was seen to have taken over, from where.
-    next: Start,
+    next: BufferMode,
     since: Duration,
     position: i32,
 }
 
 impl Chain {
     /// Whether one has just ended that the drive may still begin.
-    pub(super) const fn take_not_begun(&mut self) -> bool {
+    pub const fn take_not_begun(&mut self) -> bool {
         core::mem::replace(&mut self.not_begun, false)
     }
 
-    /// Whether the drive may hold one of which the end was told already.
-    pub(super) const fn is_unproven(&self) -> bool {
+    /// Whether the drive may hold one of which the end was reported already.
+    pub const fn is_unproven(&self) -> bool {
         self.unproven
     }
 
     /// The drive has dropped all of them, out of Operation enabled: when it is enabled again it begins where the axis then is.
-    pub(super) const fn forget(&mut self) {
+    pub const fn forget(&mut self) {
         self.unproven = false;
         self.at_base = true;
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.held.iter().all(Option::is_none)
     }
 
     /// Whether at most one is held, and nothing is open about a halt or those before it.
-    pub(super) fn is_calm(&self) -> bool {
+    pub fn allows_idle_path(&self) -> bool {
         let [first, rest @ ..] = &self.held;
         self.over.is_none()
             && rest.iter().all(Option::is_none)
-            && first.as_ref().is_none_or(Track::is_calm)
+            && first.as_ref().is_none_or(Track::allows_idle_path)
     }
 
-    /// Takes in a set-point that the drive has acknowledged; with `Immediately` it is the only one from now on.
-    pub(super) fn push(&mut self, mut track: Track, events: &mut Events) {
+    /// Takes in a set-point that the drive has acknowledged; with `Aborting` it is the only one from now on.
+    pub fn push(&mut self, mut track: Track, events: &mut Events) {
         self.at_base = false;
-        if track.start == Start::Immediately {
+        if track.buffer_mode == BufferMode::Aborting {
             self.fail_all(Failure::Superseded, events);
             self.unproven = false;
         } else if self.is_empty() && (self.unseen || self.unproven) {
@@ -118,7 +115,7 @@ impl Chain {
     }
 
     /// Ends all of them, with the axis anywhere.
-    pub(super) fn fail_all(&mut self, failure: Failure, events: &mut Events) {
+    pub fn fail_all(&mut self, failure: Failure, events: &mut Events) {
         let over = self.over.take().map(|over| over.track);
         let held = self.held.iter_mut().filter_map(Option::take);
         for track in over.into_iter().chain(held) {
@@ -129,14 +126,8 @@ impl Chain {
         self.unseen = false;
     }
 
-    /// Lets go of what makes no difference any more. `arrives`: whether 606Ch tells that the axis has arrived.
-    pub(super) fn let_go(
-        &mut self,
-        now: Duration,
-        begin: Duration,
-        settle: Duration,
-        arrives: bool,
-    ) {
+    /// Lets go of what makes no difference any more. `arrives`: whether 606Ch shows that the axis has arrived.
+    pub fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration, arrives: bool) {
         for track in self.held.iter_mut().flatten() {
             track.let_go(now, begin, settle);
         }
@@ -148,8 +139,8 @@ impl Chain {
         self.last_end = self.last_end.filter(|_| arrives);
     }
 
-    /// The axis stands halted: says so for each of them, once for each halt.
-    pub(super) fn report_halted(&mut self, events: &mut Events) {
+    /// The axis stands halted: reports it for each of them, once for each halt.
+    pub fn report_halted(&mut self, events: &mut Events) {
         for track in self
             .held
             .iter_mut()
@@ -162,7 +153,7 @@ impl Chain {
     }
 
     /// Bit 8 falls.
-    pub(super) fn resumed(&mut self, now: Duration, from_rest: bool) {
+    pub fn resumed(&mut self, now: Duration, from_rest: bool) {
         for (place, track) in self.held.iter_mut().flatten().enumerate() {
             track.goes_on(now, from_rest, place == 0);
         }
@@ -172,13 +163,7 @@ impl Chain {
     }
 
     /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point.
-    pub(super) fn follow(
-        &mut self,
-        cycle: &Cycle<'_>,
-        room_shown: bool,
-        next: Next,
-        events: &mut Events,
-    ) {
+    pub fn follow(&mut self, cycle: &Cycle<'_>, room_shown: bool, next: Next, events: &mut Events) {
         // A single set-point, with nothing behind it, ends where the axis stands, whatever was not seen of its way.
         let alone = self.over.is_none() && self.held[1].is_none() && next == Next::None;
         let stalled;
@@ -218,7 +203,7 @@ impl Chain {
                             actual: cycle.sample.position,
                         });
                         let outcome = match rest {
-                            Some(Rest::NextNotBegun) => first.ended_into(second.start, cycle),
+                            Some(Rest::NextNotBegun) => first.ended_into(second.buffer_mode, cycle),
                             _ => not_begun,
                         };
                         events.push(first.id, Event::Done(outcome));
@@ -228,15 +213,15 @@ impl Chain {
                         self.not_begun = true;
                         return;
                     }
-                    if shown && first.sight(cycle) != Sight::There {
+                    if shown && !first.is_seen_at_end(cycle) {
                         self.over = Some(Over {
                             track: *first,
-                            next: second.start,
+                            next: second.buffer_mode,
                             since: cycle.now,
                             position: cycle.sample.position,
                         });
                     } else {
-                        let outcome = first.ended_into(second.start, cycle);
+                        let outcome = first.ended_into(second.buffer_mode, cycle);
                         // At rest nothing shows that the next one has taken over.
                         if rest.is_some() && outcome.is_err() {
                             self.unproven = true;
@@ -244,10 +229,9 @@ impl Chain {
                         }
                         events.push(first.id, Event::Done(outcome));
                     }
-                    second.takes_over(first, cycle);
+                    second.takes_over(first, shown, rest.is_some(), cycle);
                     self.last_end = first.end;
-                    self.held.rotate_left(1);
-                    self.held[HELD - 1] = None;
+                    self.held[0] = self.held[1].take();
                 }
             }
             [Some(_), None] => {
@@ -259,7 +243,7 @@ impl Chain {
 
     /// Takes in one cycle of the only one that is held, where no cycle before it was without inputs. Whether it may end with it.
     #[inline(always)]
-    pub(super) fn note_active(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) -> bool {
+    pub fn note_active(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) -> bool {
         let [Some(track), _] = &mut self.held else {
             return false;
         };
@@ -285,7 +269,7 @@ impl Chain {
     }
 
     /// Ends the only one that is held, if what was taken in of this cycle shows its end. Whether it has ended.
-    pub(super) fn end_active(
+    pub fn end_active(
         &mut self,
         cycle: &Cycle<'_>,
         next: Next,
@@ -319,8 +303,8 @@ impl Chain {
         }
     }
 
-    /// A later set-point may have replaced them: what the axis passes says nothing of them. At the end of the last of them that
-    /// one has arrived; where the axis stands otherwise, none of them is known to be what has led it there.
+    /// A later set-point may have replaced them: what the axis passes says nothing of them. Where it stands at the end of the last of
+    /// them that one has arrived; where it stands otherwise, none of them is known to be what has led it there.
     fn follow_doubtful(&mut self, anywhere: bool, cycle: &Cycle<'_>, events: &mut Events) {
         let actual = cycle.sample.position;
         let last = self.held.iter().flatten().count();
@@ -328,8 +312,7 @@ impl Chain {
             let Some(track) = held else { continue };
             track.note(cycle, false);
             let at_rest = track.is_at_rest(cycle);
-            let may_arrive =
-                track.end.is_some() && !anywhere && place + 1 == last && (last == 1 || at_rest);
+            let may_arrive = track.end.is_some() && !anywhere && place + 1 == last && at_rest;
             let outcome = match track.outcome(cycle) {
                 Some(Ok(completion)) if may_arrive => Ok(completion),
                 _ if at_rest => Err(Failure::PerhapsSuperseded { actual }),
@@ -339,7 +322,7 @@ impl Chain {
             *held = None;
         }
         if self.held[0].is_none() {
-            self.held.rotate_left(1);
+            self.held[0] = self.held[1].take();
         }
         self.last_end = None;
     }
@@ -352,7 +335,7 @@ impl Chain {
         };
         over.track.note(cycle, false);
         let waited = cycle.now.saturating_sub(over.since) >= cycle.bounds.settle;
-        if !waited && over.track.sight(cycle) != Sight::There {
+        if !waited && !over.track.is_seen_at_end(cycle) {
             return true;
         }
         let outcome = match over.track.ended_into(over.next, cycle) {
@@ -372,16 +355,17 @@ impl Chain {
     }
 
     /// Whether the drive can take this move now.
-    pub(super) fn place_for(&self, command: &MoveCommand, traits: &Traits) -> Place {
-        let start = command.set_point.start;
-        let bits = traits.bits(start);
+    pub fn place_for(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Place {
+        let traits = cycle.traits;
+        let buffer_mode = command.set_point.buffer_mode;
+        let bits = traits.bits(buffer_mode);
         let [Some(active), next] = &self.held else {
             return Place::Free;
         };
-        let full = next.is_some() || (self.unproven && start != Start::Immediately);
+        let full = next.is_some() || (self.unproven && buffer_mode != BufferMode::Aborting);
         let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
-        match start {
-            Start::Immediately if full => match (command.reference, traits.buffer_signal) {
+        match buffer_mode {
+            BufferMode::Aborting if full => match (command.reference, traits.buffer_signal) {
                 // A bit 12 that is still high is not that of the buffer.
                 (_, BufferSignal::None) => Place::Free,
                 (Reference::Absolute, _) => Place::Full,
@@ -391,30 +375,32 @@ impl Chain {
                 ),
                 (Reference::Relative, BufferSignal::Unknown) => Place::Free,
             },
-            Start::Immediately => Place::Free,
+            BufferMode::Aborting => Place::Free,
             _ if bits == StartBits::Sequenced || full => Place::Later,
             _ if shown_by_bit_12 => Place::Free,
-            Start::AfterCurrent if active.shows_its_stop() => Place::Free,
-            Start::Blend if active.shows_its_passing() => Place::Free,
-            Start::Blend if active.end.is_none() || active.turns => Place::Never(
+            // Before it the drive may hold another one yet.
+            _ if !active.is_surely_first(cycle) => Place::Later,
+            BufferMode::Buffered if active.shows_its_stop() => Place::Free,
+            BufferMode::Blending if active.shows_its_passing() => Place::Free,
+            BufferMode::Blending if active.end.is_none() || active.turns => Place::Never(
                 "the end of the active move shows neither in bit 12 nor in the position: \
-                 use AfterCurrent, or an absolute move before it",
+                 use Buffered, or an absolute move before it",
             ),
             // Sent when the axis is on its way to the end, or has arrived there.
-            Start::AfterCurrent | Start::Blend => Place::Later,
+            BufferMode::Buffered | BufferMode::Blending => Place::Later,
         }
     }
 
     /// Whether a move would begin at rest.
-    pub(super) fn begins_at_rest(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> bool {
-        match command.set_point.start {
-            Start::AfterCurrent => true,
-            Start::Blend | Start::Immediately => self.stands(cycle),
+    pub fn begins_at_rest(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> bool {
+        match command.set_point.buffer_mode {
+            BufferMode::Buffered => true,
+            BufferMode::Blending | BufferMode::Aborting => self.stands(cycle),
         }
     }
 
     /// Whether the axis stands, with no set-point that the drive holds.
-    pub(super) fn stands(&self, cycle: &Cycle<'_>) -> bool {
+    pub fn stands(&self, cycle: &Cycle<'_>) -> bool {
         let stands = || {
             let standstill = cycle.standstill;
             standstill.stands_since(cycle.now, self.ended, cycle.bounds)
@@ -423,12 +409,12 @@ impl Chain {
     }
 
     /// Whether whatever a distance may count from is where the axis has last come to rest.
-    pub(super) const fn is_at_base(&self) -> bool {
+    pub const fn is_at_base(&self) -> bool {
         self.at_base
     }
 
     /// Another mode may lead the axis anywhere.
-    pub(super) const fn leave_base(&mut self) {
+    pub const fn leave_base(&mut self) {
         self.at_base = false;
     }
 
@@ -443,44 +429,34 @@ impl Chain {
     }
 
     /// Where a move begins: behind another at the end of that, where it is known; else where the axis is.
-    pub(super) fn begin_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> i32 {
+    pub fn begin_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> i32 {
         self.before(command)
             .and_then(|before| before.end)
             .unwrap_or(cycle.sample.position)
     }
 
     /// The one that a move is to follow.
-    fn before(&self, command: &MoveCommand) -> Option<&Track> {
-        let queues = command.set_point.start != Start::Immediately;
+    pub fn before(&self, command: &MoveCommand) -> Option<&Track> {
+        let queues = command.set_point.buffer_mode != BufferMode::Aborting;
         self.held.iter().flatten().last().filter(|_| queues)
     }
 
-    /// What a distance counts from behind one whose end is not known.
-    pub(super) fn bases_behind(&self, command: &MoveCommand, bounds: &Bounds) -> Option<Bases> {
-        self.before(command)?.bases_behind(bounds)
-    }
-
-    /// Whether a move is to follow one that the drive holds.
-    pub(super) fn queues(&self, command: &MoveCommand) -> bool {
-        self.before(command).is_some()
-    }
-
     /// Whether one of them ends so near to a position that an axis there may have been led by either.
-    pub(super) fn ends_near(&self, position: i32, bounds: &Bounds) -> bool {
+    pub fn ends_near(&self, position: i32, bounds: &Bounds) -> bool {
         let near = |end| bounds.distance(end, position) <= bounds.position.saturating_mul(3);
         self.held
             .iter()
             .flatten()
-            .any(|track| track.end.is_some_and(near))
+            .any(|track| track.end.is_some_and(near) || track.may_end_at(position, bounds))
     }
 
-    /// Where a move will end, where the documents and the position tell.
-    pub(super) fn end_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
+    /// Where a move will end, where the documents and the position show it.
+    pub fn end_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         match command.reference {
             // A drive that counts from the actual position takes it on the way, behind the end of the move before by the
             // following error.
             Reference::Relative
-                if command.set_point.start == Start::Blend
+                if command.set_point.buffer_mode == BufferMode::Blending
                     && !self.is_empty()
                     && cycle.traits.relative_base == RelativeBase::Actual =>
             {
@@ -491,7 +467,7 @@ impl Chain {
     }
 
     /// The end of the last set-point, held or arrived at, where it is known.
-    pub(super) fn previous_end(&self) -> Option<i32> {
+    pub fn previous_end(&self) -> Option<i32> {
         match self.held.iter().flatten().last() {
             Some(before) => before.end,
             None => self.last_end,
@@ -499,7 +475,7 @@ impl Chain {
     }
 
     /// Where a move leads, also where its end is not known to the count.
-    pub(super) fn goal_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
+    pub fn goal_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         match command.reference {
             Reference::Absolute => Some(command.target),
             Reference::Relative => {
@@ -510,11 +486,7 @@ impl Chain {
     }
 
     /// Refuses a relative move whose turn has come and that would end beyond a limit, where its end is known.
-    pub(super) fn check_limits(
-        &self,
-        command: &MoveCommand,
-        cycle: &Cycle<'_>,
-    ) -> Result<(), Failure> {
+    pub fn check_limits(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Result<(), Failure> {
         if command.reference == Reference::Relative
             && let Some(base) = self.base_of(command, cycle)
         {
@@ -528,17 +500,21 @@ impl Chain {
         Ok(())
     }
 
-    /// What a relative move would count from, where the documents and the position tell.
+    /// What a relative move would count from, where the documents and the position show it.
     fn base_of(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Option<i32> {
         let (position, traits) = (cycle.sample.position, cycle.traits);
-        if self.is_empty() && self.unproven && command.set_point.start != Start::Immediately {
+        if self.is_empty() && self.unproven && command.set_point.buffer_mode != BufferMode::Aborting
+        {
             // Behind one that the drive may hold.
             return None;
         }
-        match (self.held.iter().flatten().last(), command.set_point.start) {
+        match (
+            self.held.iter().flatten().last(),
+            command.set_point.buffer_mode,
+        ) {
             // At the end of the move before it all bases are the same, or nearly so: see `end_of`.
-            (Some(before), Start::AfterCurrent | Start::Blend) => before.end,
-            (Some(before), Start::Immediately) => match traits.relative_base {
+            (Some(before), BufferMode::Buffered | BufferMode::Blending) => before.end,
+            (Some(before), BufferMode::Aborting) => match traits.relative_base {
                 RelativeBase::PreviousTarget => before.end,
                 RelativeBase::Demand
                 | RelativeBase::Actual
@@ -561,7 +537,7 @@ impl Chain {
 
 /// Bits 4, 5, 6 and 9 that start a move.
 pub(super) const fn start_bits(command: &MoveCommand, traits: &Traits) -> Controlword {
-    let start = match traits.bits(command.set_point.start) {
+    let start = match traits.bits(command.set_point.buffer_mode) {
         StartBits::Bits(bits) => bits,
         // Sequenced after arrival: it starts an axis that stands.
         StartBits::Sequenced | StartBits::Unsupported(_) => Controlword::empty(),

@@ -10,21 +10,21 @@ pub(crate) struct Circle<const BITS: u32>;
 /// One turn, both ends included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Turn {
-    pub(crate) min: i64,
-    pub(crate) max: i64,
+    pub min: i64,
+    pub max: i64,
 }
 
 impl<const BITS: u32> Circle<BITS> {
     /// The position of the circle that a number falls on: its lowest bits, with their sign.
     #[inline]
-    pub(crate) const fn of(number: i64) -> i64 {
+    pub const fn of(number: i64) -> i64 {
         let rest = 64 - BITS;
         number.wrapping_shl(rest).wrapping_shr(rest)
     }
 
     /// How many positions a turn has; none where it is empty or one position alone, and none where it is the circle itself.
     #[inline]
-    pub(crate) const fn length(turn: Turn) -> Option<i64> {
+    pub const fn length(turn: Turn) -> Option<i64> {
         if turn.min >= turn.max {
             return None;
         }
@@ -38,7 +38,7 @@ impl<const BITS: u32> Circle<BITS> {
 
     /// The position of a turn on which an axis stands that has gone to `position`, turn after turn.
     #[inline]
-    pub(crate) const fn wrap(turn: Turn, position: i64) -> i64 {
+    pub const fn wrap(turn: Turn, position: i64) -> i64 {
         match Self::length(turn) {
             // No difference of the two fits everywhere; that of their places in the turn does.
             Some(length) => {
@@ -52,7 +52,7 @@ impl<const BITS: u32> Circle<BITS> {
     /// The shorter way from one position to another: around the turn, where there is one, else around the circle. Of two that are as
     /// long it is the positive one around a turn, and the negative one around the circle.
     #[inline]
-    pub(crate) const fn way(turn: Option<Turn>, from: i64, to: i64) -> i64 {
+    pub const fn way(turn: Option<Turn>, from: i64, to: i64) -> i64 {
         let length = match turn {
             Some(turn) => Self::length(turn),
             None => None,
@@ -70,7 +70,7 @@ impl<const BITS: u32> Circle<BITS> {
 
     /// Where an axis stands that has gone this far from a position.
     #[inline]
-    pub(crate) const fn after(turn: Option<Turn>, from: i64, distance: i64) -> i64 {
+    pub const fn after(turn: Option<Turn>, from: i64, distance: i64) -> i64 {
         match turn {
             Some(turn) => Self::wrap(turn, from + distance),
             None => Self::of(from + distance),

@@ -105,12 +105,11 @@ impl LimitsRule {
 /// has them read again: `Axis::read_limits`.
 ///
 /// ```
-/// use servocrab::{bus::DriveConfig, drives, profile_position::{Limits, PositionRange}};
+/// use servocrab::{bus::{AxisConfig, DriveConfig}, drives, profile_position::{Limits, PositionRange}};
 /// let limits = Limits { software: Some(PositionRange { min: -200_000, max: 1_000_000 }), ..Limits::trust_drive() };
 /// let drive = DriveConfig::new(drives::akd2g())
 ///     .axis("x") // what the drive holds
-///     .axis("y")
-///     .limits("y", limits); // what the program says
+///     .axis(AxisConfig::new("y").limits(limits)); // what the program says
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Limits {

@@ -2,11 +2,8 @@
 //!
 //! The types and the sequencing are pure. How a drive differs is data: [`Traits`].
 
-mod bit4;
 mod chain;
 mod circle;
-mod cycle;
-mod events;
 mod limits;
 mod outcome;
 mod sequencer;
@@ -14,33 +11,20 @@ mod set_point;
 mod standstill;
 mod track;
 mod traits;
-mod waiting;
 
-#[cfg(feature = "std")]
-mod by_sdo;
-#[cfg(feature = "std")]
-mod follow;
-#[cfg(feature = "std")]
-mod handle;
-#[cfg(feature = "std")]
-mod motion;
-
-pub(crate) use cycle::Cycle;
-pub(crate) use events::Events;
 pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
+pub(crate) use outcome::Events;
 pub use outcome::{
     CommandId, Completion, Delivery, Event, Failure, Unrest, WaitingFor, WorkingCounter,
 };
 pub(crate) use sequencer::Sequencer;
-pub use set_point::{MoveCommand, Parameters, Reference, SetPoint, Start};
+pub use set_point::{BufferMode, MoveCommand, Parameters, Reference, SetPoint};
 pub(crate) use standstill::{Bounds, LastSeen, Standstill};
-pub use traits::{BufferSignal, RelativeBase, StartBits, Traits};
+pub use traits::{BufferSignal, HomedSignal, RelativeBase, StartBits, Traits};
+pub(crate) use traits::{Cycle, no_older};
 
 #[cfg(feature = "std")]
-pub(crate) use by_sdo::{BySdo, WrittenParameters};
-#[cfg(feature = "std")]
-pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
-#[cfg(feature = "std")]
-pub use handle::{MoveRequest, ProfilePosition};
-#[cfg(feature = "std")]
-pub use motion::{Done, Move, Outcome};
+pub use crate::handle::{
+    ByIterator, ByStream, Done, Follow, Followed, Move, MoveRequest, Outcome, Path, PathError,
+    ProfilePosition,
+};

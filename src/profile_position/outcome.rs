@@ -1,9 +1,11 @@
 //! What is reported about a command: events, completions, failures.
 
-use crate::coe::ObjectAddress;
-use crate::ds402::{Controlword, Mode, State, Statusword, describe_error_code};
+use crate::{
+    coe::ObjectAddress,
+    ds402::{Controlword, Mode, State, Statusword, describe_error_code},
+};
 
-use super::Start;
+use super::BufferMode;
 
 /// Names one command until its last event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -132,7 +134,7 @@ impl core::fmt::Display for WaitingFor {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum Failure {
-    /// A later move with [`Start::Immediately`] took this one's place.
+    /// A later move with [`BufferMode::Aborting`] took this one's place.
     #[error("superseded by a later move")]
     Superseded,
     /// The axis is halted (bit 8). Resume it, or stop it.
@@ -143,7 +145,7 @@ pub enum Failure {
     },
     /// The axis got bit 8 (halt) and does not get slower: its drive ignores the bit, or goes on speeding up for a while. Bit 8
     /// stays set.
-    #[error("the axis was told to halt (bit 8) and does not get slower: stop or quick_stop it")]
+    #[error("the axis has a halt (bit 8) and does not get slower: stop or quick_stop it")]
     HaltIgnored,
     /// Halt option code 605Dh is 0: the drive would let the axis coast at bit 8, which was not sent.
     #[error(
@@ -153,7 +155,7 @@ pub enum Failure {
     /// The axis got a quick stop (bit 2 of the controlword low). Its drive stays in Operation enabled and does not slow it down.
     /// Its voltage is being disabled in place of that: the axis coasts, or a brake stops it.
     #[error(
-        "the drive ignores its quick stop (bit 2) and was told to disable its voltage: the axis may still be moving; find out why the drive takes no quick stop"
+        "the drive ignores its quick stop (bit 2) and got Disable voltage: the axis may still be moving; find out why the drive takes no quick stop"
     )]
     QuickStopIgnored,
     /// A quick stop or stop ended it; the set-point is gone.
@@ -177,15 +179,24 @@ pub enum Failure {
         code: Option<u16>,
     },
     /// The drive no longer answers, or the network is gone.
-    #[error("the drive no longer answers; {}", DeliveryText(*.delivery))]
+    #[error("the drive no longer answers{}", SentText(*.delivery))]
     BusLost {
+        /// How far the set-point came.
+        delivery: Delivery,
+    },
+    /// The drive answers, but has left OP with an AL status code: it takes no outputs, and acts by 6007h. What to do about it:
+    /// `Network::recover`.
+    #[error("the drive has left OP with AL status code {code:04X}h{}{}", AlCodeText(*.code), SentText(*.delivery))]
+    LeftOp {
+        /// The AL status code (0134h). 001Bh: its process-data watchdog has expired.
+        code: u16,
         /// How far the set-point came.
         delivery: Delivery,
     },
     /// The drive answers, but the working counter of the datagram that it shares stays wrong. Whether its outputs arrive is not
     /// known. It gets a quick stop. Stops are accepted, and end by what it shows. Which device is the cause: see the network's
     /// events (`NetworkEvent::Miscounted`).
-    #[error("the drive answers, but whether it receives its outputs is not known{}; {}", CounterText(*.counter), DeliveryText(*.delivery))]
+    #[error("the drive answers, but whether it receives its outputs is not known{}{}", CounterText(*.counter), SentText(*.delivery))]
     Undelivered {
         /// How far the set-point came.
         delivery: Delivery,
@@ -322,10 +333,10 @@ pub enum Failure {
         mode: Mode,
     },
     /// The drive cannot do this start.
-    #[error("the drive cannot start a move this way ({start:?}): {reason}")]
+    #[error("the drive cannot start a move this way ({buffer_mode:?}): {reason}")]
     Unsupported {
         /// What was asked.
-        start: Start,
+        buffer_mode: BufferMode,
         /// Why not.
         reason: &'static str,
     },
@@ -342,7 +353,7 @@ pub enum Failure {
     Zero(&'static str),
     /// The set-point names a parameter that is not mapped into the process data.
     #[error(
-        "{0} is not in the process data: map it into the drive's outputs (`DriveConfig::map_output`)"
+        "{0} is not in the process data: map it into the drive's outputs (`AxisConfig::map_output`)"
     )]
     NotMapped(&'static str),
     /// The set-point leaves out a parameter that is mapped, and nobody has said what the drive holds.
@@ -359,7 +370,7 @@ pub enum Failure {
     /// The drive does not go on from this state although the controlword commands it: it is inhibited. DS402 has no bit that says
     /// why.
     #[error(
-        "the drive stays in {state} although it is told to switch on: look at its enable input, its safe torque off and its supply"
+        "the drive stays in {state} although Switch on is sent: look at its enable input, its safe torque off and its supply"
     )]
     SwitchOnRefused {
         /// The state in which it stays.
@@ -428,6 +439,7 @@ impl Failure {
         | Self::QuickStopped { delivery }
         | Self::WrongMode { delivery, .. }
         | Self::BusLost { delivery }
+        | Self::LeftOp { delivery, .. }
         | Self::Undelivered { delivery, .. }
         | Self::Timeout { delivery, .. } = &mut self
         {
@@ -462,6 +474,18 @@ impl core::fmt::Display for WorkingCounter {
             f,
             "datagram {datagram} of {devices} devices has the working counter {got}, expected {expected}"
         )
+    }
+}
+
+/// What is the matter with a drive that has left OP with this code (ETG.1020).
+struct AlCodeText(u16);
+
+impl core::fmt::Display for AlCodeText {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self.0 {
+            0x001B => f.write_str(" (its process-data watchdog has expired)"),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -511,7 +535,8 @@ impl core::fmt::Display for TimeoutText {
     }
 }
 
-/// How far a set-point came, if one was sent.
+/// How far a set-point came, if one was sent. Of a command that sent none, nothing is said: it need not have one, and a set-point
+/// before it may have moved the axis.
 struct SentText(Delivery);
 
 impl core::fmt::Display for SentText {
@@ -532,5 +557,64 @@ impl core::fmt::Display for DeliveryText {
             Delivery::Unknown => "the set-point was sent, and whether the drive took it is unknown",
             Delivery::Accepted => "the drive had accepted the set-point",
         })
+    }
+}
+
+// The reports that wait to be taken from an axis core: a ring of fixed size.
+
+/// More than all commands that a core can hold at once can report between two drains.
+const CAPACITY: usize = 96;
+
+/// Reports in the order in which they arose.
+#[derive(Clone)]
+pub(crate) struct Events {
+    ring: [Option<(CommandId, Event)>; CAPACITY],
+    first: usize,
+    len: usize,
+}
+
+impl core::fmt::Debug for Events {
+    /// Those that wait.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let waiting = (0..self.len).map(|at| self.ring.get((self.first + at) % CAPACITY));
+        f.debug_list().entries(waiting.flatten().flatten()).finish()
+    }
+}
+
+impl Events {
+    pub const fn new() -> Self {
+        Self {
+            ring: [None; CAPACITY],
+            first: 0,
+            len: 0,
+        }
+    }
+
+    /// Adds a report. A core whose owner never drains it keeps the oldest ones.
+    pub fn push(&mut self, id: CommandId, event: Event) {
+        if self.len < CAPACITY {
+            let at = (self.first + self.len) % CAPACITY;
+            if let Some(place) = self.ring.get_mut(at) {
+                *place = Some((id, event));
+                self.len += 1;
+            }
+        } else {
+            tracing::error!(
+                target: crate::log_target::AXIS,
+                ?id,
+                ?event,
+                "an event was dropped: drain the axis core after each call"
+            );
+        }
+    }
+
+    pub fn pop(&mut self) -> Option<(CommandId, Event)> {
+        if self.len == 0 {
+            return None;
+        }
+        let event = self.ring.get_mut(self.first)?.take()?;
+        self.first = (self.first + 1) % CAPACITY;
+        self.len -= 1;
+        Some(event)
     }
 }

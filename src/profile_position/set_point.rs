@@ -1,15 +1,19 @@
 //! What one move asks of a drive.
 
+use core::hash::{Hash, Hasher};
+
+use crate::units::{AxisUnit, Counts, Quantity, Scale, ScaleError};
+
 /// When a move starts, seen from the move that is under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Start {
+pub enum BufferMode {
     /// Now: the active move is replaced and queued ones are dropped (PLCopen Aborting).
     #[default]
-    Immediately,
+    Aborting,
     /// After the active move has stopped at its target (PLCopen Buffered).
-    AfterCurrent,
+    Buffered,
     /// At the active move's target, without stopping there (PLCopen BlendingPrevious).
-    Blend,
+    Blending,
 }
 
 /// Whether 607Ah is a position or a distance: bit 6 of the controlword.
@@ -21,76 +25,74 @@ pub enum Reference {
     Relative,
 }
 
-/// The parameters of a move and when it starts. What is left out is what the drive holds.
+/// The parameters of a move and when it starts, in the unit of the axis: `u32` for [`Counts`], `f64` for others. What is left out is what the
+/// drive holds.
 ///
 /// ```
-/// use servocrab::profile_position::{SetPoint, Start};
-/// let gentle = SetPoint::new().velocity(5_000).acceleration(20_000).start(Start::AfterCurrent);
-/// assert_eq!(gentle.start, Start::AfterCurrent);
+/// use servocrab::{profile_position::{SetPoint, BufferMode}, units::Mm};
+/// let gentle: SetPoint = SetPoint::new().velocity(5_000).acceleration(20_000).buffer_mode(BufferMode::Buffered);
+/// assert_eq!(gentle.buffer_mode, BufferMode::Buffered);
+/// /// 40 mm/s.
+/// const SLOW: SetPoint<Mm> = SetPoint::new().velocity(40.0);
+/// assert_eq!(SLOW.parameters.velocity, Some(40.0));
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub struct SetPoint {
-    /// When the move starts.
-    pub start: Start,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SetPoint<U: AxisUnit = Counts> {
+    /// When the move starts, as PLCopen's `BufferMode` has it.
+    pub buffer_mode: BufferMode,
     /// Velocity, ramps and profile.
-    pub parameters: Parameters,
+    pub parameters: Parameters<U>,
 }
 
-/// Velocity, ramps and profile type of a move, in the drive's own units.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub struct Parameters {
-    /// Profile velocity 6081h, velocity units; more than 0.
-    pub velocity: Option<u32>,
-    /// Profile acceleration 6083h, acceleration units; more than 0.
-    pub acceleration: Option<u32>,
-    /// Profile deceleration 6084h, acceleration units; more than 0.
-    pub deceleration: Option<u32>,
-    /// End velocity 6082h, velocity units: the speed at the target.
-    pub end_velocity: Option<u32>,
+/// Velocity, ramps and profile type of a move, in the unit of the axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Parameters<U: AxisUnit = Counts> {
+    /// Profile velocity 6081h; more than 0.
+    pub velocity: Option<U::Magnitude>,
+    /// Profile acceleration 6083h; more than 0.
+    pub acceleration: Option<U::Magnitude>,
+    /// Profile deceleration 6084h; more than 0.
+    pub deceleration: Option<U::Magnitude>,
+    /// End velocity 6082h: the speed at the target.
+    pub end_velocity: Option<U::Magnitude>,
     /// Motion profile type 6086h.
     pub profile_type: Option<i16>,
 }
 
-impl SetPoint {
+impl<U: AxisUnit> SetPoint<U> {
     /// Starts immediately, with the parameters that the drive holds.
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            start: Start::Immediately,
-            parameters: Parameters {
-                velocity: None,
-                acceleration: None,
-                deceleration: None,
-                end_velocity: None,
-                profile_type: None,
-            },
+            buffer_mode: BufferMode::Aborting,
+            parameters: Parameters::new(),
         }
     }
 
-    /// With this profile velocity (6081h), in the drive's velocity units.
+    /// With this profile velocity (6081h).
     #[must_use]
-    pub const fn velocity(mut self, velocity: u32) -> Self {
+    pub const fn velocity(mut self, velocity: U::Magnitude) -> Self {
         self.parameters.velocity = Some(velocity);
         self
     }
 
-    /// With this profile acceleration (6083h), in the drive's acceleration units.
+    /// With this profile acceleration (6083h).
     #[must_use]
-    pub const fn acceleration(mut self, acceleration: u32) -> Self {
+    pub const fn acceleration(mut self, acceleration: U::Magnitude) -> Self {
         self.parameters.acceleration = Some(acceleration);
         self
     }
 
-    /// With this profile deceleration (6084h), in the drive's acceleration units.
+    /// With this profile deceleration (6084h).
     #[must_use]
-    pub const fn deceleration(mut self, deceleration: u32) -> Self {
+    pub const fn deceleration(mut self, deceleration: U::Magnitude) -> Self {
         self.parameters.deceleration = Some(deceleration);
         self
     }
 
-    /// With this end velocity (6082h), in the drive's velocity units.
+    /// With this end velocity (6082h).
     #[must_use]
-    pub const fn end_velocity(mut self, end_velocity: u32) -> Self {
+    pub const fn end_velocity(mut self, end_velocity: U::Magnitude) -> Self {
         self.parameters.end_velocity = Some(end_velocity);
         self
     }
@@ -102,23 +104,176 @@ impl SetPoint {
         self
     }
 
-    /// Starting then.
+    /// With this buffer mode.
     #[must_use]
-    pub const fn start(mut self, start: Start) -> Self {
-        self.start = start;
+    pub const fn buffer_mode(mut self, buffer_mode: BufferMode) -> Self {
+        self.buffer_mode = buffer_mode;
         self
     }
 }
 
-/// One move as the axis core takes it: a set-point with its target.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct MoveCommand {
+impl<U: AxisUnit> Default for SetPoint<U> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Eq for SetPoint {}
+
+impl Hash for SetPoint {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        let Self {
+            buffer_mode,
+            parameters,
+        } = self;
+        (buffer_mode, parameters).hash(state);
+    }
+}
+
+impl<U: AxisUnit> Parameters<U> {
+    const fn new() -> Self {
+        Self {
+            velocity: None,
+            acceleration: None,
+            deceleration: None,
+            end_velocity: None,
+            profile_type: None,
+        }
+    }
+
+    fn in_counts(&self, scale: &Scale) -> Result<Parameters, ScaleError> {
+        Ok(Parameters {
+            velocity: scale.speed(Quantity::Velocity, self.velocity)?,
+            end_velocity: scale.speed(Quantity::EndVelocity, self.end_velocity)?,
+            acceleration: scale.ramp(Quantity::Acceleration, self.acceleration)?,
+            deceleration: scale.ramp(Quantity::Deceleration, self.deceleration)?,
+            profile_type: self.profile_type,
+        })
+    }
+}
+
+impl<U: AxisUnit> Default for Parameters<U> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// One move: a set-point with its target. The axis core takes those in counts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MoveCommand<U: AxisUnit = Counts> {
     /// Position or distance.
     pub reference: Reference,
-    /// Target position 607Ah: a position or a distance in the drive's position units.
-    pub target: i32,
+    /// Target position 607Ah: a position or a distance.
+    pub target: U::Signed,
     /// Parameters and start.
-    pub set_point: SetPoint,
+    pub set_point: SetPoint<U>,
     /// Held until fired: the bit 4 of several axes shall rise in one cycle.
     pub gated: bool,
+}
+
+impl Eq for MoveCommand {}
+
+impl Hash for MoveCommand {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        let Self {
+            reference,
+            target,
+            set_point,
+            gated,
+        } = self;
+        (reference, target, set_point, gated).hash(state);
+    }
+}
+
+impl<U: AxisUnit> MoveCommand<U> {
+    /// The same in the drive's units.
+    ///
+    /// # Errors
+    /// The first of its numbers that cannot be converted, with its object.
+    pub fn in_counts(&self, scale: &Scale) -> Result<MoveCommand, ScaleError> {
+        Ok(MoveCommand {
+            reference: self.reference,
+            target: scale.position(self.target.into())?,
+            set_point: SetPoint {
+                buffer_mode: self.set_point.buffer_mode,
+                parameters: self.set_point.parameters.in_counts(scale)?,
+            },
+            gated: self.gated,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::units::{Mm, Ratio};
+
+    /// A move to 0 mm, at 1000 counts a millimetre, 10 a mm/s, and a quarter a mm/s².
+    fn converted(set_point: SetPoint<Mm>) -> Result<SetPoint, ScaleError> {
+        let scale = Scale::counts_per_unit(Ratio::new(1000, 1)?)
+            .velocity_counts_per_unit(Ratio::new(10, 1)?)
+            .acceleration_counts_per_unit(Ratio::new(1, 4)?);
+        let command = MoveCommand {
+            reference: Reference::Absolute,
+            target: 0.0,
+            set_point,
+            gated: false,
+        };
+        command.in_counts(&scale).map(|command| command.set_point)
+    }
+
+    #[test]
+    fn each_parameter_has_the_factor_of_its_quantity() {
+        let set_point = SetPoint::new()
+            .velocity(1.25)
+            .end_velocity(0.0)
+            .acceleration(10.0)
+            .deceleration(14.0)
+            .profile_type(1)
+            .buffer_mode(BufferMode::Blending);
+        let expected = SetPoint::new()
+            .velocity(13)
+            .end_velocity(0)
+            .acceleration(3)
+            .deceleration(4)
+            .profile_type(1)
+            .buffer_mode(BufferMode::Blending);
+        assert_eq!(converted(set_point), Ok(expected));
+        assert_eq!(converted(SetPoint::new()), Ok(SetPoint::new()));
+    }
+
+    #[test]
+    fn what_an_object_does_not_hold_is_refused_by_its_name() {
+        let refused = |set_point| converted(set_point).unwrap_err();
+        assert!(matches!(
+            refused(SetPoint::new().velocity(-1.0)),
+            ScaleError::OutOfRange {
+                quantity: Quantity::Velocity,
+                min: 0.0,
+                ..
+            }
+        ));
+        assert!(matches!(
+            refused(SetPoint::new().acceleration(1e11)),
+            ScaleError::OutOfRange {
+                quantity: Quantity::Acceleration,
+                ..
+            }
+        ));
+        assert!(matches!(
+            refused(SetPoint::new().deceleration(1.0)),
+            ScaleError::RoundsToZero {
+                quantity: Quantity::Deceleration,
+                least: 4.0,
+                ..
+            }
+        ));
+        assert!(matches!(
+            refused(SetPoint::new().end_velocity(f64::NAN)),
+            ScaleError::NotFinite {
+                quantity: Quantity::EndVelocity,
+                ..
+            }
+        ));
+    }
 }

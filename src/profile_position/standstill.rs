@@ -7,7 +7,8 @@ use crate::ds402::Sample;
 use super::{PositionRange, Unrest, circle::Circle};
 
 /// The time between two samples counts as stood for this part of the time asked for at most. So five samples are needed at least, and the
-/// samples before and after a stall are no proof that the axis stood in between.
+/// samples before and after a stall are no proof that the axis stood in between. Where frames were lost for half as long again, all time
+/// before counts for nothing: an axis that swings comes back to where it was.
 const GAP: u32 = 4;
 
 /// Where 606Ch says so too, a position that stays within this part of the window for this part of the settle time is enough: the axis
@@ -17,6 +18,10 @@ const SHORTER: u32 = 8;
 /// But neither is less than so many of the drive's own cycles: its position may be new only once in each.
 const DRIVE_CYCLES: u32 = 4;
 
+/// How many later references an axis that does not stand yet has at most: each begins where it has gone a part of the window further
+/// than the one before, so they cover the window. When the axis leaves the first it has still stayed around the next.
+const LATER: usize = 3;
+
 /// In no time at all every axis stands.
 const LEAST_SETTLE: Duration = Duration::from_millis(1);
 
@@ -24,6 +29,8 @@ const LEAST_SETTLE: Duration = Duration::from_millis(1);
 #[derive(Debug, Clone, Copy, Hash, Default)]
 pub(crate) struct Standstill {
     stay: Stay,
+    /// Around later references, the oldest first; empty once it stands.
+    later: [Stay; LATER],
     /// A stay within a part of the window, with 606Ch within its threshold.
     quiet: Stay,
     /// When the last sample came, for both.
@@ -57,14 +64,16 @@ const NEVER: u64 = u64::MAX;
 
 impl Default for Stay {
     fn default() -> Self {
-        Self {
-            since: NEVER,
-            position: 0,
-        }
+        Self::NONE
     }
 }
 
 impl Stay {
+    const NONE: Self = Self {
+        since: NEVER,
+        position: 0,
+    };
+
     /// Goes on with this sample, or begins with it where it is further away than that. Whether it goes on.
     #[inline]
     fn observe(&mut self, now: u64, position: i32, within: u32, bounds: &Bounds) -> bool {
@@ -121,10 +130,10 @@ const fn nanoseconds(time: Duration) -> u64 {
 /// The bounds within which an axis counts as standing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bounds {
-    pub(crate) position: u32,
+    pub position: u32,
     /// Of 606Ch: at most what leads through the window in the settle time.
-    pub(crate) velocity: u32,
-    pub(crate) settle: Duration,
+    pub velocity: u32,
+    pub settle: Duration,
     /// The same in nanoseconds, like the times below.
     settle_ns: u64,
     /// How long the position must stay where 606Ch says as well that the axis stands.
@@ -135,12 +144,12 @@ pub(crate) struct Bounds {
     gap: u64,
     shorter_gap: u64,
     /// One turn of a modulo axis.
-    pub(crate) turn: Option<PositionRange>,
+    pub turn: Option<PositionRange>,
 }
 
 impl Bounds {
     /// Bounds of this window, this threshold of 606Ch and this settle time, for a drive with this cycle.
-    pub(crate) fn new(
+    pub fn new(
         position: u32,
         velocity: u32,
         settle: Duration,
@@ -167,14 +176,14 @@ impl Bounds {
     /// The shorter way from one position to another: of a modulo axis around its turn, of others on the number circle of 32
     /// bits.
     #[inline]
-    pub(crate) fn way(&self, from: i32, to: i32) -> i64 {
+    pub fn way(&self, from: i32, to: i32) -> i64 {
         let turn = self.turn.as_ref().map(PositionRange::turn);
         Circle::<32>::way(turn, from.into(), to.into())
     }
 
     /// How far two positions lie apart, the shorter way.
     #[inline]
-    pub(crate) fn distance(&self, a: i32, b: i32) -> u32 {
+    pub fn distance(&self, a: i32, b: i32) -> u32 {
         match self.turn {
             None => b.wrapping_sub(a).unsigned_abs(),
             Some(_) => self.distance_around(a, b),
@@ -189,14 +198,14 @@ impl Bounds {
     }
 
     /// Where an axis stands that has gone this far from a position.
-    pub(crate) fn after(&self, from: i32, distance: i32) -> i32 {
+    pub fn after(&self, from: i32, distance: i32) -> i32 {
         let turn = self.turn.as_ref().map(PositionRange::turn);
         // On the circle it fits.
         Circle::<32>::after(turn, from.into(), distance.into()) as i32
     }
 
     /// The length of a modulo axis' turn; none on the number circle of 32 bits.
-    pub(crate) fn turn_length(&self) -> Option<i64> {
+    pub fn turn_length(&self) -> Option<i64> {
         self.turn?.length().map(i64::from)
     }
 }
@@ -204,7 +213,7 @@ impl Bounds {
 impl Standstill {
     /// Takes in one cycle with inputs.
     #[inline(always)]
-    pub(crate) fn observe(
+    pub fn observe(
         &mut self,
         now: Duration,
         position: i32,
@@ -231,6 +240,9 @@ impl Standstill {
             let passed = now.saturating_sub(self.last);
             self.quiet.leave_out(passed, bounds.shorter_gap);
             self.stay.leave_out(passed, bounds.gap);
+            for stay in &mut self.later {
+                stay.leave_out(passed, bounds.gap);
+            }
         }
         self.last = now;
         let quiet = match velocity {
@@ -249,11 +261,47 @@ impl Standstill {
         self.stands = (stays && (self.stands || self.stay.time_after(now, 0) >= bounds.settle_ns))
             || (quiet && self.quiet.time_after(now, 0) >= bounds.shorter);
         self.came = !self.stands && (if stays { self.came } else { was_seen });
-        self.rest = if self.stands {
-            self.rest(velocity.is_some(), bounds)
+        if self.stands {
+            self.later = [Stay::NONE; LATER];
+            self.rest = self.rest(velocity.is_some(), bounds);
         } else {
-            None
-        };
+            self.rest = None;
+            if stays || self.later[0].since != NEVER {
+                self.refer(now, position, stays, bounds);
+            }
+        }
+    }
+
+    /// Follows the later references. Where the axis does not stay around the first, the oldest around which it has stayed takes its place.
+    #[inline(never)]
+    fn refer(&mut self, now: u64, position: i32, stays: bool, bounds: &Bounds) {
+        let distance = |stay: &Stay| bounds.distance(stay.position, position);
+        let mut near = self
+            .later
+            .into_iter()
+            .filter(|stay| stay.since != NEVER && distance(stay) <= bounds.position);
+        if !stays && let Some(oldest) = near.next() {
+            self.stay = oldest;
+        }
+        let mut later = [Stay::NONE; LATER];
+        let (mut newest, mut places) = (self.stay, later.iter_mut());
+        for stay in near {
+            newest = stay;
+            if let Some(place) = places.next() {
+                *place = stay;
+            }
+        }
+        if distance(&newest) > bounds.position / (LATER as u32 + 1) {
+            let begins = Stay {
+                since: now,
+                position,
+            };
+            match places.next() {
+                Some(place) => *place = begins,
+                None => later[LATER - 1] = begins,
+            }
+        }
+        self.later = later;
     }
 
     /// Where the axis may be and stands on. `measured`: 606Ch shows its velocity.
@@ -270,19 +318,34 @@ impl Standstill {
 
     /// The position is measured anew from the next cycle on: where the axis sets off, and where its drive stops it, the time for
     /// which it had stayed before says nothing.
-    pub(crate) const fn begin_anew(&mut self) {
+    pub const fn begin_anew(&mut self) {
         self.stay.since = NEVER;
         self.quiet.since = NEVER;
+        self.later = [Stay::NONE; LATER];
         self.stands = false;
         self.came = false;
         self.rest = None;
     }
 
+    /// Frames were lost until now. Of an axis that does not stand, all time before a long loss counts for nothing.
+    pub fn note_loss(&mut self, now: Duration, bounds: &Bounds) {
+        let now = nanoseconds(now);
+        let passed = now.saturating_sub(self.last);
+        if !self.stands && passed > bounds.gap.saturating_add(bounds.gap / 2) {
+            let stays = [&mut self.stay, &mut self.quiet];
+            for stay in stays.into_iter().chain(&mut self.later) {
+                stay.since = stay.since.max(now);
+            }
+            self.last = now;
+        }
+    }
+
     /// Lets go of what makes no difference any more.
-    pub(crate) fn let_go(&mut self, now: Duration, settle: Duration) {
+    pub fn let_go(&mut self, now: Duration, settle: Duration) {
         let (now, settle) = (nanoseconds(now), nanoseconds(settle));
         let last = self.last.max(now.saturating_sub(settle));
-        for stay in [&mut self.stay, &mut self.quiet] {
+        let stays = [&mut self.stay, &mut self.quiet];
+        for stay in stays.into_iter().chain(&mut self.later) {
             if stay.since == NEVER {
                 stay.position = 0;
             } else {
@@ -297,25 +360,25 @@ impl Standstill {
 
     /// Whether the axis stood in the last cycle with inputs.
     #[inline]
-    pub(crate) const fn is_standing(&self) -> bool {
+    pub const fn is_standing(&self) -> bool {
         self.stands
     }
 
     /// Whether it was seen to move, and has not stood since.
     #[inline]
-    pub(crate) const fn is_under_way(&self) -> bool {
+    pub const fn is_under_way(&self) -> bool {
         self.came
     }
 
     /// As [`is_standing`](Self::is_standing), by what was seen after `since` alone.
-    pub(crate) fn stands_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
+    pub fn stands_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
         let (now, since) = (nanoseconds(now), nanoseconds(since));
         self.stay.time_after(now, since) >= bounds.settle_ns
             || self.quiet.time_after(now, since) >= bounds.shorter
     }
 
     /// Whether the position has stayed for the settle time, all of it after `since`.
-    pub(crate) fn steady_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
+    pub fn steady_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
         let time = self.stay.time_after(nanoseconds(now), nanoseconds(since));
         time >= bounds.settle_ns
     }
@@ -361,7 +424,7 @@ impl Extremes {
 }
 
 impl LastSeen {
-    pub(crate) fn observe(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) {
+    pub fn observe(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) {
         let new = Extremes::of(sample);
         match &mut self.0 {
             Some(seen) if now.saturating_sub(seen.since) < bounds.settle => {
@@ -377,7 +440,7 @@ impl LastSeen {
         }
     }
 
-    pub(crate) fn unrest(&self, bounds: &Bounds) -> Unrest {
+    pub fn unrest(&self, bounds: &Bounds) -> Unrest {
         let both = self.0.map(|seen| seen.now.with(seen.before));
         Unrest {
             positions: both.map_or((0, 0), |both| both.positions),
@@ -478,6 +541,45 @@ mod tests {
             }
         }
         assert!(short > cycles / 10, "{short} of {cycles}");
+    }
+
+    /// When an axis of one sample in a millisecond, a window of 100 counts and a settle time of 100 ms stands.
+    fn stands_at(positions: impl Iterator<Item = i32>) -> Option<u64> {
+        let settle = Duration::from_millis(100);
+        let bounds = Bounds::new(100, 0, settle, Duration::from_millis(1), None);
+        let mut axis = Standstill::default();
+        (0..).zip(positions).find_map(|(ms, position)| {
+            axis.observe(Duration::from_millis(ms), position, None, &bounds);
+            axis.is_standing().then_some(ms)
+        })
+    }
+
+    #[test]
+    fn an_axis_that_leaves_its_first_place_has_stood_around_a_later_one() {
+        // It comes to rest at 90, and settles to 110.
+        let way = [0, 30, 60].into_iter().chain([90; 60]);
+        let settled = way.chain([95, 100, 105]).chain([110; 200]);
+        assert_eq!(stands_at(settled), Some(101));
+        // The same the other way, from a swing.
+        let way = [0, -60, -30, 20, -60].into_iter().chain([-90; 60]);
+        assert_eq!(stands_at(way.chain([-110; 200])), Some(101));
+        // What leads away from each of them begins anew.
+        let away = [0, 30, 60].into_iter().chain([90; 60]);
+        assert_eq!(stands_at(away.chain([500; 200])), Some(163));
+        let away = [0].into_iter().chain([60; 50]).chain([200]);
+        assert_eq!(stands_at(away.chain([80; 200])), Some(152));
+    }
+
+    #[test]
+    fn an_axis_that_creeps_through_its_window_within_the_settle_time_does_not_stand() {
+        let creep = |hundredths: i32| (0..10_000).map(move |ms| ms * hundredths / 100);
+        for hundredths in [103, -103, 150, 199, -250, 1_000, -4_000] {
+            assert_eq!(stands_at(creep(hundredths)), None, "{hundredths}");
+        }
+        // From peak to peak it goes further than the window on either side.
+        let swing = |far: f64| (0..10_000).map(move |ms| (far * f64::from(ms).sin()) as i32);
+        assert_eq!(stands_at(swing(150.0)), None);
+        assert!(stands_at(creep(99)).is_some() && stands_at(swing(49.0)).is_some());
     }
 
     #[test]

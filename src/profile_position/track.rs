@@ -2,14 +2,12 @@
 
 use core::time::Duration;
 
-use crate::{
-    axis::no_older,
-    ds402::{Sample, Statusword},
-};
+use crate::ds402::{Sample, Statusword};
 
 use super::{
-    CommandId, Completion, Cycle, Delivery, Failure, Reference, RelativeBase, Start, bit4::Raised,
-    standstill::Bounds, waiting::Request,
+    BufferMode, CommandId, Completion, Cycle, Delivery, Failure, Reference, RelativeBase, no_older,
+    sequencer::{Raised, Request},
+    standstill::Bounds,
 };
 
 /// So many cycles at least have to show an axis away from an end before it counts as left.
@@ -17,7 +15,7 @@ const AWAY_CYCLES: u8 = 3;
 
 /// What was seen of an axis at the end of a set-point that another has followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Sight {
+pub(super) enum EndSeen {
     There,
     /// It may have been there in cycles that brought no inputs.
     Unseen,
@@ -73,12 +71,15 @@ pub(super) struct Bases {
     position: i32,
     /// How far the drive's base may be from that position.
     slack: u32,
+    /// Whether the position is that of the axis when the drive took it.
+    is_own: bool,
 }
 
 impl Bases {
     fn of(begin: i32, previous: Option<i32>, from_rest: bool, cycle: &Cycle<'_>) -> Self {
-        // In motion the drive took it between these two cycles, and its demand may be ahead of the axis by several times that way.
-        let way = if from_rest {
+        // In motion the drive took it between these two cycles, and its demand may be ahead of the axis by several times that way. What
+        // an axis that stands has gone is noise.
+        let way = if from_rest || cycle.standstill.is_standing() {
             0
         } else {
             cycle.bounds.distance(begin, cycle.sample.position)
@@ -87,6 +88,7 @@ impl Bases {
             previous,
             position: begin,
             slack: way.saturating_mul(8).saturating_add(cycle.bounds.position),
+            is_own: true,
         }
     }
 
@@ -96,6 +98,7 @@ impl Bases {
             previous: self.previous.map(|end| bounds.after(end, distance)),
             position: bounds.after(self.position, distance),
             slack: self.slack.saturating_add(bounds.position),
+            is_own: false,
         }
     }
 
@@ -112,6 +115,14 @@ impl Bases {
             let end = bounds.after(base, distance);
             bounds.distance(end, position) <= bounds.position.saturating_add(slack)
         };
+        let window = bounds.position;
+        // An axis that is where it was has gone no distance, however vague the base is.
+        let stays = self.is_own
+            && bounds.distance(self.position, position) <= window
+            && distance.unsigned_abs() > window.saturating_mul(2);
+        if stays {
+            return false;
+        }
         near(self.position, self.slack) || self.previous.is_some_and(|end| near(end, 0))
     }
 }
@@ -124,11 +135,11 @@ const fn lag_of(way: i32) -> u32 {
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Track {
-    pub(super) id: CommandId,
+    pub id: CommandId,
     /// How it was started: the end of the set-point before it is `Reached` or `Passed` by this.
-    pub(super) start: Start,
+    pub buffer_mode: BufferMode,
     /// Where it ends, where that is known.
-    pub(super) end: Option<i32>,
+    pub end: Option<i32>,
     /// Where it leads, also where its end is not known to the count.
     goal: Option<i32>,
     /// Of a distance, how far it leads, and what is known of where it counts from.
@@ -141,12 +152,14 @@ pub(super) struct Track {
     swings: bool,
     /// Whether a distance may count from a place beside the one that its end was reckoned from.
     is_loose: bool,
+    /// Whether its end was reckoned from that of one which may end beside it.
+    is_vague: bool,
     /// Whether it begins at rest: then the axis goes to its end without passing it before.
-    pub(super) from_rest: bool,
+    pub from_rest: bool,
     /// Whether it was begun by a drive in motion, which may be too fast to stop at its end, and come back to it.
     overshoots: bool,
     /// Whether it is one of a modulo axis: the position alone does not say which way round it goes to its end, and how often.
-    pub(super) turns: bool,
+    pub turns: bool,
     absolute: bool,
     /// Whether the way to an absolute target is longer than half the circle of 32 bits: then the position does not say which
     /// way the drive goes there.
@@ -160,8 +173,8 @@ pub(super) struct Track {
     limited: bool,
     /// Whether an edge of bit 12 has acknowledged it; else its own motion has to show that the drive has taken it.
     confirmed: bool,
-    /// Whether whoever waits has been told that the axis stands halted.
-    pub(super) halt_told: bool,
+    /// Whether it was reported that the axis stands halted.
+    pub halt_told: bool,
     /// When it became the active one, or was resumed.
     since: Duration,
     /// Whether bit 10 was seen low since then: only then a high one is news. And when it was last.
@@ -172,6 +185,8 @@ pub(super) struct Track {
     /// Whether it became active behind another, or behind one that was over with no way to go and may begin yet. A low bit 10 may be of
     /// that one still.
     follows: bool,
+    /// Whether bit 12 alone has shown that it became active: the axis may have been on its way to the end of the one before.
+    by_room: bool,
     /// Whether it was sent after one that was over with no way to go.
     after_unseen: bool,
     /// Whether the drive may have to execute another before it: then that one may have moved the axis.
@@ -201,6 +216,7 @@ pub(super) struct Track {
     unseen: u32,
     /// Whether the axis was seen at the end, or beyond it, whatever it has done since.
     seen_there: bool,
+
     /// With another behind it: whether the axis was at the end or beyond, and has not come back to it; whether it has stood there; how far it was on the far side of the
     /// end, seen from where the next leads; since when it has been away on the way there, in so many cycles.
     was_there: bool,
@@ -215,7 +231,7 @@ pub(super) struct Track {
 }
 
 impl Track {
-    pub(super) fn new(raised: &Raised, confirmed: bool, cycle: &Cycle<'_>) -> Self {
+    pub fn new(raised: &Raised, confirmed: bool, cycle: &Cycle<'_>) -> Self {
         let &Raised {
             request: Request { id, command, .. },
             since: _,
@@ -229,10 +245,11 @@ impl Track {
             at_base,
             far_behind,
             behind,
+            behind_loose,
         } = raised;
         let mut track = Self {
             id,
-            start: command.set_point.start,
+            buffer_mode: command.set_point.buffer_mode,
             end,
             goal,
             distance: match command.reference {
@@ -241,11 +258,16 @@ impl Track {
             },
             at_base: stands && at_base,
             is_loose: false,
+            is_vague: behind_loose && command.reference == Reference::Relative,
             stood_before: stands,
             swings: !stands,
-            bases: behind.unwrap_or_else(|| Bases::of(at, previous, from_rest, cycle)),
+            // Only a distance counts from them.
+            bases: behind.unwrap_or_else(|| {
+                let is_absolute = command.reference == Reference::Absolute;
+                Bases::of(at, previous, from_rest || is_absolute, cycle)
+            }),
             from_rest,
-            overshoots: !from_rest && command.set_point.start == Start::Immediately,
+            overshoots: !from_rest && command.set_point.buffer_mode == BufferMode::Aborting,
             confirmed,
             halt_told: false,
             turns: cycle.bounds.turn_length().is_some(),
@@ -259,6 +281,7 @@ impl Track {
             low: cycle.now,
             halt_seen_over: None,
             follows: false,
+            by_room: false,
             after_unseen: false,
             doubted: false,
             stood: None,
@@ -299,14 +322,19 @@ impl Track {
         self.end.is_none() || !known
     }
 
+    /// Whether it may end beside the place that its end was reckoned for.
+    pub const fn may_end_beside(&self) -> bool {
+        self.is_loose || self.is_vague
+    }
+
     /// Of a distance whose end is not known, what one behind it counts from.
-    pub(super) fn bases_behind(&self, bounds: &Bounds) -> Option<Bases> {
+    pub fn bases_behind(&self, bounds: &Bounds) -> Option<Bases> {
         let distance = self.distance.filter(|_| self.end.is_none())?;
         Some(self.bases.after(distance, bounds))
     }
 
     /// How far it came, should it not end well.
-    pub(super) const fn delivery(&self) -> Delivery {
+    pub const fn delivery(&self) -> Delivery {
         if self.confirmed {
             Delivery::Accepted
         } else {
@@ -334,36 +362,47 @@ impl Track {
     }
 
     /// It is the active one from now on, in place of `before`. Where that was seen at its end, this one's way began there, however far
-    /// the axis has come on it meanwhile.
-    pub(super) fn takes_over(&mut self, before: &Self, cycle: &Cycle<'_>) {
+    /// the axis has come on it meanwhile. `by_room`: by bit 12 alone. `rests`: the axis
+    /// stands, and may not have come on it at all.
+    pub fn takes_over(&mut self, before: &Self, by_room: bool, rests: bool, cycle: &Cycle<'_>) {
         let position = cycle.sample.position;
         let unseen = self.unseen;
         self.becomes_active(cycle, position, cycle.standstill.is_standing());
+        let from_rest = self.from_rest || rests;
+        if rests {
+            self.stood = Some(position);
+        }
         // What was not seen may have been its whole way, and as fast as the one before.
         self.unseen = unseen;
         self.fastest = before.fastest;
         if let Some(begin) = before.end
-            && before.sight(cycle) == Sight::There
+            && before.end_seen(cycle) == EndSeen::There
         {
-            self.stood = self.from_rest.then_some(begin);
+            self.stood = from_rest.then_some(begin);
             self.turn(begin, cycle.bounds);
             self.remaining = self
                 .end
                 .map_or(0, |end| cycle.bounds.distance(end, position));
         }
         self.follows = true;
+        self.by_room = by_room;
         self.swings = false;
     }
 
     /// The one before it has ended, and nothing has shown that the drive had begun it. `unproven`: nor that it has ended.
-    pub(super) const fn comes_after_doubt(&mut self, unproven: bool) {
+    pub const fn comes_after_doubt(&mut self, unproven: bool) {
         self.follows = true;
         self.after_unseen = true;
         self.doubted = unproven;
     }
 
+    /// Whether the drive holds none before it: where nothing has shown that it had begun the one before, this one has led the axis on.
+    pub fn is_surely_first(&self, cycle: &Cycle<'_>) -> bool {
+        !self.after_unseen || self.has_begun(cycle)
+    }
+
     /// Whether anything but the position of its end has shown that the drive has begun it: it has moved the axis, or bit 10 was low for it.
-    pub(super) fn has_begun(&self, cycle: &Cycle<'_>) -> bool {
+    pub fn has_begun(&self, cycle: &Cycle<'_>) -> bool {
         let gone = |stood| cycle.bounds.distance(stood, cycle.sample.position);
         let moved = match self.stood {
             Some(stood) => gone(stood) > cycle.bounds.position,
@@ -374,14 +413,17 @@ impl Track {
     }
 
     /// It goes on after a halt: what bit 10 showed before is of no meaning for it.
-    pub(super) fn goes_on(&mut self, now: Duration, from_rest: bool, active: bool) {
+    pub fn goes_on(&mut self, now: Duration, from_rest: bool, active: bool) {
         self.since = now;
         self.left_target = false;
         self.low = now;
         self.halt_seen_over = Some(Duration::MAX);
         self.halt_told = false;
-        self.from_rest = from_rest && (active || self.from_rest);
-        self.overshoots = !from_rest;
+        // How one behind it begins does not change.
+        if active {
+            self.from_rest = from_rest;
+            self.overshoots = !from_rest;
+        }
         self.lingering = Lingering::default();
         self.resting = None;
         // The halt may have carried the axis past the end, to which the drive goes back.
@@ -390,7 +432,7 @@ impl Track {
     }
 
     /// Lets go of what makes no difference any more.
-    pub(super) fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration) {
+    pub fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration) {
         no_older(&mut self.since, now, begin.max(settle));
         no_older(&mut self.low, now, settle);
         if let Some((since, ..)) = &mut self.lingering.span {
@@ -407,14 +449,14 @@ impl Track {
 
     /// Takes in bit 11 of a cycle in which it is surely the active one.
     #[inline(always)]
-    pub(super) fn note_limit(&mut self, statusword: Statusword) {
+    pub fn note_limit(&mut self, statusword: Statusword) {
         let limited = statusword.contains(Statusword::INTERNAL_LIMIT);
         self.unlimited |= !limited;
         self.limited |= limited;
     }
 
     /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
-    pub(super) fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
+    pub fn note(&mut self, cycle: &Cycle<'_>, alone: bool) {
         self.follow(cycle.now, cycle.sample, cycle.blind, alone, cycle.bounds);
         if self.halt_seen_over.is_some() {
             self.note_end_of_halt(cycle);
@@ -422,13 +464,13 @@ impl Track {
     }
 
     /// Whether [`follow`](Self::follow) is all of [`note`](Self::note).
-    pub(super) const fn is_calm(&self) -> bool {
+    pub const fn allows_idle_path(&self) -> bool {
         self.halt_seen_over.is_none()
     }
 
     /// As [`note`](Self::note), with nothing but what every cycle needs: `blind` cycles without inputs were before it.
     #[inline(always)]
-    pub(super) fn follow(
+    pub fn follow(
         &mut self,
         now: Duration,
         sample: &Sample,
@@ -490,7 +532,9 @@ impl Track {
         self.before = position;
         if blind == 0 {
             self.fastest = self.fastest.max(way);
-            self.near |= remaining <= way.saturating_add(bounds.position);
+            // What goes no further than the window in a cycle is seen in it, if it comes there.
+            let far = if way > bounds.position { way } else { 0 };
+            self.near |= remaining <= far.saturating_add(bounds.position);
         } else {
             self.note_unseen(self.remaining, remaining, blind);
         }
@@ -515,7 +559,7 @@ impl Track {
     }
 
     /// Takes in a cycle as the one behind `first`, before that does: what was not seen may be of this one, too.
-    pub(super) fn note_behind(&mut self, first: &Self, cycle: &Cycle<'_>) {
+    pub fn note_behind(&mut self, first: &Self, cycle: &Cycle<'_>) {
         if cycle.blind != 0
             && let Some(end) = self.end
         {
@@ -526,12 +570,12 @@ impl Track {
     }
 
     /// What was seen of the axis at the end.
-    pub(super) fn sight(&self, cycle: &Cycle<'_>) -> Sight {
+    pub fn end_seen(&self, cycle: &Cycle<'_>) -> EndSeen {
         let position = cycle.sample.position;
         let Some(end) = self.end else {
-            return Sight::There;
+            return EndSeen::There;
         };
-        let shown = if self.unlimited || !cycle.limit_tells {
+        let shown = if self.unlimited || !cycle.bit_11_is_valid {
             self.near || self.arrived.is_some() || self.seen_there || self.passed(position)
         } else {
             cycle.bounds.distance(end, position) <= cycle.bounds.position
@@ -539,22 +583,35 @@ impl Track {
         // The fastest that was seen need not be the fastest that there was.
         let fastest = self.fastest.max(cycle.bounds.position).saturating_mul(4);
         let blind = self.unseen <= fastest;
-        let limit_unseen = cycle.limit_tells && !self.unlimited && !self.limited;
+        let limit_unseen = cycle.bit_11_is_valid && !self.unlimited && !self.limited;
         match shown {
-            true => Sight::There,
-            false if blind || limit_unseen => Sight::Unseen,
-            false => Sight::Elsewhere,
+            true => EndSeen::There,
+            false if blind || limit_unseen => EndSeen::Unseen,
+            false => EndSeen::Elsewhere,
         }
+    }
+
+    /// Whether the axis was seen at the end; of a distance whose end is not known, whether it has gone at all.
+    pub fn is_seen_at_end(&self, cycle: &Cycle<'_>) -> bool {
+        self.end_seen(cycle) == EndSeen::There && !self.has_not_left(cycle)
+    }
+
+    /// Whether a distance whose end is not known has not led the axis away from where it stood.
+    fn has_not_left(&self, cycle: &Cycle<'_>) -> bool {
+        let window = cycle.bounds.position;
+        let at = |stood| cycle.bounds.distance(stood, cycle.sample.position) <= window;
+        let far = |way: i32| way.unsigned_abs() > window.saturating_mul(2);
+        self.end.is_none() && self.distance.is_some_and(far) && self.stood.is_some_and(at)
     }
 
     /// Whether a set-point that stops at this one's end may be queued behind it: the position will show without doubt
     /// when that has taken over.
-    pub(super) const fn shows_its_stop(&self) -> bool {
+    pub const fn shows_its_stop(&self) -> bool {
         self.shows_its_end() && self.from_rest
     }
 
     /// Whether a set-point may be blended onto this one: the position will show when the end is passed.
-    pub(super) const fn shows_its_passing(&self) -> bool {
+    pub const fn shows_its_passing(&self) -> bool {
         self.shows_its_end() && (self.from_rest || self.approaching)
     }
 
@@ -567,7 +624,7 @@ impl Track {
     /// still be finishing this one, nor being past it, for the axis may be ahead of its demand and come back. It has to be well on
     /// the way to the next end: half of that, and half as far as this one's own way was, or away from the window for the settle time;
     /// or to leave after it has stood. One that may come back to its end is not over beyond it.
-    pub(super) fn is_left_behind(&mut self, next: &Self, cycle: &Cycle<'_>) -> bool {
+    pub fn is_left_behind(&mut self, next: &Self, cycle: &Cycle<'_>) -> bool {
         let (Some(end), Some(goal)) = (self.end, next.goal) else {
             return false;
         };
@@ -615,7 +672,7 @@ impl Track {
 
     /// Whether both this one and `next` are over, with the axis at rest: it has been under way, or had no way to go, and has stood with
     /// bit 10 for the settle time at the end of the next one; elsewhere, for as long as that may take to begin.
-    pub(super) fn rests_with(&mut self, next: &Self, cycle: &Cycle<'_>) -> Option<Rest> {
+    pub fn rests_with(&mut self, next: &Self, cycle: &Cycle<'_>) -> Option<Rest> {
         let reached = cycle.is_reached();
         let steady = || {
             let standstill = cycle.standstill;
@@ -630,10 +687,14 @@ impl Track {
         let at = |end: i32| cycle.bounds.distance(end, position) <= window;
         let left = self.left_target && !self.after_unseen;
         let moved = self.stood.is_some_and(|stood| !at(stood));
-        let was_there = self.end.is_some() && self.sight(cycle) == Sight::There;
+        // What is left of the motion before leads there as well, on a short way or where the axis had not come to that end.
+        let own = !self.by_room || (!self.short && self.stood.is_some());
+        let was_there = own && self.end.is_some() && self.end_seen(cycle) == EndSeen::There;
         let gone = (moved || was_there) && !self.doubted;
-        let begun = left || gone || self.has_no_way(window);
-        let over = next.end.is_some_and(at) || next.may_end_at(position, cycle.bounds);
+        let proven = left || gone;
+        let begun = proven || self.has_no_way(window);
+        // A distance from nobody knows where seems to end wherever the axis waits for the one before it.
+        let over = next.end.is_some_and(at) || (proven && next.may_end_at(position, cycle.bounds));
         if begun && over {
             return Some(Rest::BothOver);
         }
@@ -647,7 +708,7 @@ impl Track {
     }
 
     /// Whether the axis has stood with bit 10 for the settle time: nothing that the drive holds is under way.
-    pub(super) fn is_at_rest(&mut self, cycle: &Cycle<'_>) -> bool {
+    pub fn is_at_rest(&mut self, cycle: &Cycle<'_>) -> bool {
         cycle.is_reached() && (self.is_settled(cycle) || self.lingering.observe(cycle))
     }
 
@@ -666,15 +727,16 @@ impl Track {
     }
 
     /// How it ended, with one that was started as `next` taking over.
-    pub(super) fn ended_into(&self, next: Start, cycle: &Cycle<'_>) -> Result<Completion, Failure> {
+    pub fn ended_into(&self, next: BufferMode, cycle: &Cycle<'_>) -> Result<Completion, Failure> {
         let position = cycle.sample.position;
-        match (self.end, self.sight(cycle)) {
-            (Some(target), Sight::Elsewhere) => Err(self.missed(target, position)),
-            (Some(target), Sight::Unseen) => Err(Failure::Unseen {
+        match (self.end, self.end_seen(cycle)) {
+            (Some(target), EndSeen::Elsewhere) => Err(self.missed(target, position)),
+            (Some(target), EndSeen::Unseen) => Err(Failure::Unseen {
                 target,
                 actual: position,
             }),
-            _ if next == Start::Blend => Ok(Completion::Passed { position }),
+            (None, _) if self.has_not_left(cycle) => Err(Failure::EndNotKnown { actual: position }),
+            _ if next == BufferMode::Blending => Ok(Completion::Passed { position }),
             // Between two cycles it was at its end; the nearest that was seen is the better word.
             _ => Ok(Completion::Reached {
                 position: self.arrived.unwrap_or(position),
@@ -684,7 +746,7 @@ impl Track {
 
     /// When and how it ended, as the last set-point.
     #[inline(always)]
-    pub(super) fn outcome(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
+    pub fn outcome(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
         if !cycle.is_reached() {
             if self.doubted {
                 self.resting = None;
@@ -741,7 +803,7 @@ impl Track {
 
     /// Whether this distance may lead to this position, from a place beside the one that its end was reckoned from, or where that is not
     /// known.
-    fn may_end_at(&self, position: i32, bounds: &Bounds) -> bool {
+    pub fn may_end_at(&self, position: i32, bounds: &Bounds) -> bool {
         let Some(way) = self.distance.filter(|_| self.is_loose) else {
             return false;
         };
@@ -765,7 +827,7 @@ impl Track {
 
     /// It is over, and the axis is elsewhere.
     const fn missed(&self, target: i32, actual: i32) -> Failure {
-        if self.is_loose && !self.stood_before {
+        if self.is_vague || (self.is_loose && !self.stood_before) {
             Failure::EndNotKnown { actual }
         } else if self.confirmed {
             Failure::MissedTarget { target, actual }
@@ -799,6 +861,7 @@ impl Track {
                 .is_some_and(|end| bounds.way(position, end) != linear(end))
     }
 
+    #[inline]
     fn passed(&self, position: i32) -> bool {
         if self.turns {
             return self.crossed;

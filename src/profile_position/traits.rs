@@ -2,9 +2,14 @@
 
 use core::time::Duration;
 
-use crate::ds402::Controlword;
+use crate::{
+    coe::ObjectAddress,
+    ds402::{Controlword, Sample, Statusword},
+};
 
-use super::{Failure, LimitsRule, Start};
+use super::{
+    Bounds, BufferMode, Delivery, Failure, LastSeen, Limits, LimitsRule, Standstill, WaitingFor,
+};
 
 /// Motion profile type 6086h of linear ramps.
 const LINEAR: i16 = 0;
@@ -67,22 +72,53 @@ impl RelativeBase {
     }
 }
 
+/// Where a drive shows whether an axis has been homed and has kept its position since: bits of a 32-bit object.
+///
+/// ```
+/// use servocrab::drives;
+/// let shown = drives::akd2g().traits.homed.ok_or("it shows nothing")?;
+/// assert!(shown.is_homed(0b0_0110)); // home position found, homing done
+/// assert!(!shown.is_homed(0b1_0110)); // and a homing error since
+/// # Ok::<(), &str>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HomedSignal {
+    /// The object of axis 1.
+    pub object: ObjectAddress,
+    /// All of these bits are 1 of an axis that is homed.
+    pub set: u32,
+    /// All of these bits are 0 of an axis that is homed.
+    pub clear: u32,
+}
+
+impl HomedSignal {
+    /// Whether the object's value says that the axis is homed.
+    #[must_use]
+    pub const fn is_homed(&self, value: u32) -> bool {
+        self.set != 0 && value & self.set == self.set && value & self.clear == 0
+    }
+}
+
 /// How a drive's Profile Position mode behaves.
 ///
 /// ```
-/// use servocrab::profile_position::{BufferSignal, StartBits, Start, Traits};
+/// use servocrab::profile_position::{BufferSignal, StartBits, BufferMode, Traits};
 /// let traits = Traits::cia402();
-/// assert!(matches!(traits.bits(Start::Blend), StartBits::Bits(_)));
+/// assert!(matches!(traits.bits(BufferMode::Blending), StartBits::Bits(_)));
 /// assert_eq!(traits.buffer_signal, BufferSignal::Unknown);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Traits {
-    /// Bits of [`Start::Immediately`].
+    /// Bits of [`BufferMode::Aborting`].
     pub immediately: StartBits,
-    /// Bits of [`Start::AfterCurrent`].
+    /// Bits of [`BufferMode::Buffered`].
     pub after_current: StartBits,
-    /// Bits of [`Start::Blend`].
+    /// Bits of [`BufferMode::Blending`].
     pub blend: StartBits,
+    /// Whether bits 5, 6 and 9 go out before bit 4 rises, until the drive has surely seen them: for a drive that takes them from the
+    /// word before. Else they go out with bit 4, as CiA 402 has it, and a move on an axis that is ready rises in the next frame.
+    /// With it a move whose bits 5, 6 and 9 are not all 0 rises two of the drive's cycles later.
+    pub start_bits_first: bool,
     /// What bit 12 shows of the buffer.
     pub buffer_signal: BufferSignal,
     /// What relative moves count from.
@@ -94,6 +130,9 @@ pub struct Traits {
     pub drive_cycle: Duration,
     /// Whether bit 4 of the statusword shows that the power stage has its supply.
     pub shows_voltage: bool,
+    /// Where the drive shows that an axis is homed; none where its documents do not say. A `Network` reads it when the axis attaches
+    /// ([`CoreConfig::homed`](crate::axis::CoreConfig::homed)).
+    pub homed: Option<HomedSignal>,
     /// The motion profile types 6086h that the drive has; empty where its documents do not say: then all are sent.
     pub profile_types: &'static [i16],
     /// Whether a target is passed without stopping only with linear ramps (6086h = 0), on both sides of it.
@@ -113,11 +152,13 @@ impl Traits {
             immediately: StartBits::Bits(Controlword::CHANGE_IMMEDIATELY),
             after_current: StartBits::Bits(Controlword::empty()),
             blend: StartBits::Bits(Controlword::BLEND),
+            start_bits_first: false,
             buffer_signal: BufferSignal::Unknown,
             relative_base: RelativeBase::Undocumented,
             halt_keeps_set_point: true,
             drive_cycle: Duration::from_millis(1),
             shows_voltage: false,
+            homed: None,
             profile_types: &[],
             blend_needs_linear_ramps: false,
             limits: LimitsRule::cia402(),
@@ -133,11 +174,11 @@ impl Traits {
 
     /// The bits that a kind of start takes on this drive.
     #[must_use]
-    pub const fn bits(&self, start: Start) -> StartBits {
-        match start {
-            Start::Immediately => self.immediately,
-            Start::AfterCurrent => self.after_current,
-            Start::Blend => self.blend,
+    pub const fn bits(&self, buffer_mode: BufferMode) -> StartBits {
+        match buffer_mode {
+            BufferMode::Aborting => self.immediately,
+            BufferMode::Buffered => self.after_current,
+            BufferMode::Blending => self.blend,
         }
     }
 
@@ -147,7 +188,7 @@ impl Traits {
     /// [`Failure::ProfileType`].
     pub(crate) fn check_profile_type(
         &self,
-        start: Start,
+        buffer_mode: BufferMode,
         profile_type: Option<i16>,
         before: Option<i16>,
     ) -> Result<(), Failure> {
@@ -163,7 +204,7 @@ impl Traits {
         {
             return refuse(asked, "the drive has no such profile type");
         }
-        if start == Start::Blend && self.blend_needs_linear_ramps {
+        if buffer_mode == BufferMode::Blending && self.blend_needs_linear_ramps {
             if let Some(asked) = profile_type.filter(|&asked| asked != LINEAR) {
                 return refuse(asked, "this drive passes a target only with linear ramps");
             }
@@ -176,4 +217,90 @@ impl Traits {
         }
         Ok(())
     }
+}
+
+// One cycle as the sequencer sees it.
+
+/// What the sequencer needs to know of a cycle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cycle<'a> {
+    pub now: Duration,
+    pub sample: &'a Sample,
+    pub standstill: &'a Standstill,
+    pub bounds: &'a Bounds,
+    pub last_seen: &'a LastSeen,
+    pub traits: &'a Traits,
+    pub limits: &'a Limits,
+    pub referenced: bool,
+    /// Whether the outputs of this cycle are known to have been delivered.
+    pub delivered: bool,
+    pub halted: bool,
+    /// How many cycles before this one brought no inputs.
+    pub blind: u32,
+    /// How many cycles, by the clock, the host has stood still before this one.
+    pub stalled: u32,
+    /// Whether bit 11 (internal limit active) was ever seen low in Operation enabled: of a drive that shows it always it says
+    /// nothing.
+    pub bit_11_is_valid: bool,
+    /// Deadline of each wait for bit 12.
+    pub acknowledge: Duration,
+    /// How long a set-point may take to show that it has begun.
+    pub begin: Duration,
+    /// The word sent with this cycle, for errors.
+    pub controlword: Controlword,
+}
+
+impl Cycle<'_> {
+    /// The same, blind for as long as the host has stood still too.
+    pub(super) fn with_stall(&self) -> Self {
+        Self {
+            blind: self.blind.max(self.stalled),
+            ..*self
+        }
+    }
+
+    /// A wait for standstill, with what was seen instead.
+    pub fn standstill(&self) -> WaitingFor {
+        WaitingFor::Standstill(self.last_seen.unrest(self.bounds))
+    }
+
+    /// Bit 12.
+    pub(super) fn is_acknowledging(&self) -> bool {
+        let statusword = self.sample.statusword;
+        statusword.contains(Statusword::SET_POINT_ACKNOWLEDGE)
+    }
+
+    /// Bit 10.
+    pub(super) fn is_reached(&self) -> bool {
+        self.sample.statusword.contains(Statusword::TARGET_REACHED)
+    }
+
+    /// Bit 9.
+    pub(super) fn is_remote(&self) -> bool {
+        self.sample.statusword.contains(Statusword::REMOTE)
+    }
+
+    /// Whether the drive has surely seen what was delivered at that time.
+    pub(super) fn is_seen(&self, delivered: Duration) -> bool {
+        self.now.saturating_sub(delivered) >= self.traits.surely_seen()
+    }
+
+    /// Whether the time for each wait for bit 12 is over.
+    pub(super) fn is_late(&self, since: Duration) -> bool {
+        self.now.saturating_sub(since) >= self.acknowledge
+    }
+
+    pub(super) const fn timeout(&self, waiting_for: WaitingFor, delivery: Delivery) -> Failure {
+        Failure::Timeout {
+            waiting_for,
+            statusword: self.sample.statusword,
+            controlword: self.controlword,
+            delivery,
+        }
+    }
+}
+
+/// A time in the past, as one that lies back no farther than this: what lies further back makes no difference any more.
+pub(crate) fn no_older(at: &mut Duration, now: Duration, than: Duration) {
+    *at = (*at).max(now.saturating_sub(than));
 }

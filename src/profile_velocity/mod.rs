@@ -2,14 +2,348 @@
 //!
 //! The types and the machine that owns the target velocity 60FFh are pure.
 
-mod jogging;
-mod set_point;
+use core::time::Duration;
 
 #[cfg(feature = "std")]
-mod handle;
+pub use crate::handle::{Jog, ProfileVelocity};
+use crate::{
+    ds402::State,
+    profile_position::{
+        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters,
+    },
+    units::{AxisUnit, Counts, Quantity, Scale, ScaleError, Unit},
+};
 
-pub(crate) use jogging::Jogging;
-pub use set_point::JogSetPoint;
+// What one jog asks of a drive.
 
-#[cfg(feature = "std")]
-pub use handle::{Jog, ProfileVelocity};
+/// A velocity and the ramps to it in the unit of the axis: whole numbers for [`Counts`], `f64` for others. Ramps that are left out are
+/// what the drive holds.
+///
+/// ```
+/// use servocrab::{profile_velocity::JogSetPoint, units::Mm};
+/// let backwards: JogSetPoint = JogSetPoint::new(-5_000).acceleration(20_000).deceleration(40_000);
+/// assert_eq!(backwards.velocity, -5_000);
+/// let in_mm: JogSetPoint<Mm> = JogSetPoint::new(-5.5);
+/// assert_eq!(in_mm, (-5.5).into());
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct JogSetPoint<U: AxisUnit = Counts> {
+    /// Target velocity 60FFh; its sign is the direction, and 0 stands.
+    pub velocity: U::Signed,
+    /// Profile acceleration 6083h; more than 0.
+    pub acceleration: Option<U::Magnitude>,
+    /// Profile deceleration 6084h; more than 0.
+    pub deceleration: Option<U::Magnitude>,
+}
+
+impl<U: AxisUnit> JogSetPoint<U> {
+    /// This velocity (60FFh), with the ramps that the drive holds.
+    #[must_use]
+    pub const fn new(velocity: U::Signed) -> Self {
+        Self {
+            velocity,
+            acceleration: None,
+            deceleration: None,
+        }
+    }
+
+    /// With this profile acceleration (6083h).
+    #[must_use]
+    pub const fn acceleration(mut self, acceleration: U::Magnitude) -> Self {
+        self.acceleration = Some(acceleration);
+        self
+    }
+
+    /// With this profile deceleration (6084h).
+    #[must_use]
+    pub const fn deceleration(mut self, deceleration: U::Magnitude) -> Self {
+        self.deceleration = Some(deceleration);
+        self
+    }
+
+    /// The same in the drive's units.
+    ///
+    /// # Errors
+    /// The first of its numbers that cannot be converted, with its object.
+    pub fn in_counts(&self, scale: &Scale) -> Result<JogSetPoint, ScaleError> {
+        Ok(JogSetPoint {
+            velocity: scale.target_velocity(self.velocity.into())?,
+            acceleration: scale.ramp(Quantity::Acceleration, self.acceleration)?,
+            deceleration: scale.ramp(Quantity::Deceleration, self.deceleration)?,
+        })
+    }
+}
+
+impl From<i32> for JogSetPoint {
+    fn from(velocity: i32) -> Self {
+        Self::new(velocity)
+    }
+}
+
+impl<U: Unit> From<f64> for JogSetPoint<U> {
+    fn from(velocity: f64) -> Self {
+        Self::new(velocity)
+    }
+}
+
+// The target velocity 60FFh: what a jog asks for while it is held, and 0 at all other times.
+//
+// Contract: the axis core puts [`Jogging::velocity`] and [`Jogging::ramps`] into the next outputs, and calls
+// [`Jogging::step`] in every cycle with fresh inputs in Operation enabled with mode 3 shown. Mode 3 has no bits of its own
+// in the controlword: what is in 60FFh is followed at once, so that nothing but 0 may ever stay there.
+
+/// Where the jog is.
+#[derive(Debug, Clone, Copy, Hash)]
+enum JogPhase {
+    /// No jog: the target velocity is 0.
+    Idle,
+    /// Held.
+    Held {
+        id: CommandId,
+        velocity: i32,
+        sent: bool,
+        /// Its first velocity is known to have been delivered.
+        accepted: bool,
+    },
+    /// Let go: the target velocity is 0, and the axis comes to rest.
+    Released {
+        id: CommandId,
+        until: Duration,
+        /// Since when the 0 is known to have been delivered.
+        delivered: Option<Duration>,
+        sent: bool,
+    },
+}
+
+/// The jog of one drive axis.
+#[derive(Debug, Clone, Hash)]
+pub(crate) struct Jogging {
+    stage: JogPhase,
+    ramps: Parameters,
+}
+
+impl Jogging {
+    pub fn new() -> Self {
+        Self {
+            stage: JogPhase::Idle,
+            ramps: Parameters::default(),
+        }
+    }
+
+    /// Target velocity 60FFh of the next outputs.
+    pub const fn velocity(&self) -> i32 {
+        match self.stage {
+            JogPhase::Held { velocity, .. } => velocity,
+            JogPhase::Idle | JogPhase::Released { .. } => 0,
+        }
+    }
+
+    /// Profile acceleration and deceleration of the next outputs, where a jog has given them.
+    pub const fn ramps(&self) -> &Parameters {
+        &self.ramps
+    }
+
+    /// The jog that is held or coming to rest.
+    pub const fn id(&self) -> Option<CommandId> {
+        match self.stage {
+            JogPhase::Idle => None,
+            JogPhase::Held { id, .. } | JogPhase::Released { id, .. } => Some(id),
+        }
+    }
+
+    /// Whether the drive follows a velocity, or has not come to rest from it.
+    pub const fn has_motion(&self) -> bool {
+        match self.stage {
+            JogPhase::Idle => false,
+            JogPhase::Held { sent, .. } => sent,
+            JogPhase::Released { .. } => true,
+        }
+    }
+
+    pub const fn is_held(&self) -> bool {
+        matches!(self.stage, JogPhase::Held { .. })
+    }
+
+    pub const fn is_released(&self) -> bool {
+        matches!(self.stage, JogPhase::Released { .. })
+    }
+
+    pub const fn is_idle(&self) -> bool {
+        matches!(self.stage, JogPhase::Idle)
+    }
+
+    /// Whether a cycle like the last one changes nothing.
+    pub const fn allows_idle_path(&self) -> bool {
+        matches!(
+            self.stage,
+            JogPhase::Idle
+                | JogPhase::Held {
+                    sent: true,
+                    accepted: true,
+                    ..
+                }
+        )
+    }
+
+    /// Takes a checked jog in: its velocity is in the next outputs. It may take over from one that comes to rest, not from one
+    /// that is held.
+    pub fn submit(&mut self, id: CommandId, set_point: JogSetPoint, events: &mut Events) {
+        match self.stage {
+            JogPhase::Held { .. } => {
+                events.push(id, Event::Done(Err(Failure::Busy)));
+                return;
+            }
+            JogPhase::Released { id, .. } => {
+                events.push(id, Event::Done(Err(Failure::Superseded)));
+            }
+            JogPhase::Idle => {}
+        }
+        self.ramps = Parameters {
+            acceleration: set_point.acceleration,
+            deceleration: set_point.deceleration,
+            ..Parameters::default()
+        };
+        self.stage = JogPhase::Held {
+            id,
+            velocity: set_point.velocity,
+            sent: false,
+            accepted: false,
+        };
+    }
+
+    /// Another velocity, from the next outputs on; false if this jog is not held any more.
+    pub fn set(&mut self, of: CommandId, new: i32) -> bool {
+        match &mut self.stage {
+            JogPhase::Held { id, velocity, .. } if *id == of => {
+                *velocity = new;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Lets go: 0 from the next outputs on. False if this jog is not held any more.
+    pub fn release(&mut self, of: CommandId, until: Duration) -> bool {
+        match self.stage {
+            JogPhase::Held { id, .. } if id == of => {
+                self.stage = JogPhase::Released {
+                    id,
+                    until,
+                    delivered: None,
+                    sent: false,
+                };
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// Withdraws a jog that has not been sent; whether there was one.
+    pub fn withdraw(&mut self, of: CommandId, failure: Failure, events: &mut Events) -> bool {
+        let unsent = matches!(self.stage, JogPhase::Held { id, sent: false, .. } if id == of);
+        if unsent {
+            self.end(failure, events);
+        }
+        unsent
+    }
+
+    /// The outputs composed last have been sent.
+    pub const fn mark_sent(&mut self) {
+        if let JogPhase::Held { sent, .. } | JogPhase::Released { sent, .. } = &mut self.stage {
+            *sent = true;
+        }
+    }
+
+    /// Ends it with this failure, which says how far it came; 0 from the next outputs on.
+    pub fn end(&mut self, failure: Failure, events: &mut Events) {
+        let (id, delivery) = match self.stage {
+            JogPhase::Idle => return,
+            JogPhase::Held {
+                id, sent: false, ..
+            } => (id, Delivery::NotSent),
+            JogPhase::Held {
+                id,
+                accepted: false,
+                ..
+            } => (id, Delivery::Unknown),
+            JogPhase::Held { id, .. } | JogPhase::Released { id, .. } => (id, Delivery::Accepted),
+        };
+        self.stage = JogPhase::Idle;
+        events.push(id, Event::Done(Err(failure.with_delivery(delivery))));
+    }
+
+    /// One cycle with fresh inputs in Operation enabled and mode 3.
+    pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
+        match &mut self.stage {
+            JogPhase::Held {
+                id,
+                sent: true,
+                accepted,
+                ..
+            } if cycle.delivered && !*accepted => {
+                *accepted = true;
+                events.push(*id, Event::Accepted);
+            }
+            JogPhase::Released {
+                id,
+                until,
+                delivered,
+                sent: true,
+            } => {
+                if cycle.delivered {
+                    delivered.get_or_insert(cycle.now);
+                }
+                let id = *id;
+                // What the drive shows before it has taken the 0 in may be the rest from which it is only just starting.
+                let at_rest = delivered.is_some_and(|since| {
+                    let taken_in = since.saturating_add(cycle.traits.surely_seen());
+                    cycle.now >= taken_in
+                        && cycle
+                            .standstill
+                            .stands_since(cycle.now, taken_in, cycle.bounds)
+                });
+                if at_rest {
+                    self.stage = JogPhase::Idle;
+                    let state = State::OperationEnabled;
+                    events.push(id, Event::Done(Ok(Completion::Stopped { state })));
+                } else if cycle.now >= *until {
+                    let failure = Failure::Timeout {
+                        waiting_for: cycle.standstill(),
+                        statusword: cycle.sample.statusword,
+                        controlword: cycle.controlword,
+                        delivery: Delivery::Accepted,
+                    };
+                    self.end(failure, events);
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod set_point_tests {
+    use super::*;
+    use crate::units::{Mm, example as mm};
+
+    #[test]
+    fn a_velocity_keeps_its_direction_and_each_ramp_has_the_factor_of_accelerations() {
+        let asked = JogSetPoint::<Mm>::new(-1.25)
+            .acceleration(10.0)
+            .deceleration(14.0);
+        let expected = JogSetPoint::new(-13).acceleration(3).deceleration(4);
+        assert_eq!(asked.in_counts(&mm()), Ok(expected));
+        assert_eq!(
+            JogSetPoint::<Mm>::from(1.25).in_counts(&mm()),
+            Ok(13.into())
+        );
+        let ramp = JogSetPoint::<Mm>::new(1.0).deceleration(-10.0);
+        assert!(matches!(
+            ramp.in_counts(&mm()),
+            Err(ScaleError::OutOfRange {
+                quantity: Quantity::Deceleration,
+                ..
+            })
+        ));
+    }
+}

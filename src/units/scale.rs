@@ -1,12 +1,8 @@
 //! A program's units and the drive's counts, both ways.
 
-use core::fmt;
+use core::{any::TypeId, fmt};
 
-use super::Ratio;
-use crate::{
-    coe::ObjectAddress,
-    profile_position::{Parameters, SetPoint, Start},
-};
+use crate::coe::ObjectAddress;
 
 /// How many of the drive's units one of the program's units is: for positions, velocities and accelerations.
 ///
@@ -36,6 +32,9 @@ pub struct Scale {
 }
 
 impl Scale {
+    /// The drive's own units.
+    pub const COUNTS: Self = Self::counts_per_unit(Ratio::ONE);
+
     /// So many counts are one unit; velocities are in counts/s and accelerations in counts/s².
     #[must_use]
     pub const fn counts_per_unit(counts: Ratio) -> Self {
@@ -123,125 +122,26 @@ impl Scale {
         self.acceleration.divide(counts.into())
     }
 
-    /// A set-point in the drive's units.
-    ///
-    /// # Errors
-    /// The first of its parameters that cannot be converted, with its object.
-    pub fn set_point(&self, set_point: &ScaledSetPoint) -> Result<SetPoint, ScaleError> {
-        Ok(SetPoint {
-            start: set_point.start,
-            parameters: Parameters {
-                velocity: self.speed(Quantity::Velocity, set_point.velocity)?,
-                end_velocity: self.speed(Quantity::EndVelocity, set_point.end_velocity)?,
-                acceleration: self.ramp(Quantity::Acceleration, set_point.acceleration)?,
-                deceleration: self.ramp(Quantity::Deceleration, set_point.deceleration)?,
-                profile_type: set_point.profile_type,
-            },
-        })
-    }
-
     /// A velocity without a direction, where there is one.
-    pub(super) fn speed(
+    pub(crate) fn speed(
         &self,
         quantity: Quantity,
-        asked: Option<f64>,
+        asked: Option<impl Into<f64>>,
     ) -> Result<Option<u32>, ScaleError> {
         asked
-            .map(|asked| unsigned(quantity, self.velocity, asked))
+            .map(|asked| unsigned(quantity, self.velocity, asked.into()))
             .transpose()
     }
 
     /// An acceleration or deceleration, where there is one.
-    pub(super) fn ramp(
+    pub(crate) fn ramp(
         &self,
         quantity: Quantity,
-        asked: Option<f64>,
+        asked: Option<impl Into<f64>>,
     ) -> Result<Option<u32>, ScaleError> {
         asked
-            .map(|asked| unsigned(quantity, self.acceleration, asked))
+            .map(|asked| unsigned(quantity, self.acceleration, asked.into()))
             .transpose()
-    }
-}
-
-/// The parameters of a move in a program's own units, and when it starts. What is left out is what the drive holds.
-///
-/// ```
-/// use servocrab::units::{Ratio, Scale, ScaledSetPoint};
-/// let gentle = ScaledSetPoint::new().velocity(40.0).acceleration(200.0);
-/// let counts = Scale::counts_per_unit(Ratio::new(1000, 1)?).set_point(&gentle)?;
-/// assert_eq!(counts.parameters.velocity, Some(40_000));
-/// # Ok::<(), servocrab::units::ScaleError>(())
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct ScaledSetPoint {
-    /// When the move starts.
-    pub start: Start,
-    /// Profile velocity 6081h, units/s; more than 0.
-    pub velocity: Option<f64>,
-    /// Profile acceleration 6083h, units/s²; more than 0.
-    pub acceleration: Option<f64>,
-    /// Profile deceleration 6084h, units/s²; more than 0.
-    pub deceleration: Option<f64>,
-    /// End velocity 6082h, units/s: the speed at the target.
-    pub end_velocity: Option<f64>,
-    /// Motion profile type 6086h.
-    pub profile_type: Option<i16>,
-}
-
-impl ScaledSetPoint {
-    /// Starts immediately, with the parameters that the drive holds.
-    #[must_use]
-    pub const fn new() -> Self {
-        Self {
-            start: Start::Immediately,
-            velocity: None,
-            acceleration: None,
-            deceleration: None,
-            end_velocity: None,
-            profile_type: None,
-        }
-    }
-
-    /// With this profile velocity (6081h), units/s.
-    #[must_use]
-    pub const fn velocity(mut self, velocity: f64) -> Self {
-        self.velocity = Some(velocity);
-        self
-    }
-
-    /// With this profile acceleration (6083h), units/s².
-    #[must_use]
-    pub const fn acceleration(mut self, acceleration: f64) -> Self {
-        self.acceleration = Some(acceleration);
-        self
-    }
-
-    /// With this profile deceleration (6084h), units/s².
-    #[must_use]
-    pub const fn deceleration(mut self, deceleration: f64) -> Self {
-        self.deceleration = Some(deceleration);
-        self
-    }
-
-    /// With this end velocity (6082h), units/s.
-    #[must_use]
-    pub const fn end_velocity(mut self, end_velocity: f64) -> Self {
-        self.end_velocity = Some(end_velocity);
-        self
-    }
-
-    /// With this motion profile type (6086h): 0 linear ramps, 1 sin² ramps.
-    #[must_use]
-    pub const fn profile_type(mut self, profile_type: i16) -> Self {
-        self.profile_type = Some(profile_type);
-        self
-    }
-
-    /// Starting then.
-    #[must_use]
-    pub const fn start(mut self, start: Start) -> Self {
-        self.start = start;
-        self
     }
 }
 
@@ -301,7 +201,8 @@ pub enum ScaleError {
     },
     /// The object's type does not hold the value.
     #[error(
-        "{quantity} of {asked} is out of range: the object holds {min} to {max}, in the program's units"
+        "{quantity} of {} is out of range: the object holds {} to {}, in the program's units",
+        Short(*asked), Short(*min), Short(*max)
     )]
     OutOfRange {
         /// What it was given for.
@@ -314,7 +215,10 @@ pub enum ScaleError {
         max: f64,
     },
     /// A velocity or acceleration of less than half a unit of the drive, which is not 0.
-    #[error("{quantity} of {asked} is less than the drive's smallest value: the least is {least}")]
+    #[error(
+        "{quantity} of {} is less than the drive's smallest value: the least is {}",
+        Short(*asked), Short(*least)
+    )]
     RoundsToZero {
         /// What it was given for.
         quantity: Quantity,
@@ -343,6 +247,20 @@ pub enum ScaleError {
     /// The drive has none of the factor objects that define the scale.
     #[error("the drive has neither 6092h nor 608Fh (with 6093h): configure the scale explicitly")]
     NoFactors,
+}
+
+/// A number as a message shows it: by its exponent where its digits would be a row of zeros.
+struct Short(f64);
+
+impl fmt::Display for Short {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let size = self.0.abs();
+        if size == 0.0 || (1e-6..1e15).contains(&size) {
+            self.0.fmt(f)
+        } else {
+            write!(f, "{:e}", self.0)
+        }
+    }
 }
 
 fn to_count(quantity: Quantity, ratio: Ratio, asked: f64) -> Result<Option<i64>, ScaleError> {
@@ -386,39 +304,491 @@ fn unsigned(quantity: Quantity, ratio: Ratio, asked: f64) -> Result<u32, ScaleEr
         })
 }
 
+/// A scale of which each quantity has a factor of its own.
+#[cfg(test)]
+pub fn example() -> Scale {
+    Scale::counts_per_unit(Ratio::new(1000, 1).unwrap())
+        .velocity_counts_per_unit(Ratio::new(10, 1).unwrap())
+        .acceleration_counts_per_unit(Ratio::new(1, 4).unwrap())
+}
+
+// The unit that a handle counts in, as a type.
+
+/// A unit of a program's positions: millimetres, degrees, whatever the machine counts in. Velocities are in it per second,
+/// accelerations in it per second squared. A value of the type says nothing; the type keeps numbers of one axis from another.
+///
+/// ```
+/// use servocrab::units::Unit;
+/// /// Turns of the table.
+/// #[derive(Debug, Clone, Copy, PartialEq)]
+/// struct Turn;
+///
+/// impl Unit for Turn {
+///     const NAME: &'static str = "turns";
+/// }
+/// ```
+pub trait Unit: Copy + fmt::Debug + PartialEq + Send + Sync + Unpin + 'static {
+    /// What stands behind a number in a text, such as "mm".
+    const NAME: &'static str;
+}
+
+/// Millimetres.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Mm;
+
+impl Unit for Mm {
+    const NAME: &'static str = "mm";
+}
+
+/// Degrees.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Degree;
+
+impl Unit for Degree {
+    const NAME: &'static str = "°";
+}
+
+/// The drive's own units, of which each object has one of its own. No [`Unit`]: its numbers are whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Counts;
+
+/// What a handle counts in: [`Counts`], or any [`Unit`].
+pub trait AxisUnit:
+    sealed::Sealed + Copy + fmt::Debug + PartialEq + Send + Sync + Unpin + 'static
+{
+    /// What stands behind a number in a text.
+    const NAME: &'static str;
+
+    /// A position, a distance, or a velocity with its direction: `i32` for counts, `f64` for others.
+    type Signed: AxisNumber;
+
+    /// A velocity without a direction, an acceleration: `u32` for counts, `f64` for others.
+    type Magnitude: AxisNumber;
+
+    /// A number of counts, given its value in this unit.
+    #[doc(hidden)]
+    fn signed(counts: i32, value: f64) -> Self::Signed;
+}
+
+/// A number of a handle. Each has its exact value as an `f64`.
+pub trait AxisNumber:
+    Copy
+    + fmt::Debug
+    + fmt::Display
+    + PartialEq
+    + PartialOrd
+    + Into<f64>
+    + Send
+    + Sync
+    + Unpin
+    + 'static
+{
+}
+
+impl AxisNumber for i32 {}
+impl AxisNumber for u32 {}
+impl AxisNumber for f64 {}
+
+impl AxisUnit for Counts {
+    const NAME: &'static str = "counts";
+    type Signed = i32;
+    type Magnitude = u32;
+
+    fn signed(counts: i32, _: f64) -> i32 {
+        counts
+    }
+}
+
+impl<U: Unit> AxisUnit for U {
+    const NAME: &'static str = U::NAME;
+    type Signed = f64;
+    type Magnitude = f64;
+
+    fn signed(_: i32, value: f64) -> f64 {
+        value
+    }
+}
+
+mod sealed {
+    pub trait Sealed {}
+
+    impl Sealed for super::Counts {}
+    impl<U: super::Unit> Sealed for U {}
+}
+
+/// The unit that an axis was declared in, and its scale.
+///
+/// ```
+/// use servocrab::units::{AxisScale, Mm, Ratio, Scale};
+/// // A thousand counts are a millimetre.
+/// let mm = AxisScale::of::<Mm>(Scale::counts_per_unit(Ratio::new(1000, 1)?));
+/// assert_eq!(mm.unit(), "mm");
+/// assert_eq!(AxisScale::default(), AxisScale::COUNTS);
+/// # Ok::<(), servocrab::units::ScaleError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AxisScale {
+    /// None of an axis in counts.
+    unit: Option<(TypeId, &'static str)>,
+    scale: Scale,
+}
+
+impl AxisScale {
+    /// The drive's own units.
+    pub const COUNTS: Self = Self {
+        unit: None,
+        scale: Scale::COUNTS,
+    };
+
+    /// This unit, with so many counts for one of it.
+    #[must_use]
+    pub fn of<U: Unit>(scale: Scale) -> Self {
+        Self {
+            unit: Some((TypeId::of::<U>(), U::NAME)),
+            scale,
+        }
+    }
+
+    /// The unit's name.
+    #[must_use]
+    pub fn unit(&self) -> &'static str {
+        self.unit.map_or(Counts::NAME, |(_, name)| name)
+    }
+
+    /// The scale.
+    #[must_use]
+    pub const fn scale(&self) -> &Scale {
+        &self.scale
+    }
+
+    /// Whether this is that unit.
+    #[must_use]
+    pub fn is_in<U: AxisUnit>(&self) -> bool {
+        let id = self.unit.map_or(TypeId::of::<Counts>(), |(id, _)| id);
+        id == TypeId::of::<U>()
+    }
+}
+
+impl Default for AxisScale {
+    fn default() -> Self {
+        Self::COUNTS
+    }
+}
+
+impl Scale {
+    /// A position or distance of so many counts, in the unit of this scale.
+    #[must_use]
+    pub fn position_in<U: AxisUnit>(&self, counts: i32) -> U::Signed {
+        U::signed(counts, self.position_of(counts))
+    }
+
+    /// A velocity of so many counts, in the unit of this scale per second.
+    #[must_use]
+    pub fn velocity_in<U: AxisUnit>(&self, counts: i32) -> U::Signed {
+        U::signed(counts, self.velocity_of(counts))
+    }
+}
+
+// A positive fraction of whole numbers, and its product with a number, rounded once.
+
+/// A positive fraction of two whole numbers, in lowest terms: exact where a decimal number is not.
+///
+/// ```
+/// use servocrab::units::Ratio;
+/// // An encoder of 2²⁰ counts behind a gear of 10:3, on a spindle of 5 mm a revolution.
+/// let counts_per_mm = Ratio::new(1 << 20, 5)?.times(Ratio::new(10, 3)?)?;
+/// assert_eq!(counts_per_mm, Ratio::new(2 << 20, 3)?);
+/// // A factor that is no fraction of small numbers: counts per radian.
+/// let counts_per_radian = Ratio::try_from(f64::from(1 << 20) / core::f64::consts::TAU)?;
+/// assert!(counts_per_radian.numerator() > 166_886 * counts_per_radian.denominator());
+/// # Ok::<(), servocrab::units::ScaleError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Ratio {
+    numerator: u64,
+    denominator: u64,
+}
+
+impl Ratio {
+    /// One to one.
+    pub const ONE: Self = Self {
+        numerator: 1,
+        denominator: 1,
+    };
+
+    /// `numerator` to `denominator`, in lowest terms.
+    ///
+    /// # Errors
+    /// [`ScaleError::Zero`] if one of them is 0.
+    pub const fn new(numerator: u64, denominator: u64) -> Result<Self, ScaleError> {
+        if numerator == 0 || denominator == 0 {
+            return Err(ScaleError::Zero);
+        }
+        let divisor = greatest_common_divisor(numerator, denominator);
+        Ok(Self {
+            numerator: numerator / divisor,
+            denominator: denominator / divisor,
+        })
+    }
+
+    /// The upper number.
+    #[must_use]
+    pub const fn numerator(self) -> u64 {
+        self.numerator
+    }
+
+    /// The lower number.
+    #[must_use]
+    pub const fn denominator(self) -> u64 {
+        self.denominator
+    }
+
+    /// The product of two fractions.
+    ///
+    /// # Errors
+    /// [`ScaleError::TooLong`] if it needs more than 64 bits above or below the line.
+    pub fn times(self, other: Self) -> Result<Self, ScaleError> {
+        // Reduced crosswise before, the product is in lowest terms and overflows only where its value needs it.
+        let first = greatest_common_divisor(self.numerator, other.denominator);
+        let second = greatest_common_divisor(other.numerator, self.denominator);
+        let product = |a: u64, b: u64| a.checked_mul(b).ok_or(ScaleError::TooLong);
+        Ok(Self {
+            numerator: product(self.numerator / first, other.numerator / second)?,
+            denominator: product(self.denominator / second, other.denominator / first)?,
+        })
+    }
+
+    /// This fraction divided by another.
+    ///
+    /// # Errors
+    /// As [`times`](Self::times).
+    pub fn over(self, other: Self) -> Result<Self, ScaleError> {
+        self.times(other.inverse())
+    }
+
+    /// One divided by this fraction.
+    #[must_use]
+    pub const fn inverse(self) -> Self {
+        Self {
+            numerator: self.denominator,
+            denominator: self.numerator,
+        }
+    }
+
+    /// The whole number nearest to `value` times this fraction, ties away from zero. `None` for a value that is not finite and for
+    /// a product that `i64` does not hold. Nothing else is rounded on the way.
+    fn round(self, value: f64) -> Option<i64> {
+        if !value.is_finite() {
+            return None;
+        }
+        let (mantissa, exponent) = split(value);
+        // 53 bits times 64.
+        let product = u128::from(mantissa) * u128::from(self.numerator);
+        let denominator = u128::from(self.denominator);
+        let rounded = if exponent >= 0 {
+            let shift = exponent.unsigned_abs();
+            if product != 0 && shift > product.leading_zeros() {
+                return None;
+            }
+            divide(product.checked_shl(shift).unwrap_or(0), denominator)
+        } else {
+            let shift = exponent.unsigned_abs();
+            if shift > denominator.leading_zeros() {
+                // The divisor is 2¹²⁸ or more, the product less than half of that.
+                0
+            } else {
+                divide(product, denominator << shift)
+            }
+        };
+        let magnitude = i64::try_from(rounded).ok()?;
+        Some(if value < 0.0 { -magnitude } else { magnitude })
+    }
+
+    /// The number nearest to `count` divided by this fraction.
+    fn divide(self, count: i64) -> f64 {
+        let product = u128::from(count.unsigned_abs()) * u128::from(self.denominator);
+        if product == 0 {
+            return 0.0;
+        }
+        let shift = product.leading_zeros();
+        let scaled = product << shift;
+        let numerator = u128::from(self.numerator);
+        // At least 64 bits. The remainder of the division counts as one more bit, so that the conversion rounds as if it saw all of
+        // them.
+        let quotient = (scaled / numerator) | u128::from(!scaled.is_multiple_of(numerator));
+        let magnitude = quotient as f64 * power_of_two(shift);
+        if count < 0 { -magnitude } else { magnitude }
+    }
+}
+
+impl TryFrom<f64> for Ratio {
+    type Error = ScaleError;
+
+    /// The fraction that this number is, exactly.
+    ///
+    /// # Errors
+    /// [`ScaleError::Zero`] for a number that is not positive, [`ScaleError::NotANumber`] for NaN and infinity,
+    /// [`ScaleError::TooLong`] for one that needs more than 64 bits before or behind the point.
+    fn try_from(value: f64) -> Result<Self, ScaleError> {
+        if !value.is_finite() {
+            return Err(ScaleError::NotANumber);
+        }
+        if value <= 0.0 {
+            return Err(ScaleError::Zero);
+        }
+        let (mantissa, exponent) = split(value);
+        let zeros = mantissa.trailing_zeros();
+        let mantissa = mantissa >> zeros;
+        let exponent = exponent.saturating_add_unsigned(zeros);
+        let shift = exponent.unsigned_abs();
+        if exponent >= 0 {
+            if shift > mantissa.leading_zeros() {
+                return Err(ScaleError::TooLong);
+            }
+            Self::new(mantissa << shift, 1)
+        } else {
+            let denominator = 1u64.checked_shl(shift).ok_or(ScaleError::TooLong)?;
+            Self::new(mantissa, denominator)
+        }
+    }
+}
+
+/// Nearest, ties away from zero. `divisor` is not 0.
+const fn divide(value: u128, divisor: u128) -> u128 {
+    let (quotient, rest) = (value / divisor, value % divisor);
+    quotient + (rest >= divisor - rest) as u128
+}
+
+/// Mantissa and exponent: the value's magnitude is mantissa times 2 to the exponent.
+const fn split(value: f64) -> (u64, i32) {
+    let bits = value.to_bits();
+    let mantissa = bits & ((1 << 52) - 1);
+    match (bits >> 52 & 0x7FF) as i32 {
+        0 => (mantissa, -1074),
+        exponent => (mantissa | 1 << 52, exponent - 1075),
+    }
+}
+
+/// 2 to the power of −`exponent`, for exponents up to 127.
+const fn power_of_two(exponent: u32) -> f64 {
+    f64::from_bits((1023 - exponent as u64) << 52)
+}
+
+const fn greatest_common_divisor(mut a: u64, mut b: u64) -> u64 {
+    while b != 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
+// The factor objects of a drive, and the scale that they make.
+
+/// What a drive's factor objects hold; read by [`Axis::factors`](crate::axis::Axis::factors), or written down by a program.
+/// Those that the drive does not have are `None`.
+///
+/// ```
+/// use servocrab::units::{Factors, Ratio};
+/// // 6092h: 65536 position units a revolution of the shaft, which moves the slide by 5 mm. 6096h: velocities in rpm.
+/// let factors = Factors {
+///     feed: Some(Ratio::new(65_536, 1)?),
+///     velocity: Some(Ratio::new(60, 65_536)?),
+///     ..Factors::default()
+/// };
+/// let mm = factors.scale(Ratio::new(5, 1)?)?;
+/// assert_eq!(mm.position(2.5)?, 32_768);
+/// assert_eq!(mm.velocity(10.0)?, 120);
+/// # Ok::<(), servocrab::units::ScaleError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Factors {
+    /// Which edition of the profile the drive follows in 6096h and 6097h.
+    pub edition: Edition,
+    /// Position encoder resolution 608Fh: encoder increments to motor revolutions.
+    pub encoder: Option<Ratio>,
+    /// Gear ratio 6091h: motor revolutions to shaft revolutions.
+    pub gear: Option<Ratio>,
+    /// Feed constant 6092h: position units to shaft revolutions.
+    pub feed: Option<Ratio>,
+    /// Position factor 6093h of older drives: encoder increments to position units.
+    pub position: Option<Ratio>,
+    /// Velocity encoder factor 6094h of older drives: encoder increments/s to velocity units.
+    pub velocity_encoder: Option<Ratio>,
+    /// Velocity factor 6096h: velocity units to position units/s.
+    pub velocity: Option<Ratio>,
+    /// Acceleration factor 6097h: by [`Edition`].
+    pub acceleration: Option<Ratio>,
+}
+
+/// Which way the factor objects for velocity and acceleration convert: the editions of the profile differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Edition {
+    /// CiA 402-2 version 3 and later. A velocity in position units/s times 6096h is in velocity units; an acceleration in
+    /// velocity units/s times 6097h is in acceleration units. So AKD2G's description of 6096h, and the defaults of AX8000.
+    #[default]
+    Version3,
+    /// DSP 402 version 2. A velocity in velocity units times 6094h is in increments/s. An acceleration in acceleration units times
+    /// 6097h is in increments/s². A position in position units times 6093h is in increments. Its 6096h relates two encoders and is
+    /// not used here.
+    Version2,
+}
+
+impl Factors {
+    /// The scale of a machine on which one revolution of the shaft is this number of the program's units: 5 for a spindle of 5 mm,
+    /// 360 for degrees of the shaft.
+    ///
+    /// Position units a revolution are 6092h. Where the drive has no such object, they are increments a revolution divided by
+    /// 6093h, where it has that. Increments a revolution are 608Fh times 6091h, or 608Fh alone without a gear. A factor for
+    /// velocity or acceleration that the drive does not have means position units/s and position units/s², by version 3 also
+    /// velocity units/s.
+    ///
+    /// # Errors
+    /// [`ScaleError::NoFactors`] where the drive has neither 6092h nor 608Fh, [`ScaleError::TooLong`] where the product is no
+    /// fraction of two numbers of 64 bits.
+    pub fn scale(&self, units_per_revolution: Ratio) -> Result<Scale, ScaleError> {
+        let increments = match self.encoder {
+            Some(encoder) => Some(encoder.times(self.gear.unwrap_or(Ratio::ONE))?),
+            None => None,
+        };
+        let by_factor = match (increments, self.position) {
+            (Some(increments), Some(factor)) => Some(increments.over(factor)?),
+            _ => None,
+        };
+        let position = match self.edition {
+            Edition::Version2 => by_factor.or(self.feed),
+            Edition::Version3 => self.feed.or(by_factor),
+        };
+        let position = position.or(increments).ok_or(ScaleError::NoFactors)?;
+        let (velocity, acceleration) = match self.edition {
+            Edition::Version3 => {
+                let velocity = position.times(self.velocity.unwrap_or(Ratio::ONE))?;
+                let acceleration = velocity.times(self.acceleration.unwrap_or(Ratio::ONE))?;
+                (velocity, acceleration)
+            }
+            Edition::Version2 => {
+                let of = |factor: Option<Ratio>| match (increments, factor) {
+                    (Some(increments), Some(factor)) => increments.over(factor),
+                    (None, Some(_)) => Err(ScaleError::NoFactors),
+                    (_, None) => Ok(position),
+                };
+                (of(self.velocity_encoder)?, of(self.acceleration)?)
+            }
+        };
+        Ok(Scale::counts_per_unit(position.over(units_per_revolution)?)
+            .velocity_counts_per_unit(velocity.over(units_per_revolution)?)
+            .acceleration_counts_per_unit(acceleration.over(units_per_revolution)?))
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use alloc::string::ToString;
+
     use proptest::prelude::*;
 
-    use super::*;
-
-    fn mm() -> Scale {
-        Scale::counts_per_unit(Ratio::new(1000, 1).unwrap())
-            .velocity_counts_per_unit(Ratio::new(10, 1).unwrap())
-            .acceleration_counts_per_unit(Ratio::new(1, 4).unwrap())
-    }
+    use super::{example as mm, *};
 
     #[test]
     fn each_quantity_has_its_own_factor() {
-        let counts = mm()
-            .set_point(
-                &ScaledSetPoint::new()
-                    .velocity(1.25)
-                    .end_velocity(0.0)
-                    .acceleration(10.0)
-                    .deceleration(14.0)
-                    .profile_type(1)
-                    .start(Start::Blend),
-            )
-            .unwrap();
-        let expected = SetPoint::new()
-            .velocity(13)
-            .end_velocity(0)
-            .acceleration(3)
-            .deceleration(4)
-            .profile_type(1)
-            .start(Start::Blend);
-        assert_eq!(counts, expected);
         assert_eq!(mm().position(-1.5), Ok(-1500));
         assert_eq!(mm().velocity_of(13), 1.3);
         assert_eq!(mm().acceleration_of(3), 12.0);
@@ -437,40 +807,40 @@ mod tests {
                 max: 2_147_483.647,
             })
         );
-        assert!(mm().position(1e300).is_err());
-        let refused = |set_point: ScaledSetPoint| mm().set_point(&set_point).unwrap_err();
-        assert!(matches!(
-            refused(ScaledSetPoint::new().velocity(-1.0)),
-            ScaleError::OutOfRange {
-                quantity: Quantity::Velocity,
-                min: 0.0,
-                ..
-            }
-        ));
-        assert!(matches!(
-            refused(ScaledSetPoint::new().acceleration(1e11)),
-            ScaleError::OutOfRange {
-                quantity: Quantity::Acceleration,
-                ..
-            }
-        ));
-        assert!(matches!(
-            refused(ScaledSetPoint::new().deceleration(1.0)),
-            ScaleError::RoundsToZero {
-                quantity: Quantity::Deceleration,
-                least: 4.0,
-                ..
-            }
-        ));
-        assert!(matches!(
-            refused(ScaledSetPoint::new().end_velocity(f64::NAN)),
-            ScaleError::NotFinite {
-                quantity: Quantity::EndVelocity,
-                ..
-            }
-        ));
+        let error = mm().position(1e300).unwrap_err().to_string();
+        assert!(
+            error.contains(" of 1e300 is out of range: ") && error.len() < 200,
+            "{error}"
+        );
+        let error = mm().velocity(1e-300).unwrap_err().to_string();
+        assert!(
+            error.contains(" of 1e-300 is less than ") && error.len() < 200,
+            "{error}"
+        );
         // 0 is a value that the drive knows; that it is no velocity of a move is for the axis to say.
         assert_eq!(mm().velocity(0.0), Ok(0));
+    }
+
+    #[test]
+    fn a_velocity_that_would_stand_or_be_another_is_refused_and_zero_is_not() {
+        for velocity in [0.04, -0.04] {
+            let refused = mm().target_velocity(velocity);
+            assert!(
+                matches!(
+                    refused,
+                    Err(ScaleError::RoundsToZero {
+                        quantity: Quantity::TargetVelocity,
+                        asked,
+                        least: 0.1,
+                    }) if asked == velocity
+                ),
+                "{refused:?}"
+            );
+        }
+        assert_eq!(mm().target_velocity(0.0), Ok(0));
+        for velocity in [1e9, -1e9, f64::INFINITY, f64::NAN] {
+            assert!(mm().target_velocity(velocity).is_err(), "{velocity}");
+        }
     }
 
     proptest! {
@@ -488,11 +858,209 @@ mod tests {
         }
 
         #[test]
+        fn counts_go_through_as_they_are(signed in any::<i32>(), unsigned in any::<u32>()) {
+            prop_assert_eq!(Scale::COUNTS.position(signed.into()), Ok(signed));
+            prop_assert_eq!(Scale::COUNTS.target_velocity(signed.into()), Ok(signed));
+            prop_assert_eq!(Scale::COUNTS.home_offset(signed.into()), Ok(signed));
+            prop_assert_eq!(Scale::COUNTS.speed(Quantity::Velocity, Some(unsigned)), Ok(Some(unsigned)));
+            prop_assert_eq!(Scale::COUNTS.ramp(Quantity::Acceleration, Some(unsigned)), Ok(Some(unsigned)));
+        }
+
+        #[test]
         fn a_mirrored_position_is_the_mirrored_count(value in -1e6..1e6_f64, counts in 1..5000_u64, units in 1..5000_u64) {
             let scale = Scale::counts_per_unit(Ratio::new(counts, units).unwrap());
             if let (Ok(there), Ok(mirrored)) = (scale.position(value), scale.position(-value)) {
                 prop_assert_eq!(there, -mirrored);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod ratio_tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn ratio(numerator: u64, denominator: u64) -> Ratio {
+        Ratio::new(numerator, denominator).unwrap()
+    }
+
+    #[test]
+    fn a_product_is_rounded_to_the_nearest_and_ties_go_away_from_zero() {
+        let half = ratio(1, 2);
+        for (value, rounded) in [(1.0, 1), (3.0, 2), (5.0, 3), (4.0, 2), (0.9, 0), (1.1, 1)] {
+            assert_eq!(half.round(value), Some(rounded), "{value}");
+            assert_eq!(half.round(-value), Some(-rounded), "-{value}");
+        }
+        // Just below a tie, where a multiplication in floating point would round up to it.
+        assert_eq!(Ratio::ONE.round(0.499_999_999_999_999_94), Some(0));
+    }
+
+    #[test]
+    fn what_is_not_finite_or_too_large_is_refused() {
+        for value in [
+            f64::NAN,
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            1e19,
+            -1e300,
+            f64::MAX,
+        ] {
+            assert_eq!(Ratio::ONE.round(value), None, "{value}");
+        }
+        assert_eq!(ratio(u64::MAX, 1).round(f64::MAX), None);
+        assert_eq!(ratio(1, u64::MAX).round(f64::MAX), None);
+        assert_eq!(ratio(1, u64::MAX).round(f64::MIN_POSITIVE), Some(0));
+        assert_eq!(ratio(u64::MAX, 1).round(5e-324), Some(0));
+        assert_eq!(ratio(u64::MAX, 1).round(0.0), Some(0));
+        assert_eq!(ratio(u64::MAX, 1).round(-0.0), Some(0));
+    }
+
+    #[test]
+    fn a_fraction_that_needs_more_than_64_bits_is_refused() {
+        let wide = ratio(u64::MAX, 2);
+        assert_eq!(wide.times(wide), Err(ScaleError::TooLong));
+        assert_eq!(wide.times(wide.inverse()), Ok(Ratio::ONE));
+        assert_eq!(Ratio::new(0, 1), Err(ScaleError::Zero));
+        assert_eq!(Ratio::new(1, 0), Err(ScaleError::Zero));
+        assert_eq!(Ratio::try_from(1e-30), Err(ScaleError::TooLong));
+        assert_eq!(Ratio::try_from(1e30), Err(ScaleError::TooLong));
+        assert_eq!(Ratio::try_from(f64::NAN), Err(ScaleError::NotANumber));
+        assert_eq!(Ratio::try_from(-1.0), Err(ScaleError::Zero));
+        assert_eq!(Ratio::try_from(2.5), Ratio::new(5, 2));
+        assert_eq!(
+            Ratio::try_from(f64::from(1u32 << 31) * 1024.0),
+            Ratio::new(1 << 41, 1)
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn the_sum_of_the_parts_is_rounded_as_integers_are(
+            numerator in 1..1_000_000_u64,
+            denominator in 1..1_000_000_u64,
+            value in -1_000_000_000_i64..1_000_000_000,
+        ) {
+            let product = i128::from(value) * i128::from(numerator);
+            let divisor = i128::from(denominator);
+            let expected = (2 * product.abs() + divisor) / (2 * divisor) * product.signum();
+            let rounded = ratio(numerator, denominator).round(value as f64).map(i128::from);
+            prop_assert_eq!(rounded, Some(expected));
+        }
+
+        #[test]
+        fn every_count_comes_back_from_its_value(
+            numerator in 1..=u64::MAX,
+            denominator in 1..=u64::MAX,
+            count in any::<i32>(),
+        ) {
+            let ratio = ratio(numerator, denominator);
+            prop_assert_eq!(ratio.round(ratio.divide(count.into())), Some(count.into()));
+        }
+
+        #[test]
+        fn a_value_comes_back_within_half_a_count(
+            numerator in 1..1_u64 << 40,
+            denominator in 1..1_u64 << 40,
+            value in -1e6..1e6_f64,
+        ) {
+            let ratio = ratio(numerator, denominator);
+            if let Some(count) = ratio.round(value) {
+                let half = 0.5 * denominator as f64 / numerator as f64;
+                let slack = value.abs() * 1e-15 + half * 1e-12;
+                prop_assert!((ratio.divide(count) - value).abs() <= half + slack);
+            }
+        }
+
+        #[test]
+        fn no_number_at_all_makes_it_panic(bits in any::<u64>(), numerator in 1..=u64::MAX, denominator in 1..=u64::MAX) {
+            let value = f64::from_bits(bits);
+            let ratio = ratio(numerator, denominator);
+            let _ = ratio.round(value);
+            let _ = Ratio::try_from(value);
+            prop_assert!(ratio.divide(bits.cast_signed()).is_finite());
+        }
+    }
+}
+
+#[cfg(test)]
+mod factors_tests {
+    use super::*;
+
+    fn ratio(numerator: u64, denominator: u64) -> Option<Ratio> {
+        Some(Ratio::new(numerator, denominator).unwrap())
+    }
+
+    const DEGREES: Ratio = match Ratio::new(360, 1) {
+        Ok(ratio) => ratio,
+        Err(_) => Ratio::ONE,
+    };
+
+    #[test]
+    fn the_defaults_of_a_drive_with_its_velocity_in_a_ten_thousandth_of_rpm() {
+        // 2^20 position units are 360°; 6096h is 600000/1048576, 6097h is 360/600000: the published defaults of AX8000.
+        let factors = Factors {
+            feed: ratio(1 << 20, 1),
+            velocity: ratio(600_000, 1 << 20),
+            acceleration: ratio(360, 600_000),
+            ..Factors::default()
+        };
+        let degrees = factors.scale(DEGREES).unwrap();
+        assert_eq!(degrees.position(90.0), Ok(1 << 18));
+        // 6 °/s are 1 rpm; 1 °/s² is 1 °/s².
+        assert_eq!(degrees.velocity(6.0), Ok(10_000));
+        assert_eq!(degrees.acceleration(100.0), Ok(100));
+    }
+
+    #[test]
+    fn a_drive_without_a_feed_constant_counts_encoder_increments() {
+        let factors = Factors {
+            encoder: ratio(1 << 20, 1),
+            gear: ratio(10, 1),
+            ..Factors::default()
+        };
+        let degrees = factors.scale(DEGREES).unwrap();
+        assert_eq!(degrees.position(360.0), Ok(10 << 20));
+        assert_eq!(degrees.velocity(36.0), Ok(1 << 20));
+    }
+
+    #[test]
+    fn a_drive_after_version_2_converts_to_increments() {
+        // 2^20 increments a revolution, 10 mm a revolution in µm: 6093h is 2^20/10000; velocities in µm/s, accelerations in
+        // mm/s².
+        let factors = Factors {
+            edition: Edition::Version2,
+            encoder: ratio(1 << 20, 1),
+            position: ratio(1 << 20, 10_000),
+            velocity_encoder: ratio(1 << 20, 10_000),
+            // Of no meaning here.
+            velocity: ratio(7, 3),
+            acceleration: ratio(1 << 20, 10),
+            ..Factors::default()
+        };
+        let mm = factors.scale(Ratio::new(10, 1).unwrap()).unwrap();
+        assert_eq!(mm.position(1.5), Ok(1_500));
+        assert_eq!(mm.velocity(2.0), Ok(2_000));
+        assert_eq!(mm.acceleration(2.0), Ok(2));
+    }
+
+    #[test]
+    fn a_drive_that_tells_nothing_gives_no_scale() {
+        let factors = Factors {
+            gear: ratio(3, 1),
+            ..Factors::default()
+        };
+        assert_eq!(factors.scale(Ratio::ONE), Err(ScaleError::NoFactors));
+        let wide = Factors {
+            encoder: ratio((1 << 32) - 1, 1),
+            gear: ratio((1 << 32) - 5, (1 << 32) - 17),
+            position: ratio((1 << 32) - 45, (1 << 32) - 65),
+            ..Factors::default()
+        };
+        assert_eq!(
+            wide.scale(Ratio::new(7, 1 << 31).unwrap()),
+            Err(ScaleError::TooLong)
+        );
     }
 }

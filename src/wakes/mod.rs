@@ -4,33 +4,38 @@
 //! cycles, and the drives by their watchdog. So the bus thread only rings ([`Waiters::ring`]), and hands over once a cycle what was rung
 //! ([`Wakes::hand_over`]). In virtual time, which stands still meanwhile, the turn itself wakes.
 
-mod relay;
+#[cfg(test)]
+mod tests;
+
 mod waiters;
 
-use core::{mem, panic::AssertUnwindSafe, task::Waker, time::Duration};
-use std::{
-    io,
-    panic::catch_unwind,
-    sync::OnceLock,
-    thread::{self, Thread},
-    time::Instant,
-};
+use core::future::{Future, poll_fn};
+use core::mem;
+use core::panic::AssertUnwindSafe;
+use core::pin::pin;
+use core::task::{Context, Waker};
+use core::time::Duration;
+use std::cell::Cell;
+use std::panic::catch_unwind;
+use std::sync::OnceLock;
+use std::task::Wake;
+use std::thread::Thread;
+use std::time::Instant;
+use std::{io, thread};
 
 use thread_priority::{
     NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
     set_thread_priority_and_policy, thread_native_id, thread_schedule_policy_param,
 };
 
-pub(crate) use relay::on_bus;
-use waiters::{Signal, lock};
-pub(crate) use waiters::{Waiters, stored};
-
 use crate::sync::{Arc, AtomicBool, AtomicU64, Mutex, Ordering, fence};
+use waiters::{Seat, WakeSignal, bit, lock};
+pub(crate) use waiters::{Waiters, stored};
 
 /// Futures that are woken at once as a rule.
 const ROOM: usize = 256;
 /// A waker that takes longer than this delays the others, which is reported.
-pub(crate) const SLOW: Duration = Duration::from_millis(10);
+const SLOW: Duration = Duration::from_millis(10);
 
 /// Wakes the futures of a network, or of a program's own loop. Clones are the same.
 #[derive(Debug, Clone)]
@@ -38,7 +43,7 @@ pub(crate) struct Wakes(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
-    signal: Arc<Signal>,
+    signal: Arc<WakeSignal>,
     /// All that may be rung.
     waiters: Mutex<Vec<Arc<Waiters>>>,
     /// Room for those who are to be woken, so that a turn in virtual time allocates none.
@@ -77,8 +82,8 @@ pub(crate) struct End(Wakes);
 
 impl Wakes {
     fn new() -> Self {
-        let signal = Signal {
-            news: AtomicBool::new(false),
+        let signal = WakeSignal {
+            change: AtomicBool::new(false),
             over: AtomicBool::new(false),
         };
         Self(Arc::new(Inner {
@@ -95,7 +100,7 @@ impl Wakes {
     }
 
     /// For virtual time: [`hand_over`](Self::hand_over) wakes on its own thread.
-    pub(crate) fn in_turn() -> (Self, End) {
+    pub fn in_turn() -> (Self, End) {
         let wakes = Self::new();
         (wakes.clone(), End(wakes))
     }
@@ -104,7 +109,7 @@ impl Wakes {
     ///
     /// # Errors
     /// If the system gives no thread.
-    pub(crate) fn start(bus_priority: Option<u8>) -> io::Result<(Self, End)> {
+    pub fn start(bus_priority: Option<u8>) -> io::Result<(Self, End)> {
         let wakes = Self::new();
         let served = wakes.clone();
         let thread = thread::Builder::new()
@@ -119,7 +124,7 @@ impl Wakes {
     }
 
     /// Somewhere to wait.
-    pub(crate) fn waiters(&self) -> Arc<Waiters> {
+    pub fn waiters(&self) -> Arc<Waiters> {
         let waiters = Arc::new(Waiters::new(Arc::clone(&self.0.signal)));
         lock(&self.0.waiters).push(Arc::clone(&waiters));
         waiters
@@ -127,8 +132,8 @@ impl Wakes {
 
     /// Has those woken for whom was rung. To be called once in each turn; it costs a look where nobody was.
     #[inline]
-    pub(crate) fn hand_over(&self) {
-        if self.0.signal.news.load(Ordering::Relaxed) {
+    pub fn hand_over(&self) {
+        if self.0.signal.change.load(Ordering::Relaxed) {
             self.wake();
         }
     }
@@ -136,7 +141,7 @@ impl Wakes {
     #[inline(never)]
     fn wake(&self) {
         // Taken before what was rung is looked at.
-        self.0.signal.news.swap(false, Ordering::AcqRel);
+        self.0.signal.change.swap(false, Ordering::AcqRel);
         match self.0.thread.get() {
             Some(thread) => thread.unpark(),
             None => self.wake_rung(),
@@ -205,7 +210,7 @@ impl Wakes {
     }
 
     /// What has become of the wakers so far.
-    pub(crate) fn statistics(&self) -> WakeStatistics {
+    pub fn statistics(&self) -> WakeStatistics {
         let inner = &*self.0;
         let since = inner.running_since.load(Ordering::Relaxed);
         let running = match since.checked_sub(1) {
@@ -224,9 +229,9 @@ impl Wakes {
 
 impl Waiters {
     /// Those of a loop that has no bus thread: the thread that rings wakes.
-    pub(crate) fn direct() -> Arc<Self> {
-        let signal = Signal {
-            news: AtomicBool::new(false),
+    pub fn direct() -> Arc<Self> {
+        let signal = WakeSignal {
+            change: AtomicBool::new(false),
             over: AtomicBool::new(true),
         };
         Arc::new(Self::new(Arc::new(signal)))
@@ -260,5 +265,51 @@ fn stay_below(bus_priority: Option<u8>) {
     }
 }
 
-#[cfg(test)]
-mod tests;
+// Futures that wait for messages of the bus thread, by waiters in between.
+
+/// The channel of those who wait for messages.
+const MESSAGES: u32 = 0;
+
+thread_local! {
+    /// Whether this thread polls a task of a bus.
+    static ON_BUS: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Polls a task of the bus: what it waits for wakes it by itself. It is no code of the program, and waits for none.
+pub(crate) fn on_bus<T>(poll: impl FnOnce() -> T) -> T {
+    let before = ON_BUS.replace(true);
+    let result = poll();
+    ON_BUS.set(before);
+    result
+}
+
+impl Waiters {
+    /// Does what this future does. Where it waits, on a channel of messages say, it leaves not the waker of its task but one that
+    /// only rings.
+    pub async fn relay<T>(self: &Arc<Self>, future: impl Future<Output = T>) -> T {
+        let mut future = pin!(future);
+        let mut seat = Seat::new(self, MESSAGES);
+        let mut ringer = None;
+        poll_fn(|context| {
+            let is_direct = self.signal.over.load(Ordering::Relaxed);
+            if ON_BUS.get() || (is_direct && ringer.is_none()) {
+                return future.as_mut().poll(context);
+            }
+            // First this: what rings from now on wakes the task.
+            seat.register(context);
+            let ringer = ringer.get_or_insert_with(|| Waker::from(Arc::clone(self)));
+            future.as_mut().poll(&mut Context::from_waker(ringer))
+        })
+        .await
+    }
+}
+
+impl Wake for Waiters {
+    fn wake(self: Arc<Self>) {
+        self.wake_by_ref();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        self.ring_all(bit(MESSAGES));
+    }
+}

@@ -13,17 +13,17 @@ use crate::sync::{Arc, AtomicBool, AtomicU64, Mutex, MutexGuard, Ordering, fence
 
 /// What all waiters of a network share with those who wake.
 #[derive(Debug)]
-pub(super) struct Signal {
+pub(super) struct WakeSignal {
     /// Somebody has rung since it was looked at last.
-    pub(super) news: AtomicBool,
+    pub change: AtomicBool,
     /// Nobody looks any more: the thread that rings wakes as well.
-    pub(super) over: AtomicBool,
+    pub over: AtomicBool,
 }
 
 /// Futures that wait, as many as there are, each on one of 64 channels.
 #[derive(Debug)]
 pub(crate) struct Waiters {
-    pub(super) signal: Arc<Signal>,
+    pub(super) signal: Arc<WakeSignal>,
     /// The channels on which somebody waits, one bit each.
     awaited: AtomicU64,
     /// The channels that were rung since their futures were woken last.
@@ -44,16 +44,16 @@ struct WaiterSlot {
     waker: Option<Waker>,
 }
 
-impl Signal {
+impl WakeSignal {
     /// From now on the thread that rings wakes as well. Call this before the last look.
-    pub(super) fn end(&self) {
+    pub fn end(&self) {
         self.over.store(true, Ordering::Relaxed);
         fence(Ordering::SeqCst);
     }
 }
 
 impl Waiters {
-    pub(super) fn new(signal: Arc<Signal>) -> Self {
+    pub(super) fn new(signal: Arc<WakeSignal>) -> Self {
         Self {
             signal,
             awaited: AtomicU64::new(0),
@@ -63,24 +63,24 @@ impl Waiters {
     }
 
     /// Rings where somebody waits on this channel; to be called after what they wait for was stored.
-    pub(crate) fn announce(&self, channel: u32) {
+    pub fn announce(&self, channel: u32) {
         stored();
         self.ring(channel);
     }
 
     /// The same, to be called after [`stored`].
     #[inline]
-    pub(crate) fn ring(&self, channel: u32) {
+    pub fn ring(&self, channel: u32) {
         if self.awaited.load(Ordering::Relaxed) & bit(channel) != 0 {
             self.ring_all(bit(channel));
         }
     }
 
     /// Rings on all of these channels, whether anybody waits or not.
-    pub(crate) fn ring_all(&self, channels: u64) {
+    pub fn ring_all(&self, channels: u64) {
         self.rung.fetch_or(channels, Ordering::Release);
-        self.signal.news.store(true, Ordering::Release);
-        // Pairs with the fence in `Signal::end`: who looks for the last time sees what was rung, or it is seen here that nobody looks.
+        self.signal.change.store(true, Ordering::Release);
+        // Pairs with the fence in `WakeSignal::end`: who looks for the last time sees what was rung, or it is seen here that nobody looks.
         fence(Ordering::SeqCst);
         if self.signal.over.load(Ordering::Relaxed) {
             let mut wakers = Vec::new();
@@ -105,7 +105,7 @@ impl Waiters {
     }
 
     /// Waits until `ready` gives a value: it is asked again whenever this channel was rung.
-    pub(crate) async fn until<T>(&self, channel: u32, mut ready: impl FnMut() -> Option<T>) -> T {
+    pub async fn until<T>(&self, channel: u32, mut ready: impl FnMut() -> Option<T>) -> T {
         let mut seat = Seat::new(self, channel);
         poll_fn(|context| {
             if let Some(value) = ready() {
@@ -141,7 +141,7 @@ pub(super) struct Seat<'a> {
 }
 
 impl<'a> Seat<'a> {
-    pub(super) fn new(waiters: &'a Waiters, channel: u32) -> Self {
+    pub fn new(waiters: &'a Waiters, channel: u32) -> Self {
         Self {
             waiters,
             channels: bit(channel),
@@ -150,7 +150,7 @@ impl<'a> Seat<'a> {
     }
 
     /// Has this task woken when its channel is rung from now on.
-    pub(super) fn register(&mut self, context: &Context<'_>) {
+    pub fn register(&mut self, context: &Context<'_>) {
         // A waker is the program's code: it is cloned and dropped outside of the lock.
         let waker = context.waker().clone();
         let before = {

@@ -6,12 +6,15 @@ use std::{
 };
 
 use servocrab::{
-    axis::Loss,
-    bus::{BringUpStep, DriveConfig, DriveFault, Network, NetworkBuilder, NetworkError},
-    coe::{Mappable, Object, ReadWrite, obj},
+    axis::{Failure, Loss},
+    bus::{
+        AxisConfig, BringUpStep, DriveConfig, DriveFault, Network, NetworkBuilder, NetworkError,
+    },
+    coe::{Mappable, Object, ObjectAddress, ReadWrite, obj},
     drives,
     link::Wire,
-    profile_position::Outcome,
+    parameters::{StartUpWrite, Transition},
+    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Direction, Segment, personality};
 
@@ -74,7 +77,7 @@ fn a_drive_without_lrw_exchanges_by_lrd_and_lwr() {
 #[test]
 fn an_object_that_was_mapped_beside_the_others_is_read_through_its_field() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
-    let drive = akd2g().map_input("y", obj::FOLLOWING_ERROR_ACTUAL);
+    let drive = akd2g().change_axis("y", |axis| axis.map_input(obj::FOLLOWING_ERROR_ACTUAL));
     let rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
     let axis = rig.net().axis("y").unwrap();
     let field = axis.input(obj::FOLLOWING_ERROR_ACTUAL).unwrap();
@@ -97,11 +100,12 @@ fn pitfall_37_process_data_are_what_coe_says_and_not_what_the_sii_says() {
         .build();
     let by_sii = drive.description().process_data_bytes(Direction::Outputs);
     let line = Line::new(Segment::new().with(drive));
-    let config = DriveConfig::new(drives::generic())
-        .axis("x")
-        .referencing("x", servocrab::axis::Referencing::UnreferencedMovesAllowed)
-        .map_output("x", obj::QUICK_STOP_DECELERATION)
-        .map_input("x", obj::FOLLOWING_ERROR_ACTUAL);
+    let config = DriveConfig::new(drives::generic()).axis(
+        AxisConfig::new("x")
+            .referencing(servocrab::axis::Referencing::UnreferencedMovesAllowed)
+            .map_output(obj::QUICK_STOP_DECELERATION)
+            .map_input(obj::FOLLOWING_ERROR_ACTUAL),
+    );
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
     let moved = rig.moved("x", 10_000);
     assert!(matches!(moved, Outcome::Reached { .. }), "{moved:?}");
@@ -127,8 +131,8 @@ fn a_working_counter_beyond_what_a_line_can_have_is_believed_by_nobody() {
     for got in [0x1001_u16, 0xFFFF] {
         let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame, _| {
             frame[6] |= 2;
-            // Behind the one byte of the BRD that counts.
-            frame[27..29].copy_from_slice(&got.to_le_bytes());
+            // Behind the tag and the one byte of the BRD that counts.
+            frame[43..45].copy_from_slice(&got.to_le_bytes());
             true
         });
         let error = refused(Network::builder().link(wire).drive(0, akd2g()));
@@ -144,7 +148,7 @@ fn a_refused_mapping_names_the_entry_and_the_abort_code() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     let unknown: Object<u32, ReadWrite> =
         Object::new(0x2FFE, 7, "nothing").mappable(Mappable::INPUTS);
-    let drive = akd2g().map_input("x", unknown);
+    let drive = akd2g().change_axis("x", |axis| axis.map_input(unknown));
     let error = refused(Network::builder().link(line.wire()).drive(0, drive));
     let text = error.to_string();
     for part in ["2FFEh:07", "1A00h:05", "h)"] {
@@ -248,6 +252,103 @@ fn the_watchdog_is_armed_and_an_axis_stops_when_the_process_data_stop() {
 }
 
 #[test]
+fn a_drive_that_left_op_by_its_watchdog_is_named_as_that_by_every_command_of_its_axes() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    rig.moved("x", 1_000);
+    let (mode, motion) = rig.starts_a_long_move("y");
+    // No frame for longer than the watchdog's time.
+    line.segment().unplug(0);
+    rig.run_for(Duration::from_millis(150));
+    line.segment().plug();
+    rig.run_for(Duration::from_secs(1));
+    let by_watchdog = |error: servocrab::axis::AxisError| {
+        let text = error.to_string();
+        assert!(
+            matches!(error.failure(), Some(Failure::LeftOp { code: 0x001B, .. })),
+            "{text}"
+        );
+        assert!(text.contains("001Bh"), "{text}");
+        assert!(
+            text.contains("its process-data watchdog has expired"),
+            "{text}"
+        );
+    };
+    // That ended when nothing answered any more.
+    assert!(rig.until(motion.done()).is_err());
+    let axis = rig.net().axis("x").unwrap();
+    by_watchdog(rig.until(axis.enable()).unwrap_err());
+    by_watchdog(rig.until(axis.reset_fault()).unwrap_err());
+    by_watchdog(rig.until(mode.move_abs(0, SetPoint::new())).unwrap_err());
+    let net = rig.net.take().unwrap();
+    rig.until(net.recover(0)).unwrap();
+    rig.net = Some(net);
+    rig.moved("x", 2_000);
+    rig.shutdown();
+}
+
+#[test]
+fn a_watchdog_that_is_not_longer_than_a_cycle_is_refused_before_anything_is_sent() {
+    let frames = Arc::new(Mutex::new(0));
+    for (cycle, watchdog, is_right) in [
+        (1_000, 1_000, false),
+        (1_000, 500, false),
+        (2_000, 2_100, true),
+    ] {
+        let line = Line::new(Segment::new().with(personality::akd2g()));
+        let counted = Arc::clone(&frames);
+        let wire = line.spoiled_wire(move |_| *counted.lock().unwrap() += 1);
+        let builder = Network::builder().link(wire).drive(0, akd2g());
+        let builder = builder
+            .cycle(Duration::from_micros(cycle))
+            .watchdog(Duration::from_micros(watchdog));
+        if is_right {
+            Rig::start(builder).unwrap().shutdown();
+            continue;
+        }
+        let error = refused(builder);
+        assert!(matches!(error, NetworkError::Setting(_)), "{error}");
+        assert!(error.to_string().contains("at least 1.1ms"), "{error}");
+        assert_eq!(*frames.lock().unwrap(), 0);
+    }
+}
+
+#[test]
+fn cycles_in_safeop_are_no_loss() {
+    // What is written there takes more cycles than an axis may miss in OP.
+    let mut device = personality::akd2g();
+    device.set_mailbox_delay(Duration::from_millis(300));
+    let line = Line::new(Segment::new().with(device));
+    let write = StartUpWrite::to(ObjectAddress::new(0x6083, 0), 50_000_u32);
+    let drive = akd2g().start_up(write.at(Transition::SafeOpToOp));
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
+    line.segment()
+        .device_mut(0)
+        .unwrap()
+        .set_mailbox_delay(Duration::ZERO);
+    rig.run_for(Duration::from_millis(300));
+    let events = rig.net().events();
+    let waiting = smol::future::poll_once(events.next());
+    assert_eq!(
+        smol::block_on(waiting)
+            .flatten()
+            .map(|event| event.to_string()),
+        None
+    );
+    for name in ["x", "y"] {
+        assert!(!rig.net().axis(name).unwrap().status().lost, "{name}");
+    }
+    // In OP they are one.
+    line.segment()
+        .device_mut(0)
+        .unwrap()
+        .fall_to_safe_op(0x8001);
+    rig.run_for(Duration::from_millis(500));
+    assert!(rig.net().axis("x").unwrap().status().lost);
+    rig.shutdown();
+}
+
+#[test]
 fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     let text = |builder: NetworkBuilder| refused(builder).to_string();
@@ -255,7 +356,7 @@ fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
     assert!(text(net()).contains("no drive"));
     assert!(text(net().drive(0, akd2g()).drive(1, akd2g())).contains("two axes are named `x`"));
     assert!(text(net().drive(0, akd2g().axis("z"))).contains("3 axes were named"));
-    let unnamed = akd2g().map_input("z", obj::DIGITAL_INPUTS);
+    let unnamed = akd2g().change_axis("z", |axis| axis.map_input(obj::DIGITAL_INPUTS));
     assert!(text(net().drive(0, unnamed)).contains("`z` is no axis"));
     assert!(text(net().cycle(Duration::ZERO).drive(0, akd2g())).contains("cycle"));
     for (stale_cycles, undelivered_cycles) in [(0, 10), (20, 10), (u32::MAX, u32::MAX)] {
@@ -264,7 +365,8 @@ fn mistakes_of_the_declaration_are_named_before_anything_is_sent() {
             undelivered_cycles,
         };
         assert!(
-            text(net().drive(0, akd2g().loss("x", loss))).contains("silent drive"),
+            text(net().drive(0, akd2g().change_axis("x", |axis| axis.loss(loss))))
+                .contains("silent drive"),
             "{loss:?}"
         );
     }
@@ -297,8 +399,8 @@ fn more_drives_than_one_frame_holds_exchange_in_two_and_fall_silent_alone() {
     for position in 0..DRIVES {
         segment.push(personality::akd2g());
         let drive = DriveConfig::new(drives::akd2g())
-            .axis(&format!("x{position}"))
-            .axis(&format!("y{position}"));
+            .axis(format!("x{position}"))
+            .axis(format!("y{position}"));
         builder = builder.drive(position, drive);
     }
     let line = Line::new(segment);
@@ -388,7 +490,11 @@ fn a_bring_up_tells_each_step_of_each_drive_once_and_in_order() {
     assert_eq!(steps(0), steps(2));
     assert_eq!(steps(0)[0], "checking its identity");
     assert_eq!(
-        steps(0)[5..],
-        ["bringing it into SAFEOP", "bringing it into OP"]
+        steps(0)[4..],
+        [
+            "bringing it into SAFEOP",
+            "bringing it into OP",
+            "reading its parameters"
+        ]
     );
 }

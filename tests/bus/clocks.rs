@@ -11,9 +11,10 @@ use std::{
 use servocrab::bus::{
     BringUpStep, DistributedClock, DriveConfig, DriveFault, Network, NetworkError, ReferenceClock,
 };
-use servocrab::coe::obj;
+use servocrab::coe::{ObjectAddress, obj};
 use servocrab::drives;
 use servocrab::link::Link;
+use servocrab::parameters::StartUpWrite;
 use servocrab_sim::personality::{self, Servo};
 use servocrab_sim::{AlState, ClockDemand, ClockWidth, Device, Segment};
 
@@ -262,6 +263,49 @@ fn the_synchronisation_types_are_set_where_the_drive_has_them() {
         assert_eq!(rig.until(sdo.read(time)).unwrap(), 2_000_000);
     }
     rig.shutdown();
+}
+
+/// A drive that a program with distributed clocks has used, and when that has ended.
+fn left_by_a_program_with_clocks(drive: Servo) -> (Line, Duration) {
+    let line = Line::new(Segment::new().with(drive.build()));
+    let clocked = DriveConfig::new(drives::akd2g())
+        .axis("x")
+        .dc(DistributedClock::new(0x0300));
+    let builder = Network::builder().link(line.wire());
+    let rig = Rig::start(builder.drive(0, clocked)).unwrap();
+    let end = rig.bus.now() + Duration::from_secs(10);
+    rig.shutdown();
+    (line, end)
+}
+
+#[test]
+fn a_drive_left_in_sync0_follows_its_process_data_without_clocks() {
+    let (line, begin) = left_by_a_program_with_clocks(Servo::akd2g().sm_synchronous());
+    let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    let builder = Network::builder().link(line.wire_from(begin));
+    let mut rig = Rig::start(builder.drive(0, drive)).unwrap();
+    assert!(all_in_op(&line));
+    let sdo = rig.net().sdo(0).unwrap();
+    assert_eq!(rig.until(sdo.read(obj::OUTPUT_SYNC_TYPE)).unwrap(), 1);
+    assert_eq!(rig.until(sdo.read(obj::INPUT_SYNC_TYPE)).unwrap(), 34);
+    rig.shutdown();
+}
+
+#[test]
+fn a_drive_left_in_sync0_that_has_free_run_alone_is_refused_with_what_to_write() {
+    let (line, begin) = left_by_a_program_with_clocks(Servo::akd2g());
+    let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    let builder = Network::builder().link(line.wire_from(begin));
+    let error = Rig::start(builder.drive(0, drive.clone())).err().unwrap();
+    let text = error.to_string();
+    for part in ["0030h", "1C32h:01 holds 2 (SYNC0)", "start-up list"] {
+        assert!(text.contains(part), "{text}");
+    }
+    let free_run = |index| StartUpWrite::to(ObjectAddress::new(index, 1), 0_u16);
+    let drive = drive.start_up(free_run(0x1C32)).start_up(free_run(0x1C33));
+    let begin = begin + Duration::from_secs(10);
+    let builder = Network::builder().link(line.wire_from(begin));
+    Rig::start(builder.drive(0, drive)).unwrap().shutdown();
 }
 
 #[test]

@@ -12,8 +12,8 @@ use std::{
 use servocrab::{
     axis::{Failure, Referencing},
     bus::{
-        ClockEvent, ClockStatistics, DistributedClock, DriveConfig, DriveFault, Network,
-        NetworkBuilder, NetworkError, NetworkEvent, ReferenceClock,
+        AxisConfig, ClockEvent, ClockStatistics, DistributedClock, DriveConfig, DriveFault,
+        Network, NetworkBuilder, NetworkError, NetworkEvent, ReferenceClock,
     },
     drives,
     ds402::State,
@@ -24,13 +24,13 @@ use servocrab_sim::{AlState, ClockWidth, Segment, ds402::State as Power, persona
 
 use crate::{
     clocks::{insisting, mistakes},
-    rig::{Line, Rig},
+    rig::{Line, Rig, TAG, TAG_BYTES, is_cyclic},
 };
 
 const MS: Duration = Duration::from_millis(1);
 const REFERENCE_PPM: f64 = 50.0;
 /// By which byte of the frame the datagram with the reference's time begins, and where the time ends.
-const DATAGRAM: usize = 16;
+const DATAGRAM: usize = TAG + TAG_BYTES;
 const TIME_END: usize = DATAGRAM + 10 + 4;
 const SLOW: SetPoint = SetPoint::new()
     .velocity(10_000)
@@ -55,8 +55,7 @@ const START: u64 = 90_000_000_000;
 fn network(wire: Wire) -> NetworkBuilder {
     let drive = |axis: &str| {
         DriveConfig::new(drives::sigma7())
-            .axis(axis)
-            .referencing(axis, Referencing::UnreferencedMovesAllowed)
+            .axis(AxisConfig::new(axis).referencing(Referencing::UnreferencedMovesAllowed))
             .dc(DistributedClock::new(0x0300))
     };
     Network::builder()
@@ -199,8 +198,8 @@ fn a_time_that_was_spoiled_on_its_way_moves_nothing() {
     let spoiled = Arc::new(AtomicUsize::new(0));
     let left = Arc::clone(&spoiled);
     let wire = line.wire_with(move |_, frame| {
-        // By its source address a frame of process data, and FRMW its first datagram.
-        let has_time = frame[6..8] == [0x10, 0xC5] && frame[DATAGRAM] == 14;
+        // FRMW.
+        let has_time = is_cyclic(frame) && frame[DATAGRAM] == 14;
         let next = |left: usize| left.checked_sub(1);
         if has_time
             && left
@@ -231,11 +230,8 @@ fn a_time_that_was_spoiled_on_its_way_moves_nothing() {
 fn a_reference_that_was_switched_off_and_on_gives_no_time_and_the_others_follow_the_cycles() {
     let line = behind_a_reference();
     let mut rig = running(&line);
-    line.segment().device_mut(0).unwrap().power_off();
-    rig.run_for(300 * MS);
-    let now = rig.bus.now();
-    line.segment().device_mut(0).unwrap().power_on(now);
-    rig.run_for(300 * MS);
+    rig.loses_power(&line, 0);
+    rig.run_for(200 * MS);
     // It is there, and has lost its station address: it takes the time as all others do.
     assert_eq!(clock_events(&rig), [ClockEvent::Silent]);
     let seen = clock(&rig);

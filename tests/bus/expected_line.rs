@@ -23,7 +23,7 @@ const AKD2G: DevicePlace = DevicePlace::Identity {
     serial: None,
 };
 
-/// A line with these devices, and whether any of them was asked to leave PREOP upwards.
+/// A line with these devices, and whether any of them was asked to leave INIT.
 fn line(devices: impl IntoIterator<Item = Device>) -> (Line, Wire, Arc<AtomicBool>) {
     let mut segment = Segment::new();
     devices.into_iter().for_each(|device| segment.push(device));
@@ -32,7 +32,7 @@ fn line(devices: impl IntoIterator<Item = Device>) -> (Line, Wire, Arc<AtomicBoo
     let noted = Arc::clone(&asked);
     let wire = line.spoiled_wire(move |frame| {
         for datagram in datagrams(frame) {
-            if is_write_to(datagram, 0x0120) && matches!(datagram[10], 4 | 8) {
+            if is_write_to(datagram, 0x0120) && matches!(datagram[10], 2 | 4 | 8) {
                 noted.store(true, Ordering::Relaxed);
             }
         }
@@ -299,4 +299,34 @@ fn two_declarations_of_one_device_are_refused() {
             "{error}"
         );
     }
+}
+
+#[test]
+fn another_product_of_the_same_maker_is_accepted_as_the_message_says() {
+    let other = || DriveConfig::new(akd2g_of(0x0041_4B44)).axis("x");
+    let (line, wire, asked) = line([personality::akd2g()]);
+    let error = Rig::start(Network::builder().link(wire).drive(0, other())).err();
+    let text = error.unwrap().to_string();
+    assert!(
+        text.ends_with(
+            "At position 0 is another product of the same maker. If it works as the expected one, accept it: set `product` of its \
+             `DriveDescription`, or the product code of its `Expected`, to 0x414B4432"
+        ),
+        "{text}"
+    );
+    assert!(!asked.load(Ordering::Relaxed));
+    let accepted = DriveConfig::new(akd2g_of(0x414B_4432)).axis("x");
+    let rig = Rig::start(Network::builder().link(line.wire()).drive(0, accepted)).unwrap();
+    rig.shutdown();
+    // Without a demand any of the maker's is one.
+    let rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive("x"))).unwrap();
+    rig.shutdown();
+}
+
+/// An AKD2G of which this product code is demanded.
+fn akd2g_of(product: u32) -> drives::DriveDescription {
+    let mut description = drives::akd2g();
+    assert_eq!(description.product, None, "no document states one");
+    description.product = Some(product);
+    description
 }

@@ -45,8 +45,9 @@ fn line((servo, description): Drive, held: &[(u16, i64)]) -> (Line, DriveConfig)
         let axis = segment.axis_mut(0, 0).unwrap();
         axis.set(*index, 0, *value).unwrap();
     }
-    let drive = unhomed(description(), &["x"]).map_output("x", obj::TARGET_VELOCITY);
-    (Line::on_plants(segment), drive)
+    let drive = unhomed(description(), &["x"])
+        .change_axis("x", |axis| axis.map_output(obj::TARGET_VELOCITY));
+    (Line::new(segment), drive)
 }
 
 fn start((line, drive): (Line, DriveConfig)) -> (Line, Rig, Axis) {
@@ -127,7 +128,7 @@ fn a_drive_without_the_objects_attaches_and_shows_none() {
         })
     };
     let segment = Segment::new().with(without(Servo::generic()).build());
-    let line = Line::on_plants(segment);
+    let line = Line::new(segment);
     let (line, mut rig, axis) = start((line, unhomed(drives::generic(), &["x"])));
     let shown = axis.drive_settings();
     assert_eq!(shown.stop_options, StopOptions::default());
@@ -150,7 +151,10 @@ fn a_drive_that_would_coast_at_quick_stop_attaches_only_where_that_is_accepted()
         );
         assert!(error.to_string().contains("605Ah"), "{error}");
         let (held, config) = line(drive, &[(0x605A, 0)]);
-        let (_line, rig, axis) = start((held, config.coast_at_quick_stop("x")));
+        let (_line, rig, axis) = start((
+            held,
+            config.change_axis("x", servocrab::AxisConfig::coast_at_quick_stop),
+        ));
         assert_eq!(axis.drive_settings().quick_stop.0, 0);
         rig.shutdown();
     }
@@ -224,7 +228,8 @@ fn halted_after(documented: bool, deceleration: i64) -> Duration {
     line.segment().axis_mut(0, 0).unwrap().set_plant(plant);
     let mut description = drives::generic();
     description.traits.threshold_in_velocity_units = documented;
-    let drive = unhomed(description, &["x"]).map_output("x", obj::TARGET_VELOCITY);
+    let drive =
+        unhomed(description, &["x"]).change_axis("x", |axis| axis.map_output(obj::TARGET_VELOCITY));
     let (line, mut rig, axis) = start((line, drive));
     rig.until(axis.enable()).unwrap();
     let pv = rig.until(axis.profile_velocity()).unwrap();

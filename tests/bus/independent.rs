@@ -31,7 +31,7 @@ fn line() -> Line {
 fn declared(builder: servocrab::bus::NetworkBuilder) -> servocrab::bus::NetworkBuilder {
     (0..DRIVES).fold(builder, |builder, position| {
         let drive = DriveConfig::new(drives::akd2g());
-        builder.drive(position, drive.axis(&format!("{position}")))
+        builder.drive(position, drive.axis(format!("{position}")))
     })
 }
 

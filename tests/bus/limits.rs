@@ -27,7 +27,7 @@ fn second_axis_limited() -> DriveConfig {
         drive = drive.start_up(StartUpWrite::to(object, value));
     }
     ["x", "y"].into_iter().fold(drive, |drive, axis| {
-        drive.referencing(axis, Referencing::AbsoluteEncoder)
+        drive.change_axis(axis, |axis| axis.referencing(Referencing::AbsoluteEncoder))
     })
 }
 
@@ -94,7 +94,8 @@ fn each_axis_is_checked_against_its_own_objects_until_they_are_read_again() {
 
 #[test]
 fn a_program_that_trusts_the_drive_is_told_when_it_ends_a_move_early() {
-    let mut rig = start(second_axis_limited().limits("y", Limits::trust_drive()));
+    let mut rig =
+        start(second_axis_limited().change_axis("y", |axis| axis.limits(Limits::trust_drive())));
     let y = rig.net().axis("y").unwrap();
     rig.until(y.enable()).unwrap();
     let pp = rig.until(y.profile_position()).unwrap();
@@ -115,7 +116,7 @@ fn limits_that_the_program_gives_take_the_place_of_the_drives() {
         software: Some(PositionRange { min: 0, max: 300 }),
         ..Limits::trust_drive()
     };
-    let mut rig = start(second_axis_limited().limits("y", limits));
+    let mut rig = start(second_axis_limited().change_axis("y", |axis| axis.limits(limits)));
     let y = rig.net().axis("y").unwrap();
     rig.until(y.enable()).unwrap();
     let pp = rig.until(y.profile_position()).unwrap();
@@ -137,8 +138,8 @@ fn a_modulo_axis_takes_its_turn_from_the_drive() {
     let range = |subindex| ObjectAddress::new(0x687B, subindex);
     let drive = || {
         second_axis_limited()
-            .limits("y", Limits::trust_drive())
-            .modulo("y")
+            .change_axis("y", |axis| axis.limits(Limits::trust_drive()))
+            .change_axis("y", servocrab::AxisConfig::modulo)
     };
     let set = drive()
         .start_up(StartUpWrite::to(range(1), 0_i32))

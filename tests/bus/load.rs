@@ -17,15 +17,15 @@ fn line(drives: u16) -> (Line, NetworkBuilder) {
     });
     let line = Line::new(segment);
     let builder = (0..drives).fold(Network::builder().link(line.wire()), |builder, position| {
-        let drive = DriveConfig::new(drives::generic()).axis(&position.to_string());
+        let drive = DriveConfig::new(drives::generic()).axis(position.to_string());
         builder.drive(position, drive)
     });
     (line, builder)
 }
 
-/// 40 drives of 30 bytes: one frame of 14 + 2 + 12 + 1200 bytes, with five mailbox states of 13 (but at most four in a frame), and
+/// 40 drives of 30 bytes: one frame of 14 + 2 + 16 + 12 + 1200 bytes, with five mailbox states of 13 (but at most four in a frame), and
 /// the AL status of 14.
-const BYTES: usize = 14 + 2 + 12 + 1200 + 4 * 13 + 14;
+const BYTES: usize = 14 + 2 + 16 + 12 + 1200 + 4 * 13 + 14;
 /// With the 24 bytes around it, 80 ns each.
 const SENDING: Duration = Duration::from_nanos((BYTES as u64 + 24) * 80);
 

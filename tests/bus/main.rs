@@ -2,14 +2,16 @@
 
 mod bring_up;
 mod bring_up_costs;
-#[path = "../common/cable.rs"]
+#[path = "../../tools/src/doctor/cable.rs"]
 mod cable;
 mod clocks;
 mod clocks_again;
 mod clocks_trouble;
+mod earlier_master;
 mod endings;
 mod expected_line;
 mod faults;
+mod given_up;
 mod habits;
 mod held;
 mod independent;
@@ -23,7 +25,9 @@ mod modes;
 mod otherwise;
 mod own_time;
 mod parameters;
+mod recorder;
 mod recovery;
+mod referenced;
 mod refused;
 mod rest;
 mod rig;

@@ -1,13 +1,15 @@
 //! From power-on to OP with each kind of PDO mapping that drives have, and each way in which they refuse one.
 
+use std::time::Duration;
+
 use servocrab::{
     axis::Referencing,
-    bus::{BringUpStep, DriveConfig, DriveFault, Network, NetworkError},
+    bus::{AxisConfig, BringUpStep, DriveConfig, DriveFault, Network, NetworkError},
     coe::obj,
     drives::{self, DriveDescription},
     pdo_map::{Direction, Entry, FixedPdo, MappingError, Step, read_offered},
 };
-use servocrab_sim::{Abort, AlState, Device, Segment, personality::Servo};
+use servocrab_sim::{Abort, AlState, Device, Segment, ds402::ReachedPolicy, personality::Servo};
 
 use crate::rig::{Line, Rig, unhomed};
 
@@ -88,6 +90,30 @@ fn a_fixed_drive_gets_the_offered_pdos_that_hold_most_and_moves_with_the_rest_by
 }
 
 #[test]
+fn the_last_handle_stops_an_axis_at_the_end_velocity_that_its_drive_held_by_itself() {
+    let device = fixed_drive().change(|behaviour| {
+        behaviour.goes_on_at_end_velocity = true;
+        behaviour.reached = ReachedPolicy::Window;
+    });
+    let mut device = device.build();
+    let drive = device.axis_mut(0).unwrap();
+    drive.set(0x6082, 0, 5_000).unwrap();
+    // Neither it nor 606Ch is mapped.
+    let (line, rig) = started(device, config(fixed_description()));
+    let mut rig = rig.unwrap_or_else(|error| panic!("{error}"));
+    let axis = rig.net().axis("x").unwrap();
+    rig.moved("x", 10_000);
+    rig.run_for(Duration::from_millis(300));
+    let velocity = |line: &Line| line.segment().axis(0, 0).unwrap().velocity();
+    assert!((velocity(&line) - 5_000.0).abs() < 500.0, "it goes on");
+    assert_eq!(axis.status().velocity, 0, "not mapped");
+    drop(axis);
+    rig.run_for(Duration::from_millis(500));
+    assert_eq!(velocity(&line), 0.0);
+    rig.shutdown();
+}
+
+#[test]
 fn a_fixed_pdo_that_holds_something_else_than_described_is_shown_and_not_filled() {
     let other = Servo::generic()
         .with_fixed_pdo(
@@ -125,7 +151,8 @@ fn the_pdos_that_a_drive_offers_are_read_from_it_and_chosen_among() {
 
 #[test]
 fn an_object_that_a_fixed_drive_does_not_offer_is_named_before_anything_is_mapped() {
-    let wanted = config(fixed_description()).map_input("x", obj::FOLLOWING_ERROR_ACTUAL);
+    let wanted = config(fixed_description())
+        .change_axis("x", |axis| axis.map_input(obj::FOLLOWING_ERROR_ACTUAL));
     let (line, result) = started(fixed_drive().build(), wanted);
     let (text, step, fault) = fault(result);
     assert_eq!(step, BringUpStep::Mapping);
@@ -181,7 +208,8 @@ fn a_drive_with_fixed_and_free_pdos_gets_the_fixed_one_and_the_rest_filled() {
         FixedPdo::new(0x1601, [CONTROLWORD, TARGET]),
         FixedPdo::new(0x1A01, [STATUSWORD, POSITION]),
     ];
-    let wanted = config(description).map_input("x", obj::FOLLOWING_ERROR_ACTUAL);
+    let wanted =
+        config(description).change_axis("x", |axis| axis.map_input(obj::FOLLOWING_ERROR_ACTUAL));
     // 1601h with 6 bytes, and 6060h, 6081h, 6083h, 6084h in 1603h.
     assert_eq!(moves(device, wanted, &["x"]), 19);
 }
@@ -190,9 +218,9 @@ fn a_drive_with_fixed_and_free_pdos_gets_the_fixed_one_and_the_rest_filled() {
 fn a_drive_with_eight_entries_per_pdo_gets_the_ninth_in_its_next_pdo() {
     let device = Servo::generic().entries_per_pdo(8).pdos_assigned(2).build();
     let wanted = config(drives::generic())
-        .map_output("x", obj::END_VELOCITY)
-        .map_output("x", obj::QUICK_STOP_DECELERATION)
-        .map_output("x", obj::TARGET_VELOCITY);
+        .change_axis("x", |axis| axis.map_output(obj::END_VELOCITY))
+        .change_axis("x", |axis| axis.map_output(obj::QUICK_STOP_DECELERATION))
+        .change_axis("x", |axis| axis.map_output(obj::TARGET_VELOCITY));
     assert_eq!(moves(device, wanted, &["x"]), 19 + 4 + 4 + 4);
 }
 
@@ -201,9 +229,9 @@ fn more_pdos_than_a_sync_manager_takes_are_refused_with_both_numbers() {
     let mut description = drives::generic();
     description.limits.pdos_per_sync_manager = 1;
     let wanted = config(description)
-        .map_output("x", obj::END_VELOCITY)
-        .map_output("x", obj::QUICK_STOP_DECELERATION)
-        .map_output("x", obj::TARGET_VELOCITY);
+        .change_axis("x", |axis| axis.map_output(obj::END_VELOCITY))
+        .change_axis("x", |axis| axis.map_output(obj::QUICK_STOP_DECELERATION))
+        .change_axis("x", |axis| axis.map_output(obj::TARGET_VELOCITY));
     let (_, result) = started(Servo::generic().build(), wanted);
     let (text, ..) = fault(result);
     assert!(
@@ -219,8 +247,7 @@ fn two_axes_come_up_with_either_increment_of_their_pdos() {
         let mut description = drives::akd2g();
         description = description.with_axes(2, increment);
         let both = config(description)
-            .axis("y")
-            .referencing("y", Referencing::UnreferencedMovesAllowed);
+            .axis(AxisConfig::new("y").referencing(Referencing::UnreferencedMovesAllowed));
         assert_eq!(moves(device, both, &["x", "y"]), 38, "{increment:X}h");
     }
 }
@@ -283,8 +310,7 @@ fn of_two_pdos_the_one_that_differs_is_filled_and_the_other_is_not() {
         servo.refuses_pdo_write(0x1600, step.object.subindex, value(step), Abort::State)
     });
     let both = config(description)
-        .axis("y")
-        .referencing("y", Referencing::UnreferencedMovesAllowed);
+        .axis(AxisConfig::new("y").referencing(Referencing::UnreferencedMovesAllowed));
     moves(device.build(), both, &["x", "y"]);
 }
 

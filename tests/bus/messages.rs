@@ -4,9 +4,11 @@ use std::time::Duration;
 
 use servocrab::{
     bus::{DevicePlace, DriveConfig, Expected, Network, NetworkBuilder},
-    coe::{Mappable, Object, ReadWrite},
+    coe::{Mappable, Object, ReadWrite, obj},
     drives,
     link::Wire,
+    parameters::StartUpWrite,
+    profile_position::PositionRange,
 };
 use servocrab_sim::{Segment, personality};
 
@@ -54,23 +56,60 @@ fn no_answer_and_no_subdevice() {
 }
 
 #[test]
+fn a_turn_that_is_none_and_a_statusword_in_a_start_up_list() {
+    let turn = PositionRange { min: 5, max: 5 };
+    let drive = akd2g().change_axis("y", |axis| axis.modulo_over(turn));
+    let error = message(on(one_drive(), 0, drive));
+    assert!(
+        error.ends_with(
+            "`modulo_over` gives axis `y` the positions 5 to 5, which are no turn: its greatest position must be above its \
+             least, and not both the ends of the type"
+        ),
+        "{error}"
+    );
+    let list = StartUpWrite::to(obj::STATUSWORD.axis(2).address(), 0_u16);
+    let error = message(on(one_drive(), 0, akd2g().start_up(list)));
+    assert!(
+        error.ends_with(
+            "start-up list: line 1 of 1, 6841h:00 statusword: the statusword can only be read: take the line out; an axis is \
+             commanded by its handle, and parameters are other objects"
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn an_sdo_transfer_after_the_shutdown() {
+    let line = Line::new(one_drive());
+    let rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let sdo = rig.net().sdo(0).unwrap();
+    rig.shutdown();
+    let error = smol::block_on(sdo.read_bytes(0x6041, 0)).unwrap_err();
+    assert_eq!(
+        error.error.to_string(),
+        "reading 6041h:00: nothing serves the mailbox of this device: its network was shut down or has ended, or it has no \
+         mailbox"
+    );
+}
+
+#[test]
 fn a_refused_mapping_with_its_entry_and_its_abort_code() {
     let object = |index, subindex| -> Object<u32, ReadWrite> {
         Object::new(index, subindex, "of the test").mappable(Mappable::BOTH)
     };
     let cases = [
         (
-            akd2g().map_input("x", object(0x2FFE, 7)),
+            akd2g().change_axis("x", |axis| axis.map_input(object(0x2FFE, 7))),
             "mapping 2FFEh:07 (32 bits) (1A00h:05): writing 1A00h:05: device refused: object does not exist (06020000h)",
         ),
         (
             // The second axis' own object, in the second axis' own PDO.
-            akd2g().map_input("y", object(0x6067, 0)),
+            akd2g().change_axis("y", |axis| axis.map_input(object(0x6067, 0))),
             "mapping 6867h:00 (32 bits) (1A10h:05): writing 1A10h:05: device refused: object cannot be mapped into a \
              PDO (06040041h)",
         ),
         (
-            akd2g().map_output("x", object(0x6041, 0)),
+            akd2g().change_axis("x", |axis| axis.map_output(object(0x6041, 0))),
             "mapping 6041h:00 (32 bits) (1600h:07): writing 1600h:07: device refused: object cannot be mapped into a \
              PDO (06040041h)",
         ),
@@ -144,7 +183,7 @@ fn a_line_that_is_not_the_expected_one_is_shown_beside_it() {
         "the line is not the expected one, and nothing was configured:\n  \
          position  expected                                                   found                                                                              verdict\n  \
          0         any device                                                 Coupler (00000000h:434F5550h, revision 00000001h, serial 00000000h)                right\n  \
-         1         AKD2G (0000006Ah:414B4432h)                                CiA402 (00000000h:44530402h, revision 00000001h, serial 00000000h)                 swapped with position 2\n  \
+         1         AKD2G (0000006Ah:any)                                      CiA402 (00000000h:44530402h, revision 00000001h, serial 00000000h)                 swapped with position 2\n  \
          2         DS402 drive (00000000h:44530402h)                          AKD2G (0000006Ah:414B4432h, revision 00000001h, serial 00000003h, alias 7)         swapped with position 1\n  \
          3         -                                                          16 outputs, 16 inputs (00000000h:494F3136h, revision 00000001h, serial 00000000h)  extra\n  \
          -         alias 9: EK1100 (00000002h:044C2C52h, revision 00000011h)  -                                                                                  missing"

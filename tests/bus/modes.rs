@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use servocrab::{
     axis::{Delivery, Failure, Referencing, WaitingFor},
-    bus::{DriveConfig, Network},
+    bus::{AxisConfig, DriveConfig, Network},
     coe::obj,
     drives,
     ds402::Mode,
@@ -25,11 +25,11 @@ fn line() -> (Line, DriveConfig) {
         ..Machine::default()
     };
     let servo = Servo::akd2g().change(move |drive| drive.machine = machine.clone());
-    let config = DriveConfig::new(drives::akd2g())
-        .axis("x")
-        .axis("y")
-        .referencing("y", Referencing::ByHoming)
-        .map_output("y", obj::TARGET_VELOCITY);
+    let config = DriveConfig::new(drives::akd2g()).axis("x").axis(
+        AxisConfig::new("y")
+            .referencing(Referencing::ByHoming)
+            .map_output(obj::TARGET_VELOCITY),
+    );
     (Line::new(Segment::new().with(servo.build())), config)
 }
 
@@ -57,14 +57,17 @@ fn the_second_axis_of_a_drive_is_homed_and_moved_and_a_loss_takes_its_reference_
             .deceleration(1_000_000);
         let moved = pp.move_abs(2_100, set_point).await.unwrap();
         let reached = moved.done().await.unwrap();
-        assert_eq!(reached, Outcome::Reached { position: 2_100 });
+        assert!(
+            matches!(reached, Outcome::Reached { position } if (position - 2_100).abs() <= 10),
+            "{reached:?}"
+        );
     });
     assert!(y.status().referenced);
     {
         let segment = line.segment();
         let drive = segment.axis(0, 1).unwrap();
         let home = drive.homings()[0].home.unwrap();
-        assert_eq!(drive.mechanical_position() - home, 2_000);
+        assert!((drive.mechanical_position() - home - 2_000).abs() <= 10);
         assert!(segment.axis(0, 0).unwrap().homings().is_empty());
     }
     line.segment().unplug(0);
@@ -89,10 +92,10 @@ fn a_jog_ends_with_the_programs_liveness_and_does_not_come_back() {
         live.feed();
         rig.run_for(20 * MS);
     }
-    assert_eq!(y.status().velocity, 10_000);
+    assert!((y.status().velocity - 10_000).abs() < 1_000);
     rig.run_for(300 * MS);
     let status = y.status();
-    assert!(status.halted && status.velocity == 0, "{status:?}");
+    assert!(status.halted && status.velocity.abs() < 1_000, "{status:?}");
     assert_eq!(
         jog.ended(),
         Some(Failure::Halted {
@@ -115,6 +118,30 @@ fn a_jog_ends_with_the_programs_liveness_and_does_not_come_back() {
 }
 
 #[test]
+fn without_60ffh_a_drive_that_lacks_mode_3_is_refused_for_that_and_another_one_for_the_mapping() {
+    let mode = Mode::ProfileVelocity;
+    for (modes, lacks_mode) in [(0x21, true), (0x25, false)] {
+        let servo = Servo::akd2g().change(move |drive| drive.supported_modes = modes);
+        let line = Line::new(Segment::new().with(servo.build()));
+        let config = DriveConfig::new(drives::akd2g()).axis("x");
+        let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
+        let x = rig.net().axis("x").unwrap();
+        let error = rig.until(x.profile_velocity()).unwrap_err();
+        let (failure, text) = (error.failure().unwrap(), error.to_string());
+        if lacks_mode {
+            assert_eq!(failure, Failure::ModeNotSupported { mode });
+            assert!(text.contains("6502h") && !text.contains("60FFh"), "{text}");
+        } else {
+            assert!(matches!(failure, Failure::NotMapped(_)), "{text}");
+            assert!(text.contains("60FFh"), "{text}");
+        }
+        let held = x.drive_settings().supported_modes.unwrap();
+        assert_eq!((held.bits(), held.allows(mode)), (modes, !lacks_mode));
+        rig.shutdown();
+    }
+}
+
+#[test]
 fn a_mode_that_6502h_does_not_name_is_refused_and_without_6502h_it_is_tried() {
     const WITHOUT: &[u16] = &[0x6502];
     for without in [&[], WITHOUT] {
@@ -125,8 +152,7 @@ fn a_mode_that_6502h_does_not_name_is_refused_and_without_6502h_it_is_tried() {
         let line = Line::new(Segment::new().with(servo.build()));
         let config = DriveConfig::new(drives::akd2g())
             .axis("x")
-            .axis("y")
-            .map_output("y", obj::TARGET_VELOCITY);
+            .axis(AxisConfig::new("y").map_output(obj::TARGET_VELOCITY));
         let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
         let y = rig.net().axis("y").unwrap();
         let asked = rig.bus.now();

@@ -34,6 +34,71 @@ fn a_pause_lasts_until_the_first_cycle_that_ends_after_it() {
     assert!(took >= wanted && took < wanted + 2 * cycle, "{took:?}");
 }
 
+/// By the network's time, which passes in an instant here.
+#[test]
+fn a_wait_ends_when_its_time_is_over_and_not_before() {
+    let mut rig = start();
+    let clock = rig.net().clock();
+    let limit = Duration::from_secs(2);
+    let before = clock.now();
+    let never = clock.timeout(limit, core::future::pending::<()>());
+    assert_eq!(rig.until(never).unwrap(), None);
+    let took = clock.now() - before;
+    assert!(
+        took >= limit && took < limit + Duration::from_millis(2),
+        "{took:?}"
+    );
+
+    let pause = clock.sleep(limit - Duration::from_millis(5));
+    let done = rig.until(clock.timeout(limit, pause)).unwrap();
+    assert!(matches!(done, Some(Ok(()))), "{done:?}");
+}
+
+#[test]
+fn all_axes_and_drives_are_there_and_all_faults_are_reset_at_once() {
+    let line = Line::new(
+        Segment::new()
+            .with(personality::akd2g())
+            .with(personality::generic()),
+    );
+    let drive = unhomed(servocrab::drives::generic(), &["z"]);
+    let builder = Network::builder().link(line.wire());
+    let mut rig = Rig::start(builder.drive(0, akd2g()).drive(1, drive)).unwrap();
+    let names: Vec<_> = rig
+        .net()
+        .axes()
+        .map(|axis| axis.identity().axis.clone())
+        .collect();
+    assert_eq!(names, ["x", "y", "z"]);
+    let positions: Vec<_> = rig.net().drives().map(|drive| drive.position).collect();
+    assert_eq!(positions, [0, 1]);
+
+    // Of one axis the cause stays: the faults of the others are reset all the same, and that is told.
+    line.segment().axis_mut(0, 0).unwrap().inject_fault(0x7500);
+    line.segment()
+        .axis_mut(0, 1)
+        .unwrap()
+        .inject_lasting_fault(0x7305);
+    line.segment().axis_mut(1, 0).unwrap().inject_fault(0x7500);
+    rig.run_for(Duration::from_millis(50));
+    let net = rig.net.take().unwrap();
+    let error = rig.until(net.reset_faults()).unwrap_err();
+    assert_eq!(error.identity.axis, "y");
+    let is_fault = |net: &Network| {
+        net.axes()
+            .map(|axis| axis.status().state.is_fault())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(is_fault(&net), [false, true, false]);
+    line.segment().axis_mut(0, 1).unwrap().clear_cause();
+    rig.until(net.reset_faults()).unwrap();
+    assert_eq!(is_fault(&net), [false; 3]);
+    // There is none any more.
+    rig.until(net.reset_faults()).unwrap();
+    rig.net = Some(net);
+    rig.shutdown();
+}
+
 #[test]
 fn every_cycle_is_told_once_with_what_it_brought() {
     let mut rig = start();

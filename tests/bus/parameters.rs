@@ -7,7 +7,7 @@ use std::sync::{
 
 use servocrab::{
     axis::Referencing,
-    bus::{DriveConfig, Network},
+    bus::{AxisConfig, DriveConfig, Network},
     coe::{AbortCode, ObjectAddress, obj},
     drives,
     ds402::State,
@@ -130,7 +130,7 @@ fn a_restore_that_is_refused_at_any_write_says_what_was_written_and_what_not() {
         let objects: Vec<_> = set.parameters.iter().map(|one| one.object).collect();
         assert_eq!(error.done.written, objects[..number]);
         assert_eq!(error.not_written, objects[number..]);
-        assert_eq!(error.in_doubt, None);
+        assert_eq!(error.unconfirmed, None);
         let text = error.to_string();
         let not = 5 - number;
         for part in [
@@ -155,13 +155,13 @@ fn a_restore_that_is_refused_at_any_write_says_what_was_written_and_what_not() {
     }
 }
 
-/// Whether a frame brings a mail with an SDO download to a drive (FPWR; mailbox type 3; CoE service 2).
+/// Whether a frame brings, behind its tag, a mail with an SDO download to a drive (FPWR; mailbox type 3; CoE service 2).
 fn is_download(frame: &[u8]) -> bool {
-    frame[16] == 5
-        && frame.len() > 34
-        && frame[31] & 0x0F == 3
-        && frame[33] == 0x20
-        && frame[34] & 0xE0 == 0x20
+    frame[32] == 5
+        && frame.len() > 50
+        && frame[47] & 0x0F == 3
+        && frame[49] == 0x20
+        && frame[50] & 0xE0 == 0x20
 }
 
 #[test]
@@ -185,9 +185,12 @@ fn a_drive_that_loses_its_power_at_a_write_leaves_that_one_in_doubt_and_the_rest
     let error = restore(&mut rig, &five()).unwrap_err();
     let objects: Vec<_> = five().parameters.iter().map(|one| one.object).collect();
     assert_eq!(error.done.written, objects[..2], "{error}");
-    assert_eq!(error.in_doubt, Some(objects[2]), "{error}");
+    assert_eq!(error.unconfirmed, Some(objects[2]), "{error}");
     assert_eq!(error.not_written, objects[3..], "{error}");
-    assert!(error.to_string().contains("6085h:00 in doubt"), "{error}");
+    assert!(
+        error.to_string().contains("6085h:00 not confirmed"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -195,8 +198,8 @@ fn a_value_that_the_drive_does_not_hold_is_shown_with_the_one_that_it_holds() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
     // The drive takes 6085h, but as one more or less than was written.
     let wire = line.spoiled_wire(|frame| {
-        if is_download(frame) && frame[35..37] == 0x6085_u16.to_le_bytes() {
-            frame[38] ^= 1;
+        if is_download(frame) && frame[51..53] == 0x6085_u16.to_le_bytes() {
+            frame[54] ^= 1;
         }
     });
     let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
@@ -210,7 +213,7 @@ fn a_value_that_the_drive_does_not_hold_is_shown_with_the_one_that_it_holds() {
     };
     assert_eq!((expected, got), (&103_u32.into(), &102_u32.into()));
     assert_eq!((error.done.written.len(), error.not_written.len()), (2, 3));
-    assert_eq!(error.in_doubt, None);
+    assert_eq!(error.unconfirmed, None);
     let text = error.to_string();
     assert!(
         text.contains("wrote 103 (u32), but the drive holds 102 (u32)"),
@@ -351,8 +354,7 @@ fn parameters_of_another_drive_and_commands_are_refused_before_anything_is_writt
 fn a_drive_stores_its_parameters_and_goes_back_to_its_defaults() {
     let line = Line::new(Segment::new().with(personality::sigma7()));
     let drive = DriveConfig::new(drives::sigma7())
-        .axis("z")
-        .referencing("z", Referencing::UnreferencedMovesAllowed);
+        .axis(AxisConfig::new("z").referencing(Referencing::UnreferencedMovesAllowed));
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
     let sdo = rig.net().sdo(0).unwrap();
     let z = rig.net().axis("z").unwrap();

@@ -68,9 +68,9 @@ fn an_interface_that_goes_down_under_way_is_told_and_counted_and_ends_in_order()
     let asked = rig.bus.now();
     assert!(rig.until(sdo.read_bytes(0x1000, 0)).is_err());
     assert!(rig.bus.now() - asked < 5_000 * MS);
-    // And what is up again goes on.
+    // And what is up again goes on, for longer than it takes to see that its axes stand.
     longest.store(usize::MAX, Relaxed);
-    rig.run_for(50 * MS);
+    rig.run_for(250 * MS);
     let told: Vec<_> = std::iter::from_fn(|| events.try_next()).collect();
     assert!(
         told.iter()

@@ -10,7 +10,7 @@ use std::{
 
 use servocrab::{
     axis::Referencing,
-    bus::{BusLoop, DriveConfig, Network, NetworkBuilder, NetworkError},
+    bus::{BusLoop, DriveConfig, Network, NetworkBuilder, NetworkError, Recovered},
     drives::{self, DriveDescription},
     link::{Fate, Wire},
     profile_position::{Move, Outcome, ProfilePosition, SetPoint},
@@ -27,14 +27,13 @@ const LIMIT: Duration = Duration::from_secs(120);
 pub(crate) struct Line(pub(crate) Arc<Mutex<Segment>>);
 
 impl Line {
-    /// With ideal axes: where the shaft is, is where the words say.
     pub(crate) fn new(segment: Segment) -> Self {
-        Self::on_plants(segment.ideal())
+        Self(Arc::new(Mutex::new(segment)))
     }
 
-    /// With the plants that the segment has.
-    pub(crate) fn on_plants(segment: Segment) -> Self {
-        Self(Arc::new(Mutex::new(segment)))
+    /// With shafts that are exactly where their demand is, for tests of figures.
+    pub(crate) fn ideal(segment: Segment) -> Self {
+        Self::new(segment.ideal())
     }
 
     pub(crate) fn segment(&self) -> MutexGuard<'_, Segment> {
@@ -72,9 +71,14 @@ impl Line {
     }
 }
 
-/// Whether a frame carries process data: its first datagram is logical (LRD, LWR, LRW).
+/// Where a frame has its first datagram: a NOP which says in its index what the frame is for, and has a number as its address.
+pub(crate) const TAG: usize = 16;
+/// Bytes of that datagram.
+pub(crate) const TAG_BYTES: usize = 16;
+
+/// Whether a frame carries process data: of others the first datagram has the index 255.
 pub(crate) fn is_cyclic(frame: &[u8]) -> bool {
-    (10..=12).contains(&frame[16])
+    frame[TAG + 1] != 0xFF
 }
 
 /// The datagrams of a frame, each from its command to its working counter; its data begin at byte 10 (ETG.1000.4).
@@ -112,8 +116,10 @@ pub(crate) fn akd2g() -> DriveConfig {
 pub(crate) fn unhomed(description: DriveDescription, axes: &[&str]) -> DriveConfig {
     axes.iter()
         .fold(DriveConfig::new(description), |drive, axis| {
-            let drive = drive.axis(axis);
-            drive.referencing(axis, Referencing::UnreferencedMovesAllowed)
+            let drive = drive.axis(*axis);
+            drive.change_axis(axis, |axis| {
+                axis.referencing(Referencing::UnreferencedMovesAllowed)
+            })
         })
 }
 
@@ -191,6 +197,22 @@ impl Rig {
         while self.bus.now() < end {
             assert!(self.bus.turn(), "the loop has ended");
         }
+    }
+
+    /// The SubDevice at this position is without power for a while.
+    pub(crate) fn loses_power(&mut self, line: &Line, position: usize) {
+        line.segment().device_mut(position).unwrap().power_off();
+        self.run_for(Duration::from_millis(300));
+        let now = self.bus.now();
+        line.segment().device_mut(position).unwrap().power_on(now);
+        self.run_for(Duration::from_millis(100));
+    }
+
+    pub(crate) fn recover(&mut self, position: u16) -> Result<Recovered, NetworkError> {
+        let net = self.net.take().unwrap();
+        let recovered = self.until(net.recover(position));
+        self.net = Some(net);
+        recovered
     }
 
     /// The end in order.

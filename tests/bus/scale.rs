@@ -14,23 +14,23 @@ use std::{
 
 use servocrab::{
     axis::Referencing,
-    bus::{DistributedClock, DriveConfig, Network, NetworkBuilder},
+    bus::{AxisConfig, DistributedClock, DriveConfig, Network, NetworkBuilder},
     drives,
     link::{Fate, Wire},
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{Device, Segment, personality};
+use servocrab_sim::{Device, Segment, ds402::Plant, personality};
 
 use crate::{
     cable::Cable,
-    rig::{Line, Rig, is_cyclic},
+    rig::{Line, Rig, TAG, TAG_BYTES, is_cyclic},
     sdo::all,
 };
 
 /// Process data of the default mappings: 19 bytes of outputs and 11 of inputs for each axis.
 const BYTES_OF_AN_AXIS: usize = 30;
-/// More than this and the AL status, four mailbox states and a reference time no longer fit beside the LRW.
-const MOST_IN_A_FRAME: usize = 1404;
+/// More than this and the tag, the AL status, four mailbox states and a reference time no longer fit beside the LRW.
+const MOST_IN_A_FRAME: usize = 1388;
 const MS: Duration = Duration::from_millis(1);
 
 /// How many axes each drive of a line has.
@@ -87,9 +87,7 @@ fn network(wire: Wire, drives: &Drives) -> NetworkBuilder {
         };
         let config = (0..*axes).fold(DriveConfig::new(description), |config, _| {
             let name = name();
-            config
-                .axis(&name)
-                .referencing(&name, Referencing::UnreferencedMovesAllowed)
+            config.axis(AxisConfig::new(&name).referencing(Referencing::UnreferencedMovesAllowed))
         });
         builder = builder.drive(position, config);
     }
@@ -112,8 +110,7 @@ struct Watch {
 
 impl Watch {
     fn fate(&self, frame: &[u8]) -> Fate {
-        // The last byte of the source address is the frame's place.
-        let place = frame[11];
+        let place = frame[TAG + 1];
         self.lengths.lock().unwrap().insert(place, frame.len());
         if self.to.load(Relaxed) != usize::from(place) {
             return Fate::Deliver;
@@ -125,8 +122,8 @@ impl Watch {
             }
             // The high byte of its first working counter.
             MISCOUNTED => {
-                let length = u16::from_le_bytes([frame[22], frame[23]]) & 0x07FF;
-                Fate::Corrupt(16 + 10 + usize::from(length) + 1)
+                let length = u16::from_le_bytes([frame[38], frame[39]]) & 0x07FF;
+                Fate::Corrupt(TAG + TAG_BYTES + 10 + usize::from(length) + 1)
             }
             _ => Fate::Deliver,
         }
@@ -409,7 +406,7 @@ fn expected_lengths(drives: &Drives) -> Vec<usize> {
         let states = (0..states).filter(|state| state % frames == place).count();
         let time = if place == 0 { 16 } else { 0 };
         let al_status = if place + 1 == frames { 14 } else { 0 };
-        14 + 2 + 12 + bytes + 13 * states + al_status + time
+        14 + 2 + 16 + 12 + bytes + 13 * states + al_status + time
     });
     lengths.collect()
 }
@@ -421,8 +418,7 @@ fn with_distributed_clocks_the_frames_have_the_lengths_that_the_formula_gives() 
         let watch = Arc::new(Watch::default());
         let looks = Arc::clone(&watch);
         let wire = line.wire_with(move |_, frame| {
-            // By the source address that process data have: FRMW is the first datagram of the first frame.
-            if frame[6..8] == [0x10, 0xC5] {
+            if is_cyclic(frame) {
                 looks.fate(frame)
             } else {
                 Fate::Deliver
@@ -436,7 +432,7 @@ fn with_distributed_clocks_the_frames_have_the_lengths_that_the_formula_gives() 
                 drives::generic()
             };
             let config = (0..*axes).fold(DriveConfig::new(description), |config, axis| {
-                config.axis(&format!("{position}/{axis}"))
+                config.axis(format!("{position}/{axis}"))
             });
             builder = builder.drive(position, config.dc(DistributedClock::new(0x0300)));
         }
@@ -460,7 +456,9 @@ impl Wake for Woken {
 #[test]
 fn who_waits_for_a_change_of_one_axis_is_woken_by_that_axis_alone() {
     let drives = vec![1; 3];
+    // No count of them changes at rest.
     let line = line(&drives);
+    line.segment().set_plant(Plant::ideal());
     let mut rig = Rig::start(network(line.wire(), &drives)).unwrap();
     let axes = ["0", "1", "2"].map(|name| rig.net().axis(name).unwrap());
     rig.run_for(10 * MS);

@@ -20,11 +20,11 @@ use servocrab::{
 };
 use servocrab_sim::{Segment, ds402, personality};
 
-use crate::rig::{Line, Rig, akd2g, is_cyclic, unhomed};
+use crate::rig::{Line, Rig, TAG, TAG_BYTES, akd2g, is_cyclic, unhomed};
 
 const MS: Duration = Duration::from_millis(1);
-/// First data byte of a frame's first datagram.
-const DATA: usize = 26;
+/// First data byte of a frame's first datagram behind the tag.
+const DATA: usize = TAG + TAG_BYTES + 10;
 
 const BIT_4: u16 = 0x0010;
 const HALT: u16 = 0x0100;
@@ -215,7 +215,7 @@ fn a_stop_of_one_axis_withdraws_a_group_that_is_about_to_start_whenever_it_comes
         let mut watched = Watched::new();
         let modes = [watched.mode(0), watched.mode(1)];
         let requests = modes.each_ref().map(|pp| pp.abs(1_000, slow()));
-        let mut together = pin!(servocrab::axis::together(requests));
+        let mut together = pin!(servocrab::axis::start_together(requests));
         assert!(poll(&mut together).is_pending());
         for _ in 0..turns {
             assert!(watched.rig.bus.turn());
@@ -278,7 +278,10 @@ fn an_axis_that_a_network_finds_moving_is_stopped_before_it_is_switched_off() {
     let wire = line.wire_from(begin).with_plan(move |_, _| {
         let segment = watched.segment();
         let drive = segment.axis(0, 0).unwrap();
-        seen.lock().unwrap().push((drive.state(), drive.velocity()));
+        // No faster than what the drive itself takes for a standstill.
+        let standstill = f64::from(drive.plant().standstill_velocity);
+        let stands = drive.velocity().abs() <= standstill;
+        seen.lock().unwrap().push((drive.state(), stands));
         Fate::Deliver
     });
     let mut rig = Rig::start(Network::builder().link(wire).drive(0, config())).unwrap();
@@ -288,10 +291,10 @@ fn an_axis_that_a_network_finds_moving_is_stopped_before_it_is_switched_off() {
         State::SwitchOnDisabled
     );
     let words = words.lock().unwrap();
-    let stops = |&(state, _): &(_, f64)| state == ds402::State::QuickStopActive;
+    let stops = |&(state, _): &(_, bool)| state == ds402::State::QuickStopActive;
     assert!(words.iter().any(stops), "it was stopped");
-    let coasting = words.iter().find(|(state, velocity)| {
-        *velocity != 0.0
+    let coasting = words.iter().find(|(state, stands)| {
+        !stands
             && !matches!(
                 state,
                 ds402::State::OperationEnabled | ds402::State::QuickStopActive

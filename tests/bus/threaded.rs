@@ -61,23 +61,32 @@ fn a_network_that_is_dropped_ends_its_thread_in_bounded_time() {
 
 #[test]
 fn when_a_start_is_given_up_its_link_is_free_again_and_the_drives_are_in_init() {
-    let (segment, wire) = line();
-    // The drive takes a second for what it is asked.
-    let slow = Duration::from_millis(20);
+    let (segment, _) = line();
+    // Each answer takes so long that the start is far from its end when the drive has reached PREOP.
+    let slow = Duration::from_millis(200);
     let change = |slow| {
         let mut segment = segment.lock().unwrap();
         segment.device_mut(0).unwrap().set_mailbox_delay(slow);
     };
     change(slow);
+    let (is_in_pre_op, in_pre_op) = smol::channel::bounded(1);
+    let shared = Arc::clone(&segment);
+    let wire = Wire::new(move |frame: &mut [u8], now| {
+        let mut segment = shared.lock().unwrap();
+        let comes_back = segment.process(frame, now);
+        if segment.devices()[0].al_state() == AlState::PreOp {
+            // Once is enough.
+            let _ = is_in_pre_op.try_send(());
+        }
+        comes_back
+    });
     let given_up = smol::block_on(smol::future::or(
         async {
             let starting = Network::builder().link(wire).drive(0, akd2g()).start();
             Some(starting.await.map(drop))
         },
         async {
-            while segment.lock().unwrap().devices()[0].al_state() != AlState::PreOp {
-                smol::Timer::after(Duration::from_millis(1)).await;
-            }
+            in_pre_op.recv().await.unwrap();
             None
         },
     ));

@@ -1,9 +1,7 @@
 //! SDO information of simulated drives that have it, and of one that has not.
 
 use servocrab::coe::information::{ListKind, ObjectCode};
-use servocrab::coe::{
-    AnyObject, DataType, DriveError, ObjectAddress, SdoError, TypeCode, Unsupported, obj,
-};
+use servocrab::coe::{AnyObject, DriveError, ObjectAddress, SdoError, TypeCode, Unsupported, obj};
 use servocrab_sim::personality::{self, Servo};
 
 use crate::{with_device, with_settings};
@@ -54,15 +52,7 @@ fn the_dictionary_of_a_drive_is_read_whole_and_agrees_with_the_librarys_objects(
 
 /// The number of the library's type.
 fn code_of(object: &AnyObject) -> Option<TypeCode> {
-    Some(TypeCode(match object.data_type {
-        DataType::I8 => 2,
-        DataType::I16 => 3,
-        DataType::I32 => 4,
-        DataType::U8 => 5,
-        DataType::U16 => 6,
-        DataType::U32 => 7,
-        DataType::Bytes => 9,
-    }))
+    Some(object.data_type.into())
 }
 
 #[test]

@@ -1,5 +1,5 @@
 //! One simulated device, reached by EtherCAT frames composed here, without ethercrab.
-#![allow(missing_docs, unreachable_pub)]
+#![allow(missing_docs)]
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use std::cell::{Cell, RefCell, RefMut};
@@ -92,7 +92,7 @@ impl Wire {
         image
     }
 
-    /// Sets the mailbox's sync managers and goes to PREOP.
+    /// Sets the mailbox's sync managers, gives the EEPROM to the device (0500h = 01h) and goes to PREOP.
     pub fn pre_op(&self, mailbox: &Mailbox) {
         let sync_manager = |start: u16, length: u16, control| {
             let ([s0, s1], [l0, l1]) = (start.to_le_bytes(), length.to_le_bytes());
@@ -102,6 +102,7 @@ impl Wire {
         let back = sync_manager(mailbox.send_offset, mailbox.send_length, 0x22);
         self.write(0x0800, &out);
         self.write(0x0808, &back);
+        self.write(0x0500, &[1]);
         self.write(0x0120, &[2, 0]);
         for _ in 0..1000 {
             if self.read(0x0130, 2) == [2, 0] {

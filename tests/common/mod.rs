@@ -1,14 +1,14 @@
 //! An axis core and a simulated drive axis, stepped together in virtual time, without frames.
-#![allow(missing_docs, unreachable_pub)]
+#![allow(missing_docs)]
 #![allow(dead_code, reason = "each test file uses its own part of the rig")]
 
-mod twins;
+mod differential;
+pub mod frames;
 
 use core::time::Duration;
-use std::collections::VecDeque;
 
 use servocrab::axis::{
-    AxisConfig, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs, Referencing,
+    AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Referencing,
     StopRequest,
 };
 use servocrab::coe::AxisOffset;
@@ -18,26 +18,19 @@ use servocrab::pdo_map::{Direction, Layout};
 use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint};
 use servocrab_sim::ds402::{Axis, Behaviour, Executed, Plant};
 
-/// What happens to one cycle's frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Link {
-    /// Out and back, working counter right.
-    Good,
-    /// Lost on the way out: the drive sees nothing.
-    RequestLost,
-    /// Lost on the way back: the drive has the outputs, the master nothing.
-    ReplyLost,
-    /// Out and back, but the working counter is wrong because of somebody else.
-    Miscounted,
-}
+use frames::{Late, value};
+
+/// Position window 6067h of the drives, in counts, and of the axes.
+const WINDOW: i32 = 10;
 
 pub const CYCLE: Duration = Duration::from_millis(1);
 
+pub use differential::CorePair;
 /// Whatever a test does, it does to an axis that steps cheaply and to one that computes every cycle as a whole.
-pub use twins::Twins;
+pub use frames::Link;
 
 pub struct Rig {
-    pub core: Twins,
+    pub core: CorePair,
     pub drive: Axis,
     pub now: Duration,
     pub outputs: Vec<u8>,
@@ -53,7 +46,7 @@ pub struct Rig {
     /// What the next frame brings back as the statusword, whatever the drive shows.
     pub forged: Option<u16>,
     layout: Layout,
-    on_their_way: VecDeque<Vec<u8>>,
+    late: Late,
     next_id: u32,
 }
 
@@ -63,7 +56,7 @@ impl Rig {
     }
 
     /// A drive of this behaviour, and an axis of the library's AKD2G description changed by `change`.
-    pub fn new(behaviour: Behaviour, change: impl FnOnce(&mut AxisConfig)) -> Self {
+    pub fn new(behaviour: Behaviour, change: impl FnOnce(&mut CoreConfig)) -> Self {
         Self::of(drives::akd2g(), behaviour, change)
     }
 
@@ -71,12 +64,12 @@ impl Rig {
     pub fn of(
         mut description: DriveDescription,
         behaviour: Behaviour,
-        change: impl FnOnce(&mut AxisConfig),
+        change: impl FnOnce(&mut CoreConfig),
     ) -> Self {
         description.axes.truncate(1);
         let layout = description.default_mapping().expect("a mapping").layout();
         let fields = AxisFields::from_layout(&layout, AxisOffset::of_axis(1)).expect("all fields");
-        let mut config = AxisConfig::new(fields);
+        let mut config = CoreConfig::new(fields);
         config.referencing = Referencing::UnreferencedMovesAllowed;
         config.traits = description.traits;
         config.defaults = Parameters {
@@ -87,8 +80,8 @@ impl Rig {
         };
         change(&mut config);
         Self {
-            core: Twins::new(config),
-            drive: Axis::new(behaviour.with_plant(Plant::ideal())),
+            core: CorePair::new(config),
+            drive: Axis::new(behaviour),
             now: Duration::ZERO,
             outputs: vec![0; layout.output_bytes()],
             words: Vec::new(),
@@ -98,7 +91,7 @@ impl Rig {
             stop: StopRequest::empty(),
             forged: None,
             layout,
-            on_their_way: VecDeque::new(),
+            late: Late::default(),
             next_id: 0,
         }
     }
@@ -110,10 +103,22 @@ impl Rig {
         rig
     }
 
-    /// Hangs a plant on the drive, which is ideal without it.
+    /// The same on an ideal shaft.
+    pub fn ideal_enabled() -> Self {
+        let mut rig = Self::akd2g().ideal();
+        rig.enable();
+        rig
+    }
+
+    /// Hangs another plant on the drive than that of its behaviour.
     pub fn on_plant(mut self, plant: Plant) -> Self {
         self.drive.set_plant(plant);
         self
+    }
+
+    /// With a shaft that is exactly where its demand is: for the words and figures of a page.
+    pub fn ideal(self) -> Self {
+        self.on_plant(Plant::ideal())
     }
 
     /// Enables an axis that has been there for some time.
@@ -166,20 +171,11 @@ impl Rig {
         // A drive answers with what it put into its inputs before this frame passed.
         let inputs = self.inputs();
         self.forged = None;
-        if link != Link::RequestLost {
+        if link.delivers() {
             self.deliver();
         }
-        self.on_their_way.push_back(inputs);
-        let arrived = if self.on_their_way.len() > self.latency {
-            self.on_their_way.pop_front()
-        } else {
-            None
-        };
-        let inputs = match (&arrived, link) {
-            (Some(inputs), Link::Good) => Inputs::Fresh(inputs),
-            (Some(inputs), Link::Miscounted) => Inputs::Answered(inputs),
-            _ => Inputs::Stale,
-        };
+        let arrived = self.late.pass(inputs, self.latency);
+        let inputs = link.tells(arrived.as_deref());
         self.core.step(self.now, inputs, &mut self.outputs);
         self.drain();
         self.drive.cycle(self.now);
@@ -232,6 +228,31 @@ impl Rig {
         self.outcome(id).expect("it has just been seen")
     }
 
+    /// Runs to the end of the move, which is at this target within the window of the position.
+    #[track_caller]
+    pub fn assert_reached(&mut self, id: CommandId, target: i32) {
+        let end = self.finish(id);
+        let is_there = |position: i32| (position - target).abs() <= WINDOW;
+        assert!(
+            matches!(end, Ok(Completion::Reached { position }) if is_there(position)),
+            "{end:?}, not at {target}"
+        );
+    }
+
+    /// The shaft is there within the window of the position.
+    #[track_caller]
+    pub fn assert_at(&self, position: i64) {
+        let at = self.drive.position();
+        let off = (at - position).abs();
+        assert!(off <= i64::from(WINDOW), "{at}, not {position}");
+    }
+
+    /// Faster than what the drive itself takes for a standstill.
+    pub fn moves(&self) -> bool {
+        let standstill = self.drive.plant().standstill_velocity;
+        self.drive.velocity().abs() > f64::from(standstill)
+    }
+
     pub fn wait_accepted(&mut self, id: CommandId) {
         self.run_until(2_000, |rig| rig.accepted(id));
     }
@@ -269,20 +290,14 @@ impl Rig {
     fn deliver(&mut self) {
         for (object, place) in self.layout.objects(Direction::Outputs) {
             let bytes = usize::from(place.bits / 8);
-            let mut raw = [0; 8];
-            raw[..bytes].copy_from_slice(&self.outputs[place.byte..place.byte + bytes]);
-            let value = match object.index {
-                0x6060 => i64::from(raw[0] as i8),
-                0x6086 => i64::from(i64::from_le_bytes(raw) as i16),
-                0x607A | 0x60FF => i64::from(i64::from_le_bytes(raw) as i32),
-                _ => i64::from_le_bytes(raw),
-            };
+            let value = value(object.index, &self.outputs[place.byte..place.byte + bytes]);
             // A value that the drive refuses stays what it was, as with a PDO.
             let _ = self.drive.set(object.index, object.subindex, value);
         }
     }
 
-    fn inputs(&self) -> Vec<u8> {
+    /// What the next frame brings back.
+    pub fn inputs(&self) -> Vec<u8> {
         let mut image = vec![0; self.layout.input_bytes()];
         for (object, place) in self.layout.objects(Direction::Inputs) {
             let value = self.drive.get(object.index, object.subindex);

@@ -1,26 +1,28 @@
 //! A drive in Profile Position mode whose axis has a position loop behind its profile: it lags, overshoots and dithers. Written
 //! from CiA 402 alone; it shares nothing with the library or with `servocrab-sim`. One call of [`Drive::cycle`] is 1 ms.
-#![allow(missing_docs, unreachable_pub)]
+#![allow(missing_docs)]
 #![allow(dead_code, reason = "each test file uses its own part of it")]
 
 use core::time::Duration;
-use std::collections::VecDeque;
 
 use servocrab::axis::{
-    AxisConfig, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs, Referencing,
+    AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Referencing,
 };
 use servocrab::profile_position::{MoveCommand, Parameters, Reference, SetPoint};
 
-use super::twins::Twins;
+use super::differential::CorePair;
+use super::frames::{Late, Link, Random};
 
 /// How a drive and its axis behave.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 pub struct Habits {
     /// Natural frequency of the position loop, rad/s; 0: the axis is where its demand is. With its velocity feed-forward the
     /// axis goes past its end by about deceleration / frequency².
     pub frequency: f64,
     /// Damping of the position loop; 1 is critical.
     pub damping: f64,
+    /// How much of the demanded velocity is fed forward; with less than 1 the axis creeps to its end.
+    pub feed_forward: f64,
     /// Milliseconds from taking a set-point at rest to setting off, with bit 10 as it was.
     pub start_delay: u32,
     /// Milliseconds of rest between a set-point that stops and the next one, with bit 10 high.
@@ -51,6 +53,7 @@ impl Default for Habits {
         Self {
             frequency: 0.0,
             damping: 1.0,
+            feed_forward: 1.0,
             start_delay: 0,
             dwell: 0,
             dither: 0,
@@ -148,17 +151,8 @@ pub struct Drive {
     acknowledge: bool,
     acknowledge_in: Option<u32>,
     limited: bool,
-    noise: u64,
+    noise: Random,
     pub ledger: Vec<Entry>,
-}
-
-pub fn random(state: &mut u64) -> u64 {
-    // splitmix64
-    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^ (z >> 31)
 }
 
 const BIT_4: u16 = 1 << 4;
@@ -188,7 +182,7 @@ impl Drive {
             acknowledge: false,
             acknowledge_in: None,
             limited: false,
-            noise: 7,
+            noise: Random::new(7),
             ledger: Vec::new(),
         }
     }
@@ -220,7 +214,7 @@ impl Drive {
         let noise = if dither == 0 {
             0
         } else {
-            (random(&mut self.noise) % (2 * dither as u64 + 1)) as i64 - dither
+            self.noise.below(2 * dither as u64 + 1) as i64 - dither
         };
         (self.actual.round() as i64 + noise) as i32
     }
@@ -446,20 +440,12 @@ impl Drive {
             1.0 / f64::from(STEPS),
         );
         for _ in 0..STEPS {
-            let pull = w * w * (goal - self.actual) + 2.0 * d * w * (self.speed - self.rate);
+            let fed = self.habits.feed_forward * self.speed;
+            let pull = w * w * (goal - self.actual) + 2.0 * d * w * (fed - self.rate);
             self.rate += pull * dt;
             self.actual += self.rate * dt;
         }
     }
-}
-
-/// What happens to one frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Link {
-    Good,
-    RequestLost,
-    ReplyLost,
-    Miscounted,
 }
 
 const FIELDS: AxisFields = AxisFields {
@@ -481,7 +467,7 @@ const FIELDS: AxisFields = AxisFields {
 
 /// The axis core and that drive on a bus.
 pub struct Bus {
-    pub core: Twins,
+    pub core: CorePair,
     pub drive: Drive,
     /// From one frame to the next, ms.
     pub period: u32,
@@ -491,13 +477,13 @@ pub struct Bus {
     pub outputs: [u8; 19],
     pub events: Vec<(u64, CommandId, Event)>,
     pub words: Vec<u16>,
-    late: VecDeque<[u8; 7]>,
+    late: Late,
     next_id: u32,
 }
 
 impl Bus {
-    pub fn new(habits: Habits, change: impl FnOnce(&mut AxisConfig)) -> Self {
-        let mut config = AxisConfig::new(FIELDS);
+    pub fn new(habits: Habits, change: impl FnOnce(&mut CoreConfig)) -> Self {
+        let mut config = CoreConfig::new(FIELDS);
         config.referencing = Referencing::AbsoluteEncoder;
         config.defaults = Parameters {
             velocity: Some(50_000),
@@ -507,7 +493,7 @@ impl Bus {
         };
         change(&mut config);
         Self {
-            core: Twins::new(config),
+            core: CorePair::new(config),
             drive: Drive::new(habits),
             period: 1,
             latency: 0,
@@ -515,12 +501,12 @@ impl Bus {
             outputs: [0; 19],
             events: Vec::new(),
             words: Vec::new(),
-            late: VecDeque::new(),
+            late: Late::default(),
             next_id: 0,
         }
     }
 
-    pub fn enabled(habits: Habits, change: impl FnOnce(&mut AxisConfig)) -> Self {
+    pub fn enabled(habits: Habits, change: impl FnOnce(&mut CoreConfig)) -> Self {
         let mut bus = Self::new(habits, change);
         bus.enable();
         bus
@@ -596,20 +582,11 @@ impl Bus {
         inputs[..2].copy_from_slice(&self.drive.statusword().to_le_bytes());
         inputs[2] = 1;
         inputs[3..].copy_from_slice(&self.drive.position().to_le_bytes());
-        if link != Link::RequestLost {
+        if link.delivers() {
             self.deliver();
         }
-        self.late.push_back(inputs);
-        let arrived = if self.late.len() > self.latency {
-            self.late.pop_front()
-        } else {
-            None
-        };
-        let inputs = match (&arrived, link) {
-            (Some(inputs), Link::Good) => Inputs::Fresh(inputs),
-            (Some(inputs), Link::Miscounted) => Inputs::Answered(inputs),
-            _ => Inputs::Stale,
-        };
+        let arrived = self.late.pass(inputs.to_vec(), self.latency);
+        let inputs = link.tells(arrived.as_deref());
         self.core.step(self.now, inputs, &mut self.outputs);
         self.drain();
     }

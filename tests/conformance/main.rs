@@ -9,6 +9,7 @@ mod common;
 #[macro_use]
 mod table;
 mod akd2g_cw;
+mod akd2g_help;
 mod akd2g_pp;
 mod ax2000;
 mod bench;
@@ -21,6 +22,7 @@ mod wire;
 const DOCUMENTS: &[&table::Document] = &[
     &akd2g_pp::DOCUMENT,
     &akd2g_cw::DOCUMENT,
+    &akd2g_help::DOCUMENT,
     &pp2010::DOCUMENT,
     &ax2000::DOCUMENT,
     &sigma7::DOCUMENT,

@@ -2,7 +2,7 @@
 //! more memory than it promises (`targets`). The inputs are the bytes of real dialogues and files (`seeds`), as they are and
 //! with anything changed in them. The fuzzer runs the same functions for longer (`fuzz/README.md`).
 #![cfg(all(feature = "esi", feature = "files"))]
-#![allow(missing_docs, unsafe_code, unreachable_pub)]
+#![allow(missing_docs, unsafe_code)]
 
 mod seeds;
 mod targets;

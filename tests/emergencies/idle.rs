@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use servocrab::{
     axis::Referencing,
-    bus::{DriveConfig, Network},
+    bus::{AxisConfig, DriveConfig, Network},
     drives,
 };
 use servocrab_sim::{Segment, personality};
@@ -24,8 +24,7 @@ fn drives_in_op(count: u16) -> (Line, Rig) {
     let builder = (0..count).fold(Network::builder().link(line.wire()), |builder, position| {
         let name = format!("axis {position}");
         let config = DriveConfig::new(drives::generic())
-            .axis(&name)
-            .referencing(&name, Referencing::UnreferencedMovesAllowed);
+            .axis(AxisConfig::new(&name).referencing(Referencing::UnreferencedMovesAllowed));
         builder.drive(position, config)
     });
     let mut rig = Rig::start(builder);

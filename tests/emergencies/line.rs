@@ -23,10 +23,12 @@ const LATENCY: Duration = Duration::from_micros(50);
 const LIMIT: Duration = Duration::from_secs(30);
 /// Ethernet header and EtherCAT header.
 const HEADERS: usize = 16;
+/// Behind them is the tag, a NOP with four bytes of data.
+const BEHIND_TAG: usize = HEADERS + 16;
 /// Command, index, address, length, interrupt.
 const DATAGRAM_HEADER: usize = 10;
 const WORKING_COUNTER: usize = 2;
-/// LRD, LWR, LRW: what a frame of process data begins with.
+/// LRD, LWR, LRW: what a frame of process data begins with, behind the tag.
 const LOGICAL: std::ops::RangeInclusive<u8> = 10..=12;
 /// In a datagram's length: another one follows.
 const MORE_FOLLOW: u8 = 0x80;
@@ -80,7 +82,6 @@ pub(crate) struct Line(Arc<Mutex<Counted>>);
 
 impl Line {
     pub(crate) fn new(segment: Segment) -> Self {
-        let segment = segment.ideal();
         Self(Arc::new(Mutex::new(Counted {
             segment,
             seen: 0,
@@ -169,11 +170,11 @@ impl Counted {
     /// Takes the frame's datagrams through the segment one at a time, so that something can happen between them.
     fn process(&mut self, frame: &mut [u8], now: Duration) -> bool {
         self.frames += 1;
-        if !LOGICAL.contains(&frame[HEADERS]) {
+        if !LOGICAL.contains(&frame[BEHIND_TAG]) {
             self.own.push(Own {
-                command: frame[HEADERS],
-                station: u16::from_le_bytes([frame[HEADERS + 2], frame[HEADERS + 3]]),
-                register: u16::from_le_bytes([frame[HEADERS + 4], frame[HEADERS + 5]]),
+                command: frame[BEHIND_TAG],
+                station: u16::from_le_bytes([frame[BEHIND_TAG + 2], frame[BEHIND_TAG + 3]]),
+                register: u16::from_le_bytes([frame[BEHIND_TAG + 4], frame[BEHIND_TAG + 5]]),
             });
         }
         let datagrams = datagrams(frame);
@@ -228,10 +229,10 @@ impl Counted {
     }
 }
 
-/// Where the frame's datagrams are.
+/// Where the frame's datagrams behind the tag are.
 fn datagrams(frame: &[u8]) -> Vec<Range<usize>> {
     let mut found = Vec::new();
-    let mut at = HEADERS;
+    let mut at = BEHIND_TAG;
     loop {
         let length = u16::from_le_bytes([frame[at + 6], frame[at + 7] & 0x07]);
         let end = at + DATAGRAM_HEADER + usize::from(length) + WORKING_COUNTER;

@@ -4,7 +4,7 @@ use std::{cell::Cell, thread, time::Duration};
 
 use servocrab::{
     axis::{Axis, Referencing},
-    bus::{DriveConfig, Network},
+    bus::{AxisConfig, DriveConfig, Network},
     coe::SdoHandle,
     drives,
     ds402::State,
@@ -57,10 +57,8 @@ fn after_each_datagram(delay: Duration, lost: impl Fn(u64) -> Option<Loss>) -> (
     drive.set_mailbox_delay(delay);
     let line = Line::new(Segment::new().with(drive));
     let config = DriveConfig::new(drives::akd2g())
-        .axis("x")
-        .referencing("x", Referencing::UnreferencedMovesAllowed)
-        .axis("y")
-        .referencing("y", Referencing::UnreferencedMovesAllowed);
+        .axis(AxisConfig::new("x").referencing(Referencing::UnreferencedMovesAllowed))
+        .axis(AxisConfig::new("y").referencing(Referencing::UnreferencedMovesAllowed));
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config));
     let axis = rig.net.axis("x").unwrap();
     let sdo = rig.net.sdo(0).unwrap();
@@ -130,10 +128,8 @@ async fn a_move_beside_transfers(axis: &Axis, sdo: &SdoHandle, target: i32) -> u
 fn an_emergency_while_nothing_else_goes_through_the_mailbox_is_delivered_within_two_looks() {
     let line = Line::new(Segment::new().with(Servo::akd2g().build()));
     let config = DriveConfig::new(drives::akd2g())
-        .axis("x")
-        .referencing("x", Referencing::UnreferencedMovesAllowed)
-        .axis("y")
-        .referencing("y", Referencing::UnreferencedMovesAllowed);
+        .axis(AxisConfig::new("x").referencing(Referencing::UnreferencedMovesAllowed))
+        .axis(AxisConfig::new("y").referencing(Referencing::UnreferencedMovesAllowed));
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config));
     let emergencies = rig.emergencies(0);
     for number in 0..50 {

@@ -2,7 +2,7 @@
 
 use servocrab::{
     axis::{AxisErrorKind, Referencing},
-    bus::{DriveConfig, Network, NetworkEvent},
+    bus::{AxisConfig, DriveConfig, Network, NetworkEvent},
     coe::{Emergencies, Emergency, EmergencyReport},
     drives,
     profile_position::{Failure, SetPoint},
@@ -32,8 +32,7 @@ fn start(line: &Line, count: u16) -> Rig {
     Rig::start((0..count).fold(builder, |builder, position| {
         let name = position.to_string();
         let config = DriveConfig::new(drives::akd2g())
-            .axis(&name)
-            .referencing(&name, Referencing::UnreferencedMovesAllowed);
+            .axis(AxisConfig::new(&name).referencing(Referencing::UnreferencedMovesAllowed));
         builder.drive(position, config)
     }))
 }

@@ -15,7 +15,7 @@ use std::{
 
 use servocrab::{
     axis::{Axis, Deadlines, Failure, Referencing},
-    bus::{BusLoop, DriveConfig, Finding, Network, NetworkError, NetworkEvent},
+    bus::{AxisConfig, BusLoop, DriveConfig, Finding, Network, NetworkError, NetworkEvent},
     coe::obj,
     drives,
     homing::{HomingMethod, HomingParameters},
@@ -120,12 +120,12 @@ impl Line {
         Wire::in_virtual_time(10 * MS / 1000, move |frame: &mut [u8], now| {
             let mut segment = segment.lock().unwrap();
             let answered = segment.process(frame, now);
-            let is_cyclic = (10..=12).contains(&frame[16]);
+            let is_cyclic = frame[17] != 0xFF;
             if is_cyclic {
                 *last.lock().unwrap() = segment.axis(0, 0).unwrap().velocity();
                 if short.load(SeqCst) {
-                    let length = usize::from(u16::from_le_bytes([frame[22], frame[23]]) & 0x07FF);
-                    frame[26 + length] -= 1;
+                    let length = usize::from(u16::from_le_bytes([frame[38], frame[39]]) & 0x07FF);
+                    frame[42 + length] -= 1;
                 }
             }
             answered
@@ -172,12 +172,13 @@ fn deadlines(standstill: Duration) -> Deadlines {
 fn drive(axis: &str, standstill: Duration) -> DriveConfig {
     let second = format!("{axis}2");
     DriveConfig::new(drives::akd2g())
-        .axis(axis)
-        .axis(&second)
-        .deadlines(&second, deadlines(standstill))
-        .referencing(axis, Referencing::UnreferencedMovesAllowed)
-        .map_output(axis, obj::TARGET_VELOCITY)
-        .deadlines(axis, deadlines(standstill))
+        .axis(
+            AxisConfig::new(axis)
+                .referencing(Referencing::UnreferencedMovesAllowed)
+                .map_output(obj::TARGET_VELOCITY)
+                .deadlines(deadlines(standstill)),
+        )
+        .axis(AxisConfig::new(&second).deadlines(deadlines(standstill)))
 }
 
 /// Turns the loop until the future is ready.

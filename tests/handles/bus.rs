@@ -38,6 +38,36 @@ fn every_future_resolves_when_the_bus_thread_ends_and_says_how_far_its_set_point
 }
 
 #[test]
+fn what_fails_by_a_loss_says_of_a_set_point_only_what_it_knows() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    let mut done = Task::new(moved.done());
+    let mut disabled = Task::new(axis.disable());
+    assert!(done.poll().is_none() && disabled.poll().is_none());
+    // It is taken and sent.
+    machine.cycle();
+    assert!(disabled.poll().is_none());
+    machine.stations[0].port = None;
+    let text = |error: &dyn std::fmt::Display| error.to_string();
+    let moved = text(&done.poll().unwrap().unwrap_err());
+    assert!(!moved.contains("no set-point was sent"), "{moved}");
+    // It has none, and its axis was moved by another.
+    let disabled = text(&disabled.poll().unwrap().unwrap_err());
+    assert!(
+        disabled.ends_with("the drive no longer answers"),
+        "{disabled}"
+    );
+    let fallen = Failure::LeftOp {
+        delivery: Delivery::NotSent,
+        code: 0x001B,
+    };
+    assert!(!text(&fallen).contains("set-point"), "{fallen}");
+}
+
+#[test]
 fn a_move_between_bit_4_and_its_acknowledge_is_unknown_when_the_bus_thread_ends() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();

@@ -6,10 +6,10 @@ use std::{collections::BTreeMap, future::poll_fn, rc::Rc};
 
 use crate::machine::{Machine, Task, Variant, lock};
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, together},
+    axis::{Axis, AxisError, AxisErrorKind, start_together},
     ds402::State,
     homing::{HomingMethod, HomingParameters},
-    profile_position::{Outcome, SetPoint, Start},
+    profile_position::{BufferMode, Outcome, SetPoint},
     profile_velocity::JogSetPoint,
 };
 
@@ -26,7 +26,7 @@ type Ended = Result<(), AxisError>;
 fn after(velocity: u32) -> SetPoint {
     SetPoint::new()
         .velocity(velocity)
-        .start(Start::AfterCurrent)
+        .buffer_mode(BufferMode::Buffered)
 }
 
 async fn moves(x: Axis, _: Axis) -> Ended {
@@ -68,7 +68,7 @@ async fn both(x: Axis, y: Axis) -> Ended {
     y.enable().await?;
     let (on_x, on_y) = (x.profile_position().await?, y.profile_position().await?);
     let set_point = SetPoint::new().velocity(30_000);
-    for moved in together([on_y.rel(601, set_point), on_x.rel(601, set_point)]).await? {
+    for moved in start_together([on_y.rel(601, set_point), on_x.rel(601, set_point)]).await? {
         moved.done().await?;
     }
     on_x.release().await?;

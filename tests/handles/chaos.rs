@@ -2,7 +2,7 @@
 
 use servocrab::{
     axis::{Axis, AxisError, Delivery, Failure},
-    profile_position::{Move, ProfilePosition, SetPoint, Start},
+    profile_position::{BufferMode, Move, ProfilePosition, SetPoint},
 };
 
 use crate::machine::{Machine, Task};
@@ -41,10 +41,12 @@ fn command<'a>(axis: &'a Axis, random: &mut Random) -> Command<'a> {
     }
 }
 
-fn ask(pp: &ProfilePosition, target: i32, start: Start) -> Asked<'_> {
+fn ask(pp: &ProfilePosition, target: i32, buffer_mode: BufferMode) -> Asked<'_> {
     Asked {
         target,
-        sending: Some(Task::new(pp.move_abs(target, SetPoint::new().start(start)))),
+        sending: Some(Task::new(
+            pp.move_abs(target, SetPoint::new().buffer_mode(buffer_mode)),
+        )),
         accepted: None,
         refused: None,
     }
@@ -61,7 +63,11 @@ fn live(seed: u64) -> (usize, usize) {
     for _ in 0..1_000 {
         match random.below(rate) {
             0..4 => {
-                let starts = [Start::Immediately, Start::AfterCurrent, Start::Blend];
+                let starts = [
+                    BufferMode::Aborting,
+                    BufferMode::Buffered,
+                    BufferMode::Blending,
+                ];
                 let start = starts[random.below(3) as usize];
                 let target = 1_000 * random.below(5) as i32 + moves.len() as i32;
                 moves.push(ask(&pp, target, start));

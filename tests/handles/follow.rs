@@ -2,14 +2,14 @@
 
 use servocrab::{
     axis::{AxisError, AxisErrorKind, Delivery, Failure},
-    profile_position::{Follow, Followed, MoveRequest, Outcome, PathError, SetPoint, Start},
+    profile_position::{BufferMode, Follow, Followed, MoveRequest, Outcome, PathError, SetPoint},
 };
 use smol::stream::{self, Stream, StreamExt};
 
 use crate::machine::{Machine, Task, at_target};
 
 fn blend() -> SetPoint {
-    SetPoint::new().start(Start::Blend)
+    SetPoint::new().buffer_mode(BufferMode::Blending)
 }
 
 fn all<S>(machine: &mut Machine, path: &mut Follow<'_, S>) -> Vec<Result<Followed, PathError>>
@@ -47,7 +47,7 @@ fn only_what_the_drive_has_room_for_is_taken_from_the_stream() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
     let taken = std::cell::Cell::new(0);
-    let after = SetPoint::new().start(Start::AfterCurrent);
+    let after = SetPoint::new().buffer_mode(BufferMode::Buffered);
     let moves = stream::iter(1..=6).map(|n| {
         taken.set(taken.get() + 1);
         pp.abs(n * 5_000, after)
@@ -69,7 +69,7 @@ fn only_what_the_drive_has_room_for_is_taken_from_the_stream() {
 fn a_halt_ends_the_path_behind_the_moves_that_the_drive_holds() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
-    let after = SetPoint::new().start(Start::AfterCurrent);
+    let after = SetPoint::new().buffer_mode(BufferMode::Buffered);
     let mut path = pp.follow(stream::iter((1..=9).map(|n| pp.abs(n * 5_000, after))));
     let mut next = Task::new(path.next());
     assert!(next.poll().is_none());
@@ -111,7 +111,7 @@ fn a_halt_ends_the_path_behind_the_moves_that_the_drive_holds() {
 fn a_path_that_is_dropped_leaves_the_sent_moves_and_nothing_else() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
-    let after = SetPoint::new().start(Start::AfterCurrent);
+    let after = SetPoint::new().buffer_mode(BufferMode::Buffered);
     let mut path = pp.follow(stream::iter((1..=9).map(|n| pp.abs(n * 5_000, after))));
     let mut next = Task::new(path.next());
     for _ in 0..50 {
@@ -137,7 +137,7 @@ fn an_empty_path_is_over_at_once() {
 fn the_one_result_of_a_path_is_its_first_failure_or_its_last_outcome() {
     let (mut machine, axis) = Machine::enabled();
     let pp = machine.finish(axis.profile_position()).unwrap();
-    let after = SetPoint::new().start(Start::AfterCurrent);
+    let after = SetPoint::new().buffer_mode(BufferMode::Buffered);
     // An iterator, a stream, and one that is pinned where it is.
     let moves = || (1..=4).map(|n| pp.abs(n * 1_000, after));
     let last = machine.finish(pp.follow(moves()).finish()).unwrap();
@@ -176,7 +176,7 @@ fn a_path_refuses_a_move_of_another_axis_and_sends_nothing_of_it() {
     machine.finish(other.enable()).unwrap();
     let pp = machine.finish(one.profile_position()).unwrap();
     let elsewhere = machine.finish(other.profile_position()).unwrap();
-    let after = SetPoint::new().start(Start::AfterCurrent);
+    let after = SetPoint::new().buffer_mode(BufferMode::Buffered);
     let moves = [
         pp.abs(500, after),
         elsewhere.abs(700, after),

@@ -6,7 +6,7 @@ use crate::machine::{Machine, Task, Variant};
 use servocrab::{
     axis::{Axis, AxisError, AxisErrorKind, Failure},
     homing::{HomingMethod, HomingParameters},
-    profile_position::{SetPoint, Start},
+    profile_position::{BufferMode, SetPoint},
     profile_velocity::JogSetPoint,
 };
 
@@ -113,10 +113,10 @@ fn moves_that_write_their_parameters_at_the_same_time_wait_for_each_other() {
     let (mut machine, axis) = slow();
     let pp = machine.finish(axis.profile_position()).unwrap();
     let mut tasks: Vec<_> = (1..=3)
-        .map(|n| {
+        .map(|n: u32| {
             let set_point = SetPoint::new()
                 .velocity(10_000 * n)
-                .start(Start::AfterCurrent);
+                .buffer_mode(BufferMode::Buffered);
             Task::new(pp.move_abs(40_000 * n.cast_signed(), set_point))
         })
         .collect();

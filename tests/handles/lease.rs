@@ -2,7 +2,7 @@
 
 use core::sync::atomic::Ordering;
 
-use servocrab::axis::{AxisErrorKind, Delivery, Failure, together};
+use servocrab::axis::{AxisErrorKind, Delivery, Failure, start_together};
 use servocrab::ds402::Mode;
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::Behaviour;
@@ -83,7 +83,7 @@ fn no_move_starts_while_the_mode_is_being_changed_by_sdo() {
         assert!(homing.poll().is_none());
         machine.run(cycles);
         // The program is not quick: 6060h has not been written.
-        let mut together = Task::new(together([kept]));
+        let mut together = Task::new(start_together([kept]));
         assert!(together.poll().is_none());
         machine.run(3);
         let homing = machine.finish_task(&mut homing);

@@ -17,13 +17,14 @@ use std::{
 
 use servocrab::{
     axis::{
-        Axis, AxisConfig, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSet, AxisSetup,
-        AxisSource, BoxFuture, GroupQueue, Groups, Inputs, ParameterAccess, Referencing,
+        Axis, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
+        BoxFuture, CoreConfig, GroupQueue, Groups, Inputs, ParameterAccess, Referencing,
     },
     coe::{AbortCode, AnyObject, AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj},
     drives,
     pdo_map::{Direction, Layout, Mapping},
     profile_position::{Limits, Outcome, Parameters, Traits},
+    units::AxisScale,
 };
 use servocrab_sim::ds402;
 
@@ -67,6 +68,7 @@ pub(crate) struct Variant {
     pub(crate) traits: Traits,
     pub(crate) limits: Limits,
     pub(crate) referencing: Referencing,
+    pub(crate) scale: AxisScale,
 }
 
 impl Default for Variant {
@@ -78,6 +80,7 @@ impl Default for Variant {
             traits: drives::akd2g().traits,
             limits: Limits::trust_drive(),
             referencing: Referencing::AbsoluteEncoder,
+            scale: AxisScale::COUNTS,
         }
     }
 }
@@ -296,7 +299,7 @@ impl Station {
     fn new(index: usize, queue: &GroupQueue, variant: &Variant) -> Self {
         let layout = layout(variant);
         let fields = AxisFields::from_layout(&layout, AxisOffset::default()).unwrap();
-        let mut config = AxisConfig::new(fields);
+        let mut config = CoreConfig::new(fields);
         config.referencing = variant.referencing;
         config.traits = variant.traits;
         config.limits = variant.limits;
@@ -320,6 +323,7 @@ impl Station {
             zero: Mutex::default(),
         });
         let setup = AxisSetup {
+            scale: variant.scale,
             identity: AxisIdentity {
                 axis: format!("axis{index}"),
                 drive: DriveId {

@@ -5,7 +5,7 @@ use std::{sync::atomic::Ordering, time::Duration};
 use servocrab::{
     axis::{AxisErrorKind, Failure},
     ds402::State,
-    profile_position::{SetPoint, Start, StartBits},
+    profile_position::{BufferMode, SetPoint, StartBits},
 };
 
 use crate::machine::{Machine, Task, Variant, at_target};
@@ -200,7 +200,9 @@ fn a_zero_velocity_and_a_start_that_the_drive_lacks_are_refused_before_anything_
     let zero = SetPoint::new().velocity(0);
     let zero = machine.finish(pp.move_abs(1, zero)).unwrap_err();
     assert!(matches!(zero.failure(), Some(Failure::Zero(_))));
-    let blend = SetPoint::new().velocity(7).start(Start::Blend);
+    let blend = SetPoint::new()
+        .velocity(7)
+        .buffer_mode(BufferMode::Blending);
     let blend = machine.finish(pp.move_abs(1, blend)).unwrap_err();
     assert!(matches!(blend.failure(), Some(Failure::Unsupported { .. })));
     assert!(machine.stations[0].sdo.written.lock().unwrap().is_empty());

@@ -1,8 +1,10 @@
 //! Moves that start together: all in one frame, or none.
 
 use servocrab::{
-    axis::{AxisErrorKind, Delivery, Failure, together},
-    profile_position::{Limits, PositionRange, ProfilePosition, RelativeBase, SetPoint},
+    axis::{AxisError, AxisErrorKind, Delivery, Failure, start_together},
+    profile_position::{
+        Limits, MoveRequest, PositionRange, ProfilePosition, RelativeBase, SetPoint,
+    },
 };
 
 use crate::machine::{Machine, Task, Variant, lock};
@@ -36,7 +38,7 @@ fn bits_4_of_all_axes_rise_in_one_frame() {
     // The first axis is busy with a handshake of its own, so that it is ready later than the others.
     let alone = machine.finish(pp[0].move_abs(10, SetPoint::new())).unwrap();
     let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
-    let moves = machine.finish(together(requests)).unwrap();
+    let moves = machine.finish(start_together(requests)).unwrap();
     assert_eq!(moves.len(), 3);
     for moved in &moves {
         machine.finish(moved.done()).unwrap();
@@ -52,18 +54,20 @@ fn bits_4_of_all_axes_rise_in_one_frame() {
     }
 }
 
+/// Whether a drive may have seen anything of moves that were to start together.
+fn was_sent(error: &AxisError) -> bool {
+    matches!(error.kind, AxisErrorKind::NotAllStarted { .. })
+}
+
 #[test]
 fn none_starts_when_one_is_refused() {
     let (mut machine, pp) = machine(3);
     machine.finish(pp[1].axis().disable()).unwrap();
     let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
-    let error = machine.finish(together(requests)).unwrap_err();
-    assert!(matches!(
-        error.error.failure(),
-        Some(Failure::NotEnabled { .. })
-    ));
-    assert_eq!(error.error.identity.axis, "axis1");
-    assert!(!error.fired && error.started.is_empty());
+    let error = machine.finish(start_together(requests)).unwrap_err();
+    assert!(matches!(error.failure(), Some(Failure::NotEnabled { .. })));
+    assert_eq!(error.identity.axis, "axis1");
+    assert!(!was_sent(&error), "{error}");
     machine.run(300);
     for station in &machine.stations {
         assert!(lock(&station.drive).ledger().is_empty());
@@ -91,15 +95,15 @@ fn none_starts_when_one_would_end_beyond_a_limit() {
     ];
     for request in beyond {
         let requests = [pp[0].abs(500, SetPoint::new()), request];
-        let error = machine.finish(together(requests)).unwrap_err();
+        let error = machine.finish(start_together(requests)).unwrap_err();
         assert!(matches!(
-            error.error.failure(),
+            error.failure(),
             Some(Failure::BeyondLimit {
                 target: 1_001..,
                 ..
             })
         ));
-        assert!(!error.fired && error.started.is_empty());
+        assert!(!was_sent(&error), "{error}");
         machine.run(300);
         for station in &machine.stations {
             assert!(lock(&station.drive).ledger().is_empty());
@@ -109,7 +113,7 @@ fn none_starts_when_one_would_end_beyond_a_limit() {
         pp[0].abs(500, SetPoint::new()),
         pp[1].rel(989, SetPoint::new()),
     ];
-    assert!(machine.finish(together(requests)).is_ok());
+    assert!(machine.finish(start_together(requests)).is_ok());
 }
 
 #[test]
@@ -117,7 +121,7 @@ fn none_starts_when_one_is_stopped_before_the_frame() {
     for cycles in 0..6 {
         let (mut machine, pp) = machine(2);
         let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
-        let mut starting = Task::new(together(requests));
+        let mut starting = Task::new(start_together(requests));
         assert!(starting.poll().is_none());
         machine.run(cycles);
         let rose = [0, 1].map(|n| rises(&machine, n).len());
@@ -129,12 +133,12 @@ fn none_starts_when_one_is_stopped_before_the_frame() {
         if rose == [0, 0] {
             let error = starting.poll().unwrap().unwrap_err();
             assert_eq!(
-                error.error.failure(),
+                error.failure(),
                 Some(Failure::Halted {
                     delivery: Delivery::NotSent
                 })
             );
-            assert_eq!(error.error.identity.axis, "axis1");
+            assert_eq!(error.identity.axis, "axis1");
         }
     }
 }
@@ -143,7 +147,7 @@ fn none_starts_when_one_is_stopped_before_the_frame() {
 fn none_starts_when_the_future_is_dropped_before_the_frame() {
     let (mut machine, pp) = machine(2);
     let requests: Vec<_> = pp.iter().map(|pp| pp.abs(5_000, SetPoint::new())).collect();
-    let mut starting = Task::new(together(requests));
+    let mut starting = Task::new(start_together(requests));
     assert!(starting.poll().is_none());
     drop(starting);
     machine.run(300);
@@ -158,14 +162,21 @@ fn a_drive_that_does_not_acknowledge_is_told_with_the_moves_that_run() {
     let (mut machine, pp) = machine(2);
     lock(&machine.stations[1].drive).disturbances().ack = servocrab_sim::ds402::AckFault::Never;
     let requests: Vec<_> = pp.iter().map(|pp| pp.abs(9_000, SetPoint::new())).collect();
-    let error = machine.finish(together(requests)).unwrap_err();
-    assert!(error.fired);
-    assert!(matches!(
-        error.error.failure(),
-        Some(Failure::Timeout { .. })
-    ));
-    assert_eq!(error.started.len(), 1);
-    machine.finish(error.started[0].done()).unwrap();
+    let error = machine.finish(start_together(requests)).unwrap_err();
+    assert!(matches!(error.failure(), Some(Failure::Timeout { .. })));
+    assert_eq!(error.identity.axis, "axis1");
+    assert!(
+        matches!(&error.kind, AxisErrorKind::NotAllStarted { started, .. } if **started == ["axis0"]),
+        "{error}"
+    );
+    let text = error.clone().to_string();
+    assert!(
+        text.ends_with("acknowledged, and under way, are those of axis0"),
+        "{text}"
+    );
+    machine.run(2_000);
+    let off = lock(&machine.stations[0].drive).position() - 9_000;
+    assert!(off.abs() <= 10, "it goes on: {off}");
 }
 
 #[test]
@@ -174,12 +185,17 @@ fn moves_of_one_axis_or_of_two_networks_are_not_started_together() {
     let (_second, other) = machine(1);
     let at = |pp: &ProfilePosition| pp.abs(5, SetPoint::new());
     let twice = first
-        .finish(together([at(&pp[0]), at(&pp[0])]))
+        .finish(start_together([at(&pp[0]), at(&pp[0])]))
         .unwrap_err();
-    assert!(matches!(twice.error.kind, AxisErrorKind::NotTogether));
+    assert!(matches!(twice.kind, AxisErrorKind::NotTogether));
     let apart = first
-        .finish(together([at(&pp[0]), at(&other[0])]))
+        .finish(start_together([at(&pp[0]), at(&other[0])]))
         .unwrap_err();
-    assert!(matches!(apart.error.kind, AxisErrorKind::NotTogether));
-    assert!(first.finish(together([])).unwrap().is_empty());
+    assert!(matches!(apart.kind, AxisErrorKind::NotTogether));
+    assert!(
+        first
+            .finish(start_together(Vec::<MoveRequest>::new()))
+            .unwrap()
+            .is_empty()
+    );
 }

@@ -1,14 +1,13 @@
 //! The same handles in millimetres: numbers are converted, and nothing else is different.
 
 use servocrab::{
-    axis::{AxisErrorKind, Delivery, Failure, Referencing},
+    axis::{Axis, AxisErrorKind, Delivery, Failure, Referencing, start_together},
     coe::{ObjectAddress, obj},
     homing::HomingMethod,
-    profile_position::{Limits, Reference, Start},
-    units::{
-        self, Edition, Quantity, Ratio, Scale, ScaleError, ScaledHomingParameters,
-        ScaledJogSetPoint, ScaledOutcome, ScaledSetPoint,
-    },
+    homing::HomingParameters,
+    profile_position::{BufferMode, Limits, Outcome, ProfilePosition, Reference, SetPoint},
+    profile_velocity::JogSetPoint,
+    units::{AxisScale, Degree, Edition, Mm, Quantity, Ratio, Scale, ScaleError},
 };
 use servocrab_sim::ds402::{Behaviour, Plant};
 
@@ -30,19 +29,23 @@ fn mm() -> Scale {
         .acceleration_counts_per_unit(Ratio::new(10, 1).unwrap())
 }
 
+fn in_mm(axis: &Axis) -> Axis<Mm> {
+    axis.scaled(mm()).unwrap()
+}
+
 #[test]
 fn targets_parameters_and_outcomes_are_in_the_programs_units() {
     let (mut machine, axis) = Machine::enabled_of(&exact());
-    let x = axis.scaled(mm());
+    let x = in_mm(&axis);
     let pp = machine.finish(x.profile_position()).unwrap();
-    let set_point = ScaledSetPoint::new()
+    let set_point = SetPoint::new()
         .velocity(80.25)
         .acceleration(50_000.0)
         .deceleration(60_000.04);
     let moved = machine.finish(pp.move_abs(-12.3456, set_point)).unwrap();
     assert_eq!(
         machine.finish(moved.done()).unwrap(),
-        ScaledOutcome::Reached { position: -12.346 }
+        Outcome::Reached { position: -12.346 }
     );
     let line = machine.drive().ledger()[0].clone();
     assert_eq!(line.value, -12_346);
@@ -53,52 +56,135 @@ fn targets_parameters_and_outcomes_are_in_the_programs_units() {
     assert!(!line.relative);
 
     let moved = machine
-        .finish(pp.move_rel(2.0, ScaledSetPoint::new().start(Start::AfterCurrent)))
+        .finish(pp.move_rel(2.0, SetPoint::new().buffer_mode(BufferMode::Buffered)))
         .unwrap();
     assert_eq!(machine.finish(moved.done()).unwrap().position(), -10.346);
     assert!(machine.drive().ledger()[1].relative);
     assert_eq!(x.status().position, -10.346);
-    assert_eq!(x.status().snapshot.position, -10_346);
+    assert_eq!(axis.status().position, -10_346);
     machine.finish(pp.release()).unwrap();
+}
+
+#[test]
+fn an_axis_has_the_unit_of_its_declaration_and_counts_and_no_other() {
+    let declared = Variant {
+        scale: AxisScale::of::<Mm>(mm()),
+        ..exact()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&declared);
+    let source = machine.stations[0].source.clone();
+    let x = source.axis_in::<Mm>().unwrap();
+    assert_eq!(x.scale(), &mm());
+    for error in [
+        source.axis_in::<Degree>().unwrap_err(),
+        axis.scaled::<Degree>(mm()).unwrap_err(),
+        // Not even with another scale.
+        axis.scaled::<Mm>(Scale::COUNTS).unwrap_err(),
+    ] {
+        assert!(
+            matches!(error.kind, AxisErrorKind::WrongUnit { declared: "mm", .. }),
+            "{error}"
+        );
+    }
+    let pp = machine.finish(x.profile_position()).unwrap();
+    let moved = machine.finish(pp.move_abs(1.5, SetPoint::new())).unwrap();
+    machine.finish(moved.done()).unwrap();
+    assert_eq!(axis.status().position, 1_500);
+
+    let (machine, axis) = Machine::enabled_of(&exact());
+    let in_mm = machine.stations[0].source.axis_in::<Mm>().unwrap_err();
+    assert!(
+        matches!(
+            in_mm.kind,
+            AxisErrorKind::WrongUnit {
+                declared: "counts",
+                asked: "mm"
+            }
+        ),
+        "{in_mm}"
+    );
+    assert!(axis.scaled::<Degree>(mm()).is_ok());
+}
+
+/// Axes of several units start in one frame, and each move has the unit of its own axis.
+#[test]
+fn moves_in_different_units_start_together() {
+    let (mut machine, pp) = two_units();
+    let both = (
+        pp.0.abs(2.5, SetPoint::new()),
+        pp.1.abs(-90.0, SetPoint::new()),
+    );
+    let (slide, table) = machine.finish(start_together(both)).unwrap();
+    assert_eq!(machine.finish(slide.done()).unwrap().position(), 2.5);
+    assert_eq!(machine.finish(table.done()).unwrap().position(), -90.0);
+    let latched = [0, 1].map(|n| {
+        let drive = machine.stations[n].drive.lock().unwrap();
+        let first = drive.ledger()[0].clone();
+        (first.value, first.latched_at)
+    });
+    assert_eq!((latched[0].0, latched[1].0), (2_500, -900));
+    assert_eq!(latched[0].1, latched[1].1);
+
+    // One that cannot be converted keeps the other from being sent.
+    let both = (
+        pp.0.abs(0.0, SetPoint::new()),
+        pp.1.abs(1e12, SetPoint::new()),
+    );
+    let error = machine.finish(start_together(both)).unwrap_err();
+    assert_eq!(error.identity.axis, "axis1");
+    assert!(matches!(error.kind, AxisErrorKind::Scale(_)), "{error}");
+    machine.run(300);
+    assert_eq!(machine.drive().ledger().len(), 1);
+}
+
+/// A slide in millimetres and a table in degrees, both enabled.
+fn two_units() -> (Machine, (ProfilePosition<Mm>, ProfilePosition<Degree>)) {
+    let mut machine = Machine::of(2, &exact());
+    let tenths = Scale::counts_per_unit(Ratio::new(10, 1).unwrap());
+    let slide = in_mm(&machine.axis(0));
+    let table = machine.axis(1).scaled::<Degree>(tenths).unwrap();
+    machine.finish(slide.enable()).unwrap();
+    machine.finish(table.enable()).unwrap();
+    let slide = machine.finish(slide.profile_position()).unwrap();
+    let table = machine.finish(table.profile_position()).unwrap();
+    (machine, (slide, table))
 }
 
 #[test]
 fn moves_that_start_together_can_be_scaled_too() {
     let (mut machine, axis) = Machine::enabled_of(&exact());
-    let pp = machine
-        .finish(axis.scaled(mm()).profile_position())
-        .unwrap();
-    let request = pp.abs(1.5, ScaledSetPoint::new()).unwrap();
+    let pp = machine.finish(in_mm(&axis).profile_position()).unwrap();
+    let request = pp.abs(1.5, SetPoint::new());
     let twice = [request.clone(), request.clone()];
-    assert!(machine.finish(units::together(twice)).is_err());
-    let moves = machine.finish(units::together([request])).unwrap();
+    assert!(machine.finish(start_together(twice)).is_err());
+    let moves = machine.finish(start_together([request])).unwrap();
     for moved in moves {
         assert_eq!(machine.finish(moved.done()).unwrap().position(), 1.5);
     }
-    assert!(pp.rel(f64::INFINITY, ScaledSetPoint::new()).is_err());
+    let endless = [pp.rel(f64::INFINITY, SetPoint::new())];
+    let error = machine.finish(start_together(endless)).unwrap_err();
+    assert!(matches!(error.kind, AxisErrorKind::Scale(_)), "{error}");
 }
 
 #[test]
 fn a_path_and_its_end_are_told_in_the_programs_units() {
     let (mut machine, axis) = Machine::enabled_of(&exact());
-    let pp = machine
-        .finish(axis.scaled(mm()).profile_position())
-        .unwrap();
+    let pp = machine.finish(in_mm(&axis).profile_position()).unwrap();
     machine.drive().set(0x607D, 1, -9_000).unwrap();
     machine.drive().set(0x607D, 2, 9_000).unwrap();
-    let queued = ScaledSetPoint::new().start(Start::AfterCurrent);
+    let queued = SetPoint::new().buffer_mode(BufferMode::Buffered);
     let moves = [
-        pp.abs(2.5, queued).unwrap(),
-        pp.rel(-0.5, queued).unwrap(),
-        pp.abs(9.5, queued).unwrap(),
+        pp.abs(2.5, queued),
+        pp.rel(-0.5, queued),
+        pp.abs(9.5, queued),
     ];
     let path = pp.follow(stream::iter(moves));
     let followed: Vec<_> = machine.finish(path.collect());
     let ends: Vec<_> = followed
         .iter()
         .map(|followed| match followed {
-            Ok(followed) => (followed.reference, followed.target),
-            Err(failed) => (failed.reference, failed.target),
+            Ok(followed) => (followed.command.reference, followed.command.target),
+            Err(failed) => (failed.command.reference, failed.command.target),
         })
         .collect();
     assert_eq!(
@@ -118,7 +204,7 @@ fn a_path_and_its_end_are_told_in_the_programs_units() {
         .collect();
     assert_eq!(texts[..2], ["reached 2.5", "reached 2"]);
     assert!(
-        texts[2].contains("stands at 9 instead of 9.5"),
+        texts[2].contains("stands at 9 mm instead of 9.5 mm"),
         "{}",
         texts[2]
     );
@@ -130,15 +216,11 @@ fn a_target_that_the_drive_missed_is_told_in_the_programs_units() {
     for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
         machine.drive().set(0x607D, subindex, limit).unwrap();
     }
-    let pp = machine
-        .finish(axis.scaled(mm()).profile_position())
-        .unwrap();
-    let moved = machine
-        .finish(pp.move_abs(8.0, ScaledSetPoint::new()))
-        .unwrap();
+    let pp = machine.finish(in_mm(&axis).profile_position()).unwrap();
+    let moved = machine.finish(pp.move_abs(8.0, SetPoint::new())).unwrap();
     let error = machine.finish(moved.done()).unwrap_err();
     let text = error.to_string();
-    assert!(text.contains("stands at 5 instead of 8"), "{text}");
+    assert!(text.contains("stands at 5 mm instead of 8 mm"), "{text}");
     assert_eq!(
         error.failure(),
         Some(Failure::MissedTarget {
@@ -180,13 +262,11 @@ fn the_factor_objects_of_the_drive_make_the_scale() {
 #[test]
 fn a_number_that_cannot_be_converted_is_told_before_anything_is_written() {
     let (mut machine, axis) = Machine::enabled_of(&exact());
-    let pp = machine
-        .finish(axis.scaled(mm()).profile_position())
-        .unwrap();
+    let pp = machine.finish(in_mm(&axis).profile_position()).unwrap();
     let frames = machine.stations[0].words.len();
     let before = machine.stations[0].outputs.clone();
     let error = machine
-        .finish(pp.move_abs(3e6, ScaledSetPoint::new()))
+        .finish(pp.move_abs(3e6, SetPoint::new()))
         .unwrap_err();
     assert!(
         matches!(
@@ -222,9 +302,9 @@ fn a_homing_has_its_speeds_offset_and_result_in_the_programs_units() {
         ..Variant::default()
     };
     let (mut machine, axis) = Machine::enabled_of(&variant);
-    let x = axis.scaled(with_factors_of_their_own());
+    let x = axis.scaled::<Mm>(with_factors_of_their_own()).unwrap();
     let homing = machine.finish(x.homing()).unwrap();
-    let parameters = ScaledHomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+    let parameters = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
         .speeds(40.0, 4.0)
         .acceleration(20_000.04)
         .offset(2.4996);
@@ -252,12 +332,9 @@ fn a_homing_has_its_speeds_offset_and_result_in_the_programs_units() {
     assert_eq!(held(0x607C, 0), Some(2_500));
     let counts = machine.drive().position();
     assert_eq!(homed.position, counts as f64 / 1000.0);
-    assert!(x.status().snapshot.referenced);
+    assert!(x.status().referenced);
     let standing = machine
-        .finish(
-            homing
-                .home(ScaledHomingParameters::from(HomingMethod::NEGATIVE_LIMIT).speeds(0.0, 1.0)),
-        )
+        .finish(homing.home(HomingParameters::from(HomingMethod::NEGATIVE_LIMIT).speeds(0.0, 1.0)))
         .unwrap_err();
     assert!(matches!(standing.failure(), Some(Failure::Zero(_))));
     machine.finish(homing.release()).unwrap();
@@ -274,9 +351,9 @@ fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
         ..exact()
     };
     let (mut machine, axis) = Machine::enabled_of(&variant);
-    let x = axis.scaled(with_factors_of_their_own());
+    let x = axis.scaled::<Mm>(with_factors_of_their_own()).unwrap();
     let pv = machine.finish(x.profile_velocity()).unwrap();
-    let asked = ScaledJogSetPoint::new(-20.0)
+    let asked = JogSetPoint::new(-20.0)
         .acceleration(50_000.0)
         .deceleration(60_000.0);
     let jog = machine.finish(pv.jog(asked)).unwrap();
@@ -313,7 +390,7 @@ fn a_jog_has_its_velocity_and_ramps_in_the_programs_units() {
     );
     let text = fast.to_string();
     assert!(
-        text.contains("the velocity 50 is above max profile velocity 607Fh, 40"),
+        text.contains("the velocity 50 mm/s is above max profile velocity 607Fh, 40 mm/s"),
         "{text}"
     );
     machine.run(10);

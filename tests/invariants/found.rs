@@ -3,19 +3,20 @@
 use core::time::Duration;
 
 use servocrab::axis::{
-    AxisConfig, Command, CommandId, Completion, Delivery, Failure, Referencing, StopRequest,
+    Command, CommandId, Completion, CoreConfig, Delivery, Failure, Referencing, StopRequest,
     WaitingFor,
 };
 use servocrab::ds402::QuickStopOption;
 use servocrab::profile_position::{
-    BufferSignal, MoveCommand, Parameters, Reference, SetPoint, Start,
+    BufferMode, BufferSignal, MoveCommand, Parameters, Reference, SetPoint,
 };
 use servocrab_sim::ds402::{AckFault, Axis, Behaviour, Outcome, Plant, State};
 
-use super::world::{Link, World};
+use super::world::World;
+use crate::frames::Link;
 
 fn world(behaviour: Behaviour) -> World {
-    let mut config = AxisConfig::new(World::fields(true));
+    let mut config = CoreConfig::new(World::fields(true));
     config.referencing = Referencing::UnreferencedMovesAllowed;
     config.quick_stop = QuickStopOption(behaviour.quick_stop_option);
     config.defaults = Parameters {
@@ -51,11 +52,11 @@ fn finish(world: &mut World, id: CommandId) -> Result<Completion, Failure> {
     panic!("{id:?} does not end: {:?}", world.core.snapshot());
 }
 
-fn to(target: i32, start: Start) -> Command {
+fn to(target: i32, buffer_mode: BufferMode) -> Command {
     Command::Move(MoveCommand {
         reference: Reference::Absolute,
         target,
-        set_point: SetPoint::new().start(start),
+        set_point: SetPoint::new().buffer_mode(buffer_mode),
         gated: false,
     })
 }
@@ -73,7 +74,7 @@ fn until_accepted(world: &mut World, id: CommandId) {
 #[test]
 fn a_stop_that_the_drive_ignores_ends_in_time_and_so_does_the_next_one() {
     let mut world = world(Behaviour::akd2g());
-    let id = world.submit(to(1_000_000, Start::Immediately));
+    let id = world.submit(to(1_000_000, BufferMode::Aborting));
     until_accepted(&mut world, id);
     world.drive.set_remote(false);
     for command in [
@@ -106,8 +107,8 @@ fn a_stop_that_the_drive_ignores_ends_in_time_and_so_does_the_next_one() {
 fn moves_that_wait_behind_an_unknown_one_are_not_sent() {
     let mut world = world(Behaviour::akd2g());
     world.drive.disturbances().ack = AckFault::Never;
-    let first = world.submit(to(1_000, Start::Immediately));
-    let second = world.submit(to(2_000, Start::AfterCurrent));
+    let first = world.submit(to(1_000, BufferMode::Aborting));
+    let second = world.submit(to(2_000, BufferMode::Buffered));
     assert!(matches!(
         finish(&mut world, first),
         Err(Failure::Timeout {
@@ -123,12 +124,12 @@ fn moves_that_wait_behind_an_unknown_one_are_not_sent() {
 
 #[test]
 fn a_clamped_move_with_another_behind_it_has_missed_its_target() {
-    for start in [Start::AfterCurrent, Start::Blend] {
+    for start in [BufferMode::Buffered, BufferMode::Blending] {
         let mut world = world(Behaviour::akd2g());
         for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
             world.drive.set(0x607D, subindex, limit).expect("a limit");
         }
-        let first = world.submit(to(8_000, Start::Immediately));
+        let first = world.submit(to(8_000, BufferMode::Aborting));
         let second = world.submit(to(1_000, start));
         let end = finish(&mut world, first);
         assert!(
@@ -145,12 +146,12 @@ fn a_clamped_move_with_another_behind_it_has_missed_its_target() {
 #[test]
 fn a_target_that_is_overshot_before_it_is_reached_is_not_done_at_the_first_crossing() {
     let mut world = world(Behaviour::akd2g());
-    let fast = world.submit(to(1_000_000, Start::Immediately));
+    let fast = world.submit(to(1_000_000, BufferMode::Aborting));
     until_accepted(&mut world, fast);
     run(&mut world, 400);
     let near = world.drive.position() as i32 + 300;
-    let first = world.submit(to(near, Start::Immediately));
-    let second = world.submit(to(near + 20_000, Start::AfterCurrent));
+    let first = world.submit(to(near, BufferMode::Aborting));
+    let second = world.submit(to(near + 20_000, BufferMode::Buffered));
     let end = finish(&mut world, first);
     let (report, _) = world.done(first).expect("it has just ended");
     assert!(matches!(end, Ok(Completion::Reached { .. })), "{end:?}");
@@ -237,7 +238,7 @@ fn a_drives_own_quick_stop_is_not_turned_into_coasting() {
             ..Behaviour::akd2g()
         });
         world.drive.set(0x6085, 0, 50_000).expect("a slow ramp");
-        let id = world.submit(to(1_000_000, Start::Immediately));
+        let id = world.submit(to(1_000_000, BufferMode::Aborting));
         until_accepted(&mut world, id);
         run(&mut world, 300);
         world.drive.connection_lost();
@@ -308,12 +309,12 @@ fn bit_10_of_a_halt_is_not_an_arrival() {
 
 #[test]
 fn of_two_clamped_moves_the_second_has_shown_nothing() {
-    for start in [Start::AfterCurrent, Start::Blend] {
+    for start in [BufferMode::Buffered, BufferMode::Blending] {
         let mut world = world(Behaviour::akd2g());
         for (subindex, limit) in [(1, -5_000), (2, 5_000)] {
             world.drive.set(0x607D, subindex, limit).expect("a limit");
         }
-        let first = world.submit(to(8_000, Start::Immediately));
+        let first = world.submit(to(8_000, BufferMode::Aborting));
         let second = world.submit(to(9_000, start));
         let missed = Failure::MissedTarget {
             target: 8_000,
@@ -334,7 +335,7 @@ fn a_halt_beyond_the_end_of_a_blend_is_not_its_passing() {
         let set_point = SetPoint::new()
             .acceleration(1_000_000)
             .deceleration(300_000)
-            .start(start);
+            .buffer_mode(start);
         world.submit(Command::Move(MoveCommand {
             reference: Reference::Absolute,
             target,
@@ -342,8 +343,8 @@ fn a_halt_beyond_the_end_of_a_blend_is_not_its_passing() {
             gated: false,
         }))
     };
-    let first = soft(10_000, Start::Immediately);
-    soft(30_000, Start::Blend);
+    let first = soft(10_000, BufferMode::Aborting);
+    soft(30_000, BufferMode::Blending);
     while world.drive.position() < 8_000 {
         run(&mut world, 1);
     }
@@ -383,7 +384,7 @@ fn a_resume_beside_a_stop_in_the_same_cycle_says_that_bit_8_did_not_fall() {
         for moves in [true, false] {
             let mut world = world(Behaviour::akd2g());
             if moves {
-                let id = world.submit(to(1_000_000, Start::Immediately));
+                let id = world.submit(to(1_000_000, BufferMode::Aborting));
                 until_accepted(&mut world, id);
                 run(&mut world, 100);
             }
@@ -431,12 +432,12 @@ fn a_resume_of_an_axis_that_the_stop_lane_halts_in_that_cycle_is_refused() {
 /// A move with a blend behind it, and one that replaces both, which the drive does not acknowledge, and takes or not.
 fn perhaps_replaced(taken: bool) -> (World, [CommandId; 2], i32) {
     let mut world = world(Behaviour::akd2g());
-    let first = world.submit(to(30_000, Start::Immediately));
-    let second = world.submit(to(60_000, Start::Blend));
+    let first = world.submit(to(30_000, BufferMode::Aborting));
+    let second = world.submit(to(60_000, BufferMode::Blending));
     until_accepted(&mut world, second);
     world.drive.disturbances().ack = AckFault::Never;
     world.drive.disturbances().deaf_to_bit_4 = !taken;
-    let third = world.submit(to(100_000, Start::Immediately));
+    let third = world.submit(to(100_000, BufferMode::Aborting));
     assert!(matches!(
         finish(&mut world, third),
         Err(Failure::Timeout {
@@ -496,7 +497,7 @@ fn a_place_that_became_free_by_itself_is_no_sign_that_the_replacement_was_taken(
             without: &[],
             ..Behaviour::pp2010()
         };
-        let mut config = AxisConfig::new(World::fields(true));
+        let mut config = CoreConfig::new(World::fields(true));
         config.referencing = Referencing::UnreferencedMovesAllowed;
         config.traits.buffer_signal = BufferSignal::Acknowledge;
         config.defaults = Parameters {
@@ -514,12 +515,12 @@ fn a_place_that_became_free_by_itself_is_no_sign_that_the_replacement_was_taken(
         );
         let id = world.submit(Command::Enable);
         assert_eq!(finish(&mut world, id), Ok(Completion::Done));
-        let first = world.submit(to(20, Start::Immediately));
-        let second = world.submit(to(20, Start::Blend));
+        let first = world.submit(to(20, BufferMode::Aborting));
+        let second = world.submit(to(20, BufferMode::Blending));
         until_accepted(&mut world, first);
         run(&mut world, moment);
-        let third = world.submit(to(47, Start::Immediately));
-        let fourth = world.submit(to(4_000, Start::AfterCurrent));
+        let third = world.submit(to(47, BufferMode::Aborting));
+        let fourth = world.submit(to(4_000, BufferMode::Buffered));
         for id in [first, second, third, fourth] {
             let end = finish(&mut world, id);
             let (report, _) = world.done(id).expect("it has just ended");
@@ -544,17 +545,17 @@ fn a_place_that_became_free_by_itself_is_no_sign_that_the_replacement_was_taken(
 #[test]
 fn a_move_that_is_taken_after_the_one_before_has_ended_is_not_passed_on_its_way() {
     let mut world = world(Behaviour::akd2g());
-    let first = world.submit(to(3_200, Start::Immediately));
+    let first = world.submit(to(3_200, BufferMode::Aborting));
     until_accepted(&mut world, first);
     while world.drive.position() < 3_075 {
         run(&mut world, 1);
     }
-    let second = world.submit(to(3_130, Start::AfterCurrent));
+    let second = world.submit(to(3_130, BufferMode::Buffered));
     while world.done(first).is_none() {
         world.cycle(StopRequest::empty(), false, Link::Undelivered);
     }
     until_accepted(&mut world, second);
-    let third = world.submit(to(1_000, Start::Blend));
+    let third = world.submit(to(1_000, BufferMode::Blending));
     assert!(matches!(
         finish(&mut world, second),
         Ok(Completion::Passed { .. })

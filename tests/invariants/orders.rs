@@ -4,7 +4,7 @@ use core::time::Duration;
 use std::collections::BTreeMap;
 
 use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure, StopRequest};
-use servocrab::profile_position::{MoveCommand, Reference, Start};
+use servocrab::profile_position::{BufferMode, MoveCommand, Reference};
 use servocrab_sim::ds402::Executed;
 
 use super::scenario::{Life, RAMP, Starts};
@@ -74,7 +74,7 @@ pub fn equal_moves_all_count(life: &Life) -> Result<(), String> {
     }
     let mut asked: BTreeMap<_, (usize, usize)> = BTreeMap::new();
     for (issued, command, done) in world.moves() {
-        let Some((bit_5, bit_9)) = start_bits(life.starts, command.set_point.start) else {
+        let Some((bit_5, bit_9)) = start_bits(life.starts, command.set_point.buffer_mode) else {
             continue;
         };
         let relative = command.reference == Reference::Relative;
@@ -251,13 +251,15 @@ pub fn says_not_sent(result: Result<Completion, Failure>) -> bool {
 }
 
 /// Bits 5 and 9 of each start, after the documents of the drives; none where the drive cannot do it.
-pub const fn start_bits(starts: Starts, start: Start) -> Option<(bool, bool)> {
-    match (starts, start) {
-        (Starts::Cia402 | Starts::WithoutBlend, Start::Immediately) => Some((true, false)),
-        (_, Start::AfterCurrent) => Some((false, false)),
-        (Starts::Cia402, Start::Blend) => Some((false, true)),
-        (Starts::Ax2000, Start::Blend) => Some((true, false)),
-        (Starts::WithoutBlend, Start::Blend) | (Starts::Ax2000, Start::Immediately) => None,
+pub const fn start_bits(starts: Starts, buffer_mode: BufferMode) -> Option<(bool, bool)> {
+    match (starts, buffer_mode) {
+        (Starts::Cia402 | Starts::WithoutBlend, BufferMode::Aborting) => Some((true, false)),
+        (_, BufferMode::Buffered) => Some((false, false)),
+        (Starts::Cia402, BufferMode::Blending) => Some((false, true)),
+        (Starts::Ax2000, BufferMode::Blending) => Some((true, false)),
+        (Starts::WithoutBlend, BufferMode::Blending) | (Starts::Ax2000, BufferMode::Aborting) => {
+            None
+        }
     }
 }
 
@@ -265,7 +267,7 @@ fn belongs(line: &Executed, command: &MoveCommand, starts: Starts) -> bool {
     let parameters = command.set_point.parameters;
     line.value == command.target
         && line.relative == (command.reference == Reference::Relative)
-        && Some((line.bit_5, line.bit_9)) == start_bits(starts, command.set_point.start)
+        && Some((line.bit_5, line.bit_9)) == start_bits(starts, command.set_point.buffer_mode)
         && Some(line.velocity) == parameters.velocity
         && line.acceleration == parameters.acceleration.unwrap_or(RAMP)
         && line.deceleration == parameters.deceleration.unwrap_or(RAMP)

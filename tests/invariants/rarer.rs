@@ -1,10 +1,10 @@
 //! Lives with drives that are seldom met: deaf for a while to bit 8 or to bit 2, without an error code 603Fh, with the bits of a
 //! homing under way before it has begun.
 
-use servocrab::axis::{AxisConfig, Command};
+use servocrab::axis::{Command, CoreConfig};
 use servocrab_sim::ds402::{Axis, Behaviour};
 
-use super::scenario::Random;
+use crate::frames::Random;
 
 /// Set in the seeds of such lives.
 const RARER: u32 = 49;
@@ -45,7 +45,7 @@ impl Rarer {
     }
 
     /// Another drive, and what the program knows of it.
-    pub fn change(&mut self, behaviour: &mut Behaviour, config: &mut AxisConfig) {
+    pub fn change(&mut self, behaviour: &mut Behaviour, config: &mut CoreConfig) {
         if behaviour.without.is_empty() && self.random.one_in(2) {
             behaviour.without = &[0x603F];
             config.fields.error_code = None;
@@ -60,7 +60,11 @@ impl Rarer {
     pub fn pass(&mut self, drive: &mut Axis) -> bool {
         if self.left > 0 {
             self.left -= 1;
-        } else if self.deaf > 0 && drive.velocity() != 0.0 && self.random.one_in(self.deaf) {
+        } else if self.deaf > 0
+            && drive.velocity() != 0.0
+            && !drive.stands()
+            && self.random.one_in(self.deaf)
+        {
             self.left = self.random.pick(&[5, 100, 400, 1_500]);
             let (halt, quick_stop) =
                 self.random

@@ -1,51 +1,24 @@
 //! A random life of an axis, made from one number: drive, timing, commands, stops, lost frames, disturbances.
+//!
+//! The plant and the crystal of the drive come from the seeded faults of `servocrab-sim`. What else goes wrong here cannot: those
+//! faults meet frames, devices and mailboxes, and this world has bytes and one axis. Its losses are drawn for each cycle,
+//! as what the core is told; its other disturbances are those that only a hand on the axis makes, such as a bit 12 that lies.
 
 use core::time::Duration;
 
-use servocrab::axis::{AxisConfig, Command, CommandId, Referencing, StopRequest};
+use servocrab::axis::{Command, CommandId, CoreConfig, Referencing, StopRequest};
 use servocrab::ds402::{Controlword, Mode, QuickStopOption};
 use servocrab::profile_position::{
-    BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Start, StartBits,
-    Traits,
+    BufferMode, BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint,
+    StartBits, Traits,
 };
 use servocrab_sim::ds402::{AckFault, AckPolicy, Axis, Behaviour, Plant, ReachedPolicy, State};
+use servocrab_sim::{Faults, FaultyLine, PlantChoice, Segment, personality};
 
 use super::rarer::Rarer;
 use super::wider::Wider;
-use super::world::{Link, World};
-
-/// SplitMix64.
-pub struct Random(u64);
-
-impl Random {
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    pub fn below(&mut self, n: u64) -> u64 {
-        self.next() % n
-    }
-
-    pub fn one_in(&mut self, n: u64) -> bool {
-        self.below(n) == 0
-    }
-
-    pub fn pick<T: Copy>(&mut self, of: &[T]) -> T {
-        of[self.below(of.len() as u64) as usize]
-    }
-
-    fn between(&mut self, from: i32, to: i32) -> i32 {
-        from + self.below(u64::from(from.abs_diff(to))) as i32
-    }
-}
+use super::world::{DRIVE_CYCLE, World};
+use crate::frames::{Link, Random};
 
 /// What the drive was made to do wrong in a run; some judgements do not hold then.
 #[derive(Debug, Clone, Copy, Default)]
@@ -60,11 +33,11 @@ pub struct Lies {
 
 /// The bits of a seed that choose another drive begin here.
 pub const OTHER_DRIVES: u32 = 40;
-/// Set for a life on a plant, another one for each seed; else the shaft is where the demand is.
-const ON_PLANT: u32 = 44;
+/// Set for a life whose shaft is where the demand is; else it is on a plant, another one for each seed.
+const IDEAL: u64 = 1 << 44;
 
-pub const fn on_plant(seed: u64) -> u64 {
-    seed | 1 << ON_PLANT
+pub const fn ideal(seed: u64) -> u64 {
+    seed | IDEAL
 }
 
 /// Cycles of a run with disturbances, before the quiet end.
@@ -106,8 +79,9 @@ pub struct Life {
     pub last_stop: usize,
 }
 
-/// Lives the life of this seed.
+/// Lives the life of this seed: the same one on a plant and without.
 pub fn live(seed: u64, names: Names) -> Life {
+    let (is_ideal, seed) = (seed & IDEAL != 0, seed & !IDEAL);
     let mut random = Random::new(seed);
     let lag_cycles = random.pick(&[0, 0, 2, 6]);
     let starts = match seed >> OTHER_DRIVES & 3 {
@@ -124,8 +98,12 @@ pub fn live(seed: u64, names: Names) -> Life {
         wider.as_mut(),
         rarer.as_mut(),
     );
-    if seed == on_plant(seed) {
-        world.drive.set_plant(Plant::seeded(seed));
+    if is_ideal {
+        world.drive.set_plant(Plant::ideal());
+    } else {
+        let (plant, drive_cycle) = seeded_faults(seed);
+        world.drive.set_plant(plant);
+        world.drive_cycle = drive_cycle;
     }
     let mut player = Player {
         wider,
@@ -148,6 +126,21 @@ pub fn live(seed: u64, names: Names) -> Life {
         player.cycle();
     }
     player.end()
+}
+
+/// The plant that the simulator's faults hang on an axis, and how long its drive cycle takes by a crystal that is off.
+fn seeded_faults(seed: u64) -> (Plant, Duration) {
+    let faults = Faults {
+        plant: PlantChoice::Seeded,
+        drift_ppm: 100,
+        ..Faults::default().seed(seed)
+    };
+    let segment = Segment::new().with(personality::akd2g());
+    let line = FaultyLine::new(segment, &faults).expect("no outage of a device that is not there");
+    let device = line.segment().device(0).expect("the only one");
+    let second = device.system_time(Duration::from_secs(1));
+    let drive_cycle = DRIVE_CYCLE.as_nanos() as u64 * second / 1_000_000_000;
+    (*device.axes()[0].plant(), Duration::from_nanos(drive_cycle))
 }
 
 fn build(
@@ -197,7 +190,7 @@ fn build(
         },
         ..base
     };
-    let mut config = AxisConfig::new(World::fields(!random.one_in(4)));
+    let mut config = CoreConfig::new(World::fields(!random.one_in(4)));
     config.referencing = Referencing::UnreferencedMovesAllowed;
     config.traits = Traits {
         buffer_signal: if behaviour.ack == AckPolicy::BufferFree {
@@ -234,7 +227,7 @@ fn build(
     if let Some(rarer) = &mut rarer {
         rarer.change(&mut behaviour, &mut config);
     }
-    let mut drive = Axis::new(behaviour.with_plant(Plant::ideal()));
+    let mut drive = Axis::new(behaviour);
     if let Some(wider) = wider {
         wider.set_up(&mut drive);
     }
@@ -429,11 +422,13 @@ impl Player {
             random.pick(&[10_000, 30_000, 80_000]) + name
         };
         let ramp = if slow { 60_000 } else { 1_000_000 };
-        let mut set_point = SetPoint::new().velocity(velocity).start(random.pick(&[
-            Start::Immediately,
-            Start::AfterCurrent,
-            Start::Blend,
-        ]));
+        let mut set_point = SetPoint::new()
+            .velocity(velocity)
+            .buffer_mode(random.pick(&[
+                BufferMode::Aborting,
+                BufferMode::Buffered,
+                BufferMode::Blending,
+            ]));
         if !random.one_in(4) {
             set_point = set_point
                 .acceleration(ramp + name)

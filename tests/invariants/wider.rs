@@ -2,15 +2,16 @@
 //! late; frames that are lost exactly where bits 4 and 12 change, with the drive in another state when it is heard again;
 //! many commands in one cycle.
 
-use servocrab::axis::AxisConfig;
+use servocrab::axis::CoreConfig;
 use servocrab::ds402::QuickStopOption;
 use servocrab::profile_position::{BufferSignal, RelativeBase};
 use servocrab_sim::ds402::{
     AckPolicy, Axis, Behaviour, FullBuffer, LimitViolation, RelativeBase as SimBase,
 };
 
-use super::scenario::Random;
-use super::world::{Link, World};
+use super::world::World;
+use crate::frames::Link;
+use crate::frames::Random;
 
 /// Set in the seeds of such lives.
 const WIDER: u32 = 48;
@@ -55,7 +56,7 @@ impl Wider {
     }
 
     /// Another drive, and what the program knows of it.
-    pub fn change(&mut self, behaviour: &mut Behaviour, config: &mut AxisConfig) {
+    pub fn change(&mut self, behaviour: &mut Behaviour, config: &mut CoreConfig) {
         self.comes_back = behaviour.transition_16;
         let random = &mut self.random;
         let traits = &mut config.traits;

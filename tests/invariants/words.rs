@@ -106,7 +106,7 @@ fn belongs(sent: &Outputs, command: &MoveCommand, starts: Starts) -> bool {
     let parameters = command.set_point.parameters;
     sent.target == command.target
         && sent.bit(6) == (command.reference == Reference::Relative)
-        && Some((sent.bit(5), sent.bit(9))) == start_bits(starts, command.set_point.start)
+        && Some((sent.bit(5), sent.bit(9))) == start_bits(starts, command.set_point.buffer_mode)
         && Some(sent.velocity) == parameters.velocity
         && sent.acceleration == parameters.acceleration.unwrap_or(RAMP)
         && sent.deceleration == parameters.deceleration.unwrap_or(RAMP)

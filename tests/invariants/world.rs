@@ -2,30 +2,16 @@
 //! recorded.
 
 use core::time::Duration;
-use std::collections::VecDeque;
 
 use servocrab::axis::{
-    AxisConfig, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs, StopRequest,
+    AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Inputs, StopRequest,
 };
 use servocrab::ds402::Statusword;
 use servocrab::profile_position::MoveCommand;
 use servocrab_sim::ds402::{Axis, Executed, State};
 
-use crate::twins::Twins;
-
-/// What happens to one cycle's frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Link {
-    Good,
-    /// The drive sees nothing, the master neither.
-    RequestLost,
-    /// The drive has the outputs, the master nothing; a late reply is the same.
-    ReplyLost,
-    /// Fresh inputs, outputs delivered, working counter wrong.
-    Miscounted,
-    /// Fresh inputs, outputs not delivered, working counter wrong.
-    Undelivered,
-}
+use crate::differential::CorePair;
+use crate::frames::{Late, Link, value};
 
 /// What came back of a frame, as the core was told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -149,12 +135,12 @@ const INPUTS: [(u16, usize); 5] = [
 ];
 const OUTPUT_BYTES: usize = 19;
 
-/// The drive's own cycle.
+/// The drive's own cycle, by its own crystal.
 pub const DRIVE_CYCLE: Duration = Duration::from_millis(1);
 
 pub struct World {
-    pub core: Twins,
-    pub config: AxisConfig,
+    pub core: CorePair,
+    pub config: CoreConfig,
     pub drive: Axis,
     pub now: Duration,
     /// From one frame to the next.
@@ -167,16 +153,18 @@ pub struct World {
     outputs: [u8; OUTPUT_BYTES],
     /// The outputs after the last step.
     stepped: Outputs,
+    /// The drive's cycle by the clock of the bus.
+    pub drive_cycle: Duration,
     next_drive_cycle: Duration,
-    delayed: VecDeque<Vec<u8>>,
+    late: Late,
     /// Gated moves that wait to be fired.
     pub gated: Vec<CommandId>,
 }
 
 impl World {
-    pub fn new(drive: Axis, config: AxisConfig, period: Duration, latency: usize) -> Self {
+    pub fn new(drive: Axis, config: CoreConfig, period: Duration, latency: usize) -> Self {
         Self {
-            core: Twins::new(config.clone()),
+            core: CorePair::new(config.clone()),
             config,
             drive,
             now: Duration::ZERO,
@@ -187,8 +175,9 @@ impl World {
             reports: Vec::new(),
             outputs: [0; OUTPUT_BYTES],
             stepped: Outputs::default(),
+            drive_cycle: DRIVE_CYCLE,
             next_drive_cycle: DRIVE_CYCLE / 2,
-            delayed: VecDeque::new(),
+            late: Late::default(),
             gated: Vec::new(),
         }
     }
@@ -233,25 +222,18 @@ impl World {
 
         let sent = self.outputs_now();
         let inputs = self.drive_inputs();
-        let delivered = !matches!(link, Link::RequestLost | Link::Undelivered);
+        let delivered = link.delivers();
         if delivered {
             self.deliver();
         }
-        self.delayed.push_back(inputs);
-        let inputs = (self.delayed.len() > self.latency)
-            .then(|| self.delayed.pop_front())
-            .flatten();
-        let (got, inputs) = match (link, inputs) {
-            (Link::Good, Some(inputs)) => (Got::Fresh, Some(inputs)),
-            (Link::Miscounted | Link::Undelivered, Some(inputs)) => (Got::Answered, Some(inputs)),
-            _ => (Got::Stale, None),
+        let arrived = self.late.pass(inputs, self.latency);
+        let told = link.tells(arrived.as_deref());
+        let (got, shown) = match told {
+            Inputs::Fresh(inputs) => (Got::Fresh, Some(sample(inputs))),
+            Inputs::Answered(inputs) => (Got::Answered, Some(sample(inputs))),
+            Inputs::Stale => (Got::Stale, None),
         };
         self.now += self.period / 2;
-        let told = match (got, &inputs) {
-            (Got::Fresh, Some(inputs)) => Inputs::Fresh(inputs),
-            (Got::Answered, Some(inputs)) => Inputs::Answered(inputs),
-            _ => Inputs::Stale,
-        };
         self.core.step(self.now, told, &mut self.outputs);
         self.drain(Phase::Step);
         self.stepped = self.outputs_now();
@@ -259,7 +241,7 @@ impl World {
         self.now += self.period / 2;
         while self.next_drive_cycle <= self.now {
             self.drive.cycle(self.next_drive_cycle);
-            self.next_drive_cycle += DRIVE_CYCLE;
+            self.next_drive_cycle += self.drive_cycle;
         }
         self.frames.push(Frame {
             now: stepped,
@@ -267,7 +249,7 @@ impl World {
             before,
             delivered,
             got,
-            sample: inputs.map(|inputs| sample(&inputs)),
+            sample: shown,
             position: self.drive.position(),
             velocity: self.drive.velocity(),
             demand: controls(self.drive.state()).then(|| self.drive.demand()),
@@ -352,13 +334,7 @@ impl World {
 
     fn deliver(&mut self) {
         for (index, at, bytes) in OUTPUTS {
-            let mut raw = [0; 8];
-            raw[..bytes].copy_from_slice(&self.outputs[at..at + bytes]);
-            let value = match index {
-                0x607A => i64::from(i64::from_le_bytes(raw) as i32),
-                0x6060 => i64::from(raw[0] as i8),
-                _ => i64::from_le_bytes(raw),
-            };
+            let value = value(index, &self.outputs[at..at + bytes]);
             // A value that the drive refuses stays what it was, as with a PDO.
             let _ = self.drive.set(index, 0, value);
         }

@@ -4,7 +4,6 @@ use std::{
     collections::BTreeMap,
     future::Future,
     pin::pin,
-    sync::{Arc, Mutex},
     task::{Context, Poll, Waker},
     time::Duration,
 };
@@ -13,19 +12,19 @@ use servocrab::{
     bus::{BusLoop, Network, NetworkBuilder, NetworkError},
     coe::obj,
     drives,
-    profile_position::{Outcome, SetPoint, Start},
+    profile_position::{BufferMode, Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Segment, ds402::Plant, ds402::State, personality};
 
 use crate::{
-    cable::{Cable, Trouble, Weather},
+    cable::{Cable, Wired},
     clerks::{self, Desk},
     judge::Judge,
     line::{Member, member},
     program::{self, Common, MS, RECOVER_LIMIT, SDO_LIMIT, tells_where, variant},
     random::Random,
     tasks::{Clock, Tasks},
-    trouble::{Troublemaker, rates},
+    trouble::{Troublemaker, faults},
 };
 
 /// Longer than any bring-up, well or not.
@@ -38,8 +37,7 @@ const LATE: Duration = Duration::from_millis(1_500);
 
 struct Life {
     random: Random,
-    segment: Arc<Mutex<Segment>>,
-    weather: Arc<Mutex<Weather>>,
+    wired: Wired,
     members: Vec<Member>,
     cycle: Duration,
     common: Common,
@@ -54,19 +52,9 @@ pub type Story = BTreeMap<String, u64>;
 pub fn live(seed: u64) -> Result<Story, String> {
     let mut life = Life::new(seed);
     if std::env::var("LINE_LOG").is_ok() {
-        eprintln!(
-            "{:?} each {:?}",
-            life.weather.lock().unwrap().rates,
-            life.cycle
-        );
+        eprintln!("{:?} each {:?}", life.wired.line(), life.cycle);
     }
-    let mut trouble = Troublemaker::new(
-        seed,
-        &life.segment,
-        &life.weather,
-        life.drives.clone(),
-        &life.common,
-    );
+    let mut trouble = Troublemaker::new(seed, &life.wired, life.drives.clone(), &life.common);
     // Of half of the lives the begin is hard too.
     let hard = life.random.once_in(2);
     let mut begun = life.start(hard.then_some(&mut trouble));
@@ -84,12 +72,12 @@ pub fn live(seed: u64) -> Result<Story, String> {
     life.common.judge.verdict()?;
     life.writes_are_made_once()?;
     let mut story = life.common.outcomes.take();
-    let weather = life.weather.lock().unwrap();
-    let cable = weather.seen.iter();
-    story.extend(cable.map(|(what, times)| (format!("cable: {what:?}"), *times)));
+    let line = life.wired.line();
+    let cable = line.seen().iter();
+    story.extend(cable.map(|(what, times)| (format!("cable: {what}"), *times)));
     let devices = trouble.seen.iter();
     story.extend(devices.map(|(what, times)| (format!("device: {what}"), *times)));
-    let now = weather.now.as_millis() as u64;
+    let now = life.wired.now().as_millis() as u64;
     story.insert("milliseconds".to_owned(), now);
     Ok(story)
 }
@@ -115,14 +103,12 @@ impl Life {
         }
         segment.set_plant(Plant::seeded(seed));
         let judge = Judge::on(&mut segment);
-        let mut weather = Weather::new(seed ^ 0x7765_6174);
-        weather.rates = rates(&mut random);
-        let honest = !weather.lies();
+        let wired = Wired::new(segment, &faults(&mut random, seed));
+        let honest = !wired.lies;
         Self {
             cycle: random.one_of(&[MS / 2, MS, MS * 2]),
             random,
-            segment: Arc::new(Mutex::new(segment)),
-            weather: Arc::new(Mutex::new(weather)),
+            wired,
             members,
             common: Common {
                 clock: Clock::default(),
@@ -139,11 +125,11 @@ impl Life {
     }
 
     fn now(&self) -> Duration {
-        self.weather.lock().unwrap().now
+        self.wired.now()
     }
 
     fn builder(&self) -> NetworkBuilder {
-        let cable = Cable::new(&self.segment, &self.weather);
+        let cable = Cable::new(&self.wired);
         let mut builder = Network::builder().link(cable).cycle(self.cycle);
         builder = builder.complete();
         for (position, member) in (0..).zip(&self.members) {
@@ -158,10 +144,10 @@ impl Life {
     ) -> Result<(Network, BusLoop), NetworkError> {
         let (starting, mut bus) = self.builder().split()?;
         let clock = self.common.clock.clone();
-        let (judge, segment) = (self.common.judge.clone(), Arc::clone(&self.segment));
+        let (judge, wired) = (self.common.judge.clone(), self.wired.clone());
         let started = turn(&mut bus, START_LIMIT, starting.network(), |now| {
             clock.set(now);
-            judge.look(&segment.lock().unwrap(), now);
+            judge.look(wired.line().segment(), now);
             if let Some(trouble) = trouble.as_deref_mut() {
                 trouble.act(now);
             }
@@ -214,7 +200,7 @@ impl Life {
                 return Err("the loop has ended".into());
             }
             let now = bus.now();
-            common.judge.look(&self.segment.lock().unwrap(), now);
+            common.judge.look(self.wired.line().segment(), now);
             match over {
                 None if now >= end => {
                     trouble.end(now);
@@ -232,8 +218,8 @@ impl Life {
     }
 
     fn desk(&self, net: &Network, position: usize) -> Desk {
-        let segment = self.segment.lock().unwrap();
-        let description = segment.device(position).unwrap().description();
+        let line = self.wired.line();
+        let description = line.segment().device(position).unwrap().description();
         let identity = description.identity;
         let position = position as u16;
         Desk {
@@ -251,10 +237,10 @@ impl Life {
     /// Each device can be led back, is spoken with, and moves.
     fn is_well_again(&mut self, net: &Network, bus: &mut BusLoop) -> Result<(), String> {
         let clock = self.common.clock.clone();
-        let (judge, segment) = (self.common.judge.clone(), Arc::clone(&self.segment));
+        let (judge, wired) = (self.common.judge.clone(), self.wired.clone());
         let each = |now| {
             clock.set(now);
-            judge.look(&segment.lock().unwrap(), now);
+            judge.look(wired.line().segment(), now);
         };
         let mut until =
             |what: String,
@@ -318,8 +304,9 @@ impl Life {
         let over = turn(&mut bus, END_LIMIT, net.shutdown(), |now| clock.set(now));
         // Which axes it did not see at standstill, of drives that were cut off, is not asked here.
         let _ = over.ok_or("the end has no end")?;
-        let mut segment = self.segment.lock().unwrap();
-        segment.advance(self.weather.lock().unwrap().now + 50 * MS);
+        let mut line = self.wired.line();
+        line.advance(self.wired.now() + 50 * MS);
+        let segment = line.segment();
         for (position, device) in segment.devices().iter().enumerate() {
             if device.al_state() != AlState::Init {
                 return Err(format!(
@@ -340,18 +327,18 @@ impl Life {
 
     /// Each value was written once at most, as far as the devices' answers let anybody know.
     fn writes_are_made_once(&self) -> Result<(), String> {
-        let weather = self.weather.lock().unwrap();
         let lies = [
-            Trouble::OtherMail,
-            Trouble::EmergencyInstead,
-            Trouble::Garbage,
-            Trouble::DataBit,
-            Trouble::MailBits,
+            "mail-other",
+            "mail-emergency",
+            "mail-garbage",
+            "mail-bits",
+            "flip-data",
         ];
-        if lies.iter().any(|lie| weather.seen.contains_key(lie)) {
+        let line = self.wired.line();
+        if lies.iter().any(|lie| line.seen().contains_key(lie)) {
             return Ok(());
         }
-        for ((station, object, value), times) in &weather.mails.written {
+        for ((station, object, value), times) in &self.wired.mails().written {
             if object.0 == crate::judge::WRITTEN && *times > 1 && *value >= 1_100_000 {
                 return Err(format!(
                     "{value} was written {times} times to {object:04X?} of {station:04X}h"
@@ -381,7 +368,7 @@ async fn moves_once(
         .velocity(50_000)
         .acceleration(1_000_000)
         .deceleration(1_000_000)
-        .start(Start::AfterCurrent);
+        .buffer_mode(BufferMode::Buffered);
     let motion = mode.move_abs(target, set_point).await?;
     match motion.done().await? {
         Outcome::Reached { .. } => Ok(()),

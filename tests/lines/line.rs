@@ -51,7 +51,9 @@ impl Member {
                 let config = DriveConfig::new((**description).clone());
                 let config = axes.iter().fold(config, |config, axis| {
                     let config = config.axis(axis);
-                    config.referencing(axis, Referencing::UnreferencedMovesAllowed)
+                    config.change_axis(axis, |axis| {
+                        axis.referencing(Referencing::UnreferencedMovesAllowed)
+                    })
                 });
                 builder.drive(position, config)
             }

@@ -4,7 +4,7 @@
 //! `LINE_SEED=n` lives one life only, `LINE_LIVES=n` changes how many are lived, `LINE_FROM=n` with which of the new seeds it
 //! begins. `LINE_LOG=1` shows all that the library logs.
 #![cfg(feature = "std")]
-#![allow(missing_docs, unreachable_pub)]
+#![allow(missing_docs)]
 
 mod cable;
 mod clerks;

@@ -10,7 +10,7 @@ use std::{
 use servocrab::{
     axis::{Axis, Failure},
     bus::{Network, NetworkError, NetworkEvent},
-    profile_position::{SetPoint, Start},
+    profile_position::{BufferMode, SetPoint},
 };
 
 use crate::{
@@ -141,12 +141,12 @@ async fn moves(
     for _ in 0..random.between(1, 3) {
         *number += 1;
         let target = (random.below(200) as i32 - 100) * 1_000 + *number;
-        let starts = [Start::Immediately, Start::AfterCurrent];
+        let starts = [BufferMode::Aborting, BufferMode::Buffered];
         let set_point = SetPoint::new()
             .velocity(random.between(10_000, 200_000) as u32)
             .acceleration(1_000_000)
             .deceleration(1_000_000)
-            .start(random.one_of(&starts));
+            .buffer_mode(random.one_of(&starts));
         let asked_at = common.clock.now();
         common.judge.asks_move(place, asked_at, target);
         let moved = mode.move_abs(target, set_point);

@@ -1,16 +1,11 @@
 //! What happens to the devices of a line in the course of a life.
 
-use std::{
-    collections::BTreeMap,
-    rc::Rc,
-    sync::{Arc, Mutex},
-    time::Duration,
-};
+use std::{collections::BTreeMap, rc::Rc, time::Duration};
 
-use servocrab_sim::{Abort, AlState, Habits, Segment};
+use servocrab_sim::{Abort, AlState, Faults, Habits, Rate};
 
 use crate::{
-    cable::{ALL, Trouble, Weather},
+    cable::Wired,
     program::{Common, MS, Times},
     random::Random,
 };
@@ -21,8 +16,7 @@ const CODES: [u16; 4] = [0x0001, 0x001B, 0x001A, 0x8001];
 /// Makes trouble until it is told to end.
 pub struct Troublemaker {
     random: Random,
-    segment: Arc<Mutex<Segment>>,
-    weather: Arc<Mutex<Weather>>,
+    wired: Wired,
     /// What the drives' numbers are, by their position.
     drives: BTreeMap<usize, usize>,
     without_power: Times,
@@ -38,34 +32,50 @@ pub struct Troublemaker {
     pub seen: BTreeMap<&'static str, u64>,
 }
 
-/// Troubles of the cable, as a seed has them.
-pub fn rates(random: &mut Random) -> BTreeMap<Trouble, u64> {
+/// Faults of the cable and of what devices say, as a seed has them.
+pub fn faults(random: &mut Random, seed: u64) -> Faults {
     let often = random.one_of(&[300, 3_000, 30_000, 200_000]);
-    let mut rates = BTreeMap::new();
-    for trouble in ALL {
-        // What lies makes other checks impossible: it is in one life of four.
-        let rare = matches!(trouble, Trouble::DataBit | Trouble::Garbage);
-        if random.once_in(if rare { 8 } else { 3 }) {
-            rates.insert(trouble, random.between(1, often));
-        }
-    }
-    rates
+    let mut rate = |once_in| {
+        let chosen = random.once_in(once_in);
+        let millionths = random.between(1, often) as u32;
+        Rate::per_million(if chosen { millionths } else { 0 })
+    };
+    // What lies makes other checks impossible: it is in one life of four.
+    let (flip_data, mail_garbage) = (rate(8), rate(8));
+    let mut faults = Faults {
+        seed,
+        loss: rate(3),
+        reply_loss: rate(3),
+        refuse: rate(3),
+        double: rate(3),
+        pass_twice: rate(3),
+        foreign: rate(3),
+        cut_short: rate(3),
+        flip_header: rate(3),
+        flip_data,
+        miscount: rate(3),
+        counter: rate(3),
+        mail_bits: rate(3),
+        mail_other: rate(3),
+        mail_emergency: rate(3),
+        mail_garbage,
+        ..Faults::default()
+    };
+    (faults.late.rate, faults.hold.rate) = (rate(3), rate(3));
+    faults.late.most = random.one_of(&[9 * MS, 400 * MS]);
+    faults.hold.most = 12 * MS;
+    // Later frames overtake.
+    faults.delay = random.one_of(&[Duration::ZERO, Duration::ZERO, MS * 3 / 20]);
+    faults
 }
 
 impl Troublemaker {
-    pub fn new(
-        seed: u64,
-        segment: &Arc<Mutex<Segment>>,
-        weather: &Arc<Mutex<Weather>>,
-        drives: BTreeMap<usize, usize>,
-        common: &Common,
-    ) -> Self {
+    pub fn new(seed: u64, wired: &Wired, drives: BTreeMap<usize, usize>, common: &Common) -> Self {
         let mut random = Random::new(seed ^ 0x7472_6F75);
         Self {
             often_ms: random.one_of(&[50, 300, 1_500]),
             random,
-            segment: Arc::clone(segment),
-            weather: Arc::clone(weather),
+            wired: wired.clone(),
             drives,
             without_power: Rc::clone(&common.without_power),
             stood: Rc::clone(&common.stood),
@@ -87,7 +97,7 @@ impl Troublemaker {
         if now >= self.weather_until {
             self.weather_until = now + self.ms(400);
             let calm = self.random.once_in(3);
-            self.weather.lock().unwrap().calm = calm;
+            self.wired.line().set_calm(calm);
         }
         if now < self.next {
             return;
@@ -99,7 +109,7 @@ impl Troublemaker {
     fn undo(&mut self, now: Duration) {
         if self.plug_back.is_some_and(|at| at <= now) {
             self.plug_back = None;
-            self.segment.lock().unwrap().plug();
+            self.wired.line().segment_mut().plug();
         }
         let due = |list: &mut Vec<(Duration, usize)>| {
             let due: Vec<_> = list.iter().filter(|(at, _)| *at <= now).copied().collect();
@@ -110,7 +120,8 @@ impl Troublemaker {
             self.switch_on(now, device);
         }
         for (_, device) in due(&mut self.thaw) {
-            let mut segment = self.segment.lock().unwrap();
+            let mut line = self.wired.line();
+            let segment = line.segment_mut();
             segment.device_mut(device).unwrap().freeze(false);
             if let Some(drive) = self.drives.get(&device) {
                 self.stood.borrow_mut().insert(*drive, now);
@@ -119,7 +130,8 @@ impl Troublemaker {
     }
 
     fn switch_on(&mut self, now: Duration, device: usize) {
-        let mut segment = self.segment.lock().unwrap();
+        let mut line = self.wired.line();
+        let segment = line.segment_mut();
         segment.device_mut(device).unwrap().power_on(now);
         if let Some(drive) = self.drives.get(&device) {
             self.without_power.borrow_mut().insert(*drive, now);
@@ -127,8 +139,9 @@ impl Troublemaker {
     }
 
     fn make(&mut self, now: Duration) {
-        let segment = Arc::clone(&self.segment);
-        let mut segment = segment.lock().unwrap();
+        let wired = self.wired.clone();
+        let mut line = wired.line();
+        let segment = line.segment_mut();
         let count = segment.len() as u64;
         let at = self.random.below(count) as usize;
         let code = self.random.one_of(&CODES);
@@ -211,7 +224,8 @@ impl Troublemaker {
         for (_, device) in std::mem::take(&mut self.power_back) {
             self.switch_on(now, device);
         }
-        let mut segment = self.segment.lock().unwrap();
+        let mut line = self.wired.line();
+        let segment = line.segment_mut();
         segment.plug();
         for at in 0..segment.len() {
             let device = segment.device_mut(at).unwrap();
@@ -219,6 +233,6 @@ impl Troublemaker {
             device.set_habits(Habits::default());
             device.set_mailbox_delay(Duration::ZERO);
         }
-        self.weather.lock().unwrap().calm = true;
+        line.set_calm(true);
     }
 }

@@ -188,9 +188,9 @@ pub fn of(now: Duration, longest: Duration, state: &impl Hash) -> Fingerprint {
 
 #[test]
 fn ages_are_the_same_at_another_time_and_other_numbers_are_not() {
-    use servocrab::axis::{AxisConfig, AxisCore, AxisFields, Command, CommandId, Inputs};
+    use servocrab::axis::{AxisCore, AxisFields, Command, CommandId, CoreConfig, Inputs};
     let at = |later: u64, position: i32, name: u8, wait: u64| {
-        let mut core = AxisCore::new(AxisConfig::new(AxisFields::at(0, 0)));
+        let mut core = AxisCore::new(CoreConfig::new(AxisFields::at(0, 0)));
         let mut outputs = [0; 6];
         let now = START + Duration::from_millis(later);
         core.submit(now, CommandId(number(name)), Command::Enable, &mut outputs);

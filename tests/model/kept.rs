@@ -1,10 +1,10 @@
 //! Ways that once broke a law.
 
-use servocrab::profile_position::Start;
+use servocrab::profile_position::BufferMode;
 
 use crate::{
     descriptions,
-    world::{ACTS, Act, Ask, Size, World},
+    world::{ACTS, Act, Ask, EVERY_KIND, Size, World},
 };
 
 /// Lives through this, where the drive does what it can at once or (`false`) not, in every world.
@@ -12,6 +12,7 @@ fn laws_hold_on(way: &[(Act, bool)]) {
     let size = Size {
         commands: 2,
         deviations: 2,
+        kinds: EVERY_KIND,
     };
     for description in descriptions() {
         let mut world = World::new(description, size);
@@ -35,7 +36,7 @@ const fn ask(ask: Ask) -> (Act, bool) {
 /// Two positions away.
 const MOVE: Act = Act::Move {
     goal: -2,
-    start: Start::Immediately,
+    buffer_mode: BufferMode::Aborting,
 };
 
 #[test]

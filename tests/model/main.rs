@@ -6,20 +6,21 @@
 //! sound drive and a good cable resolve everything and lead to a disabled axis.
 //!
 //! `MODEL_COMMANDS=n` and `MODEL_DEVIATIONS=n` search every world with so many under way at most, `MODEL_WORLD=n` one world alone;
-//! `MODEL_FIRST=n` begins with that one. `MODEL_SECONDS=n` ends the search early, and says so; `MODEL_THREADS=n`; `MODEL_PROGRESS=1`
-//! tells how far it is.
-#![allow(missing_docs, unreachable_pub)]
+//! `MODEL_FIRST=n` begins with that one. `MODEL_TOGETHER=n` searches each with every n kinds of deviation by themselves, `MODEL_KINDS=n` with
+//! those whose bits are set. `MODEL_SECONDS=n` ends the search early, and says so; `MODEL_THREADS=n`; `MODEL_PROGRESS=1`
+//! prints its progress.
+#![allow(missing_docs)]
 
+mod differential;
 mod fingerprint;
 mod kept;
 mod search;
-mod twins;
 mod world;
 
 use std::time::Instant;
 
 use search::{Bounds, search};
-use world::{Ack, Description, Size, Starts};
+use world::{Ack, Description, EVERY_KIND, Size, Starts};
 
 fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
@@ -68,55 +69,105 @@ fn descriptions() -> Vec<Description> {
     all
 }
 
-fn look_at(worlds: impl Iterator<Item = usize>, commands: usize, deviations: usize) {
-    let bounds = Bounds {
-        seconds: number("MODEL_SECONDS").unwrap_or(u64::MAX),
-        states: number("MODEL_STATES").unwrap_or(200_000_000) as usize,
-        threads: number("MODEL_THREADS").unwrap_or(1) as usize,
-        progress: number("MODEL_PROGRESS").is_some(),
-    };
-    let size = Size {
-        commands,
-        deviations,
-    };
-    let descriptions = descriptions();
-    let begin = Instant::now();
-    let mut left = Vec::new();
-    for world in worlds {
-        let description = descriptions[world];
-        let seconds = bounds.seconds.saturating_sub(begin.elapsed().as_secs());
-        if seconds == 0 {
-            left.push(world);
-            continue;
+/// What is looked at: every one of these worlds, with every one of these sets of deviations.
+struct Searches {
+    worlds: Vec<usize>,
+    commands: usize,
+    deviations: usize,
+    kinds: Vec<u32>,
+}
+
+impl Searches {
+    fn run(&self) {
+        let &Self {
+            commands,
+            deviations,
+            ..
+        } = self;
+        let bounds = Bounds {
+            seconds: number("MODEL_SECONDS").unwrap_or(u64::MAX),
+            states: number("MODEL_STATES").unwrap_or(200_000_000) as usize,
+            threads: number("MODEL_THREADS").unwrap_or(1) as usize,
+            progress: number("MODEL_PROGRESS").is_some(),
+        };
+        let descriptions = descriptions();
+        let all = self.worlds.len() * self.kinds.len();
+        let begin = Instant::now();
+        let (mut searched, mut whole, mut states, mut way, mut wait) = (0, 0, 0, 0, 0);
+        for (&world, &kinds) in self
+            .worlds
+            .iter()
+            .flat_map(|world| self.kinds.iter().map(move |kinds| (world, kinds)))
+        {
+            let seconds = bounds.seconds.saturating_sub(begin.elapsed().as_secs());
+            if seconds == 0 {
+                break;
+            }
+            let bounds = Bounds { seconds, ..bounds };
+            let size = Size {
+                commands,
+                deviations,
+                kinds,
+            };
+            let found = search(descriptions[world], size, &bounds);
+            println!(
+                "{commands} commands, {deviations} deviations of the kinds {kinds:#b}, world {world}: {found}"
+            );
+            let broken = found.violation.is_some();
+            assert!(!broken, "{:?}: {found}", descriptions[world]);
+            searched += 1;
+            whole += usize::from(found.left == 0);
+            states += found.states;
+            way = way.max(found.longest_way);
+            wait = wait.max(found.longest_wait);
         }
-        let bounds = Bounds { seconds, ..bounds };
-        let found = search(description, size, &bounds);
         println!(
-            "{commands} commands, {deviations} deviations, world {world} {description:?}: {found}"
+            "{commands} commands, {deviations} deviations: {searched} of {all} worlds looked at, {whole} of them to the fixpoint, {states} states; \
+             at most {way} cycles to a disabled axis, and {wait} for an answer"
         );
-        assert!(found.violation.is_none(), "{found}");
     }
-    if !left.is_empty() {
-        println!("{commands} commands, {deviations} deviations: no time for the worlds {left:?}");
-    }
+}
+
+/// Every set of so many kinds of deviation.
+fn sets_of(together: u32) -> Vec<u32> {
+    (1..=EVERY_KIND)
+        .filter(|kinds: &u32| kinds.count_ones() == together)
+        .collect()
 }
 
 #[test]
 fn every_state_is_sound_and_leads_to_a_disabled_axis() {
-    look_at(0..descriptions().len(), 1, 0);
+    let searches = Searches {
+        worlds: (0..descriptions().len()).collect(),
+        commands: 1,
+        deviations: 0,
+        kinds: vec![EVERY_KIND],
+    };
+    searches.run();
 }
 
 #[test]
 #[ignore = "`cargo xtask prove` runs it"]
 fn every_state_of_the_size_asked_for_is_sound() {
     let all = descriptions().len();
-    let first = number("MODEL_FIRST").unwrap_or(0) as usize % all;
-    let only = number("MODEL_WORLD").map(|only| only as usize);
-    let worlds = (0..all).map(|world| (world + first) % all);
-    let worlds = worlds.filter(|world| only.is_none_or(|only| only == *world));
-    look_at(
-        worlds,
-        number("MODEL_COMMANDS").unwrap_or(2) as usize,
-        number("MODEL_DEVIATIONS").unwrap_or(0) as usize,
-    );
+    let first = number("MODEL_FIRST").unwrap_or(0) as usize;
+    let deviations = number("MODEL_DEVIATIONS").unwrap_or(0) as usize;
+    let together = number("MODEL_TOGETHER").filter(|_| deviations > 0);
+    let mut kinds = match (number("MODEL_KINDS"), together) {
+        (Some(kinds), _) => vec![kinds as u32],
+        (None, Some(together)) => sets_of(together as u32),
+        (None, None) => vec![EVERY_KIND],
+    };
+    let sets = kinds.len();
+    kinds.rotate_left(first / all % sets);
+    let searches = Searches {
+        worlds: match number("MODEL_WORLD") {
+            Some(only) => vec![only as usize],
+            None => (0..all).map(|world| (world + first) % all).collect(),
+        },
+        commands: number("MODEL_COMMANDS").unwrap_or(2) as usize,
+        deviations,
+        kinds,
+    };
+    searches.run();
 }

@@ -5,12 +5,12 @@ use core::hash::{Hash, Hasher};
 use core::time::Duration;
 
 use servocrab::axis::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Deadlines, Delivery, Event,
+    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Delivery, Event,
     Failure, Inputs, Loss, Referencing,
 };
 use servocrab::ds402::{Controlword, QuickStopOption};
 use servocrab::profile_position::{
-    BufferSignal, MoveCommand, Parameters, Reference, SetPoint, Start, StartBits, Traits,
+    BufferMode, BufferSignal, MoveCommand, Parameters, Reference, SetPoint, StartBits, Traits,
 };
 
 use crate::fingerprint::{self, Fingerprint, MOST, START};
@@ -36,6 +36,16 @@ const RECOVERY: u8 = 3;
 pub struct Size {
     pub commands: usize,
     pub deviations: usize,
+    /// The deviations that there are, by bit: that of the number n is bit n.
+    pub kinds: u32,
+}
+
+impl Size {
+    /// Whether an act is none of the deviations that are left out.
+    fn allows(&self, act: u8) -> bool {
+        let kind = usize::from(act).checked_sub(FIRST_DEVIATION);
+        kind.is_none_or(|kind| self.kinds >> kind & 1 != 0)
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -142,6 +152,8 @@ pub struct Around {
     deviations: [u8; DEVIATIONS],
     /// Cycles since the words drive no more, at most the longest deadline.
     stopping: u8,
+    /// The last statusword that came was of another state. What two in a row show counts as true.
+    wrong: bool,
 }
 
 const OUTPUTS: usize = 11;
@@ -171,7 +183,7 @@ pub enum Act {
     Ask(Ask),
     Move {
         goal: i8,
-        start: Start,
+        buffer_mode: BufferMode,
     },
     Withdraw(u8),
     /// The statusword of another state.
@@ -211,12 +223,12 @@ pub const ACTS: [Act; 35] = [
     Act::Ask(Ask::Stop),
     Act::Ask(Ask::QuickStop),
     Act::Ask(Ask::Reset),
-    towards(-SIDE, Start::Immediately),
-    towards(-SIDE, Start::AfterCurrent),
-    towards(-SIDE, Start::Blend),
-    towards(SIDE, Start::Immediately),
-    towards(SIDE, Start::AfterCurrent),
-    towards(SIDE, Start::Blend),
+    towards(-SIDE, BufferMode::Aborting),
+    towards(-SIDE, BufferMode::Buffered),
+    towards(-SIDE, BufferMode::Blending),
+    towards(SIDE, BufferMode::Aborting),
+    towards(SIDE, BufferMode::Buffered),
+    towards(SIDE, BufferMode::Blending),
     Act::Withdraw(1),
     Act::Withdraw(2),
     Act::Withdraw(3),
@@ -240,9 +252,13 @@ pub const ACTS: [Act; 35] = [
     Act::Falls,
 ];
 const FIRST_DEVIATION: usize = 20;
+/// So many deviations there are.
+pub const KINDS: usize = ACTS.len() - FIRST_DEVIATION;
+/// All of them, by bit.
+pub const EVERY_KIND: u32 = (1 << KINDS) - 1;
 
-const fn towards(goal: i8, start: Start) -> Act {
-    Act::Move { goal, start }
+const fn towards(goal: i8, buffer_mode: BufferMode) -> Act {
+    Act::Move { goal, buffer_mode }
 }
 
 /// What the drive sees of a cycle, and what is known of the core after it.
@@ -273,7 +289,7 @@ impl World {
         fields.statusword = 0;
         fields.position = 2;
         fields.mode_display = Some(6);
-        let mut config = AxisConfig::new(fields);
+        let mut config = CoreConfig::new(fields);
         config.referencing = Referencing::UnreferencedMovesAllowed;
         config.traits = Traits {
             buffer_signal: match (description.described, description.ack) {
@@ -333,6 +349,7 @@ impl World {
                 asked: [None; MOST],
                 deviations: [0; DEVIATIONS],
                 stopping: 0,
+                wrong: false,
             },
         }
     }
@@ -371,10 +388,12 @@ impl World {
         let may = |act: &Act| match *act {
             Act::Nothing => true,
             Act::Ask(_) => asks,
-            Act::Move { start, .. } => moves && (standard || start != Start::Immediately),
+            Act::Move { buffer_mode, .. } => {
+                moves && (standard || buffer_mode != BufferMode::Aborting)
+            }
             Act::Withdraw(name) => around.asked[usize::from(name) - 1]
                 .is_some_and(|asked| asked.pending && asked.kind == Kind::Move && !asked.accepted),
-            Act::Wrong(bits) => deviates && bits != around.power.bits(),
+            Act::Wrong(bits) => deviates && !around.wrong && bits != around.power.bits(),
             Act::NoMode
             | Act::Stale
             | Act::ReplyLost
@@ -387,7 +406,7 @@ impl World {
         acts.extend(
             (0..)
                 .zip(&ACTS)
-                .filter(|(_, act)| may(act))
+                .filter(|(number, act)| may(act) && self.size.allows(*number))
                 .map(|(number, _)| number),
         );
     }
@@ -441,7 +460,7 @@ impl World {
                 resumed = ask == Ask::Resume;
                 self.ask(ask)?;
             }
-            Act::Move { goal, start } => self.ask_move(goal, start)?,
+            Act::Move { goal, buffer_mode } => self.ask_move(goal, buffer_mode)?,
             Act::Withdraw(name) => {
                 let id = CommandId(fingerprint::number(name));
                 self.core.withdraw(id, &mut self.outputs);
@@ -471,6 +490,9 @@ impl World {
         let (word, target, velocity) = (self.word(), self.target(), self.velocity());
         self.sent = word;
         let (delivered, fresh, answered) = link;
+        if fresh {
+            self.around.wrong = shown.is_some();
+        }
         let inputs = if fresh {
             Inputs::Fresh(&image)
         } else if answered {
@@ -529,7 +551,7 @@ impl World {
         Ok(())
     }
 
-    fn ask_move(&mut self, goal: i8, start: Start) -> Broken {
+    fn ask_move(&mut self, goal: i8, buffer_mode: BufferMode) -> Broken {
         let Some(name) = self.free() else {
             return Ok(());
         };
@@ -538,7 +560,7 @@ impl World {
             target: i32::from(goal) * STEP,
             set_point: SetPoint::new()
                 .velocity(fingerprint::number(name))
-                .start(start),
+                .buffer_mode(buffer_mode),
             gated: false,
         });
         self.submit(name, command, Kind::Move, goal)
@@ -731,9 +753,10 @@ impl Around {
             asked,
             deviations,
             stopping,
+            wrong,
         } = self;
         (power, i32::from(*position), moved, ack, reached, before).hash(&mut print);
-        (active, pending, deviations, stopping).hash(&mut print);
+        (active, pending, deviations, stopping, wrong).hash(&mut print);
         // In the order in which the core and the drive name them; then those that neither does.
         let (names, named) = print.names();
         let known = names[..named].iter().copied();

@@ -168,6 +168,15 @@ pub struct Latch {
     pub nearest: f64,
     /// How near the axis came to it since it became the active one, as it shows itself.
     pub axis_nearest: f64,
+    /// The same from its third tick on: before that nothing shows yet that it is the active one, and that the axis is near may be of
+    /// the one before.
+    pub axis_came: f64,
+    /// Its move was `Reached`, or `Passed`, while the axis stood within the window of its end, with bit 10: that it may begin yet
+    /// shows in nothing. Or it was to be dropped, by a drive that does not, and that showed another state meanwhile.
+    pub over: bool,
+    /// Of a distance that was taken while the axis was not where its demand was: how far apart that is what it may count from, within
+    /// the window. Which of it the drive takes shows only when the axis goes.
+    pub vague: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -223,6 +232,8 @@ pub struct Drive {
     ack_hold: u32,
     ack_pulse: bool,
     wrong: Option<(u16, u32)>,
+    /// Whether it shows Operation enabled and is not.
+    shows_enabled: bool,
     flap: Option<(i8, u32)>,
     stop_requested: bool,
     homing: Option<u32>,
@@ -283,6 +294,7 @@ impl Drive {
             ack_hold: 0,
             ack_pulse: false,
             wrong: None,
+            shows_enabled: false,
             flap: None,
             stop_requested: false,
             homing: None,
@@ -318,11 +330,18 @@ impl Drive {
         }
         match self.mode {
             1 => self.active.map(|active| {
+                let latch = &self.ledger[active.index];
                 let way = (active.goal - self.demand).abs();
-                let way = way.min((active.goal - self.position).abs());
+                let way = way.min((active.goal - self.position).abs()) - latch.vague;
+                let way = if latch.over { 0.0 } else { way };
                 let behind = self.pending.map(|next| {
                     let way = (next.goal - active.goal).abs();
-                    way.min((next.goal - self.demand).abs())
+                    let way = way.min((next.goal - self.demand).abs());
+                    if self.ledger[next.index].over {
+                        0.0
+                    } else {
+                        way
+                    }
                 });
                 way.max(behind.unwrap_or(0.0))
             }),
@@ -335,6 +354,16 @@ impl Drive {
     /// Whether it waits before it sets off, or stands between two.
     pub const fn waits(&self) -> bool {
         self.wait > 0
+    }
+
+    /// A set-point has ended for all that shows, where the drive stands within this of its end, with bit 10.
+    pub fn note_over(&mut self, index: usize, within: f64) {
+        let shows_reached = self.image[1] & 0x04 != 0;
+        let latch = &mut self.ledger[index];
+        let away = (latch.goal - self.position).abs() - latch.vague;
+        if shows_reached && self.demand_velocity == 0.0 && away <= within {
+            latch.over = true;
+        }
     }
 
     pub const fn word_in_effect(&self) -> u16 {
@@ -557,6 +586,11 @@ impl Drive {
                 } else if out.is_quick_stop() {
                     if !self.has(Habit::QuickStopIgnored) {
                         self.state = State::QuickStop;
+                    } else if self.wrong.is_some() {
+                        let held = self.active.iter().chain(&self.pending);
+                        for set_point in held {
+                            self.ledger[set_point.index].over = true;
+                        }
                     }
                 } else if out.is_shutdown() {
                     self.state = State::Ready;
@@ -611,7 +645,11 @@ impl Drive {
         self.ack_due = None;
         self.wait = 0;
         self.homing = None;
-        if self.has(Habit::AckAtEnable) {
+        // Where bit 4 is high, or a wrong word said Operation enabled before, that would be the answer to a set-point, for all that
+        // shows.
+        let answers = self.out.bit(4) || self.shows_enabled;
+        let edge = !answers && self.has(Habit::AckAtEnable);
+        if edge {
             self.ack = true;
             self.ack_hold = self.random.below(40) as u32;
         }
@@ -694,6 +732,14 @@ impl Drive {
         } else {
             f64::from(out.target) + self.zero
         };
+        let vague = if out.bit(6) && behind.is_none() {
+            let (demand, axis) = (self.demand, self.position);
+            let least = demand.min(axis).min(self.last_target);
+            let most = demand.max(axis).max(self.last_target);
+            (most - least).min(self.making.window)
+        } else {
+            0.0
+        };
         let index = self.ledger.len();
         self.ledger.push(Latch {
             velocity: out.velocity,
@@ -705,6 +751,9 @@ impl Drive {
             way: (goal - behind.map_or(self.demand, |behind| behind.goal)).abs(),
             nearest: (goal - self.demand).abs(),
             axis_nearest: f64::INFINITY,
+            axis_came: f64::INFINITY,
+            over: false,
+            vague,
         });
         let set_point = SetPoint {
             index,
@@ -974,7 +1023,11 @@ impl Drive {
         let active = self.active.map(|active| active.index);
         for index in active.into_iter().chain(self.recent) {
             if let Some(latch) = self.ledger.get_mut(index) {
-                latch.axis_nearest = latch.axis_nearest.min((latch.goal - self.position).abs());
+                let away = (latch.goal - self.position).abs();
+                latch.axis_nearest = latch.axis_nearest.min(away);
+                if latch.began.is_some_and(|began| self.now >= began + 2) {
+                    latch.axis_came = latch.axis_came.min(away);
+                }
                 if Some(index) == active {
                     latch.nearest = latch.nearest.min((latch.goal - self.demand).abs());
                 }
@@ -1058,6 +1111,7 @@ impl Drive {
             bits = wrong;
             self.wrong = more.checked_sub(1).map(|left| (wrong, left));
         }
+        self.shows_enabled = bits & 0x6F == 0x27 && self.state != State::Enabled;
         let mut word = bits | 0x0210;
         let enabled = self.state == State::Enabled;
         if enabled && self.mode == 6 {

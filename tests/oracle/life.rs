@@ -4,13 +4,13 @@ use core::time::Duration;
 use std::collections::VecDeque;
 
 use servocrab::axis::{
-    AxisConfig, AxisCore, AxisFields, Command, CommandId, Completion, Event, Failure, Inputs,
+    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Inputs,
     Referencing, StopRequest,
 };
 use servocrab::ds402::{Mode, QuickStopOption};
 use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::{
-    BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Start, Traits,
+    BufferMode, BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Traits,
 };
 use servocrab::profile_velocity::JogSetPoint;
 
@@ -234,7 +234,7 @@ impl Life {
             calm: random.pick(&[60, 250, 900]),
         };
         let shows_velocity = random.one_in(2);
-        let mut config = AxisConfig::new(fields(shows_velocity));
+        let mut config = CoreConfig::new(fields(shows_velocity));
         config.referencing = Referencing::UnreferencedMovesAllowed;
         let described = random.pick(&[true, true, false]);
         let known_base = random.one_in(2);
@@ -404,7 +404,7 @@ impl Life {
             }
             let command = if kind == Kind::Move {
                 let target = self.core.snapshot().position + 500;
-                self.a_move(Reference::Absolute, target, Start::Immediately, false)
+                self.a_move(Reference::Absolute, target, BufferMode::Aborting, false)
             } else {
                 command
             };
@@ -594,10 +594,10 @@ impl Life {
                         }
                     };
                     let start = random.pick(&[
-                        Start::Immediately,
-                        Start::AfterCurrent,
-                        Start::AfterCurrent,
-                        Start::Blend,
+                        BufferMode::Aborting,
+                        BufferMode::Buffered,
+                        BufferMode::Buffered,
+                        BufferMode::Blending,
                     ]);
                     let reference = if relative {
                         Reference::Relative
@@ -637,7 +637,13 @@ impl Life {
     }
 
     /// A move whose velocity is its name.
-    fn a_move(&self, reference: Reference, target: i32, start: Start, gated: bool) -> Command {
+    fn a_move(
+        &self,
+        reference: Reference,
+        target: i32,
+        buffer_mode: BufferMode,
+        gated: bool,
+    ) -> Command {
         let velocity = self.speed as u32 + self.issued.len() as u32;
         Command::Move(MoveCommand {
             reference,
@@ -646,7 +652,7 @@ impl Life {
                 .velocity(velocity)
                 .acceleration(self.ramp)
                 .deceleration(self.ramp)
-                .start(start),
+                .buffer_mode(buffer_mode),
             gated,
         })
     }
@@ -1155,9 +1161,12 @@ impl Life {
         issued: Issued,
         result: Result<Completion, Failure>,
     ) -> Result<(), ()> {
+        let slack = self.no_way();
+        if let (Ok(_), Some(index)) = (result, issued.latch) {
+            self.drive.note_over(index, slack);
+        }
         let ledger = &self.drive.ledger;
         let making = &self.drive.making;
-        let slack = self.no_way();
         let latch = issued.latch.map(|index| {
             // One that was replaced by another to the same end may show itself there by that.
             let mut latch = ledger[index];
@@ -1166,6 +1175,7 @@ impl Life {
                 if (later.goal - latch.goal).abs() <= slack {
                     latch.nearest = latch.nearest.min(later.nearest);
                     latch.axis_nearest = latch.axis_nearest.min(later.axis_nearest);
+                    latch.axis_came = latch.axis_came.min(later.axis_came);
                 }
             }
             latch
@@ -1182,17 +1192,30 @@ impl Life {
         let two_ticks = |latch: &Latch| {
             2.0 * making.tick * f64::from(latch.velocity).min((2.0 * ramp * latch.nearest).sqrt())
         };
+        // Of one that its drive has dropped unseen its word is left, and that the axis was there, if that is not a distance from nobody
+        // knows where.
+        let dropped = latch.is_some_and(|latch| {
+            let there = latch.relative || latch.axis_nearest <= slack;
+            matches!(latch.end, Some((_, End::Dropped))) && there
+        });
         match (result, latch) {
             (Ok(_), None) => self.broken(
                 "Reached: that set-point ended",
                 format!("{id} is {result:?}, and was never taken"),
             ),
             (Ok(Completion::Reached { .. }), Some(latch)) => {
-                // Of one that its drive has dropped unseen its word is left, and that the axis was there, if that is not a distance
-                // from nobody knows where.
-                let there = latch.relative || latch.axis_nearest <= slack;
-                let dropped = matches!(latch.end, Some((_, End::Dropped))) && there;
-                if latch.nearest > slack + ahead_of_rest + two_ticks(&latch) && !dropped {
+                // One with no way to go that the drive has not begun is at its end where the demand rests within the window of it;
+                // of several such in a row each may be further on by a window.
+                let index = issued.latch.unwrap_or_default();
+                let unseen = ledger[..=index].iter().rev();
+                let unseen = unseen.take_while(|latch| latch.began.is_none()).count();
+                let rests_there = unseen > 0
+                    && latch.way <= slack * unseen as f64
+                    && (self.drive.demand - latch.goal).abs() <= slack * unseen as f64;
+                if latch.nearest > slack + ahead_of_rest + two_ticks(&latch)
+                    && !dropped
+                    && !rests_there
+                {
                     return self.broken(
                         "Reached: that set-point ended",
                         format!("{id} is Reached, and the demand is {:.0} counts from its end: {latch:?}", latch.nearest),
@@ -1202,7 +1225,9 @@ impl Life {
             }
             (Ok(Completion::Passed { .. }), Some(latch)) => {
                 let tick = 2.0 * making.tick * f64::from(latch.velocity);
-                if latch.nearest > slack + ahead + tick {
+                // It has at least gone on its way.
+                let dropped = dropped && latch.began.is_some();
+                if latch.nearest > slack + ahead + tick && !dropped {
                     return self.broken(
                         "Passed: that set-point was passed",
                         format!("{id} is Passed, and the demand is {:.0} counts from its end: {latch:?}", latch.nearest),
@@ -1236,15 +1261,19 @@ impl Life {
                     .latch
                     .and_then(|index| self.drive.ledger.get(index.checked_sub(1)?));
                 let behind_a_short_one = before.is_some_and(|before| before.way <= slack);
+                // An axis that still swings through its ends while each acknowledge takes 100 ms shows two ends as one.
+                let swings =
+                    self.habits.has(Habit::Overshoot) && self.habits.has(Habit::AckOf100Ms);
                 match name {
                     // The drive may have gone on before the axis was there.
                     "MissedTarget"
                         if !forgets
                             && !issued.halted
                             && !behind_a_short_one
+                            && !swings
                             && (latch.end.is_none()
                                 || (!matches!(latch.end, Some((_, End::Dropped)))
-                                    && latch.axis_nearest
+                                    && latch.axis_came
                                         <= self.window
                                             - 1.0
                                             - f64::from(self.drive.making.dither))) =>

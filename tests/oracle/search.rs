@@ -24,7 +24,7 @@ pub struct Search {
     pub seconds: u64,
     /// Ends after so many violations.
     pub keep: u64,
-    /// Whether it tells how far it is.
+    /// Whether it prints its progress.
     pub progress: bool,
 }
 

@@ -11,13 +11,14 @@ use core::{
 use std::sync::{Arc, Mutex};
 
 use servocrab::axis::{
-    Axis, AxisConfig, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSetup, AxisSource,
-    BoxFuture, Delivery, Failure, GroupQueue, Inputs, ParameterAccess, Referencing, StopRequest,
+    Axis, AxisCore, AxisFields, AxisIdentity, AxisPort, AxisSetup, AxisSource, BoxFuture,
+    CoreConfig, Delivery, Failure, GroupQueue, Inputs, ParameterAccess, Referencing, StopRequest,
 };
 use servocrab::coe::{AxisOffset, DriveId, ObjectAddress, SdoError, Transfer, obj};
 use servocrab::drives;
 use servocrab::pdo_map::{Direction, Layout, Mapping};
 use servocrab::profile_position::{Outcome, ProfilePosition, SetPoint};
+use servocrab::units::AxisScale;
 use servocrab_sim::ds402::{self, Behaviour};
 
 const CYCLE: Duration = Duration::from_millis(1);
@@ -93,7 +94,7 @@ impl Station {
             .layout();
         let fields = AxisFields::from_layout(&layout, AxisOffset::default()).expect("all fields");
         let traits = drives::akd2g().traits;
-        let mut config = AxisConfig::new(fields);
+        let mut config = CoreConfig::new(fields);
         config.referencing = Referencing::UnreferencedMovesAllowed;
         config.traits = traits;
         let core = AxisCore::new(config);
@@ -102,6 +103,7 @@ impl Station {
         )));
         let cycles = Arc::new(AtomicUsize::new(0));
         let (source, port) = AxisSetup {
+            scale: AxisScale::COUNTS,
             identity: AxisIdentity {
                 axis: "x".into(),
                 drive: DriveId {

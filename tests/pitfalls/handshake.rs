@@ -2,7 +2,7 @@
 
 use servocrab::axis::{Completion, Delivery, Failure, WaitingFor};
 use servocrab::ds402::Statusword;
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{AckFault, AckPolicy, Behaviour, Outcome};
 
 use crate::common::{Link, Rig};
@@ -35,10 +35,7 @@ fn pitfall_01_bit_4_low_reaches_the_wire_between_two_moves() {
         let from = rig.words.len();
         let first = rig.abs(20_000, SetPoint::new());
         let second = rig.abs(-20_000, SetPoint::new());
-        assert_eq!(
-            rig.finish(second),
-            Ok(Completion::Reached { position: -20_000 })
-        );
+        rig.assert_reached(second, -20_000);
         assert_eq!(rig.outcome(first), Some(Err(Failure::Superseded)));
         assert_eq!(rig.ledger().len(), 2, "inputs {latency} cycles late");
         assert_eq!(rises(&rig.words[from..], BIT_4), 2);
@@ -54,11 +51,7 @@ fn pitfall_01_two_moves_stay_two_whichever_frame_is_lost() {
             let second = rig.abs(-20_000, SetPoint::new());
             rig.run(lost);
             rig.cycle_over(link);
-            assert_eq!(
-                rig.finish(second),
-                Ok(Completion::Reached { position: -20_000 }),
-                "frame {lost}, {link:?}"
-            );
+            rig.assert_reached(second, -20_000);
             assert_eq!(rig.ledger().len(), 2, "frame {lost}, {link:?}");
         }
     }
@@ -70,7 +63,7 @@ fn pitfall_02_bit_4_stays_high_until_a_slow_drive_acknowledges() {
         let mut rig = enabled(|drive| drive.bit_4_filter_cycles = filter);
         rig.drive.disturbances().ack_delay_cycles = delay;
         let id = rig.abs(10_000, SetPoint::new());
-        assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 10_000 }));
+        rig.assert_reached(id, 10_000);
         assert_eq!(rig.ledger().len(), 1, "filter {filter}, delay {delay}");
         let high = rig.words.iter().filter(|word| **word & BIT_4 != 0).count();
         assert!(high > (filter + delay) as usize, "high for {high} frames");
@@ -81,7 +74,7 @@ fn pitfall_02_bit_4_stays_high_until_a_slow_drive_acknowledges() {
 fn pitfall_03_a_command_while_bit_12_is_high_does_not_leave_bit_4_stuck() {
     let mut rig = full_buffer_unknown_to_us();
     rig.abs(5_000, SetPoint::new());
-    let queued = rig.abs(10_000, SetPoint::new().start(Start::AfterCurrent));
+    let queued = rig.abs(10_000, SetPoint::new().buffer_mode(BufferMode::Buffered));
     rig.wait_accepted(queued);
     rig.run(3);
     assert_eq!(rig.word() & BIT_4, 0);
@@ -91,10 +84,7 @@ fn pitfall_03_a_command_while_bit_12_is_high_does_not_leave_bit_4_stuck() {
     rig.wait_accepted(third);
     rig.run(3);
     assert_eq!(rig.word() & BIT_4, 0, "bit 4 is low again");
-    assert_eq!(
-        rig.finish(third),
-        Ok(Completion::Reached { position: -5_000 })
-    );
+    rig.assert_reached(third, -5_000);
     assert_eq!(rig.ledger().len(), 3);
 }
 
@@ -153,7 +143,7 @@ fn pitfall_05_a_drive_that_idles_with_bit_12_high_gives_an_error_in_time() {
 fn pitfall_06_a_full_buffer_that_holds_bit_12_high_gives_an_error_in_time() {
     let mut rig = full_buffer_unknown_to_us();
     let first = rig.abs(100_000, SetPoint::new());
-    let queued = rig.abs(110_000, SetPoint::new().start(Start::AfterCurrent));
+    let queued = rig.abs(110_000, SetPoint::new().buffer_mode(BufferMode::Buffered));
     rig.wait_accepted(queued);
     // An absolute one would be sent without an acknowledge; a distance must have one.
     let third = rig.rel(-1_000, SetPoint::new());

@@ -1,7 +1,7 @@
 //! Pitfalls 7 to 13: what a set-point carries, and what is said about it.
 
 use servocrab::axis::{Command, Completion, Event, Failure};
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Outcome};
 
 use crate::common::{Link, Rig};
@@ -14,11 +14,7 @@ fn pitfall_07_bit_10_left_from_the_move_before_ends_no_move() {
         rig.drive.disturbances().stale_reached_cycles = stale;
         for position in [20_000, -20_000] {
             let id = rig.abs(position, SetPoint::new());
-            assert_eq!(
-                rig.finish(id),
-                Ok(Completion::Reached { position }),
-                "old bit 10 for {stale} cycles"
-            );
+            rig.assert_reached(id, position);
         }
     }
 }
@@ -31,7 +27,7 @@ fn pitfall_07_bit_10_left_from_before_ends_no_move_whose_end_is_not_known() {
     let id = rig.rel(20_000, SetPoint::new());
     assert!(matches!(rig.finish(id), Ok(Completion::Reached { .. })));
     assert_eq!(rig.ledger()[0].outcome, Outcome::Reached);
-    assert_eq!(rig.drive.position(), 20_000);
+    rig.assert_at(20_000);
 }
 
 #[test]
@@ -45,7 +41,7 @@ fn pitfall_08_the_target_stays_in_the_outputs_until_the_acknowledge() {
         }
     }
     assert_eq!(rig.ledger()[0].value, 10_000);
-    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 10_000 }));
+    rig.assert_reached(id, 10_000);
 }
 
 #[test]
@@ -54,13 +50,10 @@ fn pitfall_09_an_absolute_move_after_a_relative_one_is_absolute() {
     let relative = rig.rel(3_000, SetPoint::new());
     assert!(rig.finish(relative).is_ok());
     let absolute = rig.abs(1_000, SetPoint::new());
-    assert_eq!(
-        rig.finish(absolute),
-        Ok(Completion::Reached { position: 1_000 })
-    );
+    rig.assert_reached(absolute, 1_000);
     let flags: Vec<_> = rig.ledger().iter().map(|line| line.relative).collect();
     assert_eq!(flags, [true, false]);
-    assert_eq!(rig.drive.position(), 1_000);
+    rig.assert_at(1_000);
 }
 
 #[test]
@@ -68,7 +61,7 @@ fn pitfall_10_two_moves_to_the_same_target_are_two_moves() {
     let mut rig = Rig::enabled();
     for sent in 1..=3 {
         let id = rig.abs(10_000, SetPoint::new());
-        assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 10_000 }));
+        rig.assert_reached(id, 10_000);
         assert_eq!(rig.ledger().len(), sent);
     }
     assert_eq!(rises(&rig.words, BIT_4), 3);
@@ -85,10 +78,7 @@ fn pitfall_10_a_target_can_be_sent_again_after_a_stop() {
     assert_ne!(rig.drive.position(), 50_000);
     rig.enable();
     let again = rig.abs(50_000, SetPoint::new());
-    assert_eq!(
-        rig.finish(again),
-        Ok(Completion::Reached { position: 50_000 })
-    );
+    rig.assert_reached(again, 50_000);
     assert_eq!(rig.ledger().len(), 2);
 }
 
@@ -103,15 +93,15 @@ fn pitfall_11_a_move_that_shall_replace_says_so_with_bit_5() {
     assert_eq!(rig.outcome(first), Some(Err(Failure::Superseded)));
     assert_eq!(rig.ledger()[0].outcome, Outcome::Replaced);
     assert!(rig.ledger()[1].bit_5);
-    assert_eq!(rig.finish(second), Ok(Completion::Reached { position: 0 }));
+    rig.assert_reached(second, 0);
 }
 
 #[test]
 fn pitfall_11_a_move_that_shall_wait_leaves_the_active_one_alone() {
     let mut rig = Rig::enabled();
     let first = rig.abs(20_000, SetPoint::new());
-    let second = rig.abs(0, SetPoint::new().start(Start::AfterCurrent));
-    assert_eq!(rig.finish(second), Ok(Completion::Reached { position: 0 }));
+    let second = rig.abs(0, SetPoint::new().buffer_mode(BufferMode::Buffered));
+    rig.assert_reached(second, 0);
     assert!(matches!(
         rig.outcome(first),
         Some(Ok(Completion::Reached { .. }))

@@ -40,7 +40,7 @@ fn quick_stop_holds(rig: &mut Rig) {
 /// It moves again.
 fn is_back_at_0(rig: &mut Rig) {
     let back = rig.abs(0, SetPoint::new());
-    assert_eq!(rig.finish(back), Ok(Completion::Reached { position: 0 }));
+    rig.assert_reached(back, 0);
 }
 
 #[test]
@@ -52,12 +52,7 @@ fn pitfall_14_resume_releases_the_halt() {
     assert_eq!(rig.finish(resume), Ok(Completion::Done));
     rig.run(2);
     assert_eq!(rig.word() & BIT_8, 0);
-    assert_eq!(
-        rig.finish(id),
-        Ok(Completion::Reached {
-            position: 1_000_000
-        })
-    );
+    rig.assert_reached(id, 1_000_000);
 }
 
 #[test]
@@ -153,7 +148,7 @@ fn pitfall_17_quick_stop_active_is_left_by_enabling() {
         let enable = rig.send(Command::Enable);
         assert_eq!(rig.finish(enable), Ok(Completion::Done));
         rig.run(100);
-        assert_eq!(rig.drive.position(), stood);
+        rig.assert_at(stood);
         is_back_at_0(&mut rig);
     }
 }

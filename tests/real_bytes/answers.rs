@@ -25,6 +25,8 @@ fn drive_with_the_akds_mapping() -> Device {
             3
         }),
         fixed: false,
+        mandatory: false,
+        excludes: Vec::new(),
         entries: objects
             .iter()
             .map(|&(index, data_type, bits)| PdoEntryDescription {
@@ -66,6 +68,7 @@ fn drive_with_the_akds_mapping() -> Device {
             assigned: None,
             pdo_habits: Vec::new(),
             objects: Vec::new(),
+            shows_only_these: false,
             saves: false,
             software_version: String::new(),
             hardware_version: String::new(),

@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use servocrab::coe::{AnyObject, DataType, obj};
+use servocrab::coe::{AnyObject, TypeCode, obj};
 use servocrab_sim::personality;
 
 use crate::drive::Drive;
@@ -77,17 +77,8 @@ fn differences(ours: impl Iterator<Item = (Address, Form)>) -> BTreeSet<(Address
 }
 
 fn of_library(object: AnyObject) -> (Address, Form) {
-    let kind = match object.data_type {
-        DataType::I8 => 2,
-        DataType::I16 => 3,
-        DataType::I32 => 4,
-        DataType::U8 => 5,
-        DataType::U16 => 6,
-        DataType::U32 => 7,
-        DataType::Bytes => 9,
-    };
     let form = Form {
-        kind,
+        kind: TypeCode::from(object.data_type).0 as u8,
         writable: object.writable,
         mappable: (object.mappable.outputs, object.mappable.inputs),
     };

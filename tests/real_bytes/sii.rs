@@ -225,8 +225,6 @@ fn the_simulated_drives_general_fmmu_sync_manager_and_clock_categories_have_a_re
         (GENERAL, 0x01, 5, 0, "number of the image's name: no image"),
         (GENERAL, 0x03, 4, 3, "number of the name's string"),
         (GENERAL, 0x04, 1, 0, "reserved"),
-        (GENERAL, 0x06, 1, 0, "FoE is not served"),
-        (GENERAL, 0x07, 3, 0, "EoE is not served"),
         (GENERAL, 0x09, 1, 2, "one axis, two axes"),
         (GENERAL, 0x0E, 3, 0, "the group's other string"),
         (SYNC_MANAGERS, 18, 0, 38, "the length of what is assigned"),

@@ -16,7 +16,7 @@ use std::{
 
 use servocrab::{
     axis::Referencing,
-    bus::{DriveConfig, Network, NetworkBuilder},
+    bus::{AxisConfig, DriveConfig, Network, NetworkBuilder},
     drives,
     link::Wire,
 };
@@ -27,9 +27,7 @@ const NEVER: Duration = Duration::from_secs(60);
 
 /// One drive with an axis `x`, and its network, which is not started yet.
 fn line() -> (Arc<Mutex<Segment>>, NetworkBuilder) {
-    let segment = Arc::new(Mutex::new(
-        Segment::new().with(personality::akd2g()).ideal(),
-    ));
+    let segment = Arc::new(Mutex::new(Segment::new().with(personality::akd2g())));
     let wired = Arc::clone(&segment);
     let wire = Wire::new(move |frame: &mut [u8], now| wired.lock().unwrap().process(frame, now));
     (segment, builder().link(wire))
@@ -37,8 +35,7 @@ fn line() -> (Arc<Mutex<Segment>>, NetworkBuilder) {
 
 fn builder() -> NetworkBuilder {
     let drive = DriveConfig::new(drives::akd2g())
-        .axis("x")
-        .referencing("x", Referencing::AbsoluteEncoder);
+        .axis(AxisConfig::new("x").referencing(Referencing::AbsoluteEncoder));
     Network::builder()
         .watchdog(Duration::from_secs(2))
         .drive(0, drive)

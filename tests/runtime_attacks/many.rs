@@ -61,6 +61,7 @@ fn poll_woken(tasks: &mut Vec<Task<'_>>, most: usize) -> usize {
 
 #[test]
 fn two_hundred_tasks_asleep_on_the_cycles_clock_are_polled_once_a_cycle() {
+    // No count of it changes at rest.
     let mut segment = Segment::new().with(personality::akd2g()).ideal();
     let wire = Wire::in_virtual_time(Duration::from_micros(20), move |frame: &mut [u8], now| {
         segment.process(frame, now)

@@ -55,7 +55,8 @@ fn every_deadline_is_checked_where_it_is_declared() {
         ] {
             let mut deadlines = Deadlines::default();
             *field(&mut deadlines) = time;
-            let refused = with_axis(|drive| drive.deadlines("second", deadlines));
+            let refused =
+                with_axis(|drive| drive.change_axis("second", |axis| axis.deadlines(deadlines)));
             assert_eq!(refused, wrong.then_some(name), "{time:?}");
         }
     }
@@ -67,7 +68,8 @@ fn every_other_time_is_checked_where_it_is_declared() {
         settle: Duration::MAX,
         ..Tolerances::default()
     };
-    let refused_settle = with_axis(|drive| drive.tolerances("y", tolerances));
+    let refused_settle =
+        with_axis(|drive| drive.change_axis("y", |axis| axis.tolerances(tolerances)));
     assert_eq!(refused_settle, Some("settle time"));
     for time in [Duration::ZERO, Duration::MAX] {
         assert_eq!(refused(line().1.cycle(time)), Some("cycle"));

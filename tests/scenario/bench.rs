@@ -14,12 +14,12 @@ use std::{
 
 use servocrab::{
     axis::{Axis, AxisError, AxisErrorKind, Failure, Referencing},
-    bus::{DriveConfig, Network},
+    bus::{AxisConfig, DriveConfig, Network},
     coe::{SdoError, obj},
     drives::DriveDescription,
     ds402::State,
     homing::{HomingMethod, HomingParameters},
-    profile_position::{Move, Outcome, ProfilePosition, SetPoint, Start},
+    profile_position::{BufferMode, Move, Outcome, ProfilePosition, SetPoint},
 };
 use servocrab_sim::{
     Segment,
@@ -64,12 +64,11 @@ impl Bench {
             ..Machine::default()
         };
         let servo = (subject.device)().change(move |drive| drive.machine = shaft.clone());
-        let line = Line::on_plants(Segment::new().with(servo.build()));
+        let line = Line::new(Segment::new().with(servo.build()));
         let drive = DriveConfig::new((subject.description)())
-            .axis("x")
-            .referencing("x", subject.referencing);
+            .axis(AxisConfig::new("x").referencing(subject.referencing));
         let drive = if subject.jogs {
-            drive.map_output("x", obj::TARGET_VELOCITY)
+            drive.change_axis("x", |axis| axis.map_output(obj::TARGET_VELOCITY))
         } else {
             drive
         };
@@ -307,12 +306,12 @@ impl Bench {
 }
 
 /// How every move is made: short ramps.
-pub(crate) fn start(start: Start) -> SetPoint {
+pub(crate) fn start(buffer_mode: BufferMode) -> SetPoint {
     SetPoint::new()
         .velocity(50_000)
         .acceleration(500_000)
         .deceleration(500_000)
-        .start(start)
+        .buffer_mode(buffer_mode)
 }
 
 async fn end_of(accepted: Result<Move, AxisError>) -> String {
@@ -337,8 +336,8 @@ fn in_words(error: &AxisError) -> String {
         AxisErrorKind::Failed(Failure::Timeout { waiting_for, .. }) => {
             format!("Timeout {waiting_for:?}")
         }
-        AxisErrorKind::Failed(Failure::Unsupported { start, .. }) => {
-            format!("Unsupported {start:?}")
+        AxisErrorKind::Failed(Failure::Unsupported { buffer_mode, .. }) => {
+            format!("Unsupported {buffer_mode:?}")
         }
         AxisErrorKind::Failed(Failure::Fault { code }) => {
             format!("Fault {:04X}h", code.unwrap_or(0))

@@ -1,4 +1,4 @@
-//! One program for every drive: each `Start`, halt, resume, stop, quick stop, fault, homing, over frames, on plants and in virtual
+//! One program for every drive: each `BufferMode`, halt, resume, stop, quick stop, fault, homing, over frames, on plants and in virtual
 //! time. What each drive is expected to do is data, in `tests/vectors/scenario.txt`; nothing in the program knows which
 //! drive it moves.
 #![allow(missing_docs)]

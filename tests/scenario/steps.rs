@@ -2,7 +2,7 @@
 
 use servocrab::{
     homing::HomingMethod,
-    profile_position::{SetPoint, Start},
+    profile_position::{BufferMode, SetPoint},
 };
 
 use crate::bench::{Bench, SWITCH, start};
@@ -11,7 +11,7 @@ type Step = fn(&mut Bench) -> String;
 
 pub(crate) const STEPS: &[(&str, Step)] = &[
     ("an absolute move before the axis is referenced", |bench| {
-        bench.abs(1_000, start(Start::AfterCurrent));
+        bench.abs(1_000, start(BufferMode::Buffered));
         bench.finish()
     }),
     ("homing where the axis stands", |bench| {
@@ -34,7 +34,7 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
     (
         "an absolute move after a homing that was not attained",
         |bench| {
-            bench.abs(1_000, start(Start::AfterCurrent));
+            bench.abs(1_000, start(BufferMode::Buffered));
             bench.finish()
         },
     ),
@@ -42,72 +42,74 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
         bench.home(HomingMethod::NEGATIVE_LIMIT, SWITCH);
         bench.finish()
     }),
-    ("Immediately, at rest", |bench| {
-        bench.abs(10_000, start(Start::Immediately));
+    ("Aborting, at rest", |bench| {
+        bench.abs(10_000, start(BufferMode::Aborting));
         bench.finish()
     }),
-    ("AfterCurrent, at rest", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+    ("Buffered, at rest", |bench| {
+        bench.abs(0, start(BufferMode::Buffered));
         bench.finish()
     }),
-    ("Blend, at rest", |bench| {
-        bench.abs(5_000, start(Start::Blend));
+    ("Blending, at rest", |bench| {
+        bench.abs(5_000, start(BufferMode::Blending));
         bench.finish()
     }),
-    ("Immediately over a move", |bench| {
-        over(bench, Start::Immediately)
+    ("Aborting over a move", |bench| {
+        over(bench, BufferMode::Aborting)
     }),
-    ("AfterCurrent behind a move", |bench| {
-        over(bench, Start::AfterCurrent)
+    ("Buffered behind a move", |bench| {
+        over(bench, BufferMode::Buffered)
     }),
-    ("Blend behind a move", |bench| over(bench, Start::Blend)),
-    ("Blend back behind a move", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+    ("Blending behind a move", |bench| {
+        over(bench, BufferMode::Blending)
+    }),
+    ("Blending back behind a move", |bench| {
+        bench.abs(0, start(BufferMode::Buffered));
         bench.finish();
-        bench.abs(40_000, start(Start::AfterCurrent));
+        bench.abs(40_000, start(BufferMode::Buffered));
         bench.run(100);
-        bench.abs(0, start(Start::Blend));
+        bench.abs(0, start(BufferMode::Blending));
         bench.finish()
     }),
-    ("Immediately over two moves", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+    ("Aborting over two moves", |bench| {
+        bench.abs(0, start(BufferMode::Buffered));
         bench.finish();
-        bench.abs(40_000, start(Start::AfterCurrent));
-        bench.abs(50_000, start(Start::AfterCurrent));
+        bench.abs(40_000, start(BufferMode::Buffered));
+        bench.abs(50_000, start(BufferMode::Buffered));
         bench.run(200);
-        bench.abs(-10_000, start(Start::Immediately));
+        bench.abs(-10_000, start(BufferMode::Aborting));
         bench.finish()
     }),
     ("four moves one after another", |bench| {
         for target in [0, 5_000, 5_000, 15_000] {
-            bench.abs(target, start(Start::AfterCurrent));
+            bench.abs(target, start(BufferMode::Buffered));
         }
         bench.finish()
     }),
     ("relative moves", |bench| {
-        bench.rel(3_000, start(Start::AfterCurrent));
-        bench.rel(-8_000, start(Start::AfterCurrent));
+        bench.rel(3_000, start(BufferMode::Buffered));
+        bench.rel(-8_000, start(BufferMode::Buffered));
         bench.finish()
     }),
     ("a relative move over a move", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+        bench.abs(0, start(BufferMode::Buffered));
         bench.finish();
-        bench.abs(40_000, start(Start::AfterCurrent));
+        bench.abs(40_000, start(BufferMode::Buffered));
         bench.run(200);
-        bench.rel(1_000, start(Start::Immediately));
+        bench.rel(1_000, start(BufferMode::Aborting));
         bench.finish()
     }),
     ("halt and resume", |bench| {
-        bench.abs(80_000, start(Start::AfterCurrent));
+        bench.abs(80_000, start(BufferMode::Buffered));
         bench.run(200);
         bench.axis(|axis| async move { axis.halt().await });
         bench.run(500);
-        bench.abs(0, start(Start::AfterCurrent));
+        bench.abs(0, start(BufferMode::Buffered));
         bench.axis(|axis| async move { axis.resume().await });
         bench.finish()
     }),
     ("halt and stop", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+        bench.abs(0, start(BufferMode::Buffered));
         bench.run(200);
         bench.axis(|axis| async move { axis.halt().await });
         bench.run(500);
@@ -115,25 +117,25 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
         bench.finish()
     }),
     ("stop", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+        bench.abs(0, start(BufferMode::Buffered));
         bench.run(200);
         bench.axis(|axis| async move { axis.stop().await });
         bench.finish()
     }),
     ("quick stop", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+        bench.abs(0, start(BufferMode::Buffered));
         bench.run(200);
         bench.axis(|axis| async move { axis.quick_stop().await });
         bench.finish()
     }),
     ("disable on the way", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+        bench.abs(0, start(BufferMode::Buffered));
         bench.run(100);
         bench.axis(|axis| async move { axis.disable().await });
         bench.finish()
     }),
     ("a fault on the way", |bench| {
-        bench.abs(100_000, start(Start::AfterCurrent));
+        bench.abs(100_000, start(BufferMode::Buffered));
         bench.run(200);
         bench.fault(0x7305);
         bench.run(1_000);
@@ -150,15 +152,15 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
         bench.finish()
     }),
     ("sin² ramps", |bench| {
-        bench.abs(0, start(Start::AfterCurrent));
+        bench.abs(0, start(BufferMode::Buffered));
         bench.finish();
-        bench.abs(10_000, start(Start::AfterCurrent).profile_type(1));
+        bench.abs(10_000, start(BufferMode::Buffered).profile_type(1));
         bench.finish()
     }),
-    ("Blend behind a move with sin² ramps", |bench| {
-        bench.abs(0, start(Start::AfterCurrent).profile_type(1));
+    ("Blending behind a move with sin² ramps", |bench| {
+        bench.abs(0, start(BufferMode::Buffered).profile_type(1));
         bench.run(50);
-        bench.abs(-10_000, start(Start::Blend).profile_type(0));
+        bench.abs(-10_000, start(BufferMode::Blending).profile_type(0));
         bench.finish()
     }),
     ("a jog", |bench| {
@@ -182,9 +184,9 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
     ("a target beyond 607Dh", |bench| {
         // Around the home offset, by which they are corrected: 20 000 to either side of 0.
         bench.set_software_limits(SWITCH - 20_000, SWITCH + 20_000);
-        bench.abs(20_001, start(Start::AfterCurrent));
+        bench.abs(20_001, start(BufferMode::Buffered));
         bench.run(50);
-        bench.abs(20_000, start(Start::AfterCurrent));
+        bench.abs(20_000, start(BufferMode::Buffered));
         let found = bench.finish();
         bench.set_software_limits(0, 0);
         format!("{found}; then {}", bench.finish())
@@ -192,17 +194,19 @@ pub(crate) const STEPS: &[(&str, Step)] = &[
     ("a velocity of zero", |bench| {
         bench.abs(
             50_000,
-            SetPoint::new().velocity(0).start(Start::AfterCurrent),
+            SetPoint::new()
+                .velocity(0)
+                .buffer_mode(BufferMode::Buffered),
         );
         bench.finish()
     }),
 ];
 
 /// A move under way to 20 000 with another one behind or over it, to 30 000.
-fn over(bench: &mut Bench, second: Start) -> String {
-    bench.abs(0, start(Start::AfterCurrent));
+fn over(bench: &mut Bench, second: BufferMode) -> String {
+    bench.abs(0, start(BufferMode::Buffered));
     bench.finish();
-    bench.abs(20_000, start(Start::AfterCurrent));
+    bench.abs(20_000, start(BufferMode::Buffered));
     bench.run(200);
     bench.abs(30_000, start(second));
     bench.finish()

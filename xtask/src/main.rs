@@ -4,6 +4,7 @@ mod house;
 mod motion_table;
 mod mutants;
 mod prove;
+mod wire_diff;
 
 use std::process::ExitCode;
 
@@ -23,6 +24,7 @@ enum Command {
     MotionTable(motion_table::Args),
     Mutants(mutants::Args),
     Prove(prove::Args),
+    WireDiff(wire_diff::Args),
 }
 
 fn main() -> ExitCode {
@@ -31,6 +33,7 @@ fn main() -> ExitCode {
         Command::MotionTable(args) => motion_table::run(&args),
         Command::Mutants(args) => mutants::run(&args),
         Command::Prove(args) => prove::run(&args),
+        Command::WireDiff(args) => wire_diff::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -41,7 +41,8 @@ fn table() -> crate::Result<String> {
         .args([
             "test",
             "--quiet",
-            "--no-default-features",
+            // With the features that `cargo test --workspace` has built it with.
+            "--workspace",
             "--test",
             "motion_table",
             "--",

@@ -43,7 +43,9 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         ("ORACLE_PROGRESS", "1".to_owned()),
     ];
     if args.quick && args.cycles.is_none() {
-        oracle.push(("ORACLE_SECONDS", "60".to_owned()));
+        oracle.push(("ORACLE_SECONDS", "50".to_owned()));
+        // About one in 10⁹ axis-cycles is known, and not mended (docs/verification.md).
+        oracle.push(("ORACLE_BORNE", "5".to_owned()));
     }
     println!("seed {seed}, {threads} processors");
     let mut parts = vec![Part {
@@ -52,13 +54,13 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         std: false,
         environment: oracle,
     }];
-    // Commands and deviations under way at most, and the seconds that all worlds of this size may take.
-    let sizes: &[(u32, u32, u32)] = if args.quick {
-        &[(2, 0, 25), (1, 1, 15)]
+    // Commands and deviations under way at most, of so many kinds, and the seconds that all worlds of this size may take.
+    let sizes: &[(u32, u32, u32, u32)] = if args.quick {
+        &[(1, 2, 1, 40)]
     } else {
-        &[(2, 0, 3600), (1, 1, 3600)]
+        &[(2, 0, 1, 7200), (1, 2, 1, 7200), (1, 2, 2, 7200)]
     };
-    for (commands, deviations, seconds) in sizes {
+    for (commands, deviations, kinds, seconds) in sizes {
         parts.push(Part {
             target: "model",
             tests: "every_state_of_the_size",
@@ -66,6 +68,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
             environment: vec![
                 ("MODEL_COMMANDS", commands.to_string()),
                 ("MODEL_DEVIATIONS", deviations.to_string()),
+                ("MODEL_TOGETHER", kinds.to_string()),
                 ("MODEL_SECONDS", seconds.to_string()),
                 ("MODEL_FIRST", (seed / 100_000).to_string()),
                 ("MODEL_THREADS", threads.to_string()),

@@ -2,9 +2,9 @@
 
 pub(crate) use servocrab::axis::Snapshot;
 
-#[path = "../../../src/axis/output_cells.rs"]
+#[path = "../../../src/handle/output_cells.rs"]
 mod output_cells;
-#[path = "../../../src/axis/status.rs"]
+#[path = "../../../src/handle/status.rs"]
 mod status;
 
 use servocrab::{coe::obj, drives, pdo_map::Direction};

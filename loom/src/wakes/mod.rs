@@ -8,20 +8,20 @@ mod waiters;
 use std::task::Waker;
 
 use sync::{Arc, AtomicBool, Ordering, fence};
-use waiters::Signal;
 pub(crate) use waiters::Waiters;
+use waiters::WakeSignal;
 
 /// Waiters, and who wakes.
 #[derive(Clone)]
 pub(crate) struct Shared {
     pub(crate) waiters: Arc<Waiters>,
-    signal: Arc<Signal>,
+    signal: Arc<WakeSignal>,
 }
 
 impl Shared {
     pub(crate) fn new() -> Self {
-        let signal = Arc::new(Signal {
-            news: AtomicBool::new(false),
+        let signal = Arc::new(WakeSignal {
+            change: AtomicBool::new(false),
             over: AtomicBool::new(false),
         });
         Self {

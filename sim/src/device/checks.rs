@@ -97,6 +97,9 @@ impl CheckedBy<'_> {
 
 impl Checks for CheckedBy<'_> {
     fn mailbox(&self) -> Result<(), u16> {
+        if self.0.description().emulates_eeprom && !self.0.esc.sii_is_with_the_device() {
+            return Err(code::EEPROM_ERROR);
+        }
         let Some(mailbox) = self.0.description().mailbox else {
             return Ok(());
         };

@@ -42,6 +42,17 @@ pub struct ListedEntry {
 }
 
 impl Device {
+    /// What it answers when an object is read.
+    #[cfg(test)]
+    pub(crate) fn read_object(
+        &mut self,
+        index: u16,
+        subindex: u8,
+    ) -> Result<Vec<u8>, crate::coe::Abort> {
+        let drive = self.drive.as_mut().ok_or(crate::coe::Abort::NoObject)?;
+        drive.sdo(true).upload(index, subindex)
+    }
+
     /// The objects of its dictionary, ascending: what SDO information should tell, whether the device has that service or
     /// not. None for a device without CoE.
     pub fn dictionary(&mut self) -> Vec<ListedObject> {

@@ -76,6 +76,7 @@ impl Device {
         let esc = Esc::new(
             sii::image(description),
             description.sii_reads_eight_bytes,
+            description.emulates_eeprom,
             description.supports_lrw,
             description.clock,
             clock_start,
@@ -89,7 +90,7 @@ impl Device {
             frozen: false,
             esc,
             al: AlMachine::new(),
-            mailbox: Mailbox::default(),
+            mailbox: Mailbox::serving(description.mailbox.map_or(0, |mailbox| mailbox.protocols)),
             server: Server::new(description.mailbox),
             drive,
             plain_inputs: vec![0; description.process_data_bytes(Direction::Inputs)],
@@ -201,6 +202,11 @@ impl Device {
         self.esc.sii_delay = delay;
     }
 
+    /// Its processor has access to the EEPROM (0501h, bit 0), and keeps it until it is taken by force (0500h, bit 1).
+    pub fn hold_eeprom(&mut self) {
+        self.esc.hold_sii();
+    }
+
     /// Gives the distributed clock another time at power-up, in nanoseconds, and a crystal that is too fast by so many
     /// parts per million; with -1 000 000 it stands still. Later than before the first frame the clock jumps, and forgets
     /// the speed that it has learned.
@@ -247,6 +253,7 @@ impl Device {
     /// answer, but no message, no AL request and no axis is served.
     pub fn freeze(&mut self, frozen: bool) {
         self.frozen = frozen;
+        self.esc.set_processor_runs(!frozen);
     }
 
     /// Whether it has power.
@@ -281,6 +288,10 @@ impl Device {
             self.esc.set_clock(crystal.0, crystal.1);
             self.next_cycle = now;
         }
+    }
+
+    pub(crate) fn port_is_open(&self, port: usize) -> bool {
+        self.esc.port_is_open(port)
     }
 
     pub(crate) fn set_place(&mut self, place: Place) {

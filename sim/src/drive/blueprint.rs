@@ -71,8 +71,10 @@ pub struct DriveBlueprint {
     pub assigned: Option<Vec<u16>>,
     /// What it makes of single writes to its PDO lists in place of what the rules say.
     pub pdo_habits: Vec<PdoHabit>,
-    /// Further objects. Where an axis has the object itself, only its values at power-up are taken from here.
+    /// Further objects. Where the drive has the object itself, its values at power-up are those given here.
     pub objects: Vec<PlainObject>,
+    /// It shows those, the PDO lists and what the PDOs hold by default, and no other object.
+    pub shows_only_these: bool,
     /// 1010h saves the objects that are kept in the EEPROM, and 1011h empties it.
     pub saves: bool,
     /// Software version (100Ah).

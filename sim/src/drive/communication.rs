@@ -8,6 +8,9 @@ use crate::dictionary::{Dictionary, Entry};
 /// Synchronisation types of 1C32h:1 and 1C33h:1: free run, and with SYNC0.
 pub(super) const FREE_RUN: u16 = 0;
 pub(super) const WITH_SYNC0: u16 = 2;
+/// With the outputs, in 1C32h:1 and in 1C33h:1.
+const WITH_OUTPUTS: u16 = 1;
+const WITH_OUTPUTS_AT_INPUTS: u16 = 34;
 
 /// Saves what is kept in the EEPROM when its subindex 1 is written with "save" (CiA 301).
 pub(super) const SAVE: u16 = 0x1010;
@@ -108,13 +111,16 @@ fn synchronisation(blueprint: &DriveBlueprint, description: &Description) -> [En
         .clock_modes
         .iter()
         .any(|mode| mode.assign_activate != 0);
-    let choices: &[u16] = if has_clock {
-        &[FREE_RUN, WITH_SYNC0]
-    } else {
-        &[FREE_RUN]
+    // Bit 0: free run; bit 1: with the process data; bits 4 to 2: 001, SYNC0. A real Leadshine EL7 shows 0005h too.
+    let (choices, supported): (&[u16], u16) = match (has_clock, description.sm_synchronous) {
+        (false, false) => (&[FREE_RUN], 0x0001),
+        (true, false) => (&[FREE_RUN, WITH_SYNC0], 0x0005),
+        (false, true) => (&[FREE_RUN, WITH_OUTPUTS, WITH_OUTPUTS_AT_INPUTS], 0x0003),
+        (true, true) => (
+            &[FREE_RUN, WITH_OUTPUTS, WITH_SYNC0, WITH_OUTPUTS_AT_INPUTS],
+            0x0007,
+        ),
     };
-    // Bit 0: free run; bits 4 to 2: 001, SYNC0. A real Leadshine EL7 shows 0005h too.
-    let supported = if has_clock { 0x0005 } else { 0x0001 };
     let cycle = blueprint
         .axes
         .first()

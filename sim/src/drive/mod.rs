@@ -8,6 +8,7 @@ mod plain;
 mod sdo;
 
 use core::time::Duration;
+use std::collections::BTreeSet;
 
 use crate::coe::Abort;
 use crate::coe::info::access;
@@ -44,6 +45,8 @@ struct DriveObjects {
     errors: ErrorHistory,
     /// Cycle of SYNC0 while the drive follows that.
     sync0_cycle_ns: Option<u32>,
+    /// The objects that it shows; `None` for all.
+    shown: Option<BTreeSet<(u16, u8)>>,
 }
 
 /// Where an object of an axis is.
@@ -82,6 +85,7 @@ impl Drive {
                 stored: communication_objects(blueprint, description),
                 errors: ErrorHistory::default(),
                 sync0_cycle_ns: None,
+                shown: shown(blueprint, description),
             },
             outputs: pdos(Direction::Outputs),
             inputs: pdos(Direction::Inputs),
@@ -199,8 +203,42 @@ impl Drive {
     }
 }
 
+/// The objects that a drive of this blueprint shows, beside its PDO lists; `None` for all.
+fn shown(blueprint: &DriveBlueprint, description: &Description) -> Option<BTreeSet<(u16, u8)>> {
+    let listed = blueprint.objects.iter().flat_map(|object| {
+        let entries = object.entries.iter();
+        entries.map(|entry| (object.index, entry.subindex))
+    });
+    let mapped = description.pdos.iter().flat_map(|pdo| &pdo.entries);
+    let mapped = mapped.map(|entry| (entry.index, entry.subindex));
+    blueprint
+        .shows_only_these
+        .then(|| listed.chain(mapped).collect())
+}
+
 impl DriveObjects {
+    /// Whether a subindex is one that the drive shows.
+    fn check_shown(&self, index: u16, subindex: u8) -> Result<(), Abort> {
+        match &self.shown {
+            Some(shown) if !shown.contains(&(index, subindex)) => Err(if self.shows(index) {
+                Abort::NoSubindex
+            } else {
+                Abort::NoObject
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether the drive shows anything of an object.
+    fn shows(&self, index: u16) -> bool {
+        let subindices = (index, 0)..=(index, u8::MAX);
+        self.shown
+            .as_ref()
+            .is_none_or(|shown| shown.range(subindices).next().is_some())
+    }
+
     fn upload(&self, index: u16, subindex: u8) -> Result<Vec<u8>, Abort> {
+        self.check_shown(index, subindex)?;
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => {
                 let register = self
@@ -231,6 +269,7 @@ impl DriveObjects {
     }
 
     fn room(&self, index: u16, subindex: u8) -> Result<usize, Abort> {
+        self.check_shown(index, subindex)?;
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => Err(Abort::ReadOnly),
             None if index == ErrorHistory::INDEX => ErrorHistory::room(subindex),
@@ -243,6 +282,7 @@ impl DriveObjects {
     }
 
     fn download(&mut self, index: u16, subindex: u8, data: &[u8]) -> Result<(), Abort> {
+        self.check_shown(index, subindex)?;
         match self.axis_object(index, subindex)? {
             None if index == 0x1001 => Err(Abort::ReadOnly),
             None if index == ErrorHistory::INDEX => self.errors.download(subindex, data),
@@ -290,6 +330,7 @@ impl DriveObjects {
     }
 
     fn mappable(&self, index: u16, subindex: u8, direction: Direction) -> Result<Mappable, Abort> {
+        self.check_shown(index, subindex)?;
         match self.axis_object(index, subindex)? {
             Some(AxisObject::Profile { entry, .. }) => Ok(Mappable {
                 bits: 8 * entry.kind.size() as u8,
@@ -384,10 +425,27 @@ impl DriveObjects {
         (offset % object.increment == 0 && axis < self.axes.len()).then_some(axis)
     }
 
-    /// The maker's status word. Its bits are in no document that was available; assumed: bit 0, a set-point is being
-    /// executed, which is when the axis is enabled and has not reached its target.
+    /// The maker's status word, AXIS#.MOTIONSTAT of the public help of the AKD2G. Assumed: that a set-point of the
+    /// profile counts as its motion task, and that what is shown of a homing stays until the next one begins or power
+    /// fails. Service motion, velocity, exceptions and crossed targets are not modelled.
     fn status_bits(&self, axis: usize) -> u32 {
-        let word = self.axes.get(axis).map_or(0, Axis::statusword);
-        u32::from(word & 0x006F == 0x0027 && word & 0x0400 == 0)
+        let Some(axis) = self.axes.get(axis) else {
+            return 0;
+        };
+        let word = axis.statusword();
+        let enabled = word & 0x006F == 0x0027;
+        let reached = word & 0x0400 != 0;
+        let (found, failed) = axis.homing_verdict();
+        [
+            (0, enabled && !reached),
+            (1, found),
+            (2, found && axis.is_referenced()),
+            (3, axis.is_homing()),
+            (4, failed),
+            (11, enabled && reached),
+            (15, axis.is_in_window()),
+        ]
+        .into_iter()
+        .fold(0, |bits, (bit, shown)| bits | u32::from(shown) << bit)
     }
 }

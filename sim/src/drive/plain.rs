@@ -1,7 +1,7 @@
 //! Further objects of a drive: plain storage, or the values at power-up of what the axes have themselves.
 
 use super::{DriveObjects, PlainObject};
-use crate::ds402::{Access, DataType};
+use crate::ds402::DataType;
 
 const CONTROLWORD: u16 = 0x6040;
 
@@ -22,13 +22,11 @@ impl DriveObjects {
                 .find(|told| told.subindex == entry.subindex);
             let default = told.and_then(|told| told.default.as_ref());
             // A controlword would switch the axis on.
-            if let (Some(default), true) = (
-                default,
-                entry.access == Access::ReadWrite && entry.index != CONTROLWORD,
-            ) && let Some(axis) = self.axes.get_mut(axis)
+            if let Some(default) = default
+                && entry.index != CONTROLWORD
+                && let Some(axis) = self.axes.get_mut(axis)
             {
-                // A value that this axis does not take leaves its own.
-                let _refused = axis.set(entry.index, entry.subindex, decode(entry.kind, default));
+                axis.power_up_with(&entry, decode(entry.kind, default));
             }
         }
     }

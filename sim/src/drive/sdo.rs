@@ -111,10 +111,14 @@ impl DriveObjects {
             let axes = (0..).zip(&self.axes);
             all.extend(axes.map(|(axis, _)| object.index.saturating_add(axis * object.increment)));
         }
+        all.retain(|index| self.shows(*index));
         all
     }
 
     fn object(&self, index: u16) -> Result<ObjectInfo, Abort> {
+        if !self.shows(index) {
+            return Err(Abort::NoObject);
+        }
         match index {
             ERROR_REGISTER => Ok(ObjectInfo {
                 data_type: data_type::U8,
@@ -139,6 +143,7 @@ impl DriveObjects {
     }
 
     pub(super) fn entry(&self, index: u16, subindex: u8) -> Result<EntryInfo, Abort> {
+        self.check_shown(index, subindex)?;
         match index {
             ERROR_REGISTER if subindex == 0 => Ok(EntryInfo::new(
                 data_type::U8,

@@ -203,6 +203,13 @@ impl Axis {
         self.objects.set((index, subindex), value)
     }
 
+    /// Gives an object its value at power-up, also where it can only be read; a value outside its range leaves its own.
+    pub(crate) fn power_up_with(&mut self, entry: &Entry, value: i64) {
+        if (entry.min..=entry.max).contains(&value) {
+            self.objects.put((entry.index, entry.subindex), value);
+        }
+    }
+
     /// Runs one drive cycle: moves the axis on by one period, evaluates the objects that were written since the last
     /// cycle, and updates those that can be read.
     ///

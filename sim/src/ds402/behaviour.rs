@@ -169,6 +169,8 @@ pub struct Behaviour {
     pub bit_5: Bit5,
     /// Bit 9 of the controlword (blend) is understood; else it is ignored.
     pub bit_9: bool,
+    /// Bits 5, 6 and 9 are those of the last word with bit 4 low, not those of the word with the rising bit 4.
+    pub start_bits_before_edge: bool,
     /// A set-point with bit 5 = 0 while another one runs.
     pub while_moving: WhileMoving,
     /// Set-points that can wait behind the active one.

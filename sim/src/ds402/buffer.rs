@@ -24,6 +24,8 @@ pub(super) struct Buffer {
     /// The last target was outside the limits.
     pub(super) limited: bool,
     pub(super) previous_target: i64,
+    /// The last controlword with bit 4 low.
+    pub(super) low_word: u16,
 }
 
 impl Buffer {

@@ -105,8 +105,16 @@ impl Axis {
         self.end_homing(HomingOutcome::Discarded(cause));
     }
 
+    /// Whether the last homing has found its home position, and whether it has ended without.
+    pub(crate) fn homing_verdict(&self) -> (bool, bool) {
+        (
+            self.homing.verdict == Verdict::Attained,
+            self.homing.verdict == Verdict::Failed,
+        )
+    }
+
     /// A homing is under way, or paused by a halt.
-    pub(super) fn is_homing(&self) -> bool {
+    pub(crate) fn is_homing(&self) -> bool {
         self.homing.run.is_some()
     }
 

@@ -10,6 +10,9 @@ use super::power::Ramp;
 use super::set_point::SetPoint;
 use super::state::State;
 
+/// Bits 5, 6 and 9 of the controlword.
+const START_BITS: u16 = 0x0260;
+
 /// 6061h of profile position mode.
 pub(super) const PROFILE_POSITION: i64 = 1;
 
@@ -87,8 +90,16 @@ impl Axis {
         if can_take {
             self.run_halt(controlword & 0x0100 != 0);
         }
+        if controlword & 0x0010 == 0 {
+            self.buffer.low_word = controlword;
+        }
         if can_take && self.may_take(controlword, rise) {
-            self.take_set_point(controlword);
+            let word = if self.behaviour.start_bits_before_edge {
+                controlword & !START_BITS | self.buffer.low_word & START_BITS
+            } else {
+                controlword
+            };
+            self.take_set_point(word);
         }
         self.run_acknowledge(controlword & 0x0010 != 0);
         if can_take && !self.buffer.halted {

@@ -82,6 +82,7 @@ impl Behaviour {
             ack: AckPolicy::BufferFree,
             bit_5: Bit5::Replaces,
             bit_9: true,
+            start_bits_before_edge: false,
             while_moving: WhileMoving::Queues,
             waiting_set_points: 1,
             full_buffer: FullBuffer::Ignore,

@@ -191,6 +191,15 @@ impl Axis {
             >= milliseconds(self.objects.value(objects::POSITION_WINDOW_TIME))
     }
 
+    /// Whether the axis is within 6067h of the target that it was given last, or of where it holds without one.
+    pub(crate) fn is_in_window(&self) -> bool {
+        let target = self
+            .buffer
+            .last_target()
+            .unwrap_or(self.trajectory.counts());
+        self.is_within(target, self.objects.value(objects::POSITION_WINDOW))
+    }
+
     /// Whether the encoder shows a position no further from a target than a window.
     fn is_within(&self, target: i64, window: i64) -> bool {
         target.saturating_sub(self.shaft.encoder).saturating_abs() <= window

@@ -36,6 +36,7 @@ pub(crate) struct Esc {
     sync_managers: [SyncManager; CHANNELS],
     sii: Vec<u8>,
     sii_reads_eight_bytes: bool,
+    emulates_sii: bool,
     /// How long the EEPROM takes for a command, until when it is at work, and how many it has had.
     pub(crate) sii_delay: Duration,
     sii_busy_until: Option<Duration>,
@@ -69,6 +70,7 @@ impl Esc {
     pub(crate) fn new(
         sii: Vec<u8>,
         sii_reads_eight_bytes: bool,
+        emulates_sii: bool,
         supports_lrw: bool,
         clock_width: Option<ClockWidth>,
         clock_start: u64,
@@ -78,6 +80,7 @@ impl Esc {
             sync_managers: Default::default(),
             sii,
             sii_reads_eight_bytes,
+            emulates_sii,
             sii_delay: Duration::ZERO,
             sii_busy_until: None,
             sii_accesses: 0,
@@ -92,6 +95,8 @@ impl Esc {
             al_control_written: false,
             sync_managers_written: false,
         };
+        // Frames that are no EtherCAT are destroyed; ports automatic; RX FIFO 7; no alias addressing.
+        esc.set_bytes(reg::DL_CONTROL, &[0x01, 0x00, 0x07, 0x00]);
         // Type 11h, revision 0, build 2: what an ET1100 reports.
         esc.set_word(reg::TYPE, 0x0011);
         esc.set_word(reg::TYPE + 2, 0x0002);
@@ -119,6 +124,7 @@ impl Esc {
         esc.set_word(reg::DC_SPEED_COUNTER, 0x1000);
         esc.set_word(reg::DC_FILTER, 0x0C04);
         esc.load_configuration();
+        esc.set_processor_runs(true);
         esc
     }
 
@@ -131,9 +137,9 @@ impl Esc {
             }
         }
         self.place = place;
-        // Bit 0: SII loaded. Of each port: link (bits 4 and up), and in pairs from bit 8: closed, or communication. Port 0
+        // Bit 0: SII loaded; bit 1: the processor serves its watchdog. Of each port: link (bits 4 and up), and in pairs from bit 8: closed, or communication. Port 0
         // is where frames come in.
-        let mut status = 0x0001;
+        let mut status = 0x0001 | self.word(reg::DL_STATUS) & 0x0002;
         for (port, back) in (0..).zip(place.back) {
             status |= if port == 0 || back.is_some() {
                 0x0010 << port | 0x0200 << (2 * port)
@@ -145,6 +151,17 @@ impl Esc {
         // 0007h: ports 0 and 1 are MII, and so is any other that has a cable; the rest is not there.
         let more = |port: usize| u8::from(place.back[port].is_some()) * (3 << (2 * port));
         self.set_byte(0x0007, 0x0F | more(2) | more(3));
+    }
+
+    /// Whether frames go out of this port: 0101h has two bits for each, 3 for closed.
+    pub(crate) fn port_is_open(&self, port: usize) -> bool {
+        self.byte(reg::DL_CONTROL + 1) >> (2 * port) & 0x03 != 0x03
+    }
+
+    /// The device's processor serves its watchdog, or has stopped to do so (DL status, bit 1).
+    pub(crate) fn set_processor_runs(&mut self, runs: bool) {
+        let status = self.word(reg::DL_STATUS) & !0x0002;
+        self.set_word(reg::DL_STATUS, status | u16::from(runs) << 1);
     }
 
     /// Where in the segment the ESC is.

@@ -22,6 +22,7 @@ pub(crate) const WATCHDOG_PROCESS_DATA: u16 = 0x0420;
 pub(crate) const WATCHDOG_STATUS: u16 = 0x0440;
 pub(crate) const WATCHDOG_COUNTER: u16 = 0x0442;
 pub(crate) const SII_OWNER: u16 = 0x0500;
+pub(crate) const SII_ACCESS: u16 = 0x0501;
 pub(crate) const SII_CONTROL: u16 = 0x0502;
 pub(crate) const SII_ADDRESS: u16 = 0x0504;
 pub(crate) const SII_DATA: u16 = 0x0508;

@@ -6,6 +6,8 @@ use super::{Esc, registers as reg};
 
 /// Control bit 0: writing is enabled for this access.
 const WRITE_ENABLE: u16 = 0x0001;
+/// Status bit 5: the device's processor serves the EEPROM.
+const EMULATED: u16 = 0x0020;
 /// Status bit 6: a read gives eight bytes.
 const READS_EIGHT_BYTES: u16 = 0x0040;
 /// Status bit 7: the EEPROM has two-byte addresses, as those above 16 kbit have.
@@ -22,9 +24,14 @@ const COMMAND_ERROR: u16 = 0x2000;
 const WRITE_ENABLE_ERROR: u16 = 0x4000;
 
 impl Esc {
-    /// Whether the device's processor, not the MainDevice, has the EEPROM.
+    /// Whether the EEPROM is given to the device's processor, not to the MainDevice.
     pub(crate) fn sii_is_with_the_device(&self) -> bool {
         self.byte(reg::SII_OWNER) & 0x01 != 0
+    }
+
+    /// The processor has access (0501h, bit 0), and keeps it until it is taken by force.
+    pub(crate) fn hold_sii(&mut self) {
+        self.set_byte(reg::SII_ACCESS, 0x01);
     }
 
     /// Value of the control/status register when no command is under way.
@@ -34,12 +41,18 @@ impl Esc {
         } else {
             0
         };
-        width | TWO_BYTE_ADDRESS
+        let emulated = if self.emulates_sii { EMULATED } else { 0 };
+        width | TWO_BYTE_ADDRESS | emulated
     }
 
     /// A write to the owner register: bit 0 gives the EEPROM to the device, bit 1 takes it back by force.
     pub(super) fn write_sii_owner(&mut self, value: u8) {
-        let owner = if value & 0x02 != 0 { 0 } else { value & 0x01 };
+        let owner = if value & 0x02 != 0 {
+            self.set_byte(reg::SII_ACCESS, 0);
+            0
+        } else {
+            value & 0x01
+        };
         self.set_byte(reg::SII_OWNER, owner);
     }
 
@@ -54,7 +67,7 @@ impl Esc {
             self.sii_busy_until = takes_time.then(|| now.saturating_add(self.sii_delay));
         }
         let idle = self.sii_idle_status();
-        if self.sii_is_with_the_device() {
+        if self.sii_is_with_the_device() || self.byte(reg::SII_ACCESS) & 0x01 != 0 {
             self.set_word(reg::SII_CONTROL, idle | COMMAND_ERROR);
             return;
         }

@@ -1,6 +1,7 @@
 //! A simulated device out of a maker's ESI file (`EtherCATInfo`, ETG.2000): identity, SII, sync managers, PDOs and objects as the file
 //! says; where it has DS402 axes, they behave as those of the plain drive. The names of PDOs and of their entries are left out.
 
+mod choice;
 mod objects;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,7 @@ use crate::device::{Blueprint, Device};
 use crate::drive::{DriveBlueprint, PlainObject};
 use crate::ds402::Behaviour;
 use crate::pdo::PdoLimits;
+pub use choice::EsiChoice;
 use xml::Element;
 pub use xml::EsiError;
 
@@ -26,6 +28,10 @@ const CONTROLWORD: u16 = 0x6040;
 const AXIS_INCREMENT: u16 = 0x0800;
 /// CiA 402, more than one axis (ETG.6010).
 const MOST_AXES: u16 = 8;
+/// Supported drive modes.
+const SUPPORTED_MODES: u16 = 0x6502;
+/// Real devices have up to some dozens.
+const MOST_SLOTS: u32 = 255;
 /// CoE messages.
 const COE: u16 = 4;
 /// Process data of a direction where the file says nothing of its room.
@@ -33,7 +39,7 @@ const ROOM: u16 = 64;
 /// Entries of a PDO where the dictionary does not show the mapping.
 const ENTRIES: u8 = 8;
 
-/// A device as an ESI file describes it. The first device of the file is meant.
+/// A device as an ESI file describes it, with the modules that its slots hold by default.
 ///
 /// ```
 /// use servocrab_sim::EsiDrive;
@@ -50,26 +56,50 @@ pub struct EsiDrive {
 }
 
 impl EsiDrive {
-    /// Reads a file.
+    /// Reads the first device of a file.
     ///
     /// # Errors
     /// [`EsiError`] with file and line: it cannot be read, is no ESI file, or has values that no device can have.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, EsiError> {
-        let path = path.as_ref();
+        Self::load_one(path.as_ref(), None, None)
+    }
+
+    /// Reads one device of a file, by its product code and its revision.
+    ///
+    /// # Errors
+    /// As [`EsiDrive::load`], and if the file has no such device; the message lists those that it has.
+    pub fn choose(choice: &EsiChoice) -> Result<Self, EsiError> {
+        Self::load_one(&choice.file, choice.product, choice.revision)
+    }
+
+    fn load_one(
+        path: &Path,
+        product: Option<u32>,
+        revision: Option<u32>,
+    ) -> Result<Self, EsiError> {
         let name = path.display().to_string();
         let mut bytes = Vec::new();
         let most = u64::try_from(xml::MOST_BYTES).unwrap_or(u64::MAX);
         File::open(path)
             .and_then(|file| file.take(most.saturating_add(1)).read_to_end(&mut bytes))
             .map_err(|error| EsiError::of_file(&name, error.to_string()))?;
-        Self::from_bytes(&name, &bytes)
+        Self::read(&name, &bytes, product, revision)
     }
 
-    /// Reads the content of a file; `name` is for messages.
+    /// Reads the first device in the content of a file; `name` is for messages.
     ///
     /// # Errors
     /// As [`EsiDrive::load`].
     pub fn from_bytes(name: &str, bytes: &[u8]) -> Result<Self, EsiError> {
+        Self::read(name, bytes, None, None)
+    }
+
+    fn read(
+        name: &str,
+        bytes: &[u8],
+        product: Option<u32>,
+        revision: Option<u32>,
+    ) -> Result<Self, EsiError> {
         let text = xml::text(name, bytes)?;
         let document = xml::parse(name, &text)?;
         let root = Element::root(name, &document);
@@ -77,9 +107,8 @@ impl EsiDrive {
             return Err(root.error("expected EtherCATInfo as the outermost element"));
         }
         let vendor = root.need("Vendor")?.need("Id")?.number()?;
-        let device = root.at(&["Descriptions", "Devices", "Device"]);
-        let device = device.ok_or_else(|| root.error("there is no device in this file"))?;
-        Self::of(vendor, &device)
+        let device = choice::device(&root, product, revision)?;
+        Self::of(vendor, &root, &device)
     }
 
     /// Changes how all axes behave.
@@ -103,14 +132,18 @@ impl EsiDrive {
         })
     }
 
-    fn of(vendor: u32, device: &Element<'_>) -> Result<Self, EsiError> {
+    fn of(vendor: u32, root: &Element<'_>, device: &Element<'_>) -> Result<Self, EsiError> {
         let kind = device.need("Type")?;
+        let parts = parts(root, device)?;
+        let mut objects = objects::read(&parts)?;
+        let serial = number(&objects, 0x1018, 4).unwrap_or(0);
         let identity = Identity {
             vendor,
             product: kind.attribute_number("ProductCode")?.unwrap_or(0),
             revision: kind.attribute_number("RevisionNo")?.unwrap_or(0),
-            serial: 0,
+            serial,
         };
+        identify(&mut objects, identity);
         let name = match device.text_of("Name") {
             "" => kind.text(),
             name => name,
@@ -118,7 +151,7 @@ impl EsiDrive {
         let mut description = Description::new(&short(name), identity);
         description.order = short(kind.text());
         description.group = short(device.text_of("GroupType"));
-        description.pdos = pdos(device)?;
+        description.pdos = pdos(&parts)?;
         description.fmmu_usage = device
             .all("Fmmu")
             .map(|fmmu| fmmu_usage(fmmu.text()))
@@ -144,7 +177,7 @@ impl EsiDrive {
         description.mailbox = mailbox(device, &managers);
         let drive = match &description.mailbox {
             Some(mailbox) if mailbox.coe_details != 0 => {
-                Some(drive(objects::read(device)?, &description, &managers))
+                Some(drive(objects, &description, &managers))
             }
             _ => None,
         };
@@ -233,15 +266,16 @@ fn mailbox(device: &Element<'_>, managers: &[Manager]) -> Option<Mailbox> {
     })
 }
 
-fn pdos(device: &Element<'_>) -> Result<Vec<PdoDescription>, EsiError> {
+fn pdos<'a: 'b, 'b>(parts: &'b [Part<'a>]) -> Result<Vec<PdoDescription>, EsiError> {
     let mut pdos = Vec::new();
     for (name, direction) in [("RxPdo", Direction::Outputs), ("TxPdo", Direction::Inputs)] {
-        for pdo in device.all(name) {
+        let of_part = |part: &'b Part<'a>| part.element.all(name).map(move |pdo| (part, pdo));
+        for (part, pdo) in parts.iter().flat_map(of_part) {
             let mut entries = Vec::new();
             for entry in pdo.all("Entry") {
                 entries.push(PdoEntryDescription {
                     name: "",
-                    index: entry.need("Index")?.number()?,
+                    index: part.index(&entry.need("Index")?)?,
                     subindex: entry.number_of("SubIndex")?.unwrap_or(0),
                     data_type: u8::try_from(objects::number_of_type(entry.text_of("DataType")))
                         .unwrap_or(0),
@@ -253,10 +287,15 @@ fn pdos(device: &Element<'_>) -> Result<Vec<PdoDescription>, EsiError> {
             }
             pdos.push(PdoDescription {
                 name: "",
-                index: pdo.need("Index")?.number()?,
+                index: part.index(&pdo.need("Index")?)?,
                 direction,
                 sync_manager: pdo.attribute_number("Sm")?,
                 fixed: pdo.is_set("Fixed"),
+                mandatory: pdo.is_set("Mandatory"),
+                excludes: pdo
+                    .all("Exclude")
+                    .map(|other| part.index(&other))
+                    .collect::<Result<_, _>>()?,
                 entries,
             });
         }
@@ -279,10 +318,6 @@ fn drive(
         .map(|axis| CONTROLWORD + axis * AXIS_INCREMENT)
         .take_while(|index| object(*index).is_some() || mapped(*index))
         .count();
-    let number = |index: u16| {
-        let value = object(index)?.entries.first()?.default.clone()?;
-        Some(u32::from_le_bytes(value.try_into().ok()?))
-    };
     let longest = objects
         .iter()
         .filter(|object| matches!(object.index, 0x1600..=0x17FF | 0x1A00..=0x1BFF))
@@ -295,8 +330,14 @@ fn drive(
     let room = managers
         .iter()
         .filter(|manager| manager.direction().is_some());
+    let mut behaviours = vec![Behaviour::generic(); axes];
+    for (axis, behaviour) in (0u16..).zip(&mut behaviours) {
+        if let Some(modes) = number(&objects, SUPPORTED_MODES + axis * AXIS_INCREMENT, 0) {
+            behaviour.supported_modes = modes;
+        }
+    }
     DriveBlueprint {
-        axes: vec![Behaviour::generic(); axes],
+        axes: behaviours,
         axis_increment: AXIS_INCREMENT,
         status_object: None,
         note: None,
@@ -309,12 +350,128 @@ fn drive(
             assigned: assigned.max().unwrap_or(offered),
         },
         // 402, a servo drive (CiA 402).
-        device_type: number(0x1000).unwrap_or(if axes > 0 { 0x0002_0192 } else { 0 }),
+        device_type: number(&objects, 0x1000, 0).unwrap_or(if axes > 0 { 0x0002_0192 } else { 0 }),
         assigned: None,
         pdo_habits: Vec::new(),
         saves: object(0x1010).is_some(),
         software_version: "simulated".to_owned(),
         hardware_version: "simulated".to_owned(),
+        shows_only_these: !objects.is_empty(),
         objects,
     }
+}
+
+/// The number of 32 bits that the file gives an object at power-up.
+fn number(objects: &[PlainObject], index: u16, subindex: u8) -> Option<u32> {
+    let object = objects.iter().find(|object| object.index == index)?;
+    let mut entries = object.entries.iter();
+    let entry = entries.find(|entry| entry.subindex == subindex)?;
+    Some(u32::from_le_bytes(entry.default.clone()?.try_into().ok()?))
+}
+
+/// 1018h holds the identity of the device, whatever the dictionary says of it.
+fn identify(objects: &mut [PlainObject], identity: Identity) {
+    let numbers = [
+        identity.vendor,
+        identity.product,
+        identity.revision,
+        identity.serial,
+    ];
+    let own = objects.iter_mut().filter(|object| object.index == 0x1018);
+    for entry in own.flat_map(|object| &mut object.entries) {
+        let place = usize::from(entry.subindex).checked_sub(1);
+        let number = place.and_then(|place| numbers.get(place));
+        if let (Some(number), 4) = (number, entry.bytes) {
+            entry.default = Some(number.to_le_bytes().to_vec());
+        }
+    }
+}
+
+/// What is read for a device: its own element, or that of a module, whose indices may depend on its slot (ETG.5001).
+struct Part<'a> {
+    element: Element<'a>,
+    /// Added to the indices of PDOs, and to those of all other objects.
+    pdos: u32,
+    objects: u32,
+}
+
+impl<'a> Part<'a> {
+    fn dictionary(&self) -> Option<Element<'a>> {
+        self.element.at(&["Profile", "Dictionary"])
+    }
+
+    /// Mapping objects have the indices of their PDOs.
+    fn index(&self, index: &Element<'_>) -> Result<u16, EsiError> {
+        let base: u16 = index.number()?;
+        if !index.is_set("DependOnSlot") {
+            return Ok(base);
+        }
+        let is_pdo = (0x1600..0x1C00).contains(&base);
+        let by = if is_pdo { self.pdos } else { self.objects };
+        u32::from(base)
+            .checked_add(by)
+            .and_then(|index| u16::try_from(index).ok())
+            .ok_or_else(|| {
+                index.error(format!("{base:04X}h and {by:X}h for the slot are no index"))
+            })
+    }
+}
+
+/// The device, and the modules that its slots hold: the default one, or where one has to be there the first that fits.
+fn parts<'a>(root: &Element<'a>, device: &Element<'a>) -> Result<Vec<Part<'a>>, EsiError> {
+    let mut parts = vec![Part {
+        element: *device,
+        pdos: 0,
+        objects: 0,
+    }];
+    let mut number = 0_u32;
+    for slots in device.all("Slots") {
+        for slot in slots.all("Slot") {
+            let most: u32 = slot.attribute_number("MaxInstances")?.unwrap_or(1);
+            let least: u32 = slot.attribute_number("MinInstances")?.unwrap_or(0);
+            if most > MOST_SLOTS.saturating_sub(number) {
+                return Err(slot.error(format!("a device has at most {MOST_SLOTS} slots")));
+            }
+            let default = slot
+                .all("ModuleIdent")
+                .find(|ident| ident.is_set("Default"));
+            let first = slot.all("ModuleIdent").next();
+            let step = |name: &'static str| -> Result<u32, EsiError> {
+                let step = match slot.attribute_number(name)? {
+                    Some(step) => Some(step),
+                    None => slots.attribute_number(name)?,
+                };
+                Ok(step.unwrap_or(0))
+            };
+            let (pdos, objects) = (step("SlotPdoIncrement")?, step("SlotIndexIncrement")?);
+            for instance in 0..most {
+                let held = default.or_else(|| first.filter(|_| instance < least));
+                if let Some(ident) = held {
+                    parts.push(Part {
+                        element: module(root, &ident)?,
+                        pdos: pdos.saturating_mul(number),
+                        objects: objects.saturating_mul(number),
+                    });
+                }
+                number += 1;
+            }
+        }
+    }
+    Ok(parts)
+}
+
+/// The module that a slot names.
+fn module<'a>(root: &Element<'a>, ident: &Element<'a>) -> Result<Element<'a>, EsiError> {
+    let wanted: u32 = ident.number()?;
+    let modules = root.all("Descriptions").flat_map(|all| all.all("Modules"));
+    for module in modules.flat_map(|modules| modules.all("Module")) {
+        let kind = module.at(&["Type"]);
+        let own = kind.map(|kind| kind.attribute_number::<u32>("ModuleIdent"));
+        if own.transpose()?.flatten() == Some(wanted) {
+            return Ok(module);
+        }
+    }
+    Err(ident.error(format!(
+        "the slot holds module {wanted:08X}h, which is not in this file"
+    )))
 }

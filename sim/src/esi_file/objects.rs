@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::Part;
 use super::xml::{Element, EsiError};
 use crate::drive::{PlainEntry, PlainObject};
 
@@ -35,24 +36,29 @@ impl Flags {
     }
 }
 
-/// The objects of a device's dictionary.
-pub(super) fn read(device: &Element<'_>) -> Result<Vec<PlainObject>, EsiError> {
-    let Some(dictionary) = device.at(&["Profile", "Dictionary"]) else {
-        return Ok(Vec::new());
-    };
-    let types: BTreeMap<&str, Element<'_>> = dictionary
-        .all("DataTypes")
-        .flat_map(|types| types.all("DataType"))
-        .map(|kind| (kind.text_of("Name"), kind))
-        .collect();
+/// The objects of the dictionaries of a device and of the modules in its slots. A module may use the device's data types.
+pub(super) fn read(parts: &[Part<'_>]) -> Result<Vec<PlainObject>, EsiError> {
+    let of_device = parts.first().and_then(Part::dictionary);
     let mut objects = Vec::new();
     let mut room = MOST_ENTRIES;
-    for element in dictionary.all("Objects").flat_map(|all| all.all("Object")) {
-        let object = object(&element, &types)?;
-        room = room
-            .checked_sub(object.entries.len())
-            .ok_or_else(|| element.error(format!("more than {MOST_ENTRIES} entries")))?;
-        objects.push(object);
+    for part in parts {
+        let Some(own) = part.dictionary() else {
+            continue;
+        };
+        let types: BTreeMap<&str, Element<'_>> = of_device
+            .into_iter()
+            .chain([own])
+            .flat_map(|dictionary| dictionary.all("DataTypes"))
+            .flat_map(|types| types.all("DataType"))
+            .map(|kind| (kind.text_of("Name"), kind))
+            .collect();
+        for element in own.all("Objects").flat_map(|all| all.all("Object")) {
+            let object = object(&element, &types, part)?;
+            room = room
+                .checked_sub(object.entries.len())
+                .ok_or_else(|| element.error(format!("more than {MOST_ENTRIES} entries")))?;
+            objects.push(object);
+        }
     }
     Ok(objects)
 }
@@ -60,6 +66,7 @@ pub(super) fn read(device: &Element<'_>) -> Result<Vec<PlainObject>, EsiError> {
 fn object(
     element: &Element<'_>,
     types: &BTreeMap<&str, Element<'_>>,
+    part: &Part<'_>,
 ) -> Result<PlainObject, EsiError> {
     let read_only = Flags {
         readable: true,
@@ -75,7 +82,7 @@ fn object(
         .map(|kind| kind.all("SubItem").collect())
         .unwrap_or_default();
     let mut object = PlainObject {
-        index: element.need("Index")?.number()?,
+        index: part.index(&element.need("Index")?)?,
         name,
         is_array: false,
         entries: Vec::new(),

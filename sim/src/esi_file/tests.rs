@@ -1,4 +1,5 @@
 use super::*;
+use crate::coe::Abort;
 use proptest::prelude::*;
 
 const GENERIC: &str = include_str!("../../esi/generic.xml");
@@ -257,4 +258,145 @@ proptest! {
             let _ = drive.build().dictionary();
         }
     }
+}
+
+/// A drive with an axis in a module for each of its two slots, and values at power-up that no drive here has otherwise.
+const TWO_AXES: &str = include_str!("../../esi/two_axes.xml");
+
+#[test]
+fn the_axes_of_a_modular_drive_are_in_the_modules_of_its_slots() {
+    let device = EsiDrive::from_bytes("two_axes.xml", TWO_AXES.as_bytes())
+        .unwrap()
+        .build();
+    assert_eq!(device.axes().len(), 2);
+    let pdos: Vec<_> = device
+        .description()
+        .pdos
+        .iter()
+        .map(|pdo| (pdo.index, pdo.entries[0].index))
+        .collect();
+    assert_eq!(
+        pdos,
+        [
+            (0x1600, 0x6040),
+            (0x1610, 0x6840),
+            (0x1A00, 0x6041),
+            (0x1A10, 0x6841)
+        ]
+    );
+    assert_eq!(device.axis(1).unwrap().get(0x6081, 0), Some(54_321));
+}
+
+#[test]
+fn a_module_that_is_not_in_the_file_is_named_with_its_slot() {
+    let text = TWO_AXES.replace(
+        "<Type ModuleIdent=\"#x402\">",
+        "<Type ModuleIdent=\"#x403\">",
+    );
+    let error = EsiDrive::from_bytes("two_axes.xml", text.as_bytes()).unwrap_err();
+    assert!(
+        error
+            .reason
+            .contains("module 00000402h, which is not in this file"),
+        "{error}"
+    );
+    assert!(error.line.is_some());
+    let many = TWO_AXES.replace("MaxInstances=\"1\"", "MaxInstances=\"4294967295\"");
+    let error = EsiDrive::from_bytes("two_axes.xml", many.as_bytes()).unwrap_err();
+    assert!(error.reason.contains("at most 255 slots"), "{error}");
+}
+
+#[test]
+fn a_device_holds_at_power_up_what_its_file_says_and_has_no_other_object() {
+    let mut device = EsiDrive::from_bytes("two_axes.xml", TWO_AXES.as_bytes())
+        .unwrap()
+        .build();
+    assert_eq!(device.description().identity.serial, 0x1234_5678);
+    for (object, expected) in [
+        ((0x1000, 0), vec![0x92, 0x01, 0x02, 0x00]),
+        ((0x1008, 0), b"Two axes".to_vec()),
+        ((0x1009, 0), b"B7".to_vec()),
+        ((0x100A, 0), b"2.04".to_vec()),
+        ((0x1018, 0), vec![4]),
+        ((0x1018, 2), vec![0x02, 0x08, 0x00, 0x00]),
+        ((0x1018, 4), vec![0x78, 0x56, 0x34, 0x12]),
+        ((0x6502, 0), vec![0x21, 0, 0, 0]),
+        ((0x6D02, 0), vec![0x01, 0, 0, 0]),
+    ] {
+        assert_eq!(
+            device.read_object(object.0, object.1),
+            Ok(expected),
+            "{object:X?}"
+        );
+    }
+    // The model has them, the file does not.
+    for object in [(0x10F1, 1), (0x607D, 1), (0x60F2, 0), (0x687D, 0)] {
+        assert_eq!(
+            device.read_object(object.0, object.1),
+            Err(Abort::NoObject),
+            "{object:X?}"
+        );
+    }
+    assert_eq!(device.read_object(0x1018, 5), Err(Abort::NoSubindex));
+    let listed: Vec<u16> = device
+        .dictionary()
+        .iter()
+        .map(|object| object.index)
+        .collect();
+    assert!(listed.contains(&0x6D02) && !listed.contains(&0x607D) && !listed.contains(&0x10F1));
+}
+
+#[test]
+fn one_device_of_many_is_chosen_by_product_and_revision() {
+    let device = |product: u32, revision: u32, name: &str| {
+        format!(
+            "<Device><Type ProductCode=\"{product}\" RevisionNo=\"#x{revision:X}\">{name}</Type></Device>"
+        )
+    };
+    let devices = [
+        device(7, 1, "old"),
+        device(7, 0x20, "new"),
+        device(7, 3, "mid"),
+        device(8, 1, "other"),
+    ];
+    let text = format!(
+        "<EtherCATInfo><Vendor><Id>1</Id></Vendor><Descriptions><Devices>{}</Devices></Descriptions></EtherCATInfo>",
+        devices.concat()
+    );
+    let name = |product, revision| {
+        EsiDrive::read("many.xml", text.as_bytes(), product, revision)
+            .map(|drive| drive.description.name)
+            .map_err(|error| error.to_string())
+    };
+    assert_eq!(name(None, None).unwrap(), "old");
+    assert_eq!(name(Some(7), None).unwrap(), "new");
+    assert_eq!(name(Some(7), Some(3)).unwrap(), "mid");
+    assert_eq!(name(Some(8), None).unwrap(), "other");
+    assert_eq!(
+        name(Some(8), Some(2)).unwrap_err(),
+        "many.xml:1: there is no device of product 00000008h and revision 00000002h; the file has \
+         00000007h:00000001h, 00000007h:00000020h, 00000007h:00000003h, 00000008h:00000001h"
+    );
+}
+
+#[test]
+fn a_choice_is_a_file_and_numbers_as_people_write_them() {
+    let parsed = |text: &str| {
+        let Ok(choice) = text.parse::<EsiChoice>();
+        let file = choice.file.display().to_string();
+        (file, choice.product, choice.revision)
+    };
+    let of = |file: &str, product, revision| (file.to_owned(), product, revision);
+    assert_eq!(parsed("a.xml"), of("a.xml", None, None));
+    assert_eq!(parsed("a.xml:42"), of("a.xml", Some(42), None));
+    for revision in ["0x1F", "1Fh", "#x1F", "31"] {
+        let text = format!("a.xml:2Ah:{revision}");
+        assert_eq!(parsed(&text), of("a.xml", Some(42), Some(31)));
+    }
+    assert_eq!(parsed("c:a.xml"), of("c:a.xml", None, None));
+    assert_eq!(parsed("a.xml:0x"), of("a.xml:0x", None, None));
+    assert_eq!(
+        parsed("a.xml:99999999999"),
+        of("a.xml:99999999999", None, None)
+    );
 }

@@ -4,7 +4,7 @@ use roxmltree::{Document, Node, ParsingOptions};
 
 /// The most bytes and elements of a file that is read.
 pub(super) const MOST_BYTES: usize = 32 << 20;
-const MOST_NODES: u32 = 2_000_000;
+const MOST_NODES: u32 = 4_000_000;
 
 /// An ESI file that cannot be used: which, where, and why.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

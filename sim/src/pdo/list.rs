@@ -5,13 +5,13 @@ use crate::description::PdoEntryDescription;
 
 /// A mapped object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Entry {
+pub(crate) struct MappedEntry {
     pub(crate) index: u16,
     pub(crate) subindex: u8,
     pub(crate) bits: u8,
 }
 
-impl Entry {
+impl MappedEntry {
     /// Index in the upper half, subindex, length in bits in the lowest byte (CiA 301, object 1600h).
     pub(super) fn from_value(value: u32) -> Self {
         let [bits, subindex, low, high] = value.to_le_bytes();

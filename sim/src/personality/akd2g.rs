@@ -11,9 +11,12 @@
 //! | mailbox | 1800h and 1C00h, 1024 bytes each; protocols 000Eh; CoE details 0Dh; no SDO information | as the AKD |
 //! | outputs | sync manager 2 at 1100h, control 24h: without watchdog trigger | as the AKD |
 //! | inputs | sync manager 3 at 1200h, control 20h | the AKD's 1140h leaves no room for three buffers of these outputs |
+//! | EEPROM | emulated by its processor, which needs it for PREOP (AL status code 0051h) | as the AKD, whose 0502h has bit 5 set |
 //! | processor cycle | 1 ms | |
 //! | units | counts, counts/s, counts/s² | |
-//! | `5000h:4` | bit 0: a set-point is being executed | bits are not described |
+//! | quick stop ramp | AXIS#.CS.DEC is 6085h | no page names the object |
+//! | window of bit 10 | AXIS#.SETTLE.P is 6067h | no page names the object |
+//! | `5000h:4` | bits 0 to 4, 11 and 15 by the maker's public help; a set-point counts as a motion task | the help names the bits |
 //! | note of the user | `5F00h`, text of up to 4096 bytes | longer than the mailbox, so that it takes segmented transfers |
 //! | mark of the user | `5F01h`: a number, a key that cannot be read, a place | a record of which a part cannot be read |
 
@@ -70,6 +73,8 @@ const MODEL: Model = Model {
     note: Some((0x5F00, 4096)),
     // Its own SII has a sync manager that triggers no watchdog.
     checks_watchdog: false,
+    // As the AKD does: 0502h of a real one has bit 5 set.
+    emulates_eeprom: true,
     ..GENERIC
 };
 

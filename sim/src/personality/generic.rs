@@ -59,6 +59,7 @@ pub(super) const GENERIC: Model = Model {
     note: Some((0x5F00, 4096)),
     saves: false,
     checks_watchdog: true,
+    emulates_eeprom: false,
 };
 
 impl Servo {

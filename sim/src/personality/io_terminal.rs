@@ -48,6 +48,8 @@ pub fn io_terminal() -> Device {
         direction,
         sync_manager: Some(sync_manager),
         fixed: true,
+        mandatory: false,
+        excludes: Vec::new(),
         entries: vec![entry],
     };
     terminal(
@@ -107,6 +109,8 @@ fn channels(
         direction,
         sync_manager: Some(0),
         fixed: true,
+        mandatory: false,
+        excludes: Vec::new(),
         entries: vec![PdoEntryDescription {
             index: first_object + 0x10 * number,
             subindex: 1,

@@ -84,6 +84,7 @@ pub(super) struct Model {
     pub(super) saves: bool,
     /// SAFEOP is refused when sync manager and process-data watchdog do not agree.
     pub(super) checks_watchdog: bool,
+    pub(super) emulates_eeprom: bool,
 }
 
 /// A servo drive of which details can be changed before it is built. Start from the drive that is meant.
@@ -102,6 +103,7 @@ pub struct Servo {
     supports_lrw: bool,
     clock: Option<ClockWidth>,
     clock_demand: Option<ClockDemand>,
+    sm_synchronous: bool,
     alias: u16,
     pub(super) pdos: super::servo_pdos::Changes,
 }
@@ -114,6 +116,7 @@ impl Servo {
             supports_lrw: true,
             clock: Some(ClockWidth::Bits64),
             clock_demand: None,
+            sm_synchronous: false,
             alias: 0,
             pdos: super::servo_pdos::Changes::default(),
         };
@@ -234,6 +237,13 @@ impl Servo {
         self
     }
 
+    /// Lets it be synchronised with its process data as well: 1C32h:1 takes 1, 1C33h:1 takes 34.
+    #[must_use]
+    pub fn sm_synchronous(mut self) -> Self {
+        self.sm_synchronous = true;
+        self
+    }
+
     /// Takes the LRW command away, so that the MainDevice needs LRD and LWR.
     #[must_use]
     pub fn without_lrw(mut self) -> Self {
@@ -329,9 +339,11 @@ impl Servo {
             .collect();
         description.ds402_channels = u8::try_from(self.behaviours.len()).unwrap_or(u8::MAX);
         description.checks_watchdog = model.checks_watchdog;
+        description.emulates_eeprom = model.emulates_eeprom;
         description.supports_lrw = self.supports_lrw;
         description.clock = self.clock;
         description.clock_demand = self.clock_demand;
+        description.sm_synchronous = self.sm_synchronous;
         description
     }
 
@@ -351,6 +363,8 @@ impl Servo {
                     direction,
                     sync_manager: pdo.assigned.then_some(sync_manager),
                     fixed: false,
+                    mandatory: false,
+                    excludes: Vec::new(),
                     entries: pdo
                         .objects
                         .iter()
@@ -373,6 +387,7 @@ impl Servo {
             assigned: self.pdos.assigned,
             pdo_habits: self.pdos.habits,
             objects: Vec::new(),
+            shows_only_these: false,
             saves: self.model.saves,
             software_version: "simulated".to_owned(),
             hardware_version: "simulated".to_owned(),

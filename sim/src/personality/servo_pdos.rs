@@ -93,6 +93,8 @@ impl Servo {
             },
             sync_manager: None,
             fixed: true,
+            mandatory: false,
+            excludes: Vec::new(),
             entries: entries.iter().map(entry).collect(),
         });
         self

@@ -252,6 +252,17 @@ fn a_drive_that_lost_its_power_comes_back_in_init_without_an_address() {
 }
 
 #[test]
+fn preop_is_refused_while_the_eeprom_is_not_the_drives_own() {
+    let mut master = Master::of(personality::akd2g());
+    master.bring_to_preop();
+    assert_eq!(master.request(0x1001, 1), (1, 0));
+    master.write(0x1001, 0x0500, &[0]);
+    master.write(0x1001, 0x0120, &[2, 0]);
+    assert_eq!(master.al(0x1001), (0x11, 0x0051));
+    assert_eq!(master.request(0x1001, 0x12), (2, 0));
+}
+
+#[test]
 fn the_sii_is_read_through_its_registers_and_starts_with_the_vendor_category() {
     let mut master = drive();
     assert_eq!(master.exchange(2, 0, 0x0010, &[0x01, 0x10]).1, 1);

@@ -182,10 +182,10 @@ fn the_alias_serves_as_address_only_when_it_is_switched_on() {
 #[test]
 fn the_link_status_tells_the_end_of_the_line() {
     let mut master = three();
-    assert_eq!(master.read::<2>(0x1001, 0x0110), 0x5A31u16.to_le_bytes());
-    assert_eq!(master.read::<2>(0x1003, 0x0110), 0x5611u16.to_le_bytes());
+    assert_eq!(master.read::<2>(0x1001, 0x0110), 0x5A33u16.to_le_bytes());
+    assert_eq!(master.read::<2>(0x1003, 0x0110), 0x5613u16.to_le_bytes());
     master.segment.unplug(1);
-    assert_eq!(master.read::<2>(0x1001, 0x0110), 0x5611u16.to_le_bytes());
+    assert_eq!(master.read::<2>(0x1001, 0x0110), 0x5613u16.to_le_bytes());
 }
 
 #[test]

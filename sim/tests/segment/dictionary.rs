@@ -263,6 +263,8 @@ fn coe_details(master: &mut Master) -> u8 {
 }
 
 fn sii_words(master: &mut Master, address: u16) -> [u16; 2] {
+    // It is the device's own in PREOP.
+    master.write(0x1001, 0x0500, &[0]);
     let mut command = vec![0x00, 0x01];
     command.extend(u32::from(address).to_le_bytes());
     master.write(0x1001, 0x0502, &command);

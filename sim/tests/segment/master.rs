@@ -147,7 +147,11 @@ impl Master {
     }
 
     /// Asks for an AL state and tells what came of it at once.
+    /// Asks for an AL state; before PREOP the device gets its EEPROM.
     pub(crate) fn request(&mut self, address: u16, control: u8) -> (u16, u16) {
+        if control & 0x0F == 2 {
+            self.write(address, 0x0500, &[1]);
+        }
         self.write(address, 0x0120, &[control, 0]);
         self.al(address)
     }

@@ -96,6 +96,8 @@ fn entry(index: u16, subindex: u8, bits: u8) -> [u8; 4] {
 
 /// A double word of the SII.
 fn sii(master: &mut Master, word: u8) -> u32 {
+    // It is the device's own in PREOP.
+    master.write(0x1001, 0x0500, &[0]);
     master.write(0x1001, 0x0502, &[0x00, 0x01, word, 0, 0, 0]);
     u32::from_le_bytes(master.read::<4>(0x1001, 0x0508))
 }

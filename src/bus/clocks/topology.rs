@@ -13,42 +13,42 @@ pub(in crate::bus) struct Ports(u16);
 
 /// The port of another SubDevice that one hangs on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::bus) struct Upstream {
-    pub(in crate::bus) device: usize,
-    pub(in crate::bus) port: usize,
+struct Upstream {
+    pub device: usize,
+    pub port: usize,
 }
 
 impl Ports {
     /// From register 0110h.
-    pub(in crate::bus) const fn from_dl_status(status: u16) -> Self {
+    pub const fn from_dl_status(status: u16) -> Self {
         Self(status)
     }
 
     /// Whether frames leave and come back by this port: its loop is open, and there is communication.
-    pub(in crate::bus) const fn is_open(self, port: usize) -> bool {
+    pub const fn is_open(self, port: usize) -> bool {
         let (closed, communication) = (8 + 2 * port, 9 + 2 * port);
         self.0 >> closed & 1 == 0 && self.0 >> communication & 1 == 1
     }
 
     /// The open ports behind port 0, in the order of the frame.
-    pub(in crate::bus) fn downstream(self) -> impl DoubleEndedIterator<Item = usize> {
+    pub fn downstream(self) -> impl DoubleEndedIterator<Item = usize> {
         ORDER.into_iter().filter(move |port| self.is_open(*port))
     }
 
     /// The open port before this one on the frame's way.
-    pub(in crate::bus) fn before(self, port: usize) -> usize {
+    pub fn before(self, port: usize) -> usize {
         let ports = self.downstream().take_while(|other| *other != port);
         ports.last().unwrap_or(0)
     }
 
     /// The last port from which the frame comes back; 0 where there is none behind.
-    pub(in crate::bus) fn last(self) -> usize {
+    pub fn last(self) -> usize {
         self.downstream().next_back().unwrap_or(0)
     }
 }
 
 /// What each SubDevice hangs on; nothing for the first.
-pub(in crate::bus) fn upstream(line: &[Ports]) -> Result<Vec<Option<Upstream>>, TopologyError> {
+fn upstream(line: &[Ports]) -> Result<Vec<Option<Upstream>>, TopologyError> {
     // Open ports on the way back to the MainDevice that nobody has been found behind yet, the next one last.
     let mut waiting: Vec<Upstream> = Vec::new();
     let mut found = Vec::with_capacity(line.len());
@@ -78,7 +78,7 @@ pub(in crate::bus) fn upstream(line: &[Ports]) -> Result<Vec<Option<Upstream>>, 
 
 // Propagation delays and offsets of distributed clocks, from the receive times that one frame has latched.
 // Source: ESC data sheet, section I "Technology", 9.1.2 and 9.1.3. What a frame takes longer through the processing unit
-// than past it (some tens of nanoseconds, told by the maker alone) is left out.
+// than past it (some tens of nanoseconds, which only the maker states) is left out.
 
 /// How wide a distributed clock is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,19 +90,19 @@ pub(in crate::bus) enum Width {
 /// What a SubDevice shows after the latch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::bus) struct Latched {
-    pub(in crate::bus) ports: Ports,
+    pub ports: Ports,
     /// Its clock, where it has one.
-    pub(in crate::bus) clock: Option<LatchedClock>,
+    pub clock: Option<LatchedClock>,
 }
 
 /// What a clock latched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::bus) struct LatchedClock {
-    pub(in crate::bus) width: Width,
+    pub width: Width,
     /// Registers 0900h to 090Fh.
-    pub(in crate::bus) received: [u32; 4],
+    pub received: [u32; 4],
     /// Register 0918h; a clock of 32 bits has the lower half alone.
-    pub(in crate::bus) local: u64,
+    pub local: u64,
 }
 
 impl LatchedClock {
@@ -117,18 +117,18 @@ impl LatchedClock {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::bus) struct Setting {
     /// Nanoseconds that a frame takes from the reference clock to this one.
-    pub(in crate::bus) delay: u32,
+    pub delay: u32,
     /// What is added to the local time.
-    pub(in crate::bus) offset: u64,
+    pub offset: u64,
 }
 
 /// The settings of a line's clocks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::bus) struct Settings {
     /// The position of the reference clock: the first one.
-    pub(in crate::bus) reference: usize,
+    pub reference: usize,
     /// What each clock is to be set to, so that all show the reference's local time.
-    pub(in crate::bus) of_each: Vec<Option<Setting>>,
+    pub of_each: Vec<Option<Setting>>,
 }
 
 /// The settings of a line's clocks; `None` if there is none.

@@ -6,44 +6,41 @@
 
 use std::{
     ops::{Deref, DerefMut, Range},
+    sync::Arc,
     time::Duration,
 };
 
+use super::{
+    black_box::{CycleRing, RecordedAxis, RecordedCycle, RingWriter},
+    frame::{self, Frame, InputMarker, MailboxStates, Member, Packed, Part, Tag, Watched, pack},
+    reference_clock::Distribution,
+    statistics::Counters,
+};
 use crate::{
     axis::Inputs,
-    bus::{
-        cable::time_on_cable,
-        cycle::{
-            black_box::{RecordedAxis, RecordedCycle, Recorder},
-            frame::{self, Tag},
-            packing::{Frame, InputMarker, MailboxStates, Member, Packed, Part, Watched, pack},
-            reference_clock::Distribution,
-            statistics::Counters,
-        },
-        error::NetworkError,
-    },
+    bus::{cable::time_on_cable, error::NetworkError},
     link::Link,
     profile_position::WorkingCounter,
 };
 
-/// The most frames of a cycle: each has its place in a byte of its source address.
-const MOST_FRAMES: usize = 255;
+/// The most frames of a cycle: each has its place in a byte of its tag, of which one value is that of acyclic frames.
+const MOST_FRAMES: usize = frame::ACYCLIC as usize;
 
 /// What happened to the drives in a cycle, beyond their data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(in crate::bus) struct Events {
     /// A drive fell silent for good, or came back.
-    pub(in crate::bus) membership: bool,
+    pub membership: bool,
     /// All AL states OR-ed together and the number of SubDevices that answered, where that came back.
-    pub(in crate::bus) al_status: Option<(u8, u16)>,
+    pub al_status: Option<(u8, u16)>,
     /// A working counter was wrong.
-    pub(in crate::bus) wrong: bool,
+    pub wrong: bool,
     /// The low half of the reference clock's time when the frames passed it, where it is distributed and came back.
-    pub(in crate::bus) reference_time: Option<u32>,
+    pub reference_time: Option<u32>,
 }
 
 pub(in crate::bus) struct Exchange {
-    pub(in crate::bus) drives: Drives,
+    pub drives: Drives,
     packed: Packed,
     /// Where inputs lie that can hold any bits: frame and place.
     any_bits: Vec<(usize, Range<usize>)>,
@@ -52,19 +49,17 @@ pub(in crate::bus) struct Exchange {
     /// Whether it brought other inputs than the one before from any of them.
     changed: bool,
     mailboxes: MailboxStates,
-    recorder: Recorder,
+    recorder: RingWriter,
     cycle: u64,
     in_flight: bool,
     /// Frames of this cycle that the link did not take.
     refused: usize,
+    /// So many cycles ago the frame was sent that came back last after its cycle, until somebody asks.
+    late_by: Option<u32>,
 }
 
 impl Exchange {
-    pub(in crate::bus) fn new(
-        members: &[Member],
-        mailboxes: Vec<Watched>,
-        clock: Option<Distribution>,
-    ) -> Self {
+    pub fn new(members: &[Member], mailboxes: Vec<Watched>, clock: Option<Distribution>) -> Self {
         let mut packed = pack(members, mailboxes.len(), clock);
         let mut any_bits = Vec::new();
         for part in &packed.parts {
@@ -84,7 +79,7 @@ impl Exchange {
         }
         Self {
             drives: Drives::new(members),
-            recorder: Recorder::new(&packed, members.len()),
+            recorder: RingWriter::new(&packed, members.len()),
             packed,
             any_bits,
             all_fresh: false,
@@ -93,16 +88,22 @@ impl Exchange {
             cycle: 0,
             in_flight: false,
             refused: 0,
+            late_by: None,
         }
     }
 
+    /// Of the frame that was accepted last, how many cycles ago it was sent, where it came back after its cycle.
+    pub const fn take_late(&mut self) -> Option<u32> {
+        self.late_by.take()
+    }
+
     /// The lengths of a cycle's frames.
-    pub(in crate::bus) fn lengths(&self) -> impl Iterator<Item = usize> {
+    pub fn lengths(&self) -> impl Iterator<Item = usize> {
         self.packed.frames.iter().map(|frame| frame.request.len())
     }
 
     /// The exchange, if it can send all of its frames.
-    pub(in crate::bus) fn checked(self) -> Result<Self, NetworkError> {
+    pub fn checked(self) -> Result<Self, NetworkError> {
         match self.packed.frames.len() {
             ..=MOST_FRAMES => Ok(self),
             got => Err(NetworkError::TooManyFrames {
@@ -113,12 +114,12 @@ impl Exchange {
     }
 
     /// Whether frames are on their way.
-    pub(in crate::bus) const fn in_flight(&self) -> bool {
+    pub const fn in_flight(&self) -> bool {
         self.in_flight
     }
 
     /// Sets what the next frames carry as the time at which they pass the reference clock.
-    pub(in crate::bus) fn set_reference_time(&mut self, time: u32) {
+    pub fn set_reference_time(&mut self, time: u32) {
         if let (Some(slot), Some(first)) = (&mut self.packed.clock, self.packed.frames.first_mut())
         {
             slot.fill(&mut first.request, time);
@@ -126,20 +127,20 @@ impl Exchange {
     }
 
     /// From now on all clocks get the time of the cycles.
-    pub(in crate::bus) fn lead_clocks(&mut self) {
+    pub fn lead_clocks(&mut self) {
         if let (Some(slot), Some(first)) = (&self.packed.clock, self.packed.frames.first_mut()) {
             slot.lead(&mut first.request);
         }
     }
 
     /// How long the frames of a cycle take at one place of the cable.
-    pub(in crate::bus) fn time_on_cable(&self) -> Duration {
+    pub fn time_on_cable(&self) -> Duration {
         let lengths = self.packed.frames.iter().map(|frame| frame.request.len());
         lengths.map(time_on_cable).sum()
     }
 
     /// Sends all frames of a cycle back to back.
-    pub(in crate::bus) fn send(&mut self, link: &mut dyn Link, counters: &Counters) {
+    pub fn send(&mut self, link: &mut dyn Link, counters: &Counters) {
         self.cycle = self.cycle.wrapping_add(1);
         if self.drives.take_written() {
             self.pack_outputs();
@@ -159,10 +160,7 @@ impl Exchange {
         self.mailboxes.address(mailbox_states, frames);
         self.refused = 0;
         for (frame, place) in self.packed.frames.iter_mut().zip(0..) {
-            let source = Tag::cyclic(self.cycle, place).source_address();
-            if let Some(to) = frame.request.get_mut(6..12) {
-                to.copy_from_slice(&source);
-            }
+            Tag::cyclic(self.cycle, place).put(&mut frame.request);
             frame.back = false;
             if link.send(&frame.request).is_err() {
                 counters.not_sent.add();
@@ -174,7 +172,7 @@ impl Exchange {
     }
 
     /// Takes a frame of process data that came back. True once all of this cycle are there.
-    pub(in crate::bus) fn accept(&mut self, tag: Tag, answer: &[u8], counters: &Counters) -> bool {
+    pub fn accept(&mut self, tag: Tag, answer: &[u8], counters: &Counters) -> bool {
         let Tag::Cyclic { frame: place, .. } = tag else {
             return false;
         };
@@ -190,13 +188,18 @@ impl Exchange {
                     counters.damaged.add();
                 }
             }
-            _ => counters.late.add(),
+            _ => {
+                counters.late.add();
+                // One of this cycle that is there already came twice.
+                self.late_by = tag.age(self.cycle).filter(|_| !current);
+            }
         }
-        current && self.packed.frames.iter().all(|frame| frame.back)
+        // The last one first: frames come back in their order.
+        current && self.packed.frames.iter().rev().all(|frame| frame.back)
     }
 
     /// Judges what came back and ends the cycle.
-    pub(in crate::bus) fn judge(&mut self, counters: &Counters) -> Events {
+    pub fn judge(&mut self, counters: &Counters) -> Events {
         self.in_flight = false;
         let mut events = Events::default();
         let missing = self
@@ -269,7 +272,7 @@ impl Exchange {
         }
     }
 
-    /// Counts who was silent and whose outputs are in doubt.
+    /// Counts who was silent and whose outputs may not have been delivered.
     fn count_silence(&mut self, counters: &Counters, events: &mut Events) {
         for (place, drive) in self.drives.iter_mut().enumerate() {
             events.membership |= drive.count_silence();
@@ -285,7 +288,7 @@ impl Exchange {
     }
 
     /// The working counters that are wrong, whether for so long that a silent drive would count as lost, and who shares the datagram.
-    pub(in crate::bus) fn miscounted(
+    pub fn miscounted(
         &self,
     ) -> impl Iterator<Item = (WorkingCounter, bool, impl Iterator<Item = usize>)> {
         self.packed.parts.iter().filter_map(|part| {
@@ -298,22 +301,27 @@ impl Exchange {
     }
 
     /// Keeps the frames that were just sent, at `time`, and what became of those before. To be called while they are away.
-    pub(in crate::bus) fn record(&mut self, time: Duration) {
+    pub fn record(&mut self, time: Duration, late: Duration) {
         let Packed { frames, .. } = &self.packed;
         self.recorder.complete(frames, &self.drives);
-        self.recorder.begin(self.cycle, time, frames);
+        self.recorder.begin(self.cycle, time, late, frames);
     }
 
     /// Keeps what was judged last, for whoever does not wait for the next cycle.
-    pub(in crate::bus) fn complete_record(&mut self) {
+    pub fn complete_record(&mut self) {
         if !self.in_flight {
             self.recorder.complete(&self.packed.frames, &self.drives);
         }
     }
 
     /// The last cycles of an axis that are complete, the oldest first.
-    pub(in crate::bus) fn history(&self, axis: &RecordedAxis) -> Vec<RecordedCycle> {
-        self.recorder.read(&self.packed, axis)
+    pub fn history(&self, axis: &RecordedAxis) -> Vec<RecordedCycle> {
+        self.recorder.ring().read(axis)
+    }
+
+    /// The last cycles of all devices.
+    pub fn ring(&self) -> Arc<CycleRing> {
+        Arc::clone(self.recorder.ring())
     }
 
     fn read_reference_time(&mut self) -> Option<u32> {
@@ -335,9 +343,9 @@ impl Exchange {
 // What each drive gets and gives in the exchange, and how long it has been silent.
 
 /// Fills unanswered input areas. As a statusword it decodes to no state (CiA DSP 402 v2.0, table 7).
-pub(in crate::bus) const PATTERN: u8 = 0xFF;
+const PATTERN: u8 = 0xFF;
 /// Fill unanswered inputs of other devices, in turn.
-pub(in crate::bus) const PATTERNS: [u8; 2] = [0x55, 0xAA];
+const PATTERNS: [u8; 2] = [0x55, 0xAA];
 
 /// All that take part, in the order of the exchange.
 #[derive(Debug)]
@@ -347,8 +355,8 @@ pub(in crate::bus) struct Drives {
     written: bool,
     /// Whether one was taken away since the last cycle was judged.
     disturbed: bool,
-    /// Whether it was not known of any in the last cycle whether its outputs were delivered.
-    pub(in crate::bus) doubted: bool,
+    /// Whether it was not known of any in the last cycle whether its outputs were delivered, or why has become known.
+    pub doubted: bool,
 }
 
 /// One drive's share of the exchange.
@@ -359,24 +367,26 @@ pub(in crate::bus) struct DriveData {
     /// Whether that is not in the frame yet.
     unpacked: bool,
     /// What came back last.
-    pub(in crate::bus) inputs: Box<[u8]>,
+    pub inputs: Box<[u8]>,
     /// Whether the last cycle brought other inputs than the one before.
-    pub(in crate::bus) changed: bool,
+    pub changed: bool,
     /// What the last cycle brought.
-    pub(in crate::bus) answer: Answer,
+    pub answer: Answer,
     /// Whether it counts as lost: then nothing is expected of it.
-    pub(in crate::bus) lost: bool,
+    pub lost: bool,
     /// The working counter because of which it is not known whether its outputs were delivered, where it has answered.
-    pub(in crate::bus) miscounted: Option<WorkingCounter>,
+    pub miscounted: Option<WorkingCounter>,
     /// Whether it is in OP, so that it acts on its outputs.
-    pub(in crate::bus) operational: bool,
+    pub operational: bool,
     /// Whether it was seen to have left OP: it may close its outputs then, and counts for its inputs alone.
-    pub(in crate::bus) fallen: bool,
+    pub fallen: bool,
+    /// With which AL status code it has.
+    pub left_op: Option<u16>,
     /// Whether it is being set up anew: it counts as lost, and what it adds to a working counter meanwhile is nobody's loss.
-    pub(in crate::bus) away: bool,
+    pub away: bool,
     stale_cycles: u32,
-    pub(in crate::bus) patience: u32,
-    pub(in crate::bus) marker: InputMarker,
+    pub patience: u32,
+    pub marker: InputMarker,
 }
 
 /// What a cycle brought from a drive.
@@ -391,7 +401,7 @@ pub(in crate::bus) enum Answer {
 }
 
 impl Drives {
-    pub(in crate::bus) fn new(members: &[Member]) -> Self {
+    pub fn new(members: &[Member]) -> Self {
         Self {
             drives: members.iter().map(DriveData::new).collect(),
             written: true,
@@ -401,7 +411,7 @@ impl Drives {
     }
 
     /// What a drive is sent in the next cycle, to be written to.
-    pub(in crate::bus) fn outputs_mut(&mut self, place: usize) -> Option<&mut [u8]> {
+    pub fn outputs_mut(&mut self, place: usize) -> Option<&mut [u8]> {
         let drive = self.drives.get_mut(place)?;
         self.written = true;
         drive.unpacked = true;
@@ -411,7 +421,7 @@ impl Drives {
     /// Lets an axis core take the inputs of its drive, which are the same as before or not, and write the outputs, and say whether
     /// it has. Gives the inputs where they are others than before; none at all where the core says nothing, or there is no such drive.
     #[inline]
-    pub(in crate::bus) fn step(
+    pub fn step(
         &mut self,
         place: usize,
         core: impl FnOnce(Inputs<'_>, bool, &mut [u8]) -> Option<bool>,
@@ -427,7 +437,7 @@ impl Drives {
     }
 
     /// The working counter because of which it is not known whether the outputs of the drive at this place were delivered.
-    pub(in crate::bus) fn miscounted(&self, place: usize) -> Option<WorkingCounter> {
+    pub fn miscounted(&self, place: usize) -> Option<WorkingCounter> {
         let drive = self.drives.get(place)?;
         drive
             .miscounted
@@ -435,12 +445,12 @@ impl Drives {
     }
 
     /// Whether that is not known of any. For whoever asks first.
-    pub(in crate::bus) fn take_doubted(&mut self) -> bool {
+    pub fn take_doubted(&mut self) -> bool {
         core::mem::take(&mut self.doubted)
     }
 
     /// One of them is being set up anew from now on: nothing of it is taken.
-    pub(in crate::bus) fn take_away(&mut self, place: usize) {
+    pub fn take_away(&mut self, place: usize) {
         if let Some(drive) = self.drives.get_mut(place) {
             drive.away = true;
             drive.lost = true;
@@ -450,12 +460,12 @@ impl Drives {
     }
 
     /// Whether one was taken away: then nothing holds that was judged before. For whoever asks first.
-    pub(in crate::bus) fn take_disturbed(&mut self) -> bool {
+    pub fn take_disturbed(&mut self) -> bool {
         core::mem::take(&mut self.disturbed)
     }
 
     /// Whether outputs of any drive are not in the frames yet. They are packed by whoever asks.
-    pub(in crate::bus) fn take_written(&mut self) -> bool {
+    pub fn take_written(&mut self) -> bool {
         core::mem::take(&mut self.written)
     }
 }
@@ -488,6 +498,7 @@ impl DriveData {
             miscounted: None,
             operational: false,
             fallen: false,
+            left_op: None,
             away: false,
             stale_cycles: 0,
             patience: member.patience,
@@ -496,19 +507,19 @@ impl DriveData {
     }
 
     /// It is set up, and not yet in OP.
-    pub(in crate::bus) const fn put_back(&mut self) {
+    pub const fn put_back(&mut self) {
         self.away = false;
         self.fallen = true;
     }
 
     /// The outputs, where they were written since this was asked last.
-    pub(in crate::bus) fn take_unpacked(&mut self) -> Option<&[u8]> {
+    pub fn take_unpacked(&mut self) -> Option<&[u8]> {
         core::mem::take(&mut self.unpacked).then_some(&*self.outputs)
     }
 
     /// Takes what came back in the place of its inputs. False if it has not answered there.
     #[inline]
-    pub(in crate::bus) fn take_answer(&mut self, bytes: Option<&[u8]>, cycle: u64) -> bool {
+    pub fn take_answer(&mut self, bytes: Option<&[u8]>, cycle: u64) -> bool {
         match bytes.filter(|bytes| self.is_answer(bytes, cycle)) {
             Some(bytes) => self.take(bytes),
             None => self.answer = Answer::Stale,
@@ -518,7 +529,7 @@ impl DriveData {
 
     /// The same, of bytes that are others than the inputs of one that has answered in the cycle before.
     #[inline]
-    pub(in crate::bus) fn take_other(&mut self, bytes: &[u8], cycle: u64) -> bool {
+    pub fn take_other(&mut self, bytes: &[u8], cycle: u64) -> bool {
         let answered = self.is_answer(bytes, cycle);
         if answered {
             self.changed = true;
@@ -541,7 +552,7 @@ impl DriveData {
 
     /// Whether it has answered where it has no inputs: only where it has none at all, and the datagram to itself, that is
     /// known.
-    pub(in crate::bus) fn is_counted(&mut self, counter: Option<u16>) -> bool {
+    pub fn is_counted(&mut self, counter: Option<u16>) -> bool {
         if !self.inputs.is_empty() {
             return false;
         }
@@ -554,7 +565,7 @@ impl DriveData {
 
     /// Takes inputs of their own length.
     #[inline]
-    pub(in crate::bus) fn take(&mut self, from: &[u8]) {
+    pub fn take(&mut self, from: &[u8]) {
         self.changed = !are_equal(&self.inputs, from);
         if self.changed {
             copy(&mut self.inputs, from);
@@ -562,7 +573,7 @@ impl DriveData {
     }
 
     /// Counts a cycle. True when it is lost from now on, or no longer.
-    pub(in crate::bus) fn count_silence(&mut self) -> bool {
+    pub fn count_silence(&mut self) -> bool {
         let before = self.lost;
         if self.answer == Answer::Stale {
             self.stale_cycles = self.stale_cycles.saturating_add(1);
@@ -578,7 +589,7 @@ impl DriveData {
 
 /// What inputs are worth that were judged so, of a drive that acts on its outputs or not.
 #[inline]
-pub(in crate::bus) const fn judged(answer: Answer, operational: bool, inputs: &[u8]) -> Inputs<'_> {
+const fn judged(answer: Answer, operational: bool, inputs: &[u8]) -> Inputs<'_> {
     match answer {
         Answer::Fresh if operational => Inputs::Fresh(inputs),
         Answer::Fresh | Answer::Answered => Inputs::Answered(inputs),
@@ -587,7 +598,7 @@ pub(in crate::bus) const fn judged(answer: Answer, operational: bool, inputs: &[
 }
 
 /// What unanswered inputs are filled with that can hold any bits.
-pub(in crate::bus) const fn alternating(cycle: u64) -> u8 {
+const fn alternating(cycle: u64) -> u8 {
     PATTERNS[(cycle % 2) as usize]
 }
 
@@ -595,7 +606,7 @@ pub(in crate::bus) const fn alternating(cycle: u64) -> u8 {
 
 /// Whether the inputs of a drive are the same.
 #[inline]
-pub(in crate::bus) fn are_equal(a: &[u8], b: &[u8]) -> bool {
+fn are_equal(a: &[u8], b: &[u8]) -> bool {
     if (8..=16).contains(&a.len()) && a.len() == b.len() {
         return a.first_chunk::<8>() == b.first_chunk() && a.last_chunk::<8>() == b.last_chunk();
     }
@@ -626,23 +637,23 @@ fn copy(to: &mut [u8], from: &[u8]) {
 
 /// What was judged of a datagram.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::bus) struct CounterCheck {
+struct CounterCheck {
     /// Its working counter was right.
-    pub(in crate::bus) right: bool,
+    pub right: bool,
     /// Moreover all of its drives are [`Answer::Fresh`], as far as it is their datagram.
-    pub(in crate::bus) fresh: bool,
+    pub fresh: bool,
     /// Moreover nobody counts as lost, and the working counter is everybody's: with the same one again, only inputs that are
     /// others need to be looked at.
-    pub(in crate::bus) steady: bool,
+    pub steady: bool,
     /// It has brought other inputs than the one before.
-    pub(in crate::bus) changed: bool,
+    pub changed: bool,
     /// Its working counter, where that came back and was wrong although all of its drives answer, but for those that are lost.
-    pub(in crate::bus) miscounted: Option<WorkingCounter>,
+    pub miscounted: Option<WorkingCounter>,
 }
 
 /// Takes the inputs of the drives that share a datagram. An answer that is not [`Answer::Fresh`] is noted with the drive, and
 /// so are other inputs than before.
-pub(in crate::bus) fn check_part(
+fn check_part(
     part: &Part,
     answer: Option<&[u8]>,
     cycle: u64,
@@ -686,7 +697,7 @@ pub(in crate::bus) fn check_part(
         changed |= take_equal_to_the_pattern(part, bytes, drives);
     }
     let right = all || is_right_with_closed_outputs(part, drives, expected, counter);
-    // One that is silent, and not yet lost, is not counted: that tells enough.
+    // One that is silent, and not yet lost, is not counted: its silence is enough.
     let is_explained = part.shares.iter().any(|share| {
         let drive = drives.get(share.drive);
         drive.is_some_and(|drive| drive.answer == Answer::Stale && !drive.lost)
@@ -713,7 +724,7 @@ pub(in crate::bus) fn check_part(
 
 /// As [`check_part`], where nobody was silent in the cycle before, and the verdict on this datagram was steady: from both
 /// answers. None if its working counter is another one now.
-pub(in crate::bus) fn check_unchanged(
+fn check_unchanged(
     part: &Part,
     answer: &[u8],
     before: &[u8],

@@ -8,8 +8,7 @@ use crate::{
     axis::Inputs,
     bus::cycle::{
         exchange::{self, Answer, Exchange, PATTERN, PATTERNS},
-        frame::Tag,
-        packing::{InputMarker, Member, logical_addresses},
+        frame::{BEHIND_TAG, InputMarker, Member, Tag, logical_addresses},
         statistics::Counters,
     },
     link::Link,
@@ -17,7 +16,7 @@ use crate::{
 
 /// Keeps what was sent.
 #[derive(Default)]
-pub(in crate::bus) struct Sent(pub(in crate::bus) Vec<Vec<u8>>);
+struct Sent(Vec<Vec<u8>>);
 
 impl Link for Sent {
     fn send(&mut self, frame: &[u8]) -> io::Result<()> {
@@ -53,8 +52,8 @@ fn two_drives() -> Exchange {
     Exchange::new(&[member(0), member(3)], Vec::new(), None)
 }
 
-/// First data byte of the first datagram.
-const DATA: usize = 26;
+/// First data byte of the first datagram behind the tag.
+const DATA: usize = BEHIND_TAG + 10;
 const COUNTER: usize = DATA + 6;
 
 /// One cycle, of which `answer` makes the reply.
@@ -167,6 +166,37 @@ fn a_frame_of_an_earlier_cycle_is_counted_as_late_and_its_data_are_not_used() {
     assert_eq!((counters.read().late, counters.read().lost), (1, 2));
 }
 
+/// What becomes of a frame that comes back so many cycles after its own.
+fn late_by(cycles: u64) -> ([Answer; 2], u64, Option<u32>) {
+    let (mut exchange, counters) = (two_drives(), Counters::default());
+    let mut first = Sent::default();
+    exchange.send(&mut first, &counters);
+    exchange.judge(&counters);
+    // Nothing of the cycles between is kept but their number.
+    exchange.cycle += cycles - 1;
+    exchange.send(&mut Sent::default(), &counters);
+    let mut late = first.0.remove(0);
+    both(&mut late);
+    late[6] |= 2;
+    let tag = Tag::of_answer(&late).unwrap();
+    assert!(!exchange.accept(tag, &late, &counters));
+    exchange.judge(&counters);
+    let answers = [exchange.drives[0].answer, exchange.drives[1].answer];
+    (answers, counters.read().late, exchange.take_late())
+}
+
+#[test]
+fn a_reply_that_comes_256_cycles_late_is_refused() {
+    assert_eq!(late_by(256), ([Answer::Stale; 2], 1, Some(256)));
+}
+
+#[test]
+fn a_reply_that_comes_65536_cycles_late_is_refused() {
+    assert_eq!(late_by(65_536), ([Answer::Stale; 2], 1, Some(65_536)));
+    let hours = 1 << 24;
+    assert_eq!(late_by(hours), ([Answer::Stale; 2], 1, Some(1 << 24)));
+}
+
 /// Sends a cycle, gives its answer as `both` makes it to `change`, and says what was made of it.
 fn changed(change: impl Fn(&mut Vec<u8>)) -> ([Answer; 2], Counters) {
     let (mut exchange, counters) = (two_drives(), Counters::default());
@@ -188,20 +218,17 @@ fn changed(change: impl Fn(&mut Vec<u8>)) -> ([Answer; 2], Counters) {
 #[test]
 fn a_frame_that_was_changed_anywhere_but_in_its_data_is_used_for_nothing() {
     assert_eq!(changed(|_| {}).0, [Answer::Fresh; 2]);
-    // EtherType, EtherCAT length, command, index, logical address, length of the data.
-    let headers = (12..15).chain(16..24);
+    // Source address, EtherType, EtherCAT length; of the tag and of the datagram behind it command, index, address, length.
+    let headers = (6..15).chain(16..24).chain(BEHIND_TAG..BEHIND_TAG + 8);
     for at in headers {
-        // Bit 6 of the last one is the mark of a frame that circulates, which is no change of ours.
-        let bit = if at == 23 { 0x04 } else { 0x40 };
+        // Bit 6 of a length is the mark of a frame that circulates, which is no change of ours.
+        let is_length = [23, BEHIND_TAG + 7].contains(&at);
+        let bit = if is_length { 0x04 } else { 0x40 };
         let (answers, counters) = changed(|frame| frame[at] ^= bit);
         assert_eq!(answers, [Answer::Stale; 2], "byte {at}");
         assert_eq!(counters.read().lost, 1, "byte {at}");
     }
-    // The tag: cycle's number and the frame's place.
-    for at in 7..12 {
-        assert_eq!(changed(|frame| frame[at] ^= 0x40).0, [Answer::Stale; 2]);
-    }
-    for length in 0..60 {
+    for length in 0..76 {
         let (answers, _) = changed(|frame| frame.truncate(length.min(frame.len() - 1)));
         assert_eq!(answers, [Answer::Stale; 2], "cut to {length}");
     }
@@ -416,14 +443,14 @@ fn each_frame_of_a_cycle_has_a_place_of_its_own_and_more_than_have_one_are_refus
     // Each has a frame to itself.
     let long = |logical| Member {
         logical,
-        outputs: 702,
-        inputs: 702,
+        outputs: 694,
+        inputs: 694,
         lrw: true,
         marker: InputMarker::Statusword,
         patience: 3,
     };
     let exchange = |frames: u32| {
-        let members: Vec<_> = (0..frames).map(|place| long(1404 * place)).collect();
+        let members: Vec<_> = (0..frames).map(|place| long(1388 * place)).collect();
         Exchange::new(&members, Vec::new(), None).checked()
     };
     let mut most = exchange(255).unwrap();
@@ -462,7 +489,7 @@ enum Does {
 
 /// What the line does to a frame of a cycle.
 #[derive(Debug, Clone, Copy)]
-enum Line {
+enum FrameFate {
     Good,
     Lost,
     /// One byte is another, at this share of its length.
@@ -474,7 +501,7 @@ enum Line {
 #[derive(Debug, Clone)]
 struct Lived {
     does: Vec<Does>,
-    lines: Vec<Line>,
+    lines: Vec<FrameFate>,
     seen: Option<(usize, ShownByDrive)>,
 }
 
@@ -524,10 +551,10 @@ fn lived() -> impl Strategy<Value = Lived> {
         1 => Just(Does::Closed),
     ];
     let line = prop_oneof![
-        30 => Just(Line::Good),
-        1 => Just(Line::Lost),
-        1 => any::<(u16, u8)>().prop_map(|(at, bits)| Line::Damaged(at, bits)),
-        1 => (-3..4i16).prop_map(Line::Miscounted),
+        30 => Just(FrameFate::Good),
+        1 => Just(FrameFate::Lost),
+        1 => any::<(u16, u8)>().prop_map(|(at, bits)| FrameFate::Damaged(at, bits)),
+        1 => (-3..4i16).prop_map(FrameFate::Miscounted),
     ];
     let seen = prop_oneof![
         Just(ShownByDrive::InOp),
@@ -567,26 +594,26 @@ fn answered(
                 _ => share.counts,
             };
         }
-        if let Line::Miscounted(by) = line {
+        if let FrameFate::Miscounted(by) = line {
             counter = counter.wrapping_add_signed(by);
         }
         frame[part.data.end..part.data.end + 2].copy_from_slice(&counter.to_le_bytes());
     }
     frame[6] |= 2;
     match line {
-        Line::Lost => return None,
-        Line::Damaged(at, bits) => {
+        FrameFate::Lost => return None,
+        FrameFate::Damaged(at, bits) => {
             let at = usize::from(at) % frame.len();
             frame[at] ^= bits;
         }
-        Line::Good | Line::Miscounted(_) => {}
+        FrameFate::Good | FrameFate::Miscounted(_) => {}
     }
     Some(frame)
 }
 
 proptest! {
     #[test]
-    fn what_is_judged_calmly_is_judged_as_a_whole(
+    fn the_short_check_judges_as_the_whole_one(
         members in members(),
         cycles in vec(lived(), 1..40),
     ) {
@@ -643,7 +670,7 @@ proptest! {
 }
 
 #[test]
-fn where_all_is_right_it_is_judged_calmly() {
+fn where_all_is_right_the_short_check_judges() {
     let member = |logical, marker| Member {
         logical,
         outputs: 2,
@@ -662,7 +689,7 @@ fn where_all_is_right_it_is_judged_calmly() {
     );
     let lived = Lived {
         does: vec![Does::Stays; 2],
-        lines: vec![Line::Good],
+        lines: vec![FrameFate::Good],
         seen: None,
     };
     for byte in 1..5 {

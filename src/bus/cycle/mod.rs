@@ -1,6 +1,6 @@
 //! The cyclic exchange of process data: when cycles begin and end, and who is called around them.
 //!
-//! It owns the frames of the process data (`packing`, `frame`), what each device gets and gives (`exchange`), the phase against a
+//! It owns the frames of the process data (`frame`), what each device gets and gives (`exchange`), the phase against a
 //! reference clock (`reference_clock`), the counters (`statistics`) and the last cycles of every axis (`black_box`). Time is an
 //! argument, and the link is only sent to. It knows no tasks, no registers and no devices beyond their share of the frames: it must not
 //! call `requests` or any room above that.
@@ -8,11 +8,11 @@
 pub(super) mod black_box;
 pub(super) mod exchange;
 pub(super) mod frame;
-pub(super) mod packing;
 pub(super) mod reference_clock;
 pub(super) mod statistics;
 
 use std::{
+    future::Future,
     sync::{
         Arc,
         atomic::{AtomicBool, AtomicU64, Ordering},
@@ -58,7 +58,7 @@ impl<A: Stepper, B: Stepper> Stepper for (A, B) {
 
 /// The exchange in time.
 pub(in crate::bus) struct Cycle {
-    pub(in crate::bus) exchange: Exchange,
+    pub exchange: Exchange,
     stepper: Box<dyn Stepper>,
     /// Keeps the cycles in step with a reference clock.
     clock: Option<Phase>,
@@ -77,15 +77,15 @@ pub(in crate::bus) struct Cycle {
     /// Whether the frames of the last cycle were all back before its deadline.
     all_back: bool,
     /// Consecutive cycles in which everything was right.
-    pub(in crate::bus) good: u32,
+    pub good: u32,
     /// What the last cycle showed.
-    pub(in crate::bus) last: Events,
+    pub last: Events,
     /// Whether a drive was lost or came back since somebody looked.
-    pub(in crate::bus) membership_changed: bool,
+    pub membership_changed: bool,
 }
 
 impl Cycle {
-    pub(in crate::bus) fn new(
+    pub fn new(
         exchange: Exchange,
         stepper: Box<dyn Stepper>,
         period: Duration,
@@ -112,22 +112,22 @@ impl Cycle {
         }
     }
 
-    pub(in crate::bus) const fn in_flight(&self) -> bool {
+    pub const fn in_flight(&self) -> bool {
         self.exchange.in_flight()
     }
 
     /// When the last cycle was sent.
-    pub(in crate::bus) const fn sent(&self) -> Duration {
+    pub const fn sent(&self) -> Duration {
         self.sent_at
     }
 
     /// Whether a cycle is to be sent now, and nothing else before.
-    pub(in crate::bus) fn is_due(&self, now: Duration) -> bool {
+    pub fn is_due(&self, now: Duration) -> bool {
         !self.in_flight() && now >= self.next_start
     }
 
     /// The time for acyclic frames until the next cycle starts.
-    pub(in crate::bus) fn window(&self) -> AcyclicWindow {
+    pub fn window(&self) -> AcyclicWindow {
         AcyclicWindow {
             end: self.next_start,
             round_trip: self.round_trip.reckoned(self.eighth),
@@ -137,7 +137,7 @@ impl Cycle {
 
     /// When [`turn`](Self::turn) is to be called at the latest. For a frame that is lost when all was well before that is the next
     /// start: the time that the thread is woken at in any case, so that it sets its timer once a cycle and not twice.
-    pub(in crate::bus) const fn next(&self) -> Duration {
+    pub const fn next(&self) -> Duration {
         if self.in_flight() && !self.all_back {
             self.receive_until
         } else {
@@ -149,24 +149,21 @@ impl Cycle {
     /// received the last one.
     // This and `turn` are kept whole: `benches/step` counts what is done in them, by their names.
     #[inline(never)]
-    pub(in crate::bus) fn accept(
-        &mut self,
-        tag: Tag,
-        frame: &[u8],
-        now: Duration,
-        counters: &Counters,
-    ) -> bool {
+    pub fn accept(&mut self, tag: Tag, frame: &[u8], now: Duration, counters: &Counters) -> bool {
         let complete = self.exchange.accept(tag, frame, counters);
         if complete {
             self.back_at = Some(now);
             self.receive_until = Duration::ZERO;
+        } else if let Some(cycles) = self.exchange.take_late() {
+            let since = now.saturating_sub(self.sent_at);
+            counters.came_late(since.saturating_add(self.period.saturating_mul(cycles)));
         }
         complete
     }
 
     /// Ends a cycle and begins the next, each when it is time.
     #[inline(never)]
-    pub(in crate::bus) fn turn(&mut self, now: Duration, link: &mut dyn Link, counters: &Counters) {
+    pub fn turn(&mut self, now: Duration, link: &mut dyn Link, counters: &Counters) {
         if self.in_flight() && now >= self.receive_until {
             self.end(now, counters);
         }
@@ -196,7 +193,7 @@ impl Cycle {
         let later = self.period.saturating_mul(periods);
         self.next_start = self.next_start.saturating_add(later);
         // The books are kept while nothing waits for it.
-        self.exchange.record(now);
+        self.exchange.record(now, late);
         counters.lateness.record(late);
         if late > self.period / 2 {
             counters.late_cycles.add();
@@ -210,7 +207,7 @@ impl Cycle {
     }
 
     /// The reference clock's time, and when it was that, where cycles are in step with one.
-    pub(in crate::bus) fn reference_time(&self) -> Option<(u64, Duration)> {
+    pub fn reference_time(&self) -> Option<(u64, Duration)> {
         let clock = self.clock.as_ref()?;
         Some((clock.time(), self.sent_at))
     }
@@ -263,21 +260,16 @@ fn earlier(time: Duration, sooner: i64) -> Duration {
 #[derive(Debug, Clone, Copy)]
 pub(in crate::bus) struct AcyclicWindow {
     /// When the next cycle starts.
-    pub(in crate::bus) end: Duration,
+    pub end: Duration,
     /// How long a frame is away, as measured.
-    pub(in crate::bus) round_trip: Duration,
+    pub round_trip: Duration,
     /// What a frame alone on the wire is reckoned with at the most: the longest ones would never go between short cycles.
-    pub(in crate::bus) longest_alone: Duration,
+    pub longest_alone: Duration,
 }
 
 impl AcyclicWindow {
     /// Whether a frame that is sent now is back before the window ends, when the wire is busy until then and takes this long for it.
-    pub(in crate::bus) fn has_room(
-        &self,
-        now: Duration,
-        busy_until: Duration,
-        takes: Duration,
-    ) -> bool {
+    pub fn has_room(&self, now: Duration, busy_until: Duration, takes: Duration) -> bool {
         let takes = if busy_until <= now {
             takes.min(self.longest_alone)
         } else {
@@ -289,22 +281,22 @@ impl AcyclicWindow {
 
 /// How long frames are away: the longest of late.
 #[derive(Debug, Clone, Copy, Default)]
-pub(in crate::bus) struct RoundTrip(Duration);
+struct RoundTrip(Duration);
 
 impl RoundTrip {
     /// Takes in what the frames of one cycle took. A long one counts for some hundred cycles.
-    pub(in crate::bus) fn observe(&mut self, took: Duration) {
+    pub fn observe(&mut self, took: Duration) {
         self.0 = took.max(self.0 - self.0 / 64);
     }
 
     /// What is reckoned with. Not more than the end of every cycle leaves, an eighth of the period, so that mailboxes are served
     /// whatever was measured: a frame that is late then is counted.
-    pub(in crate::bus) fn reckoned(self, eighth: Duration) -> Duration {
+    pub fn reckoned(self, eighth: Duration) -> Duration {
         self.0.min(eighth)
     }
 }
 
-// The cycles, as the time that a program lives in.
+// The cycles, as a program's time.
 
 /// All wait for the same.
 const CYCLE: u32 = 0;
@@ -322,7 +314,7 @@ pub(in crate::bus) struct CycleTick {
 pub(in crate::bus) struct TickSource(Arc<CycleTick>);
 
 impl CycleTick {
-    pub(in crate::bus) fn new(wakes: &Wakes) -> Arc<Self> {
+    pub fn new(wakes: &Wakes) -> Arc<Self> {
         Arc::new(Self {
             ended_ns: AtomicU64::new(0),
             is_over: AtomicBool::new(false),
@@ -330,12 +322,12 @@ impl CycleTick {
         })
     }
 
-    pub(in crate::bus) fn source(self: &Arc<Self>) -> TickSource {
+    pub fn source(self: &Arc<Self>) -> TickSource {
         TickSource(Arc::clone(self))
     }
 
     /// When the last cycle ended.
-    pub(in crate::bus) fn ended(&self) -> Duration {
+    pub fn ended(&self) -> Duration {
         Duration::from_nanos(self.ended_ns.load(Ordering::Acquire))
     }
 }
@@ -424,6 +416,39 @@ impl CycleClock {
     pub async fn sleep(&self, duration: Duration) -> Result<(), NetworkError> {
         let until = self.now().saturating_add(duration);
         self.until(|now| now >= until).await.map(drop)
+    }
+
+    /// Waits for this, and no longer than so much of the network's time. None where that was over first: what was waited for is dropped
+    /// then. In virtual time nothing depends on a clock of the computer.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use std::time::Duration;
+    /// let emergencies = net.all_emergencies();
+    /// let quiet = net.clock().timeout(Duration::from_millis(20), emergencies.next()).await?;
+    /// assert!(quiet.is_none(), "no drive has said anything");
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`NetworkError::Thread`] once the network has ended.
+    pub async fn timeout<T>(
+        &self,
+        limit: Duration,
+        future: impl Future<Output = T>,
+    ) -> Result<Option<T>, NetworkError> {
+        let done = async { Ok(Some(future.await)) };
+        let late = async { self.sleep(limit).await.map(|()| None) };
+        smol::future::or(done, late).await
     }
 
     async fn until(&self, is_time: impl Fn(Duration) -> bool) -> Result<Duration, NetworkError> {

@@ -8,9 +8,12 @@
 
 use std::{ops::Range, time::Duration};
 
-use crate::bus::{
-    cycle::frame::{Composer, DATAGRAM_HEADER, DATAGRAM_OVERHEAD, command},
-    error::ReferenceClock,
+use crate::{
+    bus::{
+        cycle::frame::{Composer, DATAGRAM_HEADER, DATAGRAM_OVERHEAD, command},
+        error::ReferenceClock,
+    },
+    esc,
 };
 
 /// Binary places of the integral: it is a gain of 1/1024.
@@ -83,19 +86,19 @@ pub(in crate::bus) struct Phase {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::bus) struct Measured {
     /// By how much later than wanted the frames passed the reference clock, in nanoseconds.
-    pub(in crate::bus) error: i64,
+    pub error: i64,
     /// Whether the phase is locked.
-    pub(in crate::bus) locked: bool,
+    pub locked: bool,
     /// Whether the error is within the bound.
-    pub(in crate::bus) within: bool,
+    pub within: bool,
     /// What the reference clock does.
-    pub(in crate::bus) reference: ReferenceClock,
+    pub reference: ReferenceClock,
 }
 
 impl Phase {
     /// Cycles of this period, the first of which is to pass the reference clock at the system time `first`, rounded up to a
     /// multiple of the period: the phase, and by how much later than `first` that is.
-    pub(in crate::bus) fn starting_at(first: u64, period: Duration) -> (Self, Duration) {
+    pub fn starting_at(first: u64, period: Duration) -> (Self, Duration) {
         let length = nanoseconds(period).max(1);
         let ahead = to_multiple(first, length.cast_unsigned());
         let next = first.wrapping_add(ahead);
@@ -118,7 +121,7 @@ impl Phase {
     /// A cycle begins, so much later than planned, and with the next one the plan goes on after `periods` periods. The
     /// system time at which its frames pass the reference clock, as far as is known, and by how much sooner than after
     /// `periods` periods the next one is to start, in nanoseconds: the crystals differ in those that are left out too.
-    pub(in crate::bus) fn begin(&mut self, late: Duration, periods: u32) -> (u64, i64) {
+    pub fn begin(&mut self, late: Duration, periods: u32) -> (u64, i64) {
         let late = nanoseconds(late);
         let drift = self.controller.drift(periods.saturating_sub(1).into());
         self.now = (self.next.wrapping_add_signed(drift), late);
@@ -128,17 +131,17 @@ impl Phase {
     }
 
     /// The system time at which this cycle was to pass the reference clock.
-    pub(in crate::bus) const fn time(&self) -> u64 {
+    pub const fn time(&self) -> u64 {
         self.now.0
     }
 
     /// Whether the cycles are in step.
-    pub(in crate::bus) const fn is_locked(&self) -> bool {
+    pub const fn is_locked(&self) -> bool {
         self.within >= LOCK_CYCLES && !self.has_jumped
     }
 
     /// What the reference clock does.
-    pub(in crate::bus) const fn reference(&self) -> ReferenceClock {
+    pub const fn reference(&self) -> ReferenceClock {
         if self.has_jumped {
             ReferenceClock::Jumped
         } else if self.silent >= LOCK_CYCLES {
@@ -151,7 +154,7 @@ impl Phase {
     /// The frames of the cycle are back, with the low half of the reference clock's time. By how much sooner than planned the
     /// next cycle is to start, in nanoseconds, and what was seen. Without a time, and with one that cannot be, the crystals
     /// are held as they were; for good once the reference has jumped.
-    pub(in crate::bus) fn end(&mut self, time: Option<u32>) -> (i64, Option<Measured>) {
+    pub fn end(&mut self, time: Option<u32>) -> (i64, Option<Measured>) {
         let most = (self.period * MOST_PPM / 1_000_000) << PLACES;
         let Some(time) = time.filter(|_| !self.has_jumped) else {
             self.silent = self.silent.saturating_add(1);
@@ -228,8 +231,6 @@ fn nanoseconds(duration: Duration) -> i64 {
 // The datagram that reads the reference clock's time and gives it to all others: FRMW of register 0910h, the low half, which
 // is what the clocks compare (ESC data sheet, section I, 9.1.5).
 
-/// Register of the system time.
-pub(in crate::bus) const SYSTEM_TIME: u16 = 0x0910;
 const BYTES: usize = 4;
 /// What the datagram takes of the first frame.
 pub(in crate::bus) const RESERVED: usize = DATAGRAM_OVERHEAD + BYTES;
@@ -238,7 +239,7 @@ pub(in crate::bus) const RESERVED: usize = DATAGRAM_OVERHEAD + BYTES;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::bus) struct Distribution {
     /// Station address of the reference clock.
-    pub(in crate::bus) station: u16,
+    pub station: u16,
 }
 
 /// By how many nanoseconds what is sent goes up and down from cycle to cycle: no clock in step does that.
@@ -258,9 +259,9 @@ pub(in crate::bus) struct Slot {
 
 impl Slot {
     /// Adds it to a frame.
-    pub(in crate::bus) fn push(composer: &mut Composer, distribution: Distribution) -> Self {
+    pub fn push(composer: &mut Composer, distribution: Distribution) -> Self {
         let [s0, s1] = distribution.station.to_le_bytes();
-        let [r0, r1] = SYSTEM_TIME.to_le_bytes();
+        let [r0, r1] = esc::SYSTEM_TIME.to_le_bytes();
         Self {
             data: composer.push(command::FRMW, [s0, s1, r0, r1], BYTES),
             ripple: 0,
@@ -271,7 +272,7 @@ impl Slot {
 
     /// Puts the time in at which the frame will pass the reference clock, as far as is known: where the reference is gone,
     /// that is what the others get.
-    pub(in crate::bus) fn fill(&mut self, request: &mut [u8], time: u32) {
+    pub fn fill(&mut self, request: &mut [u8], time: u32) {
         self.ripple ^= RIPPLE;
         self.sent = time.wrapping_add(self.ripple);
         if let Some(data) = request.get_mut(self.data.clone()) {
@@ -279,9 +280,9 @@ impl Slot {
         }
     }
 
-    /// The time that the reference clock put into the frame that came back, if it did. The working counter does not tell: a
+    /// The time that the reference clock put into the frame that came back, if it did. The working counter does not show it: a
     /// SubDevice that was switched off and on has lost its station address, and takes the time like all others.
-    pub(in crate::bus) fn read(&mut self, answer: Option<&[u8]>) -> Option<u32> {
+    pub fn read(&mut self, answer: Option<&[u8]>) -> Option<u32> {
         let data = answer.and_then(|answer| answer.get(self.data.clone()));
         let time = data.and_then(|data| Some(u32::from_le_bytes(data.try_into().ok()?)));
         self.echoes = match time {
@@ -294,7 +295,7 @@ impl Slot {
     }
 
     /// From now on all clocks get the time that is put in, the reference among them (BWR).
-    pub(in crate::bus) fn lead(&self, request: &mut [u8]) {
+    pub fn lead(&self, request: &mut [u8]) {
         let start = self.data.start.checked_sub(DATAGRAM_HEADER);
         let datagram = start.and_then(|start| request.get_mut(start..self.data.start));
         if let Some([command, _, s0, s1, ..]) = datagram {
@@ -567,6 +568,7 @@ mod tests {
 #[cfg(test)]
 mod distribution_tests {
     use super::*;
+    use crate::bus::cycle::frame::BEHIND_TAG;
 
     fn slot() -> (Slot, Vec<u8>) {
         let mut composer = Composer::new();
@@ -580,18 +582,18 @@ mod distribution_tests {
         slot.fill(&mut frame, 0x0403_0201);
         // ETG.1000.4: FRMW is command 14.
         let datagram = [14, 0, 0x01, 0x10, 0x10, 0x09, 4, 0, 0, 0, 9, 2, 3, 4, 0, 0];
-        assert_eq!(frame[16..], datagram);
+        assert_eq!(frame[BEHIND_TAG..], datagram);
         // BWR is command 8; the first SubDevice's position is 0.
         slot.lead(&mut frame);
-        assert_eq!(frame[16..22], [8, 0, 0, 0, 0x10, 0x09]);
-        assert_eq!(slot.read(Some(&frame[..29])), None);
+        assert_eq!(frame[BEHIND_TAG..BEHIND_TAG + 6], [8, 0, 0, 0, 0x10, 0x09]);
+        assert_eq!(slot.read(Some(&frame[..BEHIND_TAG + 13])), None);
     }
 
     #[test]
     fn an_echo_is_no_answer_whatever_the_working_counter_says() {
         let (mut slot, mut frame) = slot();
         // Three SubDevices have taken what was sent.
-        frame[30] = 3;
+        frame[BEHIND_TAG + 14] = 3;
         let mut heard = |cycles| {
             let echoes = (0..cycles).filter(|cycle| {
                 slot.fill(&mut frame, 1_000 * cycle);
@@ -599,7 +601,7 @@ mod distribution_tests {
             });
             let heard = echoes.count();
             // The clock answers once.
-            frame[26] ^= 1;
+            frame[BEHIND_TAG + 10] ^= 1;
             assert!(slot.read(Some(&frame)).is_some());
             heard
         };
@@ -614,7 +616,7 @@ mod distribution_tests {
             let time = 1_000 * cycle;
             slot.fill(&mut frame, time);
             let mut answer = frame.clone();
-            answer[26..30].copy_from_slice(&time.to_le_bytes());
+            answer[BEHIND_TAG + 10..BEHIND_TAG + 14].copy_from_slice(&time.to_le_bytes());
             assert_eq!(slot.read(Some(&answer)), Some(time));
         }
     }

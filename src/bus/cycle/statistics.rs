@@ -32,6 +32,8 @@ pub struct Statistics {
     pub lost: u64,
     /// Frames that came back after their time, or twice; they were used for nothing.
     pub late: u64,
+    /// How long the process-data frame was away that came back latest after its cycle; `None` where none did.
+    pub latest: Option<Duration>,
     /// Frames that were cut or changed on their way.
     pub damaged: u64,
     /// Frames that are not ours.
@@ -88,13 +90,13 @@ pub(in crate::bus) struct ClockGauge {
 
 impl ClockGauge {
     /// There is a reference clock from now on, and this bound.
-    pub(in crate::bus) fn begin(&self, bound: Duration) {
+    pub fn begin(&self, bound: Duration) {
         let bound = u64::try_from(bound.as_nanos()).unwrap_or(u64::MAX);
         self.bound_ns.store(bound, Ordering::Relaxed);
     }
 
     /// A cycle.
-    pub(in crate::bus) fn record(&self, measured: &Measured) {
+    pub fn record(&self, measured: &Measured) {
         self.error_ns.store(measured.error, Ordering::Relaxed);
         self.hold(measured.locked, measured.reference);
         if measured.locked {
@@ -112,12 +114,12 @@ impl ClockGauge {
     }
 
     /// A cycle without the reference's time.
-    pub(in crate::bus) fn hold(&self, locked: bool, reference: ReferenceClock) {
+    pub fn hold(&self, locked: bool, reference: ReferenceClock) {
         self.locked.store(locked, Ordering::Relaxed);
         self.reference.store(reference as u8, Ordering::Relaxed);
     }
 
-    pub(in crate::bus) fn read(&self) -> Option<ClockStatistics> {
+    pub fn read(&self) -> Option<ClockStatistics> {
         let bound = self.bound_ns.load(Ordering::Relaxed);
         (bound != 0).then(|| ClockStatistics {
             phase_error_ns: self.error_ns.load(Ordering::Relaxed),
@@ -161,28 +163,30 @@ pub struct DriveStatistics {
     pub stale_cycles: u64,
     /// Cycles in which its inputs came back, and it is not known whether its outputs were delivered.
     pub undelivered_cycles: u64,
+    /// Its emergencies by code, from the bring-up on: as [`Emergencies::counted`](crate::coe::Emergencies::counted).
+    pub emergencies: Vec<(Option<u16>, u64)>,
 }
 
 /// The counters of one drive.
 #[derive(Debug, Default)]
 pub(in crate::bus) struct DriveCounters {
-    pub(in crate::bus) stale: Count,
-    pub(in crate::bus) undelivered: Count,
+    pub stale: Count,
+    pub undelivered: Count,
 }
 
 #[derive(Debug, Default)]
 pub(in crate::bus) struct Count(AtomicU64);
 
 impl Count {
-    pub(in crate::bus) fn add(&self) {
+    pub fn add(&self) {
         self.add_many(1);
     }
 
-    pub(in crate::bus) fn add_many(&self, n: u64) {
+    pub fn add_many(&self, n: u64) {
         self.0.fetch_add(n, Ordering::Relaxed);
     }
 
-    pub(in crate::bus) fn get(&self) -> u64 {
+    pub fn get(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
     }
 }
@@ -190,39 +194,55 @@ impl Count {
 /// The counters themselves: written by the loop, read from anywhere.
 #[derive(Debug, Default)]
 pub(in crate::bus) struct Counters {
-    pub(in crate::bus) cycles: Count,
-    pub(in crate::bus) lost: Count,
-    pub(in crate::bus) late: Count,
-    pub(in crate::bus) damaged: Count,
-    pub(in crate::bus) foreign: Count,
-    pub(in crate::bus) wrong_working_counters: Count,
-    pub(in crate::bus) late_cycles: Count,
-    pub(in crate::bus) overruns: Count,
-    pub(in crate::bus) not_sent: Count,
-    pub(in crate::bus) acyclic_in_cycle: Count,
-    pub(in crate::bus) clock: ClockGauge,
-    pub(in crate::bus) lateness: Recorder,
-    pub(in crate::bus) round_trip: Recorder,
+    pub cycles: Count,
+    pub lost: Count,
+    pub late: Count,
+    /// Nanoseconds; 0 for none.
+    latest: AtomicU64,
+    pub damaged: Count,
+    pub foreign: Count,
+    pub wrong_working_counters: Count,
+    pub late_cycles: Count,
+    pub overruns: Count,
+    pub not_sent: Count,
+    pub acyclic_in_cycle: Count,
+    pub clock: ClockGauge,
+    pub lateness: Recorder,
+    pub round_trip: Recorder,
     /// What a cycle takes on the cable, once there is one.
-    pub(in crate::bus) cable: OnceLock<CableLoad>,
+    pub cable: OnceLock<CableLoad>,
     /// In the order of the exchange, once there is one.
-    pub(in crate::bus) drives: OnceLock<Box<[DriveCounters]>>,
+    pub drives: OnceLock<Box<[DriveCounters]>>,
 }
 
 impl Counters {
     /// Makes room for this many drives.
-    pub(in crate::bus) fn count_drives(&self, drives: usize) {
+    pub fn count_drives(&self, drives: usize) {
         // A second exchange of the same loop has the same drives.
         let _ = self
             .drives
             .set((0..drives).map(|_| DriveCounters::default()).collect());
     }
 
-    pub(in crate::bus) fn drive(&self, place: usize) -> Option<&DriveCounters> {
+    /// A frame of process data came back after its cycle, and was away for so long.
+    pub fn came_late(&self, away: Duration) {
+        let away = u64::try_from(away.as_nanos()).unwrap_or(u64::MAX);
+        self.latest.fetch_max(away, Ordering::Relaxed);
+    }
+
+    /// How long the latest of them was away.
+    pub fn latest(&self) -> Option<Duration> {
+        match self.latest.load(Ordering::Relaxed) {
+            0 => None,
+            nanoseconds => Some(Duration::from_nanos(nanoseconds)),
+        }
+    }
+
+    pub fn drive(&self, place: usize) -> Option<&DriveCounters> {
         self.drives.get()?.get(place)
     }
 
-    pub(in crate::bus) fn timing(&self) -> Timing {
+    pub fn timing(&self) -> Timing {
         Timing {
             lateness: self.lateness.read(),
             round_trip: self.round_trip.read(),
@@ -230,11 +250,12 @@ impl Counters {
         }
     }
 
-    pub(in crate::bus) fn read(&self) -> Statistics {
+    pub fn read(&self) -> Statistics {
         Statistics {
             cycles: self.cycles.get(),
             lost: self.lost.get(),
             late: self.late.get(),
+            latest: self.latest(),
             damaged: self.damaged.get(),
             foreign: self.foreign.get(),
             wrong_working_counters: self.wrong_working_counters.get(),
@@ -375,7 +396,7 @@ impl Default for Recorder {
 
 impl Recorder {
     /// Only one thread records.
-    pub(in crate::bus) fn record(&self, time: Duration) {
+    pub fn record(&self, time: Duration) {
         let nanoseconds = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         if nanoseconds < self.least.load(Ordering::Relaxed) {
             self.least.store(nanoseconds, Ordering::Relaxed);
@@ -387,7 +408,7 @@ impl Recorder {
         let _ = self.buckets.increment(nanoseconds.min(LAST));
     }
 
-    pub(in crate::bus) fn read(&self) -> Durations {
+    pub fn read(&self) -> Durations {
         Durations {
             buckets: self.buckets.load(),
             least: self.least.load(Ordering::Relaxed),

@@ -11,21 +11,21 @@ use crate::{
     parameters::StartUpList,
     pdo_map::{Direction, Layout, Mapping, MappingError},
     profile_position::{Limits, PositionRange},
+    units::{AxisScale, Scale, Unit},
 };
 
-/// A drive of the line: what it is, the names of its axes, and what is to be configured.
+/// A drive of the line: what it is, its axes, and what is to be configured.
 ///
 /// ```
-/// use servocrab::{bus::DriveConfig, coe::obj, drives};
+/// use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives};
 /// let drive = DriveConfig::new(drives::akd2g())
-///     .axis("x")
-///     .axis("y")
-///     .map_input("x", obj::DIGITAL_INPUTS);
+///     .axis(AxisConfig::new("x").map_input(obj::DIGITAL_INPUTS))
+///     .axis("y");
 /// ```
 #[derive(Debug, Clone)]
 pub struct DriveConfig {
     pub(in crate::bus) description: DriveDescription,
-    pub(in crate::bus) axes: Vec<AxisDeclaration>,
+    pub(in crate::bus) axes: Vec<AxisConfig>,
     pub(in crate::bus) start_up: Vec<StartUpList>,
     /// Beside what the description says.
     expected: Expected,
@@ -33,14 +33,24 @@ pub struct DriveConfig {
     mistakes: Vec<String>,
 }
 
-/// An axis as the program wants it.
+/// An axis of a drive as the program wants it. A name alone is one that leaves all as it is: `DriveConfig::axis("x")`.
+///
+/// ```
+/// use servocrab::{axis::Referencing, bus::{AxisConfig, DriveConfig}, drives, units::{Mm, Ratio, Scale}};
+/// let lift = AxisConfig::new("lift")
+///     .referencing(Referencing::AbsoluteEncoder)
+///     .unit::<Mm>(Scale::counts_per_unit(Ratio::new(1000, 1)?));
+/// let drive = DriveConfig::new(drives::akd2g()).axis(lift).axis("belt");
+/// # Ok::<(), servocrab::units::ScaleError>(())
+/// ```
 #[derive(Debug, Clone)]
-pub(in crate::bus) struct AxisDeclaration {
+pub struct AxisConfig {
     pub(in crate::bus) name: String,
     pub(in crate::bus) tolerances: Option<Tolerances>,
     pub(in crate::bus) deadlines: Deadlines,
     pub(in crate::bus) loss: Option<Loss>,
     pub(in crate::bus) mode: Mode,
+    pub(in crate::bus) scale: AxisScale,
     pub(in crate::bus) referencing: Referencing,
     pub(in crate::bus) limits: Option<Limits>,
     pub(in crate::bus) modulo: Option<Turn>,
@@ -59,7 +69,7 @@ pub(in crate::bus) enum Turn {
 }
 
 impl DriveConfig {
-    /// A drive of this kind. Its axes get their names by [`axis`](Self::axis), in order; those without a name are not used.
+    /// A drive of this kind. Its axes are declared by [`axis`](Self::axis), in order; those that are not are not used.
     #[must_use]
     pub const fn new(description: DriveDescription) -> Self {
         Self {
@@ -70,6 +80,26 @@ impl DriveConfig {
             clock: None,
             mistakes: Vec::new(),
         }
+    }
+
+    /// A drive as its maker's ESI file describes it: its axes, PDOs and limits, and its `InitCmd`s as a start-up list (feature `esi`).
+    ///
+    /// ```
+    /// use servocrab::{bus::{DriveConfig, Network}, esi::Esi};
+    /// # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/sim/esi/generic.xml");
+    /// let esi = Esi::load(file)?;
+    /// // Product code and revision, as a scan shows them.
+    /// let device = esi.device(0x4453_0402, 1).ok_or("the file is of another drive")?;
+    /// let drive = DriveConfig::from_esi(device)?.axis("x");
+    /// let network = Network::builder().drive(0, drive);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`EsiDriveError`](crate::esi::EsiDriveError): the device has no axis, or an `InitCmd` that cannot be executed.
+    #[cfg(feature = "esi")]
+    pub fn from_esi(device: &crate::esi::EsiDevice) -> Result<Self, crate::esi::EsiDriveError> {
+        Ok(Self::new(device.description()?).start_up(device.start_up_list()?))
     }
 
     /// Only a drive of this revision is the one.
@@ -86,97 +116,32 @@ impl DriveConfig {
         self
     }
 
-    /// Names the drive's next axis.
+    /// Declares the drive's next axis, by its name or by what the program wants of it.
     #[must_use]
-    pub fn axis(mut self, name: &str) -> Self {
-        self.axes.push(AxisDeclaration {
-            name: name.to_owned(),
-            tolerances: None,
-            deadlines: Deadlines::default(),
-            loss: None,
-            mode: Mode::ProfilePosition,
-            referencing: Referencing::default(),
-            limits: None,
-            modulo: None,
-            coasts: false,
-            outputs: Vec::new(),
-            inputs: Vec::new(),
-        });
+    pub fn axis(mut self, axis: impl Into<AxisConfig>) -> Self {
+        self.axes.push(axis.into());
         self
     }
 
-    /// Maps one more object of this axis into what the master writes. The object is that of a first axis.
+    /// Changes an axis that was declared before: for a program that has one declaration for several machines.
+    ///
+    /// ```
+    /// use servocrab::{axis::Referencing, bus::DriveConfig, drives};
+    /// let line = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+    /// let with_encoder = line.change_axis("y", |y| y.referencing(Referencing::AbsoluteEncoder));
+    /// ```
     #[must_use]
-    pub fn map_output(mut self, axis: &str, object: impl Into<AnyObject>) -> Self {
-        let object = object.into();
-        self.with_axis(axis, |axis| axis.outputs.push(object));
-        self
-    }
-
-    /// Maps one more object of this axis into what the master reads. The object is that of a first axis.
-    #[must_use]
-    pub fn map_input(mut self, axis: &str, object: impl Into<AnyObject>) -> Self {
-        let object = object.into();
-        self.with_axis(axis, |axis| axis.inputs.push(object));
-        self
-    }
-
-    /// What counts as arrived and as standing on this axis. Without it the position window 6067h is read from the drive.
-    #[must_use]
-    pub fn tolerances(mut self, axis: &str, tolerances: Tolerances) -> Self {
-        self.with_axis(axis, |axis| axis.tolerances = Some(tolerances));
-        self
-    }
-
-    /// How long each step of a command of this axis may take.
-    #[must_use]
-    pub fn deadlines(mut self, axis: &str, deadlines: Deadlines) -> Self {
-        self.with_axis(axis, |axis| axis.deadlines = deadlines);
-        self
-    }
-
-    /// When this axis counts as lost. Without it: after half of the watchdog's time, but not less than ten cycles.
-    #[must_use]
-    pub fn loss(mut self, axis: &str, loss: Loss) -> Self {
-        self.with_axis(axis, |axis| axis.loss = Some(loss));
-        self
-    }
-
-    /// How this axis comes to know where it is. Without it: by homing, and absolute moves are refused before.
-    #[must_use]
-    pub fn referencing(mut self, axis: &str, referencing: Referencing) -> Self {
-        self.with_axis(axis, |axis| axis.referencing = referencing);
-        self
-    }
-
-    /// What moves of this axis are checked against, in place of what the drive holds. Without it its limit objects are read
-    /// when it attaches; with [`Limits::trust_drive`] nothing is checked.
-    #[must_use]
-    pub fn limits(mut self, axis: &str, limits: Limits) -> Self {
-        self.with_axis(axis, |axis| axis.limits = Some(limits));
-        self
-    }
-
-    /// Accepts a drive whose quick stop option code 605Ah is 0: at quick stop it switches off, and the axis coasts. Without this such a
-    /// drive is refused. A `stop()` of this axis halts it first, by bit 8.
-    #[must_use]
-    pub fn coast_at_quick_stop(mut self, axis: &str) -> Self {
-        self.with_axis(axis, |axis| axis.coasts = true);
-        self
-    }
-
-    /// Makes this axis a modulo axis: its positions begin again at the end of the drive's position range 607Bh, which is read when
-    /// the axis attaches.
-    #[must_use]
-    pub fn modulo(mut self, axis: &str) -> Self {
-        self.with_axis(axis, |axis| axis.modulo = Some(Turn::OfDrive));
-        self
-    }
-
-    /// Makes this axis a modulo axis with this turn: for drives that have no 607Bh.
-    #[must_use]
-    pub fn modulo_over(mut self, axis: &str, turn: PositionRange) -> Self {
-        self.with_axis(axis, |axis| axis.modulo = Some(Turn::These(turn)));
+    pub fn change_axis(
+        mut self,
+        name: &str,
+        change: impl FnOnce(AxisConfig) -> AxisConfig,
+    ) -> Self {
+        match self.axes.iter_mut().find(|axis| axis.name == name) {
+            Some(axis) => *axis = change(axis.clone()),
+            None => self
+                .mistakes
+                .push(format!("`{name}` is no axis of this drive: name it first")),
+        }
         self
     }
 
@@ -193,15 +158,6 @@ impl DriveConfig {
     pub const fn dc(mut self, clock: DistributedClock) -> Self {
         self.clock = Some(clock);
         self
-    }
-
-    fn with_axis(&mut self, name: &str, change: impl FnOnce(&mut AxisDeclaration)) {
-        match self.axes.iter_mut().find(|axis| axis.name == name) {
-            Some(axis) => change(axis),
-            None => self
-                .mistakes
-                .push(format!("`{name}` is no axis of this drive: name it first")),
-        }
     }
 
     /// What the line is to have at its place.
@@ -221,6 +177,9 @@ impl DriveConfig {
         }
         if let Some(mistake) = self.start_up.iter().find_map(StartUpList::mistake) {
             return Some(format!("start-up list: {mistake}"));
+        }
+        if let Some(mistake) = self.axes.iter().find_map(AxisConfig::mistake) {
+            return Some(mistake);
         }
         let (named, there) = (self.axes.len(), self.description.axes.len());
         if named == 0 {
@@ -248,6 +207,7 @@ impl DriveConfig {
                     let own = object.offset(description.offset);
                     if layout.find(direction, own.index, own.subindex).is_none() {
                         tracing::info!(
+                            target: crate::log_target::DRIVE,
                             axis = axis.name,
                             %drive,
                             object = %own.address(),
@@ -268,6 +228,137 @@ impl DriveConfig {
     }
 }
 
+impl AxisConfig {
+    /// An axis with this name. What is said of it beside that is read from the drive, or has its default.
+    #[must_use]
+    pub fn new(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            tolerances: None,
+            deadlines: Deadlines::default(),
+            loss: None,
+            mode: Mode::ProfilePosition,
+            scale: AxisScale::COUNTS,
+            referencing: Referencing::default(),
+            limits: None,
+            modulo: None,
+            coasts: false,
+            outputs: Vec::new(),
+            inputs: Vec::new(),
+        }
+    }
+
+    /// What is wrong with the declaration itself.
+    fn mistake(&self) -> Option<String> {
+        match self.modulo {
+            Some(Turn::These(turn)) if turn.length().is_none() => Some(format!(
+                "`modulo_over` gives axis `{}` the positions {} to {}, which are no turn: its greatest position must be above \
+                 its least, and not both the ends of the type",
+                self.name, turn.min, turn.max
+            )),
+            _ => None,
+        }
+    }
+
+    /// How it comes to know where it is. Without it: by homing, and absolute moves are refused before.
+    #[must_use]
+    pub const fn referencing(mut self, referencing: Referencing) -> Self {
+        self.referencing = referencing;
+        self
+    }
+
+    /// It counts in this unit: [`Network::axis_in`](crate::bus::Network::axis_in) gives its handle. Without it it counts in the drive's
+    /// own units.
+    #[must_use]
+    pub fn unit<U: Unit>(mut self, scale: Scale) -> Self {
+        self.scale = AxisScale::of::<U>(scale);
+        self
+    }
+
+    /// Maps one more object of it into what the master writes. The object is that of a first axis.
+    #[must_use]
+    pub fn map_output(mut self, object: impl Into<AnyObject>) -> Self {
+        self.outputs.push(object.into());
+        self
+    }
+
+    /// Maps one more object of it into what the master reads. The object is that of a first axis.
+    #[must_use]
+    pub fn map_input(mut self, object: impl Into<AnyObject>) -> Self {
+        self.inputs.push(object.into());
+        self
+    }
+
+    /// What counts as arrived and as standing. Without it the position window 6067h is read from the drive.
+    #[must_use]
+    pub const fn tolerances(mut self, tolerances: Tolerances) -> Self {
+        self.tolerances = Some(tolerances);
+        self
+    }
+
+    /// How long each step of a command may take.
+    #[must_use]
+    pub const fn deadlines(mut self, deadlines: Deadlines) -> Self {
+        self.deadlines = deadlines;
+        self
+    }
+
+    /// When it counts as lost. Without it: after half of the watchdog's time, but not less than ten cycles.
+    #[must_use]
+    pub const fn loss(mut self, loss: Loss) -> Self {
+        self.loss = Some(loss);
+        self
+    }
+
+    /// What its moves are checked against, in place of what the drive holds. Without it its limit objects are read when it attaches; with
+    /// [`Limits::trust_drive`] nothing is checked.
+    #[must_use]
+    pub const fn limits(mut self, limits: Limits) -> Self {
+        self.limits = Some(limits);
+        self
+    }
+
+    /// Accepts a drive whose quick stop option code 605Ah is 0: at quick stop it switches off, and the axis coasts. Without this such a
+    /// drive is refused. A `stop()` of this axis halts it first, by bit 8.
+    #[must_use]
+    pub const fn coast_at_quick_stop(mut self) -> Self {
+        self.coasts = true;
+        self
+    }
+
+    /// Makes it a modulo axis: its positions begin again at the end of the drive's position range 607Bh, which is read when it attaches.
+    #[must_use]
+    pub const fn modulo(mut self) -> Self {
+        self.modulo = Some(Turn::OfDrive);
+        self
+    }
+
+    /// Makes it a modulo axis with this turn: for drives that have no 607Bh.
+    #[must_use]
+    pub const fn modulo_over(mut self, turn: PositionRange) -> Self {
+        self.modulo = Some(Turn::These(turn));
+        self
+    }
+}
+
+impl From<&str> for AxisConfig {
+    fn from(name: &str) -> Self {
+        Self::new(name)
+    }
+}
+
+impl From<&String> for AxisConfig {
+    fn from(name: &String) -> Self {
+        Self::new(name)
+    }
+}
+
+impl From<String> for AxisConfig {
+    fn from(name: String) -> Self {
+        Self::new(name)
+    }
+}
+
 /// What fits into register 0420h, in ticks of 100 µs.
 const LONGEST_WATCHDOG: Duration = Duration::from_millis(6500);
 
@@ -283,7 +374,7 @@ pub(in crate::bus) enum Watchdog {
 
 impl Watchdog {
     /// The watchdog time for this cycle.
-    pub(in crate::bus) fn time(&self, cycle: Duration) -> Option<Duration> {
+    pub fn time(&self, cycle: Duration) -> Option<Duration> {
         match self {
             Self::Armed(time) => Some(
                 time.unwrap_or((cycle * 20).clamp(Duration::from_millis(100), LONGEST_WATCHDOG)),
@@ -294,7 +385,7 @@ impl Watchdog {
 
     /// When an axis counts as lost, where the program does not say: early enough before the watchdog stops it, and
     /// not at every hiccup of an operating system that is not made for real time.
-    pub(in crate::bus) fn loss(&self, cycle: Duration) -> Loss {
+    pub fn loss(&self, cycle: Duration) -> Loss {
         let time = self.time(cycle).unwrap_or(Duration::from_millis(100));
         let cycles = (time / 2).as_nanos() / cycle.as_nanos().max(1);
         let least = Loss::default();

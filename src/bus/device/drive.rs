@@ -1,340 +1,101 @@
-//! One drive from PREOP to SAFEOP: identity, start-up list, mapping, parameters, process data, watchdog.
-//!
-//! The futures of all drives run concurrently.
+//! A drive: its mapping, what is read of its axes before any of them can be enabled, and what it does when the process data stop.
 
-use std::{rc::Rc, sync::Arc, time::Duration};
+use std::{rc::Rc, time::Duration};
 
+use super::config::{AxisConfig, DriveConfig, Turn};
 use crate::{
-    axis::{AxisConfig, AxisFields, BoxFuture, Loss, ParameterAccess, Tolerances},
+    axis::{AxisFields, BoxFuture, CoreConfig, Loss, ParameterAccess, Tolerances},
     bus::{
-        clocks::{measure::Clocks, sync},
-        device::{
-            config::{AxisDeclaration, DriveConfig, Turn},
-            progress::Progress,
-        },
-        error::{AlState, BringUpStep, DriveFault, NetworkError, WatchdogState},
-        expected::DevicePlace,
-        line::Found,
+        clocks::Clocks,
+        error::{AtStep, BringUpStep, DriveFault, StepError},
         log::LogRecord,
-        requests::{
-            Context, al, eeprom,
-            executor::Time,
-            sync_managers::{self, Area, AreaDirection},
-        },
+        requests::Context,
     },
     coe::{
-        AbortCode, AxisOffset, Clock, DriveError, Emergencies, ErrorTexts, EthercrabMailbox,
-        MailSignal, MailboxClient, MailboxSettings, Number, Object, ObjectAddress, Readable,
+        AbortCode, AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, Readable,
         SdoError, SdoHandle, obj,
     },
-    ds402::{AbortConnection, QuickStopOption, StopOptions, SupportedModes, VelocityWindows},
-    parameters::{StartUpList, Transition},
-    pdo_map::{self, ConfigureError, Layout, Mapping},
-    profile_position::{self, Limits, RelativeBase},
-    sii::SyncManagerUsage,
+    ds402::{AbortConnection, QuickStopOption, SupportedModes},
+    pdo_map::{Direction, Layout, Mapping},
+    profile_position::{Limits, RelativeBase},
+    units::AxisScale,
 };
 
-/// How long a drive may take into SAFEOP (ETG.1020, default timeout of PREOP to SAFEOP is 10 s).
-pub(in crate::bus) const SAFE_OP_LIMIT: Duration = Duration::from_secs(10);
-
-/// A drive in SAFEOP, ready for the exchange.
-pub(in crate::bus) struct ReadyDrive {
-    pub(in crate::bus) found: Found,
-    pub(in crate::bus) place: DevicePlace,
-    pub(in crate::bus) sdo: SdoHandle,
-    pub(in crate::bus) emergencies: Emergencies,
-    pub(in crate::bus) mail: MailSignal,
-    pub(in crate::bus) layout: Layout,
-    pub(in crate::bus) logical: u32,
-    pub(in crate::bus) lrw: bool,
-    /// How long after the frames pass the reference clock its SYNC0 comes, where it follows that.
-    pub(in crate::bus) sync0_after: Option<Duration>,
-    pub(in crate::bus) axes: Vec<ReadyAxis>,
-    /// What is still to be written in SAFEOP.
-    pub(in crate::bus) start_up: Vec<StartUpList>,
-    /// How it is set up once more, by the same mailbox.
-    pub(in crate::bus) setup: DriveSetup,
+/// What a drive has beside what every device has.
+#[derive(Clone)]
+pub(in crate::bus) struct Drive {
+    pub(super) config: DriveConfig,
+    pub(super) mapping: Mapping,
+    pub layout: Layout,
+    pub axes: Vec<ReadyAxis>,
+    /// When an axis counts as lost, where the program does not say.
+    pub(super) loss: Loss,
+    /// The network's cycle.
+    pub(super) cycle: Duration,
+    /// The line's clocks, where they are used.
+    pub(super) clocks: Option<Rc<Clocks>>,
 }
 
 /// An axis with what was read from its drive.
-pub(in crate::bus) struct ReadyAxis {
-    pub(in crate::bus) name: String,
-    pub(in crate::bus) offset: AxisOffset,
-    pub(in crate::bus) config: AxisConfig,
-}
-
-/// What is to be done with one drive.
 #[derive(Clone)]
-pub(in crate::bus) struct DriveSetup {
-    pub(in crate::bus) found: Found,
-    pub(in crate::bus) place: DevicePlace,
-    pub(in crate::bus) config: DriveConfig,
-    pub(in crate::bus) mapping: Mapping,
-    /// The logical address of its outputs; its inputs follow.
-    pub(in crate::bus) logical: u32,
-    /// The watchdog's time; none if the program does without.
-    pub(in crate::bus) watchdog: Option<Duration>,
-    /// When an axis counts as lost, where the program does not say.
-    pub(in crate::bus) loss: Loss,
-    /// The network's cycle.
-    pub(in crate::bus) cycle: Duration,
-    /// The line's clocks, where they are used.
-    pub(in crate::bus) clocks: Option<Rc<Clocks>>,
-    /// Its mailbox, where that is served already.
-    pub(in crate::bus) mailbox: Option<Mailbox>,
-    pub(in crate::bus) progress: Rc<Progress>,
+pub(in crate::bus) struct ReadyAxis {
+    pub name: String,
+    pub offset: AxisOffset,
+    pub scale: AxisScale,
+    pub config: CoreConfig,
 }
 
-impl DriveSetup {
-    /// Does it.
-    pub(in crate::bus) async fn run(self, context: Context) -> Result<ReadyDrive, NetworkError> {
-        let found = self.found.clone();
-        self.steps(&context)
-            .await
-            .map_err(|(step, error)| found.fault(step, error))
-    }
+/// When an object is read. What the process data hold is overwritten by the first outputs that the drive takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Reading {
+    /// Before OP: what is mapped into the outputs.
+    Overwritten,
+    /// Once the drive is in OP, or just before: all else. No handle of its axes exists yet, or none can enable them.
+    Rest,
+}
 
-    async fn steps(self, context: &Context) -> Result<ReadyDrive, Failed> {
-        let registers = &context.registers;
-        let station = self.found.station;
-        self.found.note(context, "configuring");
-        let done = |step| self.progress.step(&self.found.id, step);
-        done(BringUpStep::Identity);
-        let sii = Rc::clone(&self.found.sii);
-        let error_texts = &self.config.description.error_texts;
-        let mailbox = self.mailbox.clone();
-        let mailbox = mailbox
-            .or_else(|| serve_mailbox(context, &self.found, error_texts.clone()))
-            .ok_or((BringUpStep::Sii, DriveFault::NoMailbox))?;
-        let sdo = mailbox.sdo.clone();
-
-        if let Some(clock) = &self.config.clock {
-            sync::set_types(&sdo, clock, self.cycle)
-                .await
-                .map_err(|error| (BringUpStep::Clock, error))?;
-        }
-        for list in &self.config.start_up {
-            list.apply(&sdo, Transition::PreOpToSafeOp)
-                .await
-                .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
-        }
-        done(BringUpStep::StartUpList);
-        let layout = pdo_map::configure(&self.mapping, &sdo)
-            .await
-            .map_err(|error| (BringUpStep::Mapping, mapping_fault(error)))?;
-        done(BringUpStep::Mapping);
+impl Drive {
+    /// In PREOP: its axes as the program declares them, with what the outputs will overwrite. That is all that cycles need in which no
+    /// axis is enabled.
+    pub(super) async fn open_axes(&mut self, sdo: &SdoHandle) -> Result<(), StepError> {
         let mut axes = Vec::new();
         for (axis, description) in self.config.axes.iter().zip(&self.config.description.axes) {
-            let fields = AxisFields::from_layout(&layout, description.offset)
-                .map_err(|error| (BringUpStep::Mapping, error.into()))?;
-            let config = self
-                .axis_config(&sdo, axis, fields, description.offset)
-                .await?;
-            stop_on_loss(context, &sdo, axis, description.offset, config.quick_stop).await?;
-            axes.push(ReadyAxis {
+            let offset = description.offset;
+            let fields = AxisFields::from_layout(&self.layout, offset).at(BringUpStep::Mapping)?;
+            let mut ready = ReadyAxis {
                 name: axis.name.clone(),
-                offset: description.offset,
-                config,
-            });
+                offset,
+                scale: axis.scale,
+                config: self.declared(axis, fields),
+            };
+            self.read_axis(Reading::Overwritten, sdo, axis, &mut ready)
+                .await?;
+            axes.push(ready);
         }
-        done(BringUpStep::Parameters);
-
-        let process_data = |error: DriveFault| (BringUpStep::ProcessData, error);
-        let (outputs, inputs) = (layout.output_bytes(), layout.input_bytes());
-        let behind = u32::try_from(outputs).unwrap_or(u32::MAX);
-        let outputs = sync_managers::area(&sii, SyncManagerUsage::Outputs, outputs, self.logical)
-            .map_err(|error| process_data(error.into()))?;
-        let inputs = sync_managers::area(
-            &sii,
-            SyncManagerUsage::Inputs,
-            inputs,
-            self.logical.saturating_add(behind),
-        )
-        .map_err(|error| process_data(error.into()))?;
-        let watchdog = self.watchdog.is_some();
-        outputs
-            .write(registers, station, AreaDirection::Outputs { watchdog })
-            .await
-            .map_err(|error| process_data(error.into()))?;
-        inputs
-            .write(registers, station, AreaDirection::Inputs)
-            .await
-            .map_err(|error| process_data(error.into()))?;
-        let lrw = sync_managers::takes_lrw(registers, station)
-            .await
-            .map_err(|error| process_data(error.into()))?;
-        arm(
-            context,
-            station,
-            &outputs,
-            self.watchdog,
-            |expected, got| DriveFault::WatchdogUnarmed { expected, got },
-        )
-        .await?;
-        done(BringUpStep::Watchdog);
-        if let Some(clock) = &self.config.clock {
-            let position = self.found.id.position;
-            let clocks = self.clocks.as_ref();
-            sync::start(registers, station, position, clocks, clock, self.cycle)
-                .await
-                .map_err(|error| (BringUpStep::Clock, error))?;
-        }
-        eeprom::give_away(registers, station)
-            .await
-            .map_err(|error| (BringUpStep::Sii, error.into()))?;
-        al::climb(
-            registers,
-            station,
-            AlState::PreOp,
-            AlState::SafeOp,
-            SAFE_OP_LIMIT,
-        )
-        .await
-        .map_err(|error| (BringUpStep::State(AlState::SafeOp), error.into()))?;
-        self.found.note(context, "in SAFEOP");
-        done(BringUpStep::State(AlState::SafeOp));
-        Ok(ReadyDrive {
-            found: self.found.clone(),
-            place: self.place,
-            sdo,
-            emergencies: mailbox.emergencies.clone(),
-            mail: mailbox.signal.clone(),
-            layout,
-            logical: self.logical,
-            lrw,
-            sync0_after: self.config.clock.map(|clock| clock.shift_in(self.cycle)),
-            axes,
-            start_up: self.config.start_up.clone(),
-            setup: Self {
-                mailbox: Some(mailbox),
-                ..self
-            },
-        })
-    }
-}
-
-impl Found {
-    /// Notes how far its set-up is.
-    pub(in crate::bus) fn note(&self, context: &Context, what: &'static str) {
-        let note = LogRecord::SetUp(Arc::new(self.id.clone()), what);
-        context.log.record(context.time.now(), note);
+        self.axes = axes;
+        Ok(())
     }
 
-    /// The error of a step, with the drive.
-    pub(in crate::bus) fn fault(self, step: BringUpStep, error: DriveFault) -> NetworkError {
-        NetworkError::Drive {
-            drive: self.id,
-            step,
-            error: Box::new(error),
-        }
-    }
-}
-
-/// A SubDevice's mailbox that is served.
-#[derive(Clone)]
-pub(in crate::bus) struct Mailbox {
-    pub(in crate::bus) sdo: SdoHandle,
-    pub(in crate::bus) emergencies: Emergencies,
-    pub(in crate::bus) signal: MailSignal,
-}
-
-/// Begins to serve a SubDevice's mailbox; none if it has no CoE.
-pub(in crate::bus) fn serve_mailbox(
-    context: &Context,
-    found: &Found,
-    error_texts: ErrorTexts,
-) -> Option<Mailbox> {
-    let mailbox = found
-        .sii
-        .mailbox
-        .filter(|mailbox| mailbox.protocols.coe())?;
-    let (client, sdo, emergencies) = MailboxClient::with(
-        EthercrabMailbox::new(context.registers.main(), found.station, mailbox),
-        TaskClock(Rc::clone(&context.time)),
-        MailboxSettings::of(&found.sii, &mailbox),
-        found.id.clone(),
-        || context.wakes.waiters(),
-    );
-    let log = context.log.clone();
-    let client = client
-        .with_error_texts(error_texts)
-        .reporting_to(context.emergencies.0.clone())
-        .noting_to(Arc::new(move |at, note| {
-            log.record(at, LogRecord::Mail(note));
-        }));
-    let signal = client.signal();
-    context.spawn(client.run())?.detach();
-    Some(Mailbox {
-        sdo,
-        emergencies,
-        signal,
-    })
-}
-
-/// A step that failed, and how.
-pub(in crate::bus) type Failed = (BringUpStep, DriveFault);
-
-/// Sets a device's process-data watchdog to this time, or switches it off, and checks what the device holds then.
-pub(in crate::bus) async fn arm(
-    context: &Context,
-    station: u16,
-    outputs: &Area,
-    time: Option<Duration>,
-    unarmed: impl FnOnce(u16, WatchdogState) -> DriveFault,
-) -> Result<(), Failed> {
-    let step = BringUpStep::Watchdog;
-    let ticks = match time {
-        None => 0,
-        Some(time) => {
-            sync_managers::watchdog_ticks(time).ok_or((step, DriveFault::WatchdogTime(time)))?
-        }
-    };
-    let got = sync_managers::set_watchdog(&context.registers, station, outputs, ticks)
-        .await
-        .map_err(|error| (step, error.into()))?;
-    if time.is_some() && !got.is_armed_with(ticks) {
-        return Err((step, unarmed(ticks, got)));
-    }
-    Ok(())
-}
-
-/// The mapping's fault without the drive, which the error around it names.
-pub(in crate::bus) fn mapping_fault(error: ConfigureError) -> DriveFault {
-    match error {
-        ConfigureError::Refused { step, error } => DriveFault::MappingRefused {
-            step,
-            error: error.error,
-        },
-        ConfigureError::Unreadable(error) => DriveFault::Sdo(error.error),
-        ConfigureError::Differs(error) => DriveFault::MappingDiffers(error.error),
-    }
-}
-
-/// The loop's time as mailbox clients take it.
-struct TaskClock(Rc<Time>);
-
-impl Clock for TaskClock {
-    fn now(&self) -> Duration {
-        self.0.now()
-    }
-
-    async fn sleep_until(&self, time: Duration) {
-        self.0.sleep(time.saturating_sub(self.0.now())).await;
-    }
-}
-
-// What is read of each axis of a drive on its way to SAFEOP, and what it does when the process data stop.
-
-impl DriveSetup {
-    /// What is read of an axis, and what the program says of it.
-    pub(in crate::bus) async fn axis_config(
-        &self,
+    /// Reads what is left of the parameters of its axes, and has each of them stop when the process data stop. Before that none of
+    /// them is enabled.
+    pub(super) async fn read_axes(
+        &mut self,
+        context: &Context,
         sdo: &SdoHandle,
-        axis: &AxisDeclaration,
-        fields: AxisFields,
-        offset: AxisOffset,
-    ) -> Result<AxisConfig, Failed> {
-        let mut config = AxisConfig::new(fields);
+    ) -> Result<(), StepError> {
+        let mut axes = core::mem::take(&mut self.axes);
+        for (axis, ready) in self.config.axes.iter().zip(&mut axes) {
+            self.read_axis(Reading::Rest, sdo, axis, ready).await?;
+            let quick_stop = ready.config.quick_stop;
+            stop_on_loss(context, sdo, axis, ready.offset, quick_stop).await?;
+        }
+        self.axes = axes;
+        Ok(())
+    }
+
+    /// What the program says of an axis.
+    fn declared(&self, axis: &AxisConfig, fields: AxisFields) -> CoreConfig {
+        let mut config = CoreConfig::new(fields);
         config.traits = self.config.description.traits;
         if let Some(clock) = &self.config.clock {
             // It acts on its process data once for each SYNC0, however short its own cycle is.
@@ -346,8 +107,27 @@ impl DriveSetup {
         config.referencing = axis.referencing;
         config.loss = axis.loss.unwrap_or(self.loss);
         config.tolerances = axis.tolerances.unwrap_or_default();
+        config
+    }
+
+    /// Reads what is due of an axis.
+    async fn read_axis(
+        &self,
+        reading: Reading,
+        sdo: &SdoHandle,
+        axis: &AxisConfig,
+        ready: &mut ReadyAxis,
+    ) -> Result<(), StepError> {
+        let offset = ready.offset;
+        let due = Due {
+            reading,
+            layout: &self.layout,
+            sdo,
+            offset,
+        };
+        let config = &mut ready.config;
         if axis.tolerances.is_none()
-            && let Some(position) = read_if_there(sdo, obj::POSITION_WINDOW.offset(offset)).await?
+            && let Some(Some(position)) = due.read_if_there(obj::POSITION_WINDOW).await?
             // FFFFFFFFh switches the window off (CiA DSP 402 v2.0, object 6067h).
             && position != u32::MAX
         {
@@ -356,91 +136,193 @@ impl DriveSetup {
                 ..config.tolerances
             };
         }
-        if let Some(code) = read_if_there(sdo, obj::QUICK_STOP_OPTION.offset(offset)).await? {
-            config.quick_stop = QuickStopOption(code);
+        if let Some(code) = due.read_if_there(obj::QUICK_STOP_OPTION).await? {
+            config.quick_stop = code.map_or(config.quick_stop, QuickStopOption);
+            if !config.quick_stop.stops_under_control() && !axis.coasts {
+                let axis = axis.name.clone();
+                return Err(DriveFault::QuickStopCoasts { axis }).at(BringUpStep::Parameters);
+            }
         }
-        if !config.quick_stop.stops_under_control() && !axis.coasts {
-            let axis = axis.name.clone();
-            return Err((
-                BringUpStep::Parameters,
-                DriveFault::QuickStopCoasts { axis },
-            ));
-        }
-        config.stop_options = StopOptions {
-            shutdown: read_if_there(sdo, obj::SHUTDOWN_OPTION.offset(offset)).await?,
-            disable_operation: read_if_there(sdo, obj::DISABLE_OPERATION_OPTION.offset(offset))
-                .await?,
-            halt: read_if_there(sdo, obj::HALT_OPTION.offset(offset)).await?,
-            fault_reaction: read_if_there(sdo, obj::FAULT_REACTION_OPTION.offset(offset)).await?,
-        };
-        config.velocity_windows = VelocityWindows {
-            window: read_if_it_can_be(sdo, obj::VELOCITY_WINDOW.offset(offset)).await?,
-            window_ms: read_if_it_can_be(sdo, obj::VELOCITY_WINDOW_TIME.offset(offset)).await?,
-            threshold: read_if_it_can_be(sdo, obj::VELOCITY_THRESHOLD.offset(offset)).await?,
-            threshold_ms: read_if_it_can_be(sdo, obj::VELOCITY_THRESHOLD_TIME.offset(offset))
-                .await?,
-        };
+        let stops = &mut config.stop_options;
+        due.read_into(&mut stops.shutdown, obj::SHUTDOWN_OPTION)
+            .await?;
+        due.read_into(&mut stops.disable_operation, obj::DISABLE_OPERATION_OPTION)
+            .await?;
+        due.read_into(&mut stops.halt, obj::HALT_OPTION).await?;
+        due.read_into(&mut stops.fault_reaction, obj::FAULT_REACTION_OPTION)
+            .await?;
+        let windows = &mut config.velocity_windows;
+        due.try_read_into(&mut windows.window, obj::VELOCITY_WINDOW)
+            .await?;
+        due.try_read_into(&mut windows.window_ms, obj::VELOCITY_WINDOW_TIME)
+            .await?;
+        due.try_read_into(&mut windows.threshold, obj::VELOCITY_THRESHOLD)
+            .await?;
+        due.try_read_into(&mut windows.threshold_ms, obj::VELOCITY_THRESHOLD_TIME)
+            .await?;
         if axis.tolerances.is_none()
             && config.traits.threshold_in_velocity_units
             && let Some(threshold) = config.velocity_windows.threshold
         {
             config.tolerances.velocity = threshold.into();
         }
-        config.supported_modes = read_if_it_can_be(sdo, obj::SUPPORTED_MODES.offset(offset))
-            .await?
-            .map(SupportedModes::from_bits_retain);
+        if let Some(modes) = due.read_if_it_can_be(obj::SUPPORTED_MODES).await? {
+            config.supported_modes = modes.map(SupportedModes::from_bits_retain);
+        }
         if config.traits.relative_base == RelativeBase::PositioningOption
-            && let Some(code) = read_if_there(sdo, obj::POSITIONING_OPTION.offset(offset)).await?
+            && let Some(Some(code)) = due.read_if_there(obj::POSITIONING_OPTION).await?
         {
             config.traits.relative_base = RelativeBase::of_positioning_option(code);
         }
-        config.defaults = profile_position::Parameters {
-            velocity: read_if_there(sdo, obj::PROFILE_VELOCITY.offset(offset)).await?,
-            acceleration: read_if_there(sdo, obj::PROFILE_ACCELERATION.offset(offset)).await?,
-            deceleration: read_if_there(sdo, obj::PROFILE_DECELERATION.offset(offset)).await?,
-            end_velocity: match fields.end_velocity {
-                Some(_) => read_if_there(sdo, obj::END_VELOCITY.offset(offset)).await?,
-                None => None,
-            },
-            profile_type: match fields.profile_type {
-                Some(_) => read_if_there(sdo, obj::MOTION_PROFILE_TYPE.offset(offset)).await?,
-                None => None,
-            },
-        };
+        if let Some(signal) = config.traits.homed {
+            let object = Object::<u32, ReadOnly>::new(
+                signal.object.index,
+                signal.object.subindex,
+                "homed signal",
+            );
+            if let Some(shown) = due.read_if_it_can_be(object).await? {
+                config.homed = shown.is_some_and(|value| signal.is_homed(value));
+            }
+        }
+        let defaults = &mut config.defaults;
+        due.read_into(&mut defaults.velocity, obj::PROFILE_VELOCITY)
+            .await?;
+        due.read_into(&mut defaults.acceleration, obj::PROFILE_ACCELERATION)
+            .await?;
+        due.read_into(&mut defaults.deceleration, obj::PROFILE_DECELERATION)
+            .await?;
+        // Whether it is mapped or not: the axis goes on at it where a move has ended.
+        due.read_into(&mut defaults.end_velocity, obj::END_VELOCITY)
+            .await?;
+        if config.fields.profile_type.is_some() {
+            due.read_into(&mut defaults.profile_type, obj::MOTION_PROFILE_TYPE)
+                .await?;
+        }
+        self.read_limits(&due, axis, config).await
+    }
+
+    /// The limits that moves are checked against, and the turn of a modulo axis: all of them at once.
+    async fn read_limits(
+        &self,
+        due: &Due<'_>,
+        axis: &AxisConfig,
+        config: &mut CoreConfig,
+    ) -> Result<(), StepError> {
+        let overwritten = LIMITS.iter().any(|object| due.is_output(*object));
+        if overwritten != (due.reading == Reading::Overwritten) {
+            return Ok(());
+        }
         let held = match (axis.limits, axis.modulo) {
             (Some(limits), None | Some(Turn::These(_))) => limits,
-            _ => Limits::read(&Parameters(sdo.clone()), offset)
+            _ => Limits::read(&Parameters(due.sdo.clone()), due.offset)
                 .await
-                .map_err(|error| (BringUpStep::Parameters, error.into()))?,
+                .at(BringUpStep::Parameters)?,
         };
         config.limits = axis.limits.unwrap_or(held);
         let turn = match axis.modulo {
-            None => return Ok(config),
+            None => return Ok(()),
             Some(Turn::OfDrive) => held.position_range,
             Some(Turn::These(turn)) => Some(turn),
         };
         config.modulo = turn.filter(|turn| turn.length().is_some());
         if config.modulo.is_none() {
             let axis = axis.name.clone();
-            return Err((BringUpStep::Parameters, DriveFault::NoTurn { axis }));
+            return Err(DriveFault::NoTurn { axis }).at(BringUpStep::Parameters);
         }
-        Ok(config)
+        Ok(())
+    }
+}
+
+/// What [`Limits::read`] reads.
+const LIMITS: [ObjectAddress; 6] = [
+    obj::SOFTWARE_LIMIT_MIN.address(),
+    obj::SOFTWARE_LIMIT_MAX.address(),
+    obj::HOME_OFFSET.address(),
+    obj::POSITION_RANGE_MIN.address(),
+    obj::POSITION_RANGE_MAX.address(),
+    obj::MAX_PROFILE_VELOCITY.address(),
+];
+
+/// What is read of an axis now.
+struct Due<'a> {
+    reading: Reading,
+    layout: &'a Layout,
+    sdo: &'a SdoHandle,
+    offset: AxisOffset,
+}
+
+impl Due<'_> {
+    /// Whether the process data overwrite this object of the axis.
+    fn is_output(&self, object: ObjectAddress) -> bool {
+        let index = self.offset.apply(object.index);
+        let place = self.layout.find(Direction::Outputs, index, object.subindex);
+        place.is_some()
+    }
+
+    fn is_due<T, A>(&self, object: &Object<T, A>) -> bool {
+        self.is_output(object.address()) == (self.reading == Reading::Overwritten)
+    }
+
+    /// An object that a drive need not have; `None` where it is not due.
+    async fn read_if_there<T: Number, A: Readable>(
+        &self,
+        object: Object<T, A>,
+    ) -> Result<Option<Option<T>>, StepError> {
+        if !self.is_due(&object) {
+            return Ok(None);
+        }
+        let value = read_if_there(self.sdo, object.offset(self.offset)).await?;
+        Ok(Some(value))
+    }
+
+    async fn read_into<T: Number, A: Readable>(
+        &self,
+        place: &mut Option<T>,
+        object: Object<T, A>,
+    ) -> Result<(), StepError> {
+        if let Some(value) = self.read_if_there(object).await? {
+            *place = value;
+        }
+        Ok(())
+    }
+
+    /// An object without which the axis attaches all the same, whatever the drive says of it; `None` where it is not due.
+    async fn read_if_it_can_be<T: Number, A: Readable>(
+        &self,
+        object: Object<T, A>,
+    ) -> Result<Option<Option<T>>, StepError> {
+        if !self.is_due(&object) {
+            return Ok(None);
+        }
+        let value = read_if_it_can_be(self.sdo, object.offset(self.offset)).await?;
+        Ok(Some(value))
+    }
+
+    async fn try_read_into<T: Number, A: Readable>(
+        &self,
+        place: &mut Option<T>,
+        object: Object<T, A>,
+    ) -> Result<(), StepError> {
+        if let Some(value) = self.read_if_it_can_be(object).await? {
+            *place = value;
+        }
+        Ok(())
     }
 }
 
 /// Sets what the axis does when the process data stop to a value that stops it, and checks what the drive holds then.
-pub(in crate::bus) async fn stop_on_loss(
+async fn stop_on_loss(
     context: &Context,
     sdo: &SdoHandle,
-    axis: &AxisDeclaration,
+    axis: &AxisConfig,
     offset: AxisOffset,
     quick_stop: QuickStopOption,
-) -> Result<(), Failed> {
+) -> Result<(), StepError> {
     let step = BringUpStep::AbortConnection;
     let object = obj::ABORT_CONNECTION_OPTION.offset(offset);
     let Some(mut value) = read_if_there(sdo, object)
         .await
-        .map_err(|(_, error)| (step, error))?
+        .map_err(|StepError(_, error)| StepError(step, error))?
     else {
         let axis = axis.name.clone();
         let note = LogRecord::NoAbortConnection { axis };
@@ -461,9 +343,9 @@ pub(in crate::bus) async fn stop_on_loss(
         match sdo.write(object, choice.raw()).await {
             Ok(()) => {}
             Err(error) if error.error.abort_code().is_some() => continue,
-            Err(error) => return Err(at(step)(error)),
+            Err(error) => return Err(error).at(step),
         }
-        value = sdo.read(object).await.map_err(at(step))?;
+        value = sdo.read(object).await.at(step)?;
         if value == choice.raw() {
             return Ok(());
         }
@@ -472,21 +354,21 @@ pub(in crate::bus) async fn stop_on_loss(
         return Ok(());
     }
     let axis = axis.name.clone();
-    Err((step, DriveFault::DoesNotStop { axis, value }))
+    Err(DriveFault::DoesNotStop { axis, value }).at(step)
 }
 
 /// Reads an object that a drive need not have.
 async fn read_if_there<T: Number, A: Readable>(
     sdo: &SdoHandle,
     object: Object<T, A>,
-) -> Result<Option<T>, Failed> {
+) -> Result<Option<T>, StepError> {
     match sdo.read(object).await {
         Ok(value) => Ok(Some(value)),
         Err(DriveError {
             error: SdoError::Aborted { code, .. },
             ..
         }) if code == AbortCode::NO_OBJECT || code == AbortCode::NO_SUBINDEX => Ok(None),
-        Err(error) => Err(at(BringUpStep::Parameters)(error)),
+        Err(error) => Err(error).at(BringUpStep::Parameters),
     }
 }
 
@@ -494,19 +376,15 @@ async fn read_if_there<T: Number, A: Readable>(
 async fn read_if_it_can_be<T: Number, A: Readable>(
     sdo: &SdoHandle,
     object: Object<T, A>,
-) -> Result<Option<T>, Failed> {
+) -> Result<Option<T>, StepError> {
     match sdo.read(object).await {
         Ok(value) => Ok(Some(value)),
         Err(DriveError {
             error: SdoError::Aborted { .. } | SdoError::WrongSize { .. },
             ..
         }) => Ok(None),
-        Err(error) => Err(at(BringUpStep::Parameters)(error)),
+        Err(error) => Err(error).at(BringUpStep::Parameters),
     }
-}
-
-fn at(step: BringUpStep) -> impl Fn(DriveError) -> Failed {
-    move |DriveError { error, .. }| (step, error.into())
 }
 
 /// SDO access for the handles of an axis.

@@ -6,7 +6,7 @@ use crate::{
     bus::{
         device::{
             io_cell::Head,
-            io_points::{IoPoint, PointName, read_bits},
+            io_points::{IoPoint, PointName},
             io_port::Shared,
         },
         expected::Expected,
@@ -255,7 +255,7 @@ pub struct IoStatus {
     /// It is in OP: it acts on its outputs.
     pub operational: bool,
     /// The last cycle is known to have delivered the outputs that the program has set. Not so where they are held at 0: while it is
-    /// being led back, from an attempt that failed until one succeeds ([`Network::recover`](crate::bus::Network::recover)), and at
+    /// being brought back into OP, from an attempt that failed until one succeeds ([`Network::recover`](crate::bus::Network::recover)), and at
     /// the end of the network.
     pub delivered: bool,
 }
@@ -338,7 +338,7 @@ impl<T: IoValue> IoInput<T> {
 
     fn read(&self) -> (Head, T) {
         let (head, bytes) = self.shared.cell.read(self.place.byte);
-        (head, T::from_bits(read_bits(bytes, self.place)))
+        (head, T::from_bits(self.place.read_eight(bytes) as u32))
     }
 }
 

@@ -23,17 +23,17 @@ struct Copy {
 /// What is known of the inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(in crate::bus) struct Head {
-    pub(in crate::bus) cycle: u64,
+    pub cycle: u64,
     /// Cycles since the inputs came; none if they never did.
-    pub(in crate::bus) age: Option<u32>,
-    pub(in crate::bus) lost: bool,
-    pub(in crate::bus) operational: bool,
-    pub(in crate::bus) delivered: bool,
+    pub age: Option<u32>,
+    pub lost: bool,
+    pub operational: bool,
+    pub delivered: bool,
 }
 
 impl Cell {
     /// With room for this many input bytes.
-    pub(in crate::bus) fn new(inputs: usize) -> Self {
+    pub fn new(inputs: usize) -> Self {
         let copy = || Copy {
             sequence: AtomicU64::new(0),
             words: (0..HEAD + inputs.div_ceil(8))
@@ -47,7 +47,7 @@ impl Cell {
     }
 
     /// Makes these the latest. Only one thread may do this.
-    pub(in crate::bus) fn publish(&self, head: Head, inputs: &[u8]) {
+    pub fn publish(&self, head: Head, inputs: &[u8]) {
         let next = usize::from(self.latest.load(Ordering::Relaxed) == 0);
         let Some(copy) = self.copies.get(next) else {
             return;
@@ -71,7 +71,7 @@ impl Cell {
     }
 
     /// The latest, with eight input bytes from `offset` on; those past the end are 0.
-    pub(in crate::bus) fn read(&self, offset: usize) -> (Head, [u8; 8]) {
+    pub fn read(&self, offset: usize) -> (Head, [u8; 8]) {
         loop {
             let latest = self.latest.load(Ordering::Acquire);
             let copy = &self.copies[latest.min(1)];

@@ -86,17 +86,17 @@ impl PointName<'_> {
 /// The share of one sync manager in a device's process data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::bus) struct Piece {
-    pub(in crate::bus) direction: Direction,
+    pub direction: Direction,
     /// The sync manager's number.
-    pub(in crate::bus) manager: u8,
-    pub(in crate::bus) bytes: usize,
+    pub manager: u8,
+    pub bytes: usize,
 }
 
 /// A device's process data: outputs and inputs, each sync manager's in whole bytes, one behind the other.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(in crate::bus) struct Image {
-    pub(in crate::bus) points: Vec<IoPoint>,
-    pub(in crate::bus) pieces: Vec<Piece>,
+    pub points: Vec<IoPoint>,
+    pub pieces: Vec<Piece>,
 }
 
 /// An assigned PDO.
@@ -114,7 +114,7 @@ struct Entry<'a> {
 
 impl Image {
     /// What the SII assigns.
-    pub(in crate::bus) fn of_sii(sii: &Sii) -> Self {
+    pub fn of_sii(sii: &Sii) -> Self {
         let mut image = Self::default();
         for (direction, pdos) in [
             (Direction::Outputs, &sii.rx_pdos),
@@ -133,7 +133,7 @@ impl Image {
     }
 
     /// What the device has assigned by CoE, with the names that its SII has for the same.
-    pub(in crate::bus) fn of_mapping(mapping: &Mapping, sii: &Sii) -> Self {
+    pub fn of_mapping(mapping: &Mapping, sii: &Sii) -> Self {
         let mut image = Self::default();
         for (direction, known, usage) in [
             (Direction::Outputs, &sii.rx_pdos, SyncManagerUsage::Outputs),
@@ -178,7 +178,7 @@ impl Image {
     }
 
     /// Bytes of one direction.
-    pub(in crate::bus) fn bytes(&self, direction: Direction) -> usize {
+    pub fn bytes(&self, direction: Direction) -> usize {
         let pieces = self.pieces.iter();
         let pieces = pieces.filter(|piece| piece.direction == direction);
         pieces.map(|piece| piece.bytes).sum()
@@ -239,27 +239,6 @@ fn joined(pdo: &str, entry: &str) -> String {
         ("", one) | (one, "") => one.to_owned(),
         (pdo, entry) => format!("{pdo}.{entry}"),
     }
-}
-
-/// The bits at `place`, of which there are at most 32; none past the end.
-pub(in crate::bus) fn read_bits(bytes: [u8; 8], place: Place) -> u32 {
-    let bits = u64::from_le_bytes(bytes) >> (place.bit % 8);
-    (bits & mask(place)) as u32
-}
-
-/// Puts bits at `place`, of which there are at most 32, and leaves all others as they are.
-pub(in crate::bus) fn write_bits(image: &mut [u8], place: Place, value: u32) {
-    let shift = place.bit % 8;
-    let (mask, value) = (mask(place) << shift, u64::from(value) << shift);
-    let parts = mask.to_le_bytes().into_iter().zip(value.to_le_bytes());
-    let bytes = image.iter_mut().skip(place.byte);
-    for (byte, (mask, value)) in bytes.zip(parts) {
-        *byte = *byte & !mask | value & mask;
-    }
-}
-
-fn mask(place: Place) -> u64 {
-    (1 << place.bits.min(32)) - 1
 }
 
 #[cfg(test)]
@@ -359,24 +338,5 @@ mod tests {
         );
         assert_eq!(image.pieces.len(), 1);
         assert_eq!((image.pieces[0].manager, image.pieces[0].bytes), (3, 3));
-    }
-
-    proptest::proptest! {
-        #[test]
-        fn bits_survive_at_any_place_and_leave_their_neighbours(
-            value: u32, byte in 0usize..4, bit in 0u8..8, bits in 1u8..=32, fill: [u8; 16],
-        ) {
-            let place = Place { byte, bit, bits };
-            let mut image = fill;
-            write_bits(&mut image, place, value);
-            let eight = |image: &[u8; 16]| image[byte..byte + 8].try_into().unwrap();
-            proptest::prop_assert_eq!(
-                u64::from(read_bits(eight(&image), place)),
-                u64::from(value) & ((1 << bits) - 1)
-            );
-            let before = read_bits(eight(&fill), place);
-            write_bits(&mut image, place, before);
-            proptest::prop_assert_eq!(image, fill);
-        }
     }
 }

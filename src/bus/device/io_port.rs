@@ -17,12 +17,13 @@ use crate::{
             exchange::{Answer, DriveData, Drives},
         },
         device::{
+            Device, DeviceKind,
             io_cell::{Cell, Head},
-            io_points::{IoPoint, write_bits},
-            io_setup::ReadyIo,
+            io_points::{Image, IoPoint},
         },
     },
     coe::DriveId,
+    pdo_map::Direction,
 };
 
 /// Set in the value of an output once a program has set it.
@@ -31,29 +32,29 @@ const SET: u64 = 1 << 32;
 /// A device, seen from both sides.
 #[derive(Debug)]
 pub(in crate::bus) struct Shared {
-    pub(in crate::bus) name: String,
-    pub(in crate::bus) device: DriveId,
-    pub(in crate::bus) points: Vec<IoPoint>,
-    pub(in crate::bus) cell: Cell,
+    pub name: String,
+    pub device: DriveId,
+    pub points: Vec<IoPoint>,
+    pub cell: Cell,
     /// Of each point; those of inputs are never used.
     outputs: Box<[AtomicU64]>,
     changed: AtomicBool,
 }
 
 impl Shared {
-    fn new(io: &ReadyIo) -> Self {
+    fn new(name: &str, device: &DriveId, image: &Image) -> Self {
         Self {
-            name: io.name.clone(),
-            device: io.found.id.clone(),
-            points: io.image.points.clone(),
-            cell: Cell::new(io.input_bytes()),
-            outputs: io.image.points.iter().map(|_| AtomicU64::new(0)).collect(),
+            name: name.to_owned(),
+            device: device.clone(),
+            points: image.points.clone(),
+            cell: Cell::new(image.bytes(Direction::Inputs)),
+            outputs: image.points.iter().map(|_| AtomicU64::new(0)).collect(),
             changed: AtomicBool::new(false),
         }
     }
 
     /// Sets an output, which is in the next frame.
-    pub(in crate::bus) fn set(&self, point: usize, bits: u32) {
+    pub fn set(&self, point: usize, bits: u32) {
         if let Some(output) = self.outputs.get(point) {
             output.store(SET | u64::from(bits), Ordering::Release);
             // Exchanged and not stored: then what other threads have set just before is merged with it.
@@ -61,7 +62,7 @@ impl Shared {
         }
     }
 
-    pub(in crate::bus) fn was_set(&self, point: usize) -> Option<u32> {
+    pub fn was_set(&self, point: usize) -> Option<u32> {
         let value = self.outputs.get(point)?.load(Ordering::Acquire);
         (value & SET != 0).then_some(value as u32)
     }
@@ -85,7 +86,7 @@ impl Shared {
         for (point, value) in self.points.iter().zip(&self.outputs) {
             let value = value.load(Ordering::Acquire);
             if value & SET != 0 {
-                write_bits(outputs, point.place, value as u32);
+                point.place.write(outputs, u64::from(value as u32));
             }
         }
     }
@@ -103,40 +104,44 @@ pub(in crate::bus) struct Ports {
 struct Port {
     shared: Arc<Shared>,
     head: Head,
-    /// Its outputs are 0 while it is led back.
+    /// Its outputs are 0 while it is brought back into OP.
     held: bool,
 }
 
 impl Ports {
-    /// The ports of these devices, of which the first has this place in the exchange.
-    pub(in crate::bus) fn open(first: usize, ios: &[ReadyIo]) -> Self {
-        let ports = ios.iter().map(|io| Port {
-            shared: Arc::new(Shared::new(io)),
-            head: Head::default(),
-            held: false,
+    /// The ports of those of these devices that are no drives; the drives stand before them.
+    pub fn open(devices: &[Device]) -> Self {
+        let ports = devices.iter().filter_map(|device| match &device.kind {
+            DeviceKind::Drive(_) => None,
+            DeviceKind::Io { name, points } => Some(Port {
+                shared: Arc::new(Shared::new(name, &device.found.id, points)),
+                head: Head::default(),
+                held: false,
+            }),
         });
+        let drives = devices.iter().filter_map(Device::as_drive);
         Self {
-            first,
+            first: drives.count(),
             ports: ports.collect(),
             ended: false,
         }
     }
 
     /// The program's side of each.
-    pub(in crate::bus) fn handles(&self) -> Vec<crate::bus::device::io::Io> {
+    pub fn handles(&self) -> Vec<crate::bus::device::io::Io> {
         let shared = self.ports.iter().map(|port| Arc::clone(&port.shared));
         shared.map(crate::bus::device::io::Io::new).collect()
     }
 
-    /// The outputs of the device at this place of the exchange are 0 until it has been led back.
-    pub(in crate::bus) fn hold(&mut self, place: usize) {
+    /// The outputs of the device at this place of the exchange are 0 until it is back in OP.
+    pub fn hold(&mut self, place: usize) {
         if let Some(port) = self.port(place) {
             port.held = true;
         }
     }
 
-    /// The device at this place has been led back: what is set from now on comes into effect, and nothing from before.
-    pub(in crate::bus) fn release(&mut self, place: usize) {
+    /// The device at this place is back in OP: what is set from now on comes into effect, and nothing from before.
+    pub fn release(&mut self, place: usize) {
         if let Some(port) = self.port(place).filter(|port| port.held) {
             port.shared.forget();
             port.held = false;
@@ -148,7 +153,7 @@ impl Ports {
     }
 
     /// From now on all outputs are 0.
-    pub(in crate::bus) const fn end(&mut self) {
+    pub const fn end(&mut self) {
         self.ended = true;
     }
 }

@@ -1,8 +1,8 @@
-//! One device: what a program declares of it, its way from PREOP to SAFEOP, and the handles of an I/O device's inputs and outputs.
+//! One device: what a program declares of it, its way into OP, and the handles of an I/O device's inputs and outputs.
 //!
-//! `config` and `io` are what a program says and holds. `drive` and `io_setup` do the same steps for the two kinds of devices, for the
-//! first start and for a recovery. It calls `clocks`, `line` and `requests`. It must not know of other devices, of cycles that
-//! run, or of the network.
+//! `config` and `io` are what a program says and holds. [`Device`] has the steps of the way: to PREOP, configured, to SAFEOP, to OP.
+//! The first start and a recovery call the same steps. `drive` has what only drives have. It calls `clocks`, `line` and `requests`. It
+//! must not know of other devices, of cycles that run, or of the network.
 
 pub(super) mod config;
 pub(super) mod drive;
@@ -10,5 +10,547 @@ pub(super) mod io;
 mod io_cell;
 pub(super) mod io_points;
 pub(super) mod io_port;
-pub(super) mod io_setup;
 pub(super) mod progress;
+
+use std::{rc::Rc, sync::Arc, time::Duration};
+
+use super::{
+    clocks::{self, Clocks},
+    cycle::frame::{InputMarker, Member, fits_one_frame},
+    error::{
+        AlError, AlState, AtStep, BringUpStep, DriveFault, NetworkError, OfDevice, StepError,
+        SyncManagerError,
+    },
+    expected::{DevicePlace, Verdict},
+    line::{self, Found},
+    log::LogRecord,
+    requests::{
+        Context, eeprom,
+        executor::Time,
+        registers,
+        sync_managers::{self, Area, AreaDirection},
+    },
+};
+use crate::{
+    coe::{
+        AbortCode, Clock, Emergencies, ErrorTexts, EthercrabMailbox, MailSignal, MailboxClient,
+        MailboxSettings, SdoHandle,
+    },
+    parameters::{StartUpList, Transition},
+    pdo_map::{self, ConfigureError, Direction, Mapping, Pdo},
+    sii::{FmmuUsage, SyncManagerUsage},
+};
+use config::{DriveConfig, Watchdog};
+use drive::Drive;
+use io::IoConfig;
+use io_points::{Image, Piece};
+use progress::Progress;
+
+/// How long a device may take into SAFEOP, and into OP (ETG.1020, default timeouts of both are 10 s).
+pub(in crate::bus) const SAFE_OP_LIMIT: Duration = Duration::from_secs(10);
+const OP_LIMIT: Duration = Duration::from_secs(10);
+
+/// A device whose process data are exchanged.
+#[derive(Clone)]
+pub(in crate::bus) struct Device {
+    pub found: Found,
+    /// How it was declared.
+    pub place: DevicePlace,
+    pub kind: DeviceKind,
+    /// Its mailbox, once that is served; an I/O device need not have one.
+    pub mailbox: Option<Mailbox>,
+    /// The logical address of its outputs; its inputs follow.
+    pub logical: u32,
+    pub progress: Rc<Progress>,
+    /// Whether it takes LRW.
+    lrw: bool,
+    /// Silent cycles after which an I/O device counts as lost.
+    patience: u32,
+    /// The watchdog's time; none if the program does without.
+    watchdog: Option<Duration>,
+    start_up: Vec<StartUpList>,
+}
+
+/// A drive writes its PDOs; those of an I/O device are read.
+#[derive(Clone)]
+pub(in crate::bus) enum DeviceKind {
+    Drive(Box<Drive>),
+    Io { name: String, points: Image },
+}
+
+impl Device {
+    /// A declared drive, if its mapping can be made.
+    pub fn drive(
+        found: Found,
+        place: DevicePlace,
+        config: DriveConfig,
+        (watchdog, cycle): (&Watchdog, Duration),
+        clocks: Option<Rc<Clocks>>,
+        progress: Rc<Progress>,
+    ) -> Result<Self, NetworkError> {
+        let mapping = config.mapping().at(BringUpStep::Mapping).of(&found.id)?;
+        let layout = mapping.layout();
+        config.log_what_is_not_mapped(&layout, &found.id);
+        let start_up = config.start_up.clone();
+        let drive = Drive {
+            config,
+            mapping,
+            layout,
+            axes: Vec::new(),
+            loss: watchdog.loss(cycle),
+            cycle,
+            clocks,
+        };
+        let kind = DeviceKind::Drive(Box::new(drive));
+        let device = Self::new(found, place, kind, start_up, (watchdog, cycle), progress);
+        device.fits().of(&device.found.id)?;
+        Ok(device)
+    }
+
+    /// A declared I/O device.
+    pub fn io(
+        found: Found,
+        place: DevicePlace,
+        config: IoConfig,
+        watchdog: (&Watchdog, Duration),
+        progress: Rc<Progress>,
+    ) -> Self {
+        let kind = DeviceKind::Io {
+            name: config.name,
+            points: Image::default(),
+        };
+        Self::new(found, place, kind, config.start_up, watchdog, progress)
+    }
+
+    fn new(
+        found: Found,
+        place: DevicePlace,
+        kind: DeviceKind,
+        start_up: Vec<StartUpList>,
+        (watchdog, cycle): (&Watchdog, Duration),
+        progress: Rc<Progress>,
+    ) -> Self {
+        Self {
+            found,
+            place,
+            kind,
+            mailbox: None,
+            logical: 0,
+            progress,
+            lrw: true,
+            patience: watchdog.loss(cycle).stale_cycles,
+            watchdog: watchdog.time(cycle),
+            start_up,
+        }
+    }
+
+    /// The drive, where it is one.
+    pub fn as_drive(&self) -> Option<&Drive> {
+        match &self.kind {
+            DeviceKind::Drive(drive) => Some(drive),
+            DeviceKind::Io { .. } => None,
+        }
+    }
+
+    /// How long after the frames pass the reference clock its SYNC0 comes, where it follows that.
+    pub fn sync0_after(&self) -> Option<Duration> {
+        let drive = self.as_drive()?;
+        Some(drive.config.clock?.shift_in(drive.cycle))
+    }
+
+    /// The line's clocks, if its own follows the reference.
+    pub fn clocks(&self) -> Option<&Rc<Clocks>> {
+        let drive = self.as_drive()?;
+        drive.config.clock.and(drive.clocks.as_ref())
+    }
+
+    /// Bytes of outputs and of inputs. Those of an I/O device are known once it is configured.
+    pub fn sizes(&self) -> (usize, usize) {
+        match &self.kind {
+            DeviceKind::Drive(drive) => (drive.layout.output_bytes(), drive.layout.input_bytes()),
+            DeviceKind::Io { points, .. } => (
+                points.bytes(Direction::Outputs),
+                points.bytes(Direction::Inputs),
+            ),
+        }
+    }
+
+    /// Whether it exchanges the same, in the same places, as `other`.
+    pub fn exchanges_as(&self, other: &Self) -> bool {
+        let same = match (&self.kind, &other.kind) {
+            (DeviceKind::Drive(this), DeviceKind::Drive(other)) => this.layout == other.layout,
+            (DeviceKind::Io { points, .. }, DeviceKind::Io { points: other, .. }) => {
+                points == other
+            }
+            _ => false,
+        };
+        same && self.lrw == other.lrw
+    }
+
+    /// Its part in the exchange.
+    pub fn member(&self) -> Member {
+        let (outputs, inputs) = self.sizes();
+        let (marker, patience) = match &self.kind {
+            DeviceKind::Drive(drive) => {
+                let axes = drive.axes.iter();
+                let patience = axes.map(|axis| axis.config.loss.stale_cycles).min();
+                (InputMarker::Statusword, patience.unwrap_or(1).max(1))
+            }
+            DeviceKind::Io { .. } => (InputMarker::AnyBits, self.patience),
+        };
+        Member {
+            logical: self.logical,
+            outputs,
+            inputs,
+            lrw: self.lrw,
+            marker,
+            patience,
+        }
+    }
+
+    fn fits(&self) -> Result<(), StepError> {
+        let (outputs, inputs) = self.sizes();
+        if fits_one_frame(outputs, inputs) {
+            return Ok(());
+        }
+        Err(DriveFault::TooLong { outputs, inputs }).at(BringUpStep::ProcessData)
+    }
+
+    /// A step is done, for whoever shows how far it is.
+    pub fn done(&self, step: BringUpStep) {
+        self.progress.step(&self.found.id, step);
+    }
+
+    /// Set back to INIT and brought into PREOP once more, if it still is the same device: its SII is kept. The line does that at the
+    /// start, for all SubDevices at once.
+    pub async fn enter_pre_op(&self, context: &Context) -> Result<(), NetworkError> {
+        let registers = &context.registers;
+        let Found { station, id, .. } = &self.found;
+        let identity = async {
+            line::set_back(registers, *station)
+                .await
+                .at(BringUpStep::State(AlState::Init))?;
+            if let Some(mailbox) = &self.mailbox {
+                mailbox.signal.begin_anew();
+            }
+            let identity = eeprom::identity(registers, *station).await;
+            identity.at(BringUpStep::Sii)
+        };
+        let identity = identity.await.of(id)?;
+        if identity == id.identity {
+            return self.found.enter_pre_op(registers).await.of(id);
+        }
+        // It is none of ours.
+        let _ = registers
+            .write(*station, crate::esc::STATION_ADDRESS, &[0; 2])
+            .await;
+        let other = Some((id.position.into(), identity));
+        Err(line::mismatch(id, other, Verdict::Different))
+    }
+
+    /// In PREOP: start-up lists, PDOs, and of a drive's parameters those that its outputs will overwrite.
+    pub async fn configure(&mut self, context: &Context) -> Result<(), StepError> {
+        self.found.note(context, "configuring");
+        self.done(BringUpStep::Identity);
+        match self.kind {
+            DeviceKind::Drive(_) => self.configure_drive(context).await,
+            DeviceKind::Io { .. } => self.configure_io(context).await,
+        }
+    }
+
+    async fn configure_drive(&mut self, context: &Context) -> Result<(), StepError> {
+        let DeviceKind::Drive(drive) = &mut self.kind else {
+            return Ok(());
+        };
+        let done = |step| self.progress.step(&self.found.id, step);
+        let error_texts = || drive.config.description.error_texts.clone();
+        let mailbox = self.mailbox.take();
+        let mailbox = mailbox
+            .or_else(|| serve_mailbox(context, &self.found, error_texts()))
+            .ok_or(DriveFault::NoMailbox)
+            .at(BringUpStep::Sii)?;
+        let sdo = mailbox.sdo.clone();
+        self.mailbox = Some(mailbox);
+        if let Some(clock) = &drive.config.clock {
+            clocks::set_sync_types(&sdo, clock, drive.cycle)
+                .await
+                .at(BringUpStep::Clock)?;
+        }
+        write_lists(&self.start_up, &sdo, Transition::PreOpToSafeOp).await?;
+        done(BringUpStep::StartUpList);
+        drive.layout = pdo_map::configure(&drive.mapping, &sdo)
+            .await
+            .at(BringUpStep::Mapping)?;
+        done(BringUpStep::Mapping);
+        drive.open_axes(&sdo).await
+    }
+
+    /// Reads what only motion needs of a drive. Before that no axis of it can be enabled.
+    pub async fn read_axes(&mut self, context: &Context) -> Result<(), StepError> {
+        if let (DeviceKind::Drive(drive), Some(mailbox)) = (&mut self.kind, &self.mailbox) {
+            drive.read_axes(context, &mailbox.sdo).await?;
+            self.done(BringUpStep::Parameters);
+        }
+        Ok(())
+    }
+
+    async fn configure_io(&mut self, context: &Context) -> Result<(), StepError> {
+        let DeviceKind::Io { points, .. } = &mut self.kind else {
+            return Ok(());
+        };
+        let done = |step| self.progress.step(&self.found.id, step);
+        let sii = &self.found.sii;
+        let mailbox = self.mailbox.take();
+        self.mailbox =
+            mailbox.or_else(|| serve_mailbox(context, &self.found, ErrorTexts::default()));
+        *points = match &self.mailbox {
+            None if !self.start_up.is_empty() => {
+                return Err(DriveFault::NoMailbox).at(BringUpStep::StartUpList);
+            }
+            None => {
+                done(BringUpStep::StartUpList);
+                Image::of_sii(sii)
+            }
+            Some(Mailbox { sdo, .. }) => {
+                write_lists(&self.start_up, sdo, Transition::PreOpToSafeOp).await?;
+                done(BringUpStep::StartUpList);
+                let outputs = assigned(Direction::Outputs, sdo).await?;
+                let inputs = assigned(Direction::Inputs, sdo).await?;
+                Image::of_mapping(&Mapping::from_pdos(outputs, inputs), sii)
+            }
+        };
+        if self.sizes() == (0, 0) {
+            return Err(DriveFault::NoProcessData).at(BringUpStep::Mapping);
+        }
+        self.fits()?;
+        self.done(BringUpStep::Mapping);
+        Ok(())
+    }
+
+    /// From PREOP, configured, to SAFEOP: sync managers, FMMUs, watchdog, SYNC0. At its logical address.
+    pub async fn enter_safe_op(&mut self, context: &Context) -> Result<(), StepError> {
+        let (registers, station) = (&context.registers, self.found.station);
+        let step = BringUpStep::ProcessData;
+        let areas = self.areas().at(step)?;
+        for (direction, area) in &areas {
+            area.write(registers, station, *direction).await.at(step)?;
+        }
+        self.lrw = sync_managers::takes_lrw(registers, station)
+            .await
+            .at(step)?;
+        let outputs = areas
+            .iter()
+            .find(|(direction, _)| *direction != AreaDirection::Inputs);
+        if let Some((_, outputs)) = outputs {
+            self.arm(context, outputs).await.at(BringUpStep::Watchdog)?;
+        }
+        self.done(BringUpStep::Watchdog);
+        if let Some(drive) = self.as_drive()
+            && let Some(clock) = &drive.config.clock
+        {
+            let position = self.found.id.position;
+            let clocks = drive.clocks.as_ref();
+            clocks::start_sync0(registers, station, position, clocks, clock, drive.cycle)
+                .await
+                .at(BringUpStep::Clock)?;
+        }
+        let step = BringUpStep::State(AlState::SafeOp);
+        let (from, to) = (AlState::PreOp, AlState::SafeOp);
+        let mut climbed = registers::climb(registers, station, from, to, SAFE_OP_LIMIT).await;
+        if let (Err(AlError::Refused(status)), None, Some(mailbox)) =
+            (&climbed, self.clocks(), &self.mailbox)
+            && status.error.is_some_and(clocks::is_about_types)
+            && clocks::leave_sync0(&mailbox.sdo, *status).await.at(step)?
+        {
+            self.found.note(context, "taken out of SYNC0");
+            climbed = registers::climb(registers, station, from, to, SAFE_OP_LIMIT).await;
+        }
+        climbed.at(step)?;
+        self.found.note(context, "in SAFEOP");
+        self.done(step);
+        Ok(())
+    }
+
+    /// From SAFEOP to OP, with what its start-up lists write there.
+    pub async fn enter_op(&self, context: &Context) -> Result<(), StepError> {
+        if let Some(mailbox) = &self.mailbox {
+            write_lists(&self.start_up, &mailbox.sdo, Transition::SafeOpToOp).await?;
+        }
+        let (registers, station) = (&context.registers, self.found.station);
+        registers::climb(registers, station, AlState::SafeOp, AlState::Op, OP_LIMIT)
+            .await
+            .at(BringUpStep::State(AlState::Op))
+    }
+
+    /// That it is in OP, without an error.
+    pub async fn is_in_op(&self, context: &Context) -> Result<(), StepError> {
+        let step = BringUpStep::State(AlState::Op);
+        let status = registers::status(&context.registers, self.found.station).await;
+        match status.at(step)? {
+            status if status.state == AlState::Op && status.error.is_none() => Ok(()),
+            status => Err(AlError::Refused(status)).at(step),
+        }
+    }
+
+    /// Sets its process-data watchdog, or switches it off, and checks what the device holds then.
+    async fn arm(&self, context: &Context, outputs: &Area) -> Result<(), DriveFault> {
+        let ticks = match self.watchdog {
+            None => 0,
+            Some(time) => {
+                sync_managers::watchdog_ticks(time).ok_or(DriveFault::WatchdogTime(time))?
+            }
+        };
+        let (registers, station) = (&context.registers, self.found.station);
+        let got = sync_managers::set_watchdog(registers, station, outputs, ticks).await?;
+        if ticks == 0 || got.is_armed_with(ticks) {
+            return Ok(());
+        }
+        let expected = ticks;
+        Err(match self.kind {
+            DeviceKind::Drive(_) => DriveFault::WatchdogUnarmed { expected, got },
+            DeviceKind::Io { .. } => DriveFault::OutputsUnwatched { expected, got },
+        })
+    }
+
+    /// Each sync manager's area, one behind the other, with an FMMU of its own.
+    fn areas(&self) -> Result<Vec<(AreaDirection, Area)>, SyncManagerError> {
+        let sii = &self.found.sii;
+        let watchdog = self.watchdog.is_some();
+        let mut logical = self.logical;
+        let mut areas = Vec::new();
+        match &self.kind {
+            DeviceKind::Drive(_) => {
+                let (outputs, inputs) = self.sizes();
+                for (direction, usage, bytes) in [
+                    (
+                        AreaDirection::Outputs { watchdog },
+                        SyncManagerUsage::Outputs,
+                        outputs,
+                    ),
+                    (AreaDirection::Inputs, SyncManagerUsage::Inputs, inputs),
+                ] {
+                    areas.push((direction, sync_managers::area(sii, usage, bytes, logical)?));
+                    logical = behind(logical, bytes);
+                }
+            }
+            DeviceKind::Io { points, .. } => {
+                let mut fmmus: Vec<u8> = Vec::new();
+                for piece in &points.pieces {
+                    let &Piece {
+                        direction,
+                        manager,
+                        bytes,
+                    } = piece;
+                    let (direction, what, usage) = match direction {
+                        Direction::Outputs => (
+                            AreaDirection::Outputs { watchdog },
+                            "outputs",
+                            FmmuUsage::Outputs,
+                        ),
+                        Direction::Inputs => (AreaDirection::Inputs, "inputs", FmmuUsage::Inputs),
+                    };
+                    let meant = (0..).zip(&sii.fmmu_usage);
+                    let meant = meant
+                        .filter(|(_, of)| **of == usage)
+                        .map(|(number, _)| number);
+                    let fmmu = meant
+                        .chain(0..u8::MAX)
+                        .find(|number| !fmmus.contains(number))
+                        .unwrap_or(u8::MAX);
+                    fmmus.push(fmmu);
+                    let area = Area::of_manager(sii, manager, fmmu, bytes, logical, what)?;
+                    areas.push((direction, area));
+                    logical = behind(logical, bytes);
+                }
+            }
+        }
+        Ok(areas)
+    }
+}
+
+fn behind(logical: u32, bytes: usize) -> u32 {
+    logical.saturating_add(u32::try_from(bytes).unwrap_or(u32::MAX))
+}
+
+async fn write_lists(
+    lists: &[StartUpList],
+    sdo: &SdoHandle,
+    transition: Transition,
+) -> Result<(), StepError> {
+    for list in lists {
+        list.apply(sdo, transition)
+            .await
+            .at(BringUpStep::StartUpList)?;
+    }
+    Ok(())
+}
+
+/// The PDOs that a device has assigned; none if it has no such object.
+async fn assigned(direction: Direction, sdo: &SdoHandle) -> Result<Vec<Pdo>, StepError> {
+    match pdo_map::read_assigned(direction, sdo).await {
+        Ok(pdos) => Ok(pdos),
+        Err(ConfigureError::Unreadable(error))
+            if error.error.abort_code() == Some(AbortCode::NO_OBJECT)
+                && error.error.transfer().object.index == direction.assignment() =>
+        {
+            Ok(Vec::new())
+        }
+        Err(error) => Err(error).at(BringUpStep::Mapping),
+    }
+}
+
+// Its mailbox, once it is served on the bus thread.
+
+/// A SubDevice's mailbox that is served.
+#[derive(Clone)]
+pub(in crate::bus) struct Mailbox {
+    pub sdo: SdoHandle,
+    pub emergencies: Emergencies,
+    pub signal: MailSignal,
+}
+
+/// Begins to serve a SubDevice's mailbox; none if it has no CoE.
+pub(in crate::bus) fn serve_mailbox(
+    context: &Context,
+    found: &Found,
+    error_texts: ErrorTexts,
+) -> Option<Mailbox> {
+    let mailbox = found
+        .sii
+        .mailbox
+        .filter(|mailbox| mailbox.protocols.coe())?;
+    let (client, sdo, emergencies) = MailboxClient::with(
+        EthercrabMailbox::new(context.registers.main(), found.station, mailbox),
+        TaskClock(Rc::clone(&context.time)),
+        MailboxSettings::of(&found.sii, &mailbox),
+        found.id.clone(),
+        || context.wakes.waiters(),
+    );
+    let log = context.log.clone();
+    let client = client
+        .with_error_texts(error_texts)
+        .reporting_to(context.emergencies.0.clone())
+        .noting_to(Arc::new(move |at, note| {
+            log.record(at, LogRecord::Mail(note));
+        }));
+    let signal = client.signal();
+    context.spawn(client.run())?.detach();
+    Some(Mailbox {
+        sdo,
+        emergencies,
+        signal,
+    })
+}
+
+/// The loop's time as mailbox clients take it.
+struct TaskClock(Rc<Time>);
+
+impl Clock for TaskClock {
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
+    async fn sleep_until(&self, time: Duration) {
+        self.0.sleep(time.saturating_sub(self.0.now())).await;
+    }
+}

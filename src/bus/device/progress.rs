@@ -1,7 +1,7 @@
 //! How far the bring-up of a line is, for whoever shows it.
 //!
-//! What the program does when it is told may take its time, and must not stop the cycles with it. The bus thread therefore only
-//! queues what is done ([`Progress`]); the future that waits for the end of it tells the program ([`Listener::tell_until`]).
+//! What the program does with a report may take its time, and must not stop the cycles with it. The bus thread therefore only
+//! queues what is done ([`Progress`]); the future that waits for its end reports to the program ([`Listener::tell_until`]).
 
 use std::{
     cell::Cell,
@@ -42,10 +42,10 @@ const STEPS: [BringUpStep; 7] = [
     BringUpStep::Identity,
     BringUpStep::StartUpList,
     BringUpStep::Mapping,
-    BringUpStep::Parameters,
     BringUpStep::Watchdog,
     BringUpStep::State(AlState::SafeOp),
     BringUpStep::State(AlState::Op),
+    BringUpStep::Parameters,
 ];
 
 /// A step that is done, on its way to whoever waits for the last one.
@@ -58,21 +58,19 @@ pub(in crate::bus) struct StepDone {
 
 type Told = dyn Fn(&BringUpProgress<'_>) + Send + Sync;
 
-/// Whom the program wants to be told.
+/// Where the program wants reports of progress.
 #[derive(Clone)]
 pub(in crate::bus) struct Listener(Option<Arc<Told>>);
 
 impl Listener {
-    pub(in crate::bus) const NOBODY: Self = Self(None);
+    pub const NOBODY: Self = Self(None);
 
-    pub(in crate::bus) fn new(
-        listener: impl Fn(&BringUpProgress<'_>) + Send + Sync + 'static,
-    ) -> Self {
+    pub fn new(listener: impl Fn(&BringUpProgress<'_>) + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(listener)))
     }
 
     /// Tells of each step, until it is over: of all that were done by then.
-    pub(in crate::bus) async fn tell_until<T>(
+    pub async fn tell_until<T>(
         &self,
         steps: Receiver<StepDone>,
         over: impl Future<Output = T>,
@@ -118,18 +116,13 @@ pub(in crate::bus) struct Progress {
 
 impl Progress {
     /// Counts all steps of so many devices.
-    pub(in crate::bus) fn new(
-        context: &Context,
-        steps: Sender<StepDone>,
-        drives: usize,
-        ios: usize,
-    ) -> Self {
+    pub fn new(context: &Context, steps: Sender<StepDone>, drives: usize, ios: usize) -> Self {
         let total = drives * STEPS.len() + ios * (STEPS.len() - 1);
         Self::of_one(context, steps, total)
     }
 
-    /// Counts so many steps of one device that is led back.
-    pub(in crate::bus) fn of_one(context: &Context, steps: Sender<StepDone>, total: usize) -> Self {
+    /// Counts so many steps of one device that is brought back into OP.
+    pub fn of_one(context: &Context, steps: Sender<StepDone>, total: usize) -> Self {
         Self {
             context: context.clone(),
             steps,
@@ -139,7 +132,7 @@ impl Progress {
     }
 
     /// A drive has done a step, which is one of [`STEPS`].
-    pub(in crate::bus) fn step(&self, drive: &DriveId, step: BringUpStep) {
+    pub fn step(&self, drive: &DriveId, step: BringUpStep) {
         debug_assert!(STEPS.contains(&step), "{step} is not counted");
         let done = self.done.get() + 1;
         self.done.set(done);

@@ -2,62 +2,122 @@
 //!
 //! It owns the station addresses. It calls `requests`, and must not configure a device: that is `device`.
 
-pub(super) mod find;
+use std::{rc::Rc, sync::Arc, time::Duration};
 
-use std::{rc::Rc, time::Duration};
-
-use crate::{
-    bus::{
-        error::{AlError, AlState, BringUpStep, NetworkError, RegisterError},
-        requests::{Context, al, eeprom, registers::Registers, sync_managers},
+use super::{
+    error::{
+        AlError, AlState, AlStatus, AtStep, BringUpStep, DriveFault, NetworkError, OfDevice,
+        RegisterError, StepError,
     },
+    expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict},
+    log::LogRecord,
+    requests::{
+        Context,
+        eeprom::{self, SiiBytes},
+        registers::{self, Registers},
+        sync_managers,
+    },
+};
+use crate::{
     coe::DriveId,
+    esc,
     sii::{Identity, Sii},
 };
 
 /// The station address of the first SubDevice; the others follow.
-pub(in crate::bus) const FIRST_STATION: u16 = 0x1000;
+const FIRST_STATION: u16 = 0x1000;
 /// The most SubDevices of a line: the stations 1000h to 1FFFh. A working counter that says more is wrong, and would cost
 /// memory and minutes for each SubDevice that is not there.
 const MOST_SUB_DEVICES: u16 = 0x1000;
-pub(in crate::bus) const STATION_ADDRESS: u16 = 0x0010;
 /// How long a SubDevice may take into INIT, and into PREOP (ETG.1020, default timeouts).
 const INIT_LIMIT: Duration = Duration::from_secs(5);
 const PRE_OP_LIMIT: Duration = Duration::from_secs(3);
+
+const COMMUNICATION: u16 = 0x0200;
+/// How far apart two counts are that must agree: a port that was opened needs its time.
+const STEADY_FOR: Duration = Duration::from_millis(20);
+/// How often a line is reset that has become longer or shorter meanwhile.
+const MOST_RESETS: usize = 50;
 
 /// What every SubDevice is set back to in INIT: register, and how many zeros. In pieces of one FMMU or sync manager, since
 /// some ESCs have less of them and refuse a write beyond. Besides: event mask, EEPROM to the master, and of the distributed
 /// clock the cyclic unit, system time offset, delay, start and cycle times.
 const ZEROS: [(u16, usize); 8] = [
-    (EVENT_MASK, 2),
-    (eeprom::CONFIGURATION, 1),
-    (0x0981, 1),
-    (0x0920, 8),
-    (0x0928, 4),
-    (0x0990, 8),
-    (0x09A0, 4),
-    (0x09A4, 4),
+    (esc::EVENT_MASK, 2),
+    (esc::EEPROM_CONFIGURATION, 1),
+    (esc::SYNC_ACTIVATION, 1),
+    (esc::SYSTEM_TIME_OFFSET, 8),
+    (esc::SYSTEM_TIME_DELAY, 4),
+    (esc::SYNC0_START, 8),
+    (esc::SYNC0_CYCLE, 4),
+    (esc::SYNC1_CYCLE, 4),
 ];
 /// Of each, an ESC has at most 16.
 const MOST: u16 = 16;
-const EVENT_MASK: u16 = 0x0200;
 
-/// A SubDevice of the line, in PREOP.
+/// A SubDevice of the line, in INIT when it is found.
 #[derive(Debug, Clone)]
 pub(in crate::bus) struct Found {
-    pub(in crate::bus) station: u16,
-    pub(in crate::bus) id: DriveId,
-    pub(in crate::bus) sii: Rc<Sii>,
+    pub station: u16,
+    pub id: DriveId,
+    /// What configuration needs of its SII, or all of it.
+    pub sii: Rc<Sii>,
+    /// What was read of that.
+    bytes: SiiBytes,
 }
 
-/// Finds all SubDevices and brings them into PREOP.
+impl Found {
+    /// Notes how far its set-up is.
+    pub fn note(&self, context: &Context, what: &'static str) {
+        let note = LogRecord::SetUp(Arc::new(self.id.clone()), what);
+        context.log.record(context.time.now(), note);
+    }
+
+    /// Reads what is left of its SII. In INIT: from PREOP on it belongs to the device.
+    pub async fn read_whole_sii(&mut self, registers: &Registers) -> Result<(), StepError> {
+        let sii = eeprom::read_whole(registers, self.station, &mut self.bytes)
+            .await
+            .at(BringUpStep::Sii)?;
+        self.sii = Rc::new(sii);
+        Ok(())
+    }
+
+    /// From INIT to PREOP: the device gets its EEPROM, and the sync managers of its mailbox.
+    pub async fn enter_pre_op(&self, registers: &Registers) -> Result<(), StepError> {
+        let step = BringUpStep::State(AlState::PreOp);
+        eeprom::give_away(registers, self.station).await.at(step)?;
+        sync_managers::set_mailbox(registers, self.station, &self.sii)
+            .await
+            .at(step)?;
+        registers::request(registers, self.station, AlState::PreOp, PRE_OP_LIMIT)
+            .await
+            .at(step)
+    }
+}
+
+/// Finds all SubDevices and brings them into INIT.
 pub(in crate::bus) async fn discover(context: &Context) -> Result<Vec<Found>, NetworkError> {
-    let count = count(&context.registers).await?;
-    discover_each(context, count).await?.into_iter().collect()
+    discover_each(context, None).await?.into_iter().collect()
+}
+
+/// Brings these SubDevices into PREOP.
+pub(in crate::bus) async fn enter_pre_op(
+    context: &Context,
+    line: &[Found],
+) -> Result<(), NetworkError> {
+    let tasks = line.iter().cloned().map(|found| {
+        let registers = context.registers.clone();
+        context.spawn(async move { found.enter_pre_op(&registers).await.of(&found.id) })
+    });
+    let tasks: Option<Vec<_>> = tasks.collect();
+    for task in tasks.ok_or_else(loop_is_gone)? {
+        task.await?;
+    }
+    Ok(())
 }
 
 /// How many SubDevices there are: at least one, and not more than have an address.
-pub(in crate::bus) async fn count(registers: &Registers) -> Result<u16, NetworkError> {
+async fn count(registers: &Registers) -> Result<u16, NetworkError> {
     match registers.count().await {
         Ok(0) | Err(RegisterError::NotAnswered) => Err(NetworkError::NoSubDevice),
         Ok(count) if count > MOST_SUB_DEVICES => Err(NetworkError::TooManySubDevices {
@@ -70,29 +130,79 @@ pub(in crate::bus) async fn count(registers: &Registers) -> Result<u16, NetworkE
     }
 }
 
-/// Brings `count` SubDevices into PREOP, each as far as it comes.
+/// Finds all SubDevices and brings each into INIT, as far as it comes; `seen` gets the AL states in which they were found.
 pub(in crate::bus) async fn discover_each(
+    context: &Context,
+    mut seen: Option<&mut Vec<AlStatus>>,
+) -> Result<Vec<Result<Found, NetworkError>>, NetworkError> {
+    let registers = &context.registers;
+    let mut counts = (0, count(registers).await?);
+    let mut ring = None;
+    for _ in 0..MOST_RESETS {
+        let (_, there) = counts;
+        if let Some(seen) = seen.as_deref_mut() {
+            seen.truncate(there.into());
+            for position in (0..there).skip(seen.len()) {
+                let status = registers::status_at(registers, position).await;
+                seen.push(status.map_err(NetworkError::Line)?);
+            }
+        }
+        reset(context).await?;
+        counts = (there, count(registers).await?);
+        // Those that a port had kept away were not reset.
+        if counts.0 != counts.1 {
+            continue;
+        }
+        let counted = context.time.now();
+        let line = in_init(context, there).await;
+        let since = context.time.now().saturating_sub(counted);
+        context.time.sleep(STEADY_FOR.saturating_sub(since)).await;
+        counts = (there, count(registers).await?);
+        if counts.0 != counts.1 {
+            continue;
+        }
+        match second_port(registers, there).await? {
+            None => return line,
+            // A damaged read can show it as well, and a device that appears after the last count.
+            port if ring != port => ring = port,
+            Some(port) => {
+                let position = there.saturating_sub(1);
+                return Err(NetworkError::Ring { position, port });
+            }
+        }
+    }
+    let (before, now) = counts;
+    Err(NetworkError::UnsteadyLine { before, now })
+}
+
+/// The port by which the last SubDevice leads on, if it does: the way of a frame ends at a device that has one open port.
+async fn second_port(registers: &Registers, count: u16) -> Result<Option<u8>, NetworkError> {
+    let position = count.saturating_sub(1);
+    let status = registers.read_at(position, esc::DL_STATUS).await;
+    let status = u16::from_le_bytes(status.map_err(NetworkError::Line)?);
+    let mut open = (0..4).filter(|port| status & (COMMUNICATION << (2 * port)) != 0);
+    Ok(open.nth(1))
+}
+
+/// Gives `count` SubDevices their addresses, and reads who they are.
+async fn in_init(
     context: &Context,
     count: u16,
 ) -> Result<Vec<Result<Found, NetworkError>>, NetworkError> {
-    let registers = &context.registers;
-    reset(context).await?;
     // All addresses before anything else: a SubDevice that kept one from before must not answer to another's.
     let stations = (0..count).map(|position| (position, FIRST_STATION.wrapping_add(position)));
     let addresses = stations.clone().map(|(position, station)| {
-        let registers = registers.clone();
+        let registers = context.registers.clone();
         async move {
             let station = station.to_le_bytes();
             registers
-                .write_at(position, STATION_ADDRESS, &station)
+                .write_at(position, esc::STATION_ADDRESS, &station)
                 .await
         }
     });
     all(context, addresses).await?;
     let tasks: Option<Vec<_>> = stations
-        .map(|(position, station)| {
-            context.spawn(find(context.registers.clone(), position, station))
-        })
+        .map(|(position, station)| context.spawn(find(context.clone(), position, station)))
         .collect();
     let mut line = Vec::new();
     for task in tasks.ok_or_else(loop_is_gone)? {
@@ -101,13 +211,20 @@ pub(in crate::bus) async fn discover_each(
     Ok(line)
 }
 
-/// Brings all SubDevices into INIT, whatever they were doing, with nothing configured.
+/// Brings all SubDevices into INIT, whatever they were doing, with nothing configured. First of all each answers to its own address
+/// alone, and when they have stopped, the ports that an earlier program may have closed are open again.
 async fn reset(context: &Context) -> Result<(), NetworkError> {
     let registers = &context.registers;
-    registers
-        .broadcast(al::AL_CONTROL, &al::RESET)
-        .await
-        .map_err(NetworkError::Line)?;
+    for (register, bytes) in [
+        (esc::ALIAS_ADDRESSING, &[0][..]),
+        (esc::AL_CONTROL, &registers::RESET),
+        (esc::PORTS, &[0]),
+    ] {
+        registers
+            .broadcast(register, bytes)
+            .await
+            .map_err(NetworkError::Line)?;
+    }
     let zeros = zeros().map(|(register, zeros)| {
         let registers = registers.clone();
         async move {
@@ -121,8 +238,10 @@ async fn reset(context: &Context) -> Result<(), NetworkError> {
 
 /// Sets one SubDevice back into INIT, with nothing configured.
 pub(in crate::bus) async fn set_back(registers: &Registers, station: u16) -> Result<(), AlError> {
-    registers.write(station, al::AL_CONTROL, &al::RESET).await?;
-    al::reach(registers, station, AlState::Init, INIT_LIMIT).await?;
+    registers
+        .write(station, esc::AL_CONTROL, &registers::RESET)
+        .await?;
+    registers::reach(registers, station, AlState::Init, INIT_LIMIT).await?;
     for (register, zeros) in zeros() {
         let bytes = [0; 16];
         let bytes = bytes.get(..zeros).unwrap_or(&bytes);
@@ -137,8 +256,8 @@ pub(in crate::bus) async fn set_back(registers: &Registers, station: u16) -> Res
 
 /// All registers that are set back, each with its length.
 fn zeros() -> impl Iterator<Item = (u16, usize)> {
-    let fmmus = (0..MOST).map(|fmmu| (sync_managers::FMMU + 16 * fmmu, 16));
-    let managers = (0..MOST).map(|manager| (sync_managers::SYNC_MANAGER + 8 * manager, 8));
+    let fmmus = (0..MOST).map(|fmmu| (esc::FMMU + 16 * fmmu, 16));
+    let managers = (0..MOST).map(|manager| (esc::SYNC_MANAGER + 8 * manager, 8));
     fmmus.chain(managers).chain(ZEROS)
 }
 
@@ -158,40 +277,321 @@ pub(in crate::bus) fn loop_is_gone() -> NetworkError {
     NetworkError::Thread("the bus loop is gone".into())
 }
 
-/// One SubDevice from INIT to PREOP.
-pub(in crate::bus) async fn find(
-    registers: Registers,
-    position: u16,
-    station: u16,
-) -> Result<Found, NetworkError> {
+/// One SubDevice in INIT: who it is, and what configuration needs of its SII.
+async fn find(context: Context, position: u16, station: u16) -> Result<Found, NetworkError> {
+    let registers = &context.registers;
     let mut id = DriveId {
         position,
         name: String::new(),
         identity: Identity::default(),
     };
-    let fault = |id: &DriveId, step, error| NetworkError::Drive {
-        drive: id.clone(),
-        step,
-        error: Box::new(error),
+    let mut bytes = SiiBytes::new();
+    let steps = async {
+        registers::reach(registers, station, AlState::Init, INIT_LIMIT)
+            .await
+            .at(BringUpStep::State(AlState::Init))?;
+        let step = BringUpStep::Sii;
+        let forced = eeprom::take_over(registers, station).await.at(step)?;
+        let (sii, name) = eeprom::read(registers, station, &mut bytes)
+            .await
+            .at(step)?;
+        Ok((forced, sii, name))
     };
-    al::reach(&registers, station, AlState::Init, INIT_LIMIT)
-        .await
-        .map_err(|error| fault(&id, BringUpStep::State(AlState::Init), error.into()))?;
-    let (sii, name) = eeprom::read(&registers, station)
-        .await
-        .map_err(|error| fault(&id, BringUpStep::Sii, error.into()))?;
+    let (forced, sii, name) = steps.await.of(&id)?;
     id.identity = sii.identity;
     id.name = name;
-    let in_pre_op = async {
-        sync_managers::set_mailbox(&registers, station, &sii).await?;
-        al::request(&registers, station, AlState::PreOp, PRE_OP_LIMIT).await
-    };
-    in_pre_op
-        .await
-        .map_err(|error| fault(&id, BringUpStep::State(AlState::PreOp), error.into()))?;
+    if forced {
+        let note = LogRecord::EepromForced(Arc::new(id.clone()));
+        context.log.record(context.time.now(), note);
+    }
     Ok(Found {
         station,
         id,
         sii: Rc::new(sii),
+        bytes,
     })
+}
+
+// Where in the line a device is that was without power: it has lost its station address, and others may be missing.
+//
+// What is left of a line has the order that it had. Devices that have kept their address are known by it; for the others the
+// identity decides, down to the serial number, and the order where several are alike.
+
+/// The first of the station addresses that nameless devices have while it is looked who they are: behind those of a line.
+const PROVISIONAL: u16 = 0x2000;
+/// How often the line is looked at again when it has changed meanwhile.
+const TRIES: usize = 3;
+
+/// A device of the line as it is now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum FoundAs {
+    /// It has kept its address: this is its place at the start.
+    Known(usize),
+    /// It has none of the line's, and is this one.
+    Nameless(Identity),
+}
+
+/// Gives the device that had this place at the start its station address again; tells where it is now.
+pub(super) async fn find_again(
+    registers: &Registers,
+    line: &[DriveId],
+    wanted: &DriveId,
+) -> Result<u16, NetworkError> {
+    for _ in 0..TRIES {
+        let mut names = names_on_the_line(registers, line.len()).await?;
+        let seen = identify(registers, &names).await?;
+        let position = choose(line, wanted, &seen)?;
+        let name = FIRST_STATION.wrapping_add(wanted.position);
+        give_name(registers, position, name).await?;
+        // Who came or went meanwhile has moved the positions.
+        if let Some(given) = names.get_mut(usize::from(position)) {
+            *given = Some(wanted.position.into());
+        }
+        let now = names_on_the_line(registers, line.len()).await?;
+        if now == names {
+            return Ok(position);
+        }
+        for (position, _) in (0..)
+            .zip(now)
+            .filter(|(_, now)| *now == Some(wanted.position.into()))
+        {
+            give_name(registers, position, 0).await?;
+        }
+    }
+    Err(NetworkError::Drive {
+        drive: wanted.clone(),
+        step: BringUpStep::Identity,
+        error: Box::new(DriveFault::Register(RegisterError::NotAnswered)),
+    })
+}
+
+/// Of each device that is there: which place it had at the start, if its address shows it.
+async fn names_on_the_line(
+    registers: &Registers,
+    at_start: usize,
+) -> Result<Vec<Option<usize>>, NetworkError> {
+    let mut names = Vec::new();
+    for position in 0..count(registers).await? {
+        match registers.read_at(position, esc::STATION_ADDRESS).await {
+            Ok(address) => {
+                let place = u16::from_le_bytes(address).checked_sub(FIRST_STATION);
+                names.push(place.map(usize::from).filter(|place| *place < at_start));
+            }
+            // It was there when they were counted.
+            Err(RegisterError::NotAnswered) => break,
+            Err(error) => return Err(NetworkError::Line(error)),
+        }
+    }
+    Ok(names)
+}
+
+/// Asks those without a name who they are.
+async fn identify(
+    registers: &Registers,
+    names: &[Option<usize>],
+) -> Result<Vec<FoundAs>, NetworkError> {
+    let mut seen = Vec::with_capacity(names.len());
+    for (position, name) in (0..).zip(names) {
+        seen.push(match name {
+            Some(place) => FoundAs::Known(*place),
+            None => {
+                let station = PROVISIONAL.wrapping_add(position);
+                give_name(registers, position, station).await?;
+                let identity = eeprom::identity(registers, station).await;
+                give_name(registers, position, 0).await?;
+                // One that cannot be read is none of the line's.
+                FoundAs::Nameless(identity.unwrap_or_default())
+            }
+        });
+    }
+    Ok(seen)
+}
+
+async fn give_name(registers: &Registers, position: u16, station: u16) -> Result<(), NetworkError> {
+    let station = station.to_le_bytes();
+    let given = registers.write_at(position, esc::STATION_ADDRESS, &station);
+    given.await.map_err(NetworkError::Line)
+}
+
+/// Which of the devices that are there is the wanted one.
+fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, NetworkError> {
+    let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
+    let place = usize::from(wanted.position);
+    let candidates = candidates(&expected, place, seen);
+    let verdict = match candidates.as_slice() {
+        &[(only, false)] => return Ok(to_position(only)),
+        [] => {
+            let mut behind = seen.iter().enumerate().filter(|(_, seen)| match seen {
+                FoundAs::Known(known) => *known < place,
+                FoundAs::Nameless(_) => false,
+            });
+            // What stands where it would be the next one.
+            let at = behind.next_back().map_or(0, |(at, _)| at + 1);
+            match seen.get(at) {
+                Some(FoundAs::Nameless(identity)) if *identity != wanted.identity => {
+                    return Err(mismatch(wanted, Some((at, *identity)), Verdict::Different));
+                }
+                _ => Verdict::Missing,
+            }
+        }
+        several => Verdict::NotUnique {
+            positions: several.iter().map(|(at, _)| to_position(*at)).collect(),
+        },
+    };
+    Err(mismatch(wanted, None, verdict))
+}
+
+/// The table of a line of which only the wanted device is looked at.
+pub(super) fn mismatch(
+    wanted: &DriveId,
+    found: Option<(usize, Identity)>,
+    verdict: Verdict,
+) -> NetworkError {
+    let Identity {
+        vendor,
+        product,
+        revision,
+        serial,
+    } = wanted.identity;
+    let expected = Expected::new(vendor, product).revision(revision);
+    let expected = expected.serial(serial).named(wanted.name.clone());
+    let found = found.map(|(at, identity)| Present {
+        id: DriveId {
+            position: to_position(at),
+            name: String::new(),
+            identity,
+        },
+        alias: None,
+    });
+    let place = DevicePlace::Position(wanted.position);
+    NetworkError::WrongLine(LineMismatch(vec![LineRow {
+        position: Some(wanted.position),
+        expected: Some((place, expected)),
+        found,
+        verdict,
+    }]))
+}
+
+/// The nameless devices that can be the one that had this place, if what is there is a part of the line in its order; each
+/// with whether it can be that of another place as well. Devices that no place of the line had are left out.
+fn candidates(line: &[Identity], place: usize, seen: &[FoundAs]) -> Vec<(usize, bool)> {
+    let own: Vec<_> = seen
+        .iter()
+        .enumerate()
+        .filter(|(_, seen)| line.iter().enumerate().any(|(at, is)| seen.is(at, is)))
+        .collect();
+    let others = || (0..line.len()).filter(|other| *other != place);
+    (0..own.len())
+        .filter(|number| can_be(&own, *number, line, place))
+        .filter_map(|number| {
+            let or_another = others().any(|other| can_be(&own, number, line, other));
+            Some((own.get(number)?.0, or_another))
+        })
+        .collect()
+}
+
+/// Whether the device with this number among those that are there can be the nameless one that had this place.
+fn can_be(own: &[(usize, &FoundAs)], number: usize, line: &[Identity], place: usize) -> bool {
+    let (Some((_, FoundAs::Nameless(identity))), Some(before), Some(behind)) =
+        (own.get(number), own.get(..number), own.get(number + 1..))
+    else {
+        return false;
+    };
+    let (Some(wanted), Some(front), Some(back)) =
+        (line.get(place), line.get(..place), line.get(place + 1..))
+    else {
+        return false;
+    };
+    identity == wanted && fit(before, 0, front) && fit(behind, place + 1, back)
+}
+
+/// Whether these are devices of this part of a line, which begins with place `from`, in its order; some may be missing.
+fn fit(seen: &[(usize, &FoundAs)], from: usize, line: &[Identity]) -> bool {
+    let mut places = (from..).zip(line);
+    seen.iter()
+        .all(|(_, seen)| places.any(|(place, identity)| seen.is(place, identity)))
+}
+
+impl FoundAs {
+    fn is(&self, place: usize, identity: &Identity) -> bool {
+        match self {
+            Self::Known(known) => *known == place,
+            Self::Nameless(own) => own == identity,
+        }
+    }
+}
+
+fn to_position(at: usize) -> u16 {
+    u16::try_from(at).unwrap_or(u16::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one(product: u32, serial: u32) -> Identity {
+        Identity {
+            vendor: 1,
+            product,
+            revision: 3,
+            serial,
+        }
+    }
+
+    const NOBODY: [(usize, bool); 0] = [];
+
+    #[test]
+    fn between_two_that_are_known_the_nameless_one_is_the_one_that_is_missing_there() {
+        let line = [one(1, 0), one(2, 0), one(2, 0), one(2, 0)];
+        let seen = [
+            FoundAs::Known(0),
+            FoundAs::Known(1),
+            FoundAs::Nameless(one(2, 0)),
+            FoundAs::Known(3),
+        ];
+        assert_eq!(candidates(&line, 2, &seen), [(2, false)]);
+        assert_eq!(candidates(&line, 1, &seen), NOBODY, "it is known");
+        // The first is missing, so that all have moved up.
+        assert_eq!(candidates(&line, 2, &seen[1..]), [(1, false)]);
+    }
+
+    #[test]
+    fn all_without_a_name_are_told_apart_by_their_order_if_all_are_there() {
+        let line = [one(2, 0), one(2, 0), one(3, 0), one(2, 0)];
+        let seen = line.map(FoundAs::Nameless);
+        for place in 0..4 {
+            assert_eq!(candidates(&line, place, &seen), [(place, false)]);
+        }
+    }
+
+    #[test]
+    fn of_two_that_are_alike_and_one_missing_nobody_knows_which_one_is_there() {
+        let line = [one(2, 0), one(2, 0), one(2, 0)];
+        let seen = [FoundAs::Known(0), FoundAs::Nameless(one(2, 0))];
+        assert_eq!(candidates(&line, 1, &seen), [(1, true)]);
+        assert_eq!(candidates(&line, 2, &seen), [(1, true)]);
+        // A serial number shows it.
+        let line = [one(2, 0), one(2, 1), one(2, 2)];
+        let seen = [FoundAs::Known(0), FoundAs::Nameless(one(2, 2))];
+        assert_eq!(candidates(&line, 1, &seen), NOBODY);
+        assert_eq!(candidates(&line, 2, &seen), [(1, false)]);
+    }
+
+    #[test]
+    fn a_stranger_is_left_out_wherever_it_stands() {
+        let line = [one(1, 0), one(2, 7), one(3, 0)];
+        let seen = [
+            FoundAs::Known(0),
+            FoundAs::Nameless(one(9, 9)),
+            FoundAs::Nameless(one(2, 7)),
+            FoundAs::Known(2),
+        ];
+        assert_eq!(candidates(&line, 1, &seen), [(2, false)]);
+        let other_serial = [
+            FoundAs::Known(0),
+            FoundAs::Nameless(one(2, 8)),
+            FoundAs::Known(2),
+        ];
+        assert_eq!(candidates(&line, 1, &other_serial), NOBODY);
+    }
 }

@@ -13,10 +13,10 @@ use crate::{
             black_box::{AxisIncident, BlackBox, RecordedAxis, RecordedCycle},
             exchange::Drives,
         },
-        device::drive::{Parameters, ReadyDrive},
+        device::{Device, drive::Parameters},
         error::MovingAxis,
         log::Log,
-        watch::{Control, transition_log::TransitionLog},
+        watch::{Control, TransitionLog},
     },
     ds402::State,
     wakes::{Wakes, stored},
@@ -53,8 +53,8 @@ struct RunningAxis {
 
 impl Axes {
     /// A core, a port and a source of handles for each axis.
-    pub(in crate::bus) fn open(
-        drives: &[ReadyDrive],
+    pub fn open(
+        devices: &[Device],
         control: Arc<Control>,
         wakes: &Wakes,
         log: Log,
@@ -63,13 +63,19 @@ impl Axes {
         let mut axes = Vec::new();
         let mut sources = Vec::new();
         let mut recorded = Vec::new();
-        for (place, drive) in drives.iter().enumerate() {
+        let mut logged = Vec::new();
+        for (place, device) in devices.iter().enumerate() {
+            let (Some(drive), Some(mailbox)) = (device.as_drive(), &device.mailbox) else {
+                continue;
+            };
             for axis in &drive.axes {
-                let core = AxisCore::new(axis.config.clone());
+                let mut core = AxisCore::new(axis.config.clone());
+                core.await_op(true);
                 let identity = AxisIdentity {
                     axis: axis.name.clone(),
-                    drive: drive.found.id.clone(),
+                    drive: device.found.id.clone(),
                 };
+                logged.push((identity.clone(), axis.scale));
                 recorded.push(RecordedAxis {
                     identity: identity.clone(),
                     drive: place,
@@ -79,8 +85,9 @@ impl Axes {
                     identity,
                     offset: axis.offset,
                     fields: axis.config.fields,
+                    scale: axis.scale,
                     layout: drive.layout.clone(),
-                    parameters: Arc::new(Parameters(drive.sdo.clone())),
+                    parameters: Arc::new(Parameters(mailbox.sdo.clone())),
                     groups: queue.clone(),
                     index: axes.len(),
                 };
@@ -100,7 +107,7 @@ impl Axes {
             cycles: 0,
             watch: None,
             expired: false,
-            transitions: TransitionLog::new(recorded.iter().map(|axis| axis.identity.clone()), log),
+            transitions: TransitionLog::new(logged.into_iter(), log),
             recorded,
             control,
             disable_asked: None,
@@ -110,7 +117,7 @@ impl Axes {
     }
 
     /// The axes of the drive at this place begin again, with what was read of each where their drive holds that anew.
-    pub(in crate::bus) fn restart(
+    pub fn restart(
         &mut self,
         now: Duration,
         place: usize,
@@ -130,25 +137,41 @@ impl Axes {
     }
 
     /// The drive at this place was without power: its axes do not know where they are.
-    pub(in crate::bus) fn forget(&mut self, place: usize) {
+    pub fn forget(&mut self, place: usize) {
         let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
         axes.for_each(|axis| axis.core.forget());
     }
 
-    /// Whether the drive at this place takes what its axes are told, and none of them is enabled.
-    pub(in crate::bus) fn are_back(&self, place: usize) -> bool {
+    /// All drives are in OP.
+    pub fn in_op(&mut self) {
+        for axis in &mut self.axes {
+            axis.core.await_op(false);
+        }
+    }
+
+    /// What only motion needs has been read of all drives. Nobody has a handle of their axes before.
+    pub fn know(&mut self, devices: &[Device]) {
+        let drives = devices.iter().filter_map(Device::as_drive);
+        let known = drives.flat_map(|drive| &drive.axes);
+        for (axis, known) in self.axes.iter_mut().zip(known) {
+            axis.port.know(&mut axis.core, known.config.clone());
+        }
+    }
+
+    /// Whether the drive at this place takes the outputs of its axes, and none of them is enabled.
+    pub fn are_back(&self, place: usize) -> bool {
         let axes = self.axes.iter().filter(|axis| axis.drive == place);
         axes.map(|axis| axis.core.snapshot())
             .all(|axis| !axis.lost && axis.state != State::OperationEnabled)
     }
 
     /// Disables all axes for good; moving ones are stopped by quick stop before.
-    pub(in crate::bus) const fn disable(&mut self, cause: Failure) {
+    pub const fn disable(&mut self, cause: Failure) {
         self.disable_asked = Some(cause);
     }
 
     /// The axes that may be moving: what answers and is powered or does not stand, and what does not answer and was so when it did last.
-    pub(in crate::bus) fn moving(&self) -> impl Iterator<Item = MovingAxis> {
+    pub fn moving(&self) -> impl Iterator<Item = MovingAxis> {
         let all = self.axes.iter().zip(&self.recorded);
         all.filter_map(move |(axis, recorded)| {
             let snapshot = axis.core.snapshot();
@@ -174,18 +197,18 @@ impl Axes {
 
     /// How long it may take until the slowest axis stands and is disabled: a halt that misses its deadline, a quick stop after that,
     /// and the way down.
-    pub(in crate::bus) fn longest_stop(&self) -> Duration {
+    pub fn longest_stop(&self) -> Duration {
         let stops = self.axes.iter().map(|axis| axis.core.longest_stop());
         stops.max().unwrap_or_default()
     }
 
     /// What came upon which axis since the last time.
-    pub(in crate::bus) fn take_incidents(&mut self) -> Vec<(usize, AxisIncident)> {
+    pub fn take_incidents(&mut self) -> Vec<(usize, AxisIncident)> {
         self.transitions.take_incidents().collect()
     }
 
     /// The last cycles of the axis at this place.
-    pub(in crate::bus) fn black_box(
+    pub fn black_box(
         &self,
         index: usize,
         incident: Option<AxisIncident>,
@@ -244,7 +267,8 @@ impl Stepper for Rc<RefCell<Axes>> {
         if is_doubted || this.was_doubted {
             this.was_doubted = is_doubted;
             for axis in &mut this.axes {
-                axis.port.note_miscount(drives.miscounted(axis.drive));
+                let left_op = drives.get(axis.drive).and_then(|drive| drive.left_op);
+                axis.port.note_doubt(drives.miscounted(axis.drive), left_op);
             }
         }
         for (index, axis) in this.axes.iter_mut().enumerate() {
@@ -256,10 +280,10 @@ impl Stepper for Rc<RefCell<Axes>> {
                 core.count_to(this.cycles);
                 Some(core.step_kept(now, inputs, unchanged, outputs))
             };
-            let Some(news) = drives.step(axis.drive, step) else {
+            let Some(change) = drives.step(axis.drive, step) else {
                 continue;
             };
-            if let Some(snapshot) = axis.port.pass(&mut axis.core, news) {
+            if let Some(snapshot) = axis.port.pass(&mut axis.core, change) {
                 this.transitions.look(now, index, &snapshot);
             }
         }

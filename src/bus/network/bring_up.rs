@@ -2,70 +2,46 @@
 
 use std::{rc::Rc, sync::Arc, time::Duration};
 
+use async_task::Task;
 use tracing::Instrument;
 
+use super::builder::LinePlan;
 use crate::{
     bus::{
         cable::CableLoad,
-        clocks::{
-            measure::{self, Clocks},
-            sync,
-        },
+        clocks::{self, Clocks},
         cycle::{
             Cycle, Stepper,
             exchange::Exchange,
-            packing::{InputMarker, Member, Watched, fits_one_frame, logical_addresses},
+            frame::{Watched, logical_addresses},
         },
-        device::{
-            config::{DriveConfig, Watchdog},
-            drive::{DriveSetup, Failed, ReadyDrive},
-            io_setup::{IoSetup, ReadyIo},
-            progress::Progress,
-        },
-        error::{AlState, BringUpStep, DriveFault, NetworkError},
-        expected::DevicePlace,
+        device::{Device, progress::Progress},
+        error::{AlState, AtStep, BringUpStep, DriveFault, NetworkError, OfDevice},
         line::{self, Found, loop_is_gone},
         log::LogRecord,
-        network::plan::LinePlan,
-        requests::{Context, al, registers::Registers},
+        requests::Context,
     },
-    coe::{DriveId, SdoHandle},
-    parameters::{StartUpList, Transition},
+    coe::DriveId,
 };
 
 /// Complete exchanges before OP is asked for: with the first one every drive has taken valid outputs.
 const GOOD_CYCLES: u32 = 1;
 /// How long that may take, beside the cycles themselves.
 pub(in crate::bus) const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
-/// How long a drive may take into OP (ETG.1020, default timeout of SAFEOP to OP is 10 s).
-const OP_LIMIT: Duration = Duration::from_secs(10);
-
-/// The devices of the exchange, in SAFEOP or above. In the exchange the drives are first.
+/// The devices of the exchange, in SAFEOP or above: the drives first.
 pub(in crate::bus) struct Ready {
     /// All SubDevices of the line, also those that are not in the exchange.
-    pub(in crate::bus) line: Vec<DriveId>,
-    pub(in crate::bus) drives: Vec<ReadyDrive>,
-    pub(in crate::bus) ios: Vec<ReadyIo>,
+    pub line: Vec<DriveId>,
+    /// In the order of the exchange.
+    pub devices: Vec<Device>,
     /// The distributed clocks, where a drive uses its.
     clocks: Option<Rc<Clocks>>,
 }
 
 impl Ready {
     /// Whose clock is the reference, where there is one.
-    pub(in crate::bus) fn reference(&self) -> Option<DriveId> {
+    pub fn reference(&self) -> Option<DriveId> {
         Some(self.clocks.as_ref()?.reference.clone())
-    }
-
-    /// All of them, in the order of the exchange.
-    pub(in crate::bus) fn found(&self) -> impl Iterator<Item = &Found> {
-        let drives = self.drives.iter().map(|drive| &drive.found);
-        drives.chain(self.ios.iter().map(|io| &io.found))
-    }
-
-    /// How they were declared, likewise.
-    pub(in crate::bus) fn places(&self) -> impl Iterator<Item = DevicePlace> {
-        let drives = self.drives.iter().map(|drive| drive.place);
-        drives.chain(self.ios.iter().map(|io| io.place))
     }
 }
 
@@ -76,143 +52,122 @@ pub(in crate::bus) async fn configure(
     progress: &Rc<Progress>,
 ) -> Result<Ready, NetworkError> {
     let line = line::discover(context).await?;
-    tracing::info!(count = line.len(), "SubDevices in PREOP");
-    let mut found = plan.find(context, &line).await?.into_iter();
+    let mut found = plan.find(context, &line).await?;
+    let ios = found.iter_mut().skip(plan.drives.len());
+    read_whole_siis(context, ios.take(plan.ios.len())).await?;
+    line::enter_pre_op(context, &line).await?;
+    tracing::info!(target: crate::log_target::BUS, count = line.len(), "SubDevices in PREOP");
+    let mut found = found.into_iter();
     let uses_clocks = plan.drives.iter().any(|(_, drive)| drive.clock.is_some());
     let clocks = if uses_clocks {
-        measure::measure(context, &line).await?
+        clocks::measure(context, &line).await?
     } else {
         None
     };
-    let mut jobs = Vec::new();
+    let times = (&plan.watchdog, plan.cycle);
+    let mut drives = Vec::new();
     for ((place, config), found) in plan.drives.into_iter().zip(found.by_ref()) {
-        let progress = Rc::clone(progress);
-        jobs.push(checked(
-            found,
-            place,
-            config,
-            &plan.watchdog,
-            plan.cycle,
-            clocks.clone(),
-            progress,
-        )?);
+        let (clocks, progress) = (clocks.clone(), Rc::clone(progress));
+        let drive = Device::drive(found, place, config, times, clocks, progress)?;
+        drives.push(drive);
     }
-    let mut sizes: Vec<_> = jobs
-        .iter()
-        .map(|job| {
-            let layout = job.mapping.layout();
-            (layout.output_bytes(), layout.input_bytes())
-        })
-        .collect();
-    for (job, logical) in jobs.iter_mut().zip(logical_addresses(&sizes)) {
-        job.logical = logical;
+    let mut sizes: Vec<_> = drives.iter().map(Device::sizes).collect();
+    for (drive, logical) in drives.iter_mut().zip(logical_addresses(&sizes)) {
+        drive.logical = logical;
     }
-    let tasks: Option<Vec<_>> = jobs
-        .into_iter()
-        .map(|job| {
-            let id = &job.found.id;
-            let span = tracing::info_span!("bring-up", position = id.position, name = id.name);
-            context.spawn(job.run(context.clone()).instrument(span))
-        })
-        .collect();
-    let tasks = tasks.ok_or_else(loop_is_gone)?;
+    let drives = begin(context, drives, |context, mut drive| async move {
+        let id = &drive.found.id;
+        let span = tracing::info_span!(target: crate::log_target::DRIVE, "bring-up", position = id.position, name = id.name);
+        let steps = async {
+            drive.configure(&context).await?;
+            drive.enter_safe_op(&context).await
+        };
+        let result = steps.instrument(span).await;
+        result.of(&drive.found.id).map(|()| drive)
+    })?;
     let teaching = clocks.clone().and_then(|clocks| {
         let registers = context.registers.clone();
         context.spawn(async move { clocks.teach(&registers).await })
     });
-    // Meanwhile the others tell what they exchange, and get their place behind the drives.
-    let ios = plan
-        .ios
-        .into_iter()
-        .zip(found)
+    // Meanwhile what the others exchange is read, and they get their place behind the drives.
+    let ios = plan.ios.into_iter().zip(found);
+    let ios = ios
         .map(|((place, config), found)| {
-            let job = IoSetup {
-                found,
-                place,
-                config,
-                watchdog: plan.watchdog.time(plan.cycle),
-                patience: plan.watchdog.loss(plan.cycle).stale_cycles,
-                mailbox: None,
-                progress: Rc::clone(progress),
-            };
-            job.look(context.clone())
-        });
-    let mut ios = all(context, ios).await?;
+            Device::io(found, place, config, times, Rc::clone(progress))
+        })
+        .collect();
+    let configured = begin(context, ios, |context, mut io| async move {
+        let result = io.configure(&context).await;
+        result.of(&io.found.id).map(|()| io)
+    })?;
+    let mut ios = all(configured).await?;
     let behind = sizes.len();
-    sizes.extend(ios.iter().map(ReadyIo::sizes));
+    sizes.extend(ios.iter().map(Device::sizes));
     let addresses = logical_addresses(&sizes);
     for (io, logical) in ios.iter_mut().zip(addresses.into_iter().skip(behind)) {
         io.logical = logical;
     }
-    let ios = ios.into_iter().map(|io| io.into_safe_op(context.clone()));
-    let ios = all(context, ios).await?;
-    let mut drives = Vec::new();
-    for task in tasks {
-        drives.push(task.await?);
-    }
+    let ios = begin(context, ios, |context, mut io| async move {
+        let result = io.enter_safe_op(&context).await;
+        result.of(&io.found.id).map(|()| io)
+    })?;
+    let ios = all(ios).await?;
+    let mut devices = all(drives).await?;
+    devices.extend(ios);
     if let Some(teaching) = teaching {
         teaching.await;
     }
     Ok(Ready {
         line: line.into_iter().map(|found| found.id).collect(),
-        drives,
-        ios,
+        devices,
         clocks,
     })
 }
 
-/// Waits for all of these, which are under way at the same time.
-async fn all<T: 'static, F>(
+/// Reads the whole SII of these devices at the same time: the names of their inputs and outputs, which of other devices nobody needs.
+async fn read_whole_siis(
     context: &Context,
-    futures: impl Iterator<Item = F>,
-) -> Result<Vec<T>, NetworkError>
-where
-    F: Future<Output = Result<T, NetworkError>> + 'static,
-{
-    let tasks: Option<Vec<_>> = futures.map(|future| context.spawn(future)).collect();
-    let mut results = Vec::new();
-    for task in tasks.ok_or_else(loop_is_gone)? {
-        results.push(task.await?);
+    devices: impl Iterator<Item = &mut Found>,
+) -> Result<(), NetworkError> {
+    let mut reading = Vec::new();
+    for found in devices {
+        let (registers, mut whole) = (context.registers.clone(), found.clone());
+        let task = context.spawn(async move {
+            let read = whole.read_whole_sii(&registers).await;
+            read.of(&whole.id).map(|()| whole)
+        });
+        reading.push((found, task.ok_or_else(loop_is_gone)?));
     }
-    Ok(results)
+    for (found, task) in reading {
+        *found = task.await?;
+    }
+    Ok(())
 }
 
-/// What is to be done with a drive, if its mapping can be made.
-fn checked(
-    found: Found,
-    place: DevicePlace,
-    config: DriveConfig,
-    watchdog: &Watchdog,
-    cycle: Duration,
-    clocks: Option<Rc<Clocks>>,
-    progress: Rc<Progress>,
-) -> Result<DriveSetup, NetworkError> {
-    let mapping = match config.mapping() {
-        Ok(mapping) => mapping,
-        Err(error) => return Err(found.fault(BringUpStep::Mapping, error.into())),
-    };
-    let layout = mapping.layout();
-    config.log_what_is_not_mapped(&layout, &found.id);
-    let (outputs, inputs) = (layout.output_bytes(), layout.input_bytes());
-    if !fits_one_frame(outputs, inputs) {
-        return Err(found.fault(
-            BringUpStep::ProcessData,
-            DriveFault::TooLong { outputs, inputs },
-        ));
+/// Steps of a device that are under way.
+type UnderWay = Task<Result<Device, NetworkError>>;
+
+/// Begins steps of all these devices at the same time.
+fn begin<F>(
+    context: &Context,
+    devices: Vec<Device>,
+    steps: impl Fn(Context, Device) -> F,
+) -> Result<Vec<UnderWay>, NetworkError>
+where
+    F: Future<Output = Result<Device, NetworkError>> + 'static,
+{
+    let devices = devices.into_iter();
+    let tasks = devices.map(|device| context.spawn(steps(context.clone(), device)));
+    tasks.collect::<Option<_>>().ok_or_else(loop_is_gone)
+}
+
+/// Waits for all of these.
+async fn all(tasks: Vec<UnderWay>) -> Result<Vec<Device>, NetworkError> {
+    let mut devices = Vec::new();
+    for task in tasks {
+        devices.push(task.await?);
     }
-    Ok(DriveSetup {
-        found,
-        place,
-        config,
-        mapping,
-        logical: 0,
-        watchdog: watchdog.time(cycle),
-        loss: watchdog.loss(cycle),
-        cycle,
-        clocks,
-        mailbox: None,
-        progress,
-    })
+    Ok(devices)
 }
 
 /// Starts the cycles, in step with the reference clock where there is one.
@@ -223,31 +178,26 @@ pub(in crate::bus) async fn start_cycles(
     period: Duration,
 ) -> Result<(), NetworkError> {
     let Ready {
-        drives,
-        ios,
+        devices,
         line,
         clocks,
     } = ready;
-    let members = drives.iter().map(member);
-    let members: Vec<_> = members.chain(ios.iter().map(ReadyIo::member)).collect();
-    let mailboxes = drives.iter().map(|drive| Watched {
-        station: drive.found.station,
-        signal: drive.mail.clone(),
-    });
+    let members: Vec<_> = devices.iter().map(Device::member).collect();
     context.counters.count_drives(members.len());
-    let further = ios.iter().filter_map(|io| {
+    let mailboxes = devices.iter().filter_map(|device| {
         Some(Watched {
-            station: io.found.station,
-            signal: io.mailbox.as_ref()?.signal.clone(),
+            station: device.found.station,
+            signal: device.mailbox.as_ref()?.signal.clone(),
         })
     });
     let distribution = clocks.as_ref().map(|clocks| clocks.distribution);
-    let exchange = Exchange::new(&members, mailboxes.chain(further).collect(), distribution);
+    let exchange = Exchange::new(&members, mailboxes.collect(), distribution);
     let exchange = exchange.checked()?;
     let load = CableLoad::of(exchange.lengths(), line.len());
     check_load(load, period)?;
     if load.is_tight(period) {
         tracing::warn!(
+            target: crate::log_target::BUS,
             frames = load.frames,
             bytes = load.bytes,
             takes = ?load.time(),
@@ -262,8 +212,8 @@ pub(in crate::bus) async fn start_cycles(
     let (first, phase) = match clocks {
         None => (context.time.now(), None),
         Some(clocks) => {
-            check_shifts(drives, exchange.time_on_cable());
-            let (first, phase) = sync::first_cycle(context, clocks, period).await?;
+            check_shifts(devices, exchange.time_on_cable());
+            let (first, phase) = clocks::first_cycle(context, clocks, period).await?;
             (first, Some(phase))
         }
     };
@@ -273,10 +223,11 @@ pub(in crate::bus) async fn start_cycles(
 }
 
 /// Warns of drives whose SYNC0 comes before all frames of a cycle, which take so long, have passed.
-fn check_shifts(drives: &[ReadyDrive], frames_take: Duration) {
+fn check_shifts(drives: &[Device], frames_take: Duration) {
     for drive in drives {
-        if let Some(sync0_after) = drive.sync0_after.filter(|after| *after <= frames_take) {
+        if let Some(sync0_after) = drive.sync0_after().filter(|after| *after <= frames_take) {
             tracing::warn!(
+                target: crate::log_target::DRIVE,
                 drive = %drive.found.id,
                 ?sync0_after,
                 ?frames_take,
@@ -284,23 +235,6 @@ fn check_shifts(drives: &[ReadyDrive], frames_take: Duration) {
                  or sooner or later in turn"
             );
         }
-    }
-}
-
-/// A drive's part in the exchange.
-pub(in crate::bus) fn member(drive: &ReadyDrive) -> Member {
-    let patience = drive
-        .axes
-        .iter()
-        .map(|axis| axis.config.loss.stale_cycles)
-        .min();
-    Member {
-        logical: drive.logical,
-        outputs: drive.layout.output_bytes(),
-        inputs: drive.layout.input_bytes(),
-        lrw: drive.lrw,
-        marker: InputMarker::Statusword,
-        patience: patience.unwrap_or(1).max(1),
     }
 }
 
@@ -312,30 +246,19 @@ pub(in crate::bus) async fn operate(
     progress: &Progress,
 ) -> Result<(), NetworkError> {
     wait_for_exchange(context, ready, period).await?;
-    let synchronised = ready
-        .drives
-        .iter()
-        .filter(|drive| drive.sync0_after.is_some());
-    sync::wait_for_lock(context, synchronised.map(|drive| &drive.found), period).await?;
-    let drives = ready.drives.iter();
-    let drives = drives.map(|drive| (&drive.found, Some(&drive.sdo), &drive.start_up));
-    let ios = ready.ios.iter().map(|io| {
-        let sdo = io.mailbox.as_ref().map(|mailbox| &mailbox.sdo);
-        (&io.found, sdo, &io.start_up)
-    });
-    let tasks: Option<Vec<_>> = drives
-        .chain(ios)
-        .map(|(found, sdo, lists)| {
-            let registers = context.registers.clone();
-            let station = found.station;
-            let lists = sdo.map(|sdo| (sdo.clone(), lists.clone()));
-            context.spawn(async move { into_op(&registers, station, lists.as_ref()).await })
-        })
-        .collect();
-    let tasks = tasks.ok_or_else(loop_is_gone)?;
-    for (place, (task, found)) in tasks.into_iter().zip(ready.found()).enumerate() {
-        task.await
-            .map_err(|(step, error)| found.clone().fault(step, error))?;
+    let devices = ready.devices.iter();
+    let synchronised = devices.filter(|device| device.sync0_after().is_some());
+    clocks::wait_for_lock(context, synchronised.map(|device| &device.found), period).await?;
+    let tasks = begin(
+        context,
+        ready.devices.clone(),
+        |context, device| async move {
+            let result = device.enter_op(&context).await;
+            result.of(&device.found.id).map(|()| device)
+        },
+    )?;
+    for (place, task) in tasks.into_iter().enumerate() {
+        let Device { found, .. } = task.await?;
         if let Some(cycle) = &mut *context.cycle.borrow_mut()
             && let Some(data) = cycle.exchange.drives.get_mut(place)
         {
@@ -348,22 +271,22 @@ pub(in crate::bus) async fn operate(
     Ok(())
 }
 
-/// Brings one device from SAFEOP into OP, with what its start-up lists write there.
-pub(in crate::bus) async fn into_op(
-    registers: &Registers,
-    station: u16,
-    lists: Option<&(SdoHandle, Vec<StartUpList>)>,
-) -> Result<(), Failed> {
-    if let Some((sdo, lists)) = lists {
-        for list in lists {
-            list.apply(sdo, Transition::SafeOpToOp)
-                .await
-                .map_err(|error| (BringUpStep::StartUpList, error.into()))?;
+/// Reads what only motion needs of all drives, at the same time. They are in OP, with all axes disabled.
+pub(in crate::bus) async fn read_axes(
+    context: &Context,
+    ready: &mut Ready,
+) -> Result<(), NetworkError> {
+    let devices = core::mem::take(&mut ready.devices);
+    let tasks = begin(context, devices, |context, mut device| async move {
+        let mut result = device.read_axes(&context).await;
+        // One that has left OP meanwhile has a better reason than that its mailbox is silent.
+        if result.is_err() {
+            result = device.is_in_op(&context).await.and(result);
         }
-    }
-    al::climb(registers, station, AlState::SafeOp, AlState::Op, OP_LIMIT)
-        .await
-        .map_err(|error| (BringUpStep::State(AlState::Op), error.into()))
+        result.of(&device.found.id).map(|()| device)
+    })?;
+    ready.devices = all(tasks).await?;
+    Ok(())
 }
 
 async fn wait_for_exchange(
@@ -385,13 +308,21 @@ async fn wait_for_exchange(
         if context.time.now().saturating_sub(started) > limit {
             // The one that does not answer, or else the first, whose working counter is wrong with the others'.
             let silent = cycle.exchange.drives.iter().position(|drive| drive.lost);
-            return Err(match ready.found().nth(silent.unwrap_or(0)) {
-                Some(found) => found
-                    .clone()
-                    .fault(BringUpStep::ProcessData, DriveFault::NoExchange(limit)),
-                None => NetworkError::NoSubDevice,
-            });
+            return match ready.devices.get(silent.unwrap_or(0)) {
+                Some(device) => Err(no_exchange(context, limit, period))
+                    .at(BringUpStep::ProcessData)
+                    .of(&device.found.id),
+                None => Err(NetworkError::NoSubDevice),
+            };
         }
+    }
+}
+
+/// Why there was no complete exchange.
+fn no_exchange(context: &Context, limit: Duration, cycle: Duration) -> DriveFault {
+    match context.counters.latest() {
+        Some(away) => DriveFault::LateFrames { away, cycle },
+        None => DriveFault::NoExchange(limit),
     }
 }
 

@@ -7,43 +7,49 @@
 pub(super) mod axes;
 pub(super) mod bring_up;
 pub(super) mod builder;
-pub(super) mod plan;
 pub(super) mod recovery;
 pub(super) mod scan;
 pub(super) mod supervisor;
+pub(super) mod view;
 
 use std::{
     fmt,
+    future::{Future, poll_fn},
     sync::{Arc, Mutex, PoisonError},
+    task::Poll,
     thread::JoinHandle,
     time::Duration,
 };
 
 use smol::channel::{Receiver, Sender, bounded, unbounded};
 
-use crate::{
-    axis::{Axis, AxisSource, Liveness, StopRequest},
-    bus::{
-        cable::CableLoad,
-        cycle::{
-            CycleClock,
-            black_box::BlackBox,
-            statistics::{DriveStatistics, Statistics, Timing},
-        },
-        device::{io::Io, progress::Listener},
-        error::NetworkError,
-        event::{NetworkEvent, Recovered},
-        expected::DevicePlace,
-        network::supervisor::{Started, StartedDrive},
-        watch::{Control, Question, port_errors::DevicePorts},
+use super::{
+    cable::CableLoad,
+    cycle::{
+        CycleClock,
+        black_box::{BlackBox, CycleRing},
+        statistics::{DriveStatistics, Statistics, Timing},
     },
-    coe::{Emergencies, SdoHandle},
+    device::{io::Io, io_points::IoPoint, progress::Listener},
+    error::NetworkError,
+    event::{NetworkEvent, Recovered},
+    expected::DevicePlace,
+    recorder::{RecordedSignal, Recorder, Signal, SignalSource},
+    watch::{Control, DevicePorts, Question},
+};
+use crate::{
+    axis::{Axis, AxisError, AxisSource, Liveness, StopRequest},
+    coe::{DataType, DriveId, Emergencies, ObjectAddress, SdoHandle, Unit as ObjectUnit, obj},
+    pdo_map::{Direction, Layout},
+    units::{AxisScale, Unit},
     wakes::Waiters,
 };
+use supervisor::{Started, StartedDrive};
+use view::NetworkView;
 
 /// Drives in OP, exchanging process data on a thread of their own.
 ///
-/// A device that has left OP, or was lost, is reported ([`NetworkEvent`]) and stays as it is until the program has it led back
+/// A device that has left OP, or was lost, is reported ([`NetworkEvent`]) and stays as it is until the program has it brought back
 /// ([`recover`](Self::recover)); all others go on.
 ///
 /// Made by [`Network::builder`](Network::builder). When it is dropped all axes are stopped and disabled, the drives
@@ -55,6 +61,7 @@ pub struct Network {
     /// Where all devices of the exchange stand, in its order, and how they were declared.
     places: Vec<(u16, DevicePlace)>,
     emergencies: Emergencies,
+    ring: Arc<CycleRing>,
     control: Arc<Control>,
     listener: Listener,
     over: Receiver<()>,
@@ -75,6 +82,7 @@ impl Network {
             ios: started.ios,
             places: started.places,
             emergencies: started.emergencies,
+            ring: started.ring,
             control,
             listener,
             over,
@@ -82,15 +90,87 @@ impl Network {
         }
     }
 
-    /// A handle of the axis with this name.
+    /// A handle of the axis with this name, in the drive's own units.
     ///
     /// # Errors
     /// [`NetworkError::Declaration`] if no axis has this name.
     pub fn axis(&self, name: &str) -> Result<Axis, NetworkError> {
+        self.source(name).map(AxisSource::axis)
+    }
+
+    /// A handle of the axis with this name, in the unit in which the axis was declared.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no axis has this name, or it was declared in another unit.
+    pub fn axis_in<U: Unit>(&self, name: &str) -> Result<Axis<U>, NetworkError> {
+        let in_unit = self.source(name)?.axis_in();
+        in_unit.map_err(|error| NetworkError::Declaration(error.to_string()))
+    }
+
+    /// A handle of every axis, in the order of their declaration.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// net.reset_faults().await?;
+    /// let axes: Vec<_> = net.axes().collect();
+    /// for axis in &axes {
+    ///     println!("{}: {:?}", axis.identity(), axis.status().state);
+    ///     axis.enable().await?;
+    /// }
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
+        self.axes.iter().map(AxisSource::axis)
+    }
+
+    /// The drives, in the order of their declaration: each as it was found in the line.
+    pub fn drives(&self) -> impl Iterator<Item = &DriveId> + '_ {
+        self.drives.iter().map(|drive| &drive.id)
+    }
+
+    /// Resets the faults of all axes at once, as [`Axis::reset_fault`] does of one. None is enabled by it. Axes without a fault stay as they
+    /// are.
+    ///
+    /// # Errors
+    /// The first error. The faults of all other axes are reset all the same.
+    pub async fn reset_faults(&self) -> Result<(), AxisError> {
+        let axes: Vec<Axis> = self.axes.iter().map(AxisSource::own_axis).collect();
+        let mut resets: Vec<_> = axes
+            .iter()
+            .map(|axis| Box::pin(axis.reset_fault()))
+            .collect();
+        let mut results: Vec<_> = resets.iter().map(|_| None).collect();
+        poll_fn(|cx| {
+            for (reset, result) in resets.iter_mut().zip(&mut results) {
+                if result.is_none()
+                    && let Poll::Ready(reset) = reset.as_mut().poll(cx)
+                {
+                    *result = Some(reset);
+                }
+            }
+            if results.iter().all(Option::is_some) {
+                Poll::Ready(())
+            } else {
+                Poll::Pending
+            }
+        })
+        .await;
+        results.into_iter().flatten().collect()
+    }
+
+    fn source(&self, name: &str) -> Result<&AxisSource, NetworkError> {
         self.axes
             .iter()
             .find(|source| source.name() == name)
-            .map(AxisSource::axis)
             .ok_or_else(|| unknown("axis", name, self.axes.iter().map(AxisSource::name)))
     }
 
@@ -140,7 +220,7 @@ impl Network {
     /// The emergencies of the drive at this position in the line, or at the place by which it was declared, from its bring-up
     /// on; `None` if no drive was declared there. 64 of them are kept for a program that does not take them.
     ///
-    /// They tell the cause of a fault also where its error has no code, since the drive has no 603Fh
+    /// They name the cause of a fault also where its error has no code, since the drive has no 603Fh
     /// ([`Failure::Fault`](crate::axis::Failure::Fault)). Of a drive with several axes they do not say whose fault it is.
     ///
     /// ```
@@ -224,16 +304,16 @@ impl Network {
         }
     }
 
-    /// Leads the device at this position in the line, or at the place by which it was declared, back into OP: a drive, or a device
-    /// with inputs and outputs, that [`NetworkEvent::LeftOp`] or [`NetworkEvent::Lost`] has told of. All others go on meanwhile.
+    /// Brings the device at this position in the line, or at the place by which it was declared, back into OP: a drive, or a device
+    /// with inputs and outputs, that [`NetworkEvent::LeftOp`] or [`NetworkEvent::Lost`] has named. All others go on meanwhile.
     ///
     /// Nothing moves by it, and nothing is switched on. What was pending on the axes of the drive ends as
     /// [`BusLost`](crate::axis::Failure::BusLost) before it is in OP, if it had not ended by then; its outputs are those of
     /// an axis that is switched off, and whatever the program sets in them beside is 0 until it is set again. Handles stay
     /// valid; the axes are enabled by [`Axis::enable`]. Outputs of a device that is no drive are 0 until they are set again.
     ///
-    /// How far it is is told as at the start ([`NetworkBuilder::on_progress`](crate::bus::NetworkBuilder::on_progress)), where this is awaited. Several
-    /// devices can be led back at the same time; of one device, one call comes after the other. When the future is dropped
+    /// Its progress is reported as at the start ([`NetworkBuilder::on_progress`](crate::bus::NetworkBuilder::on_progress)), where this is awaited. Several
+    /// devices can be brought back at the same time; of one device, one call comes after the other. When the future is dropped
     /// the attempt ends, and the device stays out of OP.
     ///
     /// ```no_run
@@ -280,20 +360,7 @@ impl Network {
         &self,
         question: impl FnOnce(Sender<T>) -> Question,
     ) -> Result<T, NetworkError> {
-        let over = || NetworkError::Thread("the network has ended".into());
-        let (reply, answer) = bounded(1);
-        let answered = async {
-            let asked = self.control.questions.0.send(question(reply)).await;
-            asked.map_err(|_| over())?;
-            answer.recv().await.map_err(|_| over())
-        };
-        // Nobody takes what waits once the loop has ended, which it says by this.
-        let ended = async {
-            let _ = self.over.recv().await;
-            Err(over())
-        };
-        let told = smol::future::or(answered, ended);
-        self.control.waiters.relay(told).await
+        ask(&self.control, &self.over, question).await
     }
 
     /// Stops and disables all axes, brings the drives out of OP, and ends the thread. Whoever has the network may ask for it, also
@@ -322,7 +389,7 @@ impl Network {
     fn drive(&self, place: DevicePlace) -> Option<&StartedDrive> {
         self.drives
             .iter()
-            .find(|drive| drive.place == place || DevicePlace::Position(drive.position) == place)
+            .find(|drive| drive.place == place || DevicePlace::Position(drive.id.position) == place)
     }
 
     fn join(&self) {
@@ -333,13 +400,67 @@ impl Network {
             .take();
         let Some(thread) = thread else { return };
         if thread.join().is_err() {
-            tracing::error!("the bus thread has panicked");
+            tracing::error!(target: crate::log_target::BUS, "the bus thread has panicked");
         }
         self.control.end_events();
     }
 }
 
 /// The error for a name that was not declared, with those that were.
+/// Where this object of a drive lies. `known_as`: by the numbering of its first axis, which tells type and unit.
+fn mapped(
+    layout: &Layout,
+    object: ObjectAddress,
+    known_as: ObjectAddress,
+    device: usize,
+    scale: AxisScale,
+    signal: &Signal,
+) -> Result<(SignalSource, String), NetworkError> {
+    let find = |direction| layout.find(direction, object.index, object.subindex);
+    let inputs = find(Direction::Inputs).map(|place| (true, place));
+    let place = inputs.or_else(|| find(Direction::Outputs).map(|place| (false, place)));
+    let (is_input, place) = place.ok_or_else(|| not_mapped(signal))?;
+    let known = obj::all()
+        .into_iter()
+        .find(|known| known.address() == known_as);
+    let (data_type, scaled) = known.map_or((DataType::U32, ObjectUnit::None), |known| {
+        (known.data_type, known.unit)
+    });
+    let unit = match scaled {
+        ObjectUnit::Position => scale.unit().to_owned(),
+        ObjectUnit::Velocity => format!("{}/s", scale.unit()),
+        ObjectUnit::Acceleration => format!("{}/s²", scale.unit()),
+        _ => String::new(),
+    };
+    let source = SignalSource::Value {
+        device,
+        is_input,
+        place,
+        data_type,
+        scaled,
+        scale,
+    };
+    Ok((source, unit))
+}
+
+fn point_source(device: usize, point: &IoPoint) -> (SignalSource, String) {
+    let source = SignalSource::Value {
+        device,
+        is_input: point.direction == Direction::Inputs,
+        place: point.place,
+        data_type: DataType::U32,
+        scaled: ObjectUnit::None,
+        scale: AxisScale::COUNTS,
+    };
+    (source, String::new())
+}
+
+fn not_mapped(signal: &Signal) -> NetworkError {
+    NetworkError::Declaration(format!(
+        "`{signal}` cannot be recorded: it is not in the process data; map it, or read it by SDO"
+    ))
+}
+
 fn unknown<'a>(kind: &str, name: &str, declared: impl Iterator<Item = &'a str>) -> NetworkError {
     let mut text = format!("no {kind} is named `{name}`");
     for (place, name) in declared.enumerate() {
@@ -367,6 +488,28 @@ impl fmt::Debug for Network {
     }
 }
 
+/// Asks the loop, which answers between its cycles.
+async fn ask<T>(
+    control: &Control,
+    over: &Receiver<()>,
+    question: impl FnOnce(Sender<T>) -> Question,
+) -> Result<T, NetworkError> {
+    let has_ended = || NetworkError::Thread("the network has ended".into());
+    let (reply, answer) = bounded(1);
+    let answered = async {
+        let asked = control.questions.0.send(question(reply)).await;
+        asked.map_err(|_| has_ended())?;
+        answer.recv().await.map_err(|_| has_ended())
+    };
+    // Nobody takes what waits once the loop has ended, which it says by this.
+    let ended = async {
+        let _ = over.recv().await;
+        Err(has_ended())
+    };
+    let told = smol::future::or(answered, ended);
+    control.waiters.relay(told).await
+}
+
 /// What happens to the drives of a network.
 #[derive(Debug, Clone)]
 pub struct NetworkEvents {
@@ -387,7 +530,7 @@ impl NetworkEvents {
     }
 }
 
-// What a network tells of itself: counters, histograms, black boxes, the ports of its line.
+// What a network shows of itself: counters, histograms, black boxes, the ports of its line.
 
 impl Network {
     /// What the bus thread has counted.
@@ -413,10 +556,7 @@ impl Network {
     /// ```
     #[must_use]
     pub fn statistics(&self) -> Statistics {
-        Statistics {
-            wakes: self.control.wakes.statistics(),
-            ..self.control.counters.read()
-        }
+        self.control.statistics()
     }
 
     /// How steady the cycles were, as histograms.
@@ -492,17 +632,13 @@ impl Network {
     /// ```
     #[must_use]
     pub fn drive_statistics(&self) -> Vec<DriveStatistics> {
-        self.drives
-            .iter()
-            .map(|drive| {
-                let counters = self.control.counters.drive(drive.in_exchange);
-                DriveStatistics {
-                    drive: drive.sdo.drive().clone(),
-                    stale_cycles: counters.map_or(0, |counters| counters.stale.get()),
-                    undelivered_cycles: counters.map_or(0, |counters| counters.undelivered.get()),
-                }
-            })
-            .collect()
+        self.view().drive_statistics()
+    }
+
+    /// What other threads may see and stop of this network. It does not keep the network running.
+    #[must_use]
+    pub fn view(&self) -> NetworkView {
+        NetworkView::new(&self.axes, &self.drives, &self.control, &self.over)
     }
 
     /// The last cycles of the axis with this name: words, positions, what was answered. With each fault they come by
@@ -540,6 +676,114 @@ impl Network {
         self.ask(|reply| Question::BlackBox(index, reply)).await
     }
 
+    /// A recorder of these values of every cycle, from now on: of axes in their units, of any mapped object, of inputs and outputs. The
+    /// bus thread does nothing for it. See [`Recorder`] and [`Capture`](crate::bus::Capture).
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use std::time::Duration;
+    /// let mut recorder = net.recorder(["x.position".parse()?, "x.state".parse()?, "lateness".parse()?])?;
+    /// net.axis("x")?.enable().await?;
+    /// // Every now and then; the last thousand cycles are there.
+    /// smol::Timer::after(Duration::from_millis(50)).await;
+    /// let read = recorder.read().ok_or("the network has ended")?;
+    /// for cycle in &read.cycles {
+    ///     println!("{:?} {:?}", cycle.time, cycle.values);
+    /// }
+    /// assert_eq!(read.lost, 0);
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if an axis, a device or a point is not declared, or an object is not mapped.
+    pub fn recorder(
+        &self,
+        signals: impl IntoIterator<Item = Signal>,
+    ) -> Result<Recorder, NetworkError> {
+        let sources = signals.into_iter().map(|signal| {
+            let (source, unit) = self.signal_source(&signal)?;
+            Ok((RecordedSignal { signal, unit }, source))
+        });
+        let sources: Vec<_> = sources.collect::<Result<_, NetworkError>>()?;
+        Ok(Recorder::new(Arc::clone(&self.ring), sources))
+    }
+
+    fn signal_source(&self, signal: &Signal) -> Result<(SignalSource, String), NetworkError> {
+        match signal {
+            Signal::Lateness => Ok((SignalSource::Lateness, "µs".to_owned())),
+            // A device that is no drive has a point by its object.
+            Signal::Axis { axis, object } if self.ios.iter().any(|io| io.name() == axis) => {
+                self.signal_source(&Signal::point(axis, &object.to_string()))
+            }
+            Signal::Axis { axis, object } => {
+                let setup = self.source(axis)?.setup();
+                let device = self.in_exchange(setup.identity.drive.position)?;
+                let moved = ObjectAddress::new(setup.offset.apply(object.index), object.subindex);
+                mapped(&setup.layout, moved, *object, device, setup.scale, signal)
+            }
+            Signal::State { axis } => {
+                let setup = self.source(axis)?.setup();
+                let device = self.in_exchange(setup.identity.drive.position)?;
+                let object = obj::STATUSWORD.offset(setup.offset);
+                let field = setup.layout.input(object);
+                let field = field.map_err(|error| NetworkError::Declaration(error.to_string()))?;
+                let place = field.place();
+                Ok((SignalSource::State { device, place }, String::new()))
+            }
+            Signal::Device { position, object } => {
+                let device = self.in_exchange(*position)?;
+                let mut axes = self.axes.iter().map(AxisSource::setup);
+                if let Some(setup) = axes.find(|setup| setup.identity.drive.position == *position) {
+                    return mapped(
+                        &setup.layout,
+                        *object,
+                        *object,
+                        device,
+                        AxisScale::COUNTS,
+                        signal,
+                    );
+                }
+                let mut ios = self.ios.iter();
+                let io = ios.find(|io| io.device().position == *position);
+                let point =
+                    io.and_then(|io| io.points().iter().find(|point| point.object == *object));
+                match point {
+                    Some(point) => Ok(point_source(device, point)),
+                    None => Err(not_mapped(signal)),
+                }
+            }
+            Signal::Point { io, point } => {
+                let io = self.io(io)?;
+                let device = self.in_exchange(io.device().position)?;
+                let object = point.parse::<ObjectAddress>();
+                let by_name = io.points().iter().find(|known| known.name == *point);
+                let by_object = io.points().iter().find(|known| Ok(known.object) == object);
+                match by_name.or(by_object) {
+                    Some(point) => Ok(point_source(device, point)),
+                    None => Err(not_mapped(signal)),
+                }
+            }
+        }
+    }
+
+    /// The place in the exchange of the device at this position of the line.
+    fn in_exchange(&self, position: u16) -> Result<usize, NetworkError> {
+        let mut places = self.places.iter();
+        places.position(|(at, _)| *at == position).ok_or_else(|| {
+            let text = format!("no device at position {position} of the line was declared");
+            NetworkError::Declaration(text)
+        })
+    }
+
     /// The error counters of all ports of the line, declared or not: which cable or device damages frames. They count from
     /// when a device was switched on, so what counts is how they change.
     ///
@@ -569,7 +813,7 @@ impl Network {
     /// # Errors
     /// [`NetworkError::Line`] if they could not be read; [`NetworkError::Thread`] if the network has ended.
     pub async fn port_errors(&self) -> Result<Vec<DevicePorts>, NetworkError> {
-        self.ask(Question::Ports).await?.map_err(NetworkError::Line)
+        self.view().port_errors().await
     }
 }
 

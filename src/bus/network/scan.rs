@@ -9,23 +9,21 @@ use smol::channel::{Receiver, Sender, bounded};
 
 use crate::{
     bus::{
-        device::drive::serve_mailbox,
-        error::{AlStatus, BringUpStep, NetworkError},
+        device::serve_mailbox,
+        error::{AlStatus, NetworkError, OfDevice},
         line::{self, Found},
         log::{Log, Subscriber},
         network::supervisor,
-        requests::{BusLoop, Context, Reactor, WaitStrategy, al, eeprom},
+        requests::{BusLoop, Context, Reactor, WaitStrategy},
         watch::{Control, Guard},
     },
     coe::{DriveId, Emergencies, ErrorTexts, SdoHandle},
+    esc,
     link::Link,
     sii::Sii,
     wakes::Wakes,
 };
 
-/// ESC features, and the configured station alias (ETG.1000.4, registers).
-const FEATURES: u16 = 0x0008;
-pub(in crate::bus) const ALIAS: u16 = 0x0012;
 /// Bit 2 of the features: distributed clocks; bit 3: of 64 bits.
 const CLOCK: u8 = 0x04;
 const CLOCK_64: u8 = 0x08;
@@ -92,7 +90,7 @@ impl Line {
         if let Some(thread) = self.thread.take()
             && thread.join().is_err()
         {
-            tracing::error!("the bus thread has panicked");
+            tracing::error!(target: crate::log_target::BUS, "the bus thread has panicked");
         }
     }
 }
@@ -170,14 +168,8 @@ async fn life(context: Context, control: Arc<Control>, found: Sender<Scanned>) {
 }
 
 async fn look(context: &Context) -> Scanned {
-    let registers = &context.registers;
-    let count = line::count(registers).await?;
     let mut before = Vec::new();
-    for position in 0..count {
-        let status = al::status_at(registers, position).await;
-        before.push(status.map_err(NetworkError::Line)?);
-    }
-    let line = line::discover_each(context, count).await?;
+    let line = line::discover_each(context, Some(&mut before)).await?;
     let tasks: Option<Vec<_>> = line
         .into_iter()
         .zip(0..)
@@ -203,11 +195,11 @@ async fn device(
 ) -> Result<LineDevice, NetworkError> {
     let registers = &context.registers;
     let [features, _] = registers
-        .read_at(position, FEATURES)
+        .read_at(position, esc::FEATURES)
         .await
         .map_err(NetworkError::Line)?;
     let alias = registers
-        .read_at(position, ALIAS)
+        .read_at(position, esc::STATION_ALIAS)
         .await
         .map_err(NetworkError::Line)?;
     let mut device = LineDevice {
@@ -228,7 +220,7 @@ async fn device(
         emergencies: None,
         problem: None,
     };
-    let found = match found {
+    let mut found = match found {
         Ok(found) => found,
         Err(problem) => {
             if let NetworkError::Drive { drive, .. } = &problem {
@@ -239,12 +231,11 @@ async fn device(
         }
     };
     device.id = found.id.clone();
-    match eeprom::read_whole(registers, found.station).await {
-        Ok(sii) => device.sii = Some(sii),
-        Err(error) => {
-            device.sii = Some(Sii::clone(&found.sii));
-            device.problem = Some(found.clone().fault(BringUpStep::Sii, error.into()));
-        }
+    device.problem = found.read_whole_sii(registers).await.of(&found.id).err();
+    device.sii = Some(Sii::clone(&found.sii));
+    if let Err(problem) = found.enter_pre_op(registers).await.of(&found.id) {
+        device.problem = Some(problem);
+        return Ok(device);
     }
     if let Some(mailbox) = serve_mailbox(&context, &found, ErrorTexts::default()) {
         device.sdo = Some(mailbox.sdo);

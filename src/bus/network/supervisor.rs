@@ -5,11 +5,17 @@ use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 use async_task::Task;
 use smol::{channel::Sender, lock::Mutex};
 
+use super::{
+    axes::Axes,
+    bring_up,
+    builder::LinePlan,
+    recovery::{self, Recovery},
+};
 use crate::{
     axis::{AxisSource, Delivery, Failure},
     bus::{
-        clocks::sync::LockWatch,
-        cycle::black_box::{AxisIncident, BlackBox},
+        clocks::LockWatch,
+        cycle::black_box::{AxisIncident, BlackBox, CycleRing},
         device::{
             io::Io,
             io_port::Ports,
@@ -20,21 +26,11 @@ use crate::{
         expected::DevicePlace,
         line::Found,
         log::LogRecord,
-        network::{
-            axes::Axes,
-            bring_up,
-            plan::LinePlan,
-            recovery::{self, Recovery},
-        },
-        requests::{Context, al},
-        watch::{
-            Control, Question,
-            al_monitor::{at_once, look, read_state},
-            miscount::MiscountWatch,
-            port_errors,
-        },
+        requests::{Context, registers},
+        watch::{self, Control, MiscountWatch, Question, at_once, look, read_state},
     },
     coe::{DriveId, Emergencies, SdoHandle},
+    esc,
     wakes::WakeStatistics,
 };
 
@@ -48,28 +44,29 @@ const DISABLE_LIMIT: Duration = Duration::from_secs(1);
 const DOWN_LIMIT: Duration = Duration::from_secs(1);
 /// Error indication and SAFEOP, in the AL states of a line OR-ed together.
 const FALLEN: u8 = 0x14;
-const AL_CONTROL: u16 = 0x0120;
 
 /// What a program gets of a network that is in OP.
 pub(in crate::bus) struct Started {
-    pub(in crate::bus) axes: Vec<AxisSource>,
-    pub(in crate::bus) drives: Vec<StartedDrive>,
-    pub(in crate::bus) ios: Vec<Io>,
+    pub axes: Vec<AxisSource>,
+    pub drives: Vec<StartedDrive>,
+    pub ios: Vec<Io>,
     /// Where all devices of the exchange stand, in its order, and how they were declared.
-    pub(in crate::bus) places: Vec<(u16, DevicePlace)>,
+    pub places: Vec<(u16, DevicePlace)>,
     /// Those of all drives.
-    pub(in crate::bus) emergencies: Emergencies,
+    pub emergencies: Emergencies,
+    /// The last cycles, as recorders read them.
+    pub ring: Arc<CycleRing>,
 }
 
 /// The mailbox of a drive, or of another device that has one.
 pub(in crate::bus) struct StartedDrive {
-    /// Where it stands, and how it was declared.
-    pub(in crate::bus) position: u16,
-    pub(in crate::bus) place: DevicePlace,
+    pub id: DriveId,
+    /// How it was declared.
+    pub place: DevicePlace,
     /// Its place in the exchange.
-    pub(in crate::bus) in_exchange: usize,
-    pub(in crate::bus) sdo: SdoHandle,
-    pub(in crate::bus) emergencies: Emergencies,
+    pub in_exchange: usize,
+    pub sdo: SdoHandle,
+    pub emergencies: Emergencies,
 }
 
 /// Leads the network, and ends the loop.
@@ -127,40 +124,41 @@ async fn start(
     let period = plan.cycle;
     let progress = Progress::new(context, steps, plan.drives.len(), plan.ios.len());
     let progress = Rc::new(progress);
-    let ready = bring_up::configure(context, plan, &progress).await?;
+    let mut ready = bring_up::configure(context, plan, &progress).await?;
     let (axes, sources) = Axes::open(
-        &ready.drives,
+        &ready.devices,
         Arc::clone(control),
         &context.wakes,
         context.log.clone(),
     );
     let axes = Rc::new(RefCell::new(axes));
-    let ports = Ports::open(ready.drives.len(), &ready.ios);
+    let ports = Ports::open(&ready.devices);
     let ios = ports.handles();
     let ports = Rc::new(RefCell::new(ports));
     let stepper = (Rc::clone(&axes), Rc::clone(&ports));
     let stepper = Box::new((stepper, control.tick.source()));
     bring_up::start_cycles(context, &ready, stepper, period).await?;
     bring_up::operate(context, &ready, period, &progress).await?;
+    axes.borrow_mut().in_op();
+    bring_up::read_axes(context, &mut ready).await?;
+    axes.borrow_mut().know(&ready.devices);
     // Handles show what the last cycle was: whoever looks at once is to see devices in OP.
     let before = control.tick.ended();
     while control.tick.ended() == before {
         context.time.sleep(period).await;
     }
-    let drives = (0..).zip(&ready.drives);
-    let drives = drives.map(|(in_exchange, drive)| StartedDrive {
-        position: drive.found.id.position,
-        place: drive.place,
-        in_exchange,
-        sdo: drive.sdo.clone(),
-        emergencies: drive.emergencies.clone(),
-    });
-    let others = (ready.drives.len()..).zip(&ready.ios);
-    let others = others.filter_map(|(in_exchange, io)| {
-        let mailbox = io.mailbox.as_ref()?;
+    let ring = context
+        .cycle
+        .borrow()
+        .as_ref()
+        .map(|cycle| cycle.exchange.ring());
+    let ring = ring.ok_or_else(|| NetworkError::Thread("the cycle was ended".into()))?;
+    let mailboxes = ready.devices.iter().enumerate();
+    let mailboxes = mailboxes.filter_map(|(in_exchange, device)| {
+        let mailbox = device.mailbox.as_ref()?;
         Some(StartedDrive {
-            position: io.found.id.position,
-            place: io.place,
+            id: device.found.id.clone(),
+            place: device.place,
             in_exchange,
             sdo: mailbox.sdo.clone(),
             emergencies: mailbox.emergencies.clone(),
@@ -168,16 +166,18 @@ async fn start(
     });
     let to_program = Started {
         axes: sources,
-        drives: drives.chain(others).collect(),
+        drives: mailboxes.collect(),
         ios,
         places: ready
-            .found()
-            .zip(ready.places())
-            .map(|(found, place)| (found.id.position, place))
+            .devices
+            .iter()
+            .map(|device| (device.found.id.position, device.place))
             .collect(),
         emergencies: context.emergencies.1.clone(),
+        ring,
     };
-    let devices: Vec<_> = ready.found().cloned().collect();
+    let devices = ready.devices.iter();
+    let devices: Vec<_> = devices.map(|device| device.found.clone()).collect();
     let ids: Vec<_> = devices
         .iter()
         .map(|device| Arc::new(device.id.clone()))
@@ -190,7 +190,7 @@ async fn start(
         axes: Rc::clone(&axes),
         ports: Rc::clone(&ports),
         line: ready.line.clone(),
-        devices: recovery::devices(ready),
+        devices: recovery::members(ready),
         search: Mutex::new(()),
     };
     let running = Running {
@@ -218,6 +218,7 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
     let mut lock = LockWatch::new();
     let mut wakers = WakeStatistics::default();
     let mut miscounts = MiscountWatch::new();
+    let mut late = Duration::ZERO;
     let devices = running.devices.iter().zip(&running.ids);
     let stations: Vec<_> = devices
         .map(|(device, id)| (device.station, Arc::clone(id)))
@@ -244,6 +245,17 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
                 .record(context.time.now(), LogRecord::Wakers(seen));
             wakers = seen;
         }
+        // Each time that it is twice as bad.
+        if let Some(away) = context.counters.latest()
+            && away > late.saturating_mul(2)
+        {
+            late = away;
+            let note = LogRecord::LateFrames {
+                away,
+                cycle: period,
+            };
+            context.log.record(context.time.now(), note);
+        }
         let Some((al_status, wrong)) = look(context, control, &running.ids, &mut lost) else {
             return;
         };
@@ -253,7 +265,7 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
         let incidents = axes.borrow_mut().take_incidents();
         for (index, incident) in incidents {
             // A thousand cycles are read at once: those of all axes of a machine would keep the next cycle waiting. Meanwhile the
-            // program takes what it was told before.
+            // program takes the events from before.
             context.time.sleep(period.min(LOOK_EVERY)).await;
             if let Some(black_box) = black_box(context, axes, index, Some(incident)) {
                 control.report(NetworkEvent::AxisIncident(Arc::new(black_box)));
@@ -263,7 +275,7 @@ async fn watch(context: &Context, running: &Running, control: &Arc<Control>, per
             }
         }
         let Some(seen) = al_status else { continue };
-        // A drive that has fallen before the first look is not taken for usual: SubDevices that nobody has declared are in PREOP.
+        // A drive that has fallen before the first look is not normal: SubDevices that nobody has declared are in PREOP.
         if usual.is_none() && !wrong && seen.0 & FALLEN == 0 {
             usual = Some(seen);
         }
@@ -301,7 +313,7 @@ async fn answer(context: &Context, running: &Running, control: &Control) {
             Question::Ports(reply) => {
                 let asked = context.clone();
                 let reading = async move {
-                    let _ = reply.try_send(port_errors::read(&asked).await);
+                    let _ = reply.try_send(watch::read_port_errors(&asked).await);
                 };
                 under_way.extend(context.spawn(reading));
             }
@@ -360,7 +372,7 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
     for state in [AlState::SafeOp, AlState::PreOp, AlState::Init] {
         let asked = there.iter().map(|(device, _)| {
             let (registers, station) = (context.registers.clone(), device.station);
-            async move { al::lower(&registers, station, state, DOWN_LIMIT).await }
+            async move { registers::lower(&registers, station, state, DOWN_LIMIT).await }
         });
         let mut results = at_once(context, asked).await.into_iter();
         // Who is silent is asked no further: the broadcast at the end is for all.
@@ -377,7 +389,7 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
             !matches!(error, AlError::Register(_))
         });
         if state == AlState::SafeOp {
-            // Dropping the ports tells the handles.
+            // When the ports are dropped the handles show it.
             context.cycle.borrow_mut().take();
         }
     }
@@ -387,7 +399,7 @@ async fn end(context: &Context, running: &Running, control: &Control, period: Du
 /// Sends everybody to INIT, whoever listens.
 pub(in crate::bus) async fn leave(context: &Context) {
     context.cycle.borrow_mut().take();
-    let reset = ethercrab::Command::bwr(AL_CONTROL).ignore_wkc();
-    let sent = reset.send(context.registers.main(), [0x11u8, 0]);
+    let reset = ethercrab::Command::bwr(esc::AL_CONTROL).ignore_wkc();
+    let sent = reset.send(context.registers.main(), registers::RESET);
     let _ = context.time.within(DOWN_LIMIT, sent).await;
 }

@@ -4,8 +4,8 @@
 //! ethercrab makes a frame for each datagram. What is queued at the same time shares frames here, and each datagram gets its
 //! own answer back with its own working counter: a line of drives costs hardly more system calls than one.
 //!
-//! ethercrab matches a reply by datagram index and command alone, so that a late one can be taken for a later request's.
-//! Therefore each frame gets a number of its own in its source address, and all its datagrams are compared.
+//! ethercrab matches a reply by datagram index and command alone, so that it can give a late one to a later request.
+//! Therefore each frame gets a number of its own in its tag, and all its datagrams are compared.
 //! What reads or writes a mailbox is sent once, in frames of its own: a second reading would bring the next mail in the place
 //! of the lost one, and a second writing might be carried out twice. The mailbox client knows what to do about either.
 
@@ -28,7 +28,7 @@ use crate::{
         cable::time_on_cable,
         cycle::{
             AcyclicWindow,
-            frame::{self, DATAGRAM_HEADER, ETHERNET_HEADER, HEADERS, Tag, command},
+            frame::{self, BEHIND_TAG, DATAGRAM_HEADER, ETHERNET_HEADER, HEADERS, Tag, command},
             statistics::Counters,
         },
         requests::SLOTS,
@@ -107,7 +107,7 @@ struct Part {
 }
 
 impl Acyclic {
-    pub(in crate::bus) fn new(tx: PduTx<'static>, rx: PduRx<'static>) -> Self {
+    pub fn new(tx: PduTx<'static>, rx: PduRx<'static>) -> Self {
         let slots = tx.capacity();
         let dirty = Arc::new(DirtyFlag(AtomicBool::new(true)));
         Self {
@@ -126,7 +126,7 @@ impl Acyclic {
     }
 
     /// Whether there may be something to send although no future was polled.
-    pub(in crate::bus) fn has_work(&self, now: Duration) -> bool {
+    pub fn has_work(&self, now: Duration) -> bool {
         self.held || self.next().is_some_and(|next| now >= next)
     }
 
@@ -134,8 +134,8 @@ impl Acyclic {
     /// the next one. Without cycles there is no window, and no limit. True when ethercrab has nothing left.
     ///
     /// What the link does not take is tried again with each call, for as long as an answer would be waited for, and counts as lost
-    /// then: whoever waits for it is told, and nothing else waits behind it.
-    pub(in crate::bus) fn send(
+    /// then: whoever waits for it gets the error, and nothing else waits behind it.
+    pub fn send(
         &mut self,
         link: &mut dyn Link,
         window: Option<AcyclicWindow>,
@@ -217,7 +217,7 @@ impl Acyclic {
                         let length = away.frame.len();
                         time_on_cable(length + datagrams.len()) - time_on_cable(length)
                     }
-                    None => time_on_cable(bytes.len()),
+                    None => time_on_cable(BEHIND_TAG + datagrams.len()),
                 };
                 if window.is_some_and(|window| !window.has_room(now, self.busy_until, more)) {
                     return Err(Error::SendFrame);
@@ -227,7 +227,7 @@ impl Acyclic {
                 let place = open.unwrap_or_else(|| {
                     self.number = self.number.wrapping_add(1);
                     let mut away = self.spare.pop().unwrap_or_default();
-                    away.begin(self.number, self.requests, bytes, now);
+                    away.begin(self.number, self.requests, now);
                     away.most_sendings = most_sendings;
                     self.away.push(away);
                     self.away.len() - 1
@@ -248,14 +248,14 @@ impl Acyclic {
     ///
     /// ethercrab finds the request of an answer by the datagram's index alone, and goes round its 256 indices: of two
     /// requests under way with the same one, either might get the other's answer.
-    pub(in crate::bus) fn is_ahead(&self) -> bool {
+    pub fn is_ahead(&self) -> bool {
         self.away
             .iter()
             .any(|away| self.requests.wrapping_sub(away.first) >= AHEAD)
     }
 
     /// When the next frame is overdue. None while something is held: that ends with the next cycle.
-    pub(in crate::bus) fn next(&self) -> Option<Duration> {
+    pub fn next(&self) -> Option<Duration> {
         if self.held {
             return None;
         }
@@ -267,7 +267,7 @@ impl Acyclic {
 
     /// Hands the answers in a frame with this number to ethercrab, if it is the answer to one that is away.
     /// `cycle` is when the last cycle was sent.
-    pub(in crate::bus) fn accept(
+    pub fn accept(
         &mut self,
         number: u32,
         answer: &[u8],
@@ -312,17 +312,11 @@ impl Away {
         }
     }
 
-    /// An empty frame with the headers of `model`.
-    fn begin(&mut self, number: u32, first: u32, model: &[u8], now: Duration) {
+    /// A frame without requests.
+    fn begin(&mut self, number: u32, first: u32, now: Duration) {
         self.number = number;
         self.first = first;
-        self.frame.clear();
-        self.frame
-            .extend_from_slice(model.get(..HEADERS).unwrap_or_default());
-        let address = Tag::Acyclic(number).source_address();
-        for (to, from) in self.frame.iter_mut().skip(6).zip(address) {
-            *to = from;
-        }
+        frame::begin(&mut self.frame, Tag::Acyclic(number));
         self.parts.clear();
         self.sent_at = now;
         self.sendings = 0;

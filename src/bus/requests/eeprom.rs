@@ -5,16 +5,18 @@ use std::{ops::Range, time::Duration};
 use crate::{
     bus::{
         error::{EepromError, RegisterError},
-        requests::registers::Registers,
+        requests::{LONGEST_DATAGRAM, registers::Registers},
     },
-    sii::{Identity, Sii},
+    esc,
+    sii::{General, Identity, Sii},
 };
 
-pub(in crate::bus) const CONFIGURATION: u16 = 0x0500;
-const CONTROL: u16 = 0x0502;
-const DATA: u16 = 0x0508;
-
+/// 0500h: the device has the EEPROM; it is taken from the device by force.
 const OWNED_BY_DEVICE: [u8; 1] = [1];
+const OWNED_BY_MASTER: [u8; 1] = [0];
+const FORCED: [u8; 1] = [2];
+/// 0501h bit 0: the device's processor has access.
+const DEVICE_HAS_ACCESS: u8 = 0x01;
 /// Command of 0502h: read.
 const READ: u16 = 0x0100;
 /// 0502h bit 6: eight bytes at once, else four.
@@ -31,49 +33,68 @@ const CATEGORIES: usize = 0x80;
 const END: u16 = 0xFFFF;
 /// Bytes of the header with the identity, and with the mailbox and its protocols (words 8h to Fh, 18h to 1Ch).
 const HEADER: [Range<usize>; 2] = [0x10..0x20, 0x30..0x3A];
-/// General, FMMU, sync managers.
-const WANTED: [u16; 3] = [30, 40, 41];
 const STRINGS: u16 = 10;
+const GENERAL: u16 = 30;
+const GENERAL_WORDS: u16 = (General::BYTES / 2) as u16;
+const FMMU: u16 = 40;
+const SYNC_MANAGERS: u16 = 41;
 /// The longest image: the EEPROM is addressed up to 4 Mbit, but no device at hand has more than 64 KiB.
 const LONGEST: usize = 0x1_0000;
 
-/// Reads what configuration needs of a SubDevice's SII. Other categories are passed over unread: each access takes the
-/// EEPROM its time. Of the strings it is the type ("order number"), or else the name, which comes beside the rest.
-/// The EEPROM must belong to the master (0500h).
+/// What was read of a SubDevice's SII, byte by byte, so that nothing is read twice.
+pub(in crate::bus) type SiiBytes = Vec<Option<u8>>;
+
+/// Reads what configuration needs of a SubDevice's SII: each access takes the EEPROM its time. Other categories are passed over
+/// unread, and what is behind the last one that is needed is not looked at. Of the strings it is the type ("order number"), or else
+/// the name, which comes beside the rest.
+/// The EEPROM must belong to the master (0500h), see [`take_over`].
 pub(in crate::bus) async fn read(
     registers: &Registers,
     station: u16,
+    bytes: &mut SiiBytes,
 ) -> Result<(Sii, String), EepromError> {
-    // A command that comes while another one is under way, from before, is not taken: what would be read is what that one gives.
-    settled(registers, station, 0).await?;
     let mut image = Image {
         registers,
         station,
-        bytes: Vec::new(),
+        bytes,
     };
     // An image of the same form with nothing but those.
     let mut wanted = image.header(HEADER).await?;
+    let mut missing = vec![STRINGS, GENERAL, FMMU, SYNC_MANAGERS];
     let mut strings = None;
     let mut at = CATEGORIES;
-    while at < LONGEST {
+    while at < LONGEST && !missing.is_empty() {
         let header = image.get(at..at + 4).await?;
         let &[t0, t1, l0, l1] = header.as_slice() else {
             break;
         };
-        let (category, data) = (u16::from_le_bytes([t0, t1]), at + 4);
-        at = data + 2 * usize::from(u16::from_le_bytes([l0, l1]));
+        let (category, words) = (u16::from_le_bytes([t0, t1]), u16::from_le_bytes([l0, l1]));
+        let data = at + 4;
+        at = data + 2 * usize::from(words);
         match category {
             END => break,
             STRINGS => strings = Some(data),
-            _ if WANTED.contains(&category) => {
+            GENERAL => {
+                let words = words.min(GENERAL_WORDS);
+                wanted.extend([GENERAL, words].into_iter().flat_map(u16::to_le_bytes));
+                let end = data + 2 * usize::from(words);
+                wanted.extend(image.get(data..end.min(LONGEST)).await?);
+            }
+            FMMU | SYNC_MANAGERS => {
                 wanted.extend(header);
                 wanted.extend(image.get(data..at.min(LONGEST)).await?);
             }
             _ => {}
         }
+        missing.retain(|missing| *missing != category);
     }
     wanted.extend(END.to_le_bytes());
-    let sii = Sii::parse(&wanted)?;
+    let mut sii = Sii::parse(&wanted)?;
+    if let Some(mailbox) = &mut sii.mailbox {
+        // Devices take a mailbox that is set shorter than their own. No frame with a tag carries a longer one.
+        mailbox.receive_length = mailbox.receive_length.min(LONGEST_DATAGRAM);
+        mailbox.send_length = mailbox.send_length.min(LONGEST_DATAGRAM);
+    }
     let name = match (strings, &sii.general) {
         (Some(strings), Some(general)) if general.order != 0 => {
             image.string(strings, general.order).await?
@@ -89,12 +110,14 @@ pub(in crate::bus) async fn identity(
     registers: &Registers,
     station: u16,
 ) -> Result<Identity, EepromError> {
-    registers.write(station, CONFIGURATION, &[0]).await?;
-    settled(registers, station, 0).await?;
+    registers
+        .write(station, esc::EEPROM_CONFIGURATION, &OWNED_BY_MASTER)
+        .await?;
+    take_over(registers, station).await?;
     let mut image = Image {
         registers,
         station,
-        bytes: Vec::new(),
+        bytes: &mut Vec::new(),
     };
     let [identity, _] = HEADER;
     let mut wanted = image.header([identity]).await?;
@@ -102,15 +125,16 @@ pub(in crate::bus) async fn identity(
     Ok(Sii::parse(&wanted)?.identity)
 }
 
-/// Reads a SubDevice's whole SII. The EEPROM must belong to the master (0500h).
+/// Reads what is left of a SubDevice's SII. The EEPROM must belong to the master (0500h).
 pub(in crate::bus) async fn read_whole(
     registers: &Registers,
     station: u16,
+    bytes: &mut SiiBytes,
 ) -> Result<Sii, EepromError> {
     let mut image = Image {
         registers,
         station,
-        bytes: Vec::new(),
+        bytes,
     };
     let mut at = CATEGORIES;
     while at < LONGEST {
@@ -127,13 +151,50 @@ pub(in crate::bus) async fn read_whole(
     Ok(Sii::parse(&whole)?)
 }
 
-/// Gives the EEPROM to the device, as some firmwares need it for SAFEOP (ETG.2010, Eeprom/AssignToPdi).
+/// Waits until the EEPROM, which 0500h has given to the master, is idle, and takes it by force from a processor that does not let go of
+/// it. Whether that was so.
+pub(in crate::bus) async fn take_over(
+    registers: &Registers,
+    station: u16,
+) -> Result<bool, EepromError> {
+    let time = registers.time();
+    let started = time.now();
+    loop {
+        // Configuration, access and control in one look.
+        let [_, access, c0, c1] = registers.read(station, esc::EEPROM_CONFIGURATION).await?;
+        const { assert!(esc::EEPROM_CONTROL - esc::EEPROM_CONFIGURATION == 2) };
+        let is_over = time.now().saturating_sub(started) >= LIMIT;
+        let is_busy = u16::from_le_bytes([c0, c1]) & BUSY != 0;
+        if access & DEVICE_HAS_ACCESS != 0 {
+            if is_over {
+                registers
+                    .write(station, esc::EEPROM_CONFIGURATION, &FORCED)
+                    .await?;
+                registers
+                    .write(station, esc::EEPROM_CONFIGURATION, &OWNED_BY_MASTER)
+                    .await?;
+                settled(registers, station, 0).await?;
+                return Ok(true);
+            }
+        } else if !is_busy {
+            return Ok(false);
+        } else if is_over {
+            // A command that comes while another one is under way, from before, is not taken: what would be read is what that one
+            // gives.
+            return Err(EepromError::Busy { word: 0 });
+        }
+        time.sleep(Duration::from_micros(100)).await;
+    }
+}
+
+/// Gives the EEPROM to the device. Some firmwares need it for PREOP, and those that emulate their EEPROM serve it themselves
+/// (ETG.2010, Eeprom/AssignToPdi).
 pub(in crate::bus) async fn give_away(
     registers: &Registers,
     station: u16,
 ) -> Result<(), RegisterError> {
     registers
-        .write(station, CONFIGURATION, &OWNED_BY_DEVICE)
+        .write(station, esc::EEPROM_CONFIGURATION, &OWNED_BY_DEVICE)
         .await
 }
 
@@ -141,7 +202,7 @@ pub(in crate::bus) async fn give_away(
 struct Image<'a> {
     registers: &'a Registers,
     station: u16,
-    bytes: Vec<Option<u8>>,
+    bytes: &'a mut SiiBytes,
 }
 
 impl Image<'_> {
@@ -218,7 +279,7 @@ async fn read_words(
     let [c0, c1] = READ.to_le_bytes();
     let [a0, a1, a2, a3] = address;
     registers
-        .write(station, CONTROL, &[c0, c1, a0, a1, a2, a3])
+        .write(station, esc::EEPROM_CONTROL, &[c0, c1, a0, a1, a2, a3])
         .await?;
     let (control, data) = settled(registers, station, word).await?;
     if control & ERRORS != 0 {
@@ -238,8 +299,9 @@ async fn settled(
     let started = time.now();
     loop {
         // Control, address and data in one look.
-        let [c0, c1, _, _, _, _, data @ ..] = registers.read::<14>(station, CONTROL).await?;
-        const { assert!(DATA - CONTROL == 6) };
+        let [c0, c1, _, _, _, _, data @ ..] =
+            registers.read::<14>(station, esc::EEPROM_CONTROL).await?;
+        const { assert!(esc::EEPROM_DATA - esc::EEPROM_CONTROL == 6) };
         let control = u16::from_le_bytes([c0, c1]);
         if control & BUSY == 0 {
             return Ok((control, data));

@@ -48,7 +48,7 @@ struct Ready {
 }
 
 impl Tasks {
-    pub(in crate::bus) fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             ready: Arc::new(Ready {
                 queue: ArrayQueue::new(PLACES),
@@ -60,10 +60,7 @@ impl Tasks {
     }
 
     /// Begins a task.
-    pub(in crate::bus) fn spawn<T: 'static>(
-        &self,
-        future: impl Future<Output = T> + 'static,
-    ) -> Task<T> {
+    pub fn spawn<T: 'static>(&self, future: impl Future<Output = T> + 'static) -> Task<T> {
         let ready = Arc::clone(&self.ready);
         let schedule = move |runnable| {
             if let Err(runnable) = ready.queue.push(runnable) {
@@ -87,7 +84,7 @@ impl Tasks {
     }
 
     /// Polls one task that is ready; false if there is none.
-    pub(in crate::bus) fn poll_one(&self) -> bool {
+    pub fn poll_one(&self) -> bool {
         let Some(runnable) = self.ready.next() else {
             return false;
         };
@@ -155,12 +152,12 @@ impl Default for Time {
 }
 
 impl Time {
-    pub(in crate::bus) fn now(&self) -> Duration {
+    pub fn now(&self) -> Duration {
         self.now.get()
     }
 
     /// Moves on to `now` and wakes whose time has come.
-    pub(in crate::bus) fn advance(&self, now: Duration) {
+    pub fn advance(&self, now: Duration) {
         self.now.set(now);
         if self.due.get().is_none_or(|due| now < due) {
             return;
@@ -188,17 +185,17 @@ impl Time {
     }
 
     /// When [`advance`](Self::advance) is to be called at the latest.
-    pub(in crate::bus) fn next(&self) -> Option<Duration> {
+    pub fn next(&self) -> Option<Duration> {
         self.next.get()
     }
 
-    pub(in crate::bus) fn sleep(self: &Rc<Self>, duration: Duration) -> Sleep {
+    pub fn sleep(self: &Rc<Self>, duration: Duration) -> Sleep {
         self.sleep_for(duration, false)
     }
 
     /// The same until the first turn of the loop that comes then: a millisecond or a cycle later at the most. It costs no timer and
     /// wakes no thread.
-    pub(in crate::bus) fn rest(self: &Rc<Self>, duration: Duration) -> Sleep {
+    pub fn rest(self: &Rc<Self>, duration: Duration) -> Sleep {
         self.sleep_for(duration, true)
     }
 
@@ -214,7 +211,7 @@ impl Time {
     }
 
     /// Polls `future` until it is ready or `limit` is over; then it is dropped, within the poll.
-    pub(in crate::bus) async fn within<T>(
+    pub async fn within<T>(
         self: &Rc<Self>,
         limit: Duration,
         future: impl Future<Output = T>,

@@ -9,7 +9,6 @@
 //! behind it use a [`Context`] of it.
 
 pub(super) mod acyclic;
-pub(super) mod al;
 pub(super) mod eeprom;
 pub(super) mod executor;
 pub(super) mod registers;
@@ -34,7 +33,11 @@ use smol::channel::Sender;
 
 use crate::{
     bus::{
-        cycle::{AcyclicWindow, Cycle, frame::Tag, statistics::Counters},
+        cycle::{
+            AcyclicWindow, Cycle,
+            frame::{self, Tag},
+            statistics::Counters,
+        },
         log::{Log, Writer},
         requests::{
             acyclic::Acyclic,
@@ -49,8 +52,9 @@ use crate::{
 
 /// Frames of ethercrab's that can be on their way at once (a power of two; ethercrab takes 128 at most).
 pub(in crate::bus) const SLOTS: usize = 64;
-/// The longest datagram that fits into an Ethernet frame.
-const LONGEST_DATAGRAM: usize = 1486;
+/// The longest data of a datagram that fits into an Ethernet frame, beside the frame's tag.
+pub(in crate::bus) const LONGEST_DATAGRAM: u16 =
+    (LONGEST_FRAME - frame::BEHIND_TAG - frame::DATAGRAM_OVERHEAD) as u16;
 /// The longest wait: wakes from other threads reach the executor's tasks, but not the link.
 const LONGEST_WAIT: Duration = Duration::from_millis(1);
 /// Emergencies of all drives together that are kept for a program that has not taken them.
@@ -63,31 +67,28 @@ const FRAMES_PER_TURN: usize = 256;
 /// What the futures on the bus thread share with the loop.
 #[derive(Clone)]
 pub(in crate::bus) struct Context {
-    pub(in crate::bus) registers: Registers,
-    pub(in crate::bus) time: Rc<Time>,
+    pub registers: Registers,
+    pub time: Rc<Time>,
     /// Weak, because its tasks hold contexts: with the loop they are all dropped, and nobody waits for them any more.
     tasks: Weak<Tasks>,
-    pub(in crate::bus) cycle: Rc<RefCell<Option<Cycle>>>,
-    pub(in crate::bus) counters: Arc<Counters>,
-    pub(in crate::bus) log: Log,
+    pub cycle: Rc<RefCell<Option<Cycle>>>,
+    pub counters: Arc<Counters>,
+    pub log: Log,
     /// Who wakes the program's futures.
-    pub(in crate::bus) wakes: Wakes,
+    pub wakes: Wakes,
     /// Those of all drives: where they go in, and where they come out.
-    pub(in crate::bus) emergencies: (EmergencyQueue, Emergencies),
+    pub emergencies: (EmergencyQueue, Emergencies),
     over: Rc<Cell<bool>>,
 }
 
 impl Context {
     /// Begins a task; none if the loop is gone.
-    pub(in crate::bus) fn spawn<T: 'static>(
-        &self,
-        future: impl Future<Output = T> + 'static,
-    ) -> Option<Task<T>> {
+    pub fn spawn<T: 'static>(&self, future: impl Future<Output = T> + 'static) -> Option<Task<T>> {
         Some(self.tasks.upgrade()?.spawn(future))
     }
 
     /// Ends the loop after this turn.
-    pub(in crate::bus) fn end(&self) {
+    pub fn end(&self) {
         self.over.set(true);
     }
 }
@@ -103,15 +104,15 @@ pub(in crate::bus) struct Reactor {
 }
 
 impl Reactor {
-    /// Makes the storage that ethercrab needs, which lives as long as the process.
-    pub(in crate::bus) fn new(
+    /// Makes the storage that ethercrab needs, which stays as long as the process.
+    pub fn new(
         link: Box<dyn Link>,
         wait_strategy: WaitStrategy,
         counters: &Arc<Counters>,
         wakes: &Wakes,
         log: Log,
     ) -> Self {
-        type Storage = PduStorage<SLOTS, { PduStorage::element_size(LONGEST_DATAGRAM) }>;
+        type Storage = PduStorage<SLOTS, { PduStorage::element_size(LONGEST_DATAGRAM as usize) }>;
         let storage: &'static Storage = Box::leak(Box::new(PduStorage::new()));
         let time = Rc::new(Time::default());
         time.advance(link.now());
@@ -156,20 +157,20 @@ impl Reactor {
         }
     }
 
-    pub(in crate::bus) fn now(&self) -> Duration {
+    pub fn now(&self) -> Duration {
         self.link.now()
     }
 
-    pub(in crate::bus) fn wakes(&self) -> &Wakes {
+    pub fn wakes(&self) -> &Wakes {
         &self.context.wakes
     }
 
-    pub(in crate::bus) fn context(&self) -> &Context {
+    pub fn context(&self) -> &Context {
         &self.context
     }
 
     /// One turn. False once the loop is over.
-    pub(in crate::bus) fn turn(&mut self) -> bool {
+    pub fn turn(&mut self) -> bool {
         let now = self.link.now();
         self.context.time.advance(now);
         if !self.is_cycle_due(now) {
@@ -472,7 +473,7 @@ impl BusLoop {
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// use std::time::Duration;
-    /// use servocrab::{axis::{Axis, Referencing}, bus::{CycleClock, DriveConfig, Network}, drives, link::Wire};
+    /// use servocrab::{axis::{Axis, Referencing}, bus::{CycleClock, AxisConfig, DriveConfig, Network}, drives, link::Wire};
     /// use servocrab::profile_position::SetPoint;
     /// use servocrab_sim::{Segment, personality};
     ///
@@ -488,7 +489,7 @@ impl BusLoop {
     ///
     /// let mut segment = Segment::new().with(personality::generic());
     /// let wire = Wire::in_virtual_time(Duration::from_micros(20), move |frame, now| segment.process(frame, now));
-    /// let drive = DriveConfig::new(drives::generic()).axis("ram").referencing("ram", Referencing::AbsoluteEncoder);
+    /// let drive = DriveConfig::new(drives::generic()).axis(AxisConfig::new("ram").referencing(Referencing::AbsoluteEncoder));
     /// let (starting, mut bus) = Network::builder().link(wire).drive(0, drive).split()?;
     /// bus.run_until(async {
     ///     let net = starting.network().await?;

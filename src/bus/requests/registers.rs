@@ -4,13 +4,14 @@ use std::{cell::RefCell, rc::Rc, time::Duration};
 
 use ethercrab::{Command, MainDevice, error::Error};
 
-use crate::bus::{
-    error::RegisterError,
-    requests::{
-        acyclic::{GIVEN_UP_AFTER, is_lost},
-        executor::Time,
-        sync_managers::{Area, AreaDirection},
-    },
+use super::{
+    acyclic::{GIVEN_UP_AFTER, is_lost},
+    executor::Time,
+    sync_managers::{Area, AreaDirection},
+};
+use crate::{
+    bus::error::{AlError, AlState, AlStatus, RegisterError},
+    esc,
 };
 
 /// How long to wait for a free frame slot of ethercrab's.
@@ -26,7 +27,7 @@ pub(in crate::bus) struct Registers {
 }
 
 impl Registers {
-    pub(in crate::bus) fn new(main: &'static MainDevice<'static>, time: Rc<Time>) -> Self {
+    pub fn new(main: &'static MainDevice<'static>, time: Rc<Time>) -> Self {
         Self {
             main,
             time,
@@ -35,14 +36,14 @@ impl Registers {
     }
 
     /// Notes how an area of a station's process data is set up.
-    pub(in crate::bus) fn note_area(&self, station: u16, area: Area, direction: AreaDirection) {
+    pub fn note_area(&self, station: u16, area: Area, direction: AreaDirection) {
         let mut areas = self.areas.borrow_mut();
         areas.retain(|(at, before, _)| *at != station || before.number() != area.number());
         areas.push((station, area, direction));
     }
 
     /// How those of this station were set up last.
-    pub(in crate::bus) fn areas(&self, station: u16) -> Vec<(Area, AreaDirection)> {
+    pub fn areas(&self, station: u16) -> Vec<(Area, AreaDirection)> {
         let areas = self.areas.borrow();
         let of_station = areas.iter().filter(|(at, ..)| *at == station);
         of_station
@@ -50,16 +51,16 @@ impl Registers {
             .collect()
     }
 
-    pub(in crate::bus) fn time(&self) -> &Rc<Time> {
+    pub fn time(&self) -> &Rc<Time> {
         &self.time
     }
 
-    pub(in crate::bus) fn main(&self) -> &'static MainDevice<'static> {
+    pub fn main(&self) -> &'static MainDevice<'static> {
         self.main
     }
 
     /// How many SubDevices answer a broadcast.
-    pub(in crate::bus) async fn count(&self) -> Result<u16, RegisterError> {
+    pub async fn count(&self) -> Result<u16, RegisterError> {
         // The working counter is not public on an answer, but it is in the error about it.
         let request = || async {
             match Command::brd(0)
@@ -76,7 +77,7 @@ impl Registers {
     }
 
     /// Reads `N` bytes from `register` on.
-    pub(in crate::bus) async fn read<const N: usize>(
+    pub async fn read<const N: usize>(
         &self,
         station: u16,
         register: u16,
@@ -87,7 +88,7 @@ impl Registers {
     }
 
     /// Reads as many bytes as `buffer` has from `register` on.
-    pub(in crate::bus) async fn read_into(
+    pub async fn read_into(
         &self,
         station: u16,
         register: u16,
@@ -112,7 +113,7 @@ impl Registers {
     }
 
     /// Writes `bytes` from `register` on.
-    pub(in crate::bus) async fn write(
+    pub async fn write(
         &self,
         station: u16,
         register: u16,
@@ -128,11 +129,7 @@ impl Registers {
     }
 
     /// Writes to all SubDevices, and to none where there is none with this register.
-    pub(in crate::bus) async fn broadcast(
-        &self,
-        register: u16,
-        bytes: &[u8],
-    ) -> Result<(), RegisterError> {
+    pub async fn broadcast(&self, register: u16, bytes: &[u8]) -> Result<(), RegisterError> {
         self.ask(|| async move {
             Command::bwr(register)
                 .ignore_wkc()
@@ -144,11 +141,7 @@ impl Registers {
     }
 
     /// Has one SubDevice's register read and given to all others (FRMW), four bytes of it.
-    pub(in crate::bus) async fn distribute(
-        &self,
-        station: u16,
-        register: u16,
-    ) -> Result<(), RegisterError> {
+    pub async fn distribute(&self, station: u16, register: u16) -> Result<(), RegisterError> {
         self.ask(|| async move {
             Command::frmw(station, register)
                 .ignore_wkc()
@@ -160,7 +153,7 @@ impl Registers {
     }
 
     /// Writes to the SubDevice at this place in the line, whatever its station address.
-    pub(in crate::bus) async fn write_at(
+    pub async fn write_at(
         &self,
         position: u16,
         register: u16,
@@ -176,7 +169,7 @@ impl Registers {
     }
 
     /// Reads from the SubDevice at this place in the line, whatever its station address.
-    pub(in crate::bus) async fn read_at<const N: usize>(
+    pub async fn read_at<const N: usize>(
         &self,
         position: u16,
         register: u16,
@@ -221,5 +214,166 @@ impl Registers {
             Some(Err(error)) if is_lost(&error) => Err(RegisterError::NoFrame),
             Some(Err(error)) => Err(RegisterError::Refused(error)),
         }
+    }
+}
+
+// The AL state machine (ETG.1000.6): requests, refusals with their reason, acknowledgement of errors.
+
+/// Written there: INIT, with any error acknowledged.
+pub(in crate::bus) const RESET: [u8; 2] = [0x11, 0];
+const ERROR: u8 = 0x10;
+/// Pauses between two looks at the AL status: a fourth of the time that the change takes already, within these bounds.
+const SHORTEST_PAUSE: Duration = Duration::from_micros(100);
+const LONGEST_PAUSE: Duration = Duration::from_millis(2);
+
+/// Reads the AL status.
+pub(in crate::bus) async fn status(
+    registers: &Registers,
+    station: u16,
+) -> Result<AlStatus, RegisterError> {
+    registers
+        .read(station, esc::AL_STATUS)
+        .await
+        .map(from_registers)
+}
+
+/// Reads the AL status of the SubDevice at this place in the line.
+pub(in crate::bus) async fn status_at(
+    registers: &Registers,
+    position: u16,
+) -> Result<AlStatus, RegisterError> {
+    registers
+        .read_at(position, esc::AL_STATUS)
+        .await
+        .map(from_registers)
+}
+
+fn from_registers([status, _, _, _, c0, c1]: [u8; 6]) -> AlStatus {
+    AlStatus {
+        state: AlState::from_bits(status),
+        error: (status & ERROR != 0).then_some(u16::from_le_bytes([c0, c1])),
+    }
+}
+
+/// Brings a SubDevice into `state`, which must be one step up, or any below. An old error is acknowledged before.
+pub(in crate::bus) async fn request(
+    registers: &Registers,
+    station: u16,
+    state: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
+    let before = status(registers, station).await?;
+    if before.error.is_some() {
+        acknowledge(registers, station, before.state).await?;
+    }
+    ask(registers, station, state, limit).await
+}
+
+/// Asks for a state, and waits until the SubDevice is there or refuses.
+async fn ask(
+    registers: &Registers,
+    station: u16,
+    state: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
+    registers
+        .write(station, esc::AL_CONTROL, &[state.bits(), 0])
+        .await?;
+    let time = registers.time();
+    let started = time.now();
+    loop {
+        let seen = status(registers, station).await?;
+        if seen.error.is_some() {
+            acknowledge(registers, station, seen.state).await?;
+            return Err(AlError::Refused(seen));
+        }
+        if seen.state == state {
+            return Ok(());
+        }
+        let waited = time.now().saturating_sub(started);
+        if waited >= limit {
+            return Err(AlError::Timeout {
+                after: limit,
+                status: seen,
+            });
+        }
+        time.sleep((waited / 4).clamp(SHORTEST_PAUSE, LONGEST_PAUSE))
+            .await;
+    }
+}
+
+/// Brings a SubDevice that should be in `from` without error one step up into `to`. One that has left `from` meanwhile, or shows an
+/// error, is quoted with its own reason, and not asked.
+pub(in crate::bus) async fn climb(
+    registers: &Registers,
+    station: u16,
+    from: AlState,
+    to: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
+    let seen = status(registers, station).await?;
+    if seen.error.is_some() {
+        acknowledge(registers, station, seen.state).await?;
+    }
+    if (seen.state, seen.error) != (from, None) {
+        return Err(AlError::Refused(seen));
+    }
+    ask(registers, station, to, limit).await
+}
+
+/// Waits for a state that was asked for by a broadcast; a SubDevice that has not taken it is asked again.
+pub(in crate::bus) async fn reach(
+    registers: &Registers,
+    station: u16,
+    state: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
+    let there = AlStatus { state, error: None };
+    if status(registers, station).await? == there {
+        return Ok(());
+    }
+    request(registers, station, state, limit).await
+}
+
+/// Brings a SubDevice down into `state`; one that is there, or lower, stays where it is.
+pub(in crate::bus) async fn lower(
+    registers: &Registers,
+    station: u16,
+    state: AlState,
+    limit: Duration,
+) -> Result<(), AlError> {
+    if status(registers, station).await?.state.bits() <= state.bits() {
+        return Ok(());
+    }
+    request(registers, station, state, limit).await
+}
+
+/// Takes the error indication away.
+async fn acknowledge(
+    registers: &Registers,
+    station: u16,
+    state: AlState,
+) -> Result<(), RegisterError> {
+    registers
+        .write(station, esc::AL_CONTROL, &[state.bits() | ERROR, 0])
+        .await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{AlState, AlStatus};
+
+    #[test]
+    fn a_status_says_its_code_as_number_and_in_words() {
+        let status = AlStatus {
+            state: AlState::SafeOp,
+            error: Some(0x001B),
+        };
+        let text = status.to_string();
+        assert!(
+            text.starts_with("SAFEOP with AL status code 001Bh ("),
+            "{text}"
+        );
+        assert!(text.to_lowercase().contains("watchdog"), "{text}");
     }
 }

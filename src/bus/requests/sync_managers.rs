@@ -10,27 +10,22 @@ use crate::{
         error::{RegisterError, SyncManagerError, WatchdogState},
         requests::registers::Registers,
     },
+    esc,
     sii::{FmmuUsage, Sii, SyncManager, SyncManagerUsage},
 };
 
-pub(in crate::bus) const FMMU: u16 = 0x0600;
-pub(in crate::bus) const SYNC_MANAGER: u16 = 0x0800;
-pub(in crate::bus) const ACTIVATE: u16 = 6;
-pub(in crate::bus) const WATCHDOG_DIVIDER: u16 = 0x0400;
-pub(in crate::bus) const WATCHDOG_TIME: u16 = 0x0420;
+const ACTIVATE: u16 = 6;
 /// The first address of the process-data memory; below it are registers.
 const MEMORY: u16 = 0x1000;
-/// ESC features, 0008h bit 9: no LRW.
-const FEATURES: u16 = 0x0008;
 const NO_LRW: u16 = 1 << 9;
 
 /// Control bytes of mailboxes: one buffer, written or read by the master, with an interrupt for the device.
 const MAILBOX_OUT: u8 = 0x26;
 const MAILBOX_IN: u8 = 0x22;
 /// Control byte, bit 6: writes trigger the watchdog.
-pub(in crate::bus) const WATCHDOG_TRIGGER: u8 = 0x40;
+const WATCHDOG_TRIGGER: u8 = 0x40;
 /// 0400h for ticks of 100 µs: (2498 + 2) · 40 ns.
-pub(in crate::bus) const DIVIDER: u16 = 2498;
+const DIVIDER: u16 = 2498;
 const TICK: Duration = Duration::from_micros(100);
 
 /// Where a drive's process data lie, in its memory and in the logical address space.
@@ -42,9 +37,9 @@ pub(in crate::bus) struct Area {
     fmmu: u8,
     start: u16,
     control: u8,
-    pub(in crate::bus) length: u16,
+    pub length: u16,
     /// The logical address.
-    pub(in crate::bus) logical: u32,
+    pub logical: u32,
 }
 
 /// Sets up the mailbox's sync managers, where there is a mailbox.
@@ -75,7 +70,7 @@ pub(in crate::bus) async fn set_mailbox(
     for (number, (start, length, control)) in (0..).zip(managers) {
         let [s0, s1] = start.to_le_bytes();
         let [l0, l1] = length.to_le_bytes();
-        let register = SYNC_MANAGER + 8 * number;
+        let register = esc::SYNC_MANAGER + 8 * number;
         registers
             .write(station, register, &[s0, s1, l0, l1, control, 0, 1, 0])
             .await?;
@@ -137,7 +132,7 @@ fn no_overlap(
 
 impl Area {
     /// The area of the sync manager with this number.
-    pub(in crate::bus) fn of_manager(
+    pub fn of_manager(
         sii: &Sii,
         number: u8,
         fmmu: u8,
@@ -162,7 +157,7 @@ impl Area {
     }
 
     /// Writes sync manager and FMMU; empty process data leave both switched off.
-    pub(in crate::bus) async fn write(
+    pub async fn write(
         &self,
         registers: &Registers,
         station: u16,
@@ -183,16 +178,16 @@ impl Area {
         registers.write(station, fmmu, &setting).await
     }
 
-    pub(in crate::bus) const fn number(&self) -> u8 {
+    pub const fn number(&self) -> u8 {
         self.number
     }
 
-    pub(in crate::bus) const fn fmmu(&self) -> u8 {
+    pub const fn fmmu(&self) -> u8 {
         self.fmmu
     }
 
     /// Whether the device's sync manager is as it was written.
-    pub(in crate::bus) async fn is_managed(
+    pub async fn is_managed(
         &self,
         registers: &Registers,
         station: u16,
@@ -209,7 +204,7 @@ impl Area {
     }
 
     /// Whether the device's FMMU is as it was written.
-    pub(in crate::bus) async fn is_mapped(
+    pub async fn is_mapped(
         &self,
         registers: &Registers,
         station: u16,
@@ -226,8 +221,8 @@ impl Area {
     /// Of its sync manager and of its FMMU.
     const fn registers(&self) -> (u16, u16) {
         (
-            SYNC_MANAGER + 8 * self.number as u16,
-            FMMU + 16 * self.fmmu as u16,
+            esc::SYNC_MANAGER + 8 * self.number as u16,
+            esc::FMMU + 16 * self.fmmu as u16,
         )
     }
 
@@ -252,7 +247,7 @@ impl Area {
 
     /// Whether the sync manager really triggers the watchdog.
     async fn triggers(&self, registers: &Registers, station: u16) -> Result<bool, RegisterError> {
-        let manager = SYNC_MANAGER + 8 * u16::from(self.number);
+        let manager = esc::SYNC_MANAGER + 8 * u16::from(self.number);
         let [control] = registers.read(station, manager + 4).await?;
         Ok(control & WATCHDOG_TRIGGER != 0)
     }
@@ -283,8 +278,11 @@ pub(in crate::bus) fn watchdog_ticks(time: Duration) -> Option<u16> {
 }
 
 /// What is written to which register to set the process-data watchdog, 0 for off, in order.
-pub(in crate::bus) fn watchdog_writes(ticks: u16) -> impl Iterator<Item = (u16, u16)> {
-    let writes = [(WATCHDOG_DIVIDER, DIVIDER), (WATCHDOG_TIME, ticks)];
+fn watchdog_writes(ticks: u16) -> impl Iterator<Item = (u16, u16)> {
+    let writes = [
+        (esc::WATCHDOG_DIVIDER, DIVIDER),
+        (esc::WATCHDOG_TIME, ticks),
+    ];
     writes.into_iter().skip(usize::from(ticks == 0))
 }
 
@@ -302,8 +300,8 @@ pub(in crate::bus) async fn set_watchdog(
     }
     Ok(WatchdogState {
         triggered: outputs.triggers(registers, station).await?,
-        divider: u16::from_le_bytes(registers.read(station, WATCHDOG_DIVIDER).await?),
-        ticks: u16::from_le_bytes(registers.read(station, WATCHDOG_TIME).await?),
+        divider: u16::from_le_bytes(registers.read(station, esc::WATCHDOG_DIVIDER).await?),
+        ticks: u16::from_le_bytes(registers.read(station, esc::WATCHDOG_TIME).await?),
     })
 }
 
@@ -318,7 +316,7 @@ pub(in crate::bus) async fn takes_lrw(
     registers: &Registers,
     station: u16,
 ) -> Result<bool, RegisterError> {
-    let features = u16::from_le_bytes(registers.read(station, FEATURES).await?);
+    let features = u16::from_le_bytes(registers.read(station, esc::FEATURES).await?);
     Ok(features & NO_LRW == 0)
 }
 
@@ -382,7 +380,7 @@ pub async fn arm_watchdog(
     let device = DeviceRegisters { main, station };
     let mut outputs = None;
     for number in 0..8 {
-        let at = SYNC_MANAGER + 8 * number;
+        let at = esc::SYNC_MANAGER + 8 * number;
         let [_, _, _, _, control, _, activate, _] = device.read::<8>(at).await?;
         // Three buffers, written by the MainDevice, switched on.
         if control & 0x0F == 0x04 && activate & 1 == 1 {
@@ -403,8 +401,8 @@ pub async fn arm_watchdog(
     let [control] = device.read(manager + 4).await?;
     let held = WatchdogState {
         triggered: control & WATCHDOG_TRIGGER != 0,
-        divider: u16::from_le_bytes(device.read(WATCHDOG_DIVIDER).await?),
-        ticks: u16::from_le_bytes(device.read(WATCHDOG_TIME).await?),
+        divider: u16::from_le_bytes(device.read(esc::WATCHDOG_DIVIDER).await?),
+        ticks: u16::from_le_bytes(device.read(esc::WATCHDOG_TIME).await?),
     };
     if !held.is_armed_with(expected) {
         return Err(WatchdogError::NotArmed {

@@ -6,13 +6,10 @@ use core::{fmt, time::Duration};
 
 use tracing::Level;
 
-use super::dialogue::Failure;
-use crate::coe::{
-    emergency::Emergency,
-    error::{DriveId, Transfer},
-    error_texts::ErrorTexts,
-    mailbox::{CutMail, Mail, MailboxError, Protocol},
-};
+use super::Failure;
+use crate::coe::emergency::Emergency;
+use crate::coe::error::{DriveId, ErrorTexts, Transfer};
+use crate::coe::mailbox::{CutMail, Mail, MailboxError, Protocol};
 
 /// Where notes go, each with its time.
 pub(crate) type Notes = Arc<dyn Fn(Duration, MailNote) + Send + Sync>;
@@ -60,7 +57,7 @@ pub(super) struct Excerpt {
 const EXCERPT: usize = 48;
 
 impl Excerpt {
-    pub(super) fn of(all: &[u8]) -> Self {
+    pub fn of(all: &[u8]) -> Self {
         let mut bytes = [0; EXCERPT];
         for (to, from) in bytes.iter_mut().zip(all) {
             *to = *from;
@@ -97,7 +94,7 @@ impl From<Mail<'_>> for Content {
 #[cfg(test)]
 impl MailNote {
     /// For the tests of those that take records.
-    pub(crate) fn of_each_kind(drive: &Arc<DriveId>) -> impl Iterator<Item = Self> {
+    pub fn of_each_kind(drive: &Arc<DriveId>) -> impl Iterator<Item = Self> {
         let object = crate::coe::obj::CONTROLWORD.address();
         let transfer = Transfer::read(object);
         let cut = CutMail { needed: 6, got: 2 };
@@ -125,7 +122,7 @@ impl MailNote {
 
 impl MailNote {
     /// The level of the event that [`write`](Self::write) makes of it.
-    pub(crate) fn level(&self) -> Level {
+    pub fn level(&self) -> Level {
         match self.event {
             MailEvent::Request(..) => Level::TRACE,
             MailEvent::Unreadable(_)
@@ -137,24 +134,27 @@ impl MailNote {
     }
 
     /// Makes an event of it.
-    pub(crate) fn write(&self, at: Duration) {
+    pub fn write(&self, at: Duration) {
         let drive = &self.drive;
         match &self.event {
             MailEvent::Request(transfer, mail) => {
-                tracing::trace!(%drive, %transfer, ?mail, ?at, "request");
+                tracing::trace!(target: crate::log_target::DRIVE, %drive, %transfer, ?mail, ?at, "request");
             }
             MailEvent::Unreadable(fault) => {
-                tracing::debug!(%drive, ?fault, ?at, "mailbox could not be read");
+                tracing::debug!(target: crate::log_target::DRIVE, %drive, ?fault, ?at, "mailbox could not be read");
             }
-            MailEvent::Cut(cut) => tracing::warn!(%drive, %cut, ?at, "message dropped"),
+            MailEvent::Cut(cut) => {
+                tracing::warn!(target: crate::log_target::DRIVE, %drive, %cut, ?at, "message dropped");
+            }
             MailEvent::Unawaited(content) => {
-                tracing::debug!(%drive, ?content, ?at, "message that no call waits for dropped");
+                tracing::debug!(target: crate::log_target::DRIVE, %drive, ?content, ?at, "message that no call waits for dropped");
             }
             MailEvent::Foreign(reply) => {
-                tracing::debug!(%drive, ?reply, ?at, "reply of another request dropped");
+                tracing::debug!(target: crate::log_target::DRIVE, %drive, ?reply, ?at, "reply of another request dropped");
             }
             MailEvent::Doubtful(transfer) => {
                 tracing::debug!(
+                    target: crate::log_target::DRIVE,
                     %drive,
                     %transfer,
                     ?at,
@@ -162,6 +162,7 @@ impl MailNote {
                 );
             }
             MailEvent::Emergency(emergency, texts) => tracing::warn!(
+                target: crate::log_target::DRIVE,
                 %drive,
                 code = %format_args!("{:04X}h", emergency.code),
                 register = %format_args!("{:02X}h", emergency.register),

@@ -1,13 +1,17 @@
-//! The client against a scripted device in virtual time.
-
-use super::*;
-use crate::coe::test_device::{Device, Fault, Rig, emergency, rig, rig_with};
-use crate::coe::{AbortCode, DriveError, Emergencies, EmergencyReport, SdoError, obj};
-use proptest::prelude::*;
 use std::collections::VecDeque;
 
-mod doubt;
-mod information;
+use proptest::prelude::*;
+
+use super::*;
+use crate::coe::information::ListKind;
+use crate::coe::mailbox::MailboxError;
+use crate::coe::test_device::{Device, Fault, Rig, emergency, rig, rig_with};
+use crate::coe::{
+    AbortCode, DriveError, Emergencies, EmergencyReport, ObjectAddress, SdoError, TransferKind,
+    TypeCode, Unsupported, obj,
+};
+
+// The client against a scripted device in virtual time.
 
 const VELOCITY: (u16, u8) = (0x6081, 0);
 
@@ -524,4 +528,489 @@ proptest! {
         rig.pass(Duration::from_millis(100));
         prop_assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
     }
+}
+
+// A write whose frame is lost, on devices that do not look at the mailbox counter; error replies that come late.
+
+/// What a write's lost frame, the following accesses' fates and the device make of it.
+fn written_with(faults: &[Option<Fault>], delay: Duration) -> (Result<(), DriveError>, usize) {
+    let (rig, device, handle, _) = rig();
+    {
+        let mut state = device.0.borrow_mut();
+        state.ignores_counter = true;
+        state.faults = faults.iter().copied().collect();
+        state.delays = VecDeque::from([delay]);
+    }
+    let result = write_velocity(&rig, &handle, 7);
+    rig.pass(Duration::from_secs(3));
+    let count = device.0.borrow().written.len();
+    (result, count)
+}
+
+#[test]
+fn a_write_whose_frame_is_lost_is_carried_out_once_by_a_device_that_does_not_count() {
+    for fault in [Fault::LostBefore, Fault::LostAfter] {
+        for delay in [0, 5, 30, 300, 900].map(Duration::from_millis) {
+            let (result, count) = written_with(&[Some(fault)], delay);
+            assert_eq!(
+                (result, count),
+                (Ok(()), 1),
+                "{fault:?}, answered after {delay:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn whatever_else_is_lost_besides_the_write_it_is_never_carried_out_twice() {
+    let fates = [None, Some(Fault::LostBefore), Some(Fault::LostAfter)];
+    for first in [Fault::LostBefore, Fault::LostAfter] {
+        for place in 0..8 {
+            for fate in fates {
+                let mut faults = vec![Some(first)];
+                faults.resize(1 + place, None);
+                faults.push(fate);
+                let (result, count) = written_with(&faults, Duration::ZERO);
+                assert_eq!((result, count), (Ok(()), 1), "{faults:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_doubtful_write_that_the_device_refuses_is_refused() {
+    for fault in [Fault::LostBefore, Fault::LostAfter] {
+        let (rig, device, handle, _) = rig();
+        {
+            let mut state = device.0.borrow_mut();
+            state.refused.insert(VELOCITY, 0x0800_0022);
+            state.faults = VecDeque::from([Some(fault)]);
+        }
+        let error = write_velocity(&rig, &handle, 7).unwrap_err().error;
+        assert_eq!(
+            error.abort_code(),
+            Some(AbortCode::PRESENT_STATE),
+            "{fault:?}"
+        );
+    }
+}
+
+#[test]
+fn a_doubtful_write_to_a_device_that_says_nothing_any_more_is_told_as_not_answered() {
+    let (rig, device, handle, _) = rig();
+    {
+        let mut state = device.0.borrow_mut();
+        state.faults = VecDeque::from([Some(Fault::LostAfter)]);
+        state.swallow = usize::MAX;
+    }
+    let error = write_velocity(&rig, &handle, 7).unwrap_err().error;
+    assert!(matches!(error, SdoError::Timeout { .. }), "{error}");
+    assert_eq!(error.transfer().object.index, 0x6081);
+    assert_eq!(device.0.borrow().written.len(), 1);
+}
+
+#[test]
+fn a_second_answer_to_a_request_that_was_sent_again_is_not_taken_for_that_of_the_next() {
+    // The device takes the reading twice, and its second answer is late.
+    let (rig, device, handle, _) = device_with_statusword();
+    {
+        let mut state = device.0.borrow_mut();
+        state.ignores_counter = true;
+        state.faults = VecDeque::from([Some(Fault::LostAfter), None]);
+        state.delays = [300, 500].map(Duration::from_millis).into();
+    }
+    let first = handle.clone();
+    assert_eq!(read_statusword(&rig, &first), Ok(0x1637));
+    assert_eq!(device.0.borrow().served, 2, "it was taken twice");
+    device.set(0x6041, 0, &[0x50, 0x02]);
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x0250));
+}
+
+#[test]
+fn a_late_error_reply_of_the_mailbox_does_not_end_the_next_request() {
+    let (rig, device, handle, _) = device_with_statusword();
+    // The question is answered by an error of the mailbox, after its deadline.
+    device.0.borrow_mut().delays = VecDeque::from([Duration::from_millis(1500)]);
+    let asks = handle.clone();
+    let unanswered = rig.run(async move { asks.dictionary().await }).unwrap_err();
+    assert!(
+        matches!(unanswered.error, SdoError::Timeout { .. }),
+        "{unanswered}"
+    );
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+}
+
+#[test]
+fn an_error_reply_after_which_nothing_comes_is_the_requests_own() {
+    let (rig, device, handle, _) = rig();
+    device.0.borrow_mut().swallow = 1;
+    assert!(read_statusword(&rig, &handle).is_err());
+    let asks = handle.clone();
+    let refused = rig.run(async move { asks.dictionary().await }).unwrap_err();
+    assert!(
+        matches!(refused.error, SdoError::NotSupported { .. }),
+        "{refused}"
+    );
+}
+
+// SDO information through the client.
+
+/// One fragment of an answer, behind the CoE header.
+fn fragment(operation: u8, left: u16, data: &[u8]) -> Vec<u8> {
+    let more = if left > 0 { 0x80 } else { 0 };
+    let [l0, l1] = left.to_le_bytes();
+    [&[operation | more, 0, l0, l1], data].concat()
+}
+
+fn whole(operation: u8, data: &[u8]) -> Vec<Vec<u8>> {
+    vec![fragment(operation, 0, data)]
+}
+
+fn refused(code: u32) -> Vec<Vec<u8>> {
+    whole(7, &code.to_le_bytes())
+}
+
+fn entry(index: u16, subindex: u8, name: &str) -> Vec<Vec<u8>> {
+    let [i0, i1] = index.to_le_bytes();
+    let head = [i0, i1, subindex, 7, 6, 0, 16, 0, 0x3F, 0];
+    whole(6, &[&head[..], name.as_bytes()].concat())
+}
+
+/// Three fragments: 6040h, 1018h, 6041h, 6060h.
+fn list() -> Vec<Vec<u8>> {
+    vec![
+        fragment(2, 2, &[1, 0, 0x40, 0x60]),
+        fragment(2, 1, &[0x18, 0x10, 0x41]),
+        fragment(2, 0, &[0x60, 0x60, 0x60]),
+    ]
+}
+
+fn read_list(rig: &Rig, handle: &SdoHandle) -> Result<Vec<u16>, SdoError> {
+    let handle = handle.clone();
+    rig.run(async move { handle.object_list(ListKind::All).await })
+        .map_err(|error| error.error)
+}
+
+const LIST: [u16; 4] = [0x6040, 0x1018, 0x6041, 0x6060];
+
+#[test]
+fn a_dictionary_is_read_with_what_the_drive_refuses_told_apart() {
+    let (rig, device, handle, _) = rig();
+    let variable = |index: u16, name: &[u8]| {
+        let [i0, i1] = index.to_le_bytes();
+        whole(4, &[&[i0, i1, 6, 0, 0, 7], name].concat())
+    };
+    device.0.borrow_mut().information = VecDeque::from([
+        list(),
+        variable(0x6040, b"Controlword"),
+        entry(0x6040, 0, ""),
+        // A record with a gap, and with an entry that is refused.
+        whole(4, b"\x18\x10\x23\x00\x03\x09Identity"),
+        entry(0x1018, 0, "Count"),
+        refused(0x0609_0011),
+        entry(0x1018, 2, "Product"),
+        refused(0x0800_0000),
+        refused(0x0800_0000),
+        // An object that is listed and not there.
+        refused(0x0602_0000),
+        variable(0x6060, b"Mode"),
+        // An entry that cannot be told with limits is asked for without them.
+        refused(0x0607_0010),
+        entry(0x6060, 0, "Mode"),
+    ]);
+    let asked = handle.clone();
+    let dictionary = rig.run(async move { asked.dictionary().await }).unwrap();
+    let indices = dictionary.objects.iter().map(|o| o.description.index);
+    assert_eq!(indices.collect::<Vec<_>>(), [0x6040, 0x1018, 0x6060]);
+    let identity: Vec<_> = dictionary.object(0x1018).unwrap().entries.iter().collect();
+    let subindices = identity.iter().map(|entry| entry.address.subindex);
+    assert_eq!(subindices.collect::<Vec<_>>(), [0, 2]);
+    let told: Vec<_> = dictionary
+        .undescribed
+        .iter()
+        .map(|lacking| (lacking.index, lacking.subindex, lacking.code.0))
+        .collect();
+    assert_eq!(
+        told,
+        [(0x1018, Some(3), 0x0800_0000), (0x6041, None, 0x0602_0000)]
+    );
+    let named: Vec<_> = dictionary.named("controlWORD").collect();
+    assert_eq!(named[0].address, ObjectAddress::new(0x6040, 0));
+    assert_eq!((named.len(), named[0].data_type), (1, TypeCode(6)));
+    assert_eq!(dictionary.named("mode").count(), 1);
+    assert!(device.0.borrow().information.is_empty());
+}
+
+#[test]
+fn a_dictionary_that_does_not_end_is_given_up_at_its_bound() {
+    let described = |name: &str| {
+        VecDeque::from([
+            whole(2, &[1, 0, 0x18, 0x10]),
+            whole(4, b"\x18\x10\x23\x00\x01\x09Identity"),
+            entry(0x1018, 0, name),
+            refused(0x0800_0000),
+            refused(0x0800_0000),
+        ])
+    };
+    let (rig, device, handle, _) = rig();
+    let mut needed = 0;
+    for (more, name) in [(0, ""), (5, "Count")] {
+        let taken = (0..1000).find(|most| {
+            device.0.borrow_mut().information = described(name);
+            let (asked, most) = (handle.clone(), *most);
+            match rig.run(async move { asked.dictionary_within(most).await }) {
+                Ok(dictionary) => !dictionary.objects.is_empty(),
+                Err(DriveError { error, .. }) => {
+                    let SdoError::WrongSize { expected, got, .. } = error else {
+                        panic!("{error}")
+                    };
+                    assert_eq!(expected, most);
+                    assert!(got > most);
+                    false
+                }
+            }
+        });
+        let taken = taken.unwrap();
+        assert!(
+            taken > 150,
+            "{taken}: an object, an entry, and one that is refused"
+        );
+        assert!(more == 0 || taken == needed + more, "a name counts");
+        needed = taken;
+    }
+}
+
+#[test]
+fn a_device_without_the_service_says_so_and_goes_on() {
+    let (rig, device, handle, _) = device_with_statusword();
+    let reason = |rig: &Rig| match read_list(rig, &handle) {
+        Err(SdoError::NotSupported { reason, transfer }) => {
+            assert_eq!(transfer.kind, TransferKind::List(ListKind::All));
+            reason
+        }
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(reason(&rig), Unsupported::Mail(MailboxError(4)));
+    device.0.borrow_mut().information = VecDeque::from([refused(0x0504_0001)]);
+    assert_eq!(reason(&rig), Unsupported::Service(AbortCode::COMMAND));
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    // By an SDO abort; a message before the one that would answer.
+    let abort = vec![10, 0, 0, 0, 0, 0x33, 0, 0x20, 0x80, 0, 0, 0, 1, 0, 4, 5];
+    device.post(&abort);
+    device.0.borrow_mut().information = VecDeque::from([vec![]]);
+    assert_eq!(reason(&rig), Unsupported::Service(AbortCode::COMMAND));
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+}
+
+#[test]
+fn a_device_whose_sii_has_no_sdo_information_is_not_asked() {
+    let (rig, device, handle, _) = rig_with(|settings| settings.sdo_information = false);
+    assert!(matches!(
+        read_list(&rig, &handle),
+        Err(SdoError::NotSupported {
+            reason: Unsupported::Sii,
+            ..
+        })
+    ));
+    assert_eq!(device.0.borrow().accesses, 0);
+    device.set(0x6041, 0, &[0x37, 0x16]);
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+}
+
+#[test]
+fn a_refusal_in_the_middle_of_a_list_ends_it_and_nothing_more() {
+    let (rig, device, handle, _) = device_with_statusword();
+    let broken = vec![list().swap_remove(0), refused(0x0800_0000).swap_remove(0)];
+    device.0.borrow_mut().information = VecDeque::from([broken, list()]);
+    let error = read_list(&rig, &handle).unwrap_err();
+    assert_eq!(error.abort_code(), Some(AbortCode(0x0800_0000)));
+    assert_eq!(read_list(&rig, &handle), Ok(LIST.to_vec()));
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+}
+
+#[test]
+fn a_fragment_that_the_device_leaves_out_is_an_error_and_the_next_list_is_whole() {
+    for missing in [1, 2] {
+        let (rig, device, handle, _) = device_with_statusword();
+        let mut broken = list();
+        broken.remove(missing);
+        device.0.borrow_mut().information = VecDeque::from([broken, list()]);
+        let error = read_list(&rig, &handle).unwrap_err();
+        let step = SdoStep::Fragment;
+        let expected = match missing {
+            1 => matches!(
+                error,
+                SdoError::Fragments {
+                    expected: 1,
+                    got: 0,
+                    ..
+                }
+            ),
+            _ => matches!(error, SdoError::Timeout { step: s, .. } if s == step),
+        };
+        assert!(expected, "{error}");
+        assert_eq!(read_list(&rig, &handle), Ok(LIST.to_vec()));
+    }
+}
+
+#[test]
+fn late_fragments_are_not_taken_for_those_of_the_next_list() {
+    let (rig, device, handle, _) = rig();
+    device.0.borrow_mut().information = VecDeque::from([list(), list()]);
+    device.0.borrow_mut().delays = VecDeque::from([Duration::from_millis(1500)]);
+    assert!(matches!(
+        read_list(&rig, &handle),
+        Err(SdoError::Timeout { .. })
+    ));
+    assert_eq!(read_list(&rig, &handle), Ok(LIST.to_vec()));
+}
+
+#[test]
+fn any_single_lost_frame_leaves_a_list_whole_and_a_doubled_one_makes_no_other() {
+    let run = |faults: VecDeque<Option<Fault>>| {
+        let (rig, device, handle, _) = rig();
+        device.0.borrow_mut().information = VecDeque::from([list()]);
+        device.0.borrow_mut().faults = faults;
+        (read_list(&rig, &handle), device.0.borrow().accesses)
+    };
+    let (_, accesses) = run(VecDeque::new());
+    assert!(accesses > 5);
+    for place in 0..accesses {
+        for fault in [Fault::LostBefore, Fault::LostAfter, Fault::Twice] {
+            let mut faults = VecDeque::from(vec![None; place]);
+            faults.push_back(Some(fault));
+            let (result, _) = run(faults);
+            // A frame that is doubled on its way reads two fragments, of which one is gone for good: no list, then.
+            let gone = fault == Fault::Twice && result.is_err();
+            assert!(gone || result == Ok(LIST.to_vec()), "{fault:?} of {place}");
+        }
+    }
+}
+
+#[test]
+fn emergencies_and_sdo_replies_between_the_fragments_do_no_harm() {
+    let (rig, device, handle, emergencies) = rig();
+    device.0.borrow_mut().information = VecDeque::from([vec![list().swap_remove(0)]]);
+    // The rest of the list comes behind an emergency and a foreign SDO reply.
+    let later = handle.clone();
+    let mails = device.clone();
+    let clock = rig.clock.clone();
+    let result = rig.run(async move {
+        let posting = async {
+            clock.sleep_until(Duration::from_millis(5)).await;
+            mails.post(&emergency(0x7320));
+            mails.post(&[
+                10, 0, 0, 0, 0, 0x63, 0, 0x30, 0x4B, 0x41, 0x60, 0, 1, 2, 0, 0,
+            ]);
+            for fragment in &list()[1..] {
+                let length = (fragment.len() + 2) as u8;
+                let mut mail = vec![length, 0, 0, 0, 0, 0x03, 0, 0x80];
+                mail.extend(fragment);
+                mails.post(&mail);
+            }
+        };
+        smol::future::zip(later.object_list(ListKind::All), posting)
+            .await
+            .0
+    });
+    assert_eq!(result, Ok(LIST.to_vec()));
+    assert_eq!(codes(&emergencies), [0x7320]);
+}
+
+proptest! {
+    #[test]
+    fn hostile_fragments_end_in_bounded_time_and_leave_the_mailbox_in_order(
+        fragments in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..24), 0..6),
+        headed in any::<bool>(),
+    ) {
+        let (rig, device, handle, _) = device_with_statusword();
+        let hostile = fragments.into_iter().enumerate().map(|(at, mut body)| {
+            if headed && body.len() > 6 {
+                body[0] = 0x82;
+                body[2..4].copy_from_slice(&(9 - at as u16).to_le_bytes());
+            }
+            body
+        });
+        device.0.borrow_mut().information = VecDeque::from([hostile.collect()]);
+        let _ = read_list(&rig, &handle);
+        prop_assert!(rig.clock.now() < Duration::from_secs(12));
+        prop_assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    }
+}
+
+fn given(counters: &mut Counters) -> u8 {
+    counters.next().get()
+}
+
+#[test]
+fn counters_go_round_while_mails_are_taken() {
+    let mut counters = Counters::default();
+    let all = (0..9).map(|_| {
+        let next = given(&mut counters);
+        counters.taken();
+        next
+    });
+    assert_eq!(all.collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6, 7, 1, 2]);
+}
+
+#[test]
+fn the_counter_of_the_last_mail_taken_is_passed_over() {
+    let mut counters = Counters::default();
+    given(&mut counters);
+    counters.taken();
+    let never_taken = (0..8).map(|_| given(&mut counters));
+    assert_eq!(never_taken.collect::<Vec<_>>(), [2, 3, 4, 5, 6, 7, 2, 3]);
+}
+
+#[test]
+fn so_are_those_of_mails_that_may_have_been_taken() {
+    let mut counters = Counters::default();
+    for perhaps in [1, 2, 3] {
+        assert_eq!(given(&mut counters), perhaps);
+        counters.perhaps_taken();
+    }
+    let others = (0..5).map(|_| given(&mut counters));
+    assert_eq!(others.collect::<Vec<_>>(), [4, 5, 6, 7, 4]);
+    counters.taken();
+    assert_eq!(given(&mut counters), 5);
+    // Where all seven are uncertain, one must be taken again.
+    for _ in 0..9 {
+        counters.perhaps_taken();
+        assert!((1..=7).contains(&given(&mut counters)));
+    }
+}
+
+const MS: Duration = Duration::from_millis(1);
+
+#[test]
+fn the_first_look_comes_before_the_answer_is_expected_and_never_late() {
+    let mut pace = Pace::default();
+    assert!(pace.is_quick());
+    pace.answered_after(2 * MS);
+    assert!(!pace.is_quick());
+    assert_eq!(pace.first_look(), MS * 3 / 2);
+    pace.answered_after(Duration::from_secs(3));
+    assert_eq!(pace.first_look(), 4 * MS);
+}
+
+#[test]
+fn a_device_that_becomes_quick_is_soon_found_out() {
+    let mut pace = Pace::default();
+    pace.answered_after(2 * MS);
+    let mut answers = 0;
+    while !pace.is_quick() {
+        // It has answered by the first look.
+        pace.answered_after(pace.first_look());
+        answers += 1;
+    }
+    assert!(answers <= 12, "{answers}");
+}
+
+#[test]
+fn pauses_grow_with_the_time_waited_up_to_the_longest() {
+    let pace = Pace::default();
+    let longest = MS / 4;
+    assert_eq!(pace.pause(Duration::ZERO, longest), SHORTEST_PAUSE);
+    assert_eq!(pace.pause(2 * MS, longest), MS / 8);
+    assert_eq!(pace.pause(100 * MS, longest), longest);
 }

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 use servocrab::{
     axis::{Failure, Referencing},
     bus::{
-        AlState as State, AlStatus, BringUpStep, DistributedClock, DriveConfig, Network, Recovered,
-        ReferenceClock,
+        AlState as State, AlStatus, AxisConfig, BringUpStep, DistributedClock, DriveConfig,
+        Network, Recovered, ReferenceClock,
     },
     coe::obj,
     drives,
@@ -64,9 +64,8 @@ fn what_was_homed_is_not_known_any_more_and_what_an_absolute_encoder_tells_is() 
         (Referencing::ByHoming, false),
         (Referencing::AbsoluteEncoder, true),
     ] {
-        let drive = DriveConfig::new(drives::akd2g())
-            .axis("z")
-            .referencing("z", referencing);
+        let drive =
+            DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("z").referencing(referencing));
         let mut yard = Yard::new(personality::akd2g(), drive);
         let z = yard.is_homed_here("z", 700);
         yard.loses_power(300 * MS);

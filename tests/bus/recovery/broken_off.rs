@@ -21,40 +21,92 @@ use servocrab_sim::{Abort, AlState, Habits, personality};
 use super::{MIDDLE, MS, Yard, unhomed};
 use crate::rig::is_cyclic;
 
-#[test]
-fn one_that_is_given_up_at_any_time_leaves_its_drive_out_of_op_and_harmless() {
-    // A whole bring-up takes some twenty milliseconds here. In the last two its drive enters OP, and the way out of that is a few cycles
-    // with a wrong working counter.
-    for after in [0, 1, 2, 3, 5, 8, 13, 19, 34, 55, 90, 130, 180] {
+/// What becomes of a way back after so many polls.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum After {
+    Dropped,
+    Kept,
+}
+
+/// The way back of the middle drive after `falls`, dropped or kept after each `step`-th number of polls until it is over; how many it takes.
+fn give_up(falls: fn(&mut Yard), fate: After, step: usize) -> usize {
+    let mut polls = 0;
+    loop {
         let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
         let (mode, motion) = yard.start("z");
-        yard.loses_power(300 * MS);
+        falls(&mut yard);
         yard.nothing_may_happen();
         let net = yard.rig.net.take().unwrap();
+        let what = format!("{fate:?} after {polls} polls");
         let mut done = false;
         {
             let mut recovery = pin!(net.recover(1));
             let mut context = Context::from_waker(Waker::noop());
-            let end = yard.rig.bus.now() + after * MS;
-            while yard.rig.bus.now() < end && !done {
+            for poll in 1..=polls {
                 done = recovery.as_mut().poll(&mut context).is_ready();
-                assert!(yard.rig.bus.turn());
+                if done {
+                    break;
+                }
+                // Nothing has come since it was polled last.
+                if poll < polls {
+                    assert!(yard.rig.bus.turn());
+                }
+            }
+            if fate == After::Kept && polls > 0 && !done {
+                yard.rig.run_for(MS * 1_000);
+                assert_eq!(yard.state(MIDDLE), AlState::Op, "{what}");
+                // It holds nobody up.
+                let again = yard.rig.until(net.recover(1));
+                assert!(matches!(again, Ok(Recovered::WasInOp)), "{what}: {again:?}");
+                let ready = recovery.as_mut().poll(&mut context);
+                assert!(matches!(ready, Poll::Ready(Ok(_))), "{what}: {ready:?}");
             }
         }
         yard.rig.net = Some(net);
         yard.nothing_has_happened();
-        if !done {
-            assert_ne!(yard.state(MIDDLE), AlState::Op, "after {after} ms");
-            assert!(yard.axis("z").status().lost);
+        if fate == After::Dropped || polls == 0 {
+            if !done {
+                assert_ne!(yard.state(MIDDLE), AlState::Op, "{what}");
+                assert!(yard.axis("z").status().lost, "{what}");
+            }
             yard.nothing_may_happen();
-            let recovered = yard.recover(1).unwrap();
-            assert!(matches!(recovered, Recovered::BroughtUp { .. }));
+            let recovered = yard.recover(1);
+            assert!(recovered.is_ok(), "{what}: {recovered:?}");
             yard.nothing_has_happened();
         }
         drop((mode, motion));
         yard.works_again("z");
         yard.works_again("w");
         yard.ends();
+        if done {
+            return polls;
+        }
+        polls += step;
+    }
+}
+
+fn has_fallen(yard: &mut Yard) {
+    yard.falls(0x001B);
+}
+
+fn was_without_power(yard: &mut Yard) {
+    yard.loses_power(300 * MS);
+}
+
+#[test]
+fn a_way_back_from_safe_op_is_dropped_and_kept_after_every_poll() {
+    for fate in [After::Dropped, After::Kept] {
+        let polls = give_up(has_fallen, fate, 1);
+        assert!(polls > 20, "{polls}");
+    }
+}
+
+#[test]
+fn a_way_back_from_init_is_dropped_and_kept_after_many_a_poll() {
+    for fate in [After::Dropped, After::Kept] {
+        // All of its polls take a minute, and come to the same.
+        let polls = give_up(was_without_power, fate, 23);
+        assert!(polls > 200, "{polls}");
     }
 }
 
@@ -98,8 +150,8 @@ fn the_end_of_the_network_is_not_held_up_and_whoever_waits_is_told() {
 fn each_mail_on_the_way_may_be_refused_and_the_next_attempt_gets_through() {
     // Another mapping than the drive has at power-up.
     let drive = unhomed(drives::generic(), &["z"])
-        .map_output("z", obj::QUICK_STOP_DECELERATION)
-        .map_input("z", obj::FOLLOWING_ERROR_ACTUAL);
+        .change_axis("z", |axis| axis.map_output(obj::QUICK_STOP_DECELERATION))
+        .change_axis("z", |axis| axis.map_input(obj::FOLLOWING_ERROR_ACTUAL));
     let mut yard = Yard::new(personality::generic(), drive);
     yard.loses_power(150 * MS);
     yard.recover(1).unwrap();

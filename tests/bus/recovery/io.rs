@@ -45,13 +45,6 @@ fn first_valve_open() -> (Line, Rig, IoOutput<bool>, IoOutput<bool>) {
     (line, rig, first, second)
 }
 
-fn recover(rig: &mut Rig, position: u16) -> Recovered {
-    let net = rig.net.take().unwrap();
-    let recovered = rig.until(net.recover(position)).unwrap();
-    rig.net = Some(net);
-    recovered
-}
-
 fn outputs(line: &Line) -> u8 {
     let segment = line.segment();
     let outputs = segment.device(VALVES).unwrap().outputs();
@@ -78,7 +71,7 @@ fn outputs_of_a_device_that_fell_are_0_when_it_is_back_until_they_are_set_again(
     // What is set while it is out of OP is as old as the rest.
     second.set(true);
     rig.run_for(50 * MS);
-    let recovered = recover(&mut rig, 2);
+    let recovered = rig.recover(2).unwrap();
     assert!(
         matches!(recovered, Recovered::FromSafeOp { .. }),
         "{recovered}"
@@ -113,7 +106,7 @@ fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_swit
     assert!(button.get().is_err(), "nothing has come of it");
     let before = rig.net().drive_statistics()[0].clone();
     for position in [1, 2] {
-        let recovered = recover(&mut rig, position);
+        let recovered = rig.recover(position).unwrap();
         let anew = Recovered::BroughtUp {
             position,
             from: None,
@@ -121,7 +114,7 @@ fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_swit
         assert_eq!(recovered, anew);
         stays_off(&line, &mut rig, 50 * MS);
     }
-    let recovered = recover(&mut rig, 3);
+    let recovered = rig.recover(3).unwrap();
     assert!(
         matches!(recovered, Recovered::FromSafeOp { .. }),
         "{recovered}"
@@ -152,7 +145,7 @@ fn devices_that_were_without_power_are_brought_up_one_by_one_and_nothing_is_swit
 fn one_that_came_back_by_itself_after_a_failed_attempt_does_what_is_set_once_it_is_asked_for_again()
 {
     let (line, mut rig, first, second) = first_valve_open();
-    assert_eq!(recover(&mut rig, 2), Recovered::WasInOp);
+    assert_eq!(rig.recover(2).unwrap(), Recovered::WasInOp);
     rig.run_for(5 * MS);
     assert_eq!((first.get(), outputs(&line)), (Some(true), 1));
     line.segment().unplug(VALVES);
@@ -167,7 +160,7 @@ fn one_that_came_back_by_itself_after_a_failed_attempt_does_what_is_set_once_it_
     let held = status(&rig);
     assert!(held.operational && held.age == Some(0), "{held:?}");
     assert!(!held.delivered, "zeros are, and not what is set");
-    assert_eq!(recover(&mut rig, 2), Recovered::WasInOp);
+    assert_eq!(rig.recover(2).unwrap(), Recovered::WasInOp);
     rig.run_for(5 * MS);
     assert!(status(&rig).delivered);
     stays_off(&line, &mut rig, 20 * MS);

@@ -48,13 +48,6 @@ fn on(line: &Line, rig: &mut Rig, positions: &[usize]) {
     rig.run_for(50 * MS);
 }
 
-fn recover(rig: &mut Rig, position: u16) -> Result<Recovered, NetworkError> {
-    let net = rig.net.take().unwrap();
-    let recovered = rig.until(net.recover(position));
-    rig.net = Some(net);
-    recovered
-}
-
 /// The verdict of the table that the error shows.
 fn verdict(error: NetworkError) -> Verdict {
     let text = error.to_string();
@@ -73,15 +66,15 @@ fn behind_others_that_are_missing_it_is_found_where_it_is_now() {
         position: 1,
         from: None,
     };
-    assert_eq!(recover(&mut rig, 3).unwrap(), expected);
-    assert_eq!(verdict(recover(&mut rig, 1).unwrap_err()), Verdict::Missing);
+    assert_eq!(rig.recover(3).unwrap(), expected);
+    assert_eq!(verdict(rig.recover(1).unwrap_err()), Verdict::Missing);
     on(&line, &mut rig, &[1, 2]);
     for position in [2, 1] {
         let expected = Recovered::BroughtUp {
             position,
             from: None,
         };
-        assert_eq!(recover(&mut rig, position).unwrap(), expected);
+        assert_eq!(rig.recover(position).unwrap(), expected);
     }
     for (position, axis) in [(1, "a"), (2, "b"), (3, "c")] {
         rig.moved(axis, 100 * position as i32);
@@ -98,13 +91,13 @@ fn one_that_may_be_either_of_two_that_are_alike_is_not_taken_for_one_of_them() {
     let (line, mut rig) = started([serial(0), serial(0), serial(0)]);
     off(&line, &mut rig, &[1, 2, 3]);
     on(&line, &mut rig, &[3]);
-    let unclear = verdict(recover(&mut rig, 3).unwrap_err());
+    let unclear = verdict(rig.recover(3).unwrap_err());
     assert!(matches!(unclear, Verdict::NotUnique { .. }), "{unclear}");
     assert_eq!(line.segment().devices()[3].al_state(), AlState::Init);
     // All together are told apart by their order.
     on(&line, &mut rig, &[1, 2]);
     for position in [3, 1, 2] {
-        assert!(recover(&mut rig, position).is_ok());
+        assert!(rig.recover(position).is_ok());
     }
     rig.moved("c", 1_000);
     assert_eq!(line.segment().axis(3, 0).unwrap().ledger().len(), 1);
@@ -118,7 +111,7 @@ fn another_device_in_its_place_is_named_and_left_alone() {
         off(&line, &mut rig, &[3]);
         *line.segment().device_mut(3).unwrap() = other;
         rig.run_for(50 * MS);
-        let error = recover(&mut rig, 3).unwrap_err();
+        let error = rig.recover(3).unwrap_err();
         let text = error.to_string();
         assert!(text.contains("serial 00000003h"), "{text}");
         assert_eq!(verdict(error), Verdict::Different, "{text}");

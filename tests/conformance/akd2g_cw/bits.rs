@@ -4,7 +4,7 @@ use servocrab::axis::{Command, Completion, Failure};
 use servocrab::coe::{AxisOffset, obj};
 use servocrab::ds402::{Controlword, Mode};
 use servocrab::pdo_map::{Direction, Mapping as PdoMapping};
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Access, Behaviour, DataType, Mapping, State};
 use servocrab_sim::personality;
 
@@ -38,7 +38,7 @@ pub(super) fn drive_has_no_use_for_bit_10() {
 
 #[test]
 pub(super) fn library_never_sends_bit_10() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     rig.core
         .set_manufacturer_bits(Controlword::from_bits_retain(0xFFFF));
     let id = rig.abs(5_000, SetPoint::new());
@@ -55,7 +55,7 @@ pub(super) fn drive_leaves_bits_11_to_15_to_its_maker() {
 
 #[test]
 pub(super) fn library_leaves_bits_11_to_15_to_the_program() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     assert!(rig.words.iter().all(|word| word & 0xF800 == 0));
     rig.core
         .set_manufacturer_bits(Controlword::from_bits_retain(0x9000));
@@ -86,7 +86,7 @@ pub(super) fn drive_takes_the_mode_from_6060h() {
 
 #[test]
 pub(super) fn library_selects_the_mode_by_6060h() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     for (mode, number) in [
         (Mode::CyclicPosition, 8),
         (Mode::CyclicVelocity, 9),
@@ -121,7 +121,7 @@ pub(super) fn drive_has_no_use_for_the_mode_bits_elsewhere() {
 
 #[test]
 pub(super) fn library_sends_no_set_point_in_another_mode() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let id = rig.send(Command::SelectMode(Mode::Other(4)));
     assert!(rig.finish(id).is_ok());
     let from = rig.words.len();
@@ -158,14 +158,14 @@ pub(super) fn drive_knows_the_four_bits_of_profile_position() {
 #[test]
 pub(super) fn library_knows_the_four_bits_of_profile_position() {
     for (start, relative, word) in [
-        (Start::AfterCurrent, false, 0x1F),
-        (Start::Immediately, false, 0x3F),
-        (Start::Blend, false, 0x21F),
-        (Start::AfterCurrent, true, 0x5F),
-        (Start::Immediately, true, 0x7F),
+        (BufferMode::Buffered, false, 0x1F),
+        (BufferMode::Aborting, false, 0x3F),
+        (BufferMode::Blending, false, 0x21F),
+        (BufferMode::Buffered, true, 0x5F),
+        (BufferMode::Aborting, true, 0x7F),
     ] {
-        let mut rig = Rig::enabled();
-        let set_point = SetPoint::new().start(start);
+        let mut rig = Rig::ideal_enabled();
+        let set_point = SetPoint::new().buffer_mode(start);
         let id = if relative {
             rig.rel(5_000, set_point)
         } else {

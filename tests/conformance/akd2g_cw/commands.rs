@@ -64,7 +64,7 @@ fn words_of(rig: &mut Rig, command: Command) -> Vec<u16> {
 }
 
 fn enabled() -> Rig {
-    let mut rig = Rig::new(behaviour(), |config| config.quick_stop = QuickStopOption(6));
+    let mut rig = Rig::new(behaviour(), |config| config.quick_stop = QuickStopOption(6)).ideal();
     rig.enable();
     rig
 }
@@ -103,7 +103,8 @@ pub(super) fn library_switches_on() {
             ..behaviour()
         },
         |_| {},
-    );
+    )
+    .ideal();
     let id = rig.send(Command::Enable);
     rig.run_until(50, |rig| rig.core.snapshot().state == Shown::SwitchedOn);
     assert!(rig.words.contains(&0x07));
@@ -299,7 +300,7 @@ pub(super) fn drive_needs_its_enable_input() {
 
 #[test]
 pub(super) fn library_says_what_it_waits_for_without_the_enable_input() {
-    let mut rig = Rig::akd2g();
+    let mut rig = Rig::akd2g().ideal();
     rig.drive.set_inhibited(true);
     let id = rig.send(Command::Enable);
     rig.run(100);

@@ -12,6 +12,10 @@ pub(crate) static DOCUMENT: Document = Document {
     rows: ROWS,
     without_row: &[
         (
+            "\"only manufacturer-specific modes are supported at present\"",
+            "the table below it lists the standard's modes beside the maker's, and the page \"Profile Position Mode\" describes mode 1: taken for a sentence of an older edition",
+        ),
+        (
             "the modes FDh, FEh and FFh (electronic gearing, analog torque and velocity)",
             "the manufacturer's own, without a description of what they do; the simulated drive has none of them",
         ),
@@ -229,7 +233,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-CW-18",
         section: "Description of the remaining bits, bit 8",
-        says: "It halts in every mode; what the mode was set to, the speed of homing for instance, is kept.",
+        says: "It halts (pauses) in every mode; what the mode was set to, the speed of homing for instance, is kept. The library resumes no homing: of the drives that it knows some go on when bit 8 falls and some do not, so a halted homing is over and bit 4 falls.",
         drive: by!(
             modes::drive_halts_in_every_mode_and_keeps_its_velocity,
             "drive-homes-through-a-halt"

@@ -12,10 +12,16 @@ pub(crate) static DOCUMENT: Document = Document {
     title: "Kollmorgen AKD2G: Profile Position Mode",
     about: "The page \"Profile Position Mode\" of the AKD2G's fieldbus documentation.",
     rows: ROWS,
-    without_row: &[(
-        "the commands AXIS#.OPMODE, AXIS#.CMDSOURCE, AXIS#.FBUS.*, AXIS#.PL.FB and the like",
-        "names of the drive's terminal for what the objects hold; no bus shows them",
-    )],
+    without_row: &[
+        (
+            "the commands AXIS#.OPMODE, AXIS#.CMDSOURCE, AXIS#.FBUS.*, AXIS#.PL.FB and the like",
+            "names of the drive's terminal for what the objects hold; no bus shows them",
+        ),
+        (
+            "that current (torque) can be scaled",
+            "no set-point of this mode is a torque; the simulated drive has no mode of torque and the library commands none",
+        ),
+    ],
 };
 
 const ROWS: &[Row] = &[
@@ -224,7 +230,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-17",
         section: "Controlword Bit 2",
-        says: "605Ah chooses the ramp: 6084h, or the drive's own stop ramp.",
+        says: "605Ah chooses the ramp: 6084h, or AXIS#.CS.DEC (assumed: that this is 6085h).",
         drive: by!(
             stops::drive_takes_the_quick_stop_ramp_from_605ah,
             "drive-one-quick-stop-ramp"
@@ -561,7 +567,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-45",
         section: "Mode-Specific Statusword Bits, bit 10",
-        says: "Reached means within the window (AXIS#.SETTLE.P).",
+        says: "Reached means within the window AXIS#.SETTLE.P (assumed: that this is 6067h).",
         drive: by!(
             status::drive_is_within_its_window_when_it_says_reached,
             "drive-reached-without-window"
@@ -623,10 +629,10 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-50",
         section: "Mode-Specific Statusword Bits, bit 10 = 1, bit 8 = 1",
-        says: "The velocity has dropped to zero (AXIS#.ZEROV).",
+        says: "The velocity has dropped to the threshold AXIS#.ZEROV, which need not be zero.",
         drive: by!(
             status::drive_shows_1_at_the_end_of_a_halt,
-            "drive-never-halted"
+            "drive-halted-only-at-rest"
         ),
         library: by!(
             status::library_takes_no_halt_for_an_arrival,
@@ -711,7 +717,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-57",
         section: "Example Sequence of Events, first rows",
-        says: "Mode, target and parameters are set, 06h makes ready, 0Fh enables operation.",
+        says: "Mode, target and parameters are set, 06h makes ready, 0Fh enables operation. The library sends 07h between the two, as CiA 402 does, and target and parameters after them, with the set-point.",
         drive: by!(
             profile::drive_obeys_the_first_rows_of_the_example,
             "drive-two-words-for-3-and-4"
@@ -757,7 +763,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-61",
         section: "Example Sequence of Events, reset of the start bit, option 1",
-        says: "The start bit may be reset at any time during or after the move.",
+        says: "The start bit may be reset at any time during or after the move (0Fh).",
         drive: by!(
             sequence::option_1::drive_lets_the_start_bit_fall,
             "drive-stops-with-bit-4"
@@ -770,7 +776,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-62",
         section: "Example Sequence of Events, option 2",
-        says: "The word before the move, then the one with bit 4: start from standstill, relative (4Fh, 5Fh).",
+        says: "The word before the move, then the one with bit 4: start from standstill, relative (4Fh, 5Fh). The library sends 5Fh without 4Fh before it, see AKD2G-PP-79.",
         drive: by!(sequence::option_2::drive_starts, "drive-bit-6-inverted"),
         library: by!(sequence::option_2::library_starts, "library-bit-6-inverted"),
     },
@@ -803,7 +809,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-65",
         section: "Example Sequence of Events, reset of the start bit, option 2",
-        says: "The start bit may be reset at any time during or after the move.",
+        says: "The start bit may be reset at any time during or after the move (4Fh). The library sends 0Fh: bits 5, 6 and 9 fall with bit 4.",
         drive: by!(
             sequence::option_2::drive_lets_the_start_bit_fall,
             "drive-stops-with-bit-4"
@@ -816,7 +822,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-66",
         section: "Example Sequence of Events, option 3",
-        says: "The word before the move, then the one with bit 4: start immediately, absolute (2Fh, 3Fh).",
+        says: "The word before the move, then the one with bit 4: start immediately, absolute (2Fh, 3Fh). The library sends 3Fh without 2Fh before it, see AKD2G-PP-79.",
         drive: by!(sequence::option_3::drive_starts, "drive-bit-6-inverted"),
         library: by!(sequence::option_3::library_starts, "library-bit-6-inverted"),
     },
@@ -849,7 +855,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-69",
         section: "Example Sequence of Events, reset of the start bit, option 3",
-        says: "The start bit may be reset at any time during or after the move.",
+        says: "The start bit may be reset at any time during or after the move (2Fh). The library sends 0Fh: bits 5, 6 and 9 fall with bit 4.",
         drive: by!(
             sequence::option_3::drive_lets_the_start_bit_fall,
             "drive-stops-with-bit-4"
@@ -862,7 +868,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-70",
         section: "Example Sequence of Events, option 4",
-        says: "The word before the move, then the one with bit 4: start immediately, relative (6Fh, 7Fh).",
+        says: "The word before the move, then the one with bit 4: start immediately, relative (6Fh, 7Fh). The library sends 7Fh without 6Fh before it, see AKD2G-PP-79.",
         drive: by!(sequence::option_4::drive_starts, "drive-bit-6-inverted"),
         library: by!(sequence::option_4::library_starts, "library-bit-6-inverted"),
     },
@@ -895,7 +901,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AKD2G-PP-73",
         section: "Example Sequence of Events, reset of the start bit, option 4",
-        says: "The start bit may be reset at any time during or after the move.",
+        says: "The start bit may be reset at any time during or after the move (6Fh). The library sends 0Fh: bits 5, 6 and 9 fall with bit 4.",
         drive: by!(
             sequence::option_4::drive_lets_the_start_bit_fall,
             "drive-stops-with-bit-4"
@@ -955,6 +961,32 @@ const ROWS: &[Row] = &[
         library: by!(
             status::library_knows_that_home_is_attained,
             "library-home-forgotten"
+        ),
+    },
+    Row {
+        id: "AKD2G-PP-78",
+        section: "CANopen Scaling",
+        says: "Acceleration and deceleration are scaled as well.",
+        drive: by!(
+            profile::drive_means_another_ramp_once_a_factor_has_changed,
+            "drive-acceleration-factor-ignored"
+        ),
+        library: by!(
+            profile::library_counts_a_ramp_by_its_factor,
+            "library-acceleration-factor-ignored"
+        ),
+    },
+    Row {
+        id: "AKD2G-PP-79",
+        section: "Example Sequence of Events, options 1 to 4",
+        says: "The words have bits 5 and 6 one step before bit 4, and keep them after it. Whether the drive needs that is not said. Sent so, a set-point is right on a drive that takes them with the edge and on one that takes them from the word before; sent with bit 4, only on the first. The library sends them with bit 4, so that a move on an axis that is ready rises in the next frame, and first where `Traits::start_bits_first` is set.",
+        drive: by!(
+            sequence::drive_may_take_the_start_bits_with_the_edge_or_before,
+            "drive-start-bits-only-with-the-edge"
+        ),
+        library: by!(
+            sequence::library_sends_the_start_bits_first_where_the_drive_wants_that,
+            "library-start-bits-never-first"
         ),
     },
 ];

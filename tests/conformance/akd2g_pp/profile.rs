@@ -1,14 +1,14 @@
 //! The heading, "Description", "Drive Opmode", "Motion Settings", "Common PDO Data", "CANopen Scaling" and the first rows
 //! of the example.
 
-use servocrab::axis::{AxisConfig, AxisCore, AxisFields, Completion, Failure, Inputs};
-use servocrab::coe::{AnyObject, AxisOffset, obj};
+use servocrab::axis::{AxisCore, AxisFields, Command, Completion, CoreConfig, Failure, Inputs};
+use servocrab::coe::{AnyObject, AxisOffset, Object, ObjectAddress, ReadWrite, obj};
 use servocrab::drives;
 use servocrab::ds402::{Mode, SupportedModes};
 use servocrab::pdo_map::{Direction, Mapping as PdoMapping};
 use servocrab::profile_position::SetPoint;
-use servocrab::units::{Factors, Ratio};
-use servocrab_sim::ds402::{Access, Behaviour, DataType, Mapping, State};
+use servocrab::units::{Factors, Ratio, Scale};
+use servocrab_sim::ds402::{Access, Behaviour, DataType, FollowingError, Mapping, State};
 use servocrab_sim::personality;
 
 use crate::bench::{ACCELERATION, DECELERATION, Drive, VELOCITY, assert_near};
@@ -38,7 +38,7 @@ pub(super) fn library_each_axis_has_its_own_mode_object() {
     for (axis, index) in [(1, 0x6060), (2, 0x6860)] {
         let place = layout.find(Direction::Outputs, index, 0).expect("mapped");
         let fields = AxisFields::from_layout(&layout, AxisOffset::of_axis(axis)).expect("all");
-        let mut core = AxisCore::new(AxisConfig::new(fields));
+        let mut core = AxisCore::new(CoreConfig::new(fields));
         let mut outputs = vec![0; layout.output_bytes()];
         core.step(
             core::time::Duration::from_millis(1),
@@ -67,10 +67,36 @@ pub(super) fn drive_has_the_mode_and_coe() {
 
 #[test]
 pub(super) fn library_reads_the_mode_from_6502h() {
-    let modes = SupportedModes::from_bits_retain(1);
-    assert!(modes.contains(SupportedModes::PROFILE_POSITION));
-    let others = SupportedModes::from_bits_retain(!1);
-    assert!(!others.contains(SupportedModes::PROFILE_POSITION));
+    let held = Drive::new(Behaviour::akd2g()).get(0x6502);
+    let held = u32::try_from(held).expect("32 bits");
+    for (modes, allowed) in [(held, true), (held & !1, false)] {
+        let mut rig = Rig::new(Behaviour::akd2g(), |config| {
+            config.mode = Mode::Homing;
+            config.supported_modes = Some(SupportedModes::from_bits_retain(modes));
+        })
+        .ideal();
+        rig.enable();
+        let mode = Mode::ProfilePosition;
+        let select = rig.send(Command::SelectMode(mode));
+        let expected = if allowed {
+            Ok(Completion::Done)
+        } else {
+            Err(Failure::ModeNotSupported { mode })
+        };
+        assert_eq!(rig.finish(select), expected, "{modes:08X}h");
+        assert_eq!(rig.mode() == mode, allowed);
+    }
+    // What the library writes before a drive's first cycle, by CoE over EtherCAT.
+    let mut wire = Wire::new(personality::akd2g());
+    let mapping = drives::akd2g().default_mapping().expect("a mapping");
+    for step in mapping.plan().steps() {
+        let ObjectAddress { index, subindex } = step.object;
+        assert_eq!(
+            wire.download(index, subindex, step.value()),
+            Ok(()),
+            "{step}"
+        );
+    }
 }
 
 #[test]
@@ -87,7 +113,7 @@ pub(super) fn drive_goes_from_rest_to_rest() {
 
 #[test]
 pub(super) fn library_reports_the_arrival_at_rest() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     for target in [20_000, -5_000] {
         rig.drive.disturbances().stale_reached_cycles = 20;
         let id = rig.abs(target, SetPoint::new());
@@ -124,7 +150,7 @@ pub(super) fn drive_takes_the_profile_from_objects() {
 
 #[test]
 pub(super) fn library_sends_the_profile_with_the_set_point() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     for n in 1..=3 {
         let target = 3_000 * i32::try_from(n).expect("small");
         let set_point = SetPoint::new()
@@ -169,7 +195,7 @@ pub(super) fn library_moves_only_once_the_mode_is_shown() {
         mode_change_cycles: 200,
         ..Behaviour::akd2g()
     };
-    let mut rig = Rig::new(behaviour, |_| {});
+    let mut rig = Rig::new(behaviour, |_| {}).ideal();
     rig.enable();
     let early = rig.abs(5_000, SetPoint::new());
     assert!(matches!(
@@ -196,7 +222,7 @@ pub(super) fn drive_cruises_at_6081h() {
 
 #[test]
 pub(super) fn library_puts_the_velocity_into_6081h() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let id = rig.abs(20_000, SetPoint::new().velocity(12_345));
     rig.wait_accepted(id);
     assert_eq!(rig.drive.get(0x6081, 0), Some(12_345));
@@ -214,7 +240,7 @@ pub(super) fn drive_speeds_up_by_6083h() {
 
 #[test]
 pub(super) fn library_puts_the_acceleration_into_6083h() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let id = rig.abs(20_000, SetPoint::new().acceleration(60_000));
     rig.wait_accepted(id);
     assert_eq!(rig.drive.get(0x6083, 0), Some(60_000));
@@ -237,7 +263,7 @@ pub(super) fn drive_slows_down_by_6084h() {
 
 #[test]
 pub(super) fn library_puts_the_deceleration_into_6084h() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let id = rig.abs(20_000, SetPoint::new().deceleration(70_000));
     rig.wait_accepted(id);
     assert_eq!(rig.drive.get(0x6084, 0), Some(70_000));
@@ -333,14 +359,25 @@ pub(super) fn library_maps_the_read_objects() {
         obj::POSITION_ACTUAL.into(),
         obj::VELOCITY_ACTUAL.into(),
     ];
-    let mut builder = PdoMapping::builder().tx_pdo(0x1A00);
-    for object in objects {
-        builder = builder.object(Direction::Inputs, object);
-    }
-    let layout = builder.build().expect("a mapping").layout();
-    for (index, kind) in READ {
-        let place = layout.find(Direction::Inputs, index, 0).expect("mapped");
-        assert_eq!(usize::from(place.bits), 8 * kind.size(), "{index:04X}h");
+    for axis in [1, 2] {
+        let mut builder = PdoMapping::builder()
+            .offset(AxisOffset::of_axis(axis))
+            .tx_pdo(0x1A00);
+        for object in objects {
+            builder = builder.object(Direction::Inputs, object);
+        }
+        let layout = builder.build().expect("a mapping").layout();
+        let mut at = 0;
+        for (index, kind) in READ {
+            let index = index + 0x0800 * (u16::from(axis) - 1);
+            let place = layout.find(Direction::Inputs, index, 0).expect("mapped");
+            assert_eq!(
+                (place.byte, usize::from(place.bits)),
+                (at, 8 * kind.size()),
+                "{index:04X}h"
+            );
+            at += kind.size();
+        }
     }
 }
 
@@ -357,13 +394,19 @@ pub(super) fn drive_maps_the_quick_stop_option() {
 
 #[test]
 pub(super) fn library_maps_the_quick_stop_option() {
-    let layout = PdoMapping::builder()
-        .tx_pdo(0x1A00)
-        .input(obj::QUICK_STOP_OPTION)
-        .build()
-        .expect("a mapping")
-        .layout();
-    assert_eq!(layout.input_bytes(), 2);
+    // It can be written, by its type.
+    let option: Object<i16, ReadWrite> = obj::QUICK_STOP_OPTION;
+    for (axis, index) in [(1, 0x605A), (2, 0x685A)] {
+        let layout = PdoMapping::builder()
+            .offset(AxisOffset::of_axis(axis))
+            .tx_pdo(0x1A00)
+            .input(option)
+            .build()
+            .expect("a mapping")
+            .layout();
+        let place = layout.find(Direction::Inputs, index, 0).expect("mapped");
+        assert_eq!((place.byte, place.bits), (0, 16), "{index:04X}h");
+    }
 }
 
 #[test]
@@ -415,7 +458,7 @@ pub(super) fn library_steps_through_the_states_before_a_move() {
         power_on_cycles: 30,
         ..Behaviour::akd2g()
     };
-    let mut rig = Rig::new(behaviour, |_| {});
+    let mut rig = Rig::new(behaviour, |_| {}).ideal();
     rig.enable();
     let id = rig.abs(5_000, SetPoint::new());
     assert!(rig.finish(id).is_ok());
@@ -451,7 +494,7 @@ pub(super) fn drive_starts_only_in_operation_enabled() {
 
 #[test]
 pub(super) fn library_refuses_a_move_before_operation_is_enabled() {
-    let mut rig = Rig::akd2g();
+    let mut rig = Rig::akd2g().ideal();
     rig.run(5);
     let id = rig.abs(5_000, SetPoint::new());
     assert!(matches!(
@@ -485,7 +528,7 @@ pub(super) fn library_shows_the_position_as_target_in_other_states() {
         mode_change_cycles: 100,
         ..Behaviour::akd2g()
     };
-    let mut rig = Rig::new(behaviour, |_| {});
+    let mut rig = Rig::new(behaviour, |_| {}).ideal();
     rig.run(5);
     rig.drive.place(777);
     rig.run(5);
@@ -520,7 +563,7 @@ pub(super) fn library_scales_between_units_and_counts() {
     let scale = scale.expect("a scale");
     let counts = scale.position(12.503).expect("in range");
     assert_eq!(counts, 2_501, "the nearest");
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     rig.drive.set(0x6092, 1, 1_000).expect("the feed constant");
     let id = rig.abs(counts, SetPoint::new());
     assert!(rig.finish(id).is_ok());
@@ -546,16 +589,77 @@ pub(super) fn drive_means_another_speed_once_a_factor_has_changed() {
     assert_near(drive.axis.velocity(), 3_000.0);
 }
 
-#[test]
-pub(super) fn library_counts_a_velocity_by_its_factor() {
+/// 1 000 counts a revolution, two units for a count/s, and so many units for two of these units/s.
+fn scaled_by(acceleration: u64) -> Scale {
     let factors = Factors {
         feed: Ratio::new(1_000, 1).ok(),
         velocity: Ratio::new(2, 1).ok(),
+        acceleration: Ratio::new(acceleration, 1).ok(),
         ..Factors::default()
     };
-    let scale = factors.scale(Ratio::ONE).expect("a scale");
+    factors.scale(Ratio::ONE).expect("a scale")
+}
+
+#[test]
+pub(super) fn library_counts_a_velocity_by_its_factor() {
+    let scale = scaled_by(1);
     assert_eq!(scale.position(3.0), Ok(3_000));
-    assert_eq!(scale.velocity(3.0), Ok(6_000), "two units for a count/s");
+    let velocity = scale.velocity(3.0).expect("in range");
+    assert_eq!(velocity, 6_000, "two units for a count/s");
+    let mut rig = Rig::ideal_enabled();
+    rig.drive.set(0x6096, 1, 2).expect("the velocity factor");
+    let id = rig.abs(30_000, SetPoint::new().velocity(velocity));
+    rig.wait_accepted(id);
+    assert_eq!(rig.drive.get(0x6081, 0), Some(6_000));
+    rig.run(500);
+    assert_near(rig.drive.velocity(), 3_000.0);
+    assert!((scale.velocity_of(rig.drive.get(0x606C, 0).expect("606Ch")) - 3.0).abs() < 0.1);
+}
+
+#[test]
+pub(super) fn drive_means_another_ramp_once_a_factor_has_changed() {
+    for (index, factor, velocity) in [
+        (0x6096, 1, 3_000.0),
+        (0x6097, 1, 3_000.0),
+        (0x6097, 2, 1_500.0),
+    ] {
+        let mut drive = akd2g();
+        drive.set_sub(index, 1, factor);
+        assert_eq!(drive.get(0x6083), ACCELERATION, "the number stays");
+        drive.start(0x0F, 20_000);
+        drive.run(29);
+        assert_near(drive.axis.velocity(), velocity);
+        // The ramp down, at half the deceleration as well.
+        drive.run_until(5_000, |drive| drive.axis.position() > 15_000);
+        assert_near(drive.axis.velocity(), VELOCITY as f64);
+        drive.word(0x11F);
+        drive.run(99);
+        assert_near(
+            drive.axis.velocity(),
+            VELOCITY as f64 - 5_000.0 / factor as f64,
+        );
+    }
+}
+
+#[test]
+pub(super) fn library_counts_a_ramp_by_its_factor() {
+    // 3 revolutions/s² are 3 000 counts/s², twice that in units of velocity/s, five times that in units of acceleration.
+    let scale = scaled_by(5);
+    let acceleration = scale.acceleration(3.0).expect("in range");
+    assert_eq!(acceleration, 30_000);
+    let mut rig = Rig::ideal_enabled();
+    rig.drive.set(0x6096, 1, 2).expect("the velocity factor");
+    rig.drive
+        .set(0x6097, 1, 5)
+        .expect("the acceleration factor");
+    let set_point = SetPoint::new()
+        .acceleration(acceleration)
+        .deceleration(acceleration);
+    let id = rig.abs(30_000, set_point);
+    rig.wait_accepted(id);
+    let before = rig.drive.velocity();
+    rig.run(500);
+    assert_near(rig.drive.velocity() - before, 1_500.0);
 }
 
 #[test]
@@ -586,12 +690,26 @@ pub(super) fn drive_obeys_the_first_rows_of_the_example() {
 
 #[test]
 pub(super) fn library_does_the_first_rows_of_the_example_in_their_order() {
-    let mut rig = Rig::akd2g();
+    let mut rig = Rig::akd2g().ideal();
     rig.enable();
-    // Quick stop until the state was seen for two of the drive's cycles.
+    // Quick stop until the state was seen for two of the drive's cycles. 07h is CiA 402's own step between 06h and 0Fh.
     assert_eq!(rig.distinct_words(1), [0x0B, 0x00, 0x06, 0x07, 0x0F]);
     assert_eq!(rig.outputs[2], 1, "6060h is written before, and all along");
     assert_eq!(rig.mode(), Mode::ProfilePosition);
+    // Target and parameters come after these words, in the frame of bit 4 at the latest.
+    let held = |rig: &Rig| [0x607A, 0x6081, 0x6083, 0x6084].map(|index| rig.drive.get(index, 0));
+    assert_eq!(held(&rig)[0], Some(0));
+    let set_point = SetPoint::new()
+        .velocity(10_000)
+        .acceleration(100_000)
+        .deceleration(60_000);
+    let id = rig.abs(20_000, set_point);
+    while rig.words.last().is_none_or(|word| word & 0x10 == 0) {
+        assert_eq!(rig.outcome(id), None);
+        rig.cycle();
+    }
+    let data = [20_000, 10_000, 100_000, 60_000];
+    assert_eq!(held(&rig), data.map(Some));
 }
 
 #[test]
@@ -609,11 +727,39 @@ pub(super) fn drive_shows_what_the_monitor_rows_read() {
 
 #[test]
 pub(super) fn library_passes_on_what_the_monitor_rows_read() {
-    let mut rig = Rig::enabled();
+    let mut description = drives::akd2g();
+    description.axes.truncate(1);
+    let internal = obj::POSITION_ACTUAL_INTERNAL;
+    description.axes[0].inputs.push(internal.into());
+    let layout = description.default_mapping().expect("a mapping").layout();
+    let internal = layout.input(internal).expect("mapped");
+    let behaviour = Behaviour {
+        following_error: FollowingError::BitOnly,
+        ..Behaviour::akd2g()
+    };
+    let mut rig = Rig::of(description, behaviour, |_| {}).ideal();
+    rig.enable();
     let id = rig.abs(5_000, SetPoint::new());
-    assert!(rig.finish(id).is_ok());
-    rig.run(1);
-    let snapshot = rig.core.snapshot();
-    assert_eq!(snapshot.position, 5_000);
-    assert_eq!(snapshot.statusword.bits(), rig.drive.statusword());
+    // Bits 12, 13 and 10, each time that one of them changes.
+    let mut seen: Vec<[bool; 3]> = Vec::new();
+    while rig.outcome(id).is_none() {
+        let inputs = rig.inputs();
+        rig.cycle();
+        let snapshot = rig.core.snapshot();
+        let bits = [12, 13, 10].map(|bit| snapshot.statusword.bits() >> bit & 1 == 1);
+        if seen.last() != Some(&bits) {
+            seen.push(bits);
+        }
+        let position = internal.read(&inputs).expect("as long as the image");
+        assert_eq!(position, snapshot.position, "6063h and 6064h, unscaled");
+    }
+    let progress = [[true, false, false], [false; 3], [false, false, true]];
+    assert_eq!(seen[seen.len() - 3..], progress);
+    assert_eq!(rig.core.snapshot().position, 5_000);
+    rig.drive.set(0x6065, 0, 500).expect("the window");
+    rig.drive.disturbances().blocked = true;
+    rig.abs(500_000, SetPoint::new());
+    rig.run(1_000);
+    let word = rig.core.snapshot().statusword;
+    assert_eq!(word.bits() >> 13 & 1, 1, "following error: {word:?}");
 }

@@ -1,8 +1,8 @@
 //! "Example Sequence of Events": options 1 to 4, first with the document's own words on the simulated drive, then with
 //! the library's.
 
-use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure};
-use servocrab::profile_position::{Reference, SetPoint, Start};
+use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure, StopRequest};
+use servocrab::profile_position::{BufferMode, Reference, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Cause, Outcome, State};
 
 use crate::bench::Drive;
@@ -15,7 +15,7 @@ struct Example {
     halt: u16,
     resume: u16,
     quick_stop: u16,
-    kind: Start,
+    kind: BufferMode,
     reference: Reference,
 }
 
@@ -26,7 +26,7 @@ const OPTIONS: [Example; 4] = [
         halt: 0x11F,
         resume: 0x1F,
         quick_stop: 0x1B,
-        kind: Start::AfterCurrent,
+        kind: BufferMode::Buffered,
         reference: Reference::Absolute,
     },
     Example {
@@ -35,7 +35,7 @@ const OPTIONS: [Example; 4] = [
         halt: 0x15F,
         resume: 0x5F,
         quick_stop: 0x5B,
-        kind: Start::AfterCurrent,
+        kind: BufferMode::Buffered,
         reference: Reference::Relative,
     },
     Example {
@@ -44,7 +44,7 @@ const OPTIONS: [Example; 4] = [
         halt: 0x13F,
         resume: 0x3F,
         quick_stop: 0x3B,
-        kind: Start::Immediately,
+        kind: BufferMode::Aborting,
         reference: Reference::Absolute,
     },
     Example {
@@ -53,7 +53,7 @@ const OPTIONS: [Example; 4] = [
         halt: 0x17F,
         resume: 0x7F,
         quick_stop: 0x7B,
-        kind: Start::Immediately,
+        kind: BufferMode::Aborting,
         reference: Reference::Relative,
     },
 ];
@@ -88,11 +88,11 @@ impl Example {
     }
 
     fn rig(&self) -> (Rig, CommandId) {
-        let mut rig = Rig::akd2g();
+        let mut rig = Rig::akd2g().ideal();
         rig.run(5);
         rig.drive.place(BEGIN.into());
         rig.enable();
-        let set_point = SetPoint::new().start(self.kind);
+        let set_point = SetPoint::new().buffer_mode(self.kind);
         let id = match self.reference {
             Reference::Absolute => rig.abs(VALUE, set_point),
             Reference::Relative => rig.rel(VALUE, set_point),
@@ -109,7 +109,7 @@ impl Example {
         assert_eq!(drive.axis.position(), self.end());
         assert!(drive.bit(10));
         let line = &drive.axis.ledger()[0];
-        assert_eq!(line.bit_5, self.kind == Start::Immediately);
+        assert_eq!(line.bit_5, self.kind == BufferMode::Aborting);
         assert_eq!(line.relative, self.reference == Reference::Relative);
     }
 
@@ -220,6 +220,87 @@ impl Example {
         assert_eq!(rig.distinct_words(from), [0x0F], "during the move");
         assert!(rig.drive.velocity() != 0.0);
         assert!(rig.finish(id).is_ok());
+    }
+}
+
+/// A drive that takes bits 5, 6 and 9 with the edge of bit 4, and one that takes them from the word before.
+fn either() -> [Behaviour; 2] {
+    [false, true].map(|start_bits_before_edge| Behaviour {
+        start_bits_before_edge,
+        ..Behaviour::akd2g()
+    })
+}
+
+#[test]
+pub(super) fn drive_may_take_the_start_bits_with_the_edge_or_before() {
+    for option in &OPTIONS {
+        for behaviour in either() {
+            let before = behaviour.start_bits_before_edge;
+            // The page's way first: the option's own word, then the one with bit 4. Then all at once.
+            for (word, right) in [(option.base, true), (0x0F, !before || option.base == 0x0F)] {
+                let mut drive = Drive::new(behaviour.clone());
+                drive.axis.place(BEGIN.into());
+                drive.enable();
+                drive.set(0x607A, VALUE.into());
+                drive.word(word);
+                drive.word(option.start);
+                drive.settle();
+                let line = &drive.axis.ledger()[0];
+                let taken = (line.bit_5, line.relative);
+                let asked = (option.start & 0x20 != 0, option.start & 0x40 != 0);
+                assert_eq!(taken == asked, right, "{word:02X}h, {:02X}h", option.start);
+            }
+        }
+    }
+}
+
+#[test]
+pub(super) fn library_sends_the_start_bits_first_where_the_drive_wants_that() {
+    for option in &OPTIONS {
+        for behaviour in either() {
+            let mut rig =
+                Rig::new(behaviour, |config| config.traits.start_bits_first = true).ideal();
+            rig.run(5);
+            rig.drive.place(BEGIN.into());
+            rig.enable();
+            rig.run(10);
+            let from = rig.words.len();
+            let set_point = SetPoint::new().buffer_mode(option.kind);
+            let sent = |rig: &mut Rig| match option.reference {
+                Reference::Absolute => rig.abs(VALUE, set_point),
+                Reference::Relative => rig.rel(VALUE, set_point),
+            };
+            let id = sent(&mut rig);
+            let end = i32::try_from(option.end()).expect("small");
+            assert_eq!(rig.finish(id), Ok(Completion::Reached { position: end }));
+            // What needs none of them rises in the next frame.
+            let first = usize::from(option.base == 0x0F);
+            let words = [option.base, option.start, 0x0F];
+            assert_eq!(rig.distinct_words(from), words[first..]);
+            let first = rig.words[from..].iter().position(|word| word & 0x10 != 0);
+            assert!(
+                first.is_some_and(|first| first <= 3),
+                "two drive cycles: {first:?}"
+            );
+            let line = &rig.ledger()[0];
+            assert_eq!(line.bit_5, option.kind == BufferMode::Aborting);
+            assert_eq!(line.relative, option.reference == Reference::Relative);
+            // A stop before bit 4 takes them back: nothing is left of the set-point.
+            let gone = sent(&mut rig);
+            rig.cycle();
+            rig.stop = StopRequest::HALT;
+            rig.run(3);
+            if option.base != 0x0F {
+                assert!(matches!(
+                    rig.outcome(gone),
+                    Some(Err(Failure::Halted {
+                        delivery: Delivery::NotSent
+                    }))
+                ));
+                assert_eq!(rig.word(), 0x010F);
+                assert_eq!(rig.ledger().len(), 1);
+            }
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! "Controlword Bit 4", "Controlword Bit 5", "Controlword Bit 6" and "Controlword Bit 9".
 
 use servocrab::axis::{Completion, Failure};
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Outcome};
 
 use super::profile::akd2g;
@@ -38,7 +38,7 @@ pub(super) fn drive_starts_by_bit_4() {
 
 #[test]
 pub(super) fn library_starts_by_bit_4() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     rig.run(100);
     assert!(rig.words.iter().all(|word| word & 0x10 == 0));
     let id = rig.abs(5_000, SetPoint::new());
@@ -66,7 +66,7 @@ pub(super) fn library_holds_the_profile_until_the_drive_has_taken_it() {
         bit_4_filter_cycles: 5,
         ..Behaviour::akd2g()
     };
-    let mut rig = Rig::new(behaviour, |_| {});
+    let mut rig = Rig::new(behaviour, |_| {}).ideal();
     rig.enable();
     let first = rig.abs(5_000, SetPoint::new().velocity(11_000));
     let second = rig.abs(-5_000, SetPoint::new().velocity(22_000));
@@ -98,7 +98,7 @@ pub(super) fn drive_takes_edges_and_no_levels() {
 #[test]
 pub(super) fn library_shows_each_low_before_the_next_edge() {
     for lost in 0..10 {
-        let mut rig = Rig::enabled();
+        let mut rig = Rig::ideal_enabled();
         rig.abs(20_000, SetPoint::new());
         let second = rig.abs(-20_000, SetPoint::new());
         rig.run(lost);
@@ -126,7 +126,7 @@ pub(super) fn drive_goes_on_when_bit_4_falls() {
 
 #[test]
 pub(super) fn library_lowers_bit_4_during_the_move() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let id = rig.abs(50_000, SetPoint::new());
     rig.wait_accepted(id);
     rig.run(5);
@@ -151,7 +151,7 @@ pub(super) fn drive_needs_a_low_to_restart_the_same_move() {
 
 #[test]
 pub(super) fn library_sends_the_same_target_again() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     for n in 1..=3 {
         let id = rig.abs(5_000, SetPoint::new());
         assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 5_000 }));
@@ -175,11 +175,11 @@ pub(super) fn drive_waits_for_the_current_move_with_bit_5_low() {
 
 #[test]
 pub(super) fn library_queues_with_bit_5_low() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let first = rig.abs(10_000, SetPoint::new());
     rig.wait_accepted(first);
     let from = rig.words.len();
-    let second = rig.abs(4_000, SetPoint::new().start(Start::AfterCurrent));
+    let second = rig.abs(4_000, SetPoint::new().buffer_mode(BufferMode::Buffered));
     assert_eq!(
         rig.finish(second),
         Ok(Completion::Reached { position: 4_000 })
@@ -206,7 +206,7 @@ pub(super) fn drive_starts_at_once_with_bit_5_high() {
 
 #[test]
 pub(super) fn library_replaces_with_bit_5_high() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let first = rig.abs(100_000, SetPoint::new());
     rig.wait_accepted(first);
     rig.run(100);
@@ -237,7 +237,7 @@ pub(super) fn drive_takes_bit_6_with_each_set_point() {
 
 #[test]
 pub(super) fn library_sets_bit_6_for_relative_moves_alone() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let mut words: Vec<u16> = Vec::new();
     for (relative, end) in [(false, 3_000), (true, 6_000), (false, 3_000)] {
         let from = rig.words.len();
@@ -267,7 +267,7 @@ pub(super) fn drive_moves_to_an_absolute_target_from_anywhere() {
 #[test]
 pub(super) fn library_moves_to_an_absolute_target_from_anywhere() {
     for place in [-7_000, 0, 2_000, 9_000] {
-        let mut rig = Rig::akd2g();
+        let mut rig = Rig::akd2g().ideal();
         rig.run(5);
         rig.drive.place(place);
         rig.enable();
@@ -291,7 +291,7 @@ pub(super) fn drive_moves_by_a_relative_distance() {
 
 #[test]
 pub(super) fn library_moves_by_a_relative_distance() {
-    let mut rig = Rig::akd2g();
+    let mut rig = Rig::akd2g().ideal();
     rig.run(5);
     rig.drive.place(9_000);
     rig.enable();
@@ -315,7 +315,7 @@ pub(super) fn drive_takes_the_direction_from_the_sign() {
 
 #[test]
 pub(super) fn library_sends_the_sign_of_a_distance() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     for (distance, end) in [(-2_000, -2_000), (500, -1_500), (-1, -1_501)] {
         let id = rig.rel(distance, SetPoint::new());
         assert_eq!(rig.finish(id), Ok(Completion::Reached { position: end }));
@@ -341,10 +341,10 @@ pub(super) fn drive_blends_a_set_point_into_one_in_progress() {
 
 #[test]
 pub(super) fn library_blends_a_set_point_into_one_in_progress() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let first = rig.abs(20_000, SetPoint::new());
     rig.wait_accepted(first);
-    let second = rig.abs(40_000, SetPoint::new().start(Start::Blend));
+    let second = rig.abs(40_000, SetPoint::new().buffer_mode(BufferMode::Blending));
     assert_eq!(
         rig.finish(second),
         Ok(Completion::Reached { position: 40_000 })
@@ -370,11 +370,11 @@ pub(super) fn drive_blends_only_with_bit_5_low() {
 
 #[test]
 pub(super) fn library_blends_with_bit_5_low() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let first = rig.abs(20_000, SetPoint::new());
     rig.wait_accepted(first);
     let from = rig.words.len();
-    let second = rig.abs(40_000, SetPoint::new().start(Start::Blend));
+    let second = rig.abs(40_000, SetPoint::new().buffer_mode(BufferMode::Blending));
     rig.wait_accepted(second);
     rig.run(5);
     assert_eq!(rig.distinct_words(from), [0x0F, 0x21F, 0x0F]);
@@ -392,10 +392,10 @@ pub(super) fn drive_starts_from_standstill_with_bit_9_low() {
 
 #[test]
 pub(super) fn library_reports_a_stop_between_queued_moves() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let first = rig.abs(20_000, SetPoint::new());
     rig.wait_accepted(first);
-    let second = rig.abs(40_000, SetPoint::new().start(Start::AfterCurrent));
+    let second = rig.abs(40_000, SetPoint::new().buffer_mode(BufferMode::Buffered));
     assert!(rig.finish(second).is_ok());
     assert!(
         matches!(rig.outcome(first), Some(Ok(Completion::Reached { .. }))),
@@ -421,10 +421,10 @@ pub(super) fn drive_keeps_its_speed_through_a_blend() {
 
 #[test]
 pub(super) fn library_says_passed_where_the_axis_did_not_stop() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let first = rig.abs(20_000, SetPoint::new());
     rig.wait_accepted(first);
-    let second = rig.abs(60_000, SetPoint::new().start(Start::Blend));
+    let second = rig.abs(60_000, SetPoint::new().buffer_mode(BufferMode::Blending));
     rig.run_until(5_000, |rig| rig.outcome(first).is_some());
     assert!(matches!(
         rig.outcome(first),
@@ -451,11 +451,15 @@ pub(super) fn drive_lets_bit_5_override_bit_9() {
 
 #[test]
 pub(super) fn library_never_sends_bits_5_and_9_together() {
-    let mut rig = Rig::enabled();
-    let starts = [Start::Immediately, Start::AfterCurrent, Start::Blend];
+    let mut rig = Rig::ideal_enabled();
+    let starts = [
+        BufferMode::Aborting,
+        BufferMode::Buffered,
+        BufferMode::Blending,
+    ];
     for (n, start) in starts.into_iter().cycle().take(9).enumerate() {
         let target = 20_000 * (i32::try_from(n).expect("small") + 1);
-        rig.abs(target, SetPoint::new().start(start));
+        rig.abs(target, SetPoint::new().buffer_mode(start));
         rig.run(30);
     }
     rig.run(3_000);

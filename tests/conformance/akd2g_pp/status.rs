@@ -4,7 +4,7 @@ use servocrab::axis::{Command, Completion, Delivery, Failure, Referencing, Waiti
 use servocrab::ds402::{Mode, State as Shown, Statusword};
 use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::SetPoint;
-use servocrab_sim::ds402::{AckFault, AckPolicy, Behaviour, Outcome, ReachedPolicy, State};
+use servocrab_sim::ds402::{AckFault, AckPolicy, Behaviour, Outcome, Plant, ReachedPolicy, State};
 
 use super::profile::akd2g;
 use crate::bench::{Drive, assert_near};
@@ -43,7 +43,7 @@ pub(super) fn drive_tells_fault_warning_power_and_progress() {
 
 #[test]
 pub(super) fn library_shows_fault_warning_power_and_progress() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     rig.drive.set_warning(true);
     rig.run(2);
     let word = rig.core.snapshot().statusword;
@@ -77,7 +77,8 @@ pub(super) fn drive_tells_that_home_is_attained() {
 pub(super) fn library_knows_that_home_is_attained() {
     let mut rig = Rig::new(Behaviour::akd2g(), |config| {
         config.referencing = Referencing::ByHoming;
-    });
+    })
+    .ideal();
     rig.drive.set(0x6098, 0, HERE).expect("the method");
     rig.enable();
     let refused = rig.abs(5_000, SetPoint::new());
@@ -111,7 +112,7 @@ pub(super) fn drive_is_within_its_window_when_it_says_reached() {
 #[test]
 pub(super) fn library_takes_a_bit_10_elsewhere_for_no_arrival() {
     // This drive sets bit 10 for an axis that its shaft's block keeps away from the target.
-    let mut rig = Rig::new(lagging(ReachedPolicy::TrajectoryEnd), |_| {});
+    let mut rig = Rig::new(lagging(ReachedPolicy::TrajectoryEnd), |_| {}).ideal();
     rig.enable();
     let id = rig.abs(20_000, SetPoint::new());
     rig.run_until(5_000, |rig| rig.drive.get(0x6062, 0) >= Some(19_000));
@@ -147,7 +148,7 @@ pub(super) fn library_reports_the_arrival_with_either_meaning() {
         ReachedPolicy::WindowAfterEnd,
         ReachedPolicy::Window,
     ] {
-        let mut rig = Rig::new(lagging(policy), |_| {});
+        let mut rig = Rig::new(lagging(policy), |_| {}).ideal();
         rig.enable();
         let id = rig.abs(20_000, SetPoint::new().deceleration(50_000));
         let Ok(Completion::Reached { position }) = rig.finish(id) else {
@@ -174,7 +175,7 @@ pub(super) fn drive_shows_0_before_the_target() {
 
 #[test]
 pub(super) fn library_reports_nothing_before_bit_10() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     rig.drive.set(0x6068, 0, 300).expect("the window's time");
     let id = rig.abs(20_000, SetPoint::new());
     rig.run_until(5_000, |rig| rig.drive.position() == 20_000);
@@ -197,7 +198,7 @@ pub(super) fn drive_shows_0_while_a_halt_decelerates() {
 
 #[test]
 pub(super) fn library_ends_a_halt_no_earlier_than_bit_10() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let id = rig.abs(50_000, SetPoint::new());
     rig.wait_accepted(id);
     rig.run(100);
@@ -225,7 +226,7 @@ pub(super) fn drive_shows_1_at_the_target() {
 
 #[test]
 pub(super) fn library_reports_the_arrival_with_bit_10() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let id = rig.abs(20_000, SetPoint::new());
     rig.wait_accepted(id);
     rig.run(5);
@@ -239,28 +240,62 @@ pub(super) fn library_reports_the_arrival_with_bit_10() {
     );
 }
 
+/// A soft axis, of which the drive says from 2 000 counts/s on downwards that its velocity has dropped to AXIS#.ZEROV.
+fn soft() -> Plant {
+    Plant {
+        bandwidth_hz: 3.0,
+        standstill_velocity: 2_000,
+        ..Plant::ideal()
+    }
+}
+
 #[test]
 pub(super) fn drive_shows_1_at_the_end_of_a_halt() {
     let mut drive = akd2g();
+    drive.axis.set_plant(soft());
     drive.start(0x0F, 20_000);
-    drive.run(300);
+    drive.run(600);
+    assert!(drive.get(0x606C) > 5_000);
     drive.word(0x11F);
-    drive.run_until(500, |drive| drive.bit(10));
-    assert_eq!(drive.axis.velocity(), 0.0);
+    drive.run_until(2_000, |drive| drive.bit(10));
+    let speed = drive.get(0x606C).abs();
+    assert!(
+        (1..=2_000).contains(&speed),
+        "{speed}: a threshold, not zero"
+    );
+    assert!(drive.moves(), "it comes to rest after that");
     drive.word(0x1F);
     assert!(!drive.bit(10), "the target is still to be reached");
 }
 
 #[test]
 pub(super) fn library_takes_no_halt_for_an_arrival() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::akd2g().on_plant(soft());
+    rig.enable();
     let id = rig.abs(50_000, SetPoint::new());
     rig.wait_accepted(id);
-    rig.run(100);
+    rig.run(700);
     let halt = rig.send(Command::Halt);
+    rig.run(10);
+    rig.run_until(2_000, |rig| {
+        rig.statusword().contains(Statusword::TARGET_REACHED)
+    });
+    assert!(
+        rig.drive
+            .get(0x606C, 0)
+            .is_some_and(|speed| speed.abs() > 500)
+    );
+    rig.run(5);
+    assert_eq!(rig.outcome(halt), None, "bit 10 comes while it still moves");
     assert!(rig.finish(halt).is_ok());
-    rig.run(500);
     assert!(rig.statusword().contains(Statusword::TARGET_REACHED));
+    let stands_at = rig.drive.get(0x6064, 0).expect("6064h");
+    rig.run(500);
+    let still = rig.drive.get(0x6064, 0).expect("6064h");
+    assert!(
+        (still - stands_at).abs() <= 100,
+        "{stands_at}, then {still}"
+    );
     assert_eq!(rig.outcome(id), None);
 }
 
@@ -279,7 +314,7 @@ pub(super) fn drive_waits_for_a_set_point_with_bit_12_low() {
 
 #[test]
 pub(super) fn library_raises_bit_4_only_on_a_low_bit_12() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let mut low = false;
     rig.abs(20_000, SetPoint::new());
     rig.abs(-20_000, SetPoint::new());
@@ -311,7 +346,7 @@ pub(super) fn drive_accepts_an_overwrite_while_one_is_in_process() {
 
 #[test]
 pub(super) fn library_overwrites_a_set_point_in_process() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let first = rig.abs(100_000, SetPoint::new());
     let second = rig.abs(5_000, SetPoint::new());
     rig.run(100);
@@ -331,7 +366,7 @@ pub(super) fn drive_keeps_bit_12_with_bit_4_after_the_move() {
 
 #[test]
 pub(super) fn library_needs_no_acknowledge_before_the_arrival() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     rig.drive.disturbances().ack_delay_cycles = 300;
     let id = rig.abs(1_000, SetPoint::new());
     rig.run_until(300, |rig| rig.drive.position() == 1_000);
@@ -368,7 +403,7 @@ pub(super) fn library_says_so_where_bit_12_does_not_fall() {
         ack: AckPolicy::StickyAtEnable,
         ..Behaviour::akd2g()
     };
-    let mut rig = Rig::new(behaviour, |_| {});
+    let mut rig = Rig::new(behaviour, |_| {}).ideal();
     rig.enable();
     let id = rig.abs(1_000, SetPoint::new());
     rig.run(520);
@@ -408,7 +443,7 @@ pub(super) fn drive_faults_with_bit_13_on_following_error() {
 
 #[test]
 pub(super) fn library_ends_a_move_with_the_following_error() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     rig.drive.set(0x6065, 0, 1_000).expect("the window");
     let id = rig.abs(100_000, SetPoint::new());
     rig.wait_accepted(id);

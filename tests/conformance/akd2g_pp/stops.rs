@@ -20,7 +20,7 @@ fn cruising() -> Drive {
 
 /// The library's axis under way to 50 000, accepted.
 fn under_way() -> (Rig, CommandId) {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let id = rig.abs(50_000, SetPoint::new());
     rig.wait_accepted(id);
     rig.run(200);
@@ -70,7 +70,8 @@ pub(super) fn library_ends_a_quick_stop_where_605ah_leads() {
         };
         let mut rig = Rig::new(behaviour, |config| {
             config.quick_stop = servocrab::ds402::QuickStopOption(option);
-        });
+        })
+        .ideal();
         rig.enable();
         let id = rig.abs(50_000, SetPoint::new());
         rig.wait_accepted(id);
@@ -172,7 +173,8 @@ pub(super) fn library_leaves_a_quick_stop_through_the_state_machine() {
     };
     let mut rig = Rig::new(behaviour, |config| {
         config.quick_stop = servocrab::ds402::QuickStopOption(6);
-    });
+    })
+    .ideal();
     rig.enable();
     let stop = rig.send(Command::QuickStop);
     assert!(rig.finish(stop).is_ok());
@@ -199,7 +201,7 @@ pub(super) fn drive_moves_with_bit_2_high() {
 
 #[test]
 pub(super) fn library_keeps_bit_2_high_in_a_move() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let from = rig.words.len();
     let id = rig.abs(50_000, SetPoint::new());
     assert!(rig.finish(id).is_ok());
@@ -321,7 +323,7 @@ pub(super) fn drive_halts_by_6084h() {
 
 #[test]
 pub(super) fn library_waits_out_a_gentle_ramp() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let set_point = SetPoint::new().velocity(20_000).deceleration(10_000);
     let id = rig.abs(100_000, set_point);
     rig.wait_accepted(id);
@@ -346,7 +348,7 @@ pub(super) fn drive_moves_with_bit_8_low_only() {
 
 #[test]
 pub(super) fn library_refuses_a_move_while_halted() {
-    let mut rig = Rig::enabled();
+    let mut rig = Rig::ideal_enabled();
     let halt = rig.send(Command::Halt);
     assert!(rig.finish(halt).is_ok());
     let from = rig.words.len();

@@ -1,4 +1,4 @@
-//! Beckhoff AX2000, CANopen communication profile, page 101.
+//! Beckhoff AX2000, CANopen communication profile, pages 101 and 102.
 
 mod ramps;
 mod set_points;
@@ -11,7 +11,7 @@ use crate::table::{Cell, Document, Row};
 
 pub(crate) static DOCUMENT: Document = Document {
     title: "Beckhoff AX2000: motion profile type and set-points",
-    about: "Page 101 of the user manual \"CANopen communication profile\" of AX2000 and AX2500: 6086h and \"Functional Description\".",
+    about: "Pages 101 and 102 of the user manual \"CANopen communication profile\" of AX2000 and AX2500: 6086h, \"Functional Description\" and the figure of the handshake.",
     rows: ROWS,
     without_row: &[(
         "that these bits keep reaction times on the host short",
@@ -28,7 +28,8 @@ fn drive() -> Drive {
 fn rig() -> Rig {
     let mut rig = Rig::of(servocrab::drives::ax2000(), Behaviour::ax2000(), |config| {
         config.defaults.profile_type = Some(0);
-    });
+    })
+    .ideal();
     rig.enable();
     rig
 }
@@ -155,7 +156,7 @@ const ROWS: &[Row] = &[
     Row {
         id: "AX2000-11",
         section: "Functional Description, the two modes",
-        says: "The timing of bits 4, 5 and 12 decides between them (that bit 5 = 1 is the set is from page 102).",
+        says: "The timing of bits 4, 5 and 12 decides between them. Page 102: the initial status of bit 5 does, 0 for a single set-point and 1 for a set.",
         drive: by!(
             set_points::drive_is_told_by_bit_5_which_of_both,
             "drive-ax2000-without-bit-5"
@@ -193,8 +194,8 @@ const ROWS: &[Row] = &[
     },
     Row {
         id: "AX2000-14",
-        section: "Functional Description, figure with six steps",
-        says: "Data, request, answer, end of the request, end of the answer, and the next data.",
+        section: "Page 102, figure with six numbers",
+        says: "Data (1), bit 4 rises (2), bit 12 rises (3), bit 4 falls (4), bit 12 falls and new data are accepted (5). With bit 5 = 1 (6, the dashed line) the timing of the others is the same.",
         drive: by!(
             set_points::drive_answers_in_the_order_of_the_figure,
             "drive-never-acknowledges"

@@ -3,7 +3,7 @@
 use servocrab::axis::Failure;
 use servocrab::coe::obj;
 use servocrab::pdo_map::Mapping as PdoMapping;
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Access, Axis, DataType, Mapping, SetError};
 use servocrab_sim::personality;
 
@@ -14,7 +14,7 @@ use crate::wire::Wire;
 const OUT_OF_RANGE: u32 = 0x0609_0030;
 
 fn after() -> SetPoint {
-    SetPoint::new().start(Start::AfterCurrent)
+    SetPoint::new().buffer_mode(BufferMode::Buffered)
 }
 
 #[test]

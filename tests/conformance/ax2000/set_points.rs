@@ -2,7 +2,7 @@
 
 use servocrab::axis::{Completion, Failure};
 use servocrab::ds402::Statusword;
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::Outcome;
 
 use super::{drive, rig};
@@ -10,11 +10,11 @@ use crate::bench::{Drive, VELOCITY, assert_near};
 use crate::common::Rig;
 
 fn after() -> SetPoint {
-    SetPoint::new().start(Start::AfterCurrent)
+    SetPoint::new().buffer_mode(BufferMode::Buffered)
 }
 
 fn blend() -> SetPoint {
-    SetPoint::new().start(Start::Blend)
+    SetPoint::new().buffer_mode(BufferMode::Blending)
 }
 
 /// Under way to 10 000 as the first of a set, bit 4 low.
@@ -206,7 +206,7 @@ pub(super) fn library_refuses_to_replace() {
     assert!(matches!(
         rig.finish(refused),
         Err(Failure::Unsupported {
-            start: Start::Immediately,
+            buffer_mode: BufferMode::Aborting,
             ..
         })
     ));
@@ -237,73 +237,87 @@ pub(super) fn library_gives_the_next_of_a_set_while_one_runs() {
     assert!(rig.drive.position() < 15_000, "long before the target");
 }
 
+/// The words of a set-point with bit 5 = 0 and with bit 5 = 1 (6): bit 4 low, then high.
+const SINGLE_AND_SET: [(u16, u16); 2] = [(0x0F, 0x1F), (0x2F, 0x3F)];
+
 #[test]
 pub(super) fn drive_answers_in_the_order_of_the_figure() {
-    let mut drive = drive();
-    let mut steps = Vec::new();
-    drive.set(0x607A, 10_000);
-    steps.push(("data", drive.bit(12)));
-    drive.word(0x0F);
-    drive.word(0x3F);
-    steps.push(("new set-point", drive.bit(12)));
-    drive.run(50);
-    steps.push(("held", drive.bit(12)));
-    drive.word(0x0F);
-    steps.push(("withdrawn", drive.bit(12)));
-    drive.set(0x607A, 20_000);
-    drive.run(1);
-    steps.push(("next data", drive.bit(12)));
-    drive.word(0x3F);
-    steps.push(("new set-point", drive.bit(12)));
-    assert_eq!(
-        steps,
-        [
-            ("data", false),
-            ("new set-point", true),
-            ("held", true),
-            ("withdrawn", false),
-            ("next data", false),
-            ("new set-point", true)
-        ]
-    );
+    for (low, high) in SINGLE_AND_SET {
+        let mut drive = drive();
+        drive.word(low);
+        drive.set(0x607A, 10_000);
+        drive.run(1);
+        assert!(!drive.bit(12), "(1) data alone are no set-point");
+        drive.word(high);
+        assert!(drive.bit(12), "(2), (3)");
+        drive.run(50);
+        assert!(drive.bit(12), "it stays until (4)");
+        drive.word(low);
+        assert!(!drive.bit(12), "(4), (5): {high:02X}h");
+        assert_eq!(drive.outcomes(), [Outcome::Active]);
+        assert_eq!(drive.axis.ledger()[0].bit_5, high == 0x3F, "(6)");
+        // New data are accepted: a single one's after the arrival.
+        drive.set(0x607A, 20_000);
+        drive.word(high);
+        let mut cycles = 0;
+        drive.run_until(5_000, |drive| {
+            cycles += 1;
+            drive.bit(12)
+        });
+        assert_eq!(cycles == 1, high == 0x3F, "{cycles} cycles");
+        drive.settle();
+        assert_eq!(drive.axis.ledger().len(), 2);
+        assert_eq!(drive.axis.position(), 20_000);
+    }
 }
 
 #[test]
 pub(super) fn library_asks_in_the_order_of_the_figure() {
-    let mut rig = Rig::of(
-        servocrab::drives::ax2000(),
-        servocrab_sim::ds402::Behaviour {
-            bit_4_filter_cycles: 3,
-            ..servocrab_sim::ds402::Behaviour::ax2000()
-        },
-        |config| config.defaults.profile_type = Some(0),
-    );
-    rig.enable();
-    rig.drive.disturbances().ack_delay_cycles = 5;
-    let ids = [10_000, 20_000].map(|target| rig.abs(target, blend()));
-    // What is seen of data, request and answer, each time that one of them changes.
-    let mut steps: Vec<(i32, bool, bool)> = Vec::new();
-    for _ in 0..100 {
-        rig.cycle();
-        let target = rig.drive.get(0x607A, 0).expect("it is there") as i32;
-        let request = rig.drive.controlword() & 0x10 != 0;
-        let answer = rig.drive.statusword() & 0x1000 != 0;
-        if steps.last() != Some(&(target, request, answer)) {
-            steps.push((target, request, answer));
+    for set_point in [after(), blend()] {
+        let mut rig = Rig::of(
+            servocrab::drives::ax2000(),
+            servocrab_sim::ds402::Behaviour {
+                bit_4_filter_cycles: 3,
+                ..servocrab_sim::ds402::Behaviour::ax2000()
+            },
+            |config| config.defaults.profile_type = Some(0),
+        )
+        .ideal();
+        rig.enable();
+        rig.drive.disturbances().ack_delay_cycles = 5;
+        let ids = [10_000, 20_000].map(|target| rig.abs(target, set_point));
+        // What is seen of data, bits 4 and 5, and bit 12, each time that one of them changes.
+        let mut steps: Vec<(i64, bool, bool, bool)> = Vec::new();
+        for _ in 0..100 {
+            rig.cycle();
+            let word = rig.drive.controlword();
+            let step = (
+                rig.drive.get(0x607A, 0).expect("it is there"),
+                word & 0x10 != 0,
+                word & 0x20 != 0,
+                rig.drive.statusword() & 0x1000 != 0,
+            );
+            if step.0 != 0 && steps.last() != Some(&step) {
+                steps.push(step);
+            }
         }
+        // (6): bit 5 belongs to a set-point of a set, from (2) to (4). The others are the same with it and without.
+        let set = set_point == blend();
+        let expected = [
+            (10_000, true, set, false),
+            (10_000, true, set, true),
+            (10_000, false, false, false),
+            (20_000, true, set, false),
+            (20_000, true, set, true),
+            (20_000, false, false, true),
+        ];
+        // A single one's next data follow the arrival, which takes longer than this.
+        let shown = if set { 6 } else { 3 };
+        assert_eq!(
+            steps,
+            expected[..shown],
+            "and bit 12 stays while no further one can be taken"
+        );
+        assert!(rig.finish(ids[1]).is_ok());
     }
-    steps.retain(|step| step.0 != 0);
-    assert_eq!(
-        steps,
-        [
-            (10_000, true, false),
-            (10_000, true, true),
-            (10_000, false, false),
-            (20_000, true, false),
-            (20_000, true, true),
-            (20_000, false, true)
-        ],
-        "and bit 12 stays while no further one can be taken"
-    );
-    assert!(rig.finish(ids[1]).is_ok());
 }

@@ -32,7 +32,7 @@ fn drive() -> Drive {
 
 /// The library on it, enabled.
 fn rig() -> Rig {
-    let mut rig = Rig::of(servocrab::drives::pp2010(), Behaviour::pp2010(), |_| {});
+    let mut rig = Rig::of(servocrab::drives::pp2010(), Behaviour::pp2010(), |_| {}).ideal();
     rig.enable();
     rig
 }

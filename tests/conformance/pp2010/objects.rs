@@ -1,11 +1,14 @@
 //! "Related objects".
 
+use servocrab::axis::Completion;
 use servocrab::coe::{AnyObject, ObjectAddress, obj};
 use servocrab::pdo_map::Direction;
+use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::{Access, Behaviour, DataType};
 
 use super::drive;
 use crate::bench::{Drive, assert_near};
+use crate::common::Rig;
 
 use Access::{ReadOnly, ReadWrite};
 use DataType::{I16, I32, U16, U32};
@@ -75,6 +78,23 @@ pub(super) fn library_needs_no_more_than_the_objects_of_the_table() {
             assert_eq!(usize::from(place.bits), 8 * entry.kind.size());
         }
     }
+    // 6084h is optional: without it in the process data a drive that does not have it is enabled and moved.
+    let mut description = servocrab::drives::pp2010();
+    let outputs = &mut description.axes[0].outputs;
+    outputs.retain(|object| *object != obj::PROFILE_DECELERATION.into());
+    let behaviour = Behaviour {
+        without: &[0x6084, 0x606C],
+        ..Behaviour::pp2010()
+    };
+    let mut rig = Rig::of(description, behaviour, |config| {
+        config.defaults.deceleration = None;
+    })
+    .ideal();
+    assert_eq!(rig.drive.get(0x6084, 0), None);
+    rig.enable();
+    let id = rig.abs(10_000, SetPoint::new());
+    assert_eq!(rig.finish(id), Ok(Completion::Reached { position: 10_000 }));
+    assert_eq!(rig.ledger().len(), 1);
 }
 
 #[test]

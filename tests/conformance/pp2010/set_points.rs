@@ -3,7 +3,7 @@
 use servocrab::axis::{Completion, Event, Failure};
 use servocrab::coe::obj;
 use servocrab::ds402::Statusword;
-use servocrab::profile_position::{SetPoint, Start};
+use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Outcome, SetError};
 
 use super::{drive, rig};
@@ -11,7 +11,7 @@ use crate::bench::{ACCELERATION, DECELERATION, Drive, VELOCITY, assert_near};
 use crate::common::Rig;
 
 fn after() -> SetPoint {
-    SetPoint::new().start(Start::AfterCurrent)
+    SetPoint::new().buffer_mode(BufferMode::Buffered)
 }
 
 /// Under way to 10 000, with 20 000 behind it: two set-points, bit 4 low.
@@ -140,7 +140,8 @@ pub(super) fn library_raises_bit_4_with_the_target_there() {
             ..Behaviour::pp2010()
         },
         |_| {},
-    );
+    )
+    .ideal();
     rig.enable();
     for target in [3_000, -7_000, 500] {
         let id = rig.abs(target, SetPoint::new());
@@ -358,7 +359,7 @@ pub(super) fn library_refuses_other_ramps() {
     description.axes[0]
         .outputs
         .push(obj::MOTION_PROFILE_TYPE.into());
-    let mut rig = Rig::of(description, Behaviour::pp2010(), |_| {});
+    let mut rig = Rig::of(description, Behaviour::pp2010(), |_| {}).ideal();
     rig.enable();
     let refused = rig.abs(5_000, SetPoint::new().profile_type(1));
     assert!(matches!(

@@ -3,7 +3,7 @@
 use servocrab::axis::{Command, CommandId, Completion, Failure, Referencing};
 use servocrab::ds402::Mode;
 use servocrab::homing::{HomingCommand, HomingMethod};
-use servocrab::profile_position::{Limits, PositionRange, SetPoint, Start};
+use servocrab::profile_position::{BufferMode, Limits, PositionRange, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Machine, State};
 
 use crate::bench::{Drive, VELOCITY, assert_near};
@@ -54,7 +54,8 @@ fn rig(limits: Limits) -> Rig {
     let mut rig = Rig::of(servocrab::drives::sigma7(), with_encoder(0), |config| {
         config.referencing = Referencing::AbsoluteEncoder;
         config.limits = limits;
-    });
+    })
+    .ideal();
     if let Some(PositionRange { min, max }) = limits.software {
         rig.drive.set(0x607D, 1, min.into()).expect("the minimum");
         rig.drive.set(0x607D, 2, max.into()).expect("the maximum");
@@ -150,8 +151,12 @@ pub(super) fn drive_checks_every_target() {
 #[test]
 pub(super) fn library_checks_every_target_that_it_knows() {
     let mut rig = rig(library_limits(0));
-    for start in [Start::Immediately, Start::AfterCurrent, Start::Blend] {
-        let refused = rig.abs(9_000, SetPoint::new().start(start));
+    for start in [
+        BufferMode::Aborting,
+        BufferMode::Buffered,
+        BufferMode::Blending,
+    ] {
+        let refused = rig.abs(9_000, SetPoint::new().buffer_mode(start));
         assert!(is_refused(&rig, refused, 8_000), "{start:?}");
     }
     // What the first distance counts from is the drive's to know: it limits the move, and the axis is not where that could lead.
@@ -293,7 +298,8 @@ pub(super) fn drive_has_limits_once_it_is_homed() {
 pub(super) fn library_has_limits_once_the_axis_is_homed() {
     let mut rig = Rig::of(servocrab::drives::sigma7(), at_3_000(), |config| {
         config.limits = library_limits(0);
-    });
+    })
+    .ideal();
     for (index, subindex, value) in HOMING {
         rig.drive.set(index, subindex, value).expect("it takes it");
     }
@@ -334,7 +340,8 @@ pub(super) fn library_has_limits_with_an_absolute_encoder() {
         let mut rig = Rig::of(servocrab::drives::sigma7(), Behaviour::sigma7(), |config| {
             config.referencing = referencing;
             config.limits = library_limits(0);
-        });
+        })
+        .ideal();
         rig.enable();
         let id = rig.abs(9_000, SetPoint::new());
         assert_eq!(is_refused(&rig, id, 8_000), refuses, "{referencing:?}");

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use servocrab::axis::Referencing;
-use servocrab::bus::{BusLoop, DriveConfig, Network};
+use servocrab::bus::{AxisConfig, BusLoop, DriveConfig, Network};
 use servocrab::drives;
 use servocrab::link::{Fate, Wire};
 use servocrab_sim::{Segment, personality};
@@ -99,8 +99,7 @@ fn bring_up(data: &[u8]) {
         fate
     });
     let drive = DriveConfig::new(drives::generic())
-        .axis("x")
-        .referencing("x", Referencing::UnreferencedMovesAllowed);
+        .axis(AxisConfig::new("x").referencing(Referencing::UnreferencedMovesAllowed));
     let builder = Network::builder().link(wire).drive(0, drive);
     let Ok((starting, mut bus)) = builder.split() else {
         return;

@@ -28,7 +28,7 @@ pub fn run(data: &[u8]) {
             if let Ok(description) = device.description() {
                 let _ = description.default_mapping();
             }
-            device.start_up_list()
+            let _ = device.start_up_list();
         });
     }
 }

@@ -125,6 +125,14 @@ impl Reader<'_> {
         self.file.imports.extend(room);
     }
 
+    /// Whether it is a handle that the public interface shows beside the pure types of this room, whose code does not name it: without
+    /// `std` it is not there.
+    fn is_for_users(&self, item: &syn::ItemUse) -> bool {
+        let of_handles = matches!(&item.tree, UseTree::Path(krate) if krate.ident == "crate"
+            && matches!(&*krate.tree, UseTree::Path(room) if room.ident == "handle"));
+        matches!(item.vis, Visibility::Public(_)) && of_handles && self.module.len() == 1
+    }
+
     fn note_use(&mut self, tree: &UseTree, before: &mut Vec<String>) {
         match tree {
             UseTree::Path(path) => {
@@ -208,7 +216,9 @@ impl<'ast> Visit<'ast> for Reader<'_> {
     fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
         if !is_test(&item.attrs) {
             self.visit_visibility(&item.vis);
-            self.note_use(&item.tree, &mut Vec::new());
+            if !self.is_for_users(item) {
+                self.note_use(&item.tree, &mut Vec::new());
+            }
         }
     }
 
@@ -279,6 +289,22 @@ mod tests {
         let imports = read("axis/core.rs", text).imports;
         let names: Vec<&str> = imports.iter().map(String::as_str).collect();
         assert_eq!(names, ["bus", "coe", "ds402", "esi", "units"]);
+    }
+
+    #[test]
+    fn handles_that_a_module_shows_to_users_are_no_import_of_its_room() {
+        let text = "pub use crate::handle::{Axis, Move};\npub use crate::coe::Object;\n";
+        let shown = read("axis/mod.rs", text).imports;
+        assert_eq!(shown.iter().collect::<Vec<_>>(), ["coe"]);
+        for (path, text) in [
+            ("axis/mod.rs", "use crate::handle::Axis;"),
+            ("axis/core/step.rs", "pub use crate::handle::Axis;"),
+        ] {
+            assert!(
+                read(path, text).imports.contains("handle"),
+                "{path}: {text}"
+            );
+        }
     }
 
     #[test]

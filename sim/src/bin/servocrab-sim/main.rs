@@ -12,12 +12,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use clap::{Parser, ValueEnum};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, ValueEnum};
 use machine::MachineArguments;
 use servocrab_sim::link::{FRAME_CAPACITY, RawSocket};
 use servocrab_sim::personality::Servo;
 use servocrab_sim::{
-    Device, EsiDrive, EsiError, Faults, FaultsError, FaultyLine, Segment, personality,
+    Device, EsiChoice, EsiDrive, Faults, FaultsError, FaultyLine, Segment, personality,
 };
 use trace::Trace;
 
@@ -35,12 +35,13 @@ struct Arguments {
     /// Network interface to answer on, for example one end of a veth pair
     #[arg(long)]
     interface: String,
-    /// SubDevice to append to the line; give it once for each, in order
+    /// SubDevice to append to the line; give it once for each, in order with those of --esi
     #[arg(long, required_unless_present = "esi")]
     drive: Vec<Kind>,
-    /// ESI file whose first device is appended, behind those of --drive; its axes behave as those of the plain drive
-    #[arg(long, value_name = "FILE")]
-    esi: Vec<PathBuf>,
+    /// ESI file of which a device is appended to the line, in order with those of --drive: the first, or by product code and
+    /// revision (such as 0x2A or 2Ah). Its axes behave as those of the plain drive
+    #[arg(long, value_name = "FILE[:PRODUCT[:REVISION]]")]
+    esi: Vec<EsiChoice>,
     #[command(flatten)]
     machine: MachineArguments,
     /// Bytes of both mailboxes of each --drive; longer ones than a drive's own are not to be had
@@ -89,7 +90,9 @@ enum Kind {
 }
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
+    let matches = Arguments::command().get_matches();
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    match run(&arguments, &matches) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("servocrab-sim: {error}");
@@ -98,17 +101,15 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+fn run(arguments: &Arguments, matches: &ArgMatches) -> Result<(), Box<dyn Error>> {
     let mut segment = Segment::new();
-    let named = arguments.drive.iter();
-    let named = named.map(|kind| Ok(build(*kind, &arguments.machine, arguments.mailbox_bytes)));
-    let of_files = arguments.esi.iter().map(|path| {
-        let drive = EsiDrive::load(path)?;
-        let drive = drive.change(|behaviour| behaviour.machine = arguments.machine.machine());
-        Ok::<_, EsiError>(drive.build())
-    });
-    for device in named.chain(of_files) {
-        let mut device = device?;
+    for one in line_order(arguments, matches) {
+        let mut device = match one {
+            OnLine::Kind(kind) => build(kind, &arguments.machine, arguments.mailbox_bytes),
+            OnLine::Esi(choice) => EsiDrive::choose(choice)?
+                .change(|behaviour| behaviour.machine = arguments.machine.machine())
+                .build(),
+        };
         device.set_sii_delay(Duration::from_millis(arguments.sii_ms));
         device.set_mailbox_delay(Duration::from_millis(arguments.mailbox_ms));
         segment.push(device);
@@ -167,6 +168,23 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     // Whoever started it may have stopped listening.
     let _ = std::io::stdout().write_all(farewell(&line).as_bytes());
     Ok(())
+}
+
+/// A SubDevice as the arguments name it.
+enum OnLine<'a> {
+    Kind(Kind),
+    Esi(&'a EsiChoice),
+}
+
+/// The SubDevices of `--drive` and `--esi` in the order of the arguments.
+fn line_order<'a>(arguments: &'a Arguments, matches: &ArgMatches) -> Vec<OnLine<'a>> {
+    let places = |name| matches.indices_of(name).into_iter().flatten();
+    let kinds = arguments.drive.iter().map(|kind| OnLine::Kind(*kind));
+    let files = arguments.esi.iter().map(OnLine::Esi);
+    let kinds = places("drive").zip(kinds);
+    let mut all: Vec<_> = kinds.chain(places("esi").zip(files)).collect();
+    all.sort_by_key(|(place, _)| *place);
+    all.into_iter().map(|(_, one)| one).collect()
 }
 
 type SharedTrace = Arc<Mutex<Trace<BufWriter<File>>>>;

@@ -1,0 +1,107 @@
+//! Shows a running `servocrab` network to other programs of the same user, and lets them stop its axes: HTTP/1.1 on a Unix socket.
+//!
+//! `docs/attach.md` lists the requests. The server has a thread of its own. The bus thread does nothing for it.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+//! # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+//! # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+//! # let runtime = tempfile::tempdir()?;
+//! # smol::block_on(async {
+//! let drive = DriveConfig::new(drives::akd2g()).axis("x");
+//! let net = Network::builder().link(wire).drive(0, drive).start().await?;
+//! let attach = servocrab_attach::Attach::new("eth0");
+//! # let attach = attach.directory(runtime.path().join("servocrab"));
+//! let attached = servocrab_attach::serve(&net, attach)?;
+//! println!("curl --unix-socket {} http://localhost/v1/axes", attached.socket().display());
+//! # net.shutdown().await?;
+//! # Ok(())
+//! # })
+//! # }
+//! ```
+
+mod metrics;
+mod ordinary;
+mod requests;
+mod server;
+
+use std::{io, path::PathBuf, time::Duration};
+
+pub use server::{Attached, serve};
+
+/// How a network is shown.
+#[derive(Debug, Clone)]
+pub struct Attach {
+    name: String,
+    directory: Option<PathBuf>,
+    clients: usize,
+    header_timeout: Duration,
+}
+
+impl Attach {
+    /// On the socket of this network interface: `NAME.sock` in [`directory`](Self::directory). Up to 32 clients at a time, and five
+    /// seconds for the header of a request.
+    #[must_use]
+    pub fn new(interface: &str) -> Self {
+        Self {
+            name: interface.to_owned(),
+            directory: None,
+            clients: 32,
+            header_timeout: Duration::from_secs(5),
+        }
+    }
+
+    /// Where the socket is; else in `$XDG_RUNTIME_DIR/servocrab`, or in `/run/servocrab` without that variable. A directory that is
+    /// not there is made, for this user alone.
+    #[must_use]
+    pub fn directory(mut self, directory: impl Into<PathBuf>) -> Self {
+        self.directory = Some(directory.into());
+        self
+    }
+
+    /// How many clients may be connected at a time; the connections of others are closed.
+    #[must_use]
+    pub const fn clients(mut self, clients: usize) -> Self {
+        self.clients = clients;
+        self
+    }
+
+    /// How long a client has for the header of each request; then its connection is closed.
+    #[must_use]
+    pub const fn header_timeout(mut self, timeout: Duration) -> Self {
+        self.header_timeout = timeout;
+        self
+    }
+}
+
+/// Why a network cannot be shown.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum AttachError {
+    /// The name is none of a file.
+    #[error(
+        "`{0}` cannot name a socket: use the name of the network interface (letters, digits, `-`, `_` and `.`)"
+    )]
+    Name(String),
+    /// Others may change what is in the directory.
+    #[error(
+        "{} does not belong to this user, or others may write to it: make it with mode 0700, or name another directory",
+        .0.display()
+    )]
+    Directory(PathBuf),
+    /// Another program shows a network on this socket.
+    #[error("another program answers at {}: end it, or use another name", .0.display())]
+    InUse(PathBuf),
+    /// The thread of the server has inherited a real-time class, and cannot leave it: it could hold up the bus thread.
+    #[error("the thread of the server cannot leave the real-time class of the calling thread: {0}")]
+    Scheduling(io::Error),
+    /// The operating system refuses.
+    #[error("{}: {error}", .path.display())]
+    Io {
+        /// What was to be made or opened.
+        path: PathBuf,
+        /// Why it was not.
+        error: io::Error,
+    },
+}

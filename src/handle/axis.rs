@@ -1,0 +1,746 @@
+//! The handle of an axis that programs hold: every operation is awaited, from any executor and any thread.
+
+use core::{
+    fmt,
+    marker::PhantomData,
+    sync::atomic::{AtomicBool, AtomicU32, Ordering},
+    time::Duration,
+};
+use std::sync::Arc;
+
+use crate::{
+    axis::{Command, CommandId, Completion, DriveSettings, Failure, Snapshot, StopRequest},
+    coe::{
+        AbortCode, AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError,
+        Transfer, obj,
+    },
+    ds402::{Controlword, Mode, State},
+    profile_position::{Limits, PositionRange},
+    units::{AxisUnit, Counts, Edition, Factors, Ratio, Scale, ScaleError, Unit},
+};
+
+use super::{
+    AxisError, AxisErrorKind, AxisIdentity, ParameterAccess, ProfilePosition, error::HandleUnit,
+    parameters::Claims, pending::Pending, shared::Shared, stops::LastStop,
+};
+
+/// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
+///
+/// When the last of them, and of everything that came from them ([`ProfilePosition`],
+/// [`Move`](crate::profile_position::Move), [`Jog`](crate::profile_velocity::Jog) …), is dropped, a moving axis is stopped; see
+/// [`keep_moving_on_drop`](Self::keep_moving_on_drop).
+///
+/// None of its stops is a safety function in the sense of the safety standards (STO, SS1).
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// # let drive = DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("x").referencing(servocrab::axis::Referencing::AbsoluteEncoder));
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// use servocrab::profile_position::SetPoint;
+/// let x = net.axis("x")?;
+/// x.enable().await?;
+/// let profile_position = x.profile_position().await?;
+/// let motion = profile_position.move_abs(20_000, SetPoint::new().velocity(40_000)).await?;
+/// x.halt().await?; // stands, and keeps where it is going
+/// x.resume().await?;
+/// motion.done_through_halt().await?; // `done` would end with the halt
+/// assert!((x.status().position - 20_000).abs() < 50);
+/// x.stop().await?;
+/// x.disable().await?;
+/// # net.shutdown().await?;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
+///
+/// Positions, velocities and ramps of the handle, of its leases and of what comes of them are in its unit: the drive's own
+/// [`Counts`], or what the axis was declared in ([`Network::axis_in`](crate::bus::Network::axis_in)). Behind it the axis counts; nothing
+/// else is different. A number that cannot be converted is refused as [`AxisErrorKind::Scale`], and nothing is written then.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// use servocrab::{axis::Axis, profile_position::SetPoint, units::{Degree, Mm, Ratio, Scale}};
+/// # let drive = DriveConfig::new(drives::akd2g())
+/// #     .axis(AxisConfig::new("slide").unit::<Mm>(Scale::counts_per_unit(Ratio::new(1000, 1)?))).axis(AxisConfig::new("turret").unit::<Degree>(Scale::counts_per_unit(Ratio::new(3600, 360)?)));
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// let slide: Axis<Mm> = net.axis_in("slide")?;
+/// let turret = net.axis_in::<Degree>("turret")?;
+/// assert!(net.axis_in::<Mm>("turret").is_err(), "it was declared in degrees");
+/// slide.enable().await?;
+/// let on_slide = slide.profile_position().await?;
+/// let moved = on_slide.move_rel(2.5, SetPoint::new().velocity(50.0)).await?;
+/// println!("{} mm", moved.done().await?.position());
+/// println!("{} °", turret.status().position);
+/// # net.shutdown().await?;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
+///
+/// What belongs to one unit does not fit another:
+///
+/// ```compile_fail,E0308
+/// use servocrab::{axis::{Axis, AxisError}, profile_position::{Outcome, ProfilePosition, SetPoint}, units::{Degree, Mm}};
+/// const FAST: SetPoint<Mm> = SetPoint::new().velocity(200.0);
+/// async fn turn(turret: &ProfilePosition<Degree>) -> Result<(), AxisError> {
+///     turret.move_abs(90.0, FAST).await?; // millimetres per second
+///     Ok(())
+/// }
+/// ```
+///
+/// ```compile_fail,E0308
+/// use servocrab::{axis::Axis, units::{Degree, Mm}};
+/// fn turn(turret: &Axis<Degree>) {}
+/// fn mistaken(slide: &Axis<Mm>) {
+///     turn(slide);
+/// }
+/// ```
+///
+/// ```compile_fail,E0308
+/// use servocrab::{axis::AxisError, profile_position::{Move, Outcome}, units::{Degree, Mm}};
+/// async fn arrived(moved: Move<Mm>) -> Result<Outcome<Degree>, AxisError> {
+///     moved.done().await
+/// }
+/// ```
+///
+/// ```compile_fail,E0308
+/// use servocrab::{axis::AxisError, profile_position::{ProfilePosition, SetPoint}};
+/// async fn counts(pp: &ProfilePosition) -> Result<(), AxisError> {
+///     pp.move_abs(2.5, SetPoint::new()).await?; // counts are whole
+///     Ok(())
+/// }
+/// ```
+#[derive(Clone)]
+pub struct Axis<U: AxisUnit = Counts> {
+    pub(super) handles: Arc<Handles>,
+    pub(super) scale: Scale,
+    unit: PhantomData<U>,
+}
+
+impl<U: AxisUnit> fmt::Debug for Axis<U> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Axis")
+            .field("handles", &self.handles)
+            .field("unit", &self.handle_unit())
+            .finish()
+    }
+}
+
+impl Axis {
+    pub(super) fn new(handles: Arc<Handles>) -> Self {
+        Self {
+            handles,
+            scale: Scale::COUNTS,
+            unit: PhantomData,
+        }
+    }
+
+    /// This axis in another unit: for a scale that the program has read from the drive ([`factors`](Self::factors)). An axis whose scale is
+    /// known before is declared in its unit.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis(AxisConfig::new("x").referencing(servocrab::axis::Referencing::AbsoluteEncoder));
+    /// use servocrab::{profile_position::SetPoint, units::{Mm, Ratio}};
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// let axis = net.axis("x")?;
+    /// // A spindle of 5 mm a revolution; how many counts a revolution has, the drive's factor objects say.
+    /// let x = axis.scaled::<Mm>(axis.factors().await?.scale(Ratio::new(5, 1)?)?)?;
+    /// x.enable().await?;
+    /// let profile_position = x.profile_position().await?;
+    /// let motion = profile_position.move_abs(0.5, SetPoint::new().velocity(40.0)).await?;
+    /// let position = motion.done().await?.position();
+    /// assert!((position - 0.5).abs() < 0.001, "{position} mm");
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::WrongUnit`] where the axis was declared in a unit: it has no other.
+    pub fn scaled<U: Unit>(&self, scale: Scale) -> Result<Axis<U>, AxisError> {
+        let declared = &self.handles.shared.setup.scale;
+        if declared.is_in::<Counts>() {
+            Ok(self.with(scale))
+        } else {
+            Err(self.wrong_unit::<U>())
+        }
+    }
+
+    /// This axis in the unit in which it was declared.
+    pub(super) fn declared_in<U: AxisUnit>(&self) -> Result<Axis<U>, AxisError> {
+        let declared = &self.handles.shared.setup.scale;
+        if declared.is_in::<U>() {
+            Ok(self.with(*declared.scale()))
+        } else {
+            Err(self.wrong_unit::<U>())
+        }
+    }
+
+    fn with<U: AxisUnit>(&self, scale: Scale) -> Axis<U> {
+        Axis {
+            handles: Arc::clone(&self.handles),
+            scale,
+            unit: PhantomData,
+        }
+    }
+
+    fn wrong_unit<U: AxisUnit>(&self) -> AxisError {
+        let shared = &self.handles.shared;
+        shared.error(AxisErrorKind::WrongUnit {
+            declared: shared.setup.scale.unit(),
+            asked: U::NAME,
+        })
+    }
+}
+
+impl<U: AxisUnit> Axis<U> {
+    /// The axis' name and its drive.
+    #[must_use]
+    pub fn identity(&self) -> &AxisIdentity {
+        &self.handles.shared.identity
+    }
+
+    /// To Operation enabled, from every state but Fault. No motion follows from it.
+    ///
+    /// Once asked for it is completed, also when the future is dropped.
+    ///
+    /// # Errors
+    /// With the reason for which the drive refuses: a fault, local control, no supply, or a deadline.
+    /// [`Failure::Busy`](crate::axis::Failure::Busy) while another command changes the axis' state, or where a stop that is not sent yet
+    /// has ended another enable. When the bus is lost.
+    pub async fn enable(&self) -> Result<(), AxisError> {
+        self.run(Command::Enable).await?;
+        self.trace("enabled");
+        Ok(())
+    }
+
+    /// Off power, to Ready to switch on or below. An axis that moves or is halted is stopped first and its set-point
+    /// abandoned.
+    ///
+    /// # Errors
+    /// When a deadline passes or the bus is lost.
+    pub async fn disable(&self) -> Result<(), AxisError> {
+        self.run(Command::Disable).await?;
+        self.trace("disabled");
+        Ok(())
+    }
+
+    /// Out of Fault, to Switch on disabled. It never enables. An axis without a fault stays as it is.
+    ///
+    /// # Errors
+    /// [`Failure::Fault`](crate::axis::Failure::Fault) if the drive keeps its fault, or when the bus is lost.
+    pub async fn reset_fault(&self) -> Result<(), AxisError> {
+        match self.run(Command::ResetFault).await {
+            Err(error) if matches!(error.failure(), Some(Failure::NoFault { .. })) => Ok(()),
+            Err(error) => Err(error),
+            Ok(_) => {
+                self.trace("fault reset");
+                Ok(())
+            }
+        }
+    }
+
+    /// The latest snapshot.
+    #[must_use]
+    pub fn status(&self) -> Snapshot<U> {
+        self.handles.shared.snapshot().in_unit(&self.scale)
+    }
+
+    /// How many counts one of this handle's units is.
+    #[must_use]
+    pub const fn scale(&self) -> &Scale {
+        &self.scale
+    }
+
+    /// What the drive held, when the axis attached, of how it stops (605Ah to 605Eh) and of when it calls the axis standing
+    /// (606Dh to 6070h). A drive that was brought up anew shows what it holds since.
+    #[must_use]
+    pub fn drive_settings(&self) -> DriveSettings {
+        self.handles.shared.drive_settings()
+    }
+
+    /// The next snapshot in which anything but the cycle's number and age differs; `None` once the network has ended. The last one before
+    /// that says that the drive is lost.
+    ///
+    /// ```
+    /// # async fn example(axis: servocrab::axis::Axis) {
+    /// while let Some(status) = axis.changed().await {
+    ///     println!("{:?} at {}", status.state, status.position);
+    /// }
+    /// # }
+    /// ```
+    #[must_use = "it is `None` once the network has ended, and then at once: a loop that does not look at it goes round for ever"]
+    pub async fn changed(&self) -> Option<Snapshot<U>> {
+        let is_new = self.handles.shared.until_changed().await;
+        is_new.then(|| self.status())
+    }
+
+    /// Selects Profile Position and leases it. The lease ends by [`ProfilePosition::release`] or by dropping it.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`](crate::axis::Failure::ModeNotSupported)
+    /// where 6502h does not name it. Otherwise when the drive does not show the mode in time, the axis moves in another mode, or
+    /// the bus is lost.
+    pub async fn profile_position(&self) -> Result<ProfilePosition<U>, AxisError> {
+        let lease = Lease::take(&self.handles)?;
+        self.select(Mode::ProfilePosition).await?;
+        Ok(ProfilePosition::new(self.clone(), lease))
+    }
+
+    /// Pauses by bit 8, keeping the set-point; resolves at standstill. [`resume`](Self::resume) goes on.
+    ///
+    /// Once asked for it is completed, also when the future is dropped.
+    ///
+    /// # Errors
+    /// In Fault, when the axis does not get slower ([`HaltIgnored`](crate::axis::Failure::HaltIgnored), after two tenths of a second),
+    /// when a deadline passes, or the bus is lost.
+    pub async fn halt(&self) -> Result<(), AxisError> {
+        self.stop_by(Command::Halt).await?;
+        self.trace("halted");
+        Ok(())
+    }
+
+    /// Goes on after a halt; resolves when a frame with bit 8 low has been sent.
+    ///
+    /// # Errors
+    /// [`Failure::Busy`](crate::axis::Failure::Busy) while the halt is not sent yet: it is in the next frame all the same.
+    /// [`Failure::Halted`](crate::axis::Failure::Halted) or [`Failure::QuickStopped`](crate::axis::Failure::QuickStopped) where a stop has come
+    /// before that frame: bit 8 has not fallen.
+    /// [`Failure::ResumeUnsupported`](crate::axis::Failure::ResumeUnsupported) if the drive has forgotten its set-point; in
+    /// Fault, while moving, or when the bus is lost.
+    pub async fn resume(&self) -> Result<(), AxisError> {
+        self.run(Command::Resume).await?;
+        self.trace("resumed");
+        Ok(())
+    }
+
+    /// Halts, then abandons the set-point by quick stop. Gives the state in which the drive stands, which 605Ah decides.
+    /// A standing axis without a set-point stays as it is.
+    ///
+    /// # Errors
+    /// When the drive ignores the quick stop too ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored)), when a deadline passes or the bus is lost.
+    pub async fn stop(&self) -> Result<State, AxisError> {
+        let state = self.stop_by(Command::Stop).await?;
+        self.trace("stopped");
+        Ok(state)
+    }
+
+    /// Quick stop (bit 2): the set-point is gone. Gives the state in which the drive stands, which 605Ah decides.
+    ///
+    /// # Errors
+    /// In Fault, when the drive ignores it ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored), after two tenths of a second), when a
+    /// deadline passes, or the bus is lost.
+    pub async fn quick_stop(&self) -> Result<State, AxisError> {
+        let state = self.stop_by(Command::QuickStop).await?;
+        self.trace("quick stopped");
+        Ok(state)
+    }
+
+    /// Sets bits 11 to 15 of the controlword, which are the manufacturer's; other bits are ignored.
+    pub fn set_manufacturer_bits(&self, bits: Controlword) {
+        self.handles.shared.set_manufacturer(bits);
+    }
+
+    /// Lets the axis finish its move when the last handle is dropped, for the reason given.
+    pub fn keep_moving_on_drop(&self, reason: &str) {
+        self.handles.keep_moving.store(true, Ordering::Release);
+        tracing::info!(
+            target: super::LOG,
+            axis = self.identity().axis,
+            drive = %self.identity().drive,
+            reason,
+            "keeps moving when its last handle is dropped"
+        );
+    }
+
+    fn submit(&self, command: Command) -> Result<Pending, AxisError> {
+        Pending::submit(Arc::clone(&self.handles), self.handle_unit(), command)
+    }
+
+    /// Submits what starts a motion and was asked for when this was the last stop.
+    pub(super) fn submit_motion(
+        &self,
+        command: Command,
+        asked: LastStop,
+    ) -> Result<Pending, AxisError> {
+        Pending::submit_motion(
+            Arc::clone(&self.handles),
+            self.handle_unit(),
+            command,
+            asked,
+        )
+    }
+
+    pub(super) fn handle_unit(&self) -> HandleUnit {
+        HandleUnit::of::<U>(self.scale)
+    }
+
+    /// The error for a number that cannot be converted.
+    pub(super) fn scale_error(&self, error: ScaleError) -> AxisError {
+        self.handles.shared.error(AxisErrorKind::Scale(error))
+    }
+
+    pub(super) async fn run(&self, command: Command) -> Result<Completion, AxisError> {
+        self.submit(command)?.done().await
+    }
+
+    /// Ends the motion of a mode that is given back.
+    pub(super) async fn release(&self) -> Result<(), AxisError> {
+        self.run(Command::Release).await.map(drop)
+    }
+
+    pub(super) fn trace(&self, what: &str) {
+        self.handles.shared.trace(what);
+    }
+
+    /// Stops of one kind that are asked for while one is under way share it.
+    async fn stop_by(&self, command: Command) -> Result<State, AxisError> {
+        Ok(match self.run(command).await? {
+            Completion::Stopped { state } => state,
+            _ => self.status().state,
+        })
+    }
+}
+
+/// An error is not held back longer than this for its code.
+const ERROR_CODE_DEADLINE: Duration = Duration::from_secs(1);
+
+const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
+
+/// All handles of an axis together; the axis is stopped when the last one goes.
+pub(super) struct Handles {
+    pub shared: Arc<Shared>,
+    /// Held from an SDO write of a motion's parameters until the drive has taken the set-point.
+    pub claims: Claims,
+    /// Whether the drive may hold parameters that a move has written by SDO.
+    pub parameters_changed: AtomicBool,
+    /// Whether a move has written an end velocity by SDO: the axis may go on where a move has ended. It stays set: that a later move,
+    /// or a stop, has ended that motion shows in no snapshot where 606Ch is not mapped, and an axis that stands without a
+    /// set-point is sent nothing by a stop.
+    pub ends_in_motion: AtomicBool,
+    keep_moving: AtomicBool,
+    /// The last motion whose future was dropped before it was accepted; 0 for none.
+    given_up: AtomicU32,
+}
+
+/// By the axis alone, as all that is shared.
+impl fmt::Debug for Handles {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.shared.fmt(f)
+    }
+}
+
+impl Handles {
+    pub fn new(shared: Arc<Shared>) -> Self {
+        Self {
+            shared,
+            claims: Claims::default(),
+            parameters_changed: AtomicBool::new(false),
+            ends_in_motion: AtomicBool::new(false),
+            keep_moving: AtomicBool::new(false),
+            given_up: AtomicU32::new(0),
+        }
+    }
+
+    /// Handles by whose end nothing is stopped.
+    pub fn of_network(shared: Arc<Shared>) -> Self {
+        let handles = Self::new(shared);
+        handles.keep_moving.store(true, Ordering::Release);
+        handles
+    }
+
+    /// Gives a motion up, so far as it was not sent. `ends`: a homing that was sent is stopped.
+    pub fn withdraw(&self, id: CommandId, ends: bool) {
+        self.given_up.store(id.0, Ordering::Release);
+        self.shared.withdraw(id, ends);
+    }
+
+    /// This much later by the network's time: [`AxisErrorKind::Late`], by which nothing is stopped.
+    pub async fn late<T>(&self, within: Duration) -> Result<T, AxisError> {
+        let groups = &self.shared.setup.groups;
+        groups
+            .sleep_until(groups.now().saturating_add(within))
+            .await;
+        Err(self.shared.error(AxisErrorKind::Late {
+            within,
+            statusword: self.shared.snapshot().statusword,
+        }))
+    }
+
+    fn parameters(&self) -> &dyn ParameterAccess {
+        &*self.shared.setup.parameters
+    }
+
+    /// An object as the drive numbers it for this axis.
+    pub fn of_axis(&self, object: ObjectAddress) -> ObjectAddress {
+        ObjectAddress::new(
+            self.shared.setup.offset.apply(object.index),
+            object.subindex,
+        )
+    }
+
+    /// Writes an object of this axis by SDO.
+    pub async fn write_parameter(
+        &self,
+        object: ObjectAddress,
+        value: Vec<u8>,
+    ) -> Result<(), AxisError> {
+        let object = self.of_axis(object);
+        let written = self.parameters().write(object, value).await;
+        written.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
+    }
+
+    pub async fn read_parameter(&self, object: ObjectAddress) -> Result<Vec<u8>, AxisError> {
+        let object = self.of_axis(object);
+        let read = self.parameters().read(object).await;
+        read.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
+    }
+
+    /// Error code 603Fh, by SDO; none if it cannot be read, or not soon.
+    pub async fn read_error_code(&self) -> Option<u16> {
+        let read = async { self.read_parameter(ERROR_CODE).await.ok() };
+        let late = async {
+            let _ = self.late::<()>(ERROR_CODE_DEADLINE).await;
+            None
+        };
+        let value = smol::future::or(read, late).await?;
+        Some(u16::from_le_bytes(value.try_into().ok()?))
+    }
+}
+
+impl Drop for Handles {
+    fn drop(&mut self) {
+        let status = self.shared.snapshot();
+        // An axis without a set-point has nothing to stop, whatever 606Ch shows: at rest that is seldom 0. A stop that comes a cycle
+        // later would end what the next handle has begun.
+        let given_up = CommandId(self.given_up.load(Ordering::Acquire));
+        // The frame with its bit 4 may be under way, and then no snapshot shows it yet.
+        let may_be_sent = given_up.0 != 0 && !self.shared.is_done(given_up);
+        let goes_on = self.ends_in_motion.load(Ordering::Acquire);
+        let may_move = status.has_set_point || may_be_sent || goes_on;
+        if may_move && !self.keep_moving.load(Ordering::Acquire) {
+            self.shared.request_stop(StopRequest::STOP);
+            self.shared.trace("last handle dropped: stopped");
+        }
+    }
+}
+
+/// The one lease of a mode.
+#[derive(Debug)]
+pub(super) struct Lease {
+    shared: Arc<Shared>,
+}
+
+impl Lease {
+    pub fn take(handles: &Handles) -> Result<Self, AxisError> {
+        let shared = &handles.shared;
+        if shared.leased.swap(true, Ordering::AcqRel) {
+            return Err(shared.error(AxisErrorKind::ModeInUse));
+        }
+        shared.trace("mode leased");
+        Ok(Self {
+            shared: Arc::clone(shared),
+        })
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.shared.leased.store(false, Ordering::Release);
+        self.shared.trace("mode lease given back");
+    }
+}
+
+const MODE_OF_OPERATION: ObjectAddress = ObjectAddress::new(0x6060, 0);
+const MODE_OF_OPERATION_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
+
+impl<U: AxisUnit> Axis<U> {
+    /// Selects a mode; ready when the drive shows it.
+    pub(super) async fn select(&self, mode: Mode) -> Result<(), AxisError> {
+        let handles = &self.handles;
+        let fields = &handles.shared.setup.fields;
+        if fields.mode.is_none() {
+            // Nothing is written before the axis has said that it stands and that nothing of the last mode is left.
+            let preparing = self.submit(Command::PrepareMode(mode))?;
+            preparing.withdraw_on_drop().done().await?;
+            if fields.mode_display.is_none() {
+                // What was read before says nothing from here on.
+                handles.shared.note_mode(Mode::None.raw());
+            }
+            handles
+                .write_parameter(MODE_OF_OPERATION, vec![mode.raw().cast_unsigned()])
+                .await?;
+        }
+        let pending = self.submit(Command::SelectMode(mode))?.withdraw_on_drop();
+        if fields.mode_display.is_some() {
+            return pending.done().await.map(drop);
+        }
+        let shown = async {
+            loop {
+                let value = handles.read_parameter(MODE_OF_OPERATION_DISPLAY).await?;
+                if let Some(raw) = value.first() {
+                    handles.shared.note_mode(raw.cast_signed());
+                }
+                // The mailbox sets the pace: a transfer takes some cycles.
+                smol::future::yield_now().await;
+            }
+        };
+        smol::future::or(async { pending.done().await.map(drop) }, shown).await
+    }
+}
+
+/// Reads an object of an axis; none where the drive does not have it.
+pub(super) async fn read_if_there<T: Number, A: Readable>(
+    parameters: &dyn ParameterAccess,
+    offset: AxisOffset,
+    object: Object<T, A>,
+) -> Result<Option<T>, SdoError> {
+    let address = object.offset(offset).address();
+    match parameters.read(address).await {
+        Ok(bytes) => T::decode(&bytes)
+            .map(Some)
+            .ok_or_else(|| SdoError::WrongSize {
+                transfer: Transfer::read(address),
+                expected: usize::from(T::BITS / 8),
+                got: bytes.len(),
+            }),
+        Err(error) => match error.abort_code() {
+            Some(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => Ok(None),
+            _ => Err(error),
+        },
+    }
+}
+
+impl Limits {
+    /// Reads 607Bh, 607Ch, 607Dh and 607Fh of an axis; what the drive does not have is no limit.
+    ///
+    /// # Errors
+    /// When an object that the drive has could not be read.
+    pub async fn read(
+        parameters: &dyn ParameterAccess,
+        offset: AxisOffset,
+    ) -> Result<Self, SdoError> {
+        let range = async |min, max| {
+            let min = read_if_there(parameters, offset, min).await?;
+            let max = read_if_there(parameters, offset, max).await?;
+            Ok(min.zip(max).map(|(min, max)| PositionRange { min, max }))
+        };
+        let home_offset = read_if_there(parameters, offset, obj::HOME_OFFSET).await?;
+        Ok(Self {
+            software: range(obj::SOFTWARE_LIMIT_MIN, obj::SOFTWARE_LIMIT_MAX).await?,
+            home_offset: home_offset.unwrap_or(0),
+            position_range: range(obj::POSITION_RANGE_MIN, obj::POSITION_RANGE_MAX).await?,
+            max_velocity: read_if_there(parameters, offset, obj::MAX_PROFILE_VELOCITY).await?,
+        })
+    }
+}
+
+impl<U: AxisUnit> Axis<U> {
+    /// Reads the limits 607Bh, 607Ch, 607Dh and 607Fh of this axis again, and checks moves against them from now on. It is for
+    /// programs that have changed one of them since the axis attached. It replaces what was set with
+    /// `AxisConfig::limits`.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::Sdo`] if an object could not be read, or when the bus is lost: the limits stay as they were then.
+    pub async fn read_limits(&self) -> Result<Limits, AxisError> {
+        let shared = &self.handles.shared;
+        let setup = &shared.setup;
+        let read = Limits::read(&*setup.parameters, setup.offset).await;
+        let limits = read.map_err(|error| shared.error(AxisErrorKind::Sdo(Arc::new(error))))?;
+        self.run(Command::SetLimits(limits)).await?;
+        Ok(limits)
+    }
+
+    /// Reads an object of this axis; none where the drive does not have it.
+    pub(super) async fn read_if_there<T: Number, A: Readable>(
+        &self,
+        object: Object<T, A>,
+    ) -> Result<Option<T>, AxisError> {
+        let shared = &self.handles.shared;
+        let setup = &shared.setup;
+        let read = read_if_there(&*setup.parameters, setup.offset, object).await;
+        read.map_err(|error| shared.error(AxisErrorKind::Sdo(Arc::new(error))))
+    }
+
+    /// Reads the factor objects 608Fh, 6091h, 6092h, 6096h and 6097h of this axis by SDO, and 6093h and 6094h of older drives. A
+    /// drive that has 6093h is taken to follow [`Edition::Version2`]. Objects that the drive does not have are left out.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::Sdo`] if an object could not be read, [`ScaleError::ZeroFactor`] if one is 0.
+    pub async fn factors(&self) -> Result<Factors, AxisError> {
+        let position = self
+            .factor(obj::POSITION_FACTOR_NUMERATOR, obj::POSITION_FACTOR_DIVISOR)
+            .await?;
+        let edition = if position.is_some() {
+            Edition::Version2
+        } else {
+            Edition::Version3
+        };
+        Ok(Factors {
+            edition,
+            encoder: self
+                .factor(obj::ENCODER_INCREMENTS, obj::ENCODER_REVOLUTIONS)
+                .await?,
+            gear: self
+                .factor(obj::GEAR_MOTOR_REVOLUTIONS, obj::GEAR_SHAFT_REVOLUTIONS)
+                .await?,
+            feed: self.factor(obj::FEED, obj::FEED_SHAFT_REVOLUTIONS).await?,
+            position,
+            velocity_encoder: match edition {
+                Edition::Version2 => {
+                    self.factor(
+                        obj::VELOCITY_ENCODER_FACTOR_NUMERATOR,
+                        obj::VELOCITY_ENCODER_FACTOR_DIVISOR,
+                    )
+                    .await?
+                }
+                Edition::Version3 => None,
+            },
+            velocity: self
+                .factor(obj::VELOCITY_FACTOR_NUMERATOR, obj::VELOCITY_FACTOR_DIVISOR)
+                .await?,
+            acceleration: self
+                .factor(
+                    obj::ACCELERATION_FACTOR_NUMERATOR,
+                    obj::ACCELERATION_FACTOR_DIVISOR,
+                )
+                .await?,
+        })
+    }
+
+    async fn factor(
+        &self,
+        numerator: Object<u32, ReadWrite>,
+        divisor: Object<u32, ReadWrite>,
+    ) -> Result<Option<Ratio>, AxisError> {
+        let mut values = [0; 2];
+        for (value, object) in values.iter_mut().zip([numerator, divisor]) {
+            let Some(read) = self.read_if_there(object).await? else {
+                return Ok(None);
+            };
+            if read == 0 {
+                let object = object.address();
+                return Err(self.scale_error(ScaleError::ZeroFactor { object }));
+            }
+            *value = u64::from(read);
+        }
+        let [numerator, divisor] = values;
+        Ratio::new(numerator, divisor)
+            .map(Some)
+            .map_err(|error| self.scale_error(error))
+    }
+}

@@ -1,0 +1,312 @@
+//! What an axis handle's operations fail with: which axis, which drive, and why.
+
+use core::{any::TypeId, fmt, time::Duration};
+use std::sync::Arc;
+
+use crate::{
+    axis::Failure,
+    coe::{DriveId, ObjectAddress, SdoError},
+    ds402::Statusword,
+    pdo_map::LayoutError,
+    units::{AxisUnit, Counts, Scale, ScaleError},
+};
+
+/// An operation of an axis did not end well.
+///
+/// The kind is in the drive's units. The text has positions and velocities in the unit of the handle.
+#[derive(Debug, Clone)]
+pub struct AxisError {
+    /// The axis and its drive.
+    pub identity: Arc<AxisIdentity>,
+    /// Why.
+    pub kind: AxisErrorKind,
+    /// None in counts.
+    unit: Option<Box<ErrorUnit>>,
+}
+
+/// The unit of the handle that an error is of.
+#[derive(Debug, Clone, Copy)]
+struct ErrorUnit {
+    scale: Scale,
+    name: &'static str,
+}
+
+impl AxisError {
+    pub(super) const fn new(identity: Arc<AxisIdentity>, kind: AxisErrorKind) -> Self {
+        Self {
+            identity,
+            kind,
+            unit: None,
+        }
+    }
+
+    /// The same of a handle in this unit.
+    pub(super) fn in_unit(mut self, unit: HandleUnit) -> Self {
+        let HandleUnit { scale, name } = unit;
+        self.unit = name.map(|name| Box::new(ErrorUnit { scale, name }));
+        self
+    }
+
+    /// This error of moves that were to start together and were sent, with the axes whose moves are under way.
+    pub(super) fn of_not_all_started(self, started: Arc<[String]>) -> Self {
+        let cause = Arc::new(self.kind);
+        Self {
+            kind: AxisErrorKind::NotAllStarted { cause, started },
+            ..self
+        }
+    }
+
+    /// The axis core's reason, where the axis itself refused or failed.
+    #[must_use]
+    pub fn failure(&self) -> Option<Failure> {
+        self.kind.failure()
+    }
+
+    /// Why, without the name of the axis, and with positions in the unit of the handle.
+    pub fn reason(&self) -> impl fmt::Display + '_ {
+        Reason(&self.kind, self.unit.as_deref())
+    }
+}
+
+impl core::error::Error for AxisError {}
+
+impl fmt::Display for AxisError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.identity, self.reason())
+    }
+}
+
+/// The unit and the scale of a handle, whatever type it is of.
+#[derive(Clone, Copy)]
+pub(super) struct HandleUnit {
+    pub scale: Scale,
+    /// None in counts.
+    pub name: Option<&'static str>,
+}
+
+/// By its name: the factors are of no use to a reader of a log.
+impl fmt::Debug for HandleUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name.unwrap_or(Counts::NAME))
+    }
+}
+
+impl HandleUnit {
+    /// So many counts, with the unit.
+    pub fn position(self, counts: i32) -> String {
+        let name = self.name.unwrap_or(Counts::NAME);
+        format!("{} {name}", self.scale.position_of(counts))
+    }
+
+    pub fn of<U: AxisUnit>(scale: Scale) -> Self {
+        let is_counts = TypeId::of::<U>() == TypeId::of::<Counts>();
+        Self {
+            scale,
+            name: (!is_counts).then_some(U::NAME),
+        }
+    }
+}
+
+/// An error's kind in the unit of its handle.
+struct Reason<'a>(&'a AxisErrorKind, Option<&'a ErrorUnit>);
+
+impl fmt::Display for Reason<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(kind, Some(unit)) = self else {
+            return fmt::Display::fmt(self.0, f);
+        };
+        match kind {
+            AxisErrorKind::Failed(failure) => unit.write(failure, f),
+            AxisErrorKind::NotAllStarted { cause, started } => {
+                write_not_all_started(&Reason(cause, Some(unit)), started, f)
+            }
+            kind => fmt::Display::fmt(kind, f),
+        }
+    }
+}
+
+impl ErrorUnit {
+    /// What a failure says, with its positions and velocities in this unit.
+    fn write(&self, failure: &Failure, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { scale, name } = self;
+        let at = |counts: i64| scale.position_of(counts);
+        match *failure {
+            Failure::MissedTarget { target, actual } => write!(
+                f,
+                "the drive reports its target reached but stands at {} {name} instead of {} {name}: look for a limit in the drive",
+                at(actual.into()),
+                at(target.into())
+            ),
+            Failure::Unseen { target, actual } => write!(
+                f,
+                "the drive has gone on to the next move while nothing was seen of the axis, which is at {} {name}: whether it was at {} {name} is not known",
+                at(actual.into()),
+                at(target.into())
+            ),
+            Failure::EndNotKnown { actual } => write!(
+                f,
+                "the drive reports its target reached at {} {name}, which is not where the distance leads from where the axis was: it counts from elsewhere or has limited the move; look for a limit in the drive",
+                at(actual.into())
+            ),
+            Failure::NotBegun { actual } => write!(
+                f,
+                "the drive has acknowledged the move and has not begun it, the axis stands at {} {name}: it may begin at any time; stop() it, and look for a brake or an input that holds it",
+                at(actual.into())
+            ),
+            Failure::Unconfirmed { target, actual } => write!(
+                f,
+                "the drive has not acknowledged the move, its buffer was full, and stands at {} {name} instead of {} {name}: it may not have taken it",
+                at(actual.into()),
+                at(target.into())
+            ),
+            Failure::PerhapsSuperseded { actual } => write!(
+                f,
+                "the axis stands at {} {name}, and a later move that the drive has not acknowledged may have taken this one's place: stop() before the next",
+                at(actual.into())
+            ),
+            Failure::BeyondLimit {
+                object,
+                limit,
+                target,
+            } => write!(
+                f,
+                "the target {} {name} lies beyond the limit {} {name} of {object}: move within it, or change it and read the limits again",
+                at(target),
+                at(limit)
+            ),
+            Failure::TooFast { limit, velocity } => write!(
+                f,
+                "the velocity {} {name}/s is above max profile velocity 607Fh, {} {name}/s: the drive would not go as fast",
+                scale.velocity_of(velocity),
+                scale.velocity_of(limit)
+            ),
+            failure => fmt::Display::fmt(&failure, f),
+        }
+    }
+}
+
+fn write_not_all_started(
+    cause: &dyn fmt::Display,
+    started: &[String],
+    f: &mut fmt::Formatter<'_>,
+) -> fmt::Result {
+    write!(
+        f,
+        "moves that were to start together were sent, and this one was not acknowledged: {cause}; "
+    )?;
+    if started.is_empty() {
+        return f.write_str("no drive has acknowledged its own");
+    }
+    write!(
+        f,
+        "acknowledged, and under way, are those of {}",
+        started.join(", ")
+    )
+}
+
+/// The name of an axis and what its drive is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AxisIdentity {
+    /// The axis' name in the program.
+    pub axis: String,
+    /// The drive.
+    pub drive: DriveId,
+}
+
+impl fmt::Display for AxisIdentity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "axis {} ({})", self.axis, self.drive)
+    }
+}
+
+/// Why an operation of an axis did not end well.
+#[derive(Debug, Clone, thiserror::Error)]
+#[non_exhaustive]
+pub enum AxisErrorKind {
+    /// The axis refused or failed.
+    #[error("{0}")]
+    Failed(Failure),
+    /// A number or a factor cannot be converted between the program's units and the drive's; nothing was sent.
+    #[error("{0}")]
+    Scale(ScaleError),
+    /// The mode is leased already; release the other lease first.
+    #[error("a mode of this axis is in use: release it first")]
+    ModeInUse,
+    /// More commands at once than there are places for.
+    #[error("too many commands are waiting")]
+    QueueFull,
+    /// The network was closed, or its thread has ended.
+    #[error("the network is closed")]
+    Closed,
+    /// The object is not in the drive's process data in this direction, or with another length than its type has.
+    #[error("{0}")]
+    Field(LayoutError),
+    /// The object is written by the axis itself.
+    #[error("{object} is written by the axis itself: use its operations")]
+    OwnedByAxis {
+        /// The object, as the drive numbers it for this axis.
+        object: ObjectAddress,
+    },
+    /// An object could not be read or written by SDO.
+    #[error("{0}")]
+    Sdo(Arc<SdoError>),
+    /// The caller waited no longer; nothing was stopped by that.
+    #[error(
+        "no outcome within {within:?} (statusword {statusword}); it goes on, unless it is stopped"
+    )]
+    Late {
+        /// The deadline.
+        within: Duration,
+        /// The last statusword seen.
+        statusword: Statusword,
+    },
+    /// A path has moves of another axis: nothing of such a move was sent.
+    #[error(
+        "this move is one of axis {axis}: a path moves one axis, use `start_together` for several"
+    )]
+    OtherAxis {
+        /// The axis that it is of.
+        axis: String,
+    },
+    /// Moves are started together on the axes of one network, at least one, each axis once.
+    #[error("moves that start together need axes of one network, each of them once")]
+    NotTogether,
+    /// The bits 4 of moves that start together had risen, and one drive has not acknowledged its own. Of any other kind no drive has
+    /// seen anything of the moves.
+    #[error("{}", NotAllStarted(.cause, .started))]
+    NotAllStarted {
+        /// The first reason, of the axis that the error names.
+        cause: Arc<AxisErrorKind>,
+        /// The axes whose drives have acknowledged their moves. These are under way until somebody stops them.
+        started: Arc<[String]>,
+    },
+    /// The axis was declared in another unit than the handle that was asked for.
+    #[error(
+        "the axis was declared in {declared}, not in {asked}: ask for it in that, or in counts"
+    )]
+    WrongUnit {
+        /// The unit of its declaration.
+        declared: &'static str,
+        /// The one that was asked for.
+        asked: &'static str,
+    },
+}
+
+impl AxisErrorKind {
+    fn failure(&self) -> Option<Failure> {
+        match self {
+            Self::Failed(failure) => Some(*failure),
+            Self::NotAllStarted { cause, .. } => cause.failure(),
+            _ => None,
+        }
+    }
+}
+
+/// As text.
+struct NotAllStarted<'a>(&'a AxisErrorKind, &'a [String]);
+
+impl fmt::Display for NotAllStarted<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write_not_all_started(self.0, self.1, f)
+    }
+}

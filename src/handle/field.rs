@@ -1,0 +1,145 @@
+//! Typed fields of a drive's process data beside the ones that the axis itself uses: any object that is mapped.
+
+use core::{fmt, marker::PhantomData};
+use std::sync::Arc;
+
+use crate::{
+    coe::{Number, Object, ObjectAddress, Readable, Writable},
+    pdo_map::{self, Direction, LayoutError, Place},
+    units::AxisUnit,
+};
+
+use super::{Axis, AxisError, AxisErrorKind, shared::Shared};
+
+/// A mapped object that the drive sends.
+pub struct Field<T> {
+    shared: Arc<Shared>,
+    field: pdo_map::Field<T>,
+}
+
+/// A mapped object that the program writes.
+pub struct OutputField<T> {
+    shared: Arc<Shared>,
+    cell: usize,
+    kind: PhantomData<fn(T)>,
+}
+
+impl<U: AxisUnit> Axis<U> {
+    /// An object of the first axis' numbering, read from the process data of this axis.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::Field`] if the drive does not send it, or with another length.
+    pub fn input<T: Number, A: Readable>(
+        &self,
+        object: Object<T, A>,
+    ) -> Result<Field<T>, AxisError> {
+        let shared = &self.handles.shared;
+        let setup = &shared.setup;
+        let field = setup.layout.input(object.offset(setup.offset));
+        Ok(Field {
+            field: field.map_err(|error| shared.error(AxisErrorKind::Field(error)))?,
+            shared: Arc::clone(shared),
+        })
+    }
+
+    /// An object of the first axis' numbering, written through the process data of this axis. Until it is set it is 0
+    /// there.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::Field`] if it is not in the drive's outputs, or with another length. [`AxisErrorKind::OwnedByAxis`] for
+    /// what the axis itself writes (6040h, 6060h, 607Ah, 6081h to 6084h, 6086h, 6098h to 609Ah, 60FFh, of any axis).
+    pub fn output<T: Number, A: Writable>(
+        &self,
+        object: Object<T, A>,
+    ) -> Result<OutputField<T>, AxisError> {
+        let shared = &self.handles.shared;
+        let setup = &shared.setup;
+        let object = object.offset(setup.offset);
+        let address = object.address();
+        if is_owned(address) {
+            let kind = AxisErrorKind::OwnedByAxis { object: address };
+            return Err(shared.error(kind));
+        }
+        let error = |error| shared.error(AxisErrorKind::Field(error));
+        setup.layout.output(object).map_err(error)?;
+        let not_mapped = || LayoutError::NotMapped {
+            object: address,
+            name: object.name(),
+            direction: Direction::Outputs,
+        };
+        Ok(OutputField {
+            cell: shared
+                .output_cell(address)
+                .ok_or_else(|| error(not_mapped()))?,
+            shared: Arc::clone(shared),
+            kind: PhantomData,
+        })
+    }
+}
+
+impl<T: Number> Field<T> {
+    /// The value that came last; [`Axis::status`] says how old it is.
+    #[must_use]
+    pub fn get(&self) -> T {
+        let place = self.field.place();
+        let bytes = self.shared.status.inputs(place.byte);
+        let at_start = pdo_map::Field::new(Place { byte: 0, ..place });
+        at_start
+            .and_then(|field| field.read(&bytes))
+            .unwrap_or(T::from_raw(0))
+    }
+}
+
+impl<T: Number> OutputField<T> {
+    /// Sends this value from the next cycle on.
+    pub fn set(&self, value: T) {
+        self.shared.write_output(self.cell, value.to_raw());
+    }
+
+    /// The value that was set last, by whichever field of this object of this axis; none before the first.
+    #[must_use]
+    pub fn get(&self) -> Option<T> {
+        self.shared.written_output(self.cell).map(T::from_raw)
+    }
+}
+
+impl<T> Clone for Field<T> {
+    fn clone(&self) -> Self {
+        Self {
+            shared: Arc::clone(&self.shared),
+            ..*self
+        }
+    }
+}
+
+impl<T> Clone for OutputField<T> {
+    fn clone(&self) -> Self {
+        Self {
+            shared: Arc::clone(&self.shared),
+            ..*self
+        }
+    }
+}
+
+impl<T: Number + fmt::Debug> fmt::Debug for Field<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Field").field(&self.get()).finish()
+    }
+}
+
+impl<T: Number + fmt::Debug> fmt::Debug for OutputField<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("OutputField").field(&self.get()).finish()
+    }
+}
+
+/// Whether an axis core writes the object: its own or another axis'. Axes lie 0800h apart in 6000h to 9FFFh.
+fn is_owned(object: ObjectAddress) -> bool {
+    let in_profile = (0x6000..=0x9FFF).contains(&object.index);
+    let first_axis = object.index & 0x07FF;
+    in_profile
+        && matches!(
+            first_axis,
+            0x40 | 0x60 | 0x7A | 0x81 | 0x82 | 0x83 | 0x84 | 0x86 | 0x98 | 0x99 | 0x9A | 0xFF
+        )
+}

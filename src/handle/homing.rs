@@ -1,0 +1,339 @@
+//! Homing as a lease of an axis.
+
+use core::{
+    fmt,
+    future::Future,
+    pin::Pin,
+    task::{Context, Poll},
+    time::Duration,
+};
+
+use crate::{
+    axis::{Command, Completion, Delivery, Failure, WaitingFor},
+    coe::{Number, Object, Writable, obj},
+    ds402::Mode,
+    homing::{HomingCommand, HomingParameters},
+    units::{AxisUnit, Counts},
+};
+
+use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pending::Pending};
+
+/// The lease of an axis in homing mode, from [`Axis::homing`].
+///
+/// Dropping it gives the mode back and leaves the motion alone; [`release`](Self::release) ends the motion as well.
+///
+/// ```
+/// # use core::time::Duration;
+/// use servocrab::homing::{HomingMethod, HomingParameters};
+/// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+/// # use servocrab_sim::{Segment, personality::Servo};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # smol::block_on(async {
+/// # // The axis stands 5000 counts above its negative limit switch.
+/// # let servo = Servo::generic().change(|drive| drive.machine.negative_limit = Some(-5_000));
+/// # let mut segment = Segment::new().with(servo.build()).ideal();
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// # let drive = DriveConfig::new(drives::generic()).axis("lift");
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// let lift = net.axis("lift")?;
+/// lift.enable().await?;
+/// let homing = lift.homing().await?;
+/// let parameters = HomingParameters::new(HomingMethod::NEGATIVE_LIMIT)
+///     .speeds(50_000, 5_000)
+///     .acceleration(1_000_000);
+/// homing.home(parameters).within(Duration::from_secs(60)).await?;
+/// assert!(lift.status().referenced);
+/// homing.release().await?; // for the next mode
+/// # net.shutdown().await?;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct Homing<U: AxisUnit = Counts> {
+    axis: Axis<U>,
+    _lease: Lease,
+}
+
+/// Where an axis is, now that it knows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Homed<U: AxisUnit = Counts> {
+    /// Position actual value 6064h at the end of the homing.
+    pub position: U::Signed,
+}
+
+impl<U: AxisUnit> Axis<U> {
+    /// Selects homing (mode 6) and leases it. The lease ends by [`Homing::release`] or by dropping it.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::ModeInUse`] while another lease exists. [`Failure::ModeNotSupported`] where 6502h does not name it.
+    /// Otherwise when the drive does not show the mode in time, the axis moves or is halted in another mode, or the bus is lost.
+    pub async fn homing(&self) -> Result<Homing<U>, AxisError> {
+        let lease = Lease::take(&self.handles)?;
+        self.select(Mode::Homing).await?;
+        Ok(Homing {
+            axis: self.clone(),
+            _lease: lease,
+        })
+    }
+}
+
+impl<U: AxisUnit> Homing<U> {
+    /// The axis.
+    #[must_use]
+    pub const fn axis(&self) -> &Axis<U> {
+        &self.axis
+    }
+
+    /// Homes the axis; resolves when the homing is attained and the axis stands. From then on it is referenced
+    /// ([`Snapshot::referenced`](crate::axis::Snapshot::referenced)).
+    ///
+    /// Method (6098h) and what else is given are written by SDO and confirmed first, or go with the process data where they
+    /// are mapped. There is no limit for the travel unless one is given by [`Home::within`]. Dropped before bit 4 rose,
+    /// the homing is withdrawn; later, the axis is stopped, unless it was asked to go on by [`Home::keep_homing`].
+    ///
+    /// # Errors
+    /// Of the future:
+    /// - [`AxisErrorKind::Sdo`] with the drive's abort for a method or parameter that it does not have;
+    /// - [`Failure::HomingError`] when the drive reports one (bit 13);
+    /// - [`Failure::Halted`] when somebody halted the axis: a halted homing is over, and the axis is to be stopped;
+    /// - [`Failure::QuickStopped`], [`Failure::Disabled`], [`Failure::Fault`], [`Failure::BusLost`];
+    /// - [`Failure::Timeout`] when the drive does not show that it has begun: then whether it has is unknown, and
+    ///   [`Axis::stop`] comes before the next try; or when it does not end within the time that it was given, by which it is stopped;
+    /// - [`AxisErrorKind::Scale`] for a number that cannot be converted into counts: nothing was written then;
+    /// - [`Failure::Zero`] for a speed or acceleration of 0;
+    /// - what refuses every motion: not enabled, halted, another homing under way.
+    pub fn home(&self, parameters: impl Into<HomingParameters<U>>) -> Home<'_, U> {
+        Home {
+            homing: self,
+            parameters: parameters.into(),
+            limit: None,
+            keep: false,
+            result: None,
+        }
+    }
+
+    /// Ends a homing as [`Axis::stop`] does and gives the mode back. An axis that stands and is not halted stays enabled.
+    ///
+    /// # Errors
+    /// When a deadline passes or the bus is lost. The mode is given back all the same.
+    pub async fn release(self) -> Result<(), AxisError> {
+        self.axis.release().await
+    }
+
+    /// `until`: when it is stopped. `keep`: it goes on when nobody waits for it any more.
+    async fn run(
+        &self,
+        parameters: HomingParameters<U>,
+        until: Option<Duration>,
+        keep: bool,
+    ) -> Result<Homed<U>, AxisError> {
+        let scale = self.axis.scale;
+        let parameters = parameters.in_counts(&scale);
+        let parameters = parameters.map_err(|error| self.axis.scale_error(error))?;
+        let asking = self.ask(parameters, until);
+        let mut pending = match until {
+            Some(until) => smol::future::or(asking, self.late_before(until)).await?,
+            None => asking.await?,
+        };
+        if !keep {
+            pending.end_on_drop();
+        }
+        pending.accepted().await?;
+        self.axis.trace("homing");
+        let result = homed(&pending).await.map(|position| Homed {
+            position: scale.position_in::<U>(position),
+        });
+        self.axis.trace(match &result {
+            Ok(_) => "homed",
+            Err(_) => "homing ended",
+        });
+        result
+    }
+
+    /// Writes the parameters and asks for the homing.
+    async fn ask(
+        &self,
+        parameters: HomingParameters,
+        until: Option<Duration>,
+    ) -> Result<Pending, AxisError> {
+        let handles = &self.axis.handles;
+        // A stop that comes while parameters are being written stops this homing as well.
+        let asked = handles.shared.last_stop();
+        let claim = handles.claim_now()?;
+        // What is refused must not have changed the drive's parameters, least of all those of a homing under way.
+        self.axis.run(Command::CheckHome).await?;
+        self.write(&parameters).await?;
+        let offset = match parameters.offset {
+            None if parameters.method.is_motionless() => {
+                self.axis.read_if_there(obj::HOME_OFFSET).await?
+            }
+            offset => offset,
+        };
+        let command = HomingCommand {
+            method: parameters.method,
+            offset,
+            until,
+        };
+        let pending = self.axis.submit_motion(Command::Home(command), asked)?;
+        claim.sent(&pending);
+        Ok(pending)
+    }
+
+    /// The time is over, and nothing was asked for.
+    async fn late_before<T>(&self, until: Duration) -> Result<T, AxisError> {
+        let shared = &self.axis.handles.shared;
+        shared.setup.groups.sleep_until(until).await;
+        let status = shared.snapshot();
+        Err(shared.error(AxisErrorKind::Failed(Failure::Timeout {
+            waiting_for: WaitingFor::HomingEnd,
+            statusword: status.statusword,
+            controlword: status.controlword,
+            delivery: Delivery::NotSent,
+        })))
+    }
+
+    async fn write(&self, parameters: &HomingParameters) -> Result<(), AxisError> {
+        let speeds = [
+            (
+                parameters.switch_speed,
+                obj::HOMING_SWITCH_SPEED,
+                "homing speed 6099h:1",
+            ),
+            (
+                parameters.zero_speed,
+                obj::HOMING_ZERO_SPEED,
+                "homing speed 6099h:2",
+            ),
+            (
+                parameters.acceleration,
+                obj::HOMING_ACCELERATION,
+                "homing acceleration 609Ah",
+            ),
+        ];
+        if let Some((.., name)) = speeds.iter().find(|(value, ..)| *value == Some(0)) {
+            let kind = AxisErrorKind::Failed(Failure::Zero(name));
+            return Err(self.axis.handles.shared.error(kind));
+        }
+        self.put(obj::HOMING_METHOD, parameters.method.0).await?;
+        for (value, object, _) in speeds {
+            if let Some(value) = value {
+                self.put(object, value).await?;
+            }
+        }
+        if let Some(offset) = parameters.offset {
+            self.put(obj::HOME_OFFSET, offset).await?;
+        }
+        Ok(())
+    }
+
+    /// Where the object is mapped, an SDO would be overwritten by the next frame.
+    async fn put<T: Number, A: Writable>(
+        &self,
+        object: Object<T, A>,
+        value: T,
+    ) -> Result<(), AxisError> {
+        let handles = &self.axis.handles;
+        let shared = &handles.shared;
+        match shared.output_cell(handles.of_axis(object.address())) {
+            Some(cell) => {
+                shared.write_output(cell, value.to_raw());
+                Ok(())
+            }
+            None => {
+                handles
+                    .write_parameter(object.address(), value.encode())
+                    .await
+            }
+        }
+    }
+}
+
+/// The position in counts.
+async fn homed(pending: &Pending) -> Result<i32, AxisError> {
+    match pending.done().await? {
+        Completion::Homed { position } => Ok(position),
+        // A homing has no other way to end well.
+        _ => {
+            let kind = AxisErrorKind::Failed(Failure::QUICK_STOPPED);
+            Err(pending.error(kind))
+        }
+    }
+}
+
+/// A homing, and the wait for its end. Dropped after bit 4 rose it stops the axis (bit 8, then quick stop).
+#[must_use = "futures do nothing unless awaited"]
+pub struct Home<'a, U: AxisUnit = Counts> {
+    homing: &'a Homing<U>,
+    parameters: HomingParameters<U>,
+    limit: Option<Duration>,
+    keep: bool,
+    result: Option<BoxFuture<'a, Result<Homed<U>, AxisError>>>,
+}
+
+impl<'a, U: AxisUnit> Home<'a, U> {
+    /// Stops the axis (bit 8, then quick stop) where the homing has not ended within this time of the network, from when it is
+    /// first polled. It then fails as [`Failure::Timeout`] with [`WaitingFor::HomingEnd`]. The axis is stopped also when this
+    /// future is not polled any more. After [`keep_homing`](Self::keep_homing) only the wait ends, with [`AxisErrorKind::Late`].
+    pub const fn within(mut self, limit: Duration) -> Self {
+        self.limit = Some(limit);
+        self
+    }
+
+    /// Lets the drive go on with the homing when this is dropped, or when its time is over, for the reason given. Somebody else has
+    /// to stop the axis then, if it does not find its home.
+    pub fn keep_homing(mut self, reason: &str) -> Self {
+        let identity = self.homing.axis.identity();
+        tracing::info!(
+            target: super::LOG,
+            axis = identity.axis,
+            drive = %identity.drive,
+            reason,
+            "goes on homing when nobody waits for it"
+        );
+        self.keep = true;
+        self
+    }
+
+    fn begin(&self) -> BoxFuture<'a, Result<Homed<U>, AxisError>> {
+        let Self {
+            homing,
+            parameters,
+            limit,
+            keep,
+            ..
+        } = *self;
+        let handles = &homing.axis.handles;
+        match limit {
+            Some(limit) if keep => Box::pin(smol::future::or(
+                homing.run(parameters, None, true),
+                handles.late(limit),
+            )),
+            limit => {
+                let now = handles.shared.setup.groups.now();
+                let until = limit.map(|limit| now.saturating_add(limit));
+                Box::pin(homing.run(parameters, until, keep))
+            }
+        }
+    }
+}
+
+impl<U: AxisUnit> Future for Home<'_, U> {
+    type Output = Result<Homed<U>, AxisError>;
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        if self.result.is_none() {
+            self.result = Some(self.begin());
+        }
+        match &mut self.result {
+            Some(result) => result.as_mut().poll(cx),
+            None => Poll::Pending,
+        }
+    }
+}
+
+impl<U: AxisUnit> fmt::Debug for Home<'_, U> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Home").finish_non_exhaustive()
+    }
+}

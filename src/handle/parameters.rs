@@ -1,0 +1,352 @@
+//! Who writes the parameters of the next motion by SDO: one at a time, and never a lock. A future that is kept and not polled any
+//! more holds others up for a while and no longer.
+
+use core::{
+    future::poll_fn,
+    sync::atomic::Ordering,
+    task::{Poll, Waker},
+    time::Duration,
+};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::{
+    axis::{AxisFields, Failure},
+    coe::{Number, Object, ObjectAddress, Writable, obj},
+    profile_position::Parameters,
+};
+
+use super::{AxisError, AxisErrorKind, axis::Handles, commands::Ticket, pending::Pending};
+
+/// So long a move waits for one that writes its parameters, and gets no further.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Who is at it, and what motions have written.
+#[derive(Debug, Default)]
+pub(super) struct Claims(Mutex<State>);
+
+#[derive(Debug, Default)]
+struct State {
+    holder: Holder,
+    /// How many claims there were.
+    count: u64,
+    /// How many writes of them were confirmed.
+    steps: u64,
+    written: WrittenParameters,
+    waiting: Vec<Waker>,
+}
+
+#[derive(Debug, Clone, Default)]
+enum Holder {
+    #[default]
+    Nobody,
+    /// The claim with this number: its writes go on as its future is polled.
+    Writing(u64),
+    /// The motion is with the bus thread, until the drive has taken it.
+    Sent(Arc<Ticket>),
+}
+
+impl PartialEq for Holder {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Nobody, Self::Nobody) => true,
+            (Self::Writing(one), Self::Writing(other)) => one == other,
+            (Self::Sent(one), Self::Sent(other)) => Arc::ptr_eq(one, other),
+            _ => false,
+        }
+    }
+}
+
+/// The parameters are this motion's.
+#[derive(Debug)]
+pub(super) struct Claim<'a> {
+    handles: &'a Handles,
+    number: u64,
+    pub written: WrittenParameters,
+}
+
+impl Claims {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Handles {
+    /// Claims the parameters for a motion that has no other beside it.
+    ///
+    /// # Errors
+    /// [`Failure::Busy`] where another is at it.
+    pub fn claim_now(&self) -> Result<Claim<'_>, AxisError> {
+        let mut state = self.claims.state();
+        self.take(&mut state).ok_or_else(|| self.busy())
+    }
+
+    /// Claims the parameters for one of several moves: it waits for those before.
+    ///
+    /// # Errors
+    /// [`Failure::Busy`] where one before gets no further, as one does whose future is kept and not polled.
+    pub async fn claim(&self) -> Result<Claim<'_>, AxisError> {
+        let groups = &self.shared.setup.groups;
+        loop {
+            let (seen, steps) = {
+                let mut state = self.claims.state();
+                if let Some(claim) = self.take(&mut state) {
+                    return Ok(claim);
+                }
+                (state.holder.clone(), state.steps)
+            };
+            let changed = poll_fn(|cx| {
+                let mut state = self.claims.state();
+                if state.holder != seen {
+                    return Poll::Ready(());
+                }
+                let waiting = &mut state.waiting;
+                if !waiting.iter().any(|waker| waker.will_wake(cx.waker())) {
+                    waiting.push(cx.waker().clone());
+                }
+                Poll::Pending
+            });
+            // The drive takes what was sent without a word to those who wait here.
+            let taken = self.until_taken(&seen);
+            let late = groups.sleep_until(groups.now().saturating_add(PATIENCE));
+            smol::future::or(smol::future::or(changed, taken), late).await;
+            let state = self.claims.state();
+            let is_late = matches!(seen, Holder::Writing(_)) && state.holder == seen;
+            if is_late && state.steps == steps {
+                return Err(self.busy());
+            }
+        }
+    }
+
+    /// Ready when the motion that was sent has been taken; never where none was.
+    async fn until_taken(&self, holder: &Holder) {
+        match holder {
+            Holder::Sent(ticket) => {
+                let is_over = || self.shared.is_over(ticket).then_some(());
+                self.shared.until(ticket.id, is_over).await;
+            }
+            _ => core::future::pending().await,
+        }
+    }
+
+    fn take(&self, state: &mut State) -> Option<Claim<'_>> {
+        let is_free = match &state.holder {
+            Holder::Nobody => true,
+            Holder::Writing(_) => false,
+            Holder::Sent(ticket) => self.shared.is_over(ticket),
+        };
+        is_free.then(|| {
+            state.count += 1;
+            state.holder = Holder::Writing(state.count);
+            Claim {
+                handles: self,
+                number: state.count,
+                written: core::mem::take(&mut state.written),
+            }
+        })
+    }
+
+    fn busy(&self) -> AxisError {
+        self.shared.error(AxisErrorKind::Failed(Failure::Busy))
+    }
+}
+
+impl Claim<'_> {
+    /// Another write was confirmed.
+    pub fn step(&self) {
+        self.handles.claims.state().steps += 1;
+    }
+
+    /// The motion was asked for: until the drive has taken it no other's parameters come in between.
+    pub fn sent(self, pending: &Pending) {
+        // Dropped then, it wakes those who wait: for the drive, from now on.
+        self.handles.claims.state().holder = Holder::Sent(pending.ticket());
+    }
+}
+
+impl Drop for Claim<'_> {
+    fn drop(&mut self) {
+        let waiting = {
+            let mut state = self.handles.claims.state();
+            state.written = core::mem::take(&mut self.written);
+            if matches!(state.holder, Holder::Writing(number) if number == self.number) {
+                state.holder = Holder::Nobody;
+            }
+            core::mem::take(&mut state.waiting)
+        };
+        waiting.into_iter().for_each(Waker::wake);
+    }
+}
+
+/// What a move needs written by SDO.
+#[derive(Debug, Default)]
+pub(super) struct BySdo {
+    /// Of the move's parameters.
+    writes: Vec<(ObjectAddress, Vec<u8>)>,
+    /// The objects that it leaves out.
+    left_out: Vec<ObjectAddress>,
+    ends_in_motion: bool,
+    /// A speed of zero.
+    pub zero: Option<&'static str>,
+}
+
+/// The objects that moves of an axis have written by SDO.
+#[derive(Debug, Default)]
+pub(super) struct WrittenParameters {
+    written: Vec<Written>,
+    /// How often the drive had been attached anew by then: it has forgotten what was written before.
+    attached: u32,
+}
+
+#[derive(Debug)]
+struct Written {
+    object: ObjectAddress,
+    /// What the drive held before the first move wrote it.
+    before: Vec<u8>,
+    /// Whether the drive may hold something else now.
+    changed: bool,
+}
+
+impl BySdo {
+    /// Takes those parameters out of a move that do not go into the process data.
+    pub fn take(fields: &AxisFields, parameters: &mut Parameters) -> Self {
+        let mut this = Self::default();
+        this.speed(
+            fields.velocity.is_some(),
+            &mut parameters.velocity,
+            obj::PROFILE_VELOCITY,
+            "profile velocity 6081h",
+        );
+        this.speed(
+            fields.acceleration.is_some(),
+            &mut parameters.acceleration,
+            obj::PROFILE_ACCELERATION,
+            "profile acceleration 6083h",
+        );
+        this.speed(
+            fields.deceleration.is_some(),
+            &mut parameters.deceleration,
+            obj::PROFILE_DECELERATION,
+            "profile deceleration 6084h",
+        );
+        this.ends_in_motion =
+            fields.end_velocity.is_none() && parameters.end_velocity.is_some_and(|end| end != 0);
+        this.other(
+            fields.end_velocity.is_some(),
+            &mut parameters.end_velocity,
+            obj::END_VELOCITY,
+        );
+        this.other(
+            fields.profile_type.is_some(),
+            &mut parameters.profile_type,
+            obj::MOTION_PROFILE_TYPE,
+        );
+        this
+    }
+
+    /// Whether anything has to be written to the drive.
+    pub fn is_needed(&self, handles: &Handles) -> bool {
+        !self.writes.is_empty() || handles.parameters_changed.load(Ordering::Acquire)
+    }
+
+    /// Makes the drive's objects what this motion wants, which has claimed them.
+    pub async fn write(self, handles: &Handles, claim: &mut Claim<'_>) -> Result<(), AxisError> {
+        let changed = &handles.parameters_changed;
+        // Said before, and taken back when it is known: a caller may give up in between.
+        changed.store(true, Ordering::Release);
+        let end_velocity = &handles.ends_in_motion;
+        end_velocity.fetch_or(self.ends_in_motion, Ordering::AcqRel);
+        claim.written.begin(handles.shared.attached());
+        for object in self.left_out {
+            // What a move leaves out is again what the drive held.
+            if let Some(before) = claim.written.to_set_back(object) {
+                handles.write_parameter(object, before).await?;
+                claim.written.is_set_back(object);
+                claim.step();
+            }
+        }
+        for (object, value) in self.writes {
+            if !claim.written.will_change(object) {
+                let before = handles.read_parameter(object).await?;
+                claim.written.note(object, before);
+                claim.step();
+            }
+            handles.write_parameter(object, value).await?;
+            claim.step();
+        }
+        changed.store(claim.written.any_changed(), Ordering::Release);
+        Ok(())
+    }
+
+    fn speed<A: Writable>(
+        &mut self,
+        mapped: bool,
+        value: &mut Option<u32>,
+        object: Object<u32, A>,
+        name: &'static str,
+    ) {
+        if !mapped && *value == Some(0) {
+            self.zero = Some(name);
+        }
+        self.other(mapped, value, object);
+    }
+
+    fn other<T: Number, A: Writable>(
+        &mut self,
+        mapped: bool,
+        value: &mut Option<T>,
+        object: Object<T, A>,
+    ) {
+        if mapped {
+            return;
+        }
+        match value.take() {
+            Some(value) => self.writes.push((object.address(), value.encode())),
+            None => self.left_out.push(object.address()),
+        }
+    }
+}
+
+impl WrittenParameters {
+    /// Whether the drive may hold a parameter of an earlier move.
+    fn any_changed(&self) -> bool {
+        self.written.iter().any(|written| written.changed)
+    }
+
+    /// Forgets what was written to a drive that has been attached anew since.
+    fn begin(&mut self, attached: u32) {
+        if core::mem::replace(&mut self.attached, attached) != attached {
+            self.written.clear();
+        }
+    }
+
+    /// What the drive held in this object, where it may hold something else now.
+    fn to_set_back(&self, object: ObjectAddress) -> Option<Vec<u8>> {
+        let mut changed = self.written.iter().filter(|written| written.changed);
+        changed
+            .find(|written| written.object == object)
+            .map(|written| written.before.clone())
+    }
+
+    fn is_set_back(&mut self, object: ObjectAddress) {
+        for written in &mut self.written {
+            written.changed &= written.object != object;
+        }
+    }
+
+    /// This object is about to be written. Whether it is known what the drive held there.
+    fn will_change(&mut self, object: ObjectAddress) -> bool {
+        let known = self
+            .written
+            .iter_mut()
+            .find(|written| written.object == object);
+        known.map(|written| written.changed = true).is_some()
+    }
+
+    fn note(&mut self, object: ObjectAddress, before: Vec<u8>) {
+        self.written.push(Written {
+            object,
+            before,
+            changed: true,
+        });
+    }
+}

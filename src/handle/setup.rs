@@ -1,0 +1,311 @@
+//! What handles of an axis must know, and the two ends that come of it: one for the program, one for the cycle's owner.
+
+use core::{
+    fmt,
+    future::Future,
+    pin::Pin,
+    sync::atomic::{AtomicU32, Ordering},
+};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+use crate::{
+    axis::{AxisCore, AxisFields, DriveSettings, Snapshot, StopRequest},
+    coe::{AxisOffset, ObjectAddress, SdoError, Transfer},
+    ds402::{QuickStopOption, StopOptions, SupportedModes, VelocityWindows},
+    pdo_map::Layout,
+    units::{AxisScale, AxisUnit},
+};
+
+use super::{
+    AxisError, AxisIdentity, AxisPort, GroupQueue,
+    axis::{Axis, Handles},
+    shared::Shared,
+};
+
+/// A future that can be sent to another thread.
+pub type BoxFuture<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
+
+/// SDO access to the drive of an axis, for parameters and codes that are not in its process data.
+pub trait ParameterAccess: Send + Sync {
+    /// Writes an object; ready when the drive has confirmed it.
+    fn write(&self, object: ObjectAddress, value: Vec<u8>) -> BoxFuture<'_, Result<(), SdoError>>;
+
+    /// Reads an object.
+    fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>>;
+}
+
+/// No SDO access: for axes with everything in their process data, in a program without a mailbox client.
+///
+/// ```
+/// use servocrab::{axis::{NoParameters, ParameterAccess}, coe::ObjectAddress};
+/// let read = NoParameters.read(ObjectAddress::new(0x603F, 0));
+/// assert!(smol::block_on(read).is_err());
+/// ```
+#[derive(Debug, Clone, Copy, Default)]
+pub struct NoParameters;
+
+impl ParameterAccess for NoParameters {
+    fn write(&self, object: ObjectAddress, _: Vec<u8>) -> BoxFuture<'_, Result<(), SdoError>> {
+        let transfer = Transfer::write(object);
+        Box::pin(async move { Err(SdoError::Closed { transfer }) })
+    }
+
+    fn read(&self, object: ObjectAddress) -> BoxFuture<'_, Result<Vec<u8>, SdoError>> {
+        let transfer = Transfer::read(object);
+        Box::pin(async move { Err(SdoError::Closed { transfer }) })
+    }
+}
+
+/// What handles of an axis must know of it.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::axis::*;
+/// use servocrab::coe::{AxisOffset, DriveId};
+/// use servocrab::{drives, sii::Identity, units::AxisScale};
+///
+/// let layout = drives::generic().default_mapping()?.layout();
+/// let fields = AxisFields::from_layout(&layout, AxisOffset::default())?;
+/// let mut core = AxisCore::new(CoreConfig::new(fields));
+/// let drive = DriveId { position: 0, name: "lift".into(), identity: Identity::default() };
+/// let (source, mut port) = AxisSetup {
+///     identity: AxisIdentity { axis: "z".into(), drive },
+///     offset: AxisOffset::default(),
+///     fields,
+///     scale: AxisScale::COUNTS,
+///     layout,
+///     parameters: std::sync::Arc::new(NoParameters),
+///     groups: GroupQueue::new(),
+///     index: 0,
+/// }
+/// .open(&core);
+///
+/// // Handles go to the program, the port stays with the cycle.
+/// let axis = source.axis();
+/// let (now, mut outputs) = (Duration::from_millis(1), [0; 19]);
+/// axis.stop_handle().stop();
+/// port.before_send(&mut core, now, &mut outputs);
+/// // … send the outputs, receive the inputs: Switch on disabled, 40h …
+/// let inputs = [0x40, 0x02, 1, 0, 0, 0, 0, 0, 0, 0, 0];
+/// core.step(now, Inputs::Fresh(&inputs), &mut outputs);
+/// port.after_step(&mut core, Some(&inputs));
+/// assert_eq!(axis.status().state, servocrab::ds402::State::SwitchOnDisabled);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct AxisSetup {
+    /// The axis' name, and its drive.
+    pub identity: AxisIdentity,
+    /// By how much the axis' objects lie above those of the drive's first axis.
+    pub offset: AxisOffset,
+    /// Where the core's objects lie, as in its own configuration.
+    pub fields: AxisFields,
+    /// The unit of the axis, and its scale.
+    pub scale: AxisScale,
+    /// Where all mapped objects of the drive lie.
+    pub layout: Layout,
+    /// SDO access to the drive.
+    pub parameters: Arc<dyn ParameterAccess>,
+    /// Where starts of several axes together are asked for: one queue for all axes of a network.
+    pub groups: GroupQueue,
+    /// The axis' number in its network, by which [`Groups`](super::Groups) asks for its core.
+    pub index: usize,
+}
+
+impl fmt::Debug for AxisSetup {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("AxisSetup")
+            .field("identity", &self.identity)
+            .field("index", &self.index)
+            .finish_non_exhaustive()
+    }
+}
+
+impl AxisSetup {
+    /// The two ends of an axis: where its handles come from, and the port for the loop that steps its core.
+    #[must_use]
+    pub fn open(self, core: &AxisCore) -> (AxisSource, AxisPort) {
+        let shared = Arc::new(Shared::new(self, core));
+        let source = AxisSource {
+            shared: Arc::clone(&shared),
+            handles: Arc::default(),
+        };
+        (source, AxisPort::new(shared))
+    }
+}
+
+/// Where handles of an axis come from. It is no handle itself: it keeps no motion alive.
+#[derive(Debug, Clone)]
+pub struct AxisSource {
+    shared: Arc<Shared>,
+    handles: Arc<Mutex<Weak<Handles>>>,
+}
+
+impl AxisSource {
+    /// The axis' name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.shared.identity.axis
+    }
+
+    /// What the handles know of the axis.
+    pub(crate) fn setup(&self) -> &AxisSetup {
+        &self.shared.setup
+    }
+
+    /// The latest snapshot, without a handle.
+    pub(crate) fn snapshot(&self) -> Snapshot {
+        self.shared.snapshot()
+    }
+
+    /// Stops the axis in the next frame, without a handle.
+    pub(crate) fn request_stop(&self, stop: StopRequest) {
+        self.shared.request_stop(stop);
+    }
+
+    /// A handle; all that exist at a time belong together.
+    #[must_use]
+    pub fn axis(&self) -> Axis {
+        let mut known = self.handles.lock().unwrap_or_else(PoisonError::into_inner);
+        let handles = known.upgrade().unwrap_or_else(|| {
+            let handles = Arc::new(Handles::new(Arc::clone(&self.shared)));
+            *known = Arc::downgrade(&handles);
+            handles
+        });
+        Axis::new(handles)
+    }
+
+    /// A handle for the network itself, which is none of the program's: that it is dropped stops nothing.
+    pub(crate) fn own_axis(&self) -> Axis {
+        Axis::new(Arc::new(Handles::of_network(Arc::clone(&self.shared))))
+    }
+
+    /// A handle in the unit in which the axis was declared.
+    ///
+    /// # Errors
+    /// [`AxisErrorKind::WrongUnit`](super::AxisErrorKind::WrongUnit) where that is another.
+    pub fn axis_in<U: AxisUnit>(&self) -> Result<Axis<U>, AxisError> {
+        self.axis().declared_in()
+    }
+}
+
+// What the drive of an axis held when it was attached last, from the bus thread to the handles. Only atomics.
+
+/// Set in the word of an object that the drive has; its 16 bits are the lower ones.
+const IS_THERE: u32 = 1 << 16;
+
+/// Settings that the bus thread writes when a drive is attached, and handles read: neither waits for the other.
+#[derive(Debug)]
+pub(super) struct SettingsCell([AtomicU32; 11]);
+
+impl SettingsCell {
+    pub fn new(settings: DriveSettings) -> Self {
+        let cell = Self(Default::default());
+        cell.set(settings);
+        cell
+    }
+
+    pub fn set(&self, settings: DriveSettings) {
+        let DriveSettings {
+            quick_stop,
+            stop_options: stops,
+            velocity_windows: windows,
+            supported_modes: modes,
+        } = settings;
+        let codes = [
+            Some(quick_stop.0),
+            stops.shutdown,
+            stops.disable_operation,
+            stops.halt,
+            stops.fault_reaction,
+        ];
+        let windows = [
+            windows.window,
+            windows.window_ms,
+            windows.threshold,
+            windows.threshold_ms,
+        ];
+        let codes = codes.map(|code| code.map(i16::cast_unsigned));
+        // The lower and the upper half.
+        let modes = [0, 16].map(|shift| modes.map(|modes| (modes.bits() >> shift) as u16));
+        let values = codes.into_iter().chain(windows).chain(modes);
+        for (cell, value) in self.0.iter().zip(values) {
+            let word = value.map_or(0, |value| IS_THERE | u32::from(value));
+            cell.store(word, Ordering::Release);
+        }
+    }
+
+    pub fn get(&self) -> DriveSettings {
+        let values = self.0.each_ref().map(|cell| {
+            let word = cell.load(Ordering::Acquire);
+            // The lower half.
+            (word & IS_THERE != 0).then_some(word as u16)
+        });
+        let [
+            quick_stop,
+            shutdown,
+            disable_operation,
+            halt,
+            fault_reaction,
+            window,
+            window_ms,
+            threshold,
+            threshold_ms,
+            low_modes,
+            high_modes,
+        ] = values;
+        let code = |value: Option<u16>| value.map(u16::cast_signed);
+        DriveSettings {
+            quick_stop: QuickStopOption(code(quick_stop).unwrap_or_default()),
+            stop_options: StopOptions {
+                shutdown: code(shutdown),
+                disable_operation: code(disable_operation),
+                halt: code(halt),
+                fault_reaction: code(fault_reaction),
+            },
+            velocity_windows: VelocityWindows {
+                window,
+                window_ms,
+                threshold,
+                threshold_ms,
+            },
+            supported_modes: low_modes.zip(high_modes).map(|(low, high)| {
+                SupportedModes::from_bits_retain(u32::from(high) << 16 | u32::from(low))
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod settings_tests {
+    use super::*;
+
+    #[test]
+    fn each_setting_comes_out_as_it_went_in_whatever_the_drive_has() {
+        let all = DriveSettings {
+            quick_stop: QuickStopOption(-6),
+            stop_options: StopOptions {
+                shutdown: Some(1),
+                disable_operation: Some(-1),
+                halt: Some(0),
+                fault_reaction: Some(i16::MIN),
+            },
+            velocity_windows: VelocityWindows {
+                window: Some(1),
+                window_ms: Some(0),
+                threshold: Some(u16::MAX),
+                threshold_ms: Some(40_000),
+            },
+            supported_modes: Some(SupportedModes::from_bits_retain(0x8001_0025)),
+        };
+        let cell = SettingsCell::new(all);
+        assert_eq!(cell.get(), all);
+        let none = DriveSettings {
+            quick_stop: QuickStopOption(0),
+            stop_options: StopOptions::default(),
+            velocity_windows: VelocityWindows::default(),
+            supported_modes: None,
+        };
+        cell.set(none);
+        assert_eq!(cell.get(), none);
+    }
+}

@@ -1,0 +1,516 @@
+//! Moves of several axes whose bits 4 rise in one cycle: all of them or none.
+
+use core::{
+    sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
+    time::Duration,
+};
+use std::sync::Arc;
+
+use crossbeam_queue::ArrayQueue;
+
+use crate::{
+    axis::{AxisCore, CommandId, Failure},
+    profile_position::MoveCommand,
+    units::AxisUnit,
+    wakes::{End, Waiters, Wakes},
+};
+
+use super::{
+    AxisError, AxisErrorKind, Move, MoveRequest, pending::Pending, profile_position::CountsRequest,
+    shared::Shared,
+};
+
+/// Groups that wait to start at once, of one network.
+const GROUPS: usize = 16;
+/// Those who sleep all wait on one channel.
+const TIME: u32 = 0;
+
+/// Where moves are asked to start together: one queue for all axes of a network, a clone in each [`AxisSetup`](super::AxisSetup).
+/// With it goes the word that anything was asked of any of these axes.
+///
+/// ```
+/// use servocrab::axis::GroupQueue;
+/// let queue = GroupQueue::new();
+/// let of_the_first_axis = queue.clone();
+/// let groups = queue.groups();
+/// # drop((of_the_first_axis, groups));
+/// ```
+#[derive(Debug, Clone)]
+pub struct GroupQueue {
+    queues: Arc<Queues>,
+}
+
+#[derive(Debug)]
+struct Queues {
+    /// Whether anything was stored for the bus thread with any of the axes, since it looked.
+    asked: AtomicBool,
+    /// How many futures wait for a change of any of the axes.
+    watchers: AtomicUsize,
+    /// How many cycles there were, where all axes are stepped together.
+    cycles: AtomicU64,
+    /// The time of the last cycle, and when the next of those who sleep is to be woken, in nanoseconds.
+    now: AtomicU64,
+    due: AtomicU64,
+    sleepers: Arc<Waiters>,
+    new: ArrayQueue<Arc<Group>>,
+    /// Back to the program, so that the bus thread frees no memory.
+    over: ArrayQueue<Arc<Group>>,
+    /// Who wakes the futures of all axes.
+    wakes: Wakes,
+    /// None where somebody else ends it.
+    _end: Option<End>,
+}
+
+#[derive(Debug)]
+struct Group {
+    members: Vec<GroupMember>,
+    fired: AtomicBool,
+}
+
+#[derive(Debug)]
+struct GroupMember {
+    axis: usize,
+    id: CommandId,
+    shared: Arc<Shared>,
+}
+
+impl Default for GroupQueue {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl GroupQueue {
+    /// An empty queue. Futures of its axes are woken on its own thread, `servocrab-wake`, so that no waker of the program can delay
+    /// the loop that steps the axes.
+    #[must_use]
+    pub fn new() -> Self {
+        match Wakes::start(None) {
+            Ok((wakes, end)) => Self::of(wakes, Some(end)),
+            Err(error) => {
+                tracing::error!(target: crate::log_target::BUS, %error, "there is no thread that wakes: the cycles wake, and wait for what they wake");
+                Self::in_virtual_time()
+            }
+        }
+    }
+
+    /// An empty queue for a loop in virtual time: futures are woken by [`AxisPort::after_step`](super::AxisPort::after_step), on its
+    /// thread, so that every run is the same.
+    #[must_use]
+    pub fn in_virtual_time() -> Self {
+        let (wakes, end) = Wakes::in_turn();
+        Self::of(wakes, Some(end))
+    }
+
+    /// An empty queue, and who wakes.
+    pub(crate) fn with(wakes: &Wakes) -> Self {
+        Self::of(wakes.clone(), None)
+    }
+
+    fn of(wakes: Wakes, end: Option<End>) -> Self {
+        Self {
+            queues: Arc::new(Queues {
+                sleepers: wakes.waiters(),
+                wakes,
+                _end: end,
+                asked: AtomicBool::new(false),
+                watchers: AtomicUsize::new(0),
+                cycles: AtomicU64::new(0),
+                now: AtomicU64::new(0),
+                due: AtomicU64::new(u64::MAX),
+                new: ArrayQueue::new(GROUPS),
+                over: ArrayQueue::new(2 * GROUPS),
+            }),
+        }
+    }
+
+    /// To be called after an axis has got a request.
+    pub(super) fn ask(&self) {
+        // Exchanged and not stored: the reader sees what each of several threads has asked for, and not the last one's alone.
+        self.queues.asked.swap(true, Ordering::Release);
+    }
+
+    /// To be held by a task that waits for a change of any of the axes.
+    pub(super) fn watch(&self) -> Watch<'_> {
+        self.queues.watchers.fetch_add(1, Ordering::AcqRel);
+        Watch(&self.queues)
+    }
+
+    /// Where the futures of an axis wait.
+    pub(super) fn waiters(&self) -> Arc<Waiters> {
+        self.queues.wakes.waiters()
+    }
+
+    /// Has those woken for whom there is something new.
+    pub(super) fn hand_over(&self) {
+        self.queues.wakes.hand_over();
+    }
+
+    /// How many cycles there were in which all axes were stepped, or left at rest.
+    pub(super) fn cycles(&self) -> u64 {
+        self.queues.cycles.load(Ordering::Acquire)
+    }
+
+    /// The network's time: that of its last cycle.
+    pub(super) fn now(&self) -> Duration {
+        Duration::from_nanos(self.queues.now.load(Ordering::Acquire))
+    }
+
+    /// Sleeps until this moment of the network's time, which does not come once the network has ended.
+    pub(super) async fn sleep_until(&self, until: Duration) {
+        let queues = &self.queues;
+        let is_over = || {
+            if self.now() >= until {
+                return Some(());
+            }
+            queues.due.fetch_min(nanoseconds(until), Ordering::SeqCst);
+            None
+        };
+        queues.sleepers.until(TIME, is_over).await;
+    }
+
+    /// Says what time it is; to be called once a cycle.
+    pub(super) fn note_time(&self, now: Duration) {
+        self.queues.note_time(now);
+    }
+
+    /// The bus thread's end. There is to be one.
+    #[must_use]
+    pub fn groups(&self) -> Groups {
+        Groups {
+            queues: Arc::clone(&self.queues),
+            waiting: Vec::with_capacity(GROUPS),
+        }
+    }
+}
+
+impl Queues {
+    #[inline]
+    fn note_time(&self, now: Duration) {
+        let now = nanoseconds(now);
+        self.now.store(now, Ordering::Release);
+        if now >= self.due.load(Ordering::Relaxed) {
+            self.wake_sleepers();
+        }
+    }
+
+    #[cold]
+    fn wake_sleepers(&self) {
+        // Who sleeps on says so again.
+        self.due.store(u64::MAX, Ordering::SeqCst);
+        self.sleepers.announce(TIME);
+    }
+}
+
+fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// Somebody waits for a change.
+pub(super) struct Watch<'a>(&'a Queues);
+
+impl Drop for Watch<'_> {
+    fn drop(&mut self) {
+        self.0.watchers.fetch_sub(1, Ordering::AcqRel);
+    }
+}
+
+/// The axes of a network, as [`Groups::advance`] asks for them.
+pub trait AxisSet {
+    /// The core of the axis with this number, and the outputs of its drive that are about to be sent.
+    fn axis(&mut self, index: usize) -> Option<(&mut AxisCore, &mut [u8])>;
+}
+
+/// The groups that wait for their start.
+#[derive(Debug)]
+pub struct Groups {
+    queues: Arc<Queues>,
+    waiting: Vec<Arc<Group>>,
+}
+
+impl Groups {
+    /// Whether any of the axes has been asked for anything since this was called last: else none of their ports needs to be
+    /// looked at before sending.
+    pub(crate) fn take_asked(&self) -> bool {
+        self.queues.asked.swap(false, Ordering::AcqRel)
+    }
+
+    /// Whether anybody waits for a change of any of the axes, as far as [`stored`](crate::wakes::stored) was called before.
+    pub(crate) fn are_watched(&self) -> bool {
+        self.queues.watchers.load(Ordering::Relaxed) != 0
+    }
+
+    /// Says how many cycles there were; to be called when every axis was stepped and passed on, or left at rest.
+    pub(crate) fn count_to(&self, cycles: u64) {
+        self.queues.cycles.store(cycles, Ordering::Release);
+    }
+
+    /// Starts the groups of which every move has what it needs, and gives up those of which one has failed.
+    ///
+    /// To be called after [`AxisPort::before_send`](super::AxisPort::before_send) of every axis and right before
+    /// sending: then no stop can come between the rise of one bit 4 and another.
+    pub fn advance(&mut self, now: Duration, axes: &mut impl AxisSet) {
+        self.queues.note_time(now);
+        while self.waiting.len() < GROUPS
+            && let Some(group) = self.queues.new.pop()
+        {
+            self.waiting.push(group);
+        }
+        let queues = &self.queues;
+        self.waiting.retain(|group| {
+            let over = group.advance(now, axes);
+            if over {
+                // Where there is no room it is freed here.
+                let _ = queues.over.push(Arc::clone(group));
+            }
+            !over
+        });
+    }
+}
+
+impl Group {
+    /// Whether there is nothing more to do for it.
+    fn advance(&self, now: Duration, axes: &mut impl AxisSet) -> bool {
+        let failed = |member: &GroupMember| member.shared.is_done(member.id);
+        if self.members.iter().any(failed) {
+            self.withdraw(axes);
+            return true;
+        }
+        let mut is_armed = |member: &GroupMember| {
+            axes.axis(member.axis)
+                .is_some_and(|(core, _)| core.is_armed(member.id))
+        };
+        if !self.members.iter().all(&mut is_armed) {
+            return false;
+        }
+        for member in &self.members {
+            if let Some((core, outputs)) = axes.axis(member.axis) {
+                core.fire(now, member.id, outputs);
+            }
+        }
+        self.fired.store(true, Ordering::Release);
+        true
+    }
+
+    fn withdraw(&self, axes: &mut impl AxisSet) {
+        for member in &self.members {
+            if let Some((core, outputs)) = axes.axis(member.axis) {
+                core.withdraw(member.id, outputs);
+                while let Some((id, event)) = core.poll_event() {
+                    member.shared.report(id, event);
+                }
+            }
+        }
+    }
+}
+
+/// Moves that start together: an array or a `Vec` of moves in one unit, a tuple of moves in any.
+///
+/// Sealed: no other type can be one.
+pub trait Together: sealed::Requests {}
+
+impl<T: sealed::Requests> Together for T {}
+
+mod sealed {
+    use super::{AxisError, AxisErrorKind, AxisUnit, CountsRequest, Move, MoveRequest, Pending};
+
+    /// What [`start_together`](super::start_together) asks of its moves.
+    pub trait Requests {
+        /// The same moves under way.
+        type Moves;
+
+        #[expect(private_interfaces, reason = "the trait is sealed")]
+        fn in_counts(&self) -> Vec<CountsRequest>;
+
+        /// In the same order.
+        #[expect(private_interfaces, reason = "the trait is sealed")]
+        fn under_way(self, pending: Vec<Pending>) -> Result<Self::Moves, AxisError>;
+    }
+
+    impl<U: AxisUnit> Requests for Vec<MoveRequest<U>> {
+        type Moves = Vec<Move<U>>;
+
+        #[expect(private_interfaces, reason = "the trait is sealed")]
+        fn in_counts(&self) -> Vec<CountsRequest> {
+            self.iter().map(MoveRequest::in_counts).collect()
+        }
+
+        #[expect(private_interfaces, reason = "the trait is sealed")]
+        fn under_way(self, pending: Vec<Pending>) -> Result<Self::Moves, AxisError> {
+            let moves = self.into_iter().zip(pending);
+            let moves = moves.map(|(request, pending)| Move::new(pending, request.command));
+            Ok(moves.collect())
+        }
+    }
+
+    impl<U: AxisUnit, const N: usize> Requests for [MoveRequest<U>; N] {
+        type Moves = Vec<Move<U>>;
+
+        #[expect(private_interfaces, reason = "the trait is sealed")]
+        fn in_counts(&self) -> Vec<CountsRequest> {
+            self.iter().map(MoveRequest::in_counts).collect()
+        }
+
+        #[expect(private_interfaces, reason = "the trait is sealed")]
+        fn under_way(self, pending: Vec<Pending>) -> Result<Self::Moves, AxisError> {
+            Vec::from(self).under_way(pending)
+        }
+    }
+
+    macro_rules! tuple {
+        ($($unit:ident $field:tt)+) => {
+            impl<$($unit: AxisUnit),+> Requests for ($(MoveRequest<$unit>,)+) {
+                type Moves = ($(Move<$unit>,)+);
+
+                #[expect(private_interfaces, reason = "the trait is sealed")]
+                fn in_counts(&self) -> Vec<CountsRequest> {
+                    vec![$(self.$field.in_counts()),+]
+                }
+
+                #[expect(private_interfaces, reason = "the trait is sealed")]
+                fn under_way(self, pending: Vec<Pending>) -> Result<Self::Moves, AxisError> {
+                    // There are as many as there are moves.
+                    let none = || self.0.axis.handles.shared.error(AxisErrorKind::Closed);
+                    let mut pending = pending.into_iter();
+                    Ok(($(Move::new(pending.next().ok_or_else(none)?, self.$field.command),)+))
+                }
+            }
+        };
+    }
+
+    tuple!(A 0 B 1);
+    tuple!(A 0 B 1 C 2);
+    tuple!(A 0 B 1 C 2 D 3);
+    tuple!(A 0 B 1 C 2 D 3 E 4);
+    tuple!(A 0 B 1 C 2 D 3 E 4 F 5);
+}
+
+/// Starts moves of several axes of one network in one cycle (and one frame, where their drives share it): every bit 4 rises, or none
+/// does. Resolves when all drives have acknowledged.
+///
+/// Dropped before the bits rose, nothing is started.
+///
+/// ```
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # use servocrab::{bus::{AxisConfig, DriveConfig, Network}, drives, link::Wire};
+/// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+/// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+/// use servocrab::{axis::start_together, profile_position::SetPoint, units::{Degree, Mm, Ratio, Scale}};
+/// # let drive = DriveConfig::new(drives::akd2g())
+/// #     .axis(AxisConfig::new("x").unit::<Mm>(Scale::counts_per_unit(Ratio::new(1000, 1)?))).axis(AxisConfig::new("turret").unit::<Degree>(Scale::counts_per_unit(Ratio::new(3600, 360)?)));
+/// # smol::block_on(async {
+/// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+/// let (x, turret) = (net.axis_in::<Mm>("x")?, net.axis_in::<Degree>("turret")?);
+/// x.enable().await?;
+/// turret.enable().await?;
+/// let (on_x, on_turret) = (x.profile_position().await?, turret.profile_position().await?);
+/// // Moves in different units are a tuple; those in one may be an array or a `Vec`.
+/// let (there, round) = start_together((
+///     on_x.rel(2.5, SetPoint::new().velocity(50.0)),
+///     on_turret.rel(90.0, SetPoint::new().velocity(720.0)),
+/// )).await?;
+/// println!("{} mm", there.done().await?.position());
+/// assert!((round.done().await?.position() - 90.0).abs() < 0.5);
+/// # net.shutdown().await?;
+/// # Ok(())
+/// # })
+/// # }
+/// ```
+///
+/// # Errors
+/// The first reason. [`AxisErrorKind::NotAllStarted`] where the bits had risen: then the error names the axes whose drives have
+/// acknowledged their moves, which are under way. By any other error no drive has seen anything of the moves.
+pub async fn start_together<R: Together>(requests: R) -> Result<R::Moves, AxisError> {
+    let pending = start(&requests.in_counts()).await?;
+    requests.under_way(pending)
+}
+
+/// Gives what is under way in the order of the requests.
+async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
+    let Some(first) = requests.first() else {
+        return Ok(Vec::new());
+    };
+    let shared_of = |request: &CountsRequest| Arc::clone(&request.handles.shared);
+    let queues = &shared_of(first).setup.groups.queues;
+    while queues.over.pop().is_some() {}
+    for (n, request) in requests.iter().enumerate() {
+        let shared = shared_of(request);
+        let twice = requests
+            .iter()
+            .take(n)
+            .any(|other| Arc::ptr_eq(&shared_of(other), &shared));
+        if twice || !Arc::ptr_eq(&shared.setup.groups.queues, queues) {
+            return Err(shared.error(AxisErrorKind::NotTogether));
+        }
+    }
+
+    // In the order of the axes, so that two groups never wait for each other.
+    let mut in_order: Vec<&CountsRequest> = requests.iter().collect();
+    in_order.sort_by_key(|request| request.handles.shared.setup.index);
+    // A stop that comes while parameters are being written stops these moves as well.
+    let asked: Vec<_> = in_order.iter().map(|request| request.last_stop()).collect();
+    let mut prepared = Vec::new();
+    let mut claims = Vec::new();
+    for (request, asked) in in_order.into_iter().zip(asked) {
+        let (command, claim) = request.prepare().await?;
+        prepared.push((request, command, asked));
+        claims.push(claim);
+    }
+    // Dropped on the way out, what was submitted is withdrawn.
+    let mut pending: Vec<Pending> = Vec::new();
+    for ((request, command, asked), claim) in prepared.iter().zip(claims) {
+        let command = MoveCommand {
+            gated: true,
+            ..*command
+        };
+        let submitted = request.submit(command, *asked)?;
+        if let Some(claim) = claim {
+            claim.sent(&submitted);
+        }
+        pending.push(submitted);
+    }
+    let group = Arc::new(Group {
+        members: prepared
+            .iter()
+            .zip(&pending)
+            .map(|((request, ..), pending)| GroupMember {
+                axis: request.handles.shared.setup.index,
+                id: pending.id,
+                shared: shared_of(request),
+            })
+            .collect(),
+        fired: AtomicBool::new(false),
+    });
+    if queues.new.push(Arc::clone(&group)).is_err() {
+        return Err(shared_of(first).error(AxisErrorKind::QueueFull));
+    }
+
+    let mut started = Vec::new();
+    let mut errors = Vec::new();
+    for ((request, ..), pending) in prepared.iter().zip(pending) {
+        match request.accepted(pending).await {
+            Ok(accepted) => started.push((*request, accepted)),
+            Err(error) => errors.push(error),
+        }
+    }
+    // As they were asked for.
+    started.sort_by_key(|(of, _)| {
+        requests
+            .iter()
+            .position(|request| core::ptr::eq(*of, request))
+    });
+    if errors.is_empty() {
+        return Ok(started.into_iter().map(|(_, accepted)| accepted).collect());
+    }
+    // The one that failed by itself says more than those that were withdrawn for it.
+    let own = errors
+        .iter()
+        .position(|error| error.failure() != Some(Failure::Withdrawn));
+    let error = errors.swap_remove(own.unwrap_or(0));
+    if !group.fired.load(Ordering::Acquire) {
+        return Err(error);
+    }
+    let started = started.iter();
+    let started = started.map(|(request, _)| request.handles.shared.identity.axis.clone());
+    Err(error.of_not_all_started(started.collect()))
+}

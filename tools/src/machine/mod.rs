@@ -1,0 +1,316 @@
+//! `machine.toml`: the devices of a line, in order. `init` writes it, `sim` simulates it, `check` compares a line with it.
+
+pub(crate) mod check;
+pub(crate) mod init;
+mod rust;
+pub(crate) mod simulate;
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use servocrab::{
+    bus::{DistributedClock, DriveConfig, Expected, IoConfig, NetworkBuilder},
+    coe::{AnyObject, ObjectAddress},
+    drives::{self, DriveDescription},
+    esi::Esi,
+};
+
+use crate::output::Failure;
+
+/// The longest file that is read, in bytes: some ten thousand devices.
+const LONGEST: u64 = 1 << 20;
+
+/// A line, as a file has it.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Machine {
+    /// Time from one cycle to the next.
+    #[serde(default = "a_millisecond")]
+    pub(crate) cycle_us: u32,
+    /// In the line's order.
+    #[serde(default, rename = "device")]
+    pub(crate) devices: Vec<Device>,
+    /// Where the file stands: the ESI files that it names stand beside it.
+    #[serde(skip)]
+    directory: PathBuf,
+}
+
+const fn a_millisecond() -> u32 {
+    1000
+}
+
+/// What a device is to the program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Kind {
+    Akd2g,
+    Ax2000,
+    Pp2010,
+    Sigma7,
+    /// A drive with the objects of CiA 402, less those that it does not have.
+    Generic,
+    /// A drive by its maker's file.
+    Esi,
+    /// No drive; its inputs and outputs are exchanged.
+    Io,
+    /// No process data: a coupler, a junction.
+    Other,
+}
+
+impl Kind {
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Akd2g => "akd2g",
+            Self::Ax2000 => "ax2000",
+            Self::Pp2010 => "pp2010",
+            Self::Sigma7 => "sigma7",
+            Self::Generic => "generic",
+            Self::Esi => "esi",
+            Self::Io => "io",
+            Self::Other => "other",
+        }
+    }
+
+    pub(crate) const fn is_drive(self) -> bool {
+        !matches!(self, Self::Io | Self::Other)
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Device {
+    /// What it calls itself; I/O devices are called so in the program.
+    pub(crate) name: String,
+    pub(crate) kind: Kind,
+    pub(crate) vendor: u32,
+    pub(crate) product: u32,
+    pub(crate) revision: u32,
+    /// 0 where it has none, or any will do.
+    #[serde(default)]
+    pub(crate) serial: u32,
+    #[serde(default)]
+    pub(crate) alias: u16,
+    /// The bits of its distributed clock.
+    pub(crate) clock_bits: Option<u8>,
+    /// By which it is synchronised; without it, it is not.
+    pub(crate) assign_activate: Option<u16>,
+    pub(crate) esi: Option<PathBuf>,
+    /// Objects of the profile that a plain drive does not have.
+    #[serde(default)]
+    pub(crate) absent: Vec<Address>,
+    /// The names of a drive's axes, in order.
+    #[serde(default)]
+    pub(crate) axes: Vec<String>,
+    /// The inputs and outputs of a device that is no drive.
+    #[serde(default, rename = "point")]
+    pub(crate) points: Vec<Point>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Point {
+    pub(crate) direction: Direction,
+    /// The names of its PDO and of its entry, with a dot between.
+    pub(crate) name: String,
+    /// 0000h:00 for a gap.
+    pub(crate) object: Address,
+    pub(crate) bits: u8,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Direction {
+    Input,
+    Output,
+}
+
+/// Index and subindex as a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub(crate) struct Address(pub(crate) ObjectAddress);
+
+impl TryFrom<String> for Address {
+    type Error = servocrab::coe::NoAddress;
+
+    fn try_from(text: String) -> Result<Self, Self::Error> {
+        text.parse().map(Self)
+    }
+}
+
+impl Machine {
+    pub(crate) fn load(file: &Path) -> Result<Self, Failure> {
+        let named = |error: &dyn std::fmt::Display| format!("{}: {error}", file.display());
+        let length = std::fs::metadata(file)
+            .map_err(|error| named(&error))?
+            .len();
+        if length > LONGEST {
+            return Err(named(&format!(
+                "it has {length} bytes, and at most {LONGEST} are read"
+            ))
+            .into());
+        }
+        let text = std::fs::read_to_string(file).map_err(|error| named(&error))?;
+        let mut machine = Self::from_toml(&text).map_err(|error| named(&error))?;
+        machine.directory = file.parent().unwrap_or(Path::new("")).to_owned();
+        Ok(machine)
+    }
+
+    fn from_toml(text: &str) -> Result<Self, Failure> {
+        let machine: Self = toml::from_str(text)?;
+        if !(100..=20_000).contains(&machine.cycle_us) {
+            return Err(format!("cycle_us = {}: expected 100 to 20000", machine.cycle_us).into());
+        }
+        for (position, device) in machine.devices.iter().enumerate() {
+            let wrong =
+                |what: &str| Err(format!("device {position} \"{}\": {what}", device.name).into());
+            match (device.kind, &device.esi) {
+                (Kind::Esi, None) => {
+                    return wrong("kind = \"esi\" needs the file's name: esi = \"drive.xml\"");
+                }
+                (Kind::Esi, Some(_)) | (_, None) => {}
+                (_, Some(_)) => return wrong("esi = is for a device of kind = \"esi\""),
+            }
+            if device.axes.len() > 8 {
+                return wrong("axes: a drive has eight at most");
+            }
+            if !matches!(device.clock_bits, None | Some(32 | 64)) {
+                return wrong("clock_bits: expected 32 or 64");
+            }
+        }
+        Ok(machine)
+    }
+
+    /// Where the device's ESI file is, if it has one.
+    pub(crate) fn esi_of(&self, device: &Device) -> Option<PathBuf> {
+        device.esi.as_ref().map(|file| self.directory.join(file))
+    }
+
+    /// The network of this line, and of no other.
+    pub(crate) fn on(&self, network: NetworkBuilder) -> Result<NetworkBuilder, Failure> {
+        let mut network = network
+            .cycle(std::time::Duration::from_micros(self.cycle_us.into()))
+            .complete();
+        for (position, device) in (0..).zip(&self.devices) {
+            network = match device.kind {
+                Kind::Other => network.expect(position, device.expected()),
+                Kind::Io => network.io(
+                    position,
+                    IoConfig::new(&device.io_name(position), device.expected()),
+                ),
+                _ => network.drive(position, self.drive(device)?),
+            };
+        }
+        Ok(network)
+    }
+
+    pub(crate) fn drive(&self, device: &Device) -> Result<DriveConfig, Failure> {
+        let mut drive = DriveConfig::new(self.description(device)?).revision(device.revision);
+        if device.serial != 0 {
+            drive = drive.serial(device.serial);
+        }
+        if let Some(word) = device.assign_activate {
+            drive = drive.dc(DistributedClock::new(word));
+        }
+        Ok(device
+            .axes
+            .iter()
+            .fold(drive, |drive, axis| drive.axis(axis.as_str())))
+    }
+
+    /// The drive's description, for a drive of this vendor and product alone.
+    fn description(&self, device: &Device) -> Result<DriveDescription, Failure> {
+        let mut description = match device.kind {
+            Kind::Akd2g => drives::akd2g(),
+            Kind::Ax2000 => drives::ax2000(),
+            Kind::Pp2010 => drives::pp2010(),
+            Kind::Sigma7 => drives::sigma7(),
+            Kind::Generic => {
+                let axes = u8::try_from(device.axes.len()).unwrap_or(u8::MAX);
+                let absent: Vec<_> = device.absent.iter().map(|address| address.0).collect();
+                without(drives::generic(), &absent).with_axes(axes.max(1), 0x10)
+            }
+            Kind::Esi => {
+                let file = self.esi_of(device).ok_or("kind = \"esi\" without a file")?;
+                let esi = Esi::load(&file)?;
+                let found = esi.device(device.product, device.revision);
+                let found = found.ok_or_else(|| {
+                    format!(
+                        "{}: there is no device with product code {:08X}h in it",
+                        file.display(),
+                        device.product
+                    )
+                })?;
+                found.description()?
+            }
+            Kind::Io | Kind::Other => return Err(format!("\"{}\" is no drive", device.name).into()),
+        };
+        description.vendor = Some(device.vendor);
+        description.product = Some(device.product);
+        Ok(description)
+    }
+}
+
+/// The description without objects that a drive does not have.
+pub(crate) fn without(
+    mut description: DriveDescription,
+    absent: &[ObjectAddress],
+) -> DriveDescription {
+    let there = |object: &AnyObject| !absent.contains(&object.address());
+    for axis in &mut description.axes {
+        axis.outputs.retain(there);
+        axis.inputs.retain(there);
+    }
+    description
+}
+
+impl Device {
+    fn expected(&self) -> Expected {
+        let expected = Expected::new(self.vendor, self.product)
+            .named(self.name.clone())
+            .revision(self.revision);
+        match self.serial {
+            0 => expected,
+            serial => expected.serial(serial),
+        }
+    }
+
+    /// How a program calls it.
+    pub(crate) fn io_name(&self, position: u16) -> String {
+        format!("io {position}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_cannot_be_meant_is_refused_with_the_reason() {
+        let device = "[[device]]\nname = \"x\"\nvendor = 1\nproduct = 2\nrevision = 3\n";
+        for (text, why) in [
+            ("cycle_us = 5".to_owned(), "expected 100 to 20000"),
+            (format!("{device}kind = \"esi\""), "needs the file's name"),
+            (
+                format!("{device}kind = \"io\"\nesi = \"a.xml\""),
+                "is for a device of kind",
+            ),
+            (format!("{device}kind = \"drive\""), "unknown variant"),
+            (
+                format!("{device}kind = \"io\"\nclock_bits = 16"),
+                "expected 32 or 64",
+            ),
+            (
+                format!("{device}kind = \"generic\"\naxes = {:?}", ["x"; 9]),
+                "eight at most",
+            ),
+            (
+                format!("{device}kind = \"generic\"\nabsent = [\"606C\"]"),
+                "hexadecimal",
+            ),
+            ("what = 1".to_owned(), "unknown field"),
+        ] {
+            let error = Machine::from_toml(&text).unwrap_err().to_string();
+            assert!(error.contains(why), "{text}: {error}");
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! What all commands share: how they report, ask, end, and are interrupted.
+
+use std::{
+    error::Error,
+    fmt::{Display, Write as _},
+    io::{self, ErrorKind, IsTerminal, Write},
+    process::ExitCode,
+};
+
+use serde_json::{Value, json};
+use smol::channel::{Receiver, bounded};
+
+/// Why a command failed.
+pub(crate) type Failure = Box<dyn Error>;
+
+/// What a command ends with: whether all is as it should be.
+pub(crate) type Done = Result<bool, Failure>;
+
+/// How to report, and whether somebody has pressed Ctrl-C.
+pub(crate) struct Tool {
+    pub(crate) json: bool,
+    /// Closed by Ctrl-C or SIGTERM.
+    interrupt: Receiver<()>,
+}
+
+/// Somebody pressed Ctrl-C, or sent SIGTERM.
+#[derive(Debug, thiserror::Error)]
+#[error("interrupted")]
+pub(crate) struct Interrupted;
+
+impl Tool {
+    /// From here on Ctrl-C is heard.
+    pub(crate) fn new(json: bool) -> Result<Self, Failure> {
+        let (sender, interrupt) = bounded(1);
+        ctrlc::set_handler(move || {
+            sender.close();
+        })?;
+        Ok(Self { json, interrupt })
+    }
+
+    /// The work's result, unless Ctrl-C comes first: then the work is dropped, which ends what it has begun on a line.
+    pub(crate) async fn unless_interrupted<T>(
+        &self,
+        work: impl Future<Output = Result<T, Failure>>,
+    ) -> Result<T, Failure> {
+        smol::future::or(work, async {
+            self.interrupted().await;
+            Err(Interrupted.into())
+        })
+        .await
+    }
+
+    /// Waits for Ctrl-C.
+    pub(crate) async fn interrupted(&self) {
+        // Nothing is ever sent.
+        let _ = self.interrupt.recv().await;
+    }
+
+    /// Closed by Ctrl-C, for other threads.
+    pub(crate) fn interrupt(&self) -> Receiver<()> {
+        self.interrupt.clone()
+    }
+
+    pub(crate) fn is_interrupted(&self) -> bool {
+        self.interrupt.is_closed()
+    }
+
+    /// The result: JSON for programs, or text.
+    pub(crate) fn say(&self, json: &Value, text: impl Display) -> io::Result<()> {
+        match self.json {
+            true => put(format_args!("{json:#}\n")),
+            false => put(text),
+        }
+    }
+
+    /// Something beside the result, on the error output.
+    pub(crate) fn note(&self, text: impl Display) {
+        // Where nobody reads it there is nothing to be done.
+        let _ = match self.json {
+            true => writeln!(io::stderr(), "{}", json!({"note": text.to_string()})),
+            false => writeln!(io::stderr(), "servocrab: {text}"),
+        };
+    }
+
+    /// Whether to go on. Without `--yes` the question is put to the terminal; where there is none, that is an error.
+    pub(crate) async fn agreed(&self, yes: bool, question: &str) -> Result<(), Failure> {
+        if yes {
+            return Ok(());
+        }
+        if self.json || !io::stdin().is_terminal() {
+            return Err(format!(
+                "{question} There is no terminal to answer at: say --yes to do it, or --dry-run to see what would be done"
+            )
+            .into());
+        }
+        write!(io::stderr(), "{question} [y/N] ")?;
+        // On a thread of its own, so that Ctrl-C is heard meanwhile.
+        let asked = smol::unblock(|| {
+            let mut answer = String::new();
+            io::stdin().read_line(&mut answer).map(|_| answer)
+        });
+        let answer = self.unless_interrupted(async { Ok(asked.await?) }).await?;
+        match answer.trim() {
+            "y" | "Y" | "yes" => Ok(()),
+            _ => Err("nothing was done: the answer was not yes".into()),
+        }
+    }
+}
+
+/// Writes to the standard output; that its reader has gone away is an error and no panic.
+pub(crate) fn put(text: impl Display) -> io::Result<()> {
+    let mut output = io::stdout().lock();
+    output.write_fmt(format_args!("{text}"))?;
+    output.flush()
+}
+
+/// Rows under a heading, each column as wide as its widest cell.
+pub(crate) fn table<const N: usize>(heading: [&str; N], rows: &[[String; N]]) -> String {
+    let heading = heading.map(String::from);
+    let all = || [&heading].into_iter().chain(rows);
+    let widths: [usize; N] = std::array::from_fn(|column| {
+        let cells = all().map(|row| row[column].chars().count());
+        cells.max().unwrap_or(0)
+    });
+    let mut text = String::new();
+    for row in all() {
+        let mut line = String::new();
+        for (cell, width) in row.iter().zip(widths) {
+            let _ = write!(line, "{cell:width$}  ");
+        }
+        text.push_str(line.trim_end());
+        text.push('\n');
+    }
+    text
+}
+
+/// The exit code; an error is told on the error output.
+pub(crate) fn end(done: Done, json: bool) -> ExitCode {
+    let error = match done {
+        Ok(true) => return ExitCode::SUCCESS,
+        Ok(false) => return ExitCode::from(1),
+        Err(error) => error,
+    };
+    // Whoever read the output has seen enough.
+    if let Some(error) = error.downcast_ref::<io::Error>()
+        && error.kind() == ErrorKind::BrokenPipe
+    {
+        return ExitCode::SUCCESS;
+    }
+    failed(&error.to_string(), json)
+}
+
+fn failed(message: &str, json: bool) -> ExitCode {
+    let _ = match json {
+        true => writeln!(io::stderr(), "{}", json!({"error": message})),
+        false => writeln!(io::stderr(), "servocrab: {message}"),
+    };
+    ExitCode::from(2)
+}
+
+/// Arguments that cannot be used, or a page of help.
+pub(crate) fn usage(error: &clap::Error, json: bool) -> ExitCode {
+    if json && error.use_stderr() {
+        return failed(error.to_string().trim_end(), true);
+    }
+    // Where nobody reads it there is nothing to be done.
+    let _ = error.print();
+    ExitCode::from(if error.use_stderr() { 2 } else { 0 })
+}

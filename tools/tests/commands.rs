@@ -1,0 +1,738 @@
+//! The tool's commands, run as a user runs them: on simulated lines in their process, and over a veth pair.
+#![allow(missing_docs)]
+
+#[path = "../../tests/common/namespace.rs"]
+mod namespace;
+
+use std::{
+    io::{BufRead, BufReader},
+    path::{Path, PathBuf},
+    process::{Command, Output, Stdio},
+};
+
+use namespace::{Process, inside_namespace, run, simulated};
+use serde_json::Value;
+
+const TOOL: &str = env!("CARGO_BIN_EXE_servocrab");
+
+fn command(arguments: &str) -> Command {
+    let mut command = Command::new(TOOL);
+    command.args(arguments.split_whitespace());
+    command.stdin(Stdio::null());
+    command
+}
+
+struct Ended {
+    code: Option<i32>,
+    output: String,
+    errors: String,
+}
+
+fn ended(output: Output) -> Ended {
+    Ended {
+        code: output.status.code(),
+        output: String::from_utf8(output.stdout).expect("text"),
+        errors: String::from_utf8(output.stderr).expect("text"),
+    }
+}
+
+/// Runs the tool to its end.
+fn servocrab(arguments: &str) -> Ended {
+    ended(command(arguments).output().expect("the tool starts"))
+}
+
+/// Runs it to an end with this exit code, and gives its output.
+fn with_code(code: i32, arguments: &str) -> String {
+    let Ended {
+        code: got,
+        output,
+        errors,
+    } = servocrab(arguments);
+    assert_eq!(got, Some(code), "{arguments}: {output}{errors}");
+    output
+}
+
+fn json(arguments: &str) -> Value {
+    let text = with_code(0, &format!("--json {arguments}"));
+    serde_json::from_str(&text).expect("one JSON document")
+}
+
+#[test]
+fn a_scan_shows_each_device_with_its_pdos_and_axes() {
+    let line = json("scan --sim coupler,generic,akd2g,io,sigma7");
+    let seen: Vec<_> = line.as_array().unwrap().iter().collect();
+    let axes: Vec<_> = seen
+        .iter()
+        .map(|device| device["axes"].as_u64().unwrap())
+        .collect();
+    assert_eq!(axes, [0, 1, 2, 0, 1]);
+    assert_eq!(seen[2]["name"], "AKD2G");
+    assert!(
+        seen.iter()
+            .all(|device| device["problems"].as_array().unwrap().is_empty())
+    );
+    let text = with_code(0, "scan --sim coupler,generic,akd2g");
+    assert!(text.contains("1600h 1610h"), "{text}");
+}
+
+#[test]
+fn without_a_line_or_with_a_wrong_argument_the_error_says_what_to_do_as_text_or_as_json() {
+    let text = servocrab("scan");
+    assert_eq!(text.code, Some(2));
+    assert!(
+        text.errors.starts_with("servocrab: which line?"),
+        "{}",
+        text.errors
+    );
+    for wrong in [
+        "--json scan",
+        "scan --json --sim nothing",
+        "--json",
+        "--json od read 6041h --sim io",
+    ] {
+        let ended = servocrab(wrong);
+        assert_eq!(
+            (ended.code, ended.output.as_str()),
+            (Some(2), ""),
+            "{wrong}"
+        );
+        let error: Value = serde_json::from_str(&ended.errors).expect("one JSON object");
+        assert!(!error["error"].as_str().unwrap().is_empty(), "{wrong}");
+    }
+    let several = servocrab("od read 6041h --sim akd2g,generic").errors;
+    assert!(
+        several.contains("--drive POSITION:\n  0: AKD2G\n  1: CiA402"),
+        "{several}"
+    );
+}
+
+#[test]
+fn values_are_shown_with_their_states_bits_and_names() {
+    let word = &json("od --sim akd2g read 6041h 6841h")[1];
+    assert_eq!(word["name"], "statusword");
+    let meaning = &word["meaning"];
+    assert!(
+        meaning["text"]
+            .as_str()
+            .unwrap()
+            .ends_with("h Switch on disabled"),
+        "{meaning}"
+    );
+    let bits = meaning["bits"].as_array().unwrap();
+    assert!(
+        bits.iter()
+            .any(|bit| bit["bit"] == 6 && bit["name"] == "switch on disabled")
+    );
+    let text = with_code(0, "od --sim generic read 605Ah 0x1600:1 1000h");
+    assert!(text.contains("6040h:00, 16 bits: controlword"), "{text}");
+    assert!(text.contains("servo drive (CiA 402)"), "{text}");
+}
+
+#[test]
+fn objects_are_found_on_all_drives_written_and_watched() {
+    let text = with_code(0, "od --sim coupler,generic,akd2g find statusword");
+    assert!(
+        text.contains("drive 1 \"CiA402\"\n") && text.contains("6841h:00"),
+        "{text}"
+    );
+    assert!(with_code(0, "od --sim generic find nosuchobject").contains("no object has"));
+    let written = ended(
+        command("--json od --sim generic write")
+            .args(["profile velocity", "12345"])
+            .output()
+            .unwrap(),
+    );
+    let written: Value = serde_json::from_str(&written.output).expect("JSON");
+    assert_eq!(written[0]["value"], "12345");
+    let watched = with_code(0, "od --sim generic watch 6041h --count 2 --every 1");
+    assert!(watched.contains("Switch on disabled; bits"), "{watched}");
+    let refused = servocrab("od --sim generic write 6041h 1");
+    assert_eq!(refused.code, Some(2));
+    assert!(refused.errors.contains("6041h:00"), "{}", refused.errors);
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_ends_the_tool_quietly() {
+    let mut child = command("od --sim generic watch 6064h 6041h --every 0 --json")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    let mut output = BufReader::new(child.stdout.take().unwrap());
+    output.read_line(&mut line).unwrap();
+    assert!(line.starts_with('{'), "{line}");
+    drop(output);
+    // The encoder dithers: each change is written, to nobody.
+    let end = ended(child.wait_with_output().unwrap());
+    assert_eq!((end.code, end.errors.as_str()), (Some(0), ""));
+}
+
+#[test]
+fn an_interrupted_watch_ends_in_order() {
+    let mut child = Process(
+        command("od --sim generic watch 6064h --every 1")
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    );
+    let mut output = BufReader::new(child.0.stdout.take().unwrap());
+    output.read_line(&mut String::new()).unwrap();
+    run("kill", &["-INT", &child.0.id().to_string()]);
+    assert_eq!(child.0.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn the_report_measures_the_drives_of_a_line_and_draws_a_picture() {
+    let directory = tempfile::tempdir().unwrap();
+    let picture = directory.path().join("cycles.svg");
+    let report = json(&format!(
+        "report --sim akd2g,io --seconds 1 --svg {}",
+        picture.display()
+    ));
+    assert!(report["counts"]["cycles"].as_u64().unwrap() > 0, "{report}");
+    assert_eq!(report["drives"].as_array().unwrap().len(), 1);
+    // Whether the phase holds with a reference clock is a matter of the computer: .ci/examples measures that.
+    assert_eq!(report["clock"], Value::Null);
+    assert!(
+        std::fs::read_to_string(picture)
+            .unwrap()
+            .contains("round trip")
+    );
+    let none = servocrab("report --sim io --seconds 1");
+    assert_eq!(
+        (none.code, none.errors.as_str()),
+        (Some(2), "servocrab: no drive was found on the line\n")
+    );
+}
+
+/// The simulator of this workspace, as built with the tests.
+fn simulator() -> PathBuf {
+    let path = Path::new(TOOL).with_file_name("servocrab-sim");
+    assert!(
+        path.exists(),
+        "{} is not built: run `cargo test --workspace`",
+        path.display()
+    );
+    path
+}
+
+#[test]
+fn parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind() {
+    if !inside_namespace("parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind") {
+        return;
+    }
+    let devices = ["generic", "akd2g", "generic", "sigma7"];
+    let _line = simulated(&simulator(), &devices, 120, None);
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("drive.toml");
+    let path = file.display();
+    let params = |work: &str| format!("params --interface master0 {work}");
+    with_code(0, &params(&format!("--drive 0 backup {path}")));
+    // It is there now: replacing it is asked for.
+    let again = servocrab(&params(&format!("--drive 0 backup {path}")));
+    assert_eq!(again.code, Some(2));
+    assert!(
+        again.errors.contains("is there already") && again.errors.contains("--yes"),
+        "{}",
+        again.errors
+    );
+    with_code(0, &params(&format!("--drive 0 compare {path}")));
+
+    // Another value of one, and one that every drive refuses.
+    let text = std::fs::read_to_string(&file).unwrap();
+    let at = text
+        .find("object = \"6067h:00\"")
+        .expect("the position window");
+    let value = at + text[at..].find("value = ").unwrap();
+    let end = value + text[value..].find('\n').unwrap();
+    let mut text = format!("{}value = 4711{}", &text[..value], &text[end..]);
+    text += "\n[[parameter]]\nobject = \"2FF0h:01\"\ntype = \"u16\"\nvalue = 1\n";
+    std::fs::write(&file, text).unwrap();
+
+    let compared = with_code(1, &params(&format!("--drive 0 compare {path}")));
+    assert!(compared.contains("4711 (u32)"), "{compared}");
+    let dry = with_code(0, &params(&format!("apply {path} --all --dry-run")));
+    assert!(dry.contains("nothing is written; 4 would be"), "{dry}");
+    // Neither the dry run nor a question that nobody can answer has written anything.
+    let asked = servocrab(&params(&format!("apply {path} --all")));
+    assert_eq!(asked.code, Some(2));
+    assert!(
+        asked.errors.contains("Write 4 parameters to 2 drive(s)?"),
+        "{}",
+        asked.errors
+    );
+    let compared = with_code(1, &params(&format!("--drive 2 compare {path}")));
+    assert!(compared.contains("4711 (u32)"), "{compared}");
+
+    let applied = with_code(
+        1,
+        &format!("--json {}", params(&format!("apply {path} --all --yes"))),
+    );
+    let applied: Value = serde_json::from_str(&applied).unwrap();
+    let drives = applied.as_array().unwrap();
+    assert_eq!(
+        drives
+            .iter()
+            .map(|drive| &drive["position"])
+            .collect::<Vec<_>>(),
+        [0, 2]
+    );
+    for drive in drives {
+        assert_eq!(drive["written"], serde_json::json!(["6067h:00"]));
+        assert_eq!(drive["refused"][0]["object"], "2FF0h:01");
+    }
+    let compared = with_code(1, &params(&format!("--drive 2 compare {path}")));
+    assert!(
+        !compared.contains("4711") && compared.contains("2FF0h:01"),
+        "{compared}"
+    );
+
+    // Of another kind: refused by name, before anything is asked or written.
+    for work in ["apply", "restore"] {
+        let other = servocrab(&params(&format!("--drive 1 {work} {path} --yes")));
+        assert_eq!(other.code, Some(2));
+        assert!(
+            other.errors.contains("another kind of drive"),
+            "{}",
+            other.errors
+        );
+    }
+    // A restore ends at what the drive refuses.
+    let restored = servocrab(&params(&format!("--drive 0 restore {path} --yes")));
+    assert_eq!(restored.code, Some(2));
+    assert!(
+        restored.output.contains("not written"),
+        "{}",
+        restored.output
+    );
+    assert!(with_code(0, &params("--drive 3 store --yes")).contains("stored"));
+    assert!(with_code(0, &params("--drive 3 defaults --yes")).contains("switched off and on"));
+    assert!(with_code(0, &params("--drive 0 store --dry-run")).contains("no such object"));
+}
+
+#[test]
+fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file() {
+    let test = "what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file";
+    if !inside_namespace(test) {
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let place = |name: &str| directory.path().join(name).display().to_string();
+    let (first, second) = (place("machine.toml"), place("again.toml"));
+    let said = with_code(
+        0,
+        &format!("init --sim coupler,akd2g,io,sigma7,generic,ax2000 --clocks {first}"),
+    );
+    assert!(
+        said.contains("6 device(s), of them 4 drive(s) with 5 axes and 1 with inputs or outputs"),
+        "{said}"
+    );
+    let asked = servocrab(&format!("init --sim io {first}"));
+    assert_eq!(asked.code, Some(2));
+    assert!(
+        asked.errors.contains("is there already"),
+        "{}",
+        asked.errors
+    );
+
+    let mut line = Process(
+        command(&format!("sim {first} --interface slave0 --for 60"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    );
+    let mut says = BufReader::new(line.0.stdout.take().unwrap());
+    let mut listening = String::new();
+    says.read_line(&mut listening).unwrap();
+    assert_eq!(listening, "listening on slave0: 6 SubDevice(s)\n");
+    with_code(0, &format!("init --interface master0 --clocks {second}"));
+    let [first, second] = [first, second].map(|file| std::fs::read_to_string(file).unwrap());
+    assert_eq!(first, second);
+    assert!(
+        first.contains("axes = [\"1.1\", \"1.2\"]") && first.contains("name = \"Inputs\""),
+        "{first}"
+    );
+}
+
+/// The line as `init --rust` writes it, compiled.
+#[path = "written/line.rs"]
+#[allow(dead_code, reason = "the test looks at some of its names")]
+#[rustfmt::skip]
+mod line;
+
+#[test]
+fn the_line_as_rust_compiles_and_brings_up_the_line_that_it_was_made_of() {
+    use servocrab::{bus::Network, link::Wire};
+    use servocrab_sim::{Segment, personality};
+    let directory = tempfile::tempdir().unwrap();
+    let rust = directory.path().join("line.rs");
+    with_code(
+        0,
+        &format!(
+            "init --sim coupler,akd2g,io,generic,pp2010 {}/machine.toml --rust={}",
+            directory.path().display(),
+            rust.display()
+        ),
+    );
+    let written = std::fs::read_to_string(rust).unwrap();
+    let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/written/line.rs");
+    if std::env::var_os("WRITE_LINE").is_some() {
+        std::fs::write(&kept, &written).unwrap();
+    }
+    assert_eq!(
+        written,
+        std::fs::read_to_string(kept).unwrap(),
+        "WRITE_LINE=1 writes it"
+    );
+
+    let mut segment = Segment::new()
+        .with(personality::coupler())
+        .with(personality::akd2g())
+        .with(personality::io_terminal())
+        .with(personality::generic())
+        .with(personality::pp2010());
+    let wire = Wire::new(move |frame: &mut [u8], now| segment.process(frame, now));
+    smol::block_on(async {
+        let net = line::line(Network::builder().link(wire))
+            .unwrap()
+            .start()
+            .await
+            .unwrap();
+        assert_eq!(net.axes().count(), 4);
+        assert!(
+            net.io("io 2")
+                .unwrap()
+                .output::<u16>(line::io_2::OUTPUTS)
+                .is_ok()
+        );
+        net.shutdown().await.unwrap();
+    });
+}
+
+#[test]
+fn a_line_that_is_as_expected_passes_the_check_and_another_one_does_not() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("machine.toml");
+    let path = file.display();
+    with_code(0, &format!("init --sim akd2g,io,generic {path}"));
+    // A computer that is busy with other things may lose frames: that is a finding, and no other part of the page.
+    let checked = servocrab(&format!(
+        "--json check --sim akd2g,io,generic --seconds 1 {path}"
+    ));
+    let page: Value = serde_json::from_str(&checked.output).unwrap();
+    let of = |check: &str| -> Vec<&Value> {
+        let all = page["checks"].as_array().unwrap().iter();
+        all.filter(|row| row["check"] == check).collect()
+    };
+    for (check, rows) in [
+        ("device", 3),
+        ("watchdog 6007h", 3),
+        ("quick stop 605Ah", 3),
+        ("cable load", 1),
+    ] {
+        assert_eq!(of(check).len(), rows, "{check}: {page}");
+        assert!(
+            of(check).iter().all(|row| row["verdict"] == "good"),
+            "{check}: {page}"
+        );
+    }
+    // The simulated encoders dither by a count.
+    let noise = of("noise at standstill");
+    assert_eq!(noise.len(), 3);
+    assert!(
+        noise[0]["found"]
+            .as_str()
+            .unwrap()
+            .contains("suggested tolerances: position ")
+    );
+
+    // Another device, one that is missing, and one too many: nothing is brought up.
+    let other = with_code(1, &format!("check --sim akd2g,sigma7 {path}"));
+    assert!(
+        other.contains("expected \"16 outputs, 16 inputs\" with"),
+        "{other}"
+    );
+    assert!(
+        other.contains("position 2, device: expected \"CiA402\""),
+        "{other}"
+    );
+    assert!(
+        !other.contains("cable load") && other.contains("Not passed: 2 of 12"),
+        "{other}"
+    );
+    let more = with_code(1, &format!("check --sim akd2g,io,generic,io {path}"));
+    assert!(more.contains("it is not in the file"), "{more}");
+
+    std::fs::write(&file, "device = 1").unwrap();
+    let broken = servocrab(&format!("check --sim akd2g {path}"));
+    assert_eq!(broken.code, Some(2));
+    assert!(
+        broken.errors.contains("machine.toml: "),
+        "{}",
+        broken.errors
+    );
+}
+
+/// The last row that the simulator has written of an axis: controlword, statusword, position, velocity.
+fn last_row(file: &Path, axis: &str) -> (u16, u16, f64, f64) {
+    let text = std::fs::read_to_string(file).unwrap();
+    let whole = &text[..text.rfind('\n').unwrap_or(0)];
+    let rows = whole
+        .lines()
+        .map(|line| line.split(',').collect::<Vec<_>>());
+    let mut of_axis = rows.filter(|row| row[2] == axis);
+    let last = of_axis.next_back().expect("rows");
+    let word = |text: &str| text.parse().unwrap();
+    let number = |text: &str| text.parse().unwrap();
+    (
+        word(last[4]),
+        word(last[5]),
+        number(last[7]),
+        number(last[8]),
+    )
+}
+
+#[test]
+fn an_axis_is_moved_jogged_and_homed_and_nothing_else_moves() {
+    let test = "an_axis_is_moved_jogged_and_homed_and_nothing_else_moves";
+    if !inside_namespace(test) {
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let trace = directory.path().join("trace.csv");
+    let mut line = simulated(&simulator(), &["akd2g"], 120, Some(&trace));
+    // A computer that is busy with other things loses no drive.
+    let axis = "--interface master0 --drive 0 --watchdog-ms 2000";
+    let asked = servocrab(&format!("move {axis} --by 5000 --velocity 50000"));
+    assert_eq!(asked.code, Some(2));
+    assert!(
+        asked.errors.contains("Is everybody clear of it?"),
+        "{}",
+        asked.errors
+    );
+    // Nobody knows what the position means.
+    let refused = servocrab(&format!("move {axis} --yes --to 5000 --velocity 50000"));
+    assert_eq!(refused.code, Some(2), "{}", refused.output);
+    assert!(
+        refused.errors.contains("--unreferenced"),
+        "{}",
+        refused.errors
+    );
+    let none = servocrab(&format!(
+        "move {axis} --yes --axis 3 --by 1 --velocity 50000"
+    ));
+    assert!(
+        none.errors.contains("has 2 axes, and no axis 3"),
+        "{}",
+        none.errors
+    );
+
+    let moved = with_code(
+        0,
+        &format!("move {axis} --yes --axis 2 --to 5000 --unreferenced --velocity 50000"),
+    );
+    assert!(moved.starts_with("reached "), "{moved}");
+    let jogged = json(&format!(
+        "jog {axis} --yes --axis 2 --velocity 20000 --milliseconds 300"
+    ));
+    let travelled = jogged["position"].as_i64().unwrap() - jogged["from"].as_i64().unwrap();
+    assert!(travelled > 1000, "{jogged}");
+    let homed = json(&format!("home {axis} --yes --axis 2 --method 37"));
+    assert_eq!(homed["referenced"], true, "{homed}");
+
+    // Ctrl-C on the way: it stops and is disabled.
+    let mut child = command(&format!(
+        "move {axis} --yes --axis 2 --by 100000000 --velocity 50000"
+    ))
+    .stdout(Stdio::piped())
+    .stderr(Stdio::piped())
+    .spawn()
+    .unwrap();
+    let enabled = |word: u16| word & 0x6F == 0x27;
+    while !enabled(last_row(&trace, "2").1) || last_row(&trace, "2").3 < 10_000.0 {
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "it has ended before it moved"
+        );
+        std::thread::yield_now();
+    }
+    run("kill", &["-INT", &child.id().to_string()]);
+    let mut errors = String::new();
+    std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut errors).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(2));
+    assert!(
+        errors.contains("interrupted: stopped and disabled at "),
+        "{errors}"
+    );
+
+    run("kill", &["-TERM", &line.0.id().to_string()]);
+    assert!(line.0.wait().unwrap().success());
+    let (_, status, _, velocity) = last_row(&trace, "2");
+    assert!(
+        !enabled(status) && velocity.abs() < 1000.0,
+        "{status:04X}h, {velocity}"
+    );
+    let (_, status, position, _) = last_row(&trace, "1");
+    assert!(
+        !enabled(status) && position.abs() <= 2.0,
+        "the other axis has stayed: {status:04X}h, {position}"
+    );
+}
+
+#[test]
+fn the_check_names_what_an_earlier_program_has_left_in_a_drive() {
+    if !inside_namespace("the_check_names_what_an_earlier_program_has_left_in_a_drive") {
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("machine.toml");
+    let path = file.display();
+    let _line = simulated(&simulator(), &["akd2g"], 120, None);
+    with_code(0, &format!("init --interface master0 {path}"));
+    let verdicts = || -> Vec<(String, String, String)> {
+        let checked = servocrab(&format!(
+            "--json check --interface master0 --seconds 1 {path}"
+        ));
+        let page: Value = serde_json::from_str(&checked.output).expect("a page, whatever is wrong");
+        let rows = page["checks"].as_array().unwrap().iter();
+        let text = |value: &Value| value.as_str().unwrap().to_owned();
+        rows.map(|row| {
+            (
+                text(&row["verdict"]),
+                text(&row["what"]),
+                text(&row["check"]),
+            )
+        })
+        .collect()
+    };
+    let row = |verdict: &str, what: &str, check: &str| (verdict.into(), what.into(), check.into());
+    let before = verdicts();
+    assert!(
+        before.contains(&row("good", "axis 0.2", "quick stop 605Ah")),
+        "{before:?}"
+    );
+    assert!(
+        before.contains(&row("note", "axis 0.2", "position limits 607Dh")),
+        "{before:?}"
+    );
+    assert!(
+        before.contains(&row("good", "0 AKD2G", "clock settings")),
+        "{before:?}"
+    );
+
+    // The second axis coasts, and has limits; both axes are to follow a clock that this machine does not use.
+    for (object, value) in [
+        ("685Ah", "0"),
+        ("687Dh:1", "-5000"),
+        ("687Dh:2", "5000"),
+        ("1C32h:1", "2"),
+    ] {
+        with_code(0, &format!("od --interface master0 write {object} {value}"));
+    }
+    let after = verdicts();
+    assert!(
+        after.contains(&row("wrong", "axis 0.2", "quick stop 605Ah")),
+        "{after:?}"
+    );
+    assert!(
+        after.contains(&row("good", "axis 0.1", "quick stop 605Ah")),
+        "{after:?}"
+    );
+    assert!(
+        after.contains(&row("good", "axis 0.2", "position limits 607Dh")),
+        "{after:?}"
+    );
+    assert!(
+        after.contains(&row("note", "0 AKD2G", "clock settings")),
+        "{after:?}"
+    );
+}
+
+#[test]
+fn a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file() {
+    if !inside_namespace("a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file") {
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let place = |name: &str| directory.path().join(name).display().to_string();
+    let (first, second) = (place("machine.toml"), place("again.toml"));
+    let esi = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/esi/akd2g.xml");
+    let esi = esi.canonicalize().unwrap();
+    let esi = esi.display();
+    let said = with_code(0, &format!("init --sim akd2g --esi {esi} {first}"));
+    assert!(said.contains("1 drive(s) with 2 axes"), "{said}");
+    let mut line = Process(
+        command(&format!("sim {first} --interface slave0 --for 60"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    );
+    let mut says = BufReader::new(line.0.stdout.take().unwrap());
+    says.read_line(&mut String::new()).unwrap();
+    with_code(0, &format!("init --interface master0 --esi {esi} {second}"));
+    let [first_text, second_text] =
+        [&first, &second].map(|file| std::fs::read_to_string(file).unwrap());
+    assert_eq!(first_text, second_text);
+    assert!(first_text.contains("kind = \"esi\""), "{first_text}");
+    let page = servocrab(&format!(
+        "--json check --interface master0 --seconds 1 {first}"
+    ));
+    let page: Value = serde_json::from_str(&page.output).expect("a page");
+    let rows = page["checks"].as_array().unwrap();
+    let file = rows
+        .iter()
+        .find(|row| row["check"] == "ESI file")
+        .expect("a row");
+    assert_eq!(file["verdict"], "good", "{page}");
+    // A file that describes another drive.
+    let other = first_text.replace("product = 0x414B4432", "product = 0x00000001");
+    std::fs::write(&first, other).unwrap();
+    let refused = servocrab(&format!("sim {first} --interface slave0 --for 1"));
+    assert_eq!(refused.code, Some(2));
+    assert!(
+        refused
+            .errors
+            .contains("device 0 \"AKD2G\": the device that"),
+        "{}",
+        refused.errors
+    );
+}
+
+#[test]
+fn a_question_at_a_terminal_is_answered_by_yes_by_no_and_by_ctrl_c() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("machine.toml");
+    for (answer, code, said) in [
+        ("n\n", 2, "the answer was not yes"),
+        ("\x03", 2, "interrupted"),
+        ("y\n", 0, "1 device(s)"),
+    ] {
+        std::fs::write(&file, "of the user").unwrap();
+        // It gives the tool a terminal.
+        let mut terminal = Command::new("script")
+            .args([
+                "-qec",
+                &format!("{TOOL} init --sim io {}", file.display()),
+                "/dev/null",
+            ])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("script, of the system's own programs");
+        let mut output = terminal.stdout.take().unwrap();
+        let (mut text, mut byte) = (Vec::new(), [0]);
+        while !text.ends_with(b"[y/N] ") {
+            std::io::Read::read_exact(&mut output, &mut byte).expect("the question");
+            text.push(byte[0]);
+        }
+        let mut input = terminal.stdin.take().unwrap();
+        std::io::Write::write_all(&mut input, answer.as_bytes()).unwrap();
+        let mut rest = String::new();
+        std::io::Read::read_to_string(&mut output, &mut rest).unwrap();
+        assert_eq!(terminal.wait().unwrap().code(), Some(code), "{rest}");
+        assert!(rest.contains(said), "{rest}");
+        let is_replaced = std::fs::read_to_string(&file).unwrap() != "of the user";
+        assert_eq!(is_replaced, code == 0);
+    }
+}
