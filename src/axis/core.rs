@@ -1889,8 +1889,41 @@ impl AxisCore {
 
     /// Lets go of a jog: target velocity 0 in the next outputs. It is done at standstill. False if it is not held any more.
     pub fn release_jog(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
+        self.let_jog_go(now, id, false, outputs)
+    }
+
+    /// Whether a jog with a dead-man time is held, of which [`hold_jog`](Self::hold_jog) is to be told in every cycle.
+    #[must_use]
+    pub const fn has_dead_man(&self) -> bool {
+        self.jogging.has_dead_man()
+    }
+
+    /// To be called in every cycle with how often the holder of a jog has said that it holds it. Where it has been silent for longer than
+    /// the jog's [`dead_man`](JogSetPoint::dead_man) time the jog is let go, which fails as [`Failure::NotHeld`] at standstill, and this
+    /// is false.
+    pub fn hold_jog(
+        &mut self,
+        now: Duration,
+        id: CommandId,
+        times: u32,
+        outputs: &mut [u8],
+    ) -> bool {
+        let is_silent = self.jogging.is_silent(now, id, times);
+        if is_silent {
+            self.let_jog_go(now, id, true, outputs);
+        }
+        !is_silent
+    }
+
+    fn let_jog_go(
+        &mut self,
+        now: Duration,
+        id: CommandId,
+        by_itself: bool,
+        outputs: &mut [u8],
+    ) -> bool {
         let until = now.saturating_add(self.config.deadlines.standstill);
-        let held = self.jogging.release(id, until);
+        let held = self.jogging.release(id, until, by_itself);
         if held {
             self.write_outputs(outputs);
         }

@@ -21,8 +21,9 @@ const ASKED_AT_MOST: u8 = 8;
 /// What the queue of commands holds at most: a stop that has just failed may be in it beside its successor.
 pub(super) const QUEUED_AT_MOST: usize =
     SHARED as usize + 2 * STOPS as usize * ASKED_AT_MOST as usize;
-/// Set in the demand of a jog as long as it is held.
+/// Set in the demand of a jog as long as it is held. Above it is counted how often its holder has said so.
 const HELD: u64 = 1 << 32;
+const SAID_ONCE: u64 = 1 << 33;
 /// In place of how often a stop is in the queue: it has its result.
 const OVER: u8 = u8::MAX;
 
@@ -41,7 +42,7 @@ pub(super) struct Slot {
     id: AtomicU32,
     pub marks: AtomicU8,
     pub halts: AtomicU32,
-    /// What a jog asks for: the velocity, and above it whether it is held.
+    /// What a jog asks for: the velocity, above it whether it is held, and above that how often its holder has said so.
     demand: AtomicU64,
     /// How often a stop is in the queue.
     queued: AtomicU8,
@@ -189,10 +190,23 @@ impl Slot {
         self.marks.load(Ordering::Acquire) & mark != 0
     }
 
-    /// A jog is held at this velocity.
-    pub fn hold(&self, velocity: i32) {
+    /// A jog begins, with this velocity.
+    pub fn begin_jog(&self, velocity: i32) {
         let demand = HELD | u64::from(velocity.cast_unsigned());
         self.demand.store(demand, Ordering::Release);
+    }
+
+    /// Its holder says that it holds the jog, at this velocity, or at the one that it has. False once it was let go.
+    pub fn hold(&self, velocity: Option<i32>) -> bool {
+        let said = |demand: u64| {
+            let velocity = velocity.map_or(demand as u32, i32::cast_unsigned);
+            let times = demand.wrapping_add(SAID_ONCE) & !u64::from(u32::MAX);
+            (demand & HELD != 0).then_some(times | u64::from(velocity))
+        };
+        let held = self
+            .demand
+            .fetch_update(Ordering::AcqRel, Ordering::Acquire, said);
+        held.is_ok()
     }
 
     /// A jog is let go.
@@ -200,10 +214,10 @@ impl Slot {
         self.demand.store(0, Ordering::Release);
     }
 
-    /// The velocity of a jog that is held.
-    pub fn held(&self) -> Option<i32> {
+    /// The velocity of a jog that is held, and how often its holder has said that it holds it.
+    pub fn held(&self) -> Option<(i32, u32)> {
         let demand = self.demand.load(Ordering::Acquire);
-        (demand & HELD != 0).then_some(demand as u32 as i32)
+        (demand & HELD != 0).then_some((demand as u32 as i32, (demand / SAID_ONCE) as u32))
     }
 
     /// Whether a stop is in the queue as often as it may be.

@@ -341,9 +341,21 @@ impl AxisPort {
         if let Some(id) = core.jog() {
             self.shared.note_max_velocity(core.max_velocity());
             match self.shared.jog_demand(id) {
-                Some(velocity) => core.set_jog(id, velocity, outputs),
-                None => core.release_jog(now, id, outputs),
-            };
+                None => {
+                    core.release_jog(now, id, outputs);
+                }
+                Some((_, times)) if !core.hold_jog(now, id, times, outputs) => {
+                    // What its holder says from now on comes too late.
+                    self.shared.release_jog(id);
+                }
+                Some((velocity, _)) => {
+                    core.set_jog(id, velocity, outputs);
+                }
+            }
+            if core.has_dead_man() {
+                // The time of its holder is judged in the next cycle, also where nobody asks for anything.
+                self.shared.ask();
+            }
         }
     }
 

@@ -159,20 +159,63 @@ impl<U: AxisUnit> Jog<U> {
     pub fn set(&self, velocity: U::Signed) -> Result<(), AxisError> {
         let converted = self.pending.unit.scale.target_velocity(velocity.into());
         if matches!(converted, Err(ScaleError::RoundsToZero { .. })) {
-            self.set_counts(0)?;
+            self.hold_at(Some(0))?;
         }
-        self.set_counts(converted.map_err(|error| self.pending.error(AxisErrorKind::Scale(error)))?)
+        let velocity =
+            converted.map_err(|error| self.pending.error(AxisErrorKind::Scale(error)))?;
+        self.hold_at(Some(velocity))
     }
 
-    fn set_counts(&self, velocity: i32) -> Result<(), AxisError> {
-        let set = match self.ended() {
+    /// Says that the jog is held, at the velocity that it has. A jog with a [`dead_man`](JogSetPoint::dead_man) time needs this, or
+    /// [`set`](Self::set), again and again within that time.
+    ///
+    /// ```
+    /// # use core::time::Duration;
+    /// # use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives};
+    /// # use servocrab::{bus::Network, link::Wire};
+    /// # use servocrab_sim::{Segment, personality};
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # smol::block_on(async {
+    /// # let mut segment = Segment::new().with(personality::generic());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::generic())
+    /// #     .axis(AxisConfig::new("lift").map_output(obj::TARGET_VELOCITY));
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// # let lift = net.axis("lift")?;
+    /// use servocrab::{axis::Failure, profile_velocity::JogSetPoint};
+    /// lift.enable().await?;
+    /// let pv = lift.profile_velocity().await?;
+    /// let jog = pv.jog(JogSetPoint::new(5_000).dead_man(Duration::from_millis(100))).await?;
+    /// for _ in 0..5 {
+    ///     smol::Timer::after(Duration::from_millis(20)).await;
+    ///     jog.hold()?; // with each message of the panel
+    /// }
+    /// // The panel has frozen.
+    /// while jog.ended().is_none() {
+    ///     smol::Timer::after(Duration::from_millis(20)).await;
+    /// }
+    /// assert_eq!(jog.ended(), Some(Failure::NotHeld));
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// With the reason for which the jog has ended, as [`set`](Self::set). [`Failure::NotHeld`] where it comes too late.
+    pub fn hold(&self) -> Result<(), AxisError> {
+        self.hold_at(None)
+    }
+
+    fn hold_at(&self, velocity: Option<i32>) -> Result<(), AxisError> {
+        let held = match self.ended() {
             Some(reason) => Err(reason),
             None => {
                 let shared = &self.pending.handles.shared;
-                shared.set_jog(self.pending.id, velocity)
+                shared.hold_jog(self.pending.id, velocity)
             }
         };
-        set.map_err(|failure| self.pending.error(AxisErrorKind::Failed(failure)))
+        held.map_err(|failure| self.pending.error(AxisErrorKind::Failed(failure)))
     }
 
     /// Why the jog has ended, if something ended it. Nothing is waited for.

@@ -179,7 +179,7 @@ impl Shared {
         });
         let (id, slot) = opened.ok_or(AxisErrorKind::QueueFull)?;
         if let Command::Jog(set_point) = command {
-            slot.hold(set_point.velocity);
+            slot.begin_jog(set_point.velocity);
         }
         let ticket = self.tickets.hold(id);
         if self.queue.push((id, command, asked)).is_err() {
@@ -224,10 +224,10 @@ impl Shared {
         Ok(ticket)
     }
 
-    /// The velocity of a jog that is held.
-    pub fn set_jog(&self, id: CommandId, velocity: i32) -> Result<(), Failure> {
+    /// A jog is held, at this velocity or at the one that it has.
+    pub fn hold_jog(&self, id: CommandId, velocity: Option<i32>) -> Result<(), Failure> {
         let limit = self.max_velocity.load(Ordering::Acquire);
-        let speed = velocity.unsigned_abs();
+        let speed = velocity.unwrap_or(0).unsigned_abs();
         if limit != 0 && speed > limit {
             return Err(Failure::TooFast {
                 limit,
@@ -235,7 +235,9 @@ impl Shared {
             });
         }
         if let Some(slot) = self.slots.of(id) {
-            slot.hold(velocity);
+            if !slot.hold(velocity) {
+                return Err(Failure::NotHeld);
+            }
             self.ask();
         }
         Ok(())
@@ -364,7 +366,7 @@ impl Shared {
     }
 
     /// To be called after everything that the bus thread is to take in was stored.
-    fn ask(&self) {
+    pub fn ask(&self) {
         // Exchanged, as below, for the sake of other threads that ask at the same time.
         self.asked.swap(true, Ordering::Release);
         // In this order: who is told that somebody was asked finds who.
@@ -413,8 +415,8 @@ impl Shared {
         self.stops.since(asked, state)
     }
 
-    /// What a jog asks for now: none once it was let go.
-    pub fn jog_demand(&self, id: CommandId) -> Option<i32> {
+    /// The velocity that a jog asks for now, and how often its holder has said so: none once it was let go.
+    pub fn jog_demand(&self, id: CommandId) -> Option<(i32, u32)> {
         self.slots.of(id)?.held()
     }
 

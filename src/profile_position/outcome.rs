@@ -406,6 +406,11 @@ pub enum Failure {
         "the program does not feed its liveness: every axis stays halted until it is fed or ended, or another takes its place; stops work all the same"
     )]
     LivenessExpired,
+    /// A jog whose holder was silent for longer than its dead-man time. Its target velocity was 0 in the next frame.
+    #[error(
+        "the jog was let go: nobody said within its dead-man time that it is held; begin a new one to go on"
+    )]
+    NotHeld,
     /// An absolute move on an axis that does not know where it is.
     #[error(
         "the axis is not referenced: home it before absolute moves, or say in its settings that it has an absolute encoder or that unreferenced moves are allowed"

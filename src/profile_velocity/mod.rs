@@ -34,6 +34,9 @@ pub struct JogSetPoint<U: AxisUnit = Counts> {
     pub acceleration: Option<U::Magnitude>,
     /// Profile deceleration 6084h; more than 0.
     pub deceleration: Option<U::Magnitude>,
+    /// After so long without a word of its holder ([`Jog::hold`](crate::profile_velocity::Jog::hold) or
+    /// [`Jog::set`](crate::profile_velocity::Jog::set)) the owner of the cycle lets the jog go. None: it is held until it is dropped.
+    pub dead_man: Option<Duration>,
 }
 
 impl<U: AxisUnit> JogSetPoint<U> {
@@ -44,7 +47,16 @@ impl<U: AxisUnit> JogSetPoint<U> {
             velocity,
             acceleration: None,
             deceleration: None,
+            dead_man: None,
         }
+    }
+
+    /// Let go by the owner of the cycle once its holder is silent for longer than this: for a holder that may freeze, or whose messages
+    /// may be late. The target velocity 60FFh is 0 in the next frame then, and the jog fails as [`Failure::NotHeld`].
+    #[must_use]
+    pub const fn dead_man(mut self, time: Duration) -> Self {
+        self.dead_man = Some(time);
+        self
     }
 
     /// With this profile acceleration (6083h).
@@ -70,6 +82,7 @@ impl<U: AxisUnit> JogSetPoint<U> {
             velocity: scale.target_velocity(self.velocity.into())?,
             acceleration: scale.ramp(Quantity::Acceleration, self.acceleration)?,
             deceleration: scale.ramp(Quantity::Deceleration, self.deceleration)?,
+            dead_man: self.dead_man,
         })
     }
 }
@@ -104,6 +117,7 @@ enum JogPhase {
         sent: bool,
         /// Its first velocity is known to have been delivered.
         accepted: bool,
+        holder: Option<Holder>,
     },
     /// Let go: the target velocity is 0, and the axis comes to rest.
     Released {
@@ -112,7 +126,30 @@ enum JogPhase {
         /// Since when the 0 is known to have been delivered.
         delivered: Option<Duration>,
         sent: bool,
+        /// By its dead-man time, and not by its holder.
+        by_itself: bool,
     },
+}
+
+/// Who holds a jog with a dead-man time.
+#[derive(Debug, Clone, Copy, Hash)]
+struct Holder {
+    dead_man: Duration,
+    /// How often it has said that it holds the jog, and when that was first seen.
+    said: Option<(u32, Duration)>,
+}
+
+impl Holder {
+    /// Whether it has been silent for too long.
+    fn is_silent(&mut self, now: Duration, times: u32) -> bool {
+        match self.said {
+            Some((said, since)) if said == times => now.saturating_sub(since) > self.dead_man,
+            _ => {
+                self.said = Some((times, now));
+                false
+            }
+        }
+    }
 }
 
 /// The jog of one drive axis.
@@ -164,6 +201,17 @@ impl Jogging {
         matches!(self.stage, JogPhase::Held { .. })
     }
 
+    /// Whether its holder must say again and again that it holds the jog.
+    pub const fn has_dead_man(&self) -> bool {
+        matches!(
+            self.stage,
+            JogPhase::Held {
+                holder: Some(_),
+                ..
+            }
+        )
+    }
+
     pub const fn is_released(&self) -> bool {
         matches!(self.stage, JogPhase::Released { .. })
     }
@@ -208,6 +256,10 @@ impl Jogging {
             velocity: set_point.velocity,
             sent: false,
             accepted: false,
+            holder: set_point.dead_man.map(|dead_man| Holder {
+                dead_man,
+                said: None,
+            }),
         };
     }
 
@@ -222,8 +274,20 @@ impl Jogging {
         }
     }
 
-    /// Lets go: 0 from the next outputs on. False if this jog is not held any more.
-    pub fn release(&mut self, of: CommandId, until: Duration) -> bool {
+    /// Whether the holder of this jog, which has said so many times that it holds it, has been silent for longer than its dead-man time.
+    pub fn is_silent(&mut self, now: Duration, of: CommandId, times: u32) -> bool {
+        match &mut self.stage {
+            JogPhase::Held {
+                id,
+                holder: Some(holder),
+                ..
+            } if *id == of => holder.is_silent(now, times),
+            _ => false,
+        }
+    }
+
+    /// Lets go: 0 from the next outputs on. False if this jog is not held any more. `by_itself`: by its dead-man time.
+    pub fn release(&mut self, of: CommandId, until: Duration, by_itself: bool) -> bool {
         match self.stage {
             JogPhase::Held { id, .. } if id == of => {
                 self.stage = JogPhase::Released {
@@ -231,6 +295,7 @@ impl Jogging {
                     until,
                     delivered: None,
                     sent: false,
+                    by_itself,
                 };
                 true
             }
@@ -289,11 +354,12 @@ impl Jogging {
                 until,
                 delivered,
                 sent: true,
+                by_itself,
             } => {
                 if cycle.delivered {
                     delivered.get_or_insert(cycle.now);
                 }
-                let id = *id;
+                let (id, by_itself) = (*id, *by_itself);
                 // What the drive shows before it has taken the 0 in may be the rest from which it is only just starting.
                 let at_rest = delivered.is_some_and(|since| {
                     let taken_in = since.saturating_add(cycle.traits.surely_seen());
@@ -305,7 +371,13 @@ impl Jogging {
                 if at_rest {
                     self.stage = JogPhase::Idle;
                     let state = State::OperationEnabled;
-                    events.push(id, Event::Done(Ok(Completion::Stopped { state })));
+                    let stopped = Ok(Completion::Stopped { state });
+                    let result = if by_itself {
+                        Err(Failure::NotHeld)
+                    } else {
+                        stopped
+                    };
+                    events.push(id, Event::Done(result));
                 } else if cycle.now >= *until {
                     let failure = Failure::Timeout {
                         waiting_for: cycle.standstill(),

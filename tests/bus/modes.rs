@@ -10,6 +10,7 @@ use servocrab::{
     ds402::Mode,
     homing::{HomingMethod, HomingParameters},
     profile_position::{Outcome, SetPoint},
+    profile_velocity::JogSetPoint,
 };
 use servocrab_sim::{Segment, ds402::Machine, personality::Servo};
 
@@ -73,6 +74,34 @@ fn the_second_axis_of_a_drive_is_homed_and_moved_and_a_loss_takes_its_reference_
     line.segment().unplug(0);
     rig.run_for(200 * MS);
     assert!(y.status().lost && !y.status().referenced);
+    rig.shutdown();
+}
+
+#[test]
+fn a_jog_whose_holder_falls_silent_ends_in_a_running_network() {
+    let (line, config) = line();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, config)).unwrap();
+    let y = rig.net().axis("y").unwrap();
+    let (pv, jog) = rig.until(async {
+        y.enable().await.unwrap();
+        let pv = y.profile_velocity().await.unwrap();
+        let set_point = JogSetPoint::new(10_000).dead_man(50 * MS);
+        let jog = pv.jog(set_point).await.unwrap();
+        (pv, jog)
+    });
+    for _ in 0..10 {
+        jog.hold().unwrap();
+        rig.run_for(40 * MS);
+    }
+    assert!((y.status().velocity - 10_000).abs() < 1_000);
+    rig.run_for(400 * MS);
+    assert_eq!(jog.ended(), Some(Failure::NotHeld));
+    let status = y.status();
+    assert!(
+        !status.halted && status.velocity.abs() < 1_000,
+        "{status:?}"
+    );
+    drop((jog, pv));
     rig.shutdown();
 }
 

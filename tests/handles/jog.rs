@@ -9,7 +9,7 @@ use servocrab::{
 };
 use servocrab_sim::ds402::{Behaviour, VelocityEnd};
 
-use crate::machine::{Machine, Task, Variant, at_target, output};
+use crate::machine::{CYCLE, Machine, Task, Variant, at_target, output};
 
 fn variant() -> Variant {
     Variant {
@@ -388,4 +388,49 @@ fn a_jog_that_is_refused_writes_nothing() {
     ));
     let written = machine.stations[0].sdo.written.lock().unwrap().clone();
     assert_eq!(written, []);
+}
+
+#[test]
+fn a_jog_whose_holder_falls_silent_is_let_go_and_later_words_move_nothing() {
+    let (mut machine, axis, pv) = jogging();
+    let set_point = JogSetPoint::new(20_000).dead_man(20 * CYCLE);
+    let jog = machine.finish(pv.jog(set_point)).unwrap();
+    for _ in 0..20 {
+        machine.run(20);
+        jog.hold().unwrap();
+    }
+    assert!(machine.goes_at(20_000.0));
+    jog.set(-10_000).unwrap();
+    machine.run(1);
+    let from = frames(&machine);
+    machine.run(20);
+    assert_eq!(velocities(&machine, from), [-10_000], "it is not late yet");
+    let from = frames(&machine);
+    machine.run(1);
+    assert_eq!(
+        velocities(&machine, from),
+        [0],
+        "in the first frame after its time"
+    );
+    // Before the axis stands, and after: what was delayed on its way moves nothing.
+    for _ in 0..100 {
+        for late in [jog.hold(), jog.set(20_000)] {
+            assert_eq!(late.unwrap_err().failure(), Some(Failure::NotHeld));
+        }
+        machine.run(1);
+    }
+    assert_eq!(velocities(&machine, from), [0]);
+    assert!(machine.stands());
+    assert_eq!(jog.ended(), Some(Failure::NotHeld));
+    let released = machine.finish(jog.release());
+    assert_eq!(released.unwrap_err().failure(), Some(Failure::NotHeld));
+    // The axis is enabled, and the next jog begins as if nothing had been.
+    assert_eq!(axis.status().state, State::OperationEnabled);
+    let jog = machine.finish(pv.jog(5_000)).unwrap();
+    machine.run(300);
+    assert!(
+        machine.goes_at(5_000.0),
+        "without a dead-man time it is held"
+    );
+    machine.finish(jog.release()).unwrap();
 }
