@@ -174,8 +174,8 @@ impl AxisSource {
         Axis::new(handles)
     }
 
-    /// A handle for the network itself, which is none of the program's: that it is dropped stops nothing.
-    pub(crate) fn own_axis(&self) -> Axis {
+    /// A handle that is none of the program's: that it is dropped stops nothing.
+    pub(crate) fn uncounted_axis(&self) -> Axis {
         Axis::new(Arc::new(Handles::of_network(Arc::clone(&self.shared))))
     }
 

@@ -30,18 +30,17 @@ use super::{
         black_box::{BlackBox, CycleRing},
         statistics::{DriveStatistics, Statistics, Timing},
     },
-    device::{io::Io, io_points::IoPoint, progress::Listener},
+    device::{io::Io, progress::Listener},
     error::NetworkError,
     event::{NetworkEvent, Recovered},
     expected::DevicePlace,
-    recorder::{RecordedSignal, Recorder, Signal, SignalSource},
+    recorder::{Recorder, Signal},
     watch::{Control, DevicePorts, Question},
 };
 use crate::{
     axis::{Axis, AxisError, AxisSource, Liveness, StopRequest},
-    coe::{DataType, DriveId, Emergencies, ObjectAddress, SdoHandle, Unit as ObjectUnit, obj},
-    pdo_map::{Direction, Layout},
-    units::{AxisScale, Unit},
+    coe::{DriveId, Emergencies, SdoHandle},
+    units::Unit,
     wakes::Waiters,
 };
 use supervisor::{Started, StartedDrive};
@@ -107,6 +106,15 @@ impl Network {
         in_unit.map_err(|error| NetworkError::Declaration(error.to_string()))
     }
 
+    /// As [`axis`](Self::axis), for a server beside the program, such as a panel: this handle is not counted among those of the program.
+    /// What happens once the program has dropped its last one happens although this exists, and dropping this stops nothing.
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if no axis has this name.
+    pub fn uncounted_axis(&self, name: &str) -> Result<Axis, NetworkError> {
+        self.source(name).map(AxisSource::uncounted_axis)
+    }
+
     /// A handle of every axis, in the order of their declaration.
     ///
     /// ```
@@ -143,7 +151,7 @@ impl Network {
     /// # Errors
     /// The first error. The faults of all other axes are reset all the same.
     pub async fn reset_faults(&self) -> Result<(), AxisError> {
-        let axes: Vec<Axis> = self.axes.iter().map(AxisSource::own_axis).collect();
+        let axes: Vec<Axis> = self.axes.iter().map(AxisSource::uncounted_axis).collect();
         let mut resets: Vec<_> = axes
             .iter()
             .map(|axis| Box::pin(axis.reset_fault()))
@@ -168,10 +176,7 @@ impl Network {
     }
 
     fn source(&self, name: &str) -> Result<&AxisSource, NetworkError> {
-        self.axes
-            .iter()
-            .find(|source| source.name() == name)
-            .ok_or_else(|| unknown("axis", name, self.axes.iter().map(AxisSource::name)))
+        find_axis(&self.axes, name)
     }
 
     /// The inputs and outputs of the device with this name.
@@ -406,61 +411,12 @@ impl Network {
     }
 }
 
+fn find_axis<'a>(axes: &'a [AxisSource], name: &str) -> Result<&'a AxisSource, NetworkError> {
+    let found = axes.iter().find(|source| source.name() == name);
+    found.ok_or_else(|| unknown("axis", name, axes.iter().map(AxisSource::name)))
+}
+
 /// The error for a name that was not declared, with those that were.
-/// Where this object of a drive lies. `known_as`: by the numbering of its first axis, which tells type and unit.
-fn mapped(
-    layout: &Layout,
-    object: ObjectAddress,
-    known_as: ObjectAddress,
-    device: usize,
-    scale: AxisScale,
-    signal: &Signal,
-) -> Result<(SignalSource, String), NetworkError> {
-    let find = |direction| layout.find(direction, object.index, object.subindex);
-    let inputs = find(Direction::Inputs).map(|place| (true, place));
-    let place = inputs.or_else(|| find(Direction::Outputs).map(|place| (false, place)));
-    let (is_input, place) = place.ok_or_else(|| not_mapped(signal))?;
-    let known = obj::all()
-        .into_iter()
-        .find(|known| known.address() == known_as);
-    let (data_type, scaled) = known.map_or((DataType::U32, ObjectUnit::None), |known| {
-        (known.data_type, known.unit)
-    });
-    let unit = match scaled {
-        ObjectUnit::Position => scale.unit().to_owned(),
-        ObjectUnit::Velocity => format!("{}/s", scale.unit()),
-        ObjectUnit::Acceleration => format!("{}/s²", scale.unit()),
-        _ => String::new(),
-    };
-    let source = SignalSource::Value {
-        device,
-        is_input,
-        place,
-        data_type,
-        scaled,
-        scale,
-    };
-    Ok((source, unit))
-}
-
-fn point_source(device: usize, point: &IoPoint) -> (SignalSource, String) {
-    let source = SignalSource::Value {
-        device,
-        is_input: point.direction == Direction::Inputs,
-        place: point.place,
-        data_type: DataType::U32,
-        scaled: ObjectUnit::None,
-        scale: AxisScale::COUNTS,
-    };
-    (source, String::new())
-}
-
-fn not_mapped(signal: &Signal) -> NetworkError {
-    NetworkError::Declaration(format!(
-        "`{signal}` cannot be recorded: it is not in the process data; map it, or read it by SDO"
-    ))
-}
-
 fn unknown<'a>(kind: &str, name: &str, declared: impl Iterator<Item = &'a str>) -> NetworkError {
     let mut text = format!("no {kind} is named `{name}`");
     for (place, name) in declared.enumerate() {
@@ -638,7 +594,7 @@ impl Network {
     /// What other threads may see and stop of this network. It does not keep the network running.
     #[must_use]
     pub fn view(&self) -> NetworkView {
-        NetworkView::new(&self.axes, &self.drives, &self.control, &self.over)
+        NetworkView::new(self)
     }
 
     /// The last cycles of the axis with this name: words, positions, what was answered. With each fault they come by
@@ -709,79 +665,7 @@ impl Network {
         &self,
         signals: impl IntoIterator<Item = Signal>,
     ) -> Result<Recorder, NetworkError> {
-        let sources = signals.into_iter().map(|signal| {
-            let (source, unit) = self.signal_source(&signal)?;
-            Ok((RecordedSignal { signal, unit }, source))
-        });
-        let sources: Vec<_> = sources.collect::<Result<_, NetworkError>>()?;
-        Ok(Recorder::new(Arc::clone(&self.ring), sources))
-    }
-
-    fn signal_source(&self, signal: &Signal) -> Result<(SignalSource, String), NetworkError> {
-        match signal {
-            Signal::Lateness => Ok((SignalSource::Lateness, "µs".to_owned())),
-            // A device that is no drive has a point by its object.
-            Signal::Axis { axis, object } if self.ios.iter().any(|io| io.name() == axis) => {
-                self.signal_source(&Signal::point(axis, &object.to_string()))
-            }
-            Signal::Axis { axis, object } => {
-                let setup = self.source(axis)?.setup();
-                let device = self.in_exchange(setup.identity.drive.position)?;
-                let moved = ObjectAddress::new(setup.offset.apply(object.index), object.subindex);
-                mapped(&setup.layout, moved, *object, device, setup.scale, signal)
-            }
-            Signal::State { axis } => {
-                let setup = self.source(axis)?.setup();
-                let device = self.in_exchange(setup.identity.drive.position)?;
-                let object = obj::STATUSWORD.offset(setup.offset);
-                let field = setup.layout.input(object);
-                let field = field.map_err(|error| NetworkError::Declaration(error.to_string()))?;
-                let place = field.place();
-                Ok((SignalSource::State { device, place }, String::new()))
-            }
-            Signal::Device { position, object } => {
-                let device = self.in_exchange(*position)?;
-                let mut axes = self.axes.iter().map(AxisSource::setup);
-                if let Some(setup) = axes.find(|setup| setup.identity.drive.position == *position) {
-                    return mapped(
-                        &setup.layout,
-                        *object,
-                        *object,
-                        device,
-                        AxisScale::COUNTS,
-                        signal,
-                    );
-                }
-                let mut ios = self.ios.iter();
-                let io = ios.find(|io| io.device().position == *position);
-                let point =
-                    io.and_then(|io| io.points().iter().find(|point| point.object == *object));
-                match point {
-                    Some(point) => Ok(point_source(device, point)),
-                    None => Err(not_mapped(signal)),
-                }
-            }
-            Signal::Point { io, point } => {
-                let io = self.io(io)?;
-                let device = self.in_exchange(io.device().position)?;
-                let object = point.parse::<ObjectAddress>();
-                let by_name = io.points().iter().find(|known| known.name == *point);
-                let by_object = io.points().iter().find(|known| Ok(known.object) == object);
-                match by_name.or(by_object) {
-                    Some(point) => Ok(point_source(device, point)),
-                    None => Err(not_mapped(signal)),
-                }
-            }
-        }
-    }
-
-    /// The place in the exchange of the device at this position of the line.
-    fn in_exchange(&self, position: u16) -> Result<usize, NetworkError> {
-        let mut places = self.places.iter();
-        places.position(|(at, _)| *at == position).ok_or_else(|| {
-            let text = format!("no device at position {position} of the line was declared");
-            NetworkError::Declaration(text)
-        })
+        self.view().recorder(signals)
     }
 
     /// The error counters of all ports of the line, declared or not: which cable or device damages frames. They count from

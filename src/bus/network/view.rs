@@ -4,15 +4,23 @@ use std::{fmt, sync::Arc};
 
 use smol::channel::Receiver;
 
-use super::{ask, supervisor::StartedDrive, unknown};
+use super::{Network, ask, find_axis, unknown};
 use crate::{
     axis::{AxisIdentity, AxisSource, Snapshot, StopRequest},
     bus::{
-        cycle::statistics::{DriveStatistics, Statistics, Timing},
+        cycle::{
+            black_box::CycleRing,
+            statistics::{DriveStatistics, Statistics, Timing},
+        },
+        device::{io::Io, io_points::IoPoint},
         error::NetworkError,
+        event::NetworkEvent,
+        recorder::{RecordedSignal, Recorder, Signal, SignalSource},
         watch::{Control, DevicePorts, Question},
     },
-    coe::{Emergencies, SdoHandle},
+    coe::{DataType, Emergencies, ObjectAddress, SdoHandle, Unit, obj},
+    pdo_map::{Direction, Layout},
+    units::{AxisScale, Scale},
 };
 
 /// What a network shows to threads beside the program's own: a panel, a monitor. Made by [`Network::view`](super::Network::view).
@@ -46,6 +54,10 @@ pub struct NetworkView {
     drives: Arc<[(SdoHandle, usize, Emergencies)]>,
     control: Arc<Control>,
     over: Receiver<()>,
+    ring: Arc<CycleRing>,
+    ios: Arc<[Io]>,
+    /// Where all devices of the exchange stand, in its order.
+    positions: Arc<[u16]>,
 }
 
 /// An axis as a [`NetworkView`] shows it.
@@ -61,26 +73,26 @@ pub struct AxisView {
     pub velocity: f64,
     /// The latest snapshot, in counts.
     pub snapshot: Snapshot,
+    /// Between its unit and counts.
+    pub scale: Scale,
 }
 
 impl NetworkView {
-    pub(super) fn new(
-        axes: &[AxisSource],
-        drives: &[StartedDrive],
-        control: &Arc<Control>,
-        over: &Receiver<()>,
-    ) -> Self {
-        let drives = drives.iter();
+    pub(super) fn new(net: &Network) -> Self {
+        let drives = net.drives.iter();
         Self {
-            axes: axes.to_vec().into(),
+            axes: net.axes.clone().into(),
             drives: drives
                 .map(|drive| {
                     let emergencies = drive.emergencies.clone();
                     (drive.sdo.clone(), drive.in_exchange, emergencies)
                 })
                 .collect(),
-            control: Arc::clone(control),
-            over: over.clone(),
+            control: Arc::clone(&net.control),
+            over: net.over.clone(),
+            ring: Arc::clone(&net.ring),
+            ios: net.ios.clone().into(),
+            positions: net.places.iter().map(|(at, _)| *at).collect(),
         }
     }
 
@@ -96,6 +108,7 @@ impl NetworkView {
                 position: scale.position_of(snapshot.position),
                 velocity: scale.velocity_of(snapshot.velocity),
                 snapshot,
+                scale: *scale,
             }
         });
         seen.collect()
@@ -142,16 +155,114 @@ impl NetworkView {
         asked.await?.map_err(NetworkError::Line)
     }
 
+    /// As [`Network::recorder`](super::Network::recorder).
+    ///
+    /// # Errors
+    /// [`NetworkError::Declaration`] if an axis, a device or a point is not declared, or an object is not mapped.
+    pub fn recorder(
+        &self,
+        signals: impl IntoIterator<Item = Signal>,
+    ) -> Result<Recorder, NetworkError> {
+        let sources = signals.into_iter().map(|signal| {
+            let (source, unit) = self.signal_source(&signal)?;
+            Ok((RecordedSignal { signal, unit }, source))
+        });
+        let sources: Vec<_> = sources.collect::<Result<_, NetworkError>>()?;
+        Ok(Recorder::new(Arc::clone(&self.ring), sources))
+    }
+
+    fn signal_source(&self, signal: &Signal) -> Result<(SignalSource, String), NetworkError> {
+        match signal {
+            Signal::Lateness => Ok((SignalSource::Lateness, "µs".to_owned())),
+            // A device that is no drive has a point by its object.
+            Signal::Axis { axis, object } if self.ios.iter().any(|io| io.name() == axis) => {
+                self.signal_source(&Signal::point(axis, &object.to_string()))
+            }
+            Signal::Axis { axis, object } => {
+                let setup = self.source(axis)?.setup();
+                let device = self.in_exchange(setup.identity.drive.position)?;
+                let moved = ObjectAddress::new(setup.offset.apply(object.index), object.subindex);
+                mapped(&setup.layout, moved, *object, device, setup.scale, signal)
+            }
+            Signal::State { axis } => {
+                let setup = self.source(axis)?.setup();
+                let device = self.in_exchange(setup.identity.drive.position)?;
+                let object = obj::STATUSWORD.offset(setup.offset);
+                let field = setup.layout.input(object);
+                let field = field.map_err(|error| NetworkError::Declaration(error.to_string()))?;
+                let place = field.place();
+                Ok((SignalSource::State { device, place }, String::new()))
+            }
+            Signal::Device { position, object } => {
+                let device = self.in_exchange(*position)?;
+                let mut axes = self.axes.iter().map(AxisSource::setup);
+                if let Some(setup) = axes.find(|setup| setup.identity.drive.position == *position) {
+                    return mapped(
+                        &setup.layout,
+                        *object,
+                        *object,
+                        device,
+                        AxisScale::COUNTS,
+                        signal,
+                    );
+                }
+                let mut ios = self.ios.iter();
+                let io = ios.find(|io| io.device().position == *position);
+                let point =
+                    io.and_then(|io| io.points().iter().find(|point| point.object == *object));
+                match point {
+                    Some(point) => Ok(point_source(device, point)),
+                    None => Err(not_mapped(signal)),
+                }
+            }
+            Signal::Point { io, point } => {
+                let found = self.ios.iter().find(|known| known.name() == io);
+                let io = found.ok_or_else(|| unknown("io", io, self.ios.iter().map(Io::name)))?;
+                let device = self.in_exchange(io.device().position)?;
+                let object = point.parse::<ObjectAddress>();
+                let by_name = io.points().iter().find(|known| known.name == *point);
+                let by_object = io.points().iter().find(|known| Ok(known.object) == object);
+                match by_name.or(by_object) {
+                    Some(point) => Ok(point_source(device, point)),
+                    None => Err(not_mapped(signal)),
+                }
+            }
+        }
+    }
+
+    /// The place in the exchange of the device at this position of the line.
+    fn in_exchange(&self, position: u16) -> Result<usize, NetworkError> {
+        let mut positions = self.positions.iter();
+        positions.position(|at| *at == position).ok_or_else(|| {
+            let text = format!("no device at position {position} of the line was declared");
+            NetworkError::Declaration(text)
+        })
+    }
+
+    /// The inputs and outputs of the devices that are no drives.
+    #[must_use]
+    pub fn ios(&self) -> &[Io] {
+        &self.ios
+    }
+
+    /// The latest events of the network, the oldest first, each with its number from 0: up to 64. Those of
+    /// [`Network::events`](super::Network::events) are not taken by it.
+    #[must_use]
+    pub fn recent_events(&self) -> Vec<(u64, NetworkEvent)> {
+        self.control.recent.read()
+    }
+
     /// Stops one axis, in the next frame. It does not wait for the standstill.
     ///
     /// # Errors
     /// [`NetworkError::Declaration`] if no axis has this name.
     pub fn stop_axis(&self, name: &str, stop: StopRequest) -> Result<(), NetworkError> {
-        let found = self.axes.iter().find(|source| source.name() == name);
-        let source =
-            found.ok_or_else(|| unknown("axis", name, self.axes.iter().map(AxisSource::name)))?;
-        source.request_stop(stop);
+        self.source(name)?.request_stop(stop);
         Ok(())
+    }
+
+    fn source(&self, name: &str) -> Result<&AxisSource, NetworkError> {
+        find_axis(&self.axes, name)
     }
 
     /// Stops every axis, in the next frame.
@@ -167,4 +278,58 @@ impl fmt::Debug for NetworkView {
             .field("axes", &axes)
             .finish_non_exhaustive()
     }
+}
+
+/// Where this object of a drive lies. `known_as`: by the numbering of its first axis, which tells type and unit.
+fn mapped(
+    layout: &Layout,
+    object: ObjectAddress,
+    known_as: ObjectAddress,
+    device: usize,
+    scale: AxisScale,
+    signal: &Signal,
+) -> Result<(SignalSource, String), NetworkError> {
+    let find = |direction| layout.find(direction, object.index, object.subindex);
+    let inputs = find(Direction::Inputs).map(|place| (true, place));
+    let place = inputs.or_else(|| find(Direction::Outputs).map(|place| (false, place)));
+    let (is_input, place) = place.ok_or_else(|| not_mapped(signal))?;
+    let known = obj::all()
+        .into_iter()
+        .find(|known| known.address() == known_as);
+    let (data_type, scaled) = known.map_or((DataType::U32, Unit::None), |known| {
+        (known.data_type, known.unit)
+    });
+    let unit = match scaled {
+        Unit::Position => scale.unit().to_owned(),
+        Unit::Velocity => format!("{}/s", scale.unit()),
+        Unit::Acceleration => format!("{}/s²", scale.unit()),
+        _ => String::new(),
+    };
+    let source = SignalSource::Value {
+        device,
+        is_input,
+        place,
+        data_type,
+        scaled,
+        scale,
+    };
+    Ok((source, unit))
+}
+
+fn point_source(device: usize, point: &IoPoint) -> (SignalSource, String) {
+    let source = SignalSource::Value {
+        device,
+        is_input: point.direction == Direction::Inputs,
+        place: point.place,
+        data_type: DataType::U32,
+        scaled: Unit::None,
+        scale: AxisScale::COUNTS,
+    };
+    (source, String::new())
+}
+
+fn not_mapped(signal: &Signal) -> NetworkError {
+    NetworkError::Declaration(format!(
+        "`{signal}` cannot be recorded: it is not in the process data; map it, or read it by SDO"
+    ))
 }
