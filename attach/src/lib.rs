@@ -1,4 +1,5 @@
-//! Shows a running `servocrab` network to other programs of the same user, and lets them stop its axes: HTTP/1.1 on a Unix socket.
+//! Shows a running `servocrab` network to other programs of the same user and to a browser, and lets them stop its axes: HTTP/1.1 and
+//! WebSockets on a Unix socket, and with a token on a port of the loopback interface. What the program grants they may change and move.
 //!
 //! `docs/attach.md` lists the requests. The server has a thread of its own. The bus thread does nothing for it.
 //!
@@ -21,20 +22,31 @@
 //! # }
 //! ```
 
+mod commands;
+mod control;
+mod forward;
+mod gate;
+mod grants;
 mod metrics;
 mod ordinary;
+mod page;
+mod refusal;
 mod requests;
 mod server;
+mod streams;
 
 use std::{io, path::PathBuf, time::Duration};
 
-pub use server::{Attached, serve};
+pub use grants::{AskedFor, Grant};
+pub use server::{Attached, Forwarded, forward, serve, socket_of};
 
 /// How a network is shown.
 #[derive(Debug, Clone)]
 pub struct Attach {
     name: String,
     directory: Option<PathBuf>,
+    port: Option<u16>,
+    grants: Vec<Grant>,
     clients: usize,
     header_timeout: Duration,
 }
@@ -47,6 +59,8 @@ impl Attach {
         Self {
             name: interface.to_owned(),
             directory: None,
+            port: None,
+            grants: Vec::new(),
             clients: 32,
             header_timeout: Duration::from_secs(5),
         }
@@ -57,6 +71,21 @@ impl Attach {
     #[must_use]
     pub fn directory(mut self, directory: impl Into<PathBuf>) -> Self {
         self.directory = Some(directory.into());
+        self
+    }
+
+    /// On this port of the loopback interface as well, with the panel; 0 for one that is free. [`Attached::panel`] is its address, with a
+    /// token that is made anew at each start. For another computer, forward the port by `ssh -L`.
+    #[must_use]
+    pub const fn loopback(mut self, port: u16) -> Self {
+        self.port = Some(port);
+        self
+    }
+
+    /// Lets clients do more than look and stop. None is granted by default.
+    #[must_use]
+    pub fn grant(mut self, grant: Grant) -> Self {
+        self.grants.push(grant);
         self
     }
 
@@ -93,6 +122,9 @@ pub enum AttachError {
     /// Another program shows a network on this socket.
     #[error("another program answers at {}: end it, or use another name", .0.display())]
     InUse(PathBuf),
+    /// A grant that cannot be given.
+    #[error("a grant cannot be given: {0}")]
+    Grant(String),
     /// The thread of the server has inherited a real-time class, and cannot leave it: it could hold up the bus thread.
     #[error("the thread of the server cannot leave the real-time class of the calling thread: {0}")]
     Scheduling(io::Error),

@@ -1,10 +1,10 @@
 //! The requests and their answers.
 
-use std::{sync::Arc, time::Duration};
+use std::{collections::HashMap, sync::PoisonError, time::Duration};
 
 use axum::{
     Extension, Json, Router,
-    extract::{Path, State},
+    extract::{DefaultBodyLimit, Path, Query, State, WebSocketUpgrade, ws::WebSocket},
     http::{StatusCode, header::CONTENT_TYPE},
     response::{IntoResponse, Response},
     routing::{get, post},
@@ -12,54 +12,65 @@ use axum::{
 use serde_json::{Value, json};
 use servocrab::{
     axis::StopRequest,
-    bus::{Durations, NetworkView},
-    coe::{ObjectAddress, SdoError},
+    bus::{Durations, NetworkEvent, NoSignal, Signal},
+    coe::{AxisOffset, DriveError, SdoError, SdoHandle, TypeCode, obj},
 };
-use tokio::{sync::Semaphore, time::timeout};
+use tokio::time::timeout;
 
-use crate::{metrics, server::Client};
+use crate::{
+    commands::{self, LOG, Shown},
+    control, metrics,
+    refusal::Refusal,
+    server::{Client, Place},
+    streams::SIGNALS,
+};
 
 /// How long a request for an object waits for those before it.
-const TURN: Duration = Duration::from_secs(2);
+pub(crate) const TURN: Duration = Duration::from_secs(2);
+/// Bytes of the body of a request.
+const BODY: usize = 64 * 1024;
+/// Bytes of a message of a client.
+const MESSAGE: usize = 4096;
 
-#[derive(Clone)]
-struct Shown {
-    view: NetworkView,
-    /// One upload at a time, so that the program's own transfers wait for at most one of them.
-    upload: Arc<Semaphore>,
-}
-
-pub(crate) fn router(view: NetworkView) -> Router {
-    let shown = Shown {
-        view,
-        upload: Arc::new(Semaphore::new(1)),
-    };
+pub(crate) fn router(shown: Shown) -> Router {
     Router::new()
         .route("/v1/line", get(line))
         .route("/v1/axes", get(axes))
         .route("/v1/statistics", get(statistics))
         .route("/metrics", get(metrics))
-        .route("/v1/od/{drive}/{index}/{subindex}", get(object))
+        .route("/v1/ios", get(ios))
+        .route("/v1/grants", get(grants))
+        .route("/v1/events", get(events))
+        .route("/v1/events/{number}/black_box", get(black_box))
+        .route("/v1/od/{drive}", get(dictionary))
+        .route(
+            "/v1/od/{drive}/{index}/{subindex}",
+            get(object).post(commands::write),
+        )
+        .route("/v1/stream", get(stream))
+        .route("/v1/control", get(control))
         .route("/v1/axes/{name}/stop", post(stop))
+        .route("/v1/axes/{name}/enable", post(commands::enable))
+        .route("/v1/axes/{name}/disable", post(commands::disable))
+        .route("/v1/axes/{name}/reset_fault", post(commands::reset_fault))
+        .route("/v1/axes/{name}/move", post(commands::move_axis))
+        .route("/v1/axes/{name}/home", post(commands::home))
         .route("/v1/quick_stop", post(quick_stop))
-        .fallback(async || refused(StatusCode::NOT_FOUND, "no_such_request", NO_REQUEST))
+        .fallback(async || Refusal::new(StatusCode::NOT_FOUND, "no_such_request", NO_REQUEST))
         .method_not_allowed_fallback(async || {
-            refused(
+            Refusal::new(
                 StatusCode::METHOD_NOT_ALLOWED,
                 "wrong_method",
-                "read by GET and stop by POST",
+                "read by GET, stop and change by POST",
             )
         })
+        .layer(DefaultBodyLimit::max(BODY))
         .with_state(shown)
 }
 
-const NO_REQUEST: &str = "there is no such request: /v1/line, /v1/axes, /v1/statistics, /metrics, /v1/od/DRIVE/INDEX/SUBINDEX; by \
-                          POST /v1/axes/NAME/stop and /v1/quick_stop";
-
-fn refused(status: StatusCode, code: &str, text: impl Into<String>) -> Response {
-    let error = json!({"error": {"code": code, "text": text.into()}});
-    (status, Json(error)).into_response()
-}
+const NO_REQUEST: &str = "there is no such request: /v1/line, /v1/axes, /v1/ios, /v1/statistics, /v1/grants, /v1/events, \
+                          /v1/events/NUMBER/black_box, /v1/od/DRIVE, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/stream, /v1/control, /metrics; by POST \
+                          /v1/axes/NAME/stop, enable, disable, reset_fault, move and home, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/quick_stop";
 
 async fn line(State(shown): State<Shown>) -> Json<Value> {
     let drives = shown.view.drives().map(|sdo| {
@@ -86,8 +97,13 @@ async fn axes(State(shown): State<Shown>) -> Json<Value> {
             "position": axis.position,
             "velocity": axis.velocity,
             "state": snapshot.state.to_string(),
-            "statusword": {"value": snapshot.statusword.bits(), "text": snapshot.statusword.to_string()},
+            "statusword": {
+                "value": snapshot.statusword.bits(),
+                "text": snapshot.statusword.to_string(),
+                "bits": snapshot.statusword.iter_names().map(|(name, _)| name).collect::<Vec<_>>(),
+            },
             "controlword": snapshot.controlword.bits(),
+            "controlword_bits": snapshot.controlword.iter_names().map(|(name, _)| name).collect::<Vec<_>>(),
             "mode": snapshot.mode.to_string(),
             "answered": snapshot.answered,
             "lost": snapshot.lost,
@@ -140,7 +156,7 @@ async fn metrics(State(shown): State<Shown>) -> Response {
         Ok(text) => ([(CONTENT_TYPE, metrics::TYPE)], text).into_response(),
         Err(error) => {
             let status = StatusCode::INTERNAL_SERVER_ERROR;
-            refused(status, "not_written", error.to_string())
+            Refusal::new(status, "not_written", error.to_string()).into_response()
         }
     }
 }
@@ -159,37 +175,255 @@ fn durations(times: &Durations) -> Value {
 async fn object(
     State(shown): State<Shown>,
     Path((drive, index, subindex)): Path<(String, String, String)>,
-) -> Response {
-    let Ok(address) = format!("{index}:{subindex}").parse::<ObjectAddress>() else {
-        let text = format!("`{index}/{subindex}` is no object: ask for one as 6041h/0 or 0x6041/0");
-        return refused(StatusCode::BAD_REQUEST, "no_object", text);
-    };
-    let mut drives = shown.view.drives();
-    let place = drive.parse::<u16>().ok();
-    let Some(sdo) = drives.find(|sdo| Some(sdo.drive().position) == place) else {
-        let text = format!("no drive was declared at position `{drive}`: /v1/line lists them");
-        return refused(StatusCode::NOT_FOUND, "no_drive", text);
-    };
+) -> Result<Json<Value>, Refusal> {
+    let (sdo, address) = shown.object(&drive, &index, &subindex)?;
     let Ok(Ok(_turn)) = timeout(TURN, shown.upload.acquire()).await else {
         let text = "another object is being read: ask again later";
-        return refused(StatusCode::SERVICE_UNAVAILABLE, "busy", text);
+        return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "busy", text));
     };
-    match sdo.read_bytes(address.index, address.subindex).await {
-        Ok(bytes) => Json(json!({
-            "index": address.index,
-            "subindex": address.subindex,
-            "bytes": bytes,
-        }))
-        .into_response(),
-        Err(error) => {
-            let (status, code) = match error.error {
-                SdoError::Aborted { .. } => (StatusCode::UNPROCESSABLE_ENTITY, "aborted"),
-                SdoError::Closed { .. } => (StatusCode::SERVICE_UNAVAILABLE, "closed"),
-                _ => (StatusCode::BAD_GATEWAY, "not_read"),
-            };
-            refused(status, code, error.to_string())
-        }
+    let read = sdo.read_bytes(address.index, address.subindex).await;
+    let bytes = read.map_err(|error| sdo_refusal(&error))?;
+    Ok(Json(json!({
+        "index": address.index,
+        "subindex": address.subindex,
+        "bytes": bytes,
+    })))
+}
+
+/// Why a transfer was not done.
+pub(crate) fn sdo_refusal(error: &DriveError) -> Refusal {
+    let (status, code) = match error.error {
+        SdoError::Aborted { .. } => (StatusCode::UNPROCESSABLE_ENTITY, "aborted"),
+        SdoError::Closed { .. } => (StatusCode::SERVICE_UNAVAILABLE, "closed"),
+        _ => (StatusCode::BAD_GATEWAY, "not_transferred"),
+    };
+    Refusal::new(status, code, error.to_string())
+}
+
+/// The objects of a drive as it lists them, or those that the library knows. Listed once: that can take seconds.
+async fn dictionary(
+    State(shown): State<Shown>,
+    Path(drive): Path<String>,
+) -> Result<Json<Value>, Refusal> {
+    let sdo = shown.drive(&drive)?;
+    let position = sdo.drive().position;
+    let known = || {
+        let all = shown
+            .dictionaries
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        all.get(&position).cloned()
+    };
+    if let Some(known) = known() {
+        return Ok(Json(known));
     }
+    let Ok(Ok(_turn)) = timeout(TURN, shown.upload.acquire()).await else {
+        let text = "other transfers are under way: ask again later";
+        return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "busy", text));
+    };
+    if let Some(known) = known() {
+        return Ok(Json(known));
+    }
+    let listed = objects(sdo).await.map_err(|error| sdo_refusal(&error))?;
+    let mut all = shown
+        .dictionaries
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
+    all.insert(position, listed.clone());
+    Ok(Json(listed))
+}
+
+async fn objects(sdo: &SdoHandle) -> Result<Value, DriveError> {
+    let dictionary = match sdo.dictionary().await {
+        Ok(dictionary) => dictionary,
+        Err(error) if matches!(error.error, SdoError::NotSupported { .. }) => {
+            let known = obj::all()
+                .into_iter()
+                .map(|object| object.offset(AxisOffset::default()));
+            return Ok(known
+                .map(|object| {
+                    let address = object.address();
+                    json!({
+                        "index": address.index,
+                        "subindex": address.subindex,
+                        "name": object.name,
+                        "type": TypeCode::from(object.data_type).to_string(),
+                        "bits": object.bits(),
+                        "access": if object.writable { "rw" } else { "ro" },
+                    })
+                })
+                .collect());
+        }
+        Err(error) => return Err(error),
+    };
+    let entries = dictionary.objects.iter().flat_map(|object| {
+        object.entries.iter().map(|entry| {
+            let whole = &object.description.name;
+            let name = match entry.name.as_str() {
+                "" => whole.clone(),
+                part if part == whole => whole.clone(),
+                part => format!("{whole}: {part}"),
+            };
+            json!({
+                "index": entry.address.index,
+                "subindex": entry.address.subindex,
+                "name": name,
+                "type": entry.data_type.to_string(),
+                "bits": entry.bits,
+                "access": entry.access.to_string(),
+            })
+        })
+    });
+    Ok(entries.collect())
+}
+
+async fn ios(State(shown): State<Shown>) -> Json<Value> {
+    let ios = shown.view.ios().iter().map(|io| {
+        let points = io.points().iter().map(|point| {
+            json!({
+                "name": point.name,
+                "index": point.object.index,
+                "subindex": point.object.subindex,
+                "bits": point.place.bits,
+                "signal": Signal::point(io.name(), &point.object.to_string()).to_string(),
+            })
+        });
+        json!({
+            "name": io.name(),
+            "position": io.device().position,
+            "points": points.collect::<Vec<_>>(),
+        })
+    });
+    Json(ios.collect())
+}
+
+async fn grants(State(shown): State<Shown>) -> Json<Value> {
+    Json(shown.granted.json())
+}
+
+async fn events(State(shown): State<Shown>) -> Json<Value> {
+    let events = shown
+        .view
+        .recent_events()
+        .into_iter()
+        .map(|(number, event)| {
+            let axis = match &event {
+                NetworkEvent::AxisIncident(black_box) => Some(&black_box.axis.axis),
+                _ => None,
+            };
+            json!({
+                "number": number,
+                "drive": event.drive().position,
+                "axis": axis,
+                "text": event.to_string(),
+                "has_black_box": axis.is_some(),
+            })
+        });
+    Json(events.collect())
+}
+
+/// The cycles around a fault or a loss.
+async fn black_box(
+    State(shown): State<Shown>,
+    Path(number): Path<String>,
+) -> Result<Json<Value>, Refusal> {
+    let events = shown.view.recent_events();
+    let mut events = events.iter();
+    let event = events.find(|(known, _)| known.to_string() == number);
+    let Some((_, NetworkEvent::AxisIncident(black_box))) = event else {
+        let text = format!("no event `{number}` with a black box is kept: /v1/events lists them");
+        return Err(Refusal::new(StatusCode::NOT_FOUND, "no_black_box", text));
+    };
+    let axes = shown.view.axes();
+    let mut axes = axes.iter();
+    let axis = axes.find(|axis| axis.identity == black_box.axis);
+    let (unit, scale) = axis.map_or(("counts", servocrab::units::Scale::COUNTS), |axis| {
+        (axis.unit, axis.scale)
+    });
+    let cycles = black_box.cycles.iter().map(|cycle| {
+        json!({
+            "number": cycle.number,
+            "time": cycle.time.as_secs_f64(),
+            "answered": format!("{:?}", cycle.answered),
+            "controlword": cycle.controlword.bits(),
+            "target": scale.position_of(cycle.target),
+            "statusword": cycle.inputs.map(|inputs| inputs.statusword.bits()),
+            "state": cycle.inputs.map(|inputs| inputs.statusword.state().to_string()),
+            "position": cycle.inputs.map(|inputs| scale.position_of(inputs.position)),
+        })
+    });
+    Ok(Json(json!({
+        "axis": black_box.axis.axis,
+        "text": black_box.to_string(),
+        "unit": unit,
+        "cycles": cycles.collect::<Vec<_>>(),
+    })))
+}
+
+/// The signals of a query, as `signals=x.position,x.velocity&every=10`.
+async fn stream(
+    State(shown): State<Shown>,
+    Extension(place): Extension<Place>,
+    Query(query): Query<HashMap<String, String>>,
+    upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
+) -> Result<Response, Refusal> {
+    let bad = |text: String| Refusal::new(StatusCode::BAD_REQUEST, "no_stream", text);
+    let upgrade = upgrade.map_err(|error| bad(format!("a WebSocket is expected: {error}")))?;
+    let signals = query.get("signals").map_or("", String::as_str);
+    let signals = signals.split(',').map(str::parse::<Signal>);
+    let signals: Vec<_> = signals
+        .collect::<Result<_, NoSignal>>()
+        .map_err(|error| bad(error.to_string()))?;
+    let every = query
+        .get("every")
+        .map_or(Ok(1), |every| every.parse::<u32>());
+    let every = every.ok().filter(|every| (1..=10_000).contains(every));
+    let every = every.ok_or_else(|| bad("`every` is a number of cycles from 1 to 10000".into()))?;
+    if signals.len() > SIGNALS {
+        return Err(bad(format!("at most {SIGNALS} signals in a stream")));
+    }
+    let stream = shown.streams.open(&shown.view, &signals, every);
+    let stream = stream.map_err(|error| bad(error.to_string()))?;
+    Ok(upgraded(upgrade, place, async move |socket| {
+        stream.send(socket).await;
+    }))
+}
+
+async fn control(
+    State(shown): State<Shown>,
+    Extension(client): Extension<Client>,
+    Extension(place): Extension<Place>,
+    upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
+) -> Result<Response, Refusal> {
+    let upgrade = upgrade.map_err(|error| {
+        let text = format!("a WebSocket is expected: {error}");
+        Refusal::new(StatusCode::BAD_REQUEST, "no_websocket", text)
+    })?;
+    Ok(upgraded(upgrade, place, async move |socket| {
+        control::serve(shown, client, socket).await;
+    }))
+}
+
+/// The client keeps its place until the WebSocket ends.
+fn upgraded<F>(
+    upgrade: WebSocketUpgrade,
+    place: Place,
+    serve: impl FnOnce(WebSocket) -> F + Send + 'static,
+) -> Response
+where
+    F: Future<Output = ()> + Send + 'static,
+{
+    upgrade
+        .protocols(["servocrab"])
+        .max_message_size(MESSAGE)
+        .max_frame_size(MESSAGE)
+        .on_upgrade(|socket| {
+            let served = serve(socket);
+            async move {
+                served.await;
+                drop(place);
+            }
+        })
 }
 
 async fn stop(
@@ -198,17 +432,15 @@ async fn stop(
     Path(name): Path<String>,
 ) -> Response {
     if let Err(error) = shown.view.stop_axis(&name, StopRequest::STOP) {
-        return refused(StatusCode::NOT_FOUND, "no_axis", error.to_string());
+        return Refusal::new(StatusCode::NOT_FOUND, "no_axis", error.to_string()).into_response();
     }
-    let Client { user, process } = client;
-    tracing::warn!(target: "servocrab::attach", "axis {name} is stopped by user {user}, process {process:?}");
+    tracing::warn!(target: LOG, "axis {name} is stopped by {client}");
     accepted()
 }
 
 async fn quick_stop(State(shown): State<Shown>, Extension(client): Extension<Client>) -> Response {
     shown.view.stop_all(StopRequest::QUICK_STOP);
-    let Client { user, process } = client;
-    tracing::warn!(target: "servocrab::attach", "all axes are stopped by user {user}, process {process:?}");
+    tracing::warn!(target: LOG, "all axes are stopped by {client}");
     accepted()
 }
 

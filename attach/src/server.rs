@@ -1,19 +1,20 @@
-//! The socket, its thread, and who is let in: this user and root, so many at a time.
+//! The sockets, their thread, and who is let in: this user and root, and over TCP who has the token; so many at a time.
 
 use std::{
-    fs,
+    fmt, fs,
     io::{self, ErrorKind},
+    net::{Ipv4Addr, SocketAddr, TcpListener as StdTcpListener},
     os::unix::{
         fs::{DirBuilderExt, MetadataExt, PermissionsExt},
         net::{UnixListener as StdListener, UnixStream as StdStream},
     },
     path::{Path, PathBuf},
-    sync::{Arc, mpsc},
+    sync::Arc,
     thread::{self, JoinHandle},
     time::Duration,
 };
 
-use axum::{Extension, Router};
+use axum::{Extension, Router, middleware::from_fn_with_state};
 use hyper::server::conn::http1;
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
@@ -22,15 +23,23 @@ use hyper_util::{
 use rustix::process::geteuid;
 use servocrab::bus::Network;
 use tokio::{
-    net::{UnixListener, UnixStream},
+    io::{AsyncRead, AsyncWrite},
+    net::{TcpListener, TcpStream, UnixListener, UnixStream},
     runtime,
-    sync::{Semaphore, oneshot},
+    sync::{Mutex, OwnedSemaphorePermit, Semaphore, mpsc, oneshot},
     time::{sleep, timeout},
 };
 
-use crate::{Attach, AttachError, ordinary, requests};
+use crate::{
+    Attach, AttachError,
+    commands::{LOG, Shown},
+    gate::{self, Gate, Token},
+    grants::{AskedFor, Granted},
+    ordinary, page, requests,
+};
 
-const LOG: &str = "servocrab::attach";
+/// What clients have asked for and the program has not taken.
+const QUESTIONS: usize = 16;
 /// The header of a request, and what is read of a body before it is refused, in bytes.
 const BUFFER: usize = 16 * 1024;
 /// How long a connection lasts, so that a client that never reads does not keep its place.
@@ -38,24 +47,65 @@ const CONNECTION: Duration = Duration::from_secs(60);
 /// After an error of the socket, such as no free file descriptor.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// A network that is shown, until this is dropped or the program ends. Neither this nor its end has an effect on any axis.
+/// A network that is shown, until this is dropped or the program ends. Neither this nor its end has an effect on any axis, but for the
+/// jogs that clients hold: they end.
 #[derive(Debug)]
 pub struct Attached {
     socket: PathBuf,
-    end: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    server: Server,
+    asked: Mutex<mpsc::Receiver<AskedFor>>,
 }
 
 impl Attached {
-    /// Where the socket is.
+    /// Where the Unix socket is.
     #[must_use]
     pub fn socket(&self) -> &Path {
         &self.socket
+    }
+
+    /// The address of the panel, with the token of this start; none without [`Attach::loopback`]. Who has it may do what is granted.
+    #[must_use]
+    pub fn panel(&self) -> Option<&str> {
+        self.server.panel.as_deref()
+    }
+
+    /// The next axis that a client asks for, whose mode the program holds; `None` once the server has ended. Who agrees drops its lease.
+    /// Sixteen questions are kept.
+    pub async fn asked(&self) -> Option<AskedFor> {
+        self.asked.lock().await.recv().await
     }
 }
 
 impl Drop for Attached {
     fn drop(&mut self) {
+        self.server.end();
+        // Where it is gone already there is nothing to be removed.
+        let _ = fs::remove_file(&self.socket);
+    }
+}
+
+/// A port on which the network of another program is shown, until this is dropped.
+#[derive(Debug)]
+pub struct Forwarded(Server);
+
+impl Forwarded {
+    /// The address of the panel, with the token of this start.
+    #[must_use]
+    pub fn panel(&self) -> &str {
+        self.0.panel.as_deref().unwrap_or_default()
+    }
+}
+
+/// The thread that serves, until this is dropped.
+#[derive(Debug)]
+struct Server {
+    panel: Option<String>,
+    end: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    fn end(&mut self) {
         // It is dropped, which the thread hears.
         self.end.take();
         if let Some(thread) = self.thread.take()
@@ -63,36 +113,125 @@ impl Drop for Attached {
         {
             tracing::error!(target: LOG, "the thread has panicked");
         }
-        // Where it is gone already there is nothing to be removed.
-        let _ = fs::remove_file(&self.socket);
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.end();
     }
 }
 
 /// Shows this network, from now until the result is dropped.
 ///
 /// # Errors
-/// [`AttachError`] where the socket cannot be made: its name, its directory, another program that answers there, the operating system.
-/// [`AttachError::Scheduling`] where the server's thread would keep the real-time class of the calling one.
+/// [`AttachError`] where a socket cannot be made: its name, its directory, another program that answers there, the operating system.
+/// [`AttachError::Grant`] for a grant of an axis that is not declared. [`AttachError::Scheduling`] where the server's thread would keep the
+/// real-time class of the calling one.
 pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
+    let granted = Granted::of(net, &attach.grants)?;
+    let (asks, asked) = mpsc::channel(QUESTIONS);
+    let router = requests::router(Shown {
+        view: net.view(),
+        upload: Arc::new(Semaphore::new(1)),
+        granted,
+        asks,
+        streams: Arc::default(),
+        dictionaries: Arc::default(),
+    });
     let socket = socket(&attach)?;
     let at_socket = |error| AttachError::Io {
         path: socket.clone(),
         error,
     };
     let listener = StdListener::bind(&socket).map_err(at_socket)?;
-    fs::set_permissions(&socket, fs::Permissions::from_mode(0o600)).map_err(at_socket)?;
-    listener.set_nonblocking(true).map_err(at_socket)?;
+    let served = fs::set_permissions(&socket, fs::Permissions::from_mode(0o600))
+        .and_then(|()| listener.set_nonblocking(true))
+        .map_err(at_socket)
+        .and_then(|()| start(router, Some(listener), attach));
+    match served {
+        Ok(server) => {
+            tracing::info!(target: LOG, "the network is shown at {}", socket.display());
+            Ok(Attached {
+                socket,
+                server,
+                asked: Mutex::new(asked),
+            })
+        }
+        Err(error) => {
+            // Where it is gone already there is nothing to be removed.
+            let _ = fs::remove_file(&socket);
+            Err(error)
+        }
+    }
+}
+
+/// Shows, on a port of the loopback interface, the network that another program shows on this Unix socket: with a token of its own. For
+/// the panel of a program that opens no port itself.
+///
+/// # Errors
+/// [`AttachError::Io`] where nobody answers at the socket, or the port cannot be had.
+pub fn forward(socket: &Path, port: u16) -> Result<Forwarded, AttachError> {
+    StdStream::connect(socket).map_err(|error| AttachError::Io {
+        path: socket.to_owned(),
+        error,
+    })?;
+    let attach = Attach::new("").loopback(port);
+    start(crate::forward::router(socket), None, attach).map(Forwarded)
+}
+
+/// Where an attached program with the default directory shows the network of this interface.
+#[must_use]
+pub fn socket_of(interface: &str) -> PathBuf {
+    directory().join(format!("{interface}.sock"))
+}
+
+/// The thread, with what it listens on.
+fn start(router: Router, unix: Option<StdListener>, attach: Attach) -> Result<Server, AttachError> {
+    let Attach {
+        name,
+        port,
+        clients,
+        header_timeout,
+        ..
+    } = attach;
+    let failed = |error| AttachError::Io {
+        path: match port {
+            Some(port) => PathBuf::from(format!("127.0.0.1:{port}")),
+            None => PathBuf::from(&name),
+        },
+        error,
+    };
     let runtime = runtime::Builder::new_current_thread()
         .enable_all()
         .build()
-        .map_err(at_socket)?;
-    let listener = {
-        let _entered = runtime.enter();
-        UnixListener::from_std(listener).map_err(at_socket)?
+        .map_err(failed)?;
+    let limits = Limits {
+        places: Arc::new(Semaphore::new(clients)),
+        clients,
+        header: header_timeout,
     };
-    let router = requests::router(net.view());
+    let tcp = port.map(tcp_listener).transpose().map_err(failed)?;
+    let mut panel = None;
+    {
+        let _entered = runtime.enter();
+        if let Some(listener) = tcp {
+            let token = Token::new().map_err(failed)?;
+            let address = listener.local_addr().map_err(failed)?;
+            let listener = TcpListener::from_std(listener).map_err(failed)?;
+            panel = Some(format!("http://{address}/#token={}", token.text()));
+            let port = address.port();
+            let gate = from_fn_with_state(Gate { token, port }, gate::check);
+            let router = router.clone().merge(page::router()).layer(gate);
+            runtime.spawn(accept(listener, router, limits.clone()));
+        }
+        if let Some(listener) = unix {
+            let listener = UnixListener::from_std(listener).map_err(failed)?;
+            runtime.spawn(accept(listener, router, limits));
+        }
+    }
     let (end, ended) = oneshot::channel::<()>();
-    let (ordinary, is_ordinary) = mpsc::sync_channel(1);
+    let (ordinary, is_ordinary) = std::sync::mpsc::sync_channel(1);
     let thread = thread::Builder::new()
         .name("servocrab-attach".to_owned())
         .spawn(move || {
@@ -100,28 +239,33 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
             let goes_on = scheduled.is_ok();
             // The program waits for it.
             let _ = ordinary.send(scheduled);
-            if !goes_on {
-                return;
+            if goes_on {
+                // Nothing is ever sent. The connections end with the runtime.
+                let _ = runtime.block_on(ended);
             }
-            runtime.block_on(async {
-                tokio::spawn(accept(listener, router, attach));
-                // Nothing is ever sent.
-                let _ = ended.await;
-            });
-            // The connections end with the runtime.
         })
-        .map_err(at_socket)?;
-    if let Ok(Err(error)) = is_ordinary.recv() {
-        // Where it is gone already there is nothing to be removed.
-        let _ = fs::remove_file(&socket);
-        return Err(AttachError::Scheduling(error));
-    }
-    tracing::info!(target: LOG, "the network is shown at {}", socket.display());
-    Ok(Attached {
-        socket,
+        .map_err(failed)?;
+    let server = Server {
+        panel,
         end: Some(end),
         thread: Some(thread),
-    })
+    };
+    match is_ordinary.recv() {
+        Ok(Err(error)) => Err(AttachError::Scheduling(error)),
+        _ => Ok(server),
+    }
+}
+
+fn tcp_listener(port: u16) -> io::Result<StdTcpListener> {
+    let listener = StdTcpListener::bind((Ipv4Addr::LOCALHOST, port))?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
+/// Where the sockets are.
+fn directory() -> PathBuf {
+    let runtime = std::env::var_os("XDG_RUNTIME_DIR").filter(|path| !path.is_empty());
+    PathBuf::from(runtime.unwrap_or_else(|| "/run".into())).join("servocrab")
 }
 
 /// Where the socket is to be, with nothing in its place.
@@ -131,10 +275,7 @@ fn socket(attach: &Attach) -> Result<PathBuf, AttachError> {
     if name.is_empty() || name.starts_with('.') || !name.bytes().all(is_plain) {
         return Err(AttachError::Name(name.to_owned()));
     }
-    let directory = attach.directory.clone().unwrap_or_else(|| {
-        let runtime = std::env::var_os("XDG_RUNTIME_DIR").filter(|path| !path.is_empty());
-        PathBuf::from(runtime.unwrap_or_else(|| "/run".into())).join("servocrab")
-    });
+    let directory = attach.directory.clone().unwrap_or_else(directory);
     let at_directory = |error| AttachError::Io {
         path: directory.clone(),
         error,
@@ -168,66 +309,122 @@ fn socket(attach: &Attach) -> Result<PathBuf, AttachError> {
     }
 }
 
-async fn accept(listener: UnixListener, router: Router, attach: Attach) {
-    let places = Arc::new(Semaphore::new(attach.clients));
+/// What holds for all clients together.
+#[derive(Clone)]
+struct Limits {
+    places: Arc<Semaphore>,
+    clients: usize,
+    header: Duration,
+}
+
+/// Kept by a client for as long as it is connected.
+pub(crate) type Place = Arc<OwnedSemaphorePermit>;
+
+/// Where clients come in.
+trait Listener: Send + 'static {
+    type Stream: AsyncRead + AsyncWrite + Unpin + Send + 'static;
+
+    /// The next connection, and who it is; `None` of who is not let in.
+    fn next(&self) -> impl Future<Output = io::Result<Option<(Self::Stream, Client)>>> + Send;
+}
+
+impl Listener for UnixListener {
+    type Stream = UnixStream;
+
+    async fn next(&self) -> io::Result<Option<(UnixStream, Client)>> {
+        let (stream, _) = self.accept().await?;
+        let peer = match stream.peer_cred() {
+            Ok(peer) => peer,
+            Err(error) => {
+                tracing::warn!(target: LOG, "refused: it is not known who it is: {error}");
+                return Ok(None);
+            }
+        };
+        if !is_allowed(peer.uid()) {
+            tracing::warn!(target: LOG, "refused: user {} is not the program's", peer.uid());
+            return Ok(None);
+        }
+        let client = Client::Local {
+            user: peer.uid(),
+            process: peer.pid(),
+        };
+        Ok(Some((stream, client)))
+    }
+}
+
+impl Listener for TcpListener {
+    type Stream = TcpStream;
+
+    async fn next(&self) -> io::Result<Option<(TcpStream, Client)>> {
+        let (stream, address) = self.accept().await?;
+        // Small messages are not to wait for each other. Where that cannot be set they do.
+        let _ = stream.set_nodelay(true);
+        Ok(Some((stream, Client::Tcp(address))))
+    }
+}
+
+async fn accept<L: Listener + Sync>(listener: L, router: Router, limits: Limits) {
     loop {
-        let stream = match listener.accept().await {
-            Ok((stream, _)) => stream,
+        let (stream, client) = match listener.next().await {
+            Ok(Some(connected)) => connected,
+            Ok(None) => continue,
             Err(error) => {
                 tracing::warn!(target: LOG, "no client can be let in: {error}");
                 sleep(PAUSE).await;
                 continue;
             }
         };
-        let client = match Client::of(&stream) {
-            Ok(client) if client.is_allowed() => client,
-            Ok(client) => {
-                tracing::warn!(target: LOG, "refused: user {} is not the program's", client.user);
-                continue;
-            }
-            Err(error) => {
-                tracing::warn!(target: LOG, "refused: it is not known who it is: {error}");
-                continue;
-            }
-        };
-        let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-            tracing::debug!(target: LOG, "refused: {} clients are connected", attach.clients);
+        let Ok(place) = Arc::clone(&limits.places).try_acquire_owned() else {
+            tracing::debug!(target: LOG, "refused: {} clients are connected", limits.clients);
             continue;
         };
-        tracing::debug!(target: LOG, "connected: user {}, process {:?}", client.user, client.process);
-        let service = TowerToHyperService::new(router.clone().layer(Extension(client)));
+        tracing::debug!(target: LOG, "connected: {client}");
+        let place: Place = Arc::new(place);
+        let router = router
+            .clone()
+            .layer(Extension(client))
+            .layer(Extension(Arc::clone(&place)));
         let connection = http1::Builder::new()
             .timer(TokioTimer::new())
-            .header_read_timeout(attach.header_timeout)
+            .header_read_timeout(limits.header)
             .max_buf_size(BUFFER)
-            .serve_connection(TokioIo::new(stream), service);
+            .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
+            .with_upgrades();
         tokio::spawn(async move {
-            // A client that breaks the protocol or stays too long has nobody to be reported to.
+            // A client that breaks the protocol or stays too long has nobody to be reported to. A WebSocket goes on after it.
             let _ = timeout(CONNECTION, connection).await;
             drop(place);
         });
     }
 }
 
-/// The user and the process at the other end, as the kernel knows them.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Client {
-    pub(crate) user: u32,
-    pub(crate) process: Option<i32>,
+/// Who is at the other end.
+#[derive(Debug, Clone)]
+pub(crate) enum Client {
+    /// The user and the process, as the kernel knows them.
+    Local { user: u32, process: Option<i32> },
+    /// Who has the token.
+    Tcp(SocketAddr),
 }
 
-impl Client {
-    fn of(stream: &UnixStream) -> io::Result<Self> {
-        let peer = stream.peer_cred()?;
-        Ok(Self {
-            user: peer.uid(),
-            process: peer.pid(),
-        })
+impl fmt::Display for Client {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Local {
+                user,
+                process: Some(process),
+            } => write!(f, "user {user}, process {process}"),
+            Self::Local {
+                user,
+                process: None,
+            } => write!(f, "user {user}"),
+            Self::Tcp(address) => write!(f, "{address} with the token"),
+        }
     }
+}
 
-    fn is_allowed(self) -> bool {
-        self.user == 0 || self.user == geteuid().as_raw()
-    }
+fn is_allowed(user: u32) -> bool {
+    user == 0 || user == geteuid().as_raw()
 }
 
 #[cfg(test)]
@@ -237,11 +434,7 @@ mod tests {
     #[test]
     fn only_root_and_the_user_of_the_program_are_let_in() {
         let own = geteuid().as_raw();
-        let of = |user| Client {
-            user,
-            process: None,
-        };
-        assert!(of(own).is_allowed() && of(0).is_allowed());
-        assert!(!of(own + 1).is_allowed());
+        assert!(is_allowed(own) && is_allowed(0));
+        assert!(!is_allowed(own + 1));
     }
 }

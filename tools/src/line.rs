@@ -57,6 +57,11 @@ impl Simulated {
 }
 
 impl LineArguments {
+    /// The network interface, of a line that is not simulated here.
+    pub(crate) fn interface(&self) -> Option<&str> {
+        self.interface.as_deref()
+    }
+
     /// A network on this line. Here alone a command gets at a line.
     pub(crate) fn network(&self) -> Result<NetworkBuilder, Failure> {
         match &self.interface {

@@ -9,6 +9,7 @@ mod meaning;
 mod motion;
 mod od;
 mod output;
+mod panel;
 mod params;
 mod report;
 mod scan;
@@ -50,6 +51,8 @@ enum Command {
     Doctor(doctor::Arguments),
     /// Measures how steady the cycles of a line are; the axes stay disabled
     Report(report::Arguments),
+    /// Shows a line in a browser: its axes, a scope, its objects; jogs and moves where that is granted
+    Panel(panel::Arguments),
     /// Writes what is on the line into a file, `machine.toml`, and as Rust; whatever the line was doing ends
     Init(machine::init::Arguments),
     /// Compares a line with its `machine.toml` and measures it at standstill: one page, to be signed at acceptance
@@ -76,6 +79,7 @@ fn main() -> ExitCode {
         Command::Jog(arguments) => smol::block_on(motion::jog(&tool, arguments)),
         Command::Home(arguments) => smol::block_on(motion::home(&tool, arguments)),
         Command::Move(arguments) => smol::block_on(motion::move_axis(&tool, arguments)),
+        Command::Panel(arguments) => smol::block_on(panel::run(&tool, arguments)),
         Command::Doctor(arguments) => doctor::run(&tool, arguments),
         Command::Init(arguments) => smol::block_on(machine::init::run(&tool, arguments)),
         Command::Check(arguments) => smol::block_on(machine::check::run(&tool, arguments)),

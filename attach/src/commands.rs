@@ -1,0 +1,328 @@
+//! What clients may change where the program grants it: objects, and axes.
+
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex},
+    time::Duration,
+};
+
+use axum::{
+    Extension, Json,
+    body::Bytes,
+    extract::{Path, State},
+    http::StatusCode,
+    response::{IntoResponse, Response},
+};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use servocrab::{
+    AxisError, SetPoint,
+    axis::AxisErrorKind,
+    bus::{NetworkView, Signal},
+    coe::{ObjectAddress, SdoHandle},
+    homing::{HomingMethod, HomingParameters},
+};
+use tokio::{sync::Semaphore, time::timeout};
+
+use crate::{
+    grants::{AskedFor, Asks, Granted, GrantedAxis, is_owned},
+    refusal::Refusal,
+    requests::{TURN, sdo_refusal},
+    server::Client,
+    streams::Streams,
+};
+
+pub(crate) const LOG: &str = "servocrab::attach";
+/// How long the end of a motion is waited for before its request is answered all the same.
+const ANSWERS: Duration = Duration::from_secs(50);
+/// Bytes of an object that is written.
+const OBJECT: usize = 4096;
+
+/// What all requests share.
+#[derive(Clone)]
+pub(crate) struct Shown {
+    pub view: NetworkView,
+    /// One transfer at a time, so that the program's own wait for at most one of them.
+    pub upload: Arc<Semaphore>,
+    pub granted: Granted,
+    pub asks: Asks,
+    pub streams: Arc<Streams>,
+    /// The objects of each drive, once they were listed.
+    pub dictionaries: Arc<Mutex<HashMap<u16, Value>>>,
+}
+
+impl Granted {
+    /// An axis that may be jogged.
+    pub fn jog(&self, name: &str) -> Result<&GrantedAxis, Refusal> {
+        let granted = self.axes.get(name);
+        let granted = granted.filter(|axis| axis.max_velocity.is_some());
+        granted.ok_or_else(|| Refusal::not_granted(format_args!("jog `{name}`")))
+    }
+
+    fn moves(&self, name: &str) -> Result<&GrantedAxis, Refusal> {
+        let granted = self.axes.get(name).filter(|axis| axis.moves);
+        granted.ok_or_else(|| Refusal::not_granted(format_args!("move `{name}`")))
+    }
+
+    fn any(&self, name: &str) -> Result<&GrantedAxis, Refusal> {
+        let granted = self.axes.get(name);
+        granted.ok_or_else(|| Refusal::not_granted(format_args!("enable `{name}`")))
+    }
+
+    pub fn json(&self) -> Value {
+        let mut axes: Vec<_> = self.axes.iter().collect();
+        axes.sort_by_key(|(name, _)| *name);
+        let axes = axes.into_iter().map(|(name, axis)| {
+            json!({"axis": name, "max_velocity": axis.max_velocity, "moves": axis.moves})
+        });
+        json!({"parameters": self.parameters, "axes": axes.collect::<Vec<_>>()})
+    }
+}
+
+impl Shown {
+    /// Why an axis did not do it. Where the program holds the axis' mode it is asked for it.
+    pub fn refusal_of(&self, error: &AxisError, client: &Client) -> Refusal {
+        if !matches!(error.kind, AxisErrorKind::ModeInUse) {
+            return Refusal::of("axis", error.to_string());
+        }
+        let asked = AskedFor {
+            axis: error.identity.axis.to_string(),
+            client: client.to_string(),
+        };
+        // A program that does not listen has as many questions as it can have.
+        let _ = self.asks.try_send(asked);
+        let text = format!("{error}; the program is asked for it");
+        Refusal::new(StatusCode::CONFLICT, "in_use", text)
+    }
+}
+
+fn body<'a, T: Deserialize<'a>>(bytes: &'a Bytes) -> Result<T, Refusal> {
+    serde_json::from_slice(bytes)
+        .map_err(|error| Refusal::of("bad_body", format!("the body is not understood: {error}")))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    bytes: Vec<u8>,
+}
+
+pub(crate) async fn write(
+    State(shown): State<Shown>,
+    Extension(client): Extension<Client>,
+    Path((drive, index, subindex)): Path<(String, String, String)>,
+    bytes: Bytes,
+) -> Result<Json<Value>, Refusal> {
+    if !shown.granted.parameters {
+        return Err(Refusal::not_granted("write objects"));
+    }
+    let (sdo, object) = shown.object(&drive, &index, &subindex)?;
+    let Written { bytes } = body(&bytes)?;
+    let mapped = Signal::Device {
+        position: sdo.drive().position,
+        object,
+    };
+    let is_mapped = shown.view.recorder([mapped]).is_ok();
+    if is_owned(object) || is_mapped {
+        let text = format!(
+            "{object} is in the process data, or the library itself writes it or relies on it"
+        );
+        return Err(Refusal::new(StatusCode::FORBIDDEN, "owned", text));
+    }
+    if bytes.is_empty() || bytes.len() > OBJECT {
+        let text = format!(
+            "an object of 1 to {OBJECT} bytes is expected, and not {}",
+            bytes.len()
+        );
+        return Err(Refusal::new(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "bad_body",
+            text,
+        ));
+    }
+    let Ok(Ok(_turn)) = timeout(TURN, shown.upload.acquire()).await else {
+        return Err(Refusal::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "busy",
+            "other transfers are under way: ask again",
+        ));
+    };
+    tracing::warn!(target: LOG, "{} of {} is written by {client}: {bytes:02X?}", object, sdo.drive());
+    match sdo.write_bytes(object.index, object.subindex, bytes).await {
+        Ok(()) => Ok(Json(json!({"written": true}))),
+        Err(error) => Err(sdo_refusal(&error)),
+    }
+}
+
+/// Answered when it is done, or after 50 s. It is done to its end also where the client goes away.
+async fn finish(
+    shown: Shown,
+    client: Client,
+    what: String,
+    work: impl Future<Output = Result<String, AxisError>> + Send + 'static,
+) -> Response {
+    tracing::warn!(target: LOG, "{what}: by {client}");
+    let (of_task, asked_by) = (shown.clone(), client.clone());
+    let done = tokio::spawn(async move {
+        let done = work.await;
+        match &done {
+            Ok(outcome) => tracing::info!(target: LOG, "{what}: {outcome}"),
+            Err(error) => tracing::warn!(target: LOG, "{what}: {error}"),
+        }
+        done.map_err(|error| of_task.refusal_of(&error, &asked_by))
+    });
+    match timeout(ANSWERS, done).await {
+        Ok(Ok(Ok(outcome))) => Json(json!({"done": true, "text": outcome})).into_response(),
+        Ok(Ok(Err(refusal))) => refusal.into_response(),
+        Ok(Err(_)) => {
+            let status = StatusCode::INTERNAL_SERVER_ERROR;
+            Refusal::new(status, "ended", "the work was given up").into_response()
+        }
+        Err(_) => (StatusCode::ACCEPTED, Json(json!({"done": false}))).into_response(),
+    }
+}
+
+pub(crate) async fn enable(
+    State(shown): State<Shown>,
+    Extension(client): Extension<Client>,
+    Path(name): Path<String>,
+) -> Result<Response, Refusal> {
+    let axis = shown.granted.any(&name)?.axis.clone();
+    let work = async move { axis.enable().await.map(|()| "enabled".to_owned()) };
+    Ok(finish(shown, client, format!("enable {name}"), work).await)
+}
+
+pub(crate) async fn disable(
+    State(shown): State<Shown>,
+    Extension(client): Extension<Client>,
+    Path(name): Path<String>,
+) -> Result<Response, Refusal> {
+    let axis = shown.granted.any(&name)?.axis.clone();
+    let work = async move { axis.disable().await.map(|_| "disabled".to_owned()) };
+    Ok(finish(shown, client, format!("disable {name}"), work).await)
+}
+
+pub(crate) async fn reset_fault(
+    State(shown): State<Shown>,
+    Extension(client): Extension<Client>,
+    Path(name): Path<String>,
+) -> Result<Response, Refusal> {
+    let axis = shown.granted.any(&name)?.axis.clone();
+    let work = async move { axis.reset_fault().await.map(|_| "reset".to_owned()) };
+    Ok(finish(shown, client, format!("reset the fault of {name}"), work).await)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MoveBody {
+    to: Option<f64>,
+    by: Option<f64>,
+    velocity: f64,
+}
+
+pub(crate) async fn move_axis(
+    State(shown): State<Shown>,
+    Extension(client): Extension<Client>,
+    Path(name): Path<String>,
+    bytes: Bytes,
+) -> Result<Response, Refusal> {
+    let granted = shown.granted.moves(&name)?.clone();
+    let MoveBody { to, by, velocity } = body(&bytes)?;
+    let scale = granted.scale;
+    let velocity = scale.velocity(velocity);
+    let velocity = velocity.map_err(|error| Refusal::of("velocity", error.to_string()))?;
+    let (is_relative, value) = match (to, by) {
+        (Some(to), None) => (false, scale.position(to)),
+        (None, Some(by)) => (true, scale.position(by)),
+        _ => {
+            return Err(Refusal::of(
+                "bad_body",
+                "`to` or `by` is expected, and not both",
+            ));
+        }
+    };
+    let value = value.map_err(|error| Refusal::of("position", error.to_string()))?;
+    let what = format!(
+        "move {name} {} {value}",
+        if is_relative { "by" } else { "to" }
+    );
+    let work = async move {
+        let lease = granted.axis.profile_position().await?;
+        let set_point = SetPoint::new().velocity(velocity);
+        let begun = match is_relative {
+            true => lease.move_rel(value, set_point).await,
+            false => lease.move_abs(value, set_point).await,
+        };
+        let outcome = match begun {
+            Ok(motion) => motion.done().await.map(|outcome| outcome.to_string()),
+            Err(error) => Err(error),
+        };
+        let released = lease.release().await;
+        outcome.and_then(|outcome| released.map(|()| outcome))
+    };
+    Ok(finish(shown, client, what, work).await)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct HomeBody {
+    method: i8,
+    /// Seconds.
+    within: f64,
+}
+
+pub(crate) async fn home(
+    State(shown): State<Shown>,
+    Extension(client): Extension<Client>,
+    Path(name): Path<String>,
+    bytes: Bytes,
+) -> Result<Response, Refusal> {
+    let axis = shown.granted.moves(&name)?.axis.clone();
+    let HomeBody { method, within } = body(&bytes)?;
+    let within = Duration::try_from_secs_f64(within);
+    let within = within.map_err(|error| Refusal::of("bad_body", format!("`within`: {error}")))?;
+    let work = async move {
+        let lease = axis.homing().await?;
+        let parameters = HomingParameters::new(HomingMethod(method));
+        let homed = lease.home(parameters).within(within).await;
+        let released = lease.release().await;
+        homed.and_then(|homed| released.map(|()| format!("homed at {} counts", homed.position)))
+    };
+    Ok(finish(
+        shown,
+        client,
+        format!("home {name} by method {method}"),
+        work,
+    )
+    .await)
+}
+
+impl Shown {
+    /// The objects of the drive at this position.
+    pub fn drive(&self, position: &str) -> Result<&SdoHandle, Refusal> {
+        let place = position.parse::<u16>().ok();
+        let mut drives = self.view.drives();
+        let sdo = drives.find(|sdo| Some(sdo.drive().position) == place);
+        sdo.ok_or_else(|| {
+            let text =
+                format!("no drive was declared at position `{position}`: /v1/line lists them");
+            Refusal::new(StatusCode::NOT_FOUND, "no_drive", text)
+        })
+    }
+
+    /// The objects of a drive, and which one is asked for.
+    pub fn object(
+        &self,
+        drive: &str,
+        index: &str,
+        subindex: &str,
+    ) -> Result<(&SdoHandle, ObjectAddress), Refusal> {
+        let object = format!("{index}:{subindex}").parse();
+        let object = object.map_err(|_| {
+            let text =
+                format!("`{index}/{subindex}` is no object: ask for one as 6041h/0 or 0x6041/0");
+            Refusal::new(StatusCode::BAD_REQUEST, "no_object", text)
+        })?;
+        Ok((self.drive(drive)?, object))
+    }
+}

@@ -1,0 +1,437 @@
+"use strict";
+// The panel: asks for what the network shows, and lets hold to jog where that is granted.
+
+const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
+const find = (id) => document.getElementById(id);
+const STATES = ["Not ready to switch on", "Switch on disabled", "Ready to switch on", "Switched on", "Operation enabled",
+  "Quick stop active", "Fault reaction active", "Fault"];
+let grants = { parameters: false, axes: [] };
+let drives = [];
+
+function make(tag, properties = {}, ...children) {
+  const element = Object.assign(document.createElement(tag), properties);
+  element.append(...children);
+  return element;
+}
+
+function tell(text) {
+  find("message").textContent = text;
+  find("message").hidden = text === "";
+}
+
+async function ask(path, body, method) {
+  const options = { headers: { Authorization: `Bearer ${token}` }, method: method ?? (body === undefined ? "GET" : "POST") };
+  if (body !== undefined && body !== null) options.body = JSON.stringify(body);
+  const response = await fetch(path, options);
+  const answer = await response.json();
+  if (!response.ok) throw new Error(answer.error?.text ?? `${response.status}`);
+  return answer;
+}
+
+async function act(path, body = null) {
+  try {
+    tell("");
+    return await ask(path, body, "POST");
+  } catch (error) {
+    tell(error.message);
+    return null;
+  }
+}
+
+function openSocket(path) {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  return new WebSocket(`${scheme}://${location.host}${path}`, ["servocrab", `token.${token}`]);
+}
+
+// Stops: on the screen at all times, and by one key.
+
+function quickStop() {
+  releaseAll();
+  act("/v1/quick_stop");
+}
+find("quick-stop").addEventListener("click", quickStop);
+addEventListener("keydown", (event) => {
+  if (event.key === "Escape") quickStop();
+});
+
+// Hold to jog. A hold echoes the server's latest tick; what goes wrong on this side or on the way ends the holds.
+
+const held = new Map();
+let control = null;
+let tick = null;
+
+function connect() {
+  control = openSocket("/v1/control");
+  control.onmessage = (message) => {
+    const said = JSON.parse(message.data);
+    if (said.tick !== undefined) {
+      tick = said.tick;
+      for (const [axis, velocity] of held) control.send(JSON.stringify({ hold: { axis, velocity, tick } }));
+    } else if (said.error) {
+      tell(said.error.text);
+    } else if (said.jog && said.jog.state === "ended") {
+      release(said.jog.axis);
+      tell(said.jog.text);
+    }
+  };
+  control.onclose = () => {
+    releaseAll();
+    tick = null;
+    setTimeout(connect, 1000);
+  };
+}
+
+function hold(axis, velocity, button) {
+  if (!Number.isFinite(velocity) || velocity === 0) return tell("the velocity of a jog is a number other than 0");
+  if (tick === null) return tell("there is no connection");
+  tell("");
+  held.set(axis, velocity);
+  button.classList.add("held");
+  control.send(JSON.stringify({ hold: { axis, velocity, tick } }));
+}
+
+function release(axis) {
+  if (held.delete(axis) && control.readyState === WebSocket.OPEN) control.send(JSON.stringify({ release: { axis } }));
+  document.querySelectorAll(".jog.held").forEach((button) => {
+    if (button.dataset.axis === axis) button.classList.remove("held");
+  });
+}
+
+function releaseAll() {
+  for (const axis of [...held.keys()]) release(axis);
+}
+addEventListener("blur", releaseAll);
+addEventListener("pagehide", releaseAll);
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden) releaseAll();
+});
+
+function jogButton(axis, text, velocity) {
+  const button = make("button", { className: "jog", textContent: text });
+  button.dataset.axis = axis;
+  button.setAttribute("aria-label", `hold to jog ${axis} ${text}`);
+  const end = () => release(axis);
+  button.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    button.setPointerCapture(event.pointerId);
+    hold(axis, velocity(), button);
+  });
+  for (const kind of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(kind, end);
+  button.addEventListener("contextmenu", (event) => event.preventDefault());
+  button.addEventListener("keydown", (event) => {
+    if (event.key === " " && !event.repeat) {
+      event.preventDefault();
+      hold(axis, velocity(), button);
+    }
+  });
+  button.addEventListener("keyup", end);
+  return button;
+}
+
+// Axes.
+
+const cards = new Map();
+
+function card(axis) {
+  const granted = grants.axes.find((known) => known.axis === axis.name);
+  const path = `/v1/axes/${encodeURIComponent(axis.name)}`;
+  const parts = {
+    mode: make("span", { className: "quiet" }),
+    position: make("span", { className: "number" }),
+    velocity: make("span", { className: "number" }),
+    states: make("ul", { className: "states" }),
+    status: make("p", { className: "bits" }),
+    control: make("p", { className: "bits" }),
+    flags: make("p", { className: "bits" }),
+  };
+  for (const state of STATES) parts.states.append(make("li", { textContent: state }));
+  const button = (text, action) => {
+    const made = make("button", { textContent: text });
+    made.addEventListener("click", action);
+    return made;
+  };
+  const rows = [make("div", { className: "row" }, button("Stop", () => act(`${path}/stop`)))];
+  if (granted) {
+    rows[0].append(button("Enable", () => act(`${path}/enable`)), button("Disable", () => act(`${path}/disable`)),
+      button("Reset fault", () => act(`${path}/reset_fault`)));
+  }
+  if (granted && granted.max_velocity !== null) {
+    const velocity = make("input", { type: "number", step: "any", min: 0, max: granted.max_velocity, value: granted.max_velocity / 10 });
+    velocity.setAttribute("aria-label", `jog velocity of ${axis.name}`);
+    rows.push(make("div", { className: "row" }, jogButton(axis.name, "−", () => -velocity.valueAsNumber),
+      jogButton(axis.name, "+", () => velocity.valueAsNumber), velocity, make("span", { textContent: `${axis.unit}/s` })));
+  }
+  if (granted?.moves) {
+    const to = make("input", { type: "number", step: "any", value: 0 });
+    const velocity = make("input", { type: "number", step: "any", min: 0, value: granted.max_velocity ? granted.max_velocity / 10 : 1 });
+    to.setAttribute("aria-label", `target of ${axis.name}`);
+    velocity.setAttribute("aria-label", `velocity of the move of ${axis.name}`);
+    rows.push(make("div", { className: "row" },
+      button("Move to", () => act(`${path}/move`, { to: to.valueAsNumber, velocity: velocity.valueAsNumber })),
+      to, make("span", { textContent: `${axis.unit} with` }), velocity, make("span", { textContent: `${axis.unit}/s` })));
+  }
+  const element = make("article", { className: "card" },
+    make("h3", {}, make("span", { textContent: axis.name }), parts.mode),
+    make("div", { className: "row" }, parts.position, make("span", { textContent: axis.unit }), parts.velocity,
+      make("span", { textContent: `${axis.unit}/s` })),
+    parts.states, parts.status, parts.control, parts.flags, ...rows);
+  element.dataset.axis = axis.name;
+  find("axes").append(element);
+  return parts;
+}
+
+const number = (value) => value.toFixed(Math.abs(value) >= 1000 ? 1 : 3);
+
+function showAxes(axes) {
+  for (const axis of axes) {
+    if (!cards.has(axis.name)) cards.set(axis.name, card(axis));
+    const parts = cards.get(axis.name);
+    parts.mode.textContent = `${axis.mode}, drive ${axis.drive}`;
+    parts.position.textContent = number(axis.position);
+    parts.velocity.textContent = number(axis.velocity);
+    for (const item of parts.states.children) {
+      item.className = item.textContent === axis.state ? `now${axis.state.startsWith("Fault") ? " fault" : ""}` : "";
+    }
+    const hexadecimal = (word) => `${word.toString(16).toUpperCase().padStart(4, "0")}h`;
+    const names = (bits) => bits.map((bit) => bit.toLowerCase().replaceAll("_", " ")).join(", ");
+    parts.status.textContent = `Statusword ${hexadecimal(axis.statusword.value)}: ${names(axis.statusword.bits)}`;
+    parts.control.textContent = `Controlword ${hexadecimal(axis.controlword)}: ${names(axis.controlword_bits)}`;
+    const flags = [axis.lost && "lost", axis.halted && "halted", axis.has_set_point && "has a set-point",
+      axis.referenced ? "referenced" : "not referenced"];
+    parts.flags.textContent = flags.filter(Boolean).join(", ");
+  }
+}
+
+// The scope.
+
+const scope = new Scope(find("scope"), openSocket, (text) => { find("scope-state").textContent = text; });
+let signals = [];
+
+function showSignals(next) {
+  signals = next;
+  scope.show(signals);
+  find("run").textContent = "Pause";
+  scope.resume();
+  find("shown-signals").replaceChildren(...signals.map((signal) => {
+    const chip = make("button", { textContent: `${signal} ×`, title: "Remove" });
+    chip.addEventListener("click", () => showSignals(signals.filter((other) => other !== signal)));
+    return make("li", {}, chip);
+  }));
+  const options = signals.map((signal) => make("option", { value: signal, textContent: signal }));
+  find("trigger-signal").replaceChildren(make("option", { value: "", textContent: "none" }), ...options);
+  setTrigger();
+}
+
+function setTrigger() {
+  const signal = find("trigger-signal").value;
+  const level = find("trigger-level").valueAsNumber;
+  scope.trigger = signal && Number.isFinite(level) ? { signal, level, rises: find("trigger-edge").value === "rise" } : null;
+}
+for (const id of ["trigger-signal", "trigger-edge", "trigger-level"]) find(id).addEventListener("change", setTrigger);
+find("window").addEventListener("change", () => { scope.window = Number(find("window").value); });
+find("add-signal").addEventListener("click", () => {
+  const signal = find("signal").value.trim();
+  if (signal && !signals.includes(signal)) showSignals([...signals, signal]);
+  find("signal").value = "";
+});
+find("signal").addEventListener("keydown", (event) => {
+  if (event.key === "Enter") find("add-signal").click();
+});
+scope.onpause = () => { find("run").textContent = "Run"; };
+find("run").addEventListener("click", () => {
+  if (scope.runs) return scope.pause();
+  scope.resume();
+  find("run").textContent = "Pause";
+});
+find("export").addEventListener("click", () => {
+  const url = URL.createObjectURL(new Blob([scope.csv()], { type: "text/csv" }));
+  make("a", { href: url, download: "servocrab-scope.csv" }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 1000);
+});
+
+// Events with their black boxes.
+
+let shownEvents = -1;
+
+function showEvents(events) {
+  const latest = events.at(-1)?.number ?? -1;
+  if (latest === shownEvents) return;
+  shownEvents = latest;
+  find("events").replaceChildren(...events.toReversed().map((event) => {
+    const item = make("li", {}, event.text);
+    if (event.has_black_box) {
+      const button = make("button", { textContent: "Black box" });
+      button.addEventListener("click", async () => {
+        try {
+          drawBlackBox(find("black-box"), await ask(`/v1/events/${event.number}/black_box`));
+        } catch (error) {
+          tell(error.message);
+        }
+      });
+      item.append(" ", button);
+    }
+    return item;
+  }));
+}
+
+// Objects.
+
+const address = (object) => `${object.index.toString(16).toUpperCase().padStart(4, "0")}h:${object.subindex}`;
+
+function valueOf(bytes, type) {
+  const view = new DataView(Uint8Array.from(bytes).buffer);
+  if (/STRING/i.test(type)) return new TextDecoder().decode(Uint8Array.from(bytes)).replace(/\0+$/, "");
+  const signed = /^(INTEGER|I)\d/i.test(type);
+  if (bytes.length === 1) return signed ? view.getInt8(0) : view.getUint8(0);
+  if (bytes.length === 2) return signed ? view.getInt16(0, true) : view.getUint16(0, true);
+  if (bytes.length === 4) return signed ? view.getInt32(0, true) : view.getUint32(0, true);
+  if (bytes.length === 8) return (signed ? view.getBigInt64(0, true) : view.getBigUint64(0, true)).toString();
+  return bytes.map((byte) => byte.toString(16).padStart(2, "0")).join(" ");
+}
+
+function bytesOf(text, length) {
+  const number = BigInt(text.trim());
+  const bytes = [];
+  for (let place = 0; place < length; place += 1) bytes.push(Number((number >> BigInt(8 * place)) & 0xffn));
+  const back = BigInt.asIntN(8 * length, number) === number || BigInt.asUintN(8 * length, number) === number;
+  if (!back) throw new Error(`${text} does not fit into ${length} bytes`);
+  return bytes;
+}
+
+function objectRow(drive, object) {
+  const value = make("td");
+  const path = `/v1/od/${drive}/0x${object.index.toString(16)}/${object.subindex}`;
+  let length = object.bits / 8;
+  const read = make("button", { textContent: "Read" });
+  read.addEventListener("click", async () => {
+    try {
+      const answer = await ask(path);
+      length = answer.bytes.length;
+      const shown = valueOf(answer.bytes, object.type);
+      const hexadecimal = typeof shown === "number" ? ` (${(shown >>> 0).toString(16).toUpperCase()}h)` : "";
+      value.textContent = `${shown}${hexadecimal}`;
+    } catch (error) {
+      value.textContent = error.message;
+    }
+  });
+  const buttons = make("td", {}, read);
+  if (grants.parameters && /w/i.test(object.access)) {
+    const write = make("button", { textContent: "Write" });
+    write.addEventListener("click", async () => {
+      const text = prompt(`${address(object)} ${object.name}: write which number?`);
+      if (text === null) return;
+      try {
+        await ask(path, { bytes: bytesOf(text, length) });
+        read.click();
+      } catch (error) {
+        tell(error.message);
+      }
+    });
+    buttons.append(" ", write);
+  }
+  return make("tr", {}, make("td", { textContent: address(object) }), make("td", { textContent: object.name }),
+    make("td", { textContent: object.type }), value, buttons);
+}
+
+find("list-objects").addEventListener("click", async () => {
+  const drive = find("drive").value;
+  const filter = find("filter").value.trim().toLowerCase();
+  try {
+    tell("");
+    find("list-objects").disabled = true;
+    const objects = await ask(`/v1/od/${drive}`);
+    const fits = (object) => address(object).toLowerCase().includes(filter) || object.name.toLowerCase().includes(filter);
+    find("objects").replaceChildren(...objects.filter(fits).slice(0, 500).map((object) => objectRow(drive, object)));
+  } catch (error) {
+    tell(error.message);
+  } finally {
+    find("list-objects").disabled = false;
+  }
+});
+find("filter").addEventListener("keydown", (event) => {
+  if (event.key === "Enter") find("list-objects").click();
+});
+
+// Inputs and outputs, and the cycles.
+
+function showIos(ios) {
+  if (ios.length === 0) return;
+  find("ios-section").hidden = false;
+  const points = ios.flatMap((io) => io.points.map((point) => ({ ...point, io: io.name })));
+  const values = points.map(() => make("td"));
+  find("ios").replaceChildren(...points.map((point, place) =>
+    make("tr", {}, make("td", { textContent: point.io }), make("td", { textContent: point.name }), values[place])));
+  const socket = openSocket(`/v1/stream?every=50&signals=${encodeURIComponent(points.map((point) => point.signal).join(","))}`);
+  socket.binaryType = "arraybuffer";
+  socket.onmessage = (message) => {
+    if (typeof message.data === "string") return;
+    const latest = decodeBlock(message.data).cycles.at(-1);
+    latest?.values.forEach((value, place) => { values[place].textContent = value ?? "no answer"; });
+  };
+}
+
+function showStatistics(shown) {
+  find("cycles").textContent = `${shown.cycles} cycles, ${shown.lost_frames} frames lost`;
+  const rows = [["late cycles", shown.late_cycles], ["left out", shown.overruns], ["frames lost", shown.lost_frames],
+    ["wrong working counters", shown.wrong_working_counters]];
+  const plain = rows.map(([name, value]) => make("tr", {}, make("td", { textContent: name }), make("td", { textContent: value }), make("td")));
+  const times = [["lateness", shown.lateness_us], ["round trip", shown.round_trip_us]].flatMap(([name, quantiles]) =>
+    ["least", "50 %", "99 %", "99.9 %", "most"].map((quantile) => {
+      const value = quantiles[quantile];
+      const bar = make("span", { className: "bar" });
+      bar.style.width = `${Math.min(100, 20 * Math.log10(1 + (value ?? 0)))}%`;
+      return make("tr", {}, make("td", { textContent: `${name}, ${quantile}` }),
+        make("td", { textContent: value === null ? "" : `${value.toFixed(1)} µs` }), make("td", {}, bar));
+    }));
+  find("statistics").replaceChildren(...plain, ...times);
+}
+
+// All together.
+
+function connected(text, kind) {
+  find("connection").textContent = text;
+  find("connection").className = `badge ${kind}`;
+}
+
+async function begin() {
+  grants = await ask("/v1/grants");
+  drives = (await ask("/v1/line")).drives;
+  find("drive").replaceChildren(...drives.map((drive) => make("option", { value: drive.position, textContent: `${drive.position}: ${drive.name}` })));
+  const ios = await ask("/v1/ios");
+  const devices = [...drives.map((drive) => ({ position: drive.position, text: drive.name })),
+    ...ios.map((io) => ({ position: io.position, text: io.name }))].sort((one, other) => one.position - other.position);
+  find("line").replaceChildren(...devices.map((device) => make("li", { textContent: `${device.position}: ${device.text}` })));
+  const axes = await ask("/v1/axes");
+  showAxes(axes);
+  showIos(ios);
+  const names = ["position", "velocity", "following_error", "torque", "target", "target_velocity", "statusword", "state"];
+  find("signals").replaceChildren(...axes.flatMap((axis) => names.map((name) => make("option", { value: `${axis.name}.${name}` }))),
+    make("option", { value: "lateness" }));
+  if (axes.length > 0) showSignals([`${axes[0].name}.position`, `${axes[0].name}.velocity`]);
+  connect();
+}
+
+async function refresh() {
+  try {
+    showAxes(await ask("/v1/axes"));
+    connected("connected", "good");
+  } catch (error) {
+    connected(error.message, "bad");
+  }
+  setTimeout(refresh, 150);
+}
+
+async function refreshSlowly() {
+  try {
+    showStatistics(await ask("/v1/statistics"));
+    showEvents(await ask("/v1/events"));
+  } catch {
+    // The faster one shows it.
+  }
+  setTimeout(refreshSlowly, 1000);
+}
+
+begin().then(() => { refresh(); refreshSlowly(); }, (error) => {
+  connected("refused", "bad");
+  tell(error.message);
+});

@@ -1,0 +1,112 @@
+//! The panel in a browser: of the network that a program shows, or, where no program has the interface, of the drives of the line.
+
+use std::time::Duration;
+
+use clap::Args;
+use serde_json::json;
+use servocrab::{AxisConfig, DriveConfig, Referencing, bus::NetworkBuilder, coe::obj};
+use servocrab_attach::{Attach, Grant, forward, serve, socket_of};
+
+use crate::{
+    line::LineArguments,
+    output::{Done, Failure, Tool},
+    report::description_of,
+};
+
+/// Where a program shows the network of the interface, its network is shown, with what it grants. Else the drives of the line are
+/// brought into OP here, their axes disabled; the panel may move them then. Ctrl-C ends it.
+#[derive(Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    line: LineArguments,
+    /// Port of the loopback interface; 0 for one that is free
+    #[arg(long, default_value_t = 0)]
+    port: u16,
+    /// Time from one cycle to the next, in microseconds
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=20_000))]
+    cycle_us: u32,
+    /// The greatest velocity of a jog, in the drives' units
+    #[arg(long, default_value_t = 100_000.0)]
+    max_velocity: f64,
+    /// Show only: nothing is written or moved
+    #[arg(long)]
+    read_only: bool,
+}
+
+pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
+    if let Some(interface) = arguments.line.interface()
+        && let Ok(shown) = forward(&socket_of(interface), arguments.port)
+    {
+        tool.note("a program has this network: what it grants holds");
+        say(tool, shown.panel())?;
+        tool.interrupted().await;
+        return Ok(true);
+    }
+    let (builder, axes) = builder(tool, arguments).await?;
+    let start = async { Ok(builder.start().await?) };
+    let net = tool.unless_interrupted(start).await?;
+    let name = arguments.line.interface();
+    let own = format!("panel-{}", std::process::id());
+    let mut attach = Attach::new(name.unwrap_or(&own)).loopback(arguments.port);
+    if !arguments.read_only {
+        let max_velocity = arguments.max_velocity;
+        attach = attach
+            .grant(Grant::Parameters)
+            .grant(Grant::Jog {
+                axes: axes.clone(),
+                max_velocity,
+            })
+            .grant(Grant::Motion { axes });
+    }
+    let shown = serve(&net, attach);
+    let said = match &shown {
+        Ok(attached) => say(tool, attached.panel().unwrap_or_default()),
+        Err(error) => Err(error.to_string().into()),
+    };
+    if said.is_ok() {
+        tool.interrupted().await;
+    }
+    drop(shown);
+    net.shutdown().await?;
+    said.map(|()| true)
+}
+
+fn say(tool: &Tool, panel: &str) -> Result<(), Failure> {
+    let text = format!(
+        "{panel}\nOpen this address in a browser of this computer. Who has it may do what is granted. Ctrl-C ends the panel.\n"
+    );
+    Ok(tool.say(&json!({"panel": panel}), text)?)
+}
+
+/// All drives of the line, each by its own description, with the names of their axes.
+async fn builder(
+    tool: &Tool,
+    arguments: &Arguments,
+) -> Result<(NetworkBuilder, Vec<String>), Failure> {
+    let cycle = Duration::from_micros(arguments.cycle_us.into());
+    let mut builder = arguments.line.network()?.cycle(cycle);
+    let line = arguments.line.scan(tool).await?;
+    let mut names = Vec::new();
+    for device in line.devices() {
+        let Some(description) = description_of(device).await else {
+            continue;
+        };
+        let position = device.id.position;
+        let axes = description.axes.len();
+        let drive = (1..=axes).fold(DriveConfig::new(description), |drive, axis| {
+            let name = format!("{position}.{axis}");
+            names.push(name.clone());
+            drive.axis(
+                AxisConfig::new(name)
+                    .referencing(Referencing::UnreferencedMovesAllowed)
+                    .map_output(obj::TARGET_VELOCITY),
+            )
+        });
+        builder = builder.drive(position, drive);
+    }
+    line.close().await;
+    if names.is_empty() {
+        return Err("no drive was found on the line".into());
+    }
+    Ok((builder, names))
+}
