@@ -3,6 +3,7 @@
 mod house;
 mod motion_table;
 mod mutants;
+mod panel_e2e;
 mod prove;
 mod wire_diff;
 
@@ -23,6 +24,7 @@ enum Command {
     House(house::Args),
     MotionTable(motion_table::Args),
     Mutants(mutants::Args),
+    PanelE2e(panel_e2e::Args),
     Prove(prove::Args),
     WireDiff(wire_diff::Args),
 }
@@ -32,6 +34,7 @@ fn main() -> ExitCode {
         Command::House(args) => house::run(&args),
         Command::MotionTable(args) => motion_table::run(&args),
         Command::Mutants(args) => mutants::run(&args),
+        Command::PanelE2e(args) => panel_e2e::run(&args),
         Command::Prove(args) => prove::run(&args),
         Command::WireDiff(args) => wire_diff::run(&args),
     };

@@ -1,0 +1,264 @@
+//! A real Chromium on the panel of a running, simulated machine: `cargo xtask panel-e2e`.
+//!
+//! The browser is in a network namespace of its own, behind a cable that is cut and a relay that delays. What the axis did is read from the
+//! simulated drive.
+#![allow(missing_docs)]
+
+mod browser;
+mod machine;
+mod network;
+
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process::ExitCode,
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use browser::Browser;
+use machine::Machine;
+use network::{Cable, relay};
+use serde_json::{Value, json};
+
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// How long anything may take to happen that has no time of its own.
+const TIME: Duration = Duration::from_secs(20);
+/// How long an axis may go on after what ends a jog: the dead-man time, a tick, the delay of a message, the ramp.
+const STOPS: Duration = Duration::from_millis(1500);
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    let done = match arguments
+        .iter()
+        .map(String::as_str)
+        .collect::<Vec<_>>()
+        .as_slice()
+    {
+        ["--relay", from, to] => relay(from, to),
+        ["--run", pictures] => run(Path::new(pictures)),
+        _ => {
+            println!("the panel in a browser is tested by `cargo xtask panel-e2e`");
+            Ok(())
+        }
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("panel: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(pictures: &Path) -> Result<()> {
+    fs::create_dir_all(pictures)?;
+    let machine = Machine::start()?;
+    let cable = Cable::lay(machine.port()?)?;
+    let open = || -> Result<Browser> {
+        let browser = Browser::start(&cable)?;
+        browser.open(machine.panel())?;
+        browser.wait(
+            "the panel is connected",
+            "return document.querySelector('#connection').textContent === 'connected'",
+        )?;
+        Ok(browser)
+    };
+
+    let browser = open()?;
+    shows(&browser, &machine)?;
+    a_move_is_seen(&browser, &machine)?;
+    browser.picture(&pictures.join("panel.png"))?;
+    browser.picture_of("#scope-section", &pictures.join("scope.png"))?;
+    a_fault_is_seen(&browser, &machine)?;
+    browser.picture_of("#events-section", &pictures.join("black-box.png"))?;
+    is_refused(&browser, &machine)?;
+
+    let cases: [(&str, fn(&Browser, &Cable) -> Result<()>); 9] = [
+        ("released", |browser, _| browser.release()),
+        ("quick stop by its key", |browser, _| {
+            browser.key("\u{E00C}")
+        }),
+        ("focus lost", |browser, _| {
+            browser.run("dispatchEvent(new Event('blur'))").map(drop)
+        }),
+        ("tab hidden", |browser, _| browser.hide()),
+        ("browser stopped (SIGSTOP)", |browser, _| {
+            browser.signal("STOP")
+        }),
+        ("cable cut", |_, cable| cable.cut()),
+        ("messages late by 2 s", |_, cable| {
+            cable.delay(Duration::from_secs(2));
+            Ok(())
+        }),
+        ("page closed", |browser, _| browser.open("about:blank")),
+        ("browser killed", |browser, _| browser.signal("KILL")),
+    ];
+    let mut browser = Some(browser);
+    println!("{:<28} velocity 0 after", "a jog is held, and then");
+    for (name, end) in cases {
+        let used = match browser.take() {
+            Some(browser) => browser,
+            None => open()?,
+        };
+        machine.enable()?;
+        let time =
+            held_until(&used, &cable, &machine, end).map_err(|error| format!("{name}: {error}"))?;
+        println!("{name:<28} {:>5} ms", time.as_millis());
+        cable.mend()?;
+        // What it did to the browser is not undone.
+        drop(used);
+    }
+    machine.end()?;
+    println!(
+        "the panel does what it should; pictures in {}",
+        pictures.display()
+    );
+    Ok(())
+}
+
+/// Holds the jog of `x`, lets this happen, and says how long the axis went on.
+fn held_until(
+    browser: &Browser,
+    cable: &Cable,
+    machine: &Machine,
+    end: fn(&Browser, &Cable) -> Result<()>,
+) -> Result<Duration> {
+    browser.hold("button.jog[data-axis=x]:nth-of-type(2)")?;
+    until(
+        "the axis moves",
+        || Ok(machine.speed() > 0.8 * machine::JOG),
+    )?;
+    let from = Instant::now();
+    end(browser, cable)?;
+    // Longer than any message was late.
+    sleep(Duration::from_secs(4));
+    let stood = machine
+        .stood_since(from)
+        .ok_or("the axis still moves after 4 s")?;
+    if stood > STOPS {
+        return Err(format!("the axis stood only after {stood:?}").into());
+    }
+    Ok(stood)
+}
+
+fn until(what: &str, is_so: impl Fn() -> Result<bool>) -> Result<()> {
+    let started = Instant::now();
+    while !is_so()? {
+        if started.elapsed() > TIME {
+            return Err(format!("within {TIME:?} it has not come to this: {what}").into());
+        }
+        sleep(Duration::from_millis(10));
+    }
+    Ok(())
+}
+
+fn shows(browser: &Browser, machine: &Machine) -> Result<()> {
+    machine.enable()?;
+    browser.wait(
+        "the line has its drive",
+        "return document.querySelector('#line').textContent.includes('AKD2G')",
+    )?;
+    browser.wait(
+        "both axes have cards",
+        "return document.querySelectorAll('.card').length === 2",
+    )?;
+    browser.wait(
+        "the state of x is shown",
+        "return document.querySelector('.card[data-axis=x] li.now')?.textContent === 'Operation enabled'",
+    )?;
+    browser.wait(
+        "the notice says what it is not",
+        "return document.querySelector('.notice').textContent.includes('no safety function')",
+    )
+}
+
+fn a_move_is_seen(browser: &Browser, machine: &Machine) -> Result<()> {
+    browser.wait("the scope runs", "return scope.columns[0].length > 100")?;
+    machine.moves_to(40.0)?;
+    browser.wait(
+        "the move is in the scope",
+        "const shown = scope.columns[1]; return Math.max(...shown) - Math.min(...shown) > 39",
+    )?;
+    let lost = browser.run("return scope.lost")?;
+    println!("a move of 40 mm is in the scope; {lost} cycles lost");
+    Ok(())
+}
+
+fn a_fault_is_seen(browser: &Browser, machine: &Machine) -> Result<()> {
+    machine.fault_of_y();
+    browser.wait(
+        "the fault of y is among the events",
+        "return document.querySelector('#events').textContent.includes('axis y') \
+         && document.querySelector('#events').textContent.includes('has a fault')",
+    )?;
+    browser.run("document.querySelector('#events button').click()")?;
+    browser.wait(
+        "the black box is drawn, with its states",
+        "return document.querySelector('#black-box canvas') !== null \
+         && document.querySelector('#black-box ol').textContent.includes('Fault')",
+    )
+}
+
+fn is_refused(browser: &Browser, machine: &Machine) -> Result<()> {
+    let token = machine.token();
+    // From the page itself: what is not granted.
+    let refused = "const [path, body, done] = arguments; \
+                   ask(path, body).then(() => done('done'), (error) => done(error.message))";
+    for (path, body) in [
+        ("/v1/od/0/0x6066/0", json!({"bytes": [1, 0]})),
+        ("/v1/axes/y/move", json!({"to": 1, "velocity": 1})),
+        ("/v1/axes/y/enable", Value::Null),
+    ] {
+        let said = browser.run_async(refused, json!([path, body]))?;
+        if !said
+            .as_str()
+            .is_some_and(|said| said.contains("does not grant"))
+        {
+            return Err(format!("{path} was not refused: {said}").into());
+        }
+    }
+    browser.run("control.send(JSON.stringify({ hold: { axis: 'y', velocity: 1, tick } }))")?;
+    browser.wait(
+        "a jog of y is refused",
+        "return document.querySelector('#message').textContent.includes('does not grant')",
+    )?;
+    // With a wrong token, and from a page of another origin with the right one.
+    let origin = browser.run("return location.origin")?;
+    let connects = "const [url, token, done] = arguments; \
+                    const socket = new WebSocket(url, ['servocrab', `token.${token}`]); \
+                    socket.onopen = () => done('open'); socket.onerror = () => done('refused')";
+    let url = format!(
+        "{}/v1/control",
+        origin.as_str().unwrap_or_default().replace("http:", "ws:")
+    );
+    for (is_elsewhere, token, expected) in [
+        (false, token, "open"),
+        (false, "00000000000000000000000000000000", "refused"),
+        (true, token, "refused"),
+    ] {
+        if is_elsewhere {
+            browser.open("data:text/html,<p>a page from elsewhere</p>")?;
+        }
+        let said = browser.run_async(connects, json!([url, token]))?;
+        if said != expected {
+            return Err(format!(
+                "a WebSocket, from elsewhere: {is_elsewhere}, is {said} and not {expected}"
+            )
+            .into());
+        }
+    }
+    browser.open(machine.panel())?;
+    browser.wait(
+        "the panel is back",
+        "return document.querySelector('#connection')?.textContent === 'connected'",
+    )?;
+    println!("refused: an edit, a move and a jog without a grant, a wrong token, another origin");
+    Ok(())
+}
+
+/// Where this test's own executable is, for the relay in the namespace.
+fn own_path() -> Result<PathBuf> {
+    Ok(env::current_exe()?)
+}
