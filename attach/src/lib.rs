@@ -22,6 +22,7 @@
 //! # }
 //! ```
 
+mod client;
 mod commands;
 mod control;
 mod forward;
@@ -37,6 +38,7 @@ mod streams;
 
 use std::{io, path::PathBuf, time::Duration};
 
+pub use client::{Watch, WatchError, WatchedSignal};
 pub use grants::{AskedFor, Grant};
 pub use server::{Attached, Forwarded, forward, serve, socket_of};
 

@@ -13,6 +13,7 @@ mod panel;
 mod params;
 mod report;
 mod scan;
+mod watch;
 
 use std::process::ExitCode;
 
@@ -53,6 +54,8 @@ enum Command {
     Report(report::Arguments),
     /// Shows a line in a browser: its axes, a scope, its objects; jogs and moves where that is granted
     Panel(panel::Arguments),
+    /// Shows signals of every cycle, also of a running program
+    Watch(watch::Arguments),
     /// Writes what is on the line into a file, `machine.toml`, and as Rust; whatever the line was doing ends
     Init(machine::init::Arguments),
     /// Compares a line with its `machine.toml` and measures it at standstill: one page, to be signed at acceptance
@@ -80,6 +83,7 @@ fn main() -> ExitCode {
         Command::Home(arguments) => smol::block_on(motion::home(&tool, arguments)),
         Command::Move(arguments) => smol::block_on(motion::move_axis(&tool, arguments)),
         Command::Panel(arguments) => smol::block_on(panel::run(&tool, arguments)),
+        Command::Watch(arguments) => smol::block_on(watch::run(&tool, arguments)),
         Command::Doctor(arguments) => doctor::run(&tool, arguments),
         Command::Init(arguments) => smol::block_on(machine::init::run(&tool, arguments)),
         Command::Check(arguments) => smol::block_on(machine::check::run(&tool, arguments)),

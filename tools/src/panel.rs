@@ -42,7 +42,8 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         tool.interrupted().await;
         return Ok(true);
     }
-    let (builder, axes) = builder(tool, arguments).await?;
+    let cycle = Duration::from_micros(arguments.cycle_us.into());
+    let (builder, axes) = all_drives(tool, &arguments.line, cycle).await?;
     let start = async { Ok(builder.start().await?) };
     let net = tool.unless_interrupted(start).await?;
     let name = arguments.line.interface();
@@ -79,13 +80,13 @@ fn say(tool: &Tool, panel: &str) -> Result<(), Failure> {
 }
 
 /// All drives of the line, each by its own description, with the names of their axes.
-async fn builder(
+pub(crate) async fn all_drives(
     tool: &Tool,
-    arguments: &Arguments,
+    line: &LineArguments,
+    cycle: Duration,
 ) -> Result<(NetworkBuilder, Vec<String>), Failure> {
-    let cycle = Duration::from_micros(arguments.cycle_us.into());
-    let mut builder = arguments.line.network()?.cycle(cycle);
-    let line = arguments.line.scan(tool).await?;
+    let mut builder = line.network()?.cycle(cycle);
+    let line = line.scan(tool).await?;
     let mut names = Vec::new();
     for device in line.devices() {
         let Some(description) = description_of(device).await else {
@@ -94,7 +95,8 @@ async fn builder(
         let position = device.id.position;
         let axes = description.axes.len();
         let drive = (1..=axes).fold(DriveConfig::new(description), |drive, axis| {
-            let name = format!("{position}.{axis}");
+            // Without a point, which ends the axis in the name of a signal.
+            let name = format!("{position}-{axis}");
             names.push(name.clone());
             drive.axis(
                 AxisConfig::new(name)

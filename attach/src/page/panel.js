@@ -193,7 +193,7 @@ function showAxes(axes) {
       item.className = item.textContent === axis.state ? `now${axis.state.startsWith("Fault") ? " fault" : ""}` : "";
     }
     const hexadecimal = (word) => `${word.toString(16).toUpperCase().padStart(4, "0")}h`;
-    const names = (bits) => bits.map((bit) => bit.toLowerCase().replaceAll("_", " ")).join(", ");
+    const names = (bits) => bits.map((bit) => bit.toLowerCase().replaceAll("_", " ").replace(/^bit /, "")).join(", ");
     parts.status.textContent = `Statusword ${hexadecimal(axis.statusword.value)}: ${names(axis.statusword.bits)}`;
     parts.control.textContent = `Controlword ${hexadecimal(axis.controlword)}: ${names(axis.controlword_bits)}`;
     const flags = [axis.lost && "lost", axis.halted && "halted", axis.has_set_point && "has a set-point",

@@ -103,7 +103,7 @@ impl Browser {
     }
 
     /// What this script gives to its last argument.
-    pub(crate) fn run_async(&self, script: &str, arguments: Value) -> Result<Value> {
+    pub(crate) fn run_async(&self, script: &str, arguments: &Value) -> Result<Value> {
         self.post(
             "/execute/async",
             &json!({"script": script, "args": arguments}),

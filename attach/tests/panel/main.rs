@@ -23,6 +23,9 @@ use serde_json::{Value, json};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
+/// What ends a jog.
+type End = fn(&Browser, &Cable) -> Result<()>;
+
 /// How long anything may take to happen that has no time of its own.
 const TIME: Duration = Duration::from_secs(20);
 /// How long an axis may go on after what ends a jog: the dead-man time, a tick, the delay of a message, the ramp.
@@ -75,7 +78,7 @@ fn run(pictures: &Path) -> Result<()> {
     browser.picture_of("#events-section", &pictures.join("black-box.png"))?;
     is_refused(&browser, &machine)?;
 
-    let cases: [(&str, fn(&Browser, &Cable) -> Result<()>); 9] = [
+    let cases: [(&str, End); 9] = [
         ("released", |browser, _| browser.release()),
         ("quick stop by its key", |browser, _| {
             browser.key("\u{E00C}")
@@ -119,12 +122,7 @@ fn run(pictures: &Path) -> Result<()> {
 }
 
 /// Holds the jog of `x`, lets this happen, and says how long the axis went on.
-fn held_until(
-    browser: &Browser,
-    cable: &Cable,
-    machine: &Machine,
-    end: fn(&Browser, &Cable) -> Result<()>,
-) -> Result<Duration> {
+fn held_until(browser: &Browser, cable: &Cable, machine: &Machine, end: End) -> Result<Duration> {
     browser.hold("button.jog[data-axis=x]:nth-of-type(2)")?;
     until(
         "the axis moves",
@@ -211,7 +209,7 @@ fn is_refused(browser: &Browser, machine: &Machine) -> Result<()> {
         ("/v1/axes/y/move", json!({"to": 1, "velocity": 1})),
         ("/v1/axes/y/enable", Value::Null),
     ] {
-        let said = browser.run_async(refused, json!([path, body]))?;
+        let said = browser.run_async(refused, &json!([path, body]))?;
         if !said
             .as_str()
             .is_some_and(|said| said.contains("does not grant"))
@@ -241,7 +239,7 @@ fn is_refused(browser: &Browser, machine: &Machine) -> Result<()> {
         if is_elsewhere {
             browser.open("data:text/html,<p>a page from elsewhere</p>")?;
         }
-        let said = browser.run_async(connects, json!([url, token]))?;
+        let said = browser.run_async(connects, &json!([url, token]))?;
         if said != expected {
             return Err(format!(
                 "a WebSocket, from elsewhere: {is_elsewhere}, is {said} and not {expected}"
