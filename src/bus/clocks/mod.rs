@@ -684,11 +684,7 @@ pub(super) async fn wait_for_lock(
     let started = context.time.now();
     let limit = LOCK_LIMIT + period * LOCK_LIMIT_CYCLES;
     let is_over = || context.time.now().saturating_sub(started) > limit;
-    loop {
-        context.time.sleep(period).await;
-        let Some(seen) = context.counters.clock.read() else {
-            return Ok(());
-        };
+    while let Some(seen) = context.counters.clock.read() {
         if seen.locked {
             let note = LogRecord::InStep {
                 phase_error_ns: seen.phase_error_ns,
@@ -705,6 +701,7 @@ pub(super) async fn wait_for_lock(
                 after: context.time.now().saturating_sub(started),
             });
         }
+        context.time.sleep(period).await;
     }
     for found in drives {
         while let Err(apart) = is_in_step(context, found, period).await {

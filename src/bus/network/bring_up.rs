@@ -24,8 +24,9 @@ use crate::{
     coe::DriveId,
 };
 
-/// Complete exchanges before OP is asked for: with the first one every drive has taken valid outputs.
-const GOOD_CYCLES: u32 = 1;
+/// Complete exchanges before OP is asked for: the first one brings inputs, and with the second every drive has outputs that answer to
+/// them. An axis that moves is stopped by these; those of the first would switch it off.
+const GOOD_CYCLES: u32 = 2;
 /// How long that may take, beside the cycles themselves.
 pub(in crate::bus) const EXCHANGE_LIMIT: Duration = Duration::from_secs(2);
 /// The devices of the exchange, in SAFEOP or above: the drives first.
