@@ -205,6 +205,8 @@ pub struct Description {
     /// Whether its processor serves the EEPROM (0502h, bit 5), and needs it for PREOP: while it belongs to the MainDevice (0500h is 0)
     /// PREOP is refused with AL status code 0051h.
     pub emulates_eeprom: bool,
+    /// Whether its mailboxes may be set shorter than the SII says, as devices with a widely used SubDevice stack let them be.
+    pub takes_shorter_mailboxes: bool,
 }
 
 impl Description {
@@ -233,6 +235,7 @@ impl Description {
             sii_reads_eight_bytes: true,
             emulates_eeprom: false,
             sm_synchronous: false,
+            takes_shorter_mailboxes: false,
         }
     }
 

@@ -8,7 +8,10 @@ use servocrab::{
     coe::{DriveError, SdoError, obj},
     drives,
 };
-use servocrab_sim::{Segment, personality};
+use servocrab_sim::{
+    Segment,
+    personality::{self, Servo},
+};
 
 use crate::rig::{Line, Rig};
 
@@ -121,6 +124,26 @@ fn a_slow_drive_costs_its_own_requests_their_deadline_and_the_other_drives_nothi
     );
     assert_eq!(rig.until(patient.read(obj::VENDOR_ID)).unwrap(), 0x6A);
     rig.shutdown();
+}
+
+#[test]
+fn a_mailbox_that_is_longer_than_a_datagram_is_used_as_far_as_one_carries_it() {
+    for bytes in [1470, 1471, 1486] {
+        let drive = Servo::akd2g().mailboxes_at(0x1800, 0x1E00, bytes);
+        let line = Line::new(Segment::new().with(drive.build()));
+        let drive = DriveConfig::new(drives::akd2g()).axis("x");
+        let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive))
+            .unwrap_or_else(|error| panic!("{bytes} bytes: {error}"));
+        let sdo = rig.net().sdo(0).unwrap();
+        // In one mail of the shorter mailbox, in one of the longer one alone, and in several.
+        for length in [1454, 1470, 3_000] {
+            let text: Vec<u8> = (b'a'..=b'z').cycle().take(length).collect();
+            rig.until(sdo.write_bytes(0x5F00, 0, text.clone())).unwrap();
+            let read = rig.until(sdo.read_bytes(0x5F00, 0)).unwrap();
+            assert!(read == text, "{length} in mailboxes of {bytes} bytes");
+        }
+        rig.shutdown();
+    }
 }
 
 #[test]

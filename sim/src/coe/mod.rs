@@ -51,16 +51,19 @@ pub(crate) struct Server {
 impl Server {
     /// The services of a device with this mailbox, as far as its CoE details offer them.
     pub(crate) fn new(mailbox: Option<Mailbox>) -> Self {
-        let length = mailbox.map_or(0, |mailbox| mailbox.input.1);
-        let longest = usize::from(length).saturating_sub(HEADER).max(MINIMUM);
+        let offers_complete_access =
+            mailbox.is_some_and(|mailbox| mailbox.offers_complete_access());
         Self {
-            sdo: sdo::Server::new(
-                longest,
-                mailbox.is_some_and(|mailbox| mailbox.offers_complete_access()),
-            ),
+            sdo: sdo::Server::new(offers_complete_access),
             offers_information: mailbox.is_some_and(|mailbox| mailbox.offers_sdo_information()),
-            longest,
+            longest: MINIMUM,
         }
+    }
+
+    /// Its replies go into a mailbox of this length from now on.
+    pub(crate) fn fit(&mut self, length: u16) {
+        self.longest = usize::from(length).saturating_sub(HEADER).max(MINIMUM);
+        self.sdo.longest = self.longest;
     }
 
     /// Serves the payload of one CoE message: the payloads of the replies.

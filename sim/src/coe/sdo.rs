@@ -85,17 +85,16 @@ enum Transfer {
 #[derive(Clone, Debug)]
 pub(super) struct Server {
     transfer: Option<Transfer>,
-    /// Payload bytes of the longest reply.
-    longest: usize,
+    /// Payload bytes of the longest reply, not fewer than a segment takes.
+    pub(super) longest: usize,
     offers_complete_access: bool,
 }
 
 impl Server {
-    /// A server whose replies have at most `longest` bytes of payload, but not fewer than a segment takes.
-    pub(super) fn new(longest: usize, offers_complete_access: bool) -> Self {
+    pub(super) fn new(offers_complete_access: bool) -> Self {
         Self {
             transfer: None,
-            longest: longest.max(MINIMUM),
+            longest: MINIMUM,
             offers_complete_access,
         }
     }

@@ -231,6 +231,7 @@ impl Device {
             practice,
             ..
         } = self;
+        server.fit(esc.sync_manager(input).length);
         let mut post = SyncManagers { esc, out, input };
         mailbox.poll(&mut post, now, |payload| {
             let drive = drive.as_mut().ok_or(MailError::UnsupportedProtocol)?;

@@ -101,6 +101,7 @@ pub struct Servo {
     pub(super) model: Model,
     behaviours: Vec<Behaviour>,
     supports_lrw: bool,
+    takes_shorter_mailboxes: bool,
     clock: Option<ClockWidth>,
     clock_demand: Option<ClockDemand>,
     sm_synchronous: bool,
@@ -114,6 +115,7 @@ impl Servo {
             behaviours: vec![(model.behaviour)(); model.axes],
             model,
             supports_lrw: true,
+            takes_shorter_mailboxes: false,
             clock: Some(ClockWidth::Bits64),
             clock_demand: None,
             sm_synchronous: false,
@@ -206,6 +208,14 @@ impl Servo {
     #[must_use]
     pub fn mailbox_bytes(mut self, bytes: u16) -> Self {
         self.model.mailbox.2 = bytes.min(self.model.mailbox.2);
+        self
+    }
+
+    /// Puts both mailboxes elsewhere in its memory, each with this length. It takes shorter ones as well.
+    #[must_use]
+    pub fn mailboxes_at(mut self, out: u16, input: u16, bytes: u16) -> Self {
+        self.model.mailbox = (out, input, bytes);
+        self.takes_shorter_mailboxes = true;
         self
     }
 
@@ -341,6 +351,7 @@ impl Servo {
         description.checks_watchdog = model.checks_watchdog;
         description.emulates_eeprom = model.emulates_eeprom;
         description.supports_lrw = self.supports_lrw;
+        description.takes_shorter_mailboxes = self.takes_shorter_mailboxes;
         description.clock = self.clock;
         description.clock_demand = self.clock_demand;
         description.sm_synchronous = self.sm_synchronous;
