@@ -1,6 +1,6 @@
 //! Which changes of the PDO mapping and assignment the drive takes, and what it answers to the others.
 
-use servocrab_sim::{Segment, personality};
+use servocrab_sim::{EsiDrive, Segment, personality};
 
 use crate::master::Master;
 
@@ -204,4 +204,39 @@ fn a_power_failure_brings_the_mapping_at_power_up_back() {
     device.power_on(now);
     master.bring_to_preop();
     assert_eq!(master.upload(0x1600, 0), Ok(vec![6]));
+}
+
+#[test]
+fn what_excludes_each_other_or_leaves_a_mandatory_pdo_out_is_not_assigned() {
+    // Of the plain drive 1600h excludes 1601h, and 1602h is mandatory.
+    let text = include_str!("../../esi/generic.xml")
+        .replace(
+            "<Index>#x1600</Index><Name>RxPdo",
+            "<Index>#x1600</Index><Exclude>#x1601</Exclude><Name>RxPdo",
+        )
+        .replace(
+            "<RxPdo Fixed=\"0\"><Index>#x1602",
+            "<RxPdo Fixed=\"0\" Mandatory=\"1\"><Index>#x1602",
+        );
+    let drive = EsiDrive::from_bytes("generic.xml", text.as_bytes()).unwrap();
+    let mut master = Master::of(drive.build());
+    master.bring_to_preop();
+    for (pdos, answer) in [
+        (&[0x1602][..], Ok(())),
+        (&[0x1600, 0x1602], Ok(())),
+        (&[0x1602, 0x1601], Ok(())),
+        // Only one of the two names the other.
+        (&[0x1600, 0x1601, 0x1602], Err(INCOMPATIBLE)),
+        (&[0x1601, 0x1602, 0x1600], Err(INCOMPATIBLE)),
+        (&[0x1601, 0x1603], Err(INCOMPATIBLE)),
+        (&[], Ok(())),
+    ] {
+        assert_eq!(master.download(0x1C12, 0, &[0]), Ok(()));
+        for (subindex, pdo) in (1..).zip(pdos) {
+            let pdo = u16::to_le_bytes(*pdo);
+            assert_eq!(master.download(0x1C12, subindex, &pdo), Ok(()));
+        }
+        let count = [pdos.len() as u8];
+        assert_eq!(master.download(0x1C12, 0, &count), answer, "{pdos:04X?}");
+    }
 }
