@@ -700,6 +700,69 @@ fn a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file() {
 }
 
 #[test]
+fn init_cmds_of_a_makers_file_are_executed_or_refused_by_name() {
+    if !inside_namespace("init_cmds_of_a_makers_file_are_executed_or_refused_by_name") {
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let place = |name: &str| directory.path().join(name);
+    let [esi, refused, machine, source] =
+        ["drive.xml", "refused.xml", "machine.toml", "line.rs"].map(place);
+    let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sim/esi/generic.xml");
+    let sample = std::fs::read_to_string(sample).unwrap();
+    let command = |transition: &str, index: &str, data: &str| {
+        format!(
+            "<InitCmd><Transition>{transition}</Transition><Index>#x{index}</Index><SubIndex>0</SubIndex>\
+             <Data>{data}</Data></InitCmd>"
+        )
+    };
+    let with = |commands: String| sample.replace("</CoE>", &format!("{commands}</CoE>"));
+    let commands = [
+        command("IP", "6067", "4D000000"),
+        command("PS", "6068", "0700"),
+        command("SO", "605A", "0600"),
+    ];
+    std::fs::write(&esi, with(commands.concat())).unwrap();
+    std::fs::write(&refused, with(command("OS", "6068", "0700"))).unwrap();
+
+    let _line = simulated(&simulator(), &["generic"], 60, None);
+    let init = |esi: &Path| {
+        servocrab(&format!(
+            "init --interface master0 --esi {} --rust={} {}",
+            esi.display(),
+            source.display(),
+            machine.display()
+        ))
+    };
+    let why = "the InitCmd 6068h:00 of CiA 402 servo drive is for the transition OS";
+    let unwritten = init(&refused);
+    assert_eq!(unwritten.code, Some(2), "{}", unwritten.output);
+    assert!(unwritten.errors.contains(why), "{}", unwritten.errors);
+    assert!(!machine.exists());
+
+    let written = init(&esi);
+    assert_eq!(written.code, Some(0), "{}", written.errors);
+    let source = std::fs::read_to_string(&source).unwrap();
+    assert!(source.contains("DriveConfig::from_esi("), "{source}");
+    let check = || {
+        servocrab(&format!(
+            "check --interface master0 --seconds 1 {}",
+            machine.display()
+        ))
+    };
+    let checked = check();
+    for (object, value) in [("6067h", "77"), ("6068h", "7"), ("605Ah", "6")] {
+        let read = json(&format!("od --interface master0 read {object}"));
+        let all = format!("{read}: {}{}", checked.output, checked.errors);
+        assert_eq!(read[0]["value"], value, "{all}");
+    }
+    std::fs::copy(&refused, &esi).unwrap();
+    let checked = check();
+    assert_eq!(checked.code, Some(2), "{}", checked.output);
+    assert!(checked.errors.contains(why), "{}", checked.errors);
+}
+
+#[test]
 fn a_question_at_a_terminal_is_answered_by_yes_by_no_and_by_ctrl_c() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("machine.toml");

@@ -8,7 +8,7 @@ use std::{
 use clap::Args;
 use serde_json::json;
 use servocrab::{
-    bus::{Line, LineDevice},
+    bus::{DriveConfig, Line, LineDevice},
     coe::{ObjectAddress, SdoHandle, obj},
     drives,
     esi::Esi,
@@ -149,15 +149,19 @@ async fn found(
                 (Kind::Ax2000, drives::ax2000()),
                 (Kind::Sigma7, drives::sigma7()),
             ];
-            let file = files.iter().find(|(_, esi)| {
-                esi.vendor == identity.vendor
-                    && esi.device(identity.product, identity.revision).is_some()
-            });
+            let mut described = files
+                .iter()
+                .filter(|(_, esi)| esi.vendor == identity.vendor)
+                .filter_map(|(file, esi)| {
+                    Some((file, esi.device(identity.product, identity.revision)?))
+                });
             let known = known
                 .into_iter()
                 .find(|(_, known)| known.matches(&identity));
-            match (file, known) {
-                (Some((file, _)), _) => {
+            match (described.next(), known) {
+                (Some((file, drive)), _) => {
+                    // What cannot be used, or executed, is said here.
+                    DriveConfig::from_esi(drive)?;
                     found.kind = Kind::Esi;
                     found.esi = Some(std::path::absolute(file)?);
                 }

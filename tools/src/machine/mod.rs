@@ -204,7 +204,7 @@ impl Machine {
     }
 
     pub(crate) fn drive(&self, device: &Device) -> Result<DriveConfig, Failure> {
-        let mut drive = DriveConfig::new(self.description(device)?).revision(device.revision);
+        let mut drive = self.described(device)?.revision(device.revision);
         if device.serial != 0 {
             drive = drive.serial(device.serial);
         }
@@ -217,8 +217,8 @@ impl Machine {
             .fold(drive, |drive, axis| drive.axis(axis.as_str())))
     }
 
-    /// The drive's description, for a drive of this vendor and product alone.
-    fn description(&self, device: &Device) -> Result<DriveDescription, Failure> {
+    /// The drive by its description, or by its maker's file: one of this vendor and product alone.
+    fn described(&self, device: &Device) -> Result<DriveConfig, Failure> {
         let mut description = match device.kind {
             Kind::Akd2g => drives::akd2g(),
             Kind::Ax2000 => drives::ax2000(),
@@ -240,13 +240,15 @@ impl Machine {
                         device.product
                     )
                 })?;
-                found.description()?
+                let mut found = found.clone();
+                found.vendor = device.vendor;
+                return Ok(DriveConfig::from_esi(&found)?);
             }
             Kind::Io | Kind::Other => return Err(format!("\"{}\" is no drive", device.name).into()),
         };
         description.vendor = Some(device.vendor);
         description.product = Some(device.product);
-        Ok(description)
+        Ok(DriveConfig::new(description))
     }
 }
 

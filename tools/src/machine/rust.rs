@@ -55,19 +55,41 @@ fn expected(device: &Device) -> String {
 }
 
 fn drive(device: &Device) -> String {
+    let mut text = format!(
+        "{}\n        .revision(0x{:08X})",
+        described(device),
+        device.revision
+    );
+    if device.serial != 0 {
+        let _ = write!(text, "\n        .serial(0x{:08X})", device.serial);
+    }
+    if let Some(word) = device.assign_activate {
+        let _ = write!(
+            text,
+            "\n        .dc(servocrab::bus::DistributedClock::new(0x{word:04X}))"
+        );
+    }
+    for axis in &device.axes {
+        let _ = write!(text, "\n        .axis({axis:?})");
+    }
+    text
+}
+
+/// The drive by its description, or by its maker's file.
+fn described(device: &Device) -> String {
     let description = match device.kind {
         Kind::Esi => {
             let file = device
                 .esi
                 .as_ref()
                 .map(|file| file.to_string_lossy().into_owned());
-            format!(
-                "servocrab::esi::Esi::load({:?})?\n            .device(0x{:08X}, 0x{:08X})\n            \
-                 .ok_or(\"the ESI file has no such device\")?\n            .description()?",
+            return format!(
+                "servocrab::DriveConfig::from_esi(servocrab::esi::Esi::load({:?})?\n            .device(0x{:08X}, 0x{:08X})\n            \
+                 .ok_or(\"the ESI file has no such device\")?)?",
                 file.unwrap_or_default(),
                 device.product,
                 device.revision
-            )
+            );
         }
         Kind::Generic => {
             let absent: Vec<_> = device
@@ -102,24 +124,11 @@ fn drive(device: &Device) -> String {
         }
         kind => format!("servocrab::drives::{}()", kind.name()),
     };
-    let mut text = format!(
+    format!(
         "servocrab::DriveConfig::new(servocrab::drives::DriveDescription {{\n            vendor: Some(0x{:08X}),\n            \
-         product: Some(0x{:08X}),\n            ..{description}\n        }})\n        .revision(0x{:08X})",
-        device.vendor, device.product, device.revision
-    );
-    if device.serial != 0 {
-        let _ = write!(text, "\n        .serial(0x{:08X})", device.serial);
-    }
-    if let Some(word) = device.assign_activate {
-        let _ = write!(
-            text,
-            "\n        .dc(servocrab::bus::DistributedClock::new(0x{word:04X}))"
-        );
-    }
-    for axis in &device.axes {
-        let _ = write!(text, "\n        .axis({axis:?})");
-    }
-    text
+         product: Some(0x{:08X}),\n            ..{description}\n        }})",
+        device.vendor, device.product
+    )
 }
 
 /// The names of a device's inputs and outputs, each once.
