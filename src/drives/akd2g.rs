@@ -91,6 +91,7 @@ pub fn akd2g() -> DriveDescription {
             },
             ..Traits::cia402()
         },
+        sync_types: [None; 2],
     }
 }
 

@@ -38,6 +38,7 @@ pub fn ax2000() -> DriveDescription {
             blend_needs_linear_ramps: true,
             ..Traits::cia402()
         },
+        sync_types: [None; 2],
     }
 }
 

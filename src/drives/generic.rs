@@ -29,6 +29,7 @@ pub fn generic() -> DriveDescription {
             relative_base: RelativeBase::PositioningOption,
             ..Traits::cia402()
         },
+        sync_types: [None; 2],
     }
 }
 

@@ -52,6 +52,9 @@ pub struct DriveDescription {
     pub error_texts: ErrorTexts,
     /// How its Profile Position mode behaves.
     pub traits: Traits,
+    /// The synchronisation types of outputs and inputs (1C32h:1, 1C33h:1) that it has by default, where its documents name them. A drive
+    /// whose clock is not used gets them in place of SYNC0 of an earlier program.
+    pub sync_types: [Option<u16>; 2],
 }
 
 impl DriveDescription {

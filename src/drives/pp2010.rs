@@ -32,6 +32,7 @@ pub fn pp2010() -> DriveDescription {
             profile_types: &[0],
             ..Traits::cia402()
         },
+        sync_types: [None; 2],
     }
 }
 

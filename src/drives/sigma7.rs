@@ -50,6 +50,7 @@ pub fn sigma7() -> DriveDescription {
             },
             ..Traits::cia402()
         },
+        sync_types: [None; 2],
     }
 }
 

@@ -39,7 +39,7 @@ impl EsiDevice {
     /// An axis for each controlword. PDOs with a fixed content are fixed, or all where the drive does not let them be filled
     /// (`PdoConfig`). The others are free, those that are assigned by default before the rest. Each is for the axis whose objects
     /// it holds by default. Limits come from the number of subindices of 16xxh, 1Axxh, 1C12h and 1C13h in the dictionary, and from
-    /// `MaxSize` of the sync managers. What an axis exchanges is what the usual Profile Position needs of what the file has.
+    /// `MaxSize` of the sync managers, the synchronisation types from the defaults of 1C32h:1 and 1C33h:1. What an axis exchanges is what the usual Profile Position needs of what the file has.
     ///
     /// How bits 5, 9, 10 and 12 behave is in no ESI file: the traits are those of [`generic`](crate::drives::generic). Change them
     /// by the drive's manual.
@@ -102,7 +102,22 @@ impl EsiDevice {
                 relative_base: RelativeBase::PositioningOption,
                 ..Traits::cia402()
             },
+            sync_types: [
+                obj::OUTPUT_SYNC_TYPE.address(),
+                obj::INPUT_SYNC_TYPE.address(),
+            ]
+            .map(|object| self.default_of(object)),
         })
+    }
+
+    /// The number of 16 bits that an object holds by default.
+    fn default_of(&self, object: ObjectAddress) -> Option<u16> {
+        let entry = self
+            .dictionary
+            .iter()
+            .find(|entry| entry.object == object)?;
+        let bytes = entry.default.as_slice().try_into().ok()?;
+        Some(u16::from_le_bytes(bytes))
     }
 
     /// Whether the content of a PDO cannot be changed.

@@ -486,6 +486,9 @@ pub struct EsiEntry {
     pub writable: bool,
     /// The PDOs into which it can be mapped.
     pub mappable: Mappable,
+    /// The bytes that it holds by default (`DefaultData`, `DefaultValue`); empty where the file does not say. Those of an array's elements
+    /// are not read.
+    pub default: Vec<u8>,
 }
 
 /// Access and mapping, as `Flags` says; a subitem's are those of its object where it says nothing.
@@ -570,14 +573,22 @@ impl Unfolding<'_, '_> {
             .peekable();
         if subitems.peek().is_none() {
             let bits = self.object.number_of("BitSize")?.unwrap_or(0);
-            return self.push(0, &name, &type_name, bits, flags);
+            let default = default_of(self.object.child("Info"), bits);
+            return self.push(0, &name, &type_name, bits, flags, default);
         }
+        let infos = self.object.child("Info");
+        let mut infos = infos.iter().flat_map(|info| info.children("SubItem"));
         for item in subitems {
+            let info = infos.next();
             let type_of_item = item.text_of("Type");
             let bits: u32 = item.number_of("BitSize")?.unwrap_or(0);
             let flags = Flags::read(&item, flags);
             if let Some(subindex) = item.number_of("SubIdx")? {
-                self.push(subindex, &item.text_of("Name"), &type_of_item, bits, flags)?;
+                let name = item.text_of("Name");
+                // They stand in the order of the type's subitems.
+                let info = info.filter(|info| info.text_of("Name") == name);
+                let default = default_of(info.and_then(|info| info.child("Info")), bits);
+                self.push(subindex, &name, &type_of_item, bits, flags, default)?;
                 continue;
             }
             // The elements of an array, which follow subindex 0.
@@ -591,7 +602,7 @@ impl Unfolding<'_, '_> {
                 .unwrap_or_default();
             let bits = bits.checked_div(u32::from(elements)).unwrap_or(0);
             for subindex in (first..=u8::MAX).take(usize::from(elements)) {
-                self.push(subindex, &name, &base, bits, flags)?;
+                self.push(subindex, &name, &base, bits, flags, Vec::new())?;
             }
         }
         Ok(())
@@ -604,6 +615,7 @@ impl Unfolding<'_, '_> {
         type_name: &str,
         bits: u32,
         flags: Flags,
+        default: Vec<u8>,
     ) -> Result<(), EsiError> {
         *self.room = self
             .room
@@ -619,7 +631,19 @@ impl Unfolding<'_, '_> {
             readable: flags.readable,
             writable: flags.writable,
             mappable: flags.mappable,
+            default,
         });
         Ok(())
     }
+}
+
+/// The bytes that an `Info` names as the default, if it does.
+fn default_of(info: Option<Element<'_>>, bits: u32) -> Vec<u8> {
+    let named = |name| info.and_then(|info| info.child(name));
+    if let Some(data) = named("DefaultData") {
+        return data.bytes().unwrap_or_default();
+    }
+    let value = named("DefaultValue").and_then(|value| value.number::<u32>().ok());
+    let bytes = value.map(u32::to_le_bytes).into_iter().flatten();
+    bytes.take(bits.div_ceil(8) as usize).collect()
 }

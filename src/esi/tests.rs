@@ -46,6 +46,42 @@ fn pdos_limits_and_commands_of_a_file_become_a_description() {
 }
 
 #[test]
+fn the_synchronisation_types_of_a_description_are_the_defaults_of_the_dictionary() {
+    let item = |subindex: u8, name: &str, kind: &str| {
+        format!(
+            "<SubItem><SubIdx>{subindex}</SubIdx><Name>{name}</Name><Type>{kind}</Type><BitSize>16</BitSize></SubItem>"
+        )
+    };
+    let types = item(0, "Count", "USINT") + &item(1, "Type", "UINT");
+    let object = |index: &str, name: &str, value: &str| {
+        format!(
+            "<Object><Index>#x{index}</Index><Type>D</Type><Info><SubItem><Name>Count</Name></SubItem>\
+             <SubItem><Name>{name}</Name><Info>{value}</Info></SubItem></Info></Object>"
+        )
+    };
+    let data = "<DefaultData>0100</DefaultData>";
+    for (name, value, got) in [
+        ("Type", data, Some(1)),
+        ("Type", "<DefaultValue>#x22</DefaultValue>", Some(34)),
+        // What is no number of 16 bits, and another subindex' value, are no default.
+        ("Type", "<DefaultData>01000000</DefaultData>", None),
+        ("Type", "<DefaultData>none</DefaultData>", None),
+        ("Type", "<DefaultValue>-1</DefaultValue>", None),
+        ("Type", "", None),
+        ("Cycle", data, None),
+    ] {
+        let objects = object("1C32", "Type", data) + &object("1C33", name, value);
+        let text = file(&format!(
+            "<Profile><Dictionary><DataTypes><DataType><Name>D</Name>{types}</DataType></DataTypes><Objects>{objects}</Objects></Dictionary></Profile>\
+             <RxPdo><Index>#x1600</Index><Entry><Index>#x6040</Index><BitLen>16</BitLen></Entry></RxPdo>"
+        ));
+        let esi = Esi::from_bytes("drive.xml", text.as_bytes()).unwrap();
+        let description = esi.devices[0].description().unwrap();
+        assert_eq!(description.sync_types, [Some(1), got], "{name} {value}");
+    }
+}
+
+#[test]
 fn fixed_mandatory_and_excluded_pdos_and_padding_are_read() {
     let text = file(
         "<RxPdo Fixed=\"1\" Mandatory=\"true\" Sm=\"2\"><Index>#x1701</Index><Exclude>#x1702</Exclude>\

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use rig::{Line, Rig, unhomed};
 use servocrab::{
     axis::Referencing,
-    bus::{DriveConfig, Network},
+    bus::{DistributedClock, DriveConfig, Network},
     coe::AbortCode,
     esi::{Esi, EsiDevice, EsiDifferences},
 };
@@ -281,6 +281,67 @@ fn commands_of_ip_ps_and_so_reach_the_drive() {
     assert_eq!(held(&mut rig, 0x6068, 0), [7, 0]);
     // PS has written 2 before.
     assert_eq!(held(&mut rig, 0x605A, 0), [6, 0]);
+    rig.shutdown();
+}
+
+#[test]
+fn a_drive_left_in_sync0_gets_the_type_that_its_file_names_and_a_read_only_one_stays() {
+    let item = |subindex: u8, name: &str, kind: &str, bits: u8, access: &str| {
+        format!(
+            "<SubItem><SubIdx>{subindex}</SubIdx><Name>{name}</Name><Type>{kind}</Type><BitSize>{bits}</BitSize><BitOffs>0</BitOffs>\
+             <Flags><Access>{access}</Access></Flags></SubItem>"
+        )
+    };
+    let kind = |name: &str, access: &str| {
+        let items = [
+            item(0, "Count", "USINT", 8, "ro"),
+            item(1, "Type", "UINT", 16, access),
+            item(4, "Supported", "UINT", 16, "ro"),
+        ];
+        let items = items.concat();
+        format!("<DataType><Name>{name}</Name><BitSize>48</BitSize>{items}</DataType>")
+    };
+    let object = |index: &str, kind: &str, value: &str| {
+        let of = |name: &str, data: &str| {
+            format!(
+                "<SubItem><Name>{name}</Name><Info><DefaultData>{data}</DefaultData></Info></SubItem>"
+            )
+        };
+        let values = [
+            of("Count", "04"),
+            of("Type", value),
+            of("Supported", "0500"),
+        ];
+        let values = values.concat();
+        format!(
+            "<Object><Index>#x{index}</Index><Name>Sync</Name><Type>{kind}</Type><BitSize>48</BitSize><Info>{values}</Info></Object>"
+        )
+    };
+    let kinds = kind("DTRW", "rw") + &kind("DTRO", "ro");
+    let objects = object("1C32", "DTRW", "0000") + &object("1C33", "DTRO", "0200");
+    let text = std::fs::read_to_string(path("generic.xml"))
+        .unwrap()
+        .replace("</DataTypes>", &format!("{kinds}</DataTypes>"))
+        .replace("</Objects>", &format!("{objects}</Objects>"));
+    let device = Esi::from_bytes("clocks.xml", text.as_bytes())
+        .unwrap()
+        .devices
+        .remove(0);
+    let drive = EsiDrive::from_bytes("clocks.xml", text.as_bytes())
+        .unwrap()
+        .build();
+    let line = Line::new(Segment::new().with(drive));
+    let config = || DriveConfig::from_esi(&device).unwrap().axis("x");
+    let clocked = config().dc(DistributedClock::new(0x0300));
+    let builder = Network::builder().link(line.wire()).drive(0, clocked);
+    let mut rig = Rig::start(builder).unwrap();
+    assert_eq!(held(&mut rig, 0x1C32, 1), [2, 0]);
+    let begin = rig.bus.now() + std::time::Duration::from_secs(10);
+    rig.shutdown();
+    let builder = Network::builder().link(line.wire_from(begin));
+    let mut rig = Rig::start(builder.drive(0, config())).unwrap();
+    assert_eq!(held(&mut rig, 0x1C32, 1), [0, 0]);
+    assert_eq!(held(&mut rig, 0x1C33, 1), [2, 0]);
     rig.shutdown();
 }
 

@@ -480,7 +480,7 @@ pub(super) async fn set_sync_types(
         match keeps(sdo, kind, WITH_SYNC0).await? {
             None => continue,
             Some(Kept { value, refused }) if value != WITH_SYNC0 => {
-                if !refused {
+                if refused.is_none() {
                     return Err(DriveFault::SyncType {
                         index: kind.index(),
                         value,
@@ -494,7 +494,7 @@ pub(super) async fn set_sync_types(
         // Where it can be set at all; else the drive takes it from 09A0h.
         if let Some(Kept {
             value,
-            refused: false,
+            refused: None,
         }) = keeps(sdo, time, cycle).await?
             && value != cycle
         {
@@ -514,44 +514,66 @@ pub(in crate::bus) const fn is_about_types(code: u16) -> bool {
     matches!(code, 0x0027..=0x0029 | 0x0030 | 0x0035..=0x0037)
 }
 
-/// Has a drive follow its process data that is refused because it still asks for SYNC0, from an earlier program with distributed clocks.
-/// Whether that has changed anything. In PREOP.
+/// Takes a drive out of SYNC0 that is refused because it still asks for it, from an earlier program with distributed clocks. It gets the
+/// types that it has by default, or else follows its process data. Whether that has changed anything. In PREOP.
 pub(in crate::bus) async fn leave_sync0(
     sdo: &SdoHandle,
+    defaults: [Option<u16>; 2],
     status: AlStatus,
 ) -> Result<bool, DriveFault> {
     let mut has_changed = false;
-    for (kind, supported, wanted) in [
-        (obj::OUTPUT_SYNC_TYPE, obj::OUTPUT_SYNC_TYPES_SUPPORTED, 1),
+    let [of_outputs, of_inputs] = defaults;
+    for (kind, supported, with_data, default) in [
+        (
+            obj::OUTPUT_SYNC_TYPE,
+            obj::OUTPUT_SYNC_TYPES_SUPPORTED,
+            1,
+            of_outputs,
+        ),
         (
             obj::INPUT_SYNC_TYPE,
             obj::INPUT_SYNC_TYPES_SUPPORTED,
             WITH_OUTPUTS,
+            of_inputs,
         ),
     ] {
-        let Some(value) = read_if_there(sdo, kind).await? else {
+        let Some(held) = read_if_there(sdo, kind).await? else {
             continue;
         };
-        if !matches!(value, WITH_SYNC0 | WITH_SYNC1) {
+        if !asks_for_sync(held) {
             continue;
         }
-        let left = DriveFault::SyncLeft {
-            status,
-            index: kind.index(),
-            value,
+        let wanted = match default.filter(|default| !asks_for_sync(*default)) {
+            Some(default) => default,
+            None => match read_if_there(sdo, supported).await? {
+                Some(supported) if supported & SM_SYNCHRONOUS != 0 => with_data,
+                // By that it shows whether it can be written.
+                _ => held,
+            },
         };
-        let supported = read_if_there(sdo, supported).await?.unwrap_or(0);
-        if supported & SM_SYNCHRONOUS == 0 {
-            return Err(left);
-        }
         match keeps(sdo, kind, wanted).await? {
-            Some(Kept { value, .. }) if value == wanted => has_changed = true,
+            Some(Kept { value, .. }) if value == wanted && value != held => has_changed = true,
             // Not to be written: the drive takes it from elsewhere.
-            None | Some(Kept { refused: true, .. }) => {}
-            Some(_) => return Err(left),
+            None
+            | Some(Kept {
+                refused: Some(AbortCode::READ_ONLY),
+                ..
+            }) => {}
+            Some(_) => {
+                return Err(DriveFault::SyncLeft {
+                    status,
+                    index: kind.index(),
+                    value: held,
+                });
+            }
         }
     }
     Ok(has_changed)
+}
+
+/// Whether a synchronisation type is one of the SYNC signals.
+const fn asks_for_sync(kind: u16) -> bool {
+    matches!(kind, WITH_SYNC0 | WITH_SYNC1)
 }
 
 /// Reads an object that the drive need not have.
@@ -569,7 +591,7 @@ async fn read_if_there<A: crate::coe::Readable>(
 /// What an object holds after something was written to it.
 struct Kept<T> {
     value: T,
-    refused: bool,
+    refused: Option<AbortCode>,
 }
 
 /// Writes and reads back; nothing if the drive has no such object.
@@ -580,10 +602,10 @@ async fn keeps<T: crate::coe::Number>(
 ) -> Result<Option<Kept<T>>, DriveFault> {
     let aborted = |error: &DriveError| error.error.abort_code();
     let refused = match sdo.write(object, value).await {
-        Ok(()) => false,
+        Ok(()) => None,
         Err(error) => match aborted(&error) {
             Some(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => return Ok(None),
-            Some(_) => true,
+            Some(code) => Some(code),
             None => return Err(error.error.into()),
         },
     };

@@ -357,10 +357,15 @@ impl Device {
         let step = BringUpStep::State(AlState::SafeOp);
         let (from, to) = (AlState::PreOp, AlState::SafeOp);
         let mut climbed = registers::climb(registers, station, from, to, SAFE_OP_LIMIT).await;
+        let defaults = self
+            .as_drive()
+            .map(|drive| drive.config.description.sync_types);
         if let (Err(AlError::Refused(status)), None, Some(mailbox)) =
             (&climbed, self.clocks(), &self.mailbox)
             && status.error.is_some_and(clocks::is_about_types)
-            && clocks::leave_sync0(&mailbox.sdo, *status).await.at(step)?
+            && clocks::leave_sync0(&mailbox.sdo, defaults.unwrap_or_default(), *status)
+                .await
+                .at(step)?
         {
             self.found.note(context, "taken out of SYNC0");
             climbed = registers::climb(registers, station, from, to, SAFE_OP_LIMIT).await;
