@@ -252,6 +252,32 @@ fn ctrl_c_in_mid_move_stops_and_disables() {
 }
 
 #[test]
+fn ctrl_c_in_a_bring_up_ends_it_and_takes_the_drive_back_into_init() {
+    if !inside_namespace("ctrl_c_in_a_bring_up_ends_it_and_takes_the_drive_back_into_init") {
+        return;
+    }
+    let file = env::temp_dir().join(format!("servocrab-bring-up-{}.csv", std::process::id()));
+    let trace = file.display().to_string();
+    // So slow that its mapping takes seconds.
+    let slow = ["--mailbox-ms", "100", "--trace", &trace].map(str::to_owned);
+    let line = simulated_on("slave0", &program("servocrab-sim"), &["akd2g"], 60, &slow);
+    let program = pp_move(&["--to", "1"]);
+    let end = Instant::now() + Duration::from_secs(20);
+    while rows(&file).last().is_none_or(|row| row.al_state != 2) {
+        assert!(Instant::now() < end, "the drive is not in PREOP");
+        std::thread::yield_now();
+    }
+    program.signal("INT");
+    assert_eq!(
+        failure(program, Duration::from_secs(10)),
+        "pp_move: interrupted: the bring-up has ended\n"
+    );
+    let rows = whole_trace(line, &file);
+    assert!(rows.iter().all(|row| row.al_state <= 2), "not above PREOP");
+    assert_eq!(rows.last().expect("rows").al_state, 1);
+}
+
+#[test]
 fn home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable() {
     if !inside_namespace("home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable") {
         return;
@@ -281,6 +307,25 @@ fn home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable() {
         .output()
         .expect("it starts");
     assert_eq!(refused.status.code(), Some(2), "it takes no arguments");
+}
+
+#[test]
+fn a_move_whose_output_nobody_reads_ends_quietly_at_its_target() {
+    if !inside_namespace("a_move_whose_output_nobody_reads_ends_quietly_at_its_target") {
+        return;
+    }
+    let (simulator, file) = simulator("unread");
+    let mut program = pp_move(&["--to", "12345", "--velocity", "50000"]);
+    drop(program.0.stdout.take());
+    let status = program.wait(Duration::from_secs(20));
+    let mut errors = String::new();
+    let said = program.0.stderr.take();
+    said.expect("piped")
+        .read_to_string(&mut errors)
+        .expect("text");
+    assert!(status.success() && errors.is_empty(), "{errors}");
+    let last = trace(simulator, &file).pop().expect("rows");
+    assert!((last.position - 12345.0).abs() <= 10.0, "{}", last.position);
 }
 
 #[test]
