@@ -413,7 +413,7 @@ fn a_jog_whose_holder_falls_silent_is_let_go_and_later_words_move_nothing() {
         "in the first frame after its time"
     );
     // Before the axis stands, and after: what was delayed on its way moves nothing.
-    for _ in 0..100 {
+    for _ in 0..400 {
         for late in [jog.hold(), jog.set(20_000)] {
             assert_eq!(late.unwrap_err().failure(), Some(Failure::NotHeld));
         }

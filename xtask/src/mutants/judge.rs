@@ -152,15 +152,14 @@ fn verdict(run: &Run, target: &Target, tests: &BTreeSet<String>, chosen: bool) -
 
 /// Whether the test's thread panicked in the test's source.
 fn fails_by_itself(output: &str, target: &Target, test: &str) -> bool {
-    let directory = match (target.directory(), target.kind) {
-        ("", "lib") => "src/",
-        ("", "test") => "tests/",
-        ("", _) => "examples/",
-        (_, "lib") => "sim/src/",
-        _ => "sim/tests/",
+    let sources = match target.kind {
+        "lib" => "src",
+        "test" => "tests",
+        _ => "examples",
     };
+    let directory = Path::new(target.directory()).join(sources);
     let thread = format!("thread '{test}' ");
-    let place = format!("panicked at {directory}");
+    let place = format!("panicked at {}/", directory.display());
     output
         .lines()
         .any(|line| line.starts_with(&thread) && line.contains(&place))

@@ -92,10 +92,10 @@ impl Target {
 
     /// The directory of the package, from the root.
     pub(crate) fn directory(&self) -> &'static str {
-        if self.package == "servocrab-sim" {
-            "sim"
-        } else {
-            ""
+        match self.package.as_str() {
+            "servocrab-sim" => "sim",
+            "servocrab-attach" => "attach",
+            _ => "",
         }
     }
 

@@ -10,7 +10,11 @@ use super::rewrite::{Change, File, Placed, Rewritten};
 use super::table::{Fault, Mutant};
 
 /// The packages that can have mutants, by their manifests.
-const MANIFESTS: [(&str, &str); 2] = [("Cargo.toml", "mutants"), ("sim/Cargo.toml", "../mutants")];
+const MANIFESTS: [(&str, &str); 3] = [
+    ("Cargo.toml", "mutants"),
+    ("attach/Cargo.toml", "../mutants"),
+    ("sim/Cargo.toml", "../mutants"),
+];
 
 /// The crate that the rewritten code asks which mutant is on.
 const SWITCH: &str = r#"//! Which mutant is on, and that it came to be evaluated.
