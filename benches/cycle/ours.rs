@@ -20,7 +20,7 @@ use servocrab::{
     bus::{BusLoop, DriveConfig, Network, WaitStrategy},
     coe::obj,
     drives,
-    link::{Link, RawSocket},
+    link::{Link, RawSocket, RawSocketError},
 };
 
 use crate::{
@@ -379,5 +379,9 @@ impl Link for Watched {
 
     fn waker(&self) -> Waker {
         self.inner.waker()
+    }
+
+    fn prepare(&mut self) -> Result<(), RawSocketError> {
+        self.inner.prepare()
     }
 }

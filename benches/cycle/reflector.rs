@@ -59,12 +59,19 @@ struct Kept {
     data: Vec<Range<usize>>,
 }
 
+/// The far end of a cable, which receives into a ring.
+fn far_end(interface: &str) -> RawSocket {
+    let mut socket = RawSocket::open(interface).expect("the interface is there");
+    socket.prepare().expect("nobody else is there");
+    socket
+}
+
 /// Serves the lines of all masters, as commanded by the standard input, with this many axes each.
 pub(crate) fn reflect(axes: usize) {
     let mut all: Vec<Line> = lines()
         .enumerate()
         .map(|(place, who)| Line {
-            socket: RawSocket::open(&slave(place)).expect("the interface is there"),
+            socket: far_end(&slave(place)),
             segment: segment(axes, who),
             age: Duration::ZERO,
             kept: Vec::new(),

@@ -19,7 +19,7 @@ pub(crate) const SHORTEST_FRAME: usize = 60;
 
 /// A way for Ethernet frames out of the process and back, and the clock that goes with it.
 ///
-/// Nothing here blocks but [`wait`](Link::wait), and that only until its end.
+/// Nothing here blocks but [`wait`](Link::wait), and that only until its end, and [`prepare`](Link::prepare).
 pub trait Link {
     /// Sends one Ethernet frame (without checksum). Shorter frames than 60 bytes are padded by the link.
     ///
@@ -52,6 +52,15 @@ pub trait Link {
 
     /// Ends a [`wait`](Link::wait) early, from any thread.
     fn waker(&self) -> Waker;
+
+    /// Makes ready for cycles, where that takes some milliseconds. Frames that are under way may be lost. A network calls it between two
+    /// counts of its devices, when there are none.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    fn prepare(&mut self) -> Result<(), RawSocketError> {
+        Ok(())
+    }
 }
 
 impl<L: Link + ?Sized> Link for Box<L> {
@@ -81,5 +90,9 @@ impl<L: Link + ?Sized> Link for Box<L> {
 
     fn waker(&self) -> Waker {
         (**self).waker()
+    }
+
+    fn prepare(&mut self) -> Result<(), RawSocketError> {
+        (**self).prepare()
     }
 }

@@ -7,7 +7,8 @@ use rustix::{
         epoll::{self, CreateFlags, EventData, EventFlags},
         eventfd,
     },
-    net::{SendFlags, send, sockopt::socket_error},
+    io::{Errno, ioctl_fionread},
+    net::{RecvFlags, SendFlags, recv, send, sockopt::socket_error},
     time::{
         ClockId, Itimerspec, TimerfdClockId, TimerfdFlags, TimerfdTimerFlags, Timespec,
         clock_gettime, timerfd_create, timerfd_settime,
@@ -17,7 +18,7 @@ use std::{
     ffi::CString,
     fs::{self, File},
     io,
-    mem::offset_of,
+    mem::{self, offset_of},
     os::{
         fd::{AsFd, AsRawFd, FromRawFd, OwnedFd},
         unix::fs::MetadataExt,
@@ -29,6 +30,7 @@ use std::{
         atomic::{AtomicU32, Ordering},
     },
     task::{Wake, Waker},
+    thread::{self, JoinHandle},
     time::Duration,
 };
 
@@ -92,8 +94,15 @@ pub enum RawSocketError {
 /// # Ok::<(), servocrab::link::RawSocketError>(())
 /// ```
 pub struct RawSocket {
+    interface: String,
+    index: libc::c_int,
     socket: OwnedFd,
-    ring: Ring,
+    /// None until it is prepared: each frame is a system call until then.
+    ring: Option<Ring>,
+    /// The socket with the ring. The kernel takes a grace period to make one, in which that socket receives nothing.
+    making: Option<JoinHandle<io::Result<(OwnedFd, Ring)>>>,
+    /// The socket from before, for which it takes one too.
+    closing: Option<JoinHandle<()>>,
     sleeper: Sleeper,
     padded: [u8; SHORTEST_FRAME],
 }
@@ -104,14 +113,7 @@ impl RawSocket {
     /// # Errors
     /// No permission, no such interface, the interface is down, another master uses it, or what else the operating system refuses.
     pub fn open(interface: &str) -> Result<Self, RawSocketError> {
-        let os = |step| {
-            let interface = interface.to_owned();
-            move |source| RawSocketError::Os {
-                step,
-                interface,
-                source,
-            }
-        };
+        let os = |step| refused(interface, step);
         let name = CString::new(interface)
             .map_err(|_| RawSocketError::NoInterface(interface.to_owned()))?;
         // SAFETY: the name is a string with its end mark and is valid until the call is over.
@@ -132,30 +134,41 @@ impl RawSocket {
             let interface = interface.to_owned();
             return Err(RawSocketError::ShortFrames { interface, mtu });
         }
-        // Without this the socket reads its own frames back before the segment's answer.
-        set_option(&socket, PACKET_IGNORE_OUTGOING, &1i32).map_err(os("ignore outgoing frames"))?;
-        // Answers carry the destination they were sent with, which is the broadcast address: but a switch or a
-        // virtual interface may change it.
-        let membership = libc::packet_mreq {
-            mr_ifindex: index,
-            mr_type: PACKET_MR_PROMISC,
-            mr_alen: 0,
-            mr_address: [0; 8],
-        };
-        set_option(&socket, libc::PACKET_ADD_MEMBERSHIP, &membership)
-            .map_err(os("receive all frames"))?;
-        let ring = Ring::new(&socket).map_err(os("make a ring for received frames"))?;
+        receive_all(&socket, index).map_err(os("receive all frames"))?;
         bind(&socket, index).map_err(os("bind"))?;
         // Before anything is sent. Not before binding: of two that begin together none would see the other.
         if is_taken(&socket, index).map_err(os("look who else uses it"))? {
             return Err(RawSocketError::InUse(interface.to_owned()));
         }
+        let making = thread::Builder::new()
+            .name("servocrab-ring".into())
+            .spawn(move || {
+                let socket = open_socket()?;
+                receive_all(&socket, index)?;
+                let ring = Ring::new(&socket)?;
+                Ok((socket, ring))
+            })
+            .map_err(os("make a thread"))?;
         Ok(Self {
-            ring,
+            interface: interface.to_owned(),
+            index,
+            ring: None,
+            making: Some(making),
+            closing: None,
             sleeper: Sleeper::new(&socket).map_err(os("prepare to sleep"))?,
             socket,
             padded: [0; SHORTEST_FRAME],
         })
+    }
+}
+
+/// What becomes of a refusal of the operating system.
+fn refused(interface: &str, step: &'static str) -> impl Fn(io::Error) -> RawSocketError {
+    let interface = interface.to_owned();
+    move |source| RawSocketError::Os {
+        step,
+        interface: interface.clone(),
+        source,
     }
 }
 
@@ -179,6 +192,21 @@ fn open_socket() -> io::Result<OwnedFd> {
     }
     // SAFETY: the descriptor was just made, is valid and belongs to nobody else.
     Ok(unsafe { OwnedFd::from_raw_fd(fd) })
+}
+
+/// Has a socket that is not bound yet receive all that comes in by the interface.
+fn receive_all(socket: &OwnedFd, interface: libc::c_int) -> io::Result<()> {
+    // Without this the socket reads its own frames back before the segment's answer.
+    set_option(socket, PACKET_IGNORE_OUTGOING, &1i32)?;
+    // Answers carry the destination they were sent with, which is the broadcast address: but a switch or a
+    // virtual interface may change it.
+    let membership = libc::packet_mreq {
+        mr_ifindex: interface,
+        mr_type: PACKET_MR_PROMISC,
+        mr_alen: 0,
+        mr_address: [0; 8],
+    };
+    set_option(socket, libc::PACKET_ADD_MEMBERSHIP, &membership)
 }
 
 /// What an Ethernet frame holds behind its header (IEEE 802.3).
@@ -272,12 +300,27 @@ impl Link for RawSocket {
     }
 
     fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-        Ok(self.ring.take(buffer))
+        if let Some(ring) = &mut self.ring {
+            return Ok(ring.take(buffer));
+        }
+        loop {
+            // The length is that of the frame, of which as much is given as there is room for.
+            match recv(&self.socket, &mut *buffer, RecvFlags::TRUNC) {
+                Ok((_, length)) if length > buffer.len() => {}
+                Ok((_, length)) => return Ok(Some(length)),
+                Err(Errno::AGAIN) => return Ok(None),
+                Err(error) => return Err(error.into()),
+            }
+        }
     }
 
     fn wait(&mut self, until: Duration) {
         // The sleep ends with frames that come, not with one that is there already.
-        if !self.ring.is_filled() {
+        let is_there = match &self.ring {
+            Some(ring) => ring.is_filled(),
+            None => ioctl_fionread(&self.socket).is_ok_and(|bytes| bytes > 0),
+        };
+        if !is_there {
             self.sleeper.wait(&self.socket, until);
         }
     }
@@ -288,6 +331,38 @@ impl Link for RawSocket {
 
     fn waker(&self) -> Waker {
         self.sleeper.waker()
+    }
+
+    /// Changes over to the socket with the ring. The one from before stays bound until then, so that another master sees it.
+    fn prepare(&mut self) -> Result<(), RawSocketError> {
+        let Some(making) = self.making.take() else {
+            return Ok(());
+        };
+        let os = |step| refused(&self.interface, step);
+        let panicked = |_| Err(io::Error::other("its thread has panicked"));
+        let made = making.join().unwrap_or_else(panicked);
+        let (socket, ring) = made.map_err(os("make a ring for received frames"))?;
+        bind(&socket, self.index).map_err(os("bind"))?;
+        let sleeper = &self.sleeper;
+        sleeper
+            .listen_to(&socket, &self.socket)
+            .map_err(os("prepare to sleep"))?;
+        self.ring = Some(ring);
+        let before = mem::replace(&mut self.socket, socket);
+        // Without a thread it is closed here.
+        let closing = thread::Builder::new().name("servocrab-close".into());
+        self.closing = closing.spawn(move || drop(before)).ok();
+        Ok(())
+    }
+}
+
+impl Drop for RawSocket {
+    /// Who opens the interface behind that finds it free.
+    fn drop(&mut self) {
+        if let Some(closing) = self.closing.take() {
+            // It cannot panic.
+            let _ = closing.join();
+        }
     }
 }
 
@@ -466,21 +541,22 @@ impl Sleeper {
             0,
             EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC,
         )?));
-        for (descriptor, data, edge) in [
-            // Else the kernel looks at the socket once more with each sleep.
-            (socket.as_fd(), SOCKET, EventFlags::ET),
-            (event.0.as_fd(), EVENT, EventFlags::empty()),
-            (timer.as_fd(), TIMER, EventFlags::empty()),
-        ] {
-            let flags = EventFlags::IN | edge;
-            epoll::add(&epoll, descriptor, EventData::new_u64(data), flags)?;
+        for (descriptor, data) in [(event.0.as_fd(), EVENT), (timer.as_fd(), TIMER)] {
+            epoll::add(&epoll, descriptor, EventData::new_u64(data), EventFlags::IN)?;
         }
+        add_socket(&epoll, socket)?;
         Ok(Self {
             epoll,
             timer,
             rings: None,
             event,
         })
+    }
+
+    /// Sleeps until more has come on this socket from now on, in place of the one before.
+    pub fn listen_to(&self, socket: &OwnedFd, before: &OwnedFd) -> io::Result<()> {
+        epoll::delete(&self.epoll, before)?;
+        add_socket(&self.epoll, socket)
     }
 
     /// Sleeps until more has come on `socket`, the waker was used or `until` has come; or until a time that was named before.
@@ -537,6 +613,17 @@ impl Sleeper {
             self.rings = Some(at);
         }
     }
+}
+
+fn add_socket(epoll: &OwnedFd, socket: &OwnedFd) -> io::Result<()> {
+    // Without ET the kernel looks at the socket once more with each sleep.
+    let flags = EventFlags::IN | EventFlags::ET;
+    Ok(epoll::add(
+        epoll,
+        socket,
+        EventData::new_u64(SOCKET),
+        flags,
+    )?)
 }
 
 /// Ends a sleep from any thread.

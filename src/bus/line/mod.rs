@@ -155,6 +155,7 @@ pub(in crate::bus) async fn discover_each(
         }
         let counted = context.time.now();
         let line = in_init(context, there).await;
+        context.prepare_link().await?;
         let since = context.time.now().saturating_sub(counted);
         context.time.sleep(STEADY_FOR.saturating_sub(since)).await;
         counts = (there, count(registers).await?);

@@ -29,7 +29,7 @@ use std::{
 use async_task::Task;
 use ethercrab::{MainDevice, MainDeviceConfig, PduStorage, Timeouts};
 use rustix::thread::set_current_timer_slack;
-use smol::channel::Sender;
+use smol::channel::{Sender, bounded};
 
 use crate::{
     bus::{
@@ -46,7 +46,7 @@ use crate::{
         },
     },
     coe::{Emergencies, EmergencyQueue},
-    link::{LONGEST_FRAME, Link},
+    link::{LONGEST_FRAME, Link, RawSocketError},
     wakes::{End, Wakes},
 };
 
@@ -78,13 +78,25 @@ pub(in crate::bus) struct Context {
     pub wakes: Wakes,
     /// Those of all drives: where they go in, and where they come out.
     pub emergencies: (EmergencyQueue, Emergencies),
+    /// Who waits for the link to be prepared.
+    prepares: Rc<Cell<Option<Sender<LinkPrepared>>>>,
     over: Rc<Cell<bool>>,
 }
+
+type LinkPrepared = Result<(), RawSocketError>;
 
 impl Context {
     /// Begins a task; none if the loop is gone.
     pub fn spawn<T: 'static>(&self, future: impl Future<Output = T> + 'static) -> Option<Task<T>> {
         Some(self.tasks.upgrade()?.spawn(future))
+    }
+
+    /// Has the link make ready for cycles, once there is nothing else to do. No request may be under way.
+    pub async fn prepare_link(&self) -> LinkPrepared {
+        let (prepared, result) = bounded(1);
+        self.prepares.set(Some(prepared));
+        // Without a loop there is no link.
+        result.recv().await.unwrap_or(Ok(()))
     }
 
     /// Ends the loop after this turn.
@@ -149,7 +161,8 @@ impl Reactor {
                 log,
                 emergencies: EmergencyQueue::new(EMERGENCIES, wakes.waiters()),
                 wakes: wakes.clone(),
-                over: Rc::new(Cell::new(false)),
+                prepares: Rc::default(),
+                over: Rc::default(),
             },
             tasks,
             wait_strategy,
@@ -186,7 +199,11 @@ impl Reactor {
             self.context.wakes.hand_over();
         }
         if !busy {
-            self.wait(now, next);
+            match self.context.prepares.take() {
+                // Nobody takes it when the program has given up meanwhile.
+                Some(prepared) => drop(prepared.try_send(self.link.prepare())),
+                None => self.wait(now, next),
+            }
         }
         !self.context.over.get()
     }
