@@ -74,7 +74,9 @@ impl Watch {
             .collect();
         let names = names.trim_end_matches(',');
         let request = format!("ws://localhost/v1/stream?every={every}&signals={names}");
-        let request = request.into_client_request().map_err(protocol)?;
+        let request = request
+            .into_client_request()
+            .map_err(|error| protocol(&error))?;
         let (mut socket, _) =
             client_with_config(request, stream, None).map_err(|error| match error {
                 tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response)) => {
@@ -86,11 +88,11 @@ impl Watch {
                         text.map_or_else(|| response.status().to_string(), str::to_owned),
                     )
                 }
-                other => protocol(other),
+                other => protocol(&other),
             })?;
-        let heading = match socket.read().map_err(protocol)? {
-            Message::Text(text) => serde_json::from_str(&text).map_err(protocol),
-            other => Err(protocol(format!("{other:?}"))),
+        let heading = match socket.read().map_err(|error| protocol(&error))? {
+            Message::Text(text) => serde_json::from_str(&text).map_err(|error| protocol(&error)),
+            other => Err(protocol(&format!("{other:?}"))),
         };
         let Heading { signals } = heading?;
         Ok(Self {
@@ -130,7 +132,7 @@ impl Watch {
                 ) => return Ok(None),
                 // How many blocks were left out shows in the numbers of the cycles.
                 Ok(_) => {}
-                Err(error) => return Err(protocol(error)),
+                Err(error) => return Err(protocol(&error)),
             }
         }
     }
@@ -149,10 +151,8 @@ impl Watch {
     }
 }
 
-fn protocol<E: ToString>(error: E) -> WatchError {
-    let text = error.to_string();
-    drop(error);
-    WatchError::Protocol(text)
+fn protocol(error: &(impl ToString + ?Sized)) -> WatchError {
+    WatchError::Protocol(error.to_string())
 }
 
 /// As it may stand in a query.

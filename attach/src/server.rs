@@ -9,6 +9,7 @@ use std::{
         net::{UnixListener as StdListener, UnixStream as StdStream},
     },
     path::{Path, PathBuf},
+    pin::pin,
     sync::Arc,
     thread::{self, JoinHandle},
     time::Duration,
@@ -42,7 +43,8 @@ use crate::{
 const QUESTIONS: usize = 16;
 /// The header of a request, and what is read of a body before it is refused, in bytes.
 const BUFFER: usize = 16 * 1024;
-/// How long a connection lasts, so that a client that never reads does not keep its place.
+/// How long a connection takes requests, and how long it may take for the last of them after that: a client that never reads does not keep
+/// its place.
 const CONNECTION: Duration = Duration::from_secs(60);
 /// After an error of the socket, such as no free file descriptor.
 const PAUSE: Duration = Duration::from_millis(100);
@@ -391,8 +393,13 @@ async fn accept<L: Listener + Sync>(listener: L, router: Router, limits: Limits)
             .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router))
             .with_upgrades();
         tokio::spawn(async move {
-            // A client that breaks the protocol or stays too long has nobody to be reported to. A WebSocket goes on after it.
-            let _ = timeout(CONNECTION, connection).await;
+            let mut connection = pin!(connection);
+            // A client that breaks the protocol has nobody to be reported to. A WebSocket goes on after it.
+            if timeout(CONNECTION, connection.as_mut()).await.is_err() {
+                // A request that is under way is answered: it may be a stop.
+                connection.as_mut().graceful_shutdown();
+                let _ = timeout(CONNECTION, connection).await;
+            }
             drop(place);
         });
     }

@@ -306,7 +306,8 @@ fn the_line_the_statistics_and_objects_are_read_and_errors_are_json() {
         ("GET /v1/od/0/nothing/1", 400, "no_object"),
         ("POST /v1/axes/w/stop", 404, "no_axis"),
         ("GET /v1/quick_stop", 405, "wrong_method"),
-        ("POST /v1/od/0/6081h/0", 405, "wrong_method"),
+        ("POST /v1/line", 405, "wrong_method"),
+        ("POST /v1/od/0/6066h/0", 403, "not_granted"),
         ("GET /", 404, "no_such_request"),
     ] {
         let (got, answer) = ask(socket, request);

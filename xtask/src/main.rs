@@ -1,5 +1,6 @@
 //! The project's own commands. `cargo xtask --help` lists them.
 
+mod hostile;
 mod house;
 mod motion_table;
 mod mutants;
@@ -21,6 +22,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Hostile(hostile::Args),
     House(house::Args),
     MotionTable(motion_table::Args),
     Mutants(mutants::Args),
@@ -31,6 +33,7 @@ enum Command {
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().command {
+        Command::Hostile(args) => hostile::run(&args),
         Command::House(args) => house::run(&args),
         Command::MotionTable(args) => motion_table::run(&args),
         Command::Mutants(args) => mutants::run(&args),

@@ -45,9 +45,22 @@ function openSocket(path) {
 
 // Stops: on the screen at all times, and by one key.
 
+/** A stop may be asked for more than once, so a connection that ends on the way does not lose it. */
+async function stop(path) {
+  tell("");
+  for (let attempt = 1; ; attempt += 1) {
+    try {
+      return await ask(path, null, "POST");
+    } catch (error) {
+      tell(`${path}: ${error.message}`);
+      if (!(error instanceof TypeError) || attempt === 5) return null;
+    }
+  }
+}
+
 function quickStop() {
   releaseAll();
-  act("/v1/quick_stop");
+  stop("/v1/quick_stop");
 }
 find("quick-stop").addEventListener("click", quickStop);
 addEventListener("keydown", (event) => {
@@ -150,7 +163,7 @@ function card(axis) {
     made.addEventListener("click", action);
     return made;
   };
-  const rows = [make("div", { className: "row" }, button("Stop", () => act(`${path}/stop`)))];
+  const rows = [make("div", { className: "row" }, button("Stop", () => stop(`${path}/stop`)))];
   if (granted) {
     rows[0].append(button("Enable", () => act(`${path}/enable`)), button("Disable", () => act(`${path}/disable`)),
       button("Reset fault", () => act(`${path}/reset_fault`)));
