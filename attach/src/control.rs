@@ -253,15 +253,32 @@ async fn held(
     let _ = answers
         .send(json!({"jog": {"axis": name, "state": "moving"}}))
         .await;
-    // Until it is let go, which an error says.
-    while told.changed().await.is_ok() {
-        let velocity = told.borrow_and_update().velocity;
-        if let Err(error) = jog.set(velocity) {
-            drop(jog);
-            // Why it has ended is what the client is told.
-            let _ = lease.release().await;
-            return Err(error);
+    let mut looks = interval(TICK);
+    // Until it is let go, which an error of the channel says.
+    let ended = loop {
+        let held = tokio::select! {
+            changed = told.changed() => match changed {
+                Ok(()) => {
+                    let velocity = told.borrow_and_update().velocity;
+                    jog.set(velocity)
+                }
+                Err(_) => break None,
+            },
+            // What has ended it is said, and the mode given back, also where no hold comes any more.
+            _ = looks.tick() => match jog.ended() {
+                Some(_) => jog.hold(),
+                None => Ok(()),
+            },
+        };
+        if let Err(error) = held {
+            break Some(error);
         }
+    };
+    if let Some(error) = ended {
+        drop(jog);
+        // Why it has ended is what the client is told.
+        let _ = lease.release().await;
+        return Err(error);
     }
     let released = jog.release().await;
     let given_back = lease.release().await;

@@ -214,8 +214,6 @@ fn a_held_jog_moves_and_each_way_of_letting_go_ends_it() {
     // Nobody says that it is held any more, although the connection is there.
     begun(&net, &mut socket, -10.0);
     assert!(stands(&net));
-    let late = tick(&mut socket);
-    hold(&mut socket, "x", -10.0, late);
     assert_eq!(answered(&mut socket)["jog"]["state"], "ended");
     // Who still holds it has to let go first.
     let again = tick(&mut socket);

@@ -64,7 +64,7 @@ fn run(pictures: &Path) -> Result<()> {
         browser.open(machine.panel())?;
         browser.wait(
             "the panel is connected",
-            "return document.querySelector('#connection').textContent === 'connected'",
+            "return document.querySelector('#connection').textContent === 'connected' && tick !== null",
         )?;
         Ok(browser)
     };
@@ -130,11 +130,11 @@ fn held_until(browser: &Browser, cable: &Cable, machine: &Machine, end: End) -> 
     )?;
     let from = Instant::now();
     end(browser, cable)?;
-    // Longer than any message was late.
-    sleep(Duration::from_secs(4));
+    // What is late has come by then, and a stand has lasted for a second.
+    sleep(cable.lateness() + STOPS + Duration::from_millis(1100));
     let stood = machine
         .stood_since(from)
-        .ok_or("the axis still moves after 4 s")?;
+        .ok_or_else(|| format!("the axis still moves after {STOPS:?}"))?;
     if stood > STOPS {
         return Err(format!("the axis stood only after {stood:?}").into());
     }

@@ -77,6 +77,11 @@ impl Cable {
         ip(&["link", "set", &self.near, "down"])
     }
 
+    /// How late every message is.
+    pub(crate) fn lateness(&self) -> Duration {
+        Duration::from_millis(self.delay.load(Ordering::Relaxed))
+    }
+
     /// From now on every message is this late, in both directions.
     pub(crate) fn delay(&self, time: Duration) {
         let time = u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
