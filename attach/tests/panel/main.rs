@@ -121,13 +121,26 @@ fn run(pictures: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Presses the button until the axis moves: right after a fault or a stop the page may be told that it cannot yet.
+fn begin(browser: &Browser, machine: &Machine) -> Result<()> {
+    for _ in 0..3 {
+        browser.hold("button.jog[data-axis=x]:nth-of-type(2)")?;
+        let pressed = Instant::now();
+        while pressed.elapsed() < Duration::from_secs(5) {
+            if machine.speed() > 0.8 * machine::JOG {
+                return Ok(());
+            }
+            sleep(Duration::from_millis(10));
+        }
+        browser.release()?;
+    }
+    let said = browser.run("return document.querySelector('#message').textContent")?;
+    Err(format!("the axis does not move; the page says: {said}").into())
+}
+
 /// Holds the jog of `x`, lets this happen, and says how long the axis went on.
 fn held_until(browser: &Browser, cable: &Cable, machine: &Machine, end: End) -> Result<Duration> {
-    browser.hold("button.jog[data-axis=x]:nth-of-type(2)")?;
-    until(
-        "the axis moves",
-        || Ok(machine.speed() > 0.8 * machine::JOG),
-    )?;
+    begin(browser, machine)?;
     let from = Instant::now();
     end(browser, cable)?;
     // What is late has come by then, and a stand has lasted for a second.
