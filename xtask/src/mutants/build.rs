@@ -9,6 +9,10 @@ use serde::Deserialize;
 use super::table::Target;
 use super::tree::Tree;
 
+/// The library and its tests are built as fast as can be: they run once for each mutant, and not for long. The simulated
+/// drives, through which nearly all that time goes, keep the optimisation of the tests' profile.
+const FAST: &str = "--config=profile.test.package.servocrab.opt-level=0";
+
 /// What came of it.
 pub(crate) enum Built {
     /// The executable of each target.
@@ -69,6 +73,7 @@ pub(crate) fn build(
             "--package",
             package,
         ])
+        .arg(FAST)
         .args(targets.iter().flat_map(|target| target.arguments()))
         .current_dir(&tree.root)
         .envs(environment())
