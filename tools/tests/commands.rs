@@ -772,11 +772,11 @@ fn a_question_at_a_terminal_is_answered_by_yes_by_no_and_by_ctrl_c() {
         ("y\n", 0, "1 device(s)"),
     ] {
         std::fs::write(&file, "of the user").unwrap();
-        // It gives the tool a terminal.
+        // It gives the tool a terminal; without `exec` the Ctrl-C would also end a shell around the tool.
         let mut terminal = Command::new("script")
             .args([
                 "-qec",
-                &format!("{TOOL} init --sim io {}", file.display()),
+                &format!("exec {TOOL} init --sim io {}", file.display()),
                 "/dev/null",
             ])
             .stdin(Stdio::piped())
