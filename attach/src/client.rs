@@ -1,6 +1,6 @@
 //! The other end of a stream: the signals of a network that another program shows.
 
-use std::{io, os::unix::net::UnixStream, path::Path, time::Duration};
+use std::{os::unix::net::UnixStream, path::Path, time::Duration};
 
 use serde::Deserialize;
 use servocrab::bus::{RecordedCycles, RecordedValues, Signal};
@@ -8,6 +8,8 @@ use tungstenite::{
     Message, WebSocket,
     client::{IntoClientRequest, client_with_config},
 };
+
+use crate::program::ClientError;
 
 /// The values of every nth cycle of a network that another program shows on its Unix socket.
 ///
@@ -41,21 +43,6 @@ pub struct WatchedSignal {
     pub unit: String,
 }
 
-/// Why a network cannot be watched.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum WatchError {
-    /// Nobody shows a network on this socket.
-    #[error("nobody shows a network here: {0}")]
-    Nobody(io::Error),
-    /// The program refuses the signals.
-    #[error("{0}")]
-    Refused(String),
-    /// What came was not expected.
-    #[error("the program does not say what is expected: {0}")]
-    Protocol(String),
-}
-
 #[derive(Deserialize)]
 struct Heading {
     signals: Vec<WatchedSignal>,
@@ -65,9 +52,9 @@ impl Watch {
     /// Begins to watch these signals, of every nth cycle. It waits for the program.
     ///
     /// # Errors
-    /// [`WatchError`] where nobody is there, or the program does not have one of the signals.
-    pub fn open(socket: &Path, signals: &[Signal], every: u32) -> Result<Self, WatchError> {
-        let stream = UnixStream::connect(socket).map_err(WatchError::Nobody)?;
+    /// [`ClientError`] where nobody is there, or the program does not have one of the signals.
+    pub fn open(socket: &Path, signals: &[Signal], every: u32) -> Result<Self, ClientError> {
+        let stream = UnixStream::connect(socket).map_err(ClientError::Nobody)?;
         let names: String = signals
             .iter()
             .map(|signal| escaped(&signal.to_string()) + ",")
@@ -81,12 +68,7 @@ impl Watch {
             client_with_config(request, stream, None).map_err(|error| match error {
                 tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response)) => {
                     let body = response.body().as_deref().unwrap_or_default();
-                    let answer: serde_json::Value =
-                        serde_json::from_slice(body).unwrap_or_default();
-                    let text = answer["error"]["text"].as_str();
-                    WatchError::Refused(
-                        text.map_or_else(|| response.status().to_string(), str::to_owned),
-                    )
+                    ClientError::refused(body)
                 }
                 other => protocol(&other),
             })?;
@@ -112,8 +94,8 @@ impl Watch {
     /// The next cycles, which it waits for; `None` once the program has ended its network. What was lost on the way is counted.
     ///
     /// # Errors
-    /// [`WatchError::Protocol`] for what is no block of a stream.
-    pub fn read(&mut self) -> Result<Option<RecordedCycles>, WatchError> {
+    /// [`ClientError::Protocol`] for what is no block of a stream.
+    pub fn read(&mut self) -> Result<Option<RecordedCycles>, ClientError> {
         loop {
             match self.socket.read() {
                 Ok(Message::Binary(block)) => {
@@ -151,8 +133,8 @@ impl Watch {
     }
 }
 
-fn protocol(error: &(impl ToString + ?Sized)) -> WatchError {
-    WatchError::Protocol(error.to_string())
+fn protocol(error: &(impl ToString + ?Sized)) -> ClientError {
+    ClientError::Protocol(error.to_string())
 }
 
 /// As it may stand in a query.

@@ -1,10 +1,6 @@
-//! What clients may change where the program grants it: objects, and axes.
+//! What clients may do with axes where the program grants it.
 
-use std::{
-    collections::HashMap,
-    sync::{Arc, Mutex},
-    time::Duration,
-};
+use std::time::Duration;
 
 use axum::{
     Extension, Json,
@@ -17,39 +13,19 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use servocrab::{
     AxisError, SetPoint,
-    axis::AxisErrorKind,
-    bus::{NetworkView, Signal},
-    coe::{ObjectAddress, SdoHandle},
     homing::{HomingMethod, HomingParameters},
 };
-use tokio::{sync::Semaphore, time::timeout};
+use tokio::time::timeout;
 
 use crate::{
-    grants::{AskedFor, Asks, Granted, GrantedAxis, is_owned},
+    grants::{Granted, GrantedAxis},
     refusal::Refusal,
-    requests::{TURN, sdo_refusal},
     server::Client,
-    streams::Streams,
+    shown::{LOG, Shown},
 };
 
-pub(crate) const LOG: &str = "servocrab::attach";
 /// How long the end of a motion is waited for before its request is answered all the same.
 const ANSWERS: Duration = Duration::from_secs(50);
-/// Bytes of an object that is written.
-const OBJECT: usize = 4096;
-
-/// What all requests share.
-#[derive(Clone)]
-pub(crate) struct Shown {
-    pub view: NetworkView,
-    /// One transfer at a time, so that the program's own wait for at most one of them.
-    pub upload: Arc<Semaphore>,
-    pub granted: Granted,
-    pub asks: Asks,
-    pub streams: Arc<Streams>,
-    /// The objects of each drive, once they were listed.
-    pub dictionaries: Arc<Mutex<HashMap<u16, Value>>>,
-}
 
 impl Granted {
     /// An axis that may be jogged.
@@ -79,79 +55,9 @@ impl Granted {
     }
 }
 
-impl Shown {
-    /// Why an axis did not do it. Where the program holds the axis' mode it is asked for it.
-    pub fn refusal_of(&self, error: &AxisError, client: &Client) -> Refusal {
-        if !matches!(error.kind, AxisErrorKind::ModeInUse) {
-            return Refusal::of("axis", error.to_string());
-        }
-        let asked = AskedFor {
-            axis: error.identity.axis.to_string(),
-            client: client.to_string(),
-        };
-        // A program that does not listen has as many questions as it can have.
-        let _ = self.asks.try_send(asked);
-        let text = format!("{error}; the program is asked for it");
-        Refusal::new(StatusCode::CONFLICT, "in_use", text)
-    }
-}
-
-fn body<'a, T: Deserialize<'a>>(bytes: &'a Bytes) -> Result<T, Refusal> {
+pub(crate) fn body<'a, T: Deserialize<'a>>(bytes: &'a Bytes) -> Result<T, Refusal> {
     serde_json::from_slice(bytes)
         .map_err(|error| Refusal::of("bad_body", format!("the body is not understood: {error}")))
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Written {
-    bytes: Vec<u8>,
-}
-
-pub(crate) async fn write(
-    State(shown): State<Shown>,
-    Extension(client): Extension<Client>,
-    Path((drive, index, subindex)): Path<(String, String, String)>,
-    bytes: Bytes,
-) -> Result<Json<Value>, Refusal> {
-    if !shown.granted.parameters {
-        return Err(Refusal::not_granted("write objects"));
-    }
-    let (sdo, object) = shown.object(&drive, &index, &subindex)?;
-    let Written { bytes } = body(&bytes)?;
-    let mapped = Signal::Device {
-        position: sdo.drive().position,
-        object,
-    };
-    let is_mapped = shown.view.recorder([mapped]).is_ok();
-    if is_owned(object) || is_mapped {
-        let text = format!(
-            "{object} is in the process data, or the library itself writes it or relies on it"
-        );
-        return Err(Refusal::new(StatusCode::FORBIDDEN, "owned", text));
-    }
-    if bytes.is_empty() || bytes.len() > OBJECT {
-        let text = format!(
-            "an object of 1 to {OBJECT} bytes is expected, and not {}",
-            bytes.len()
-        );
-        return Err(Refusal::new(
-            StatusCode::UNPROCESSABLE_ENTITY,
-            "bad_body",
-            text,
-        ));
-    }
-    let Ok(Ok(_turn)) = timeout(TURN, shown.upload.acquire()).await else {
-        return Err(Refusal::new(
-            StatusCode::SERVICE_UNAVAILABLE,
-            "busy",
-            "other transfers are under way: ask again",
-        ));
-    };
-    tracing::warn!(target: LOG, "{} of {} is written by {client}: {bytes:02X?}", object, sdo.drive());
-    match sdo.write_bytes(object.index, object.subindex, bytes).await {
-        Ok(()) => Ok(Json(json!({"written": true}))),
-        Err(error) => Err(sdo_refusal(&error)),
-    }
 }
 
 /// Answered when it is done, or after 50 s. It is done to its end also where the client goes away.
@@ -295,34 +201,4 @@ pub(crate) async fn home(
         work,
     )
     .await)
-}
-
-impl Shown {
-    /// The objects of the drive at this position.
-    pub fn drive(&self, position: &str) -> Result<&SdoHandle, Refusal> {
-        let place = position.parse::<u16>().ok();
-        let mut drives = self.view.drives();
-        let sdo = drives.find(|sdo| Some(sdo.drive().position) == place);
-        sdo.ok_or_else(|| {
-            let text =
-                format!("no drive was declared at position `{position}`: /v1/line lists them");
-            Refusal::new(StatusCode::NOT_FOUND, "no_drive", text)
-        })
-    }
-
-    /// The objects of a drive, and which one is asked for.
-    pub fn object(
-        &self,
-        drive: &str,
-        index: &str,
-        subindex: &str,
-    ) -> Result<(&SdoHandle, ObjectAddress), Refusal> {
-        let object = format!("{index}:{subindex}").parse();
-        let object = object.map_err(|_| {
-            let text =
-                format!("`{index}/{subindex}` is no object: ask for one as 6041h/0 or 0x6041/0");
-            Refusal::new(StatusCode::BAD_REQUEST, "no_object", text)
-        })?;
-        Ok((self.drive(drive)?, object))
-    }
 }

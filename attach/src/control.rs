@@ -23,10 +23,10 @@ use tokio::{
 };
 
 use crate::{
-    commands::{LOG, Shown},
     grants::GrantedAxis,
     refusal::Refusal,
     server::Client,
+    shown::{LOG, Shown},
     streams::sent,
 };
 
@@ -53,7 +53,7 @@ enum Said {
     Release { axis: String },
 }
 
-/// What the task of a jog is told.
+/// The latest hold of a jog, for its task.
 #[derive(Clone, Copy)]
 struct Held {
     /// In counts.
@@ -197,12 +197,12 @@ impl Jogs {
             let text = || format!("the jog of `{axis}` has ended: let go of it first");
             return sender.send(held).map_err(|_| Refusal::of("ended", text()));
         }
-        let (sender, told) = watch::channel(held);
+        let (sender, latest) = watch::channel(held);
         tracing::warn!(target: LOG, "axis {axis} is jogged by {}", self.client);
         tokio::spawn(jog(
             axis.clone(),
             granted.clone(),
-            told,
+            latest,
             self.answers.clone(),
             self.shown.clone(),
             self.client.clone(),
@@ -216,39 +216,39 @@ impl Jogs {
 async fn jog(
     name: String,
     granted: GrantedAxis,
-    told: watch::Receiver<Held>,
+    latest: watch::Receiver<Held>,
     answers: mpsc::Sender<Value>,
     shown: Shown,
     client: Client,
 ) {
-    let ended = match held(&name, &granted, told, &answers).await {
+    let ended = match held(&name, &granted, latest, &answers).await {
         Ok(()) => json!({"jog": {"axis": name, "state": "released"}}),
         Err(error) => {
             let refusal = shown.refusal_of(&error, &client);
             json!({"jog": {"axis": name, "state": "ended", "code": refusal.code, "text": refusal.text}})
         }
     };
-    // Where the client is gone nobody is told.
+    // Nobody reads it where the client is gone.
     let _ = answers.send(ended).await;
 }
 
 async fn held(
     name: &str,
     granted: &GrantedAxis,
-    mut told: watch::Receiver<Held>,
+    mut latest: watch::Receiver<Held>,
     answers: &mpsc::Sender<Value>,
 ) -> Result<(), servocrab::AxisError> {
     let lease = granted.axis.profile_velocity().await?;
     // Whoever held it may have let go, or be gone, while the drive changed its mode.
-    let first = *told.borrow_and_update();
-    if told.has_changed().is_err() || first.at.elapsed() > FRESH {
+    let first = *latest.borrow_and_update();
+    if latest.has_changed().is_err() || first.at.elapsed() > FRESH {
         return lease.release().await;
     }
     let set_point = JogSetPoint::new(first.velocity).dead_man(DEAD_MAN);
     let jog = tokio::select! {
         jog = lease.jog(set_point) => jog?,
         // Dropped on its way, the jog is let go.
-        () = let_go(told.clone()) => return lease.release().await,
+        () = let_go(latest.clone()) => return lease.release().await,
     };
     let _ = answers
         .send(json!({"jog": {"axis": name, "state": "moving"}}))
@@ -257,9 +257,9 @@ async fn held(
     // Until it is let go, which an error of the channel says.
     let ended = loop {
         let held = tokio::select! {
-            changed = told.changed() => match changed {
+            changed = latest.changed() => match changed {
                 Ok(()) => {
-                    let velocity = told.borrow_and_update().velocity;
+                    let velocity = latest.borrow_and_update().velocity;
                     jog.set(velocity)
                 }
                 Err(_) => break None,
@@ -276,7 +276,7 @@ async fn held(
     };
     if let Some(error) = ended {
         drop(jog);
-        // Why it has ended is what the client is told.
+        // The client gets the reason of the end.
         let _ = lease.release().await;
         return Err(error);
     }
@@ -289,6 +289,6 @@ async fn held(
     }
 }
 
-async fn let_go(mut told: watch::Receiver<Held>) {
-    while told.changed().await.is_ok() {}
+async fn let_go(mut latest: watch::Receiver<Held>) {
+    while latest.changed().await.is_ok() {}
 }

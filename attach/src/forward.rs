@@ -19,7 +19,7 @@ use hyper::{client::conn::http1, upgrade};
 use hyper_util::rt::TokioIo;
 use tokio::{io::copy_bidirectional, net::UnixStream};
 
-use crate::{commands::LOG, refusal::Refusal, server::Place};
+use crate::{refusal::Refusal, server::Place, shown::LOG};
 
 pub(crate) fn router(socket: &Path) -> Router {
     Router::new()

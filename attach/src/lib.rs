@@ -29,17 +29,21 @@ mod forward;
 mod gate;
 mod grants;
 mod metrics;
+mod objects;
 mod ordinary;
 mod page;
+mod program;
 mod refusal;
 mod requests;
 mod server;
+mod shown;
 mod streams;
 
 use std::{io, path::PathBuf, time::Duration};
 
-pub use client::{Watch, WatchError, WatchedSignal};
+pub use client::{Watch, WatchedSignal};
 pub use grants::{AskedFor, Grant};
+pub use program::{ClientError, Program};
 pub use server::{Attached, Forwarded, forward, serve, socket_of};
 
 /// How a network is shown.

@@ -122,8 +122,7 @@ fn drives(registry: &mut Registry, view: &NetworkView) {
             .get_or_create(&labels)
             .inc_by(drive.undelivered_cycles);
         for (code, number) in drive.emergencies {
-            let code = code.map_or_else(|| "other".to_owned(), |code| format!("{code:04X}h"));
-            let labels = vec![labels[0].clone(), ("code", code)];
+            let labels = vec![labels[0].clone(), ("code", error_code(code))];
             emergencies.get_or_create(&labels).inc_by(number);
         }
     }
@@ -153,8 +152,34 @@ fn axes(registry: &mut Registry, view: &NetworkView) {
         let state = vec![name[0].clone(), ("state", axis.snapshot.state.to_string())];
         states.get_or_create(&state).set(1.0);
     }
+    let [motions, faults] = [(); 2].map(|()| Counters::default());
+    for counted in view.axis_statistics() {
+        let axis = ("axis", counted.axis.axis.to_string());
+        for (end, number) in counted.motions {
+            let labels = vec![axis.clone(), ("end", end.to_string())];
+            motions.get_or_create(&labels).inc_by(number);
+        }
+        for (code, number) in counted.faults {
+            let labels = vec![axis.clone(), ("code", error_code(code))];
+            faults.get_or_create(&labels).inc_by(number);
+        }
+    }
+    registry.register(
+        "axis_motions",
+        "Moves, homings and jogs by how they ended",
+        motions,
+    );
+    registry.register(
+        "axis_faults",
+        "Faults of the axis by their error code",
+        faults,
+    );
     registry.register("axis_state", "1 for the state of each axis", states);
     registry.register("axis_lost", "1 for an axis that counts as lost", lost);
+}
+
+fn error_code(code: Option<u16>) -> String {
+    code.map_or_else(|| "other".to_owned(), |code| format!("{code:04X}h"))
 }
 
 fn errors(ports: &[DevicePorts]) -> Counters {

@@ -14,6 +14,8 @@ pub(crate) struct Refusal {
     pub status: StatusCode,
     pub code: &'static str,
     pub text: String,
+    /// Why the drive refused an object.
+    pub abort: Option<u32>,
 }
 
 impl Refusal {
@@ -22,6 +24,7 @@ impl Refusal {
             status,
             code,
             text: text.into(),
+            abort: None,
         }
     }
 
@@ -37,7 +40,7 @@ impl Refusal {
     }
 
     pub fn json(&self) -> Value {
-        json!({"error": {"code": self.code, "text": self.text}})
+        json!({"error": {"code": self.code, "text": self.text, "abort": self.abort}})
     }
 }
 

@@ -1,6 +1,6 @@
 //! The requests and their answers.
 
-use std::{collections::HashMap, sync::PoisonError, time::Duration};
+use std::{collections::HashMap, time::Duration};
 
 use axum::{
     Extension, Json, Router,
@@ -9,24 +9,20 @@ use axum::{
     response::{IntoResponse, Response},
     routing::{get, post},
 };
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use servocrab::{
     axis::StopRequest,
     bus::{Durations, NetworkEvent, NoSignal, Signal},
-    coe::{AxisOffset, DriveError, SdoError, SdoHandle, TypeCode, obj},
 };
-use tokio::time::timeout;
 
 use crate::{
-    commands::{self, LOG, Shown},
-    control, metrics,
+    commands, control, metrics, objects,
     refusal::Refusal,
     server::{Client, Place},
+    shown::{LOG, Shown},
     streams::SIGNALS,
 };
 
-/// How long a request for an object waits for those before it.
-pub(crate) const TURN: Duration = Duration::from_secs(2);
 /// Bytes of the body of a request.
 const BODY: usize = 64 * 1024;
 /// Bytes of a message of a client.
@@ -41,11 +37,13 @@ pub(crate) fn router(shown: Shown) -> Router {
         .route("/v1/ios", get(ios))
         .route("/v1/grants", get(grants))
         .route("/v1/events", get(events))
+        .route("/v1/emergencies", get(emergencies))
         .route("/v1/events/{number}/black_box", get(black_box))
-        .route("/v1/od/{drive}", get(dictionary))
+        .route("/v1/od/{drive}", get(objects::dictionary))
+        .route("/v1/od/{drive}/information", get(objects::information))
         .route(
             "/v1/od/{drive}/{index}/{subindex}",
-            get(object).post(commands::write),
+            get(objects::read).post(objects::write),
         )
         .route("/v1/stream", get(stream))
         .route("/v1/control", get(control))
@@ -68,8 +66,8 @@ pub(crate) fn router(shown: Shown) -> Router {
         .with_state(shown)
 }
 
-const NO_REQUEST: &str = "there is no such request: /v1/line, /v1/axes, /v1/ios, /v1/statistics, /v1/grants, /v1/events, \
-                          /v1/events/NUMBER/black_box, /v1/od/DRIVE, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/stream, /v1/control, /metrics; by POST \
+const NO_REQUEST: &str = "there is no such request: /v1/line, /v1/axes, /v1/ios, /v1/statistics, /v1/grants, /v1/events, /v1/emergencies, \
+                          /v1/events/NUMBER/black_box, /v1/od/DRIVE, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/od/DRIVE/information, /v1/stream, /v1/control, /metrics; by POST \
                           /v1/axes/NAME/stop, enable, disable, reset_fault, move and home, /v1/od/DRIVE/INDEX/SUBINDEX, /v1/quick_stop";
 
 async fn line(State(shown): State<Shown>) -> Json<Value> {
@@ -128,6 +126,15 @@ async fn statistics(State(shown): State<Shown>) -> Json<Value> {
                 .map(|(code, number)| json!({"code": code, "number": number})).collect::<Vec<_>>(),
         })
     });
+    let axes = shown.view.axis_statistics().into_iter().map(|axis| {
+        json!({
+            "name": axis.axis.axis,
+            "motions": axis.motions.iter()
+                .map(|(end, number)| (end.to_string(), (*number).into())).collect::<Map<_, _>>(),
+            "faults": axis.faults.iter()
+                .map(|(code, number)| json!({"code": code, "number": number})).collect::<Vec<_>>(),
+        })
+    });
     Json(json!({
         "cycles": counted.cycles,
         "late_cycles": counted.late_cycles,
@@ -142,16 +149,16 @@ async fn statistics(State(shown): State<Shown>) -> Json<Value> {
         "lateness_us": durations(&timing.lateness),
         "round_trip_us": durations(&timing.round_trip),
         "drives": drives.collect::<Vec<_>>(),
+        "axes": axes.collect::<Vec<_>>(),
     }))
 }
 
 async fn metrics(State(shown): State<Shown>) -> Response {
     // One at a time, as the uploads: the ports are asked over the line.
-    let ports = timeout(TURN, async {
-        let _turn = shown.upload.acquire().await.ok()?;
-        shown.view.port_errors().await.ok()
-    });
-    let ports = ports.await.ok().flatten();
+    let ports = match shown.turn().await {
+        Ok(_turn) => shown.view.port_errors().await.ok(),
+        Err(_) => None,
+    };
     match metrics::text(&shown.view, ports.as_deref()) {
         Ok(text) => ([(CONTENT_TYPE, metrics::TYPE)], text).into_response(),
         Err(error) => {
@@ -170,111 +177,6 @@ fn durations(times: &Durations) -> Value {
         "99.9 %": us(times.quantile(0.999)),
         "most": us(times.most()),
     })
-}
-
-async fn object(
-    State(shown): State<Shown>,
-    Path((drive, index, subindex)): Path<(String, String, String)>,
-) -> Result<Json<Value>, Refusal> {
-    let (sdo, address) = shown.object(&drive, &index, &subindex)?;
-    let Ok(Ok(_turn)) = timeout(TURN, shown.upload.acquire()).await else {
-        let text = "another object is being read: ask again later";
-        return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "busy", text));
-    };
-    let read = sdo.read_bytes(address.index, address.subindex).await;
-    let bytes = read.map_err(|error| sdo_refusal(&error))?;
-    Ok(Json(json!({
-        "index": address.index,
-        "subindex": address.subindex,
-        "bytes": bytes,
-    })))
-}
-
-/// Why a transfer was not done.
-pub(crate) fn sdo_refusal(error: &DriveError) -> Refusal {
-    let (status, code) = match error.error {
-        SdoError::Aborted { .. } => (StatusCode::UNPROCESSABLE_ENTITY, "aborted"),
-        SdoError::Closed { .. } => (StatusCode::SERVICE_UNAVAILABLE, "closed"),
-        _ => (StatusCode::BAD_GATEWAY, "not_transferred"),
-    };
-    Refusal::new(status, code, error.to_string())
-}
-
-/// The objects of a drive as it lists them, or those that the library knows. Listed once: that can take seconds.
-async fn dictionary(
-    State(shown): State<Shown>,
-    Path(drive): Path<String>,
-) -> Result<Json<Value>, Refusal> {
-    let sdo = shown.drive(&drive)?;
-    let position = sdo.drive().position;
-    let known = || {
-        let all = shown
-            .dictionaries
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        all.get(&position).cloned()
-    };
-    if let Some(known) = known() {
-        return Ok(Json(known));
-    }
-    let Ok(Ok(_turn)) = timeout(TURN, shown.upload.acquire()).await else {
-        let text = "other transfers are under way: ask again later";
-        return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "busy", text));
-    };
-    if let Some(known) = known() {
-        return Ok(Json(known));
-    }
-    let listed = objects(sdo).await.map_err(|error| sdo_refusal(&error))?;
-    let mut all = shown
-        .dictionaries
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner);
-    all.insert(position, listed.clone());
-    Ok(Json(listed))
-}
-
-async fn objects(sdo: &SdoHandle) -> Result<Value, DriveError> {
-    let dictionary = match sdo.dictionary().await {
-        Ok(dictionary) => dictionary,
-        Err(error) if matches!(error.error, SdoError::NotSupported { .. }) => {
-            let known = obj::all()
-                .into_iter()
-                .map(|object| object.offset(AxisOffset::default()));
-            return Ok(known
-                .map(|object| {
-                    let address = object.address();
-                    json!({
-                        "index": address.index,
-                        "subindex": address.subindex,
-                        "name": object.name,
-                        "type": TypeCode::from(object.data_type).to_string(),
-                        "bits": object.bits(),
-                        "access": if object.writable { "rw" } else { "ro" },
-                    })
-                })
-                .collect());
-        }
-        Err(error) => return Err(error),
-    };
-    let entries = dictionary.objects.iter().flat_map(|object| {
-        object.entries.iter().map(|entry| {
-            let whole = &object.description.name;
-            let name = match entry.name.as_str() {
-                "" => whole.clone(),
-                part if part == whole => whole.clone(),
-                part => format!("{whole}: {part}"),
-            };
-            json!({
-                "index": entry.address.index,
-                "subindex": entry.address.subindex,
-                "name": name,
-                "type": entry.data_type.to_string(),
-                "bits": entry.bits,
-                "access": entry.access.to_string(),
-            })
-        })
-    });
-    Ok(entries.collect())
 }
 
 async fn ios(State(shown): State<Shown>) -> Json<Value> {
@@ -320,6 +222,22 @@ async fn events(State(shown): State<Shown>) -> Json<Value> {
             })
         });
     Json(events.collect())
+}
+
+async fn emergencies(State(shown): State<Shown>) -> Json<Value> {
+    let recent = shown.view.recent_emergencies().into_iter();
+    let emergencies = recent.map(|(number, emergency)| {
+        json!({
+            "number": number,
+            "drive": emergency.drive.position,
+            "seconds": emergency.at.as_secs_f64(),
+            "code": emergency.emergency.code,
+            "register": emergency.emergency.register,
+            "data": emergency.emergency.data,
+            "text": emergency.text,
+        })
+    });
+    Json(emergencies.collect())
 }
 
 /// The cycles around a fault or a loss.

@@ -33,10 +33,10 @@ use tokio::{
 
 use crate::{
     Attach, AttachError,
-    commands::{LOG, Shown},
     gate::{self, Gate, Token},
     grants::{AskedFor, Granted},
     ordinary, page, requests,
+    shown::{LOG, Shown},
 };
 
 /// What clients have asked for and the program has not taken.
@@ -135,8 +135,8 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
     let (asks, asked) = mpsc::channel(QUESTIONS);
     let router = requests::router(Shown {
         view: net.view(),
-        upload: Arc::new(Semaphore::new(1)),
-        granted,
+        transfers: Arc::new(Semaphore::new(1)),
+        granted: Arc::new(granted),
         asks,
         streams: Arc::default(),
         dictionaries: Arc::default(),

@@ -30,22 +30,18 @@ pub(crate) const TAKES: Duration = Duration::from_secs(5);
 /// Signals of one stream.
 pub(crate) const SIGNALS: usize = 512;
 
-/// One block, with the cycles that the recorder has lost before it.
-#[derive(Debug, Clone)]
-struct Block(Bytes);
-
 type Key = (Vec<Signal>, u32);
 
 /// The streams that somebody reads.
 #[derive(Debug, Default)]
 pub(crate) struct Streams {
-    running: Mutex<HashMap<Key, broadcast::Sender<Block>>>,
+    running: Mutex<HashMap<Key, broadcast::Sender<Bytes>>>,
 }
 
 /// What a client has asked for.
 pub(crate) struct Stream {
     heading: String,
-    blocks: broadcast::Receiver<Block>,
+    blocks: broadcast::Receiver<Bytes>,
 }
 
 impl Streams {
@@ -82,7 +78,7 @@ async fn pump(
     streams: Arc<Streams>,
     key: Key,
     mut recorder: Recorder,
-    sender: broadcast::Sender<Block>,
+    sender: broadcast::Sender<Bytes>,
 ) {
     let mut turns = interval(BLOCK);
     turns.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -109,7 +105,7 @@ async fn pump(
             }
             read.lost = std::mem::take(&mut lost);
             // An error: the last reader has just gone.
-            let _ = sender.send(Block(encode(&read, key.0.len())));
+            let _ = sender.send(encode(&read, key.0.len()));
         }
     }
 }
@@ -142,7 +138,7 @@ impl Stream {
         loop {
             tokio::select! {
                 block = self.blocks.recv() => match block {
-                    Ok(Block(bytes)) => {
+                    Ok(bytes) => {
                         if left_out > 0 {
                             let text = json!({"left_out_blocks": left_out}).to_string();
                             left_out = 0;

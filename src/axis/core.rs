@@ -1634,10 +1634,14 @@ impl AxisCore {
     }
 
     fn fault(&self) -> Option<Failure> {
-        let sample = self.sample?;
-        sample.state().is_fault().then_some(Failure::Fault {
-            code: sample.error_code.filter(|&code| code != 0),
-        })
+        let code = self.error_code();
+        let is_fault = self.sample?.state().is_fault();
+        is_fault.then_some(Failure::Fault { code })
+    }
+
+    /// What 603Fh shows, where it is mapped and not 0.
+    pub(crate) fn error_code(&self) -> Option<u16> {
+        self.sample?.error_code.filter(|&code| code != 0)
     }
 }
 

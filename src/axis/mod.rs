@@ -32,6 +32,6 @@ pub(crate) use self::core::SnapshotChange;
 #[cfg(feature = "std")]
 pub use crate::handle::{
     Axis, AxisError, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
-    BoxFuture, Field, GroupQueue, Groups, Liveness, LivenessWatch, NoParameters, OutputField,
-    ParameterAccess, StopHandle, Together, start_together,
+    AxisStatistics, BoxFuture, Field, GroupQueue, Groups, Liveness, LivenessWatch, MotionEnd,
+    NoParameters, OutputField, ParameterAccess, StopHandle, Together, start_together,
 };

@@ -28,13 +28,14 @@ use super::emergencies::{Emergencies, EmergencyQueue, Received};
 use super::emergency::Emergency;
 use super::error::AbortCode;
 use super::error::{DriveId, ErrorTexts, SdoError, SdoStep, Transfer, Unsupported};
-use super::handle::{Answer, Call, Request, SdoHandle, Served, calls};
+use super::handle::{Answer, Call, Request, SdoHandle, Served, Server, calls};
 use super::information::{Inquiry, Question};
 use super::mailbox::{
     Counter, HEADER_LENGTH, Mail, MailboxError, SHORTEST_MAILBOX, information_mail, sdo_mail,
 };
 use super::obj;
 use super::object::ObjectAddress;
+use super::remote::RemoteRequest;
 use super::sdo::{Download, SdoFault, Step, Upload, abort_request};
 use super::transport::{LinkFault, MailboxStatus, MailboxTransport};
 use crate::sii::{Mailbox, Sii};
@@ -156,7 +157,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             failures: 0,
         };
         let handle = SdoHandle {
-            calls: Arc::new(callers),
+            server: Server::Mailbox(Arc::new(callers)),
             drive,
             timeout: None,
         };
@@ -856,6 +857,22 @@ pub(super) enum Dialogue {
 }
 
 impl Dialogue {
+    /// What it asks for, for who does not have the mailbox.
+    pub fn into_request(self) -> RemoteRequest {
+        match self {
+            Self::Upload(upload) => RemoteRequest::Read {
+                object: upload.object(),
+                complete_access: upload.is_complete_access(),
+            },
+            Self::Download(download) => RemoteRequest::Write {
+                object: download.object(),
+                complete_access: download.is_complete_access(),
+                data: download.into_data(),
+            },
+            Self::Inquiry(_, question) => RemoteRequest::Ask(question),
+        }
+    }
+
     /// Makes of `mail` the one that is due.
     fn compose(&self, mail: &mut Vec<u8>, counter: Counter) {
         match self {

@@ -12,7 +12,7 @@ use smol::stream::{Stream, StreamExt, unfold};
 use super::emergency::Emergency;
 use super::error::DriveId;
 use super::error::ErrorTexts;
-use crate::wakes::Waiters;
+use crate::{recent::Recent, wakes::Waiters};
 
 /// An emergency message, whose it is, when it was read, and what it means.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -98,10 +98,19 @@ pub struct Emergencies {
     queue: Receiver<Queued>,
     waiters: Arc<Waiters>,
     overflow: Arc<Overflow>,
-    counted: Arc<Counted>,
+    counted: Arc<CodeCounts>,
+    recent: Arc<Recent<Received>>,
 }
 
 impl Emergencies {
+    /// The latest, the oldest first, each with its number from 0: up to 64, whether they were taken or not. None is taken by it.
+    #[must_use]
+    pub fn recent(&self) -> Vec<(u64, DriveEmergency)> {
+        let read = self.recent.read().into_iter();
+        read.map(|(number, received)| (number, received.into()))
+            .collect()
+    }
+
     /// How many there were of each code, whether they were taken or not. Sixteen codes are told apart; `None` stands for all others.
     /// That an error is gone (0000h) is no emergency.
     #[must_use]
@@ -189,7 +198,7 @@ impl Overflow {
 
 /// How many emergencies there were of each code. One thread counts, and any may read.
 #[derive(Debug, Default)]
-struct Counted {
+pub(crate) struct CodeCounts {
     /// The code above the number; 0 in a place that is free.
     codes: [AtomicU64; 16],
     others: AtomicU64,
@@ -197,11 +206,13 @@ struct Counted {
 
 const NUMBER: u64 = (1 << 48) - 1;
 
-impl Counted {
-    fn add(&self, code: u16) {
-        if code == 0 {
+impl CodeCounts {
+    /// Only one thread may do this. `None` is counted with those that find no place.
+    pub fn add(&self, code: Option<u16>) {
+        let Some(code) = code else {
+            self.others.fetch_add(1, Ordering::Relaxed);
             return;
-        }
+        };
         for place in &self.codes {
             let held = place.load(Ordering::Relaxed);
             if held == 0 || held >> 48 == u64::from(code) {
@@ -213,7 +224,7 @@ impl Counted {
         self.others.fetch_add(1, Ordering::Relaxed);
     }
 
-    fn read(&self) -> Vec<(Option<u16>, u64)> {
+    pub fn read(&self) -> Vec<(Option<u16>, u64)> {
         let codes = self.codes.iter().map(|place| {
             let held = place.load(Ordering::Relaxed);
             (Some((held >> 48) as u16), held & NUMBER)
@@ -230,7 +241,8 @@ pub(crate) struct EmergencyQueue {
     queue: Sender<Queued>,
     capacity: usize,
     overflow: Arc<Overflow>,
-    counted: Arc<Counted>,
+    counted: Arc<CodeCounts>,
+    recent: Arc<Recent<Received>>,
 }
 
 impl EmergencyQueue {
@@ -240,24 +252,31 @@ impl EmergencyQueue {
         // One more, for the place of what was lost.
         let (sender, receiver) = bounded(capacity.saturating_add(1));
         let overflow = Arc::new(Overflow::default());
-        let counted = Arc::new(Counted::default());
+        let counted = Arc::new(CodeCounts::default());
+        let recent = Arc::new(Recent::default());
         let queue = Self {
             queue: sender,
             capacity,
             overflow: Arc::clone(&overflow),
             counted: Arc::clone(&counted),
+            recent: Arc::clone(&recent),
         };
         let emergencies = Emergencies {
             queue: receiver,
             waiters,
             overflow,
             counted,
+            recent,
         };
         (queue, emergencies)
     }
 
     pub(super) fn push(&self, emergency: Received) {
-        self.counted.add(emergency.emergency.code);
+        // 0000h says that an error is gone.
+        if emergency.emergency.code != 0 {
+            self.counted.add(Some(emergency.emergency.code));
+        }
+        self.recent.keep(emergency.clone());
         if self.queue.len() < self.capacity {
             // It fails only where nobody can ask any more.
             let _ = self.queue.try_send(Queued::Emergency(emergency));

@@ -118,6 +118,14 @@ pub enum SdoError {
         /// What was attempted.
         transfer: Transfer,
     },
+    /// The program that has the drive's line did not do it: of an `SdoHandle::remote`.
+    #[error("{transfer}: {reason}")]
+    Remote {
+        /// What was attempted.
+        transfer: Transfer,
+        /// Why, as it says.
+        reason: String,
+    },
 }
 
 impl SdoError {
@@ -135,7 +143,8 @@ impl SdoError {
             | Self::Mailbox { transfer, .. }
             | Self::Cut { transfer, .. }
             | Self::Link { transfer, .. }
-            | Self::Closed { transfer } => transfer,
+            | Self::Closed { transfer }
+            | Self::Remote { transfer, .. } => transfer,
         }
     }
 

@@ -20,6 +20,7 @@ use super::information::{
     ObjectDictionary, Question, Undescribed, object_counts, object_list,
 };
 use super::object::{Object, ObjectAddress};
+use super::remote::RemoteTransfer;
 use super::sdo::{Download, SdoFault, Upload};
 use super::value::{Readable, Value, Writable};
 use crate::wakes::Waiters;
@@ -52,9 +53,18 @@ use crate::wakes::Waiters;
 /// ```
 #[derive(Debug, Clone)]
 pub struct SdoHandle {
-    pub(super) calls: Arc<Callers>,
+    pub(super) server: Server,
     pub(super) drive: Arc<DriveId>,
     pub(super) timeout: Option<Duration>,
+}
+
+/// Who does the transfers.
+#[derive(Debug, Clone)]
+pub(super) enum Server {
+    /// The client of the drive's mailbox.
+    Mailbox(Arc<Callers>),
+    /// Whoever passes them on to another program.
+    Remote(Sender<RemoteTransfer>),
 }
 
 impl SdoHandle {
@@ -166,7 +176,12 @@ impl SdoHandle {
     }
 
     fn new_download(&self, object: ObjectAddress, data: Vec<u8>) -> Download {
-        Download::new(object, data, self.calls.settings().write_length)
+        let mailbox = match &self.server {
+            Server::Mailbox(calls) => calls.settings().write_length,
+            // The other program cuts it up for the drive's.
+            Server::Remote(_) => 0,
+        };
+        Download::new(object, data, mailbox)
     }
 
     async fn download(&self, download: Download) -> Result<(), DriveError> {
@@ -189,19 +204,30 @@ impl SdoHandle {
     }
 
     /// Room for any answer: the client finds none on its thread.
-    fn room(&self) -> Vec<u8> {
-        Vec::with_capacity(self.calls.room())
+    pub(super) fn room(&self) -> Vec<u8> {
+        match &self.server {
+            Server::Mailbox(calls) => Vec::with_capacity(calls.room()),
+            Server::Remote(_) => Vec::new(),
+        }
     }
 
     async fn run(&self, transfer: Transfer, dialogue: Dialogue) -> Result<Vec<u8>, DriveError> {
-        let usual = self.calls.settings().reply_timeout;
+        let calls = match &self.server {
+            Server::Mailbox(calls) => calls,
+            Server::Remote(calls) => {
+                let request = dialogue.into_request();
+                let answer = RemoteTransfer::call(calls, transfer, request, self.timeout).await;
+                return answer.map_err(|error| self.error(error));
+            }
+        };
+        let usual = calls.settings().reply_timeout;
         let timeout = self.timeout.unwrap_or(usual);
         let request = Request {
             transfer,
             dialogue,
             timeout,
         };
-        let answer = self.calls.call(request).await;
+        let answer = calls.call(request).await;
         let answer = answer.ok_or_else(|| self.error(SdoError::Closed { transfer }))?;
         match answer.result {
             Ok(()) => Ok(answer.dialogue.into_data()),
@@ -357,12 +383,19 @@ impl SdoHandle {
         question: Question,
         parse: impl Fn(&[u8]) -> Result<T, SdoFault>,
     ) -> Result<T, DriveError> {
+        let answer = self.information(question).await?;
         let transfer = Transfer::from(question);
-        let inquiry = Inquiry::new(question).with_buffer(self.room());
-        let answer = self
-            .run(transfer, Dialogue::Inquiry(inquiry, question))
-            .await?;
         parse(&answer).map_err(|fault| self.error(SdoError::from_fault(transfer, fault)))
+    }
+
+    /// The bytes of the drive's answer to a question of SDO information, as [`Inquiry`] gives them: for who passes questions on.
+    ///
+    /// # Errors
+    /// As [`SdoHandle::dictionary`]; `Aborted` for what the drive does not have.
+    pub async fn information(&self, question: Question) -> Result<Vec<u8>, DriveError> {
+        let inquiry = Inquiry::new(question).with_buffer(self.room());
+        let dialogue = Dialogue::Inquiry(inquiry, question);
+        self.run(Transfer::from(question), dialogue).await
     }
 }
 

@@ -9,6 +9,7 @@
 //! for. What is decoded from an answer takes at most eight times its bytes. Each fragment says fewer to follow than the one before,
 //! so that they end.
 
+use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 use core::fmt;
@@ -251,6 +252,17 @@ pub struct ObjectDescription {
 }
 
 impl ObjectDescription {
+    /// The name of an entry of this object together with the object's, such as `Identity: Serial number`.
+    #[must_use]
+    pub fn name_with(&self, entry: &EntryDescription) -> String {
+        let (whole, part) = (&self.name, &entry.name);
+        match self.code {
+            ObjectCode::Array | ObjectCode::Record if whole != part => format!("{whole}: {part}"),
+            _ if part.is_empty() => whole.clone(),
+            _ => part.clone(),
+        }
+    }
+
     /// Reads the answer to [`Question::Object`].
     ///
     /// # Errors

@@ -15,6 +15,8 @@ pub mod information;
 pub mod mailbox;
 pub mod obj;
 pub mod object;
+#[cfg(feature = "std")]
+mod remote;
 pub mod sdo;
 #[cfg(all(test, feature = "std"))]
 pub(crate) mod test_device;
@@ -27,7 +29,7 @@ pub use client::{Clock, MailboxClient, MailboxSettings};
 #[cfg(feature = "std")]
 pub(crate) use client::{MailNote, MailSignal};
 #[cfg(feature = "std")]
-pub(crate) use emergencies::EmergencyQueue;
+pub(crate) use emergencies::{CodeCounts, EmergencyQueue};
 #[cfg(feature = "std")]
 pub use emergencies::{DriveEmergency, Emergencies, EmergencyReport};
 pub use emergency::Emergency;
@@ -41,6 +43,8 @@ pub use handle::SdoHandle;
 pub use information::{DictionaryObject, ObjectDictionary, Undescribed};
 pub use mailbox::MailboxError;
 pub use object::{AnyObject, AxisOffset, Mappable, NoAddress, Object, ObjectAddress, Unit};
+#[cfg(feature = "std")]
+pub use remote::{RemoteRequest, RemoteTransfer, RemoteTransfers};
 #[cfg(feature = "std")]
 pub use transport::{EthercrabMailbox, LinkFault, MailboxStatus, MailboxTransport};
 pub use value::{

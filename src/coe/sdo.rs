@@ -143,6 +143,12 @@ macro_rules! of_object {
                 self.complete_access = true;
                 self
             }
+
+            /// Whether it transfers all subindices from the object's one on.
+            #[must_use]
+            pub const fn is_complete_access(&self) -> bool {
+                self.complete_access
+            }
         }
     };
 }
@@ -336,6 +342,11 @@ impl Download {
             sent: 0,
             phase: Phase::Initiate,
         }
+    }
+
+    /// What is written.
+    pub(super) fn into_data(self) -> Vec<u8> {
+        self.data
     }
 
     /// Whether the first request carries all data, so that the device writes the object when it takes that one.

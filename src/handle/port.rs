@@ -35,6 +35,7 @@ pub struct AxisPort {
     published: Head,
     /// Whether it differs from one before it, and those who wait for that were not woken since.
     changed: bool,
+    has_fault: bool,
     /// Why nothing is enabled or moved any more.
     ended: Option<Failure>,
     /// Why it is not known whether the drive's outputs were delivered.
@@ -51,6 +52,7 @@ impl AxisPort {
             manufacturer: Controlword::empty(),
             published: pack(&shared.snapshot()),
             changed: false,
+            has_fault: false,
             ended: None,
             miscounted: None,
             left_op: None,
@@ -236,6 +238,10 @@ impl AxisPort {
 
     fn publish_anew(&mut self, core: &mut AxisCore, inputs: Option<&[u8]>) -> Snapshot {
         let snapshot = core.snapshot();
+        if snapshot.state.is_fault() && !self.has_fault {
+            self.shared.counts.fault(core.error_code());
+        }
+        self.has_fault = snapshot.state.is_fault();
         // First the snapshot: a future that is woken by its result reads the status that belongs to it.
         self.publish(pack(&snapshot), inputs);
         self.pass_events(core);

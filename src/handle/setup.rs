@@ -17,7 +17,7 @@ use crate::{
 };
 
 use super::{
-    AxisError, AxisIdentity, AxisPort, GroupQueue,
+    AxisError, AxisIdentity, AxisPort, AxisStatistics, GroupQueue,
     axis::{Axis, Handles},
     shared::Shared,
 };
@@ -155,6 +155,11 @@ impl AxisSource {
     /// The latest snapshot, without a handle.
     pub(crate) fn snapshot(&self) -> Snapshot {
         self.shared.snapshot()
+    }
+
+    pub(crate) fn statistics(&self) -> AxisStatistics {
+        let identity = AxisIdentity::clone(&self.shared.identity);
+        self.shared.counts.read(identity)
     }
 
     /// Stops the axis in the next frame, without a handle.

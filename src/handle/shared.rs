@@ -23,6 +23,7 @@ use super::{
     commands::{Joined, QUEUED_AT_MOST, SHARED, Slots, Ticket, Tickets, mark, stop_place},
     output_cells::OutputCells,
     setup::SettingsCell,
+    statistics::AxisCounts,
     status::StatusCell,
     stops::{LastStop, StopCount, StopKind},
 };
@@ -73,6 +74,7 @@ pub(super) struct Shared {
     /// How often the drive was attached anew since its axis was made: what was known of it before is not true any more.
     attached: AtomicU32,
     outputs: OutputCells,
+    pub counts: AxisCounts,
 }
 
 impl Shared {
@@ -97,6 +99,7 @@ impl Shared {
             closed: AtomicBool::new(false),
             attached: AtomicU32::new(0),
             outputs: OutputCells::of(&setup.layout),
+            counts: AxisCounts::default(),
             setup,
         }
     }
@@ -495,6 +498,9 @@ impl Shared {
             Event::Done(result) => {
                 if Slots::is_stop(id) && !slot.ends(result) {
                     return;
+                }
+                if slot.marks.load(Ordering::Acquire) & mark::TAKEN != 0 {
+                    self.counts.ended(&result);
                 }
                 slot.result.force_push(result);
                 self.slots.mark_last(slot, id, mark::DONE, mark::LEFT);

@@ -6,7 +6,8 @@ use std::{
     pin::Pin,
     sync::{Arc, Condvar, Mutex, MutexGuard},
     task::{Context, Poll, Wake, Waker},
-    time::Duration,
+    thread,
+    time::{Duration, Instant},
 };
 
 use servocrab::{
@@ -319,7 +320,12 @@ fn drop_before_each_frame<T>(
         drop((future, ready));
         // Dropping it has waited for its thread.
         assert_eq!(Arc::strong_count(&line.0), 1, "{what}: the link is free");
-        assert_eq!(Arc::strong_count(&gate), 1, "{what}");
+        // The thread that wakes may still hold the waker that it has just called.
+        let limit = Instant::now() + Duration::from_secs(60);
+        while Arc::strong_count(&gate) > 1 {
+            assert!(Instant::now() < limit, "{what}: a waker stays behind");
+            thread::yield_now();
+        }
         is_left(&line, &what);
         let sent = gate.seen.lock().unwrap().sent;
         let begin = Duration::from_secs(60);

@@ -5,9 +5,10 @@ use std::fmt::Write;
 use clap::{Args, ValueEnum};
 use servocrab::{
     bus::{Line, LineDevice, Network, NetworkBuilder},
-    coe::SdoHandle,
+    coe::{DriveId, SdoHandle},
     link::Wire,
 };
+use servocrab_attach::{ClientError, Program, socket_of};
 use servocrab_sim::{Device, Segment, personality};
 
 use crate::output::{Failure, Tool};
@@ -89,6 +90,93 @@ impl LineArguments {
         tool.unless_interrupted(async { Ok(builder.scan().await?) })
             .await
     }
+
+    /// The line of the program that shows the interface's network, or else the line itself, in PREOP.
+    pub(crate) async fn open(&self, tool: &Tool) -> Result<OpenLine, Failure> {
+        if let Some(program) = self.program()? {
+            let drives = tool.unless_interrupted(async { Ok(program.drives().await?) });
+            let drives = drives.await?;
+            tool.note("a running program has the line, and is asked: nothing is reset");
+            return Ok(OpenLine::Shown(drives));
+        }
+        Ok(OpenLine::Own(self.scan(tool).await?))
+    }
+
+    /// The program that shows the network of this interface, if there is one.
+    pub(crate) fn program(&self) -> Result<Option<Program>, Failure> {
+        let Some(interface) = self.interface() else {
+            return Ok(None);
+        };
+        match Program::open(&socket_of(interface)) {
+            Ok(program) => Ok(Some(program)),
+            // Nobody has the interface, or who has it shows nothing: then the line itself is opened, or that is refused.
+            Err(ClientError::Nobody(_)) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+/// A line whose objects can be read.
+pub(crate) enum OpenLine {
+    /// In PREOP.
+    Own(Line),
+    /// The drives that a running program has declared.
+    Shown(Vec<SdoHandle>),
+}
+
+impl OpenLine {
+    pub(crate) fn devices(&self) -> Vec<Found<'_>> {
+        match self {
+            Self::Own(line) => found(line),
+            Self::Shown(drives) => drives
+                .iter()
+                .map(|sdo| Found {
+                    id: sdo.drive(),
+                    sdo: Some(sdo),
+                    device: None,
+                })
+                .collect(),
+        }
+    }
+
+    pub(crate) async fn close(self) {
+        match self {
+            Self::Own(line) => line.close().await,
+            Self::Shown(_) => {}
+        }
+    }
+}
+
+/// The devices of a line in PREOP.
+pub(crate) fn found(line: &Line) -> Vec<Found<'_>> {
+    let devices = line.devices().iter();
+    devices
+        .map(|device| Found {
+            id: &device.id,
+            sdo: device.sdo.as_ref(),
+            device: Some(device),
+        })
+        .collect()
+}
+
+/// A device of a line.
+#[derive(Clone, Copy)]
+pub(crate) struct Found<'line> {
+    pub(crate) id: &'line DriveId,
+    pub(crate) sdo: Option<&'line SdoHandle>,
+    /// As it was scanned; none of a program's line.
+    pub(crate) device: Option<&'line LineDevice>,
+}
+
+impl<'line> Found<'line> {
+    fn objects(self) -> Result<&'line SdoHandle, Failure> {
+        self.sdo.ok_or_else(|| {
+            let problem = self.device.and_then(|device| device.problem.as_ref());
+            let problem = problem.map(ToString::to_string);
+            let problem = problem.unwrap_or_else(|| format!("{} has no CoE", self.id));
+            problem.into()
+        })
+    }
 }
 
 /// Which drive of the line.
@@ -101,37 +189,26 @@ pub(crate) struct DriveArguments {
 
 impl DriveArguments {
     /// Its objects.
-    pub(crate) fn of<'line>(&self, line: &'line Line) -> Result<&'line SdoHandle, Failure> {
+    pub(crate) fn of<'line>(&self, line: &[Found<'line>]) -> Result<&'line SdoHandle, Failure> {
         let Some(position) = self.drive else {
-            let all: Vec<_> = line.devices().iter().filter(|d| d.sdo.is_some()).collect();
+            let all: Vec<_> = line.iter().filter(|found| found.sdo.is_some()).collect();
             return match all.as_slice() {
-                [one] => objects(one),
+                [one] => one.objects(),
                 [] => Err(format!("no device of the line has CoE:\n{}", places(line)).into()),
                 _ => Err(format!("which drive? --drive POSITION:\n{}", places(line)).into()),
             };
         };
-        let device = line.devices().get(usize::from(position));
-        let device = device
+        let found = line.iter().find(|found| found.id.position == position);
+        let found = found
             .ok_or_else(|| format!("there is nothing at position {position}:\n{}", places(line)))?;
-        objects(device)
+        found.objects()
     }
 }
 
-/// The objects of a device.
-pub(crate) fn objects(device: &LineDevice) -> Result<&SdoHandle, Failure> {
-    device.sdo.as_ref().ok_or_else(|| {
-        let problem = device.problem.as_ref().map(ToString::to_string);
-        let problem = problem.unwrap_or_else(|| format!("{} has no CoE", device.id));
-        problem.into()
-    })
-}
-
 /// Who is where, for an error.
-fn places(line: &Line) -> String {
-    line.devices()
-        .iter()
-        .fold(String::new(), |mut text, device| {
-            let _ = writeln!(text, "  {}: {}", device.id.position, device.id.name);
-            text
-        })
+fn places(line: &[Found<'_>]) -> String {
+    line.iter().fold(String::new(), |mut text, found| {
+        let _ = writeln!(text, "  {}: {}", found.id.position, found.id.name);
+        text
+    })
 }

@@ -10,7 +10,7 @@ use servocrab::{
 };
 
 use crate::{
-    line::{DriveArguments, LineArguments},
+    line::{DriveArguments, LineArguments, found},
     output::{Done, Failure, Interrupted, Tool},
     report::description_of,
 };
@@ -286,7 +286,7 @@ async fn declared(
     line: &servocrab::bus::Line,
     config: impl Fn(AxisConfig) -> AxisConfig,
 ) -> Result<(u16, String, DriveConfig), Failure> {
-    let id = arguments.drive.of(line)?.drive();
+    let id = arguments.drive.of(&found(line))?.drive();
     let device = line.devices().get(usize::from(id.position));
     let description = match device {
         Some(device) => description_of(device).await,

@@ -3,17 +3,18 @@
 use clap::Args;
 use serde_json::{Value, json};
 use servocrab::{
-    bus::{Line, LineDevice},
+    bus::LineDevice,
     coe::{DriveError, SdoError, SdoHandle, obj},
     pdo_map,
 };
 
 use crate::{
-    line::LineArguments,
+    line::{Found, LineArguments, OpenLine},
     output::{Done, Failure, Tool, table},
 };
 
-/// Nothing is configured; the SubDevices are in INIT afterwards.
+/// Where a program shows the network of the interface, its drives are shown as it has declared them. Else the line is reset; nothing is
+/// configured, and the SubDevices are in INIT afterwards.
 #[derive(Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -22,13 +23,13 @@ pub(crate) struct Arguments {
 
 /// Shows the line; false if something is wrong with a device of it.
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
-    let line = arguments.line.scan(tool).await?;
+    let line = arguments.line.open(tool).await?;
     let shown = tool.unless_interrupted(show(tool, &line)).await;
     line.close().await;
     shown
 }
 
-async fn show(tool: &Tool, line: &Line) -> Result<bool, Failure> {
+async fn show(tool: &Tool, line: &OpenLine) -> Result<bool, Failure> {
     let mut found = Vec::new();
     for device in line.devices() {
         found.push(Seen::of(device).await);
@@ -48,7 +49,7 @@ async fn show(tool: &Tool, line: &Line) -> Result<bool, Failure> {
 
 /// A SubDevice with what its objects say.
 struct Seen<'a> {
-    device: &'a LineDevice,
+    found: Found<'a>,
     /// The PDOs that are exchanged, by CoE or else by the SII: of the outputs, of the inputs.
     pdos: [Vec<u16>; 2],
     axes: usize,
@@ -56,17 +57,18 @@ struct Seen<'a> {
 }
 
 impl<'a> Seen<'a> {
-    async fn of(device: &'a LineDevice) -> Self {
-        let mut problems: Vec<_> = device.problem.iter().map(ToString::to_string).collect();
+    async fn of(found: Found<'a>) -> Self {
+        let problem = found.device.and_then(|device| device.problem.as_ref());
+        let mut problems: Vec<_> = problem.iter().map(ToString::to_string).collect();
         let mut pdos = [Vec::new(), Vec::new()];
-        if let Some(sii) = &device.sii {
+        if let Some(sii) = found.device.and_then(|device| device.sii.as_ref()) {
             pdos = [&sii.rx_pdos, &sii.tx_pdos].map(|list| {
                 let assigned = list.iter().filter(|pdo| pdo.sync_manager.is_some());
                 assigned.map(|pdo| pdo.index).collect()
             });
         }
         let mut axes = 0;
-        if let Some(sdo) = &device.sdo {
+        if let Some(sdo) = found.sdo {
             match count_axes(sdo).await {
                 Ok(count) => axes = count,
                 Err(error) => problems.push(error.to_string()),
@@ -80,7 +82,7 @@ impl<'a> Seen<'a> {
             }
         }
         Self {
-            device,
+            found,
             pdos,
             axes,
             problems,
@@ -88,24 +90,29 @@ impl<'a> Seen<'a> {
     }
 
     fn row(&self) -> [String; 12] {
-        let device = self.device;
-        let identity = device.id.identity;
+        let Found { id, device, .. } = self.found;
+        let identity = id.identity;
         let number = |number: u32| format!("{number:08X}h");
-        let clock = device.clock_bits;
+        let clock = |device: &LineDevice| {
+            let bits = device.clock_bits;
+            bits.map_or("none".into(), |bits| format!("{bits} bits"))
+        };
+        // A program's line was not scanned.
+        let scanned = |shown: &dyn Fn(&LineDevice) -> String| device.map_or("-".into(), shown);
         let [outputs, inputs] = self.pdos.each_ref().map(|list| {
             let shown: Vec<_> = list.iter().map(|index| format!("{index:04X}h")).collect();
             shown.join(" ")
         });
         [
-            device.id.position.to_string(),
-            device.id.name.clone(),
+            id.position.to_string(),
+            id.name.clone(),
             number(identity.vendor),
             number(identity.product),
             number(identity.revision),
             number(identity.serial),
-            device.alias.to_string(),
-            device.found_in.to_string(),
-            clock.map_or("none".into(), |bits| format!("{bits} bits")),
+            scanned(&|device| device.alias.to_string()),
+            scanned(&|device| device.found_in.to_string()),
+            scanned(&clock),
             outputs,
             inputs,
             self.axes.to_string(),
@@ -113,20 +120,20 @@ impl<'a> Seen<'a> {
     }
 
     fn json(&self) -> Value {
-        let device = self.device;
-        let identity = device.id.identity;
+        let Found { id, sdo, device } = self.found;
+        let identity = id.identity;
         let [outputs, inputs] = &self.pdos;
         json!({
-            "position": device.id.position,
-            "name": device.id.name,
+            "position": id.position,
+            "name": id.name,
             "vendor": identity.vendor,
             "product": identity.product,
             "revision": identity.revision,
             "serial": identity.serial,
-            "alias": device.alias,
-            "found_in": device.found_in.to_string(),
-            "clock_bits": device.clock_bits,
-            "coe": device.sdo.is_some(),
+            "alias": device.map(|device| device.alias),
+            "found_in": device.map(|device| device.found_in.to_string()),
+            "clock_bits": device.and_then(|device| device.clock_bits),
+            "coe": sdo.is_some(),
             "rx_pdos": outputs,
             "tx_pdos": inputs,
             "axes": self.axes,

@@ -5,7 +5,7 @@ use std::{io, time::Duration};
 use clap::Args;
 use serde_json::json;
 use servocrab::bus::{Capture, RecordedCycles, RecordedValues, Signal, Trigger};
-use servocrab_attach::{Watch, WatchError, socket_of};
+use servocrab_attach::{ClientError, Watch, socket_of};
 use smol::channel::{Receiver, bounded};
 
 use crate::{
@@ -89,7 +89,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
                 return smol::future::or(shown, ended).await.map(|()| true);
             }
             // Nobody has the interface, or who has it shows nothing: then the line itself is opened, or that is refused.
-            Err(WatchError::Nobody(_)) => {}
+            Err(ClientError::Nobody(_)) => {}
             Err(error) => return Err(error.into()),
         }
     }
@@ -120,7 +120,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
 }
 
 /// What a program sends, from a thread that waits for it.
-fn read(mut watch: Watch) -> Receiver<Result<RecordedCycles, WatchError>> {
+fn read(mut watch: Watch) -> Receiver<Result<RecordedCycles, ClientError>> {
     let (sender, receiver) = bounded(64);
     smol::unblock(move || {
         while let Some(read) = watch.read().transpose() {

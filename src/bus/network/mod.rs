@@ -27,7 +27,7 @@ use super::{
     cable::CableLoad,
     cycle::{
         CycleClock,
-        black_box::{BlackBox, CycleRing},
+        black_box::BlackBox,
         statistics::{DriveStatistics, Statistics, Timing},
     },
     device::{io::Io, progress::Listener},
@@ -38,7 +38,7 @@ use super::{
     watch::{Control, DevicePorts, Question},
 };
 use crate::{
-    axis::{Axis, AxisError, AxisSource, Liveness, StopRequest},
+    axis::{Axis, AxisError, AxisSource, AxisStatistics, Liveness, StopRequest},
     coe::{DriveId, Emergencies, SdoHandle},
     units::Unit,
     wakes::Waiters,
@@ -54,16 +54,10 @@ use view::NetworkView;
 /// Made by [`Network::builder`](Network::builder). When it is dropped all axes are stopped and disabled, the drives
 /// leave OP in order, and the thread ends; [`shutdown`](Self::shutdown) does the same and is awaited.
 pub struct Network {
-    axes: Vec<AxisSource>,
-    drives: Vec<StartedDrive>,
-    ios: Vec<Io>,
+    view: NetworkView,
     /// Where all devices of the exchange stand, in its order, and how they were declared.
     places: Vec<(u16, DevicePlace)>,
-    emergencies: Emergencies,
-    ring: Arc<CycleRing>,
-    control: Arc<Control>,
     listener: Listener,
-    over: Receiver<()>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -75,16 +69,20 @@ impl Network {
         over: Receiver<()>,
         thread: Option<JoinHandle<()>>,
     ) -> Self {
+        let positions = started.places.iter().map(|(at, _)| *at).collect();
         Self {
-            axes: started.axes,
-            drives: started.drives,
-            ios: started.ios,
+            view: NetworkView {
+                axes: started.axes.into(),
+                drives: started.drives.into(),
+                control,
+                over,
+                ring: started.ring,
+                ios: started.ios.into(),
+                positions,
+                emergencies: started.emergencies,
+            },
             places: started.places,
-            emergencies: started.emergencies,
-            ring: started.ring,
-            control,
             listener,
-            over,
             thread: Mutex::new(thread),
         }
     }
@@ -94,7 +92,7 @@ impl Network {
     /// # Errors
     /// [`NetworkError::Declaration`] if no axis has this name.
     pub fn axis(&self, name: &str) -> Result<Axis, NetworkError> {
-        self.source(name).map(AxisSource::axis)
+        self.view.source(name).map(AxisSource::axis)
     }
 
     /// A handle of the axis with this name, in the unit in which the axis was declared.
@@ -102,7 +100,7 @@ impl Network {
     /// # Errors
     /// [`NetworkError::Declaration`] if no axis has this name, or it was declared in another unit.
     pub fn axis_in<U: Unit>(&self, name: &str) -> Result<Axis<U>, NetworkError> {
-        let in_unit = self.source(name)?.axis_in();
+        let in_unit = self.view.source(name)?.axis_in();
         in_unit.map_err(|error| NetworkError::Declaration(error.to_string()))
     }
 
@@ -112,7 +110,7 @@ impl Network {
     /// # Errors
     /// [`NetworkError::Declaration`] if no axis has this name.
     pub fn uncounted_axis(&self, name: &str) -> Result<Axis, NetworkError> {
-        self.source(name).map(AxisSource::uncounted_axis)
+        self.view.source(name).map(AxisSource::uncounted_axis)
     }
 
     /// A handle of every axis, in the order of their declaration.
@@ -137,12 +135,12 @@ impl Network {
     /// # }
     /// ```
     pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
-        self.axes.iter().map(AxisSource::axis)
+        self.view.axes.iter().map(AxisSource::axis)
     }
 
     /// The drives, in the order of their declaration: each as it was found in the line.
     pub fn drives(&self) -> impl Iterator<Item = &DriveId> + '_ {
-        self.drives.iter().map(|drive| &drive.id)
+        self.view.drives.iter().map(|drive| &drive.id)
     }
 
     /// Resets the faults of all axes at once, as [`Axis::reset_fault`] does of one. None is enabled by it. Axes without a fault stay as they
@@ -151,7 +149,12 @@ impl Network {
     /// # Errors
     /// The first error. The faults of all other axes are reset all the same.
     pub async fn reset_faults(&self) -> Result<(), AxisError> {
-        let axes: Vec<Axis> = self.axes.iter().map(AxisSource::uncounted_axis).collect();
+        let axes: Vec<Axis> = self
+            .view
+            .axes
+            .iter()
+            .map(AxisSource::uncounted_axis)
+            .collect();
         let mut resets: Vec<_> = axes
             .iter()
             .map(|axis| Box::pin(axis.reset_fault()))
@@ -175,26 +178,18 @@ impl Network {
         results.into_iter().flatten().collect()
     }
 
-    fn source(&self, name: &str) -> Result<&AxisSource, NetworkError> {
-        find_axis(&self.axes, name)
-    }
-
     /// The inputs and outputs of the device with this name.
     ///
     /// # Errors
     /// [`NetworkError::Declaration`] if no device that was declared by `io` has this name.
     pub fn io(&self, name: &str) -> Result<Io, NetworkError> {
-        self.ios
-            .iter()
-            .find(|io| io.name() == name)
-            .cloned()
-            .ok_or_else(|| unknown("io", name, self.ios.iter().map(Io::name)))
+        find_io(&self.view.ios, name).cloned()
     }
 
     /// The time of the cycles: to wait for the next inputs, and for pauses.
     #[must_use]
     pub fn clock(&self) -> CycleClock {
-        CycleClock::new(Arc::clone(&self.control.tick))
+        CycleClock::new(Arc::clone(&self.view.control.tick))
     }
 
     /// SDO access to the drive at this position in the line, or at the place by which it was declared; `None` if no drive was
@@ -275,7 +270,7 @@ impl Network {
     /// drive, in a queue of their own. 256 of them are kept for a program that does not take them.
     #[must_use]
     pub fn all_emergencies(&self) -> Emergencies {
-        self.emergencies.clone()
+        self.view.emergencies.clone()
     }
 
     /// What happens to drives: lost, back, out of OP. Each event is seen once, whoever asks.
@@ -304,8 +299,8 @@ impl Network {
     #[must_use]
     pub fn events(&self) -> NetworkEvents {
         NetworkEvents {
-            queue: self.control.events.1.clone(),
-            waiters: Arc::clone(&self.control.waiters),
+            queue: self.view.control.events.1.clone(),
+            waiters: Arc::clone(&self.view.control.waiters),
         }
     }
 
@@ -358,14 +353,14 @@ impl Network {
         let (to_tell, steps) = unbounded();
         let asked = self.ask(|reply| Question::Recover(index, to_tell, reply));
         let told = self.listener.tell_until(steps, asked);
-        self.control.waiters.relay(told).await?
+        self.view.control.waiters.relay(told).await?
     }
 
     async fn ask<T>(
         &self,
         question: impl FnOnce(Sender<T>) -> Question,
     ) -> Result<T, NetworkError> {
-        ask(&self.control, &self.over, question).await
+        ask(&self.view.control, &self.view.over, question).await
     }
 
     /// Stops and disables all axes, brings the drives out of OP, and ends the thread. Whoever has the network may ask for it, also
@@ -380,19 +375,20 @@ impl Network {
     /// [`NetworkError::StillMoving`] with the axes that did not stand without power by then, or whose drives no longer answered while they
     /// moved: what these do now is up to their own watchdog. The network has ended all the same.
     pub async fn shutdown(&self) -> Result<(), NetworkError> {
-        self.control.request_shutdown();
+        self.view.control.request_shutdown();
         // Ready when the bus loop is gone.
-        let _ = self.control.waiters.relay(self.over.recv()).await;
+        let _ = self.view.control.waiters.relay(self.view.over.recv()).await;
         self.join();
-        self.control.end_events();
-        match self.control.left_moving.get() {
+        self.view.control.end_events();
+        match self.view.control.left_moving.get() {
             Some(moving) => Err(NetworkError::StillMoving(moving.clone())),
             None => Ok(()),
         }
     }
 
     fn drive(&self, place: DevicePlace) -> Option<&StartedDrive> {
-        self.drives
+        self.view
+            .drives
             .iter()
             .find(|drive| drive.place == place || DevicePlace::Position(drive.id.position) == place)
     }
@@ -407,13 +403,18 @@ impl Network {
         if thread.join().is_err() {
             tracing::error!(target: crate::log_target::BUS, "the bus thread has panicked");
         }
-        self.control.end_events();
+        self.view.control.end_events();
     }
 }
 
 fn find_axis<'a>(axes: &'a [AxisSource], name: &str) -> Result<&'a AxisSource, NetworkError> {
     let found = axes.iter().find(|source| source.name() == name);
     found.ok_or_else(|| unknown("axis", name, axes.iter().map(AxisSource::name)))
+}
+
+fn find_io<'a>(ios: &'a [Io], name: &str) -> Result<&'a Io, NetworkError> {
+    let found = ios.iter().find(|io| io.name() == name);
+    found.ok_or_else(|| unknown("io", name, ios.iter().map(Io::name)))
 }
 
 /// The error for a name that was not declared, with those that were.
@@ -428,7 +429,7 @@ fn unknown<'a>(kind: &str, name: &str, declared: impl Iterator<Item = &'a str>) 
 
 impl Drop for Network {
     fn drop(&mut self) {
-        self.control.request_shutdown();
+        self.view.control.request_shutdown();
         self.join();
     }
 }
@@ -438,7 +439,12 @@ impl fmt::Debug for Network {
         f.debug_struct("Network")
             .field(
                 "axes",
-                &self.axes.iter().map(AxisSource::name).collect::<Vec<_>>(),
+                &self
+                    .view
+                    .axes
+                    .iter()
+                    .map(AxisSource::name)
+                    .collect::<Vec<_>>(),
             )
             .finish_non_exhaustive()
     }
@@ -512,7 +518,7 @@ impl Network {
     /// ```
     #[must_use]
     pub fn statistics(&self) -> Statistics {
-        self.control.statistics()
+        self.view.statistics()
     }
 
     /// How steady the cycles were, as histograms.
@@ -539,7 +545,7 @@ impl Network {
     /// ```
     #[must_use]
     pub fn timing(&self) -> Timing {
-        self.control.counters.timing()
+        self.view.timing()
     }
 
     /// What the frames of each cycle take on the cable.
@@ -562,7 +568,7 @@ impl Network {
     /// ```
     #[must_use]
     pub fn cable_load(&self) -> CableLoad {
-        let load = self.control.counters.cable.get();
+        let load = self.view.control.counters.cable.get();
         load.copied().unwrap_or_default()
     }
 
@@ -588,13 +594,40 @@ impl Network {
     /// ```
     #[must_use]
     pub fn drive_statistics(&self) -> Vec<DriveStatistics> {
-        self.view().drive_statistics()
+        self.view.drive_statistics()
+    }
+
+    /// What has become of the motions of each axis since the start, and its faults, in the order of their declaration.
+    ///
+    /// ```
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # use servocrab::{bus::{DriveConfig, Network}, drives, link::Wire};
+    /// # let mut segment = servocrab_sim::Segment::new().with(servocrab_sim::personality::akd2g());
+    /// # let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    /// # let drive = DriveConfig::new(drives::akd2g()).axis("x");
+    /// # smol::block_on(async {
+    /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
+    /// use servocrab::{axis::MotionEnd, profile_position::SetPoint};
+    /// let x = net.axis("x")?;
+    /// x.enable().await?;
+    /// let profile_position = x.profile_position().await?;
+    /// let fast = SetPoint::new().velocity(1_000_000);
+    /// profile_position.move_rel(1000, fast).await?.done().await?;
+    /// assert_eq!(net.axis_statistics()[0].motions, [(MotionEnd::Reached, 1)]);
+    /// # net.shutdown().await?;
+    /// # Ok(())
+    /// # })
+    /// # }
+    /// ```
+    #[must_use]
+    pub fn axis_statistics(&self) -> Vec<AxisStatistics> {
+        self.view.axis_statistics()
     }
 
     /// What other threads may see and stop of this network. It does not keep the network running.
     #[must_use]
     pub fn view(&self) -> NetworkView {
-        NetworkView::new(self)
+        self.view.clone()
     }
 
     /// The last cycles of the axis with this name: words, positions, what was answered. With each fault they come by
@@ -624,11 +657,9 @@ impl Network {
     /// # Errors
     /// [`NetworkError::Declaration`] if no axis has this name; [`NetworkError::Thread`] if the network has ended.
     pub async fn black_box(&self, axis: &str) -> Result<BlackBox, NetworkError> {
-        let index = self
-            .axes
-            .iter()
-            .position(|source| source.name() == axis)
-            .ok_or_else(|| unknown("axis", axis, self.axes.iter().map(AxisSource::name)))?;
+        let names = || self.view.axes.iter().map(AxisSource::name);
+        let index = names().position(|name| name == axis);
+        let index = index.ok_or_else(|| unknown("axis", axis, names()))?;
         self.ask(|reply| Question::BlackBox(index, reply)).await
     }
 
@@ -665,7 +696,7 @@ impl Network {
         &self,
         signals: impl IntoIterator<Item = Signal>,
     ) -> Result<Recorder, NetworkError> {
-        self.view().recorder(signals)
+        self.view.recorder(signals)
     }
 
     /// The error counters of all ports of the line, declared or not: which cable or device damages frames. They count from
@@ -697,7 +728,7 @@ impl Network {
     /// # Errors
     /// [`NetworkError::Line`] if they could not be read; [`NetworkError::Thread`] if the network has ended.
     pub async fn port_errors(&self) -> Result<Vec<DevicePorts>, NetworkError> {
-        self.view().port_errors().await
+        self.view.port_errors().await
     }
 }
 
@@ -706,7 +737,7 @@ impl Network {
 impl Network {
     /// Stops every axis, in the next frame.
     pub fn stop_all(&self, stop: StopRequest) {
-        self.control.request_stop(stop);
+        self.view.control.request_stop(stop);
     }
 
     /// Stops every axis from anywhere: signal handlers, panic hooks, other threads.
@@ -731,7 +762,7 @@ impl Network {
     #[must_use]
     pub fn stop_handle(&self) -> NetworkStop {
         NetworkStop {
-            control: Arc::clone(&self.control),
+            control: Arc::clone(&self.view.control),
         }
     }
 
@@ -764,7 +795,7 @@ impl Network {
     /// ```
     pub fn liveness(&self, timeout: Duration) -> Liveness {
         let (liveness, watch) = Liveness::new(timeout);
-        self.control.add_watch(watch);
+        self.view.control.add_watch(watch);
         liveness
     }
 }

@@ -4,9 +4,9 @@ use std::{fmt, sync::Arc};
 
 use smol::channel::Receiver;
 
-use super::{Network, ask, find_axis, unknown};
+use super::{ask, find_axis, find_io, supervisor::StartedDrive};
 use crate::{
-    axis::{AxisIdentity, AxisSource, Snapshot, StopRequest},
+    axis::{AxisIdentity, AxisSource, AxisStatistics, Snapshot, StopRequest},
     bus::{
         cycle::{
             black_box::CycleRing,
@@ -18,7 +18,7 @@ use crate::{
         recorder::{RecordedSignal, Recorder, Signal, SignalSource},
         watch::{Control, DevicePorts, Question},
     },
-    coe::{DataType, Emergencies, ObjectAddress, SdoHandle, Unit, obj},
+    coe::{DataType, DriveEmergency, Emergencies, ObjectAddress, SdoHandle, Unit, obj},
     pdo_map::{Direction, Layout},
     units::{AxisScale, Scale},
 };
@@ -49,15 +49,16 @@ use crate::{
 /// ```
 #[derive(Clone)]
 pub struct NetworkView {
-    axes: Arc<[AxisSource]>,
-    /// Of each drive its objects, its place in the exchange, and its emergencies.
-    drives: Arc<[(SdoHandle, usize, Emergencies)]>,
-    control: Arc<Control>,
-    over: Receiver<()>,
-    ring: Arc<CycleRing>,
-    ios: Arc<[Io]>,
+    pub(super) axes: Arc<[AxisSource]>,
+    pub(super) drives: Arc<[StartedDrive]>,
+    pub(super) control: Arc<Control>,
+    pub(super) over: Receiver<()>,
+    pub(super) ring: Arc<CycleRing>,
+    pub(super) ios: Arc<[Io]>,
     /// Where all devices of the exchange stand, in its order.
-    positions: Arc<[u16]>,
+    pub(super) positions: Arc<[u16]>,
+    /// Those of all drives.
+    pub(super) emergencies: Emergencies,
 }
 
 /// An axis as a [`NetworkView`] shows it.
@@ -78,24 +79,6 @@ pub struct AxisView {
 }
 
 impl NetworkView {
-    pub(super) fn new(net: &Network) -> Self {
-        let drives = net.drives.iter();
-        Self {
-            axes: net.axes.clone().into(),
-            drives: drives
-                .map(|drive| {
-                    let emergencies = drive.emergencies.clone();
-                    (drive.sdo.clone(), drive.in_exchange, emergencies)
-                })
-                .collect(),
-            control: Arc::clone(&net.control),
-            over: net.over.clone(),
-            ring: Arc::clone(&net.ring),
-            ios: net.ios.clone().into(),
-            positions: net.places.iter().map(|(at, _)| *at).collect(),
-        }
-    }
-
     /// The axes, in the order of their declaration.
     #[must_use]
     pub fn axes(&self) -> Vec<AxisView> {
@@ -116,7 +99,7 @@ impl NetworkView {
 
     /// The objects of each drive, with its identity, in the order of their declaration.
     pub fn drives(&self) -> impl Iterator<Item = &SdoHandle> + '_ {
-        self.drives.iter().map(|(sdo, _, _)| sdo)
+        self.drives.iter().map(|drive| &drive.sdo)
     }
 
     /// As [`Network::statistics`](super::Network::statistics).
@@ -134,16 +117,22 @@ impl NetworkView {
     /// As [`Network::drive_statistics`](super::Network::drive_statistics).
     #[must_use]
     pub fn drive_statistics(&self) -> Vec<DriveStatistics> {
-        let counted = self.drives.iter().map(|(sdo, in_exchange, emergencies)| {
-            let counters = self.control.counters.drive(*in_exchange);
+        let counted = self.drives.iter().map(|drive| {
+            let counters = self.control.counters.drive(drive.in_exchange);
             DriveStatistics {
-                drive: sdo.drive().clone(),
+                drive: drive.id.clone(),
                 stale_cycles: counters.map_or(0, |counters| counters.stale.get()),
                 undelivered_cycles: counters.map_or(0, |counters| counters.undelivered.get()),
-                emergencies: emergencies.counted(),
+                emergencies: drive.emergencies.counted(),
             }
         });
         counted.collect()
+    }
+
+    /// What has become of the motions of each axis, and its faults, in the order of their declaration.
+    #[must_use]
+    pub fn axis_statistics(&self) -> Vec<AxisStatistics> {
+        self.axes.iter().map(AxisSource::statistics).collect()
     }
 
     /// As [`Network::port_errors`](super::Network::port_errors).
@@ -216,8 +205,7 @@ impl NetworkView {
                 }
             }
             Signal::Point { io, point } => {
-                let found = self.ios.iter().find(|known| known.name() == io);
-                let io = found.ok_or_else(|| unknown("io", io, self.ios.iter().map(Io::name)))?;
+                let io = find_io(&self.ios, io)?;
                 let device = self.in_exchange(io.device().position)?;
                 let object = point.parse::<ObjectAddress>();
                 let by_name = io.points().iter().find(|known| known.name == *point);
@@ -252,6 +240,13 @@ impl NetworkView {
         self.control.recent.read()
     }
 
+    /// The latest emergencies of all drives, the oldest first, each with its number from 0: up to 64. Those of
+    /// [`Network::all_emergencies`](super::Network::all_emergencies) are not taken by it.
+    #[must_use]
+    pub fn recent_emergencies(&self) -> Vec<(u64, DriveEmergency)> {
+        self.emergencies.recent()
+    }
+
     /// Stops one axis, in the next frame. It does not wait for the standstill.
     ///
     /// # Errors
@@ -261,7 +256,7 @@ impl NetworkView {
         Ok(())
     }
 
-    fn source(&self, name: &str) -> Result<&AxisSource, NetworkError> {
+    pub(super) fn source(&self, name: &str) -> Result<&AxisSource, NetworkError> {
         find_axis(&self.axes, name)
     }
 

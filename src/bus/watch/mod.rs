@@ -4,17 +4,16 @@
 //! through [`Control`], and must not change a device: that is `network`.
 
 use std::{
-    collections::VecDeque,
     sync::{
-        Arc, Mutex, OnceLock, PoisonError,
-        atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering},
+        Arc, OnceLock,
+        atomic::{AtomicBool, AtomicU8, Ordering},
     },
     task::Waker,
     thread::JoinHandle,
     time::Duration,
 };
 
-use crossbeam_queue::{ArrayQueue, SegQueue};
+use crossbeam_queue::SegQueue;
 use smol::channel::{Receiver, Sender};
 
 use super::{
@@ -40,6 +39,7 @@ use crate::{
     ds402::State,
     esc,
     profile_position::WorkingCounter,
+    recent::Recent,
     units::AxisScale,
     wakes::{Waiters, Wakes},
 };
@@ -78,7 +78,7 @@ pub(in crate::bus) struct Control {
     /// The program's futures that wait for what the bus thread sends.
     pub waiters: Arc<Waiters>,
     pub events: (Sender<NetworkEvent>, Receiver<NetworkEvent>),
-    pub recent: RecentEvents,
+    pub recent: Recent<NetworkEvent>,
     pub questions: (Sender<Question>, Receiver<Question>),
     /// At the end, the axes that were not seen to stand.
     pub left_moving: OnceLock<Vec<MovingAxis>>,
@@ -97,7 +97,7 @@ impl Control {
             waiters: wakes.waiters(),
             wakes,
             events: smol::channel::bounded(EVENTS + EVENTS_OF_A_DEVICE * devices),
-            recent: RecentEvents::default(),
+            recent: Recent::default(),
             questions: smol::channel::bounded(QUESTIONS),
             left_moving: OnceLock::new(),
         })
@@ -157,42 +157,6 @@ impl Control {
             return;
         }
         drop(self.events.0.try_send(event));
-    }
-}
-
-/// The latest events, for who looks beside the program. The bus thread never waits for a reader.
-#[derive(Debug)]
-pub(in crate::bus) struct RecentEvents {
-    fresh: ArrayQueue<(u64, NetworkEvent)>,
-    /// Only readers share this.
-    read: Mutex<VecDeque<(u64, NetworkEvent)>>,
-    number: AtomicU64,
-}
-
-impl Default for RecentEvents {
-    fn default() -> Self {
-        Self {
-            fresh: ArrayQueue::new(EVENTS),
-            read: Mutex::default(),
-            number: AtomicU64::new(0),
-        }
-    }
-}
-
-impl RecentEvents {
-    fn keep(&self, event: NetworkEvent) {
-        let number = self.number.fetch_add(1, Ordering::Relaxed);
-        drop(self.fresh.force_push((number, event)));
-    }
-
-    pub fn read(&self) -> Vec<(u64, NetworkEvent)> {
-        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
-        while let Some(event) = self.fresh.pop() {
-            read.push_back(event);
-        }
-        let surplus = read.len().saturating_sub(EVENTS);
-        read.drain(..surplus);
-        read.iter().cloned().collect()
     }
 }
 

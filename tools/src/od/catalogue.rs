@@ -2,7 +2,7 @@
 
 use servocrab::coe::{
     AnyObject, AxisOffset, DriveError, ObjectAddress, SdoError, SdoHandle, TypeCode,
-    information::{EntryDescription, ObjectCode, ObjectDescription},
+    information::{EntryDescription, ObjectDescription},
     obj,
 };
 
@@ -65,17 +65,9 @@ impl Item {
     }
 
     fn of(object: &ObjectDescription, entry: &EntryDescription) -> Self {
-        let whole = &object.name;
-        let name = match object.code {
-            ObjectCode::Array | ObjectCode::Record if *whole != entry.name => {
-                format!("{whole}: {}", entry.name)
-            }
-            _ if entry.name.is_empty() => whole.clone(),
-            _ => entry.name.clone(),
-        };
         Self {
             address: entry.address,
-            name,
+            name: object.name_with(entry),
             data_type: entry.data_type,
             bits: entry.bits,
             access: entry.access.to_string(),

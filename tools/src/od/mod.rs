@@ -8,18 +8,16 @@ use std::time::Duration;
 use catalogue::{Catalogue, Item, find};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
-use servocrab::{
-    bus::Line,
-    coe::{AxisOffset, SdoHandle, obj},
-};
+use servocrab::coe::{AxisOffset, SdoHandle, obj};
 
 use crate::{
-    line::{DriveArguments, LineArguments},
+    line::{DriveArguments, Found, LineArguments},
     meaning::{self, Meaning},
     output::{Done, Failure, Tool, put, table},
 };
 
-/// The line is reset and its drives are in PREOP: nothing moves.
+/// Where a program shows the network of the interface, that program is asked. Else the line is reset and its drives are in PREOP: nothing
+/// moves.
 #[derive(Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -75,7 +73,8 @@ enum Work {
 }
 
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
-    let line = arguments.line.scan(tool).await?;
+    let line = arguments.line.open(tool).await?;
+    let devices = line.devices();
     let done = match &arguments.work {
         // Ctrl-C is how a watch ends.
         Work::Watch {
@@ -85,7 +84,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         } => {
             let every = Duration::from_millis(*every);
             let watched = async {
-                let drive = Drive::of(arguments.drive.of(&line)?).await;
+                let drive = Drive::of(arguments.drive.of(&devices)?).await;
                 watch(tool, &drive, objects, every, *count).await
             };
             smol::future::or(watched, async {
@@ -95,15 +94,21 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
             .await
         }
         work => {
-            tool.unless_interrupted(done(tool, arguments, work, &line))
+            tool.unless_interrupted(done(tool, arguments, work, &devices))
                 .await
         }
     };
+    drop(devices);
     line.close().await;
     done.map(|()| true)
 }
 
-async fn done(tool: &Tool, arguments: &Arguments, work: &Work, line: &Line) -> Result<(), Failure> {
+async fn done(
+    tool: &Tool,
+    arguments: &Arguments,
+    work: &Work,
+    line: &[Found<'_>],
+) -> Result<(), Failure> {
     match work {
         Work::List { filter, values } => {
             let drive = Drive::of(arguments.drive.of(line)?).await;
@@ -212,17 +217,13 @@ async fn listed(
 async fn everywhere(
     tool: &Tool,
     position: Option<u16>,
-    line: &Line,
+    line: &[Found<'_>],
     filter: &str,
 ) -> Result<(), Failure> {
     let (mut all, mut texts) = (Vec::new(), String::new());
     let asked = |place: u16| position.is_none_or(|position| position == place);
-    for device in line
-        .devices()
-        .iter()
-        .filter(|device| asked(device.id.position))
-    {
-        let Some(sdo) = &device.sdo else { continue };
+    for device in line.iter().filter(|device| asked(device.id.position)) {
+        let Some(sdo) = device.sdo else { continue };
         let shown = listed(tool, &Drive::of(sdo).await, filter, true).await?;
         if !shown.is_empty() {
             texts += &format!("{}\n{}", device.id, text(&shown));

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use servocrab::{
-    bus::Line,
     coe::{SdoError, SdoHandle},
     parameters::{self, Parameter, ParameterSet, Progress, RestoreFault, WriteFault},
     sii::Identity,
@@ -13,7 +12,7 @@ use servocrab::{
 
 use super::{Consent, compared, of_differences, same_kind};
 use crate::{
-    line::DriveArguments,
+    line::{DriveArguments, Found},
     output::{Done, Failure, Tool, table},
 };
 
@@ -55,7 +54,7 @@ pub(super) async fn run(
     tool: &Tool,
     arguments: &Arguments,
     drive: &DriveArguments,
-    line: &Line,
+    line: &[Found<'_>],
 ) -> Done {
     let set = ParameterSet::load(&arguments.file)?;
     let drives = chosen(arguments, drive, line, &set)?;
@@ -107,7 +106,7 @@ pub(super) async fn run(
 fn chosen<'line>(
     arguments: &Arguments,
     drive: &DriveArguments,
-    line: &'line Line,
+    line: &[Found<'line>],
     set: &ParameterSet,
 ) -> Result<Vec<&'line SdoHandle>, Failure> {
     if !arguments.all {
@@ -118,10 +117,7 @@ fn chosen<'line>(
     if set.identity.is_none() {
         return Err("the file does not name the identity of its drive, so that --all would write it to every device: name one by --drive".into());
     }
-    let all = line
-        .devices()
-        .iter()
-        .filter_map(|device| device.sdo.as_ref());
+    let all = line.iter().filter_map(|device| device.sdo);
     let same: Vec<_> = all
         .filter(|sdo| same_kind(set, sdo, arguments.kind).is_ok())
         .collect();

@@ -9,7 +9,6 @@ use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use servocrab::{
-    bus::Line,
     coe::{ObjectAddress, SdoHandle},
     parameters::{
         self, Differences, MemorySupport, ParameterObject, ParameterSet, Progress, RestoreError,
@@ -17,11 +16,12 @@ use servocrab::{
 };
 
 use crate::{
-    line::{DriveArguments, LineArguments},
+    line::{DriveArguments, Found, LineArguments},
     output::{Done, Failure, Interrupted, Tool, table},
 };
 
-/// The line is reset and its drives are in PREOP: nothing moves.
+/// Where a program shows the network of the interface, that program is asked, and refuses what it does not grant. Else the line is reset
+/// and its drives are in PREOP: nothing moves.
 #[derive(Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -84,8 +84,12 @@ pub(crate) struct Consent {
 
 /// Does it; false if file and drive differ, or a drive has refused something.
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
-    let line = arguments.line.scan(tool).await?;
-    let done = tool.unless_interrupted(work(tool, arguments, &line)).await;
+    let line = arguments.line.open(tool).await?;
+    let devices = line.devices();
+    let done = tool
+        .unless_interrupted(work(tool, arguments, &devices))
+        .await;
+    drop(devices);
     line.close().await;
     done.map_err(|error| match error.is::<Interrupted>() && writes(&arguments.work) {
         true => "interrupted: a part of the parameters may have been written; `params compare` shows which".into(),
@@ -104,7 +108,7 @@ fn writes(work: &Work) -> bool {
     }
 }
 
-async fn work(tool: &Tool, arguments: &Arguments, line: &Line) -> Done {
+async fn work(tool: &Tool, arguments: &Arguments, line: &[Found<'_>]) -> Done {
     let drive = || arguments.drive.of(line);
     match &arguments.work {
         Work::Backup { file, yes } => backup(tool, drive()?, file, *yes).await?,

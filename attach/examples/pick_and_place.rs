@@ -1,16 +1,16 @@
-//! A machine of two axes in millimetres, on an embedded simulated segment, under tokio. Both axes are homed, move together to where
-//! a part is picked, and by blended moves to where it is placed. Then a drive has a fault. The operator sees why, and once that is
-//! mended the machine goes on.
+//! A machine of two axes in millimetres, under tokio. Both axes are homed, move together to where a part is picked, and by blended moves to
+//! where it is placed.
 //!
-//! The machine's logic has tests of its own, in virtual time: `cargo test --example pick_and_place`. On a real link,
-//! `.interface("eth0")` takes the place of `.link(…)`; the rest stays.
-
-#[macro_use]
-#[path = "common/say.rs"]
-mod say;
+//! Without arguments it runs on simulated drives in its own process. Then a drive has a fault: the operator sees why, and once that is mended
+//! the machine goes on. With `--interface eth0` it runs on the drives there, part after part until Ctrl-C, and shows its network:
+//! `servocrab panel --interface eth0` and the other commands of the tool look at it while it runs.
+//!
+//! The machine's logic has tests of its own, in virtual time: `cargo test -p servocrab-attach --example pick_and_place`.
 
 use std::{
     error::Error,
+    fmt,
+    io::Write,
     process::ExitCode,
     sync::{Arc, Mutex, PoisonError},
     time::Duration,
@@ -26,6 +26,7 @@ use servocrab::{
     profile_position::{BufferMode, SetPoint},
     units::{Mm, Ratio, Scale},
 };
+use servocrab_attach::Attach;
 use servocrab_sim::{Segment, ds402::Machine as Shaft, personality::Servo};
 
 /// Millimetres.
@@ -100,17 +101,29 @@ async fn home(axis: &Axis<Mm>) -> std::result::Result<(), AxisError> {
     homing.release().await
 }
 
-/// Runs on simulated drives in this process, and takes no arguments.
+/// A reader that has gone away (`| head`) ends no machine in mid-move, as the panic of `println!` would.
+fn say(line: fmt::Arguments<'_>) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
 #[derive(Parser)]
-struct Arguments {}
+struct Arguments {
+    /// The network interface of the machine's drives; without it, drives that are simulated in this process
+    #[arg(long, value_name = "NAME")]
+    interface: Option<String>,
+}
 
 fn main() -> ExitCode {
-    Arguments::parse();
+    let arguments = Arguments::parse();
     let run = async {
+        if let Some(interface) = arguments.interface {
+            return run_on(&interface).await;
+        }
         let line = line();
         let wired = Arc::clone(&line);
         let wire = Wire::new(move |frame, now| lock(&wired).process(frame, now));
-        run(&line, wired_to(wire)?.start().await?).await
+        let net = with_drives(Network::builder().link(wire))?.start().await?;
+        demonstrate(&line, net).await
     };
     let done = tokio::runtime::Builder::new_current_thread()
         .build()
@@ -125,15 +138,46 @@ fn main() -> ExitCode {
     }
 }
 
-async fn run(line: &Line, net: Network) -> Result<()> {
+/// Part after part, until Ctrl-C or SIGTERM.
+async fn run_on(interface: &str) -> Result<()> {
+    let (sender, interrupt) = smol::channel::bounded::<()>(1);
+    ctrlc::set_handler(move || {
+        sender.close();
+    })?;
+    let net = with_drives(Network::builder().interface(interface))?
+        .start()
+        .await?;
+    // From here on other programs of this user can look at the network, and stop its axes.
+    let shown = servocrab_attach::serve(&net, Attach::new(interface))?;
+    say(format_args!("shown at {}", shown.socket().display()));
+    let machine = Machine::new(&net)?;
+    let work = async {
+        machine.home().await?;
+        loop {
+            machine.cycle().await?;
+            say(format_args!("placed a part"));
+        }
+    };
+    let interrupted = async {
+        // Nothing is ever sent.
+        let _ = interrupt.recv().await;
+        Ok(())
+    };
+    let done = smol::future::or(interrupted, work).await;
+    net.shutdown().await?;
+    done
+}
+
+/// One part, a fault, and another part.
+async fn demonstrate(line: &Line, net: Network) -> Result<()> {
     let machine = Machine::new(&net)?;
     machine.home().await?;
     machine.cycle().await?;
-    say!(
+    say(format_args!(
         "placed a part, at {:.2} mm and {:.2} mm",
         machine.x.status().position,
         machine.y.status().position
-    );
+    ));
 
     break_encoder(line);
     let failed = machine.cycle().await;
@@ -144,7 +188,7 @@ async fn run(line: &Line, net: Network) -> Result<()> {
     else {
         return failed;
     };
-    say!("to the operator: {error}");
+    say(format_args!("to the operator: {error}"));
     if !matches!(error.failure(), Some(Failure::Fault { .. })) {
         return failed;
     }
@@ -153,19 +197,18 @@ async fn run(line: &Line, net: Network) -> Result<()> {
     machine.x.reset_fault().await?;
     machine.x.enable().await?;
     machine.cycle().await?;
-    say!("and goes on");
+    say(format_args!("and goes on"));
     net.shutdown().await?;
     Ok(())
 }
 
-fn wired_to(wire: Wire) -> Result<NetworkBuilder> {
+fn with_drives(network: NetworkBuilder) -> Result<NetworkBuilder> {
     // 10 000 of the drive's counts are a millimetre.
     let mm = Scale::counts_per_unit(Ratio::new(10_000, 1)?);
     let drive = DriveConfig::new(drives::akd2g())
         .axis(AxisConfig::new("x").unit::<Mm>(mm))
         .axis(AxisConfig::new("y").unit::<Mm>(mm));
-    Ok(Network::builder()
-        .link(wire)
+    Ok(network
         // Longer than a computer without real time keeps this thread waiting when it is busy.
         .watchdog(Duration::from_millis(500))
         .drive(0, drive))
@@ -210,7 +253,7 @@ mod tests {
         let latency = Duration::from_micros(20);
         let wire =
             Wire::in_virtual_time(latency, move |frame, now| lock(&wired).process(frame, now));
-        let (starting, mut bus) = wired_to(wire)?.split()?;
+        let (starting, mut bus) = with_drives(Network::builder().link(wire))?.split()?;
         bus.run_until(async {
             let net = starting.network().await?;
             let machine = Machine::new(&net)?;
