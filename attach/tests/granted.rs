@@ -12,12 +12,12 @@ use std::{
 use serde_json::{Value, json};
 use servocrab::{
     Axis, AxisConfig, DriveConfig, Network, Referencing,
-    coe::obj,
+    coe::{AbortCode, SdoError, obj},
     drives,
     link::Wire,
     units::{Mm, Ratio, Scale},
 };
-use servocrab_attach::{AskedFor, Attach, AttachError, Attached, Grant, forward, serve};
+use servocrab_attach::{AskedFor, Attach, AttachError, Attached, Grant, Program, forward, serve};
 use servocrab_sim::{Segment, personality};
 use tempfile::TempDir;
 use tungstenite::{
@@ -359,6 +359,8 @@ fn an_axis_is_moved_to_a_position_in_its_unit_and_the_outcome_is_the_answer() {
         let (status, answer) = ask(&attached, "POST /v1/axes/x/move", body);
         assert_eq!((status, code(&answer)), (422, expected), "{body}");
     }
+    let counted = ask(&attached, "GET /v1/statistics", "").1;
+    assert_eq!(counted["axes"][0]["motions"], json!({"reached": 2}));
     // The program has the mode: it is asked, and once it agrees the client may move.
     let held = smol::block_on(x.profile_position()).unwrap();
     let (status, answer) = ask(
@@ -415,6 +417,55 @@ fn objects_are_written_but_for_those_of_the_process_data_and_of_the_library() {
         assert_eq!(code(&answer), expected, "{request} {body}");
     }
     drop(segment);
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+#[test]
+fn the_objects_of_a_running_programs_drives_are_used_as_those_of_a_line() {
+    let (net, _segment) = machine();
+    let (_runtime, attached) = shown(&net, &[Grant::Parameters]);
+    let used = async {
+        let drives = Program::open(attached.socket())?.drives().await?;
+        let [sdo] = drives.as_slice() else {
+            panic!("{drives:?}");
+        };
+        assert_eq!(sdo.drive(), net.drives().next().unwrap());
+        sdo.write(obj::FOLLOWING_ERROR_TIME_OUT, 1000).await?;
+        assert_eq!(sdo.read(obj::FOLLOWING_ERROR_TIME_OUT).await?, 1000);
+        // A wish of more time goes with it.
+        let patient = sdo.clone().with_timeout(Duration::from_secs(9));
+        assert_eq!(patient.read_bytes(0x6066, 0).await?, [232, 3]);
+        let own = net.sdo(0).unwrap();
+        assert_eq!(
+            sdo.read_complete(0x1018, 0)
+                .await
+                .map_err(|error| error.error),
+            own.read_complete(0x1018, 0)
+                .await
+                .map_err(|error| error.error)
+        );
+
+        // What the drive says against it is the drive's word, and what the program says the program's.
+        let refused = sdo.read_bytes(0x2FFF, 0).await.unwrap_err();
+        assert_eq!(refused.error.abort_code(), Some(AbortCode::NO_OBJECT));
+        let (asked, known) = (sdo.dictionary().await, own.dictionary().await);
+        assert_eq!(
+            asked.map_err(|error| error.error),
+            known.map_err(|error| error.error)
+        );
+        let owned = sdo.write(obj::TARGET_POSITION, 1).await.unwrap_err();
+        let text = owned.to_string();
+        assert!(matches!(owned.error, SdoError::Remote { .. }), "{text}");
+        assert!(text.contains("in the process data"), "{text}");
+        Ok::<_, Box<dyn std::error::Error>>(drives)
+    };
+    let drives = smol::block_on(used).unwrap();
+    drop(attached);
+    let gone = smol::block_on(drives[0].read(obj::FOLLOWING_ERROR_TIME_OUT)).unwrap_err();
+    assert!(
+        gone.to_string().contains("nobody shows a network"),
+        "{gone}"
+    );
     smol::block_on(net.shutdown()).unwrap();
 }
 

@@ -149,6 +149,16 @@ fn the_metrics_are_those_of_the_statistics_with_states_ports_and_emergencies() {
         "servocrab_emergencies_total{drive=\"0\",code=\"8611h\"}",
         1.0,
     );
+    has(
+        "servocrab_axis_faults_total{axis=\"y\",code=\"8611h\"}",
+        1.0,
+    );
+    let emergencies = ask(socket, "GET /v1/emergencies").1;
+    assert_eq!(emergencies.as_array().unwrap().len(), 1, "{emergencies}");
+    assert_eq!(
+        (&emergencies[0]["code"], &emergencies[0]["text"]),
+        (&0x8611.into(), &"following error".into())
+    );
     let ports = running
         .keys()
         .filter(|series| series.starts_with("servocrab_port_errors_total{device=\"0\",port=\""));
