@@ -151,7 +151,7 @@ fn objects_and_parameters_are_read_beside_a_program_that_moves() {
     let positions: Vec<f64> = watched
         .lines()
         .skip(1)
-        .map(|line| line.split(',').nth(2).unwrap().parse().unwrap())
+        .filter_map(|line| line.split(',').nth(2)?.parse().ok()) // a lost cycle has none
         .collect();
     let (least, most) = positions
         .iter()
