@@ -29,10 +29,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
 }
 
 async fn show(tool: &Tool, line: &Line) -> Result<bool, Failure> {
-    let mut found = Vec::new();
-    for device in line.devices() {
-        found.push(Seen::of(device).await);
-    }
+    let found = seen(line).await;
     let heading = [
         "#", "name", "vendor", "product", "revision", "serial", "alias", "found in", "clock",
         "RxPDOs", "TxPDOs", "axes",
@@ -44,6 +41,19 @@ async fn show(tool: &Tool, line: &Line) -> Result<bool, Failure> {
     }
     tool.say(&found.iter().map(Seen::json).collect(), text)?;
     Ok(found.iter().all(|seen| seen.problems.is_empty()))
+}
+
+/// What `scan --json` says of the line.
+pub(crate) async fn json(line: &Line) -> Value {
+    seen(line).await.iter().map(Seen::json).collect()
+}
+
+async fn seen(line: &Line) -> Vec<Seen<'_>> {
+    let mut found = Vec::new();
+    for device in line.devices() {
+        found.push(Seen::of(device).await);
+    }
+    found
 }
 
 /// A SubDevice with what its objects say.
