@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
     sync::Arc,
     thread,
+    time::Duration,
 };
 
 use axum::body::{Body, to_bytes};
@@ -28,6 +29,7 @@ use tokio::{
     net::UnixStream,
     runtime,
     sync::{mpsc, oneshot},
+    time::timeout,
 };
 
 use crate::{
@@ -37,6 +39,8 @@ use crate::{
 
 /// Bytes of an answer: more than a dictionary of ten thousand entries has.
 const ANSWER: usize = 16 << 20;
+/// How long a program may take for an answer. The list of a drive's objects takes seconds, and a motion up to 50.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Why a program does not do what a client asks.
 #[derive(Debug, thiserror::Error)]
@@ -229,6 +233,14 @@ async fn serve(socket: Arc<PathBuf>, mut asked: mpsc::UnboundedReceiver<Work>) {
 }
 
 async fn ask(socket: &Path, question: Question) -> Answer {
+    let answered = timeout(PATIENCE, asked(socket, question)).await;
+    answered.unwrap_or_else(|_| {
+        let seconds = PATIENCE.as_secs();
+        Err(ClientError::Protocol(format!("nothing in {seconds} s")))
+    })
+}
+
+async fn asked(socket: &Path, question: Question) -> Answer {
     let stream = UnixStream::connect(socket).await;
     let stream = stream.map_err(ClientError::Nobody)?;
     let handshake = http1::handshake(TokioIo::new(stream)).await;
@@ -274,9 +286,7 @@ async fn pass_on(
         }
     };
     let path = |object: ObjectAddress, complete_access: bool| {
-        let (index, subindex) = (object.index, object.subindex);
-        let how = query(&how(complete_access));
-        format!("/v1/od/{position}/{index:04X}h/{subindex}?{how}")
+        path_of(position, object, &how(complete_access))
     };
     let question = match &transfer.request {
         RemoteRequest::Read {
@@ -307,6 +317,15 @@ async fn pass_on(
         Ok(Read { bytes }) => Ok(bytes),
         Err(error) => Err(sdo_error(transfer.transfer(), ClientError::protocol(error))),
     }
+}
+
+/// Where the program has this object: both numbers are hexadecimal.
+fn path_of(position: u16, object: ObjectAddress, how: &How) -> String {
+    let (index, subindex) = (object.index, object.subindex);
+    format!(
+        "/v1/od/{position}/{index:04X}h/{subindex:02X}?{}",
+        query(how)
+    )
 }
 
 /// The fields of a flat structure as a query; those without a value are left out.
@@ -362,5 +381,7 @@ mod tests {
             timeout_ms: None,
         };
         assert_eq!(query(&how), "complete=true");
+        let path = path_of(3, ObjectAddress::new(0x1600, 16), &how);
+        assert_eq!(path, "/v1/od/3/1600h/10?complete=true");
     }
 }

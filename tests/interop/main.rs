@@ -8,6 +8,8 @@
 #[path = "../common/namespace.rs"]
 mod namespace;
 mod programs;
+#[path = "../common/python.rs"]
+mod python;
 
 use std::{
     io::{BufRead, BufReader},

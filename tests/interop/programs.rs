@@ -11,7 +11,10 @@ use std::{
 
 use servocrab_sim::personality;
 
-use crate::namespace::{INSIDE, say};
+use crate::{
+    namespace::{INSIDE, say},
+    python::{self, succeed},
+};
 
 /// Where this suite's files are.
 pub(crate) fn sources() -> PathBuf {
@@ -155,41 +158,8 @@ fn build(manifest: &Path, target: &Path) -> Result<(), String> {
 
 fn environment() -> Made {
     let place = target().join("interop/soem");
-    let python = place.join("bin/python");
     if made_already() {
-        return Ok(python);
+        return Ok(place.join("bin/python"));
     }
-    let requirements = sources().join("soem/requirements.txt");
-    let wanted = fs::read_to_string(&requirements).map_err(|error| error.to_string())?;
-    // Written last, so that an environment that has it is whole.
-    let stamp = place.join("installed.txt");
-    let imports = || succeed(Command::new(&python).args(["-c", "import pysoem"]));
-    if fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) && imports().is_ok() {
-        return Ok(python);
-    }
-    if place.exists() {
-        fs::remove_dir_all(&place).map_err(|error| error.to_string())?;
-    }
-    succeed(Command::new("python3").args(["-m", "venv"]).arg(&place))?;
-    succeed(
-        Command::new(&python)
-            .args(["-m", "pip", "install", "--quiet", "--retries", "2"])
-            .args(["--only-binary", ":all:", "--require-hashes", "-r"])
-            .arg(&requirements),
-    )?;
-    imports()?;
-    fs::write(&stamp, wanted).map_err(|error| error.to_string())?;
-    Ok(python)
-}
-
-/// Runs a command to its end; what it says when it fails.
-fn succeed(command: &mut Command) -> Result<(), String> {
-    let output = command
-        .output()
-        .map_err(|error| format!("{}: {error}", command.get_program().display()))?;
-    if output.status.success() {
-        return Ok(());
-    }
-    let said = String::from_utf8_lossy(&output.stderr);
-    Err(format!("{command:?}: {}: {}", output.status, said.trim()))
+    python::environment(&place, &sources().join("soem/requirements.txt"), "pysoem")
 }

@@ -2,6 +2,8 @@
 //!
 //! `servocrab --help` lists the commands; `docs/tool.md` shows a session with each of them.
 
+mod bundle;
+mod capture;
 mod doctor;
 mod line;
 mod machine;
@@ -56,6 +58,10 @@ enum Command {
     Panel(panel::Arguments),
     /// Shows signals of every cycle, also of a running program
     Watch(watch::Arguments),
+    /// Writes the EtherCAT frames on an interface into a file for Wireshark, also beside a running program; sends nothing
+    Capture(capture::Arguments),
+    /// Collects what support needs in one file: versions, the computer, the line, its drives
+    Bundle(bundle::Arguments),
     /// Writes what is on the line into a file, `machine.toml`, and as Rust; whatever the line was doing ends
     Init(machine::init::Arguments),
     /// Compares a line with its `machine.toml` and measures it at standstill: one page, to be signed at acceptance
@@ -84,6 +90,8 @@ fn main() -> ExitCode {
         Command::Move(arguments) => smol::block_on(motion::move_axis(&tool, arguments)),
         Command::Panel(arguments) => smol::block_on(panel::run(&tool, arguments)),
         Command::Watch(arguments) => smol::block_on(watch::run(&tool, arguments)),
+        Command::Capture(arguments) => smol::block_on(capture::run(&tool, arguments)),
+        Command::Bundle(arguments) => smol::block_on(bundle::run(&tool, arguments)),
         Command::Doctor(arguments) => doctor::run(&tool, arguments),
         Command::Init(arguments) => smol::block_on(machine::init::run(&tool, arguments)),
         Command::Check(arguments) => smol::block_on(machine::check::run(&tool, arguments)),

@@ -7,6 +7,7 @@ use std::{
     process::ExitCode,
 };
 
+use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use smol::channel::{Receiver, bounded};
 
@@ -132,6 +133,24 @@ pub(crate) fn table<const N: usize>(heading: [&str; N], rows: &[[String; N]]) ->
         text.push('\n');
     }
     text
+}
+
+/// A bar on the terminal's error output; none where that is a file.
+pub(crate) fn bar(what: &'static str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg} {bar:40} {pos}/{len}");
+    let bar = ProgressBar::new(0).with_message(what);
+    match style {
+        Ok(style) => bar.with_style(style),
+        Err(_) => bar,
+    }
+}
+
+/// Moves the bar: so many done, of so many.
+pub(crate) fn told(bar: &ProgressBar) -> impl FnMut(usize, usize) {
+    |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    }
 }
 
 /// The exit code; an error is told on the error output.

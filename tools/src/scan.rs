@@ -3,13 +3,13 @@
 use clap::Args;
 use serde_json::{Value, json};
 use servocrab::{
-    bus::LineDevice,
+    bus::{Line, LineDevice},
     coe::{DriveError, SdoError, SdoHandle, obj},
     pdo_map,
 };
 
 use crate::{
-    line::{Found, LineArguments, OpenLine},
+    line::{Found, LineArguments, OpenLine, found},
     output::{Done, Failure, Tool, table},
 };
 
@@ -30,10 +30,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
 }
 
 async fn show(tool: &Tool, line: &OpenLine) -> Result<bool, Failure> {
-    let mut found = Vec::new();
-    for device in line.devices() {
-        found.push(Seen::of(device).await);
-    }
+    let found = seen(line.devices()).await;
     let heading = [
         "#", "name", "vendor", "product", "revision", "serial", "alias", "found in", "clock",
         "RxPDOs", "TxPDOs", "axes",
@@ -45,6 +42,19 @@ async fn show(tool: &Tool, line: &OpenLine) -> Result<bool, Failure> {
     }
     tool.say(&found.iter().map(Seen::json).collect(), text)?;
     Ok(found.iter().all(|seen| seen.problems.is_empty()))
+}
+
+/// What `scan --json` says of the line.
+pub(crate) async fn json(line: &Line) -> Value {
+    seen(found(line)).await.iter().map(Seen::json).collect()
+}
+
+async fn seen(line: Vec<Found<'_>>) -> Vec<Seen<'_>> {
+    let mut seen = Vec::new();
+    for found in line {
+        seen.push(Seen::of(found).await);
+    }
+    seen
 }
 
 /// A SubDevice with what its objects say.

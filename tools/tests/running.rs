@@ -1,14 +1,25 @@
 //! The tool beside a running program: it looks at the network that the program shows.
 #![allow(missing_docs)]
 
+#[path = "../../tests/common/python.rs"]
+mod python;
+
 use std::{
+    collections::BTreeMap,
+    env, fs,
     io::{BufRead, BufReader, Read, Write},
     net::TcpStream,
+    path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Duration,
 };
 
-use servocrab::{DriveConfig, Network, drives, link::Wire};
+use serde_json::Value;
+use servocrab::{DriveConfig, Network, bus::NetworkEvent, drives, link::Wire};
 use servocrab_attach::{Attach, Attached, serve};
 use servocrab_sim::{Segment, personality};
 use tempfile::TempDir;
@@ -18,12 +29,18 @@ struct Program {
     directory: TempDir,
     attached: Option<Attached>,
     net: Network,
+    /// No frame comes back.
+    is_cut: Arc<AtomicBool>,
 }
 
 impl Program {
     fn start() -> Self {
         let mut segment = Segment::new().with(personality::akd2g());
-        let wire = Wire::new(move |frame, now| segment.process(frame, now));
+        let is_cut = Arc::new(AtomicBool::new(false));
+        let cut = Arc::clone(&is_cut);
+        let wire = Wire::new(move |frame: &mut [u8], now| {
+            segment.process(frame, now) && !cut.load(Ordering::Relaxed)
+        });
         let drive = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
         let builder = Network::builder()
             .link(wire)
@@ -38,7 +55,13 @@ impl Program {
             directory,
             attached,
             net,
+            is_cut,
         }
+    }
+
+    /// A file beside the socket.
+    fn place(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
     }
 
     fn tool(&self, arguments: &str) -> Command {
@@ -171,5 +194,210 @@ fn the_panel_of_a_running_program_is_shown_with_a_token_and_what_it_grants() {
     );
     assert!(get("/v1/axes", "0").starts_with("HTTP/1.1 401"));
     drop(panel);
+    program.end();
+}
+
+/// What the index and the messages of an MCAP file have. A file that was not completed has no index.
+fn messages(file: &Path) -> Vec<Value> {
+    let bytes = fs::read(file).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().expect("an index");
+    let messages: Vec<Value> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(|message| serde_json::from_slice(&message.unwrap().data).unwrap())
+        .collect();
+    let counted = summary.stats.expect("statistics").message_count;
+    assert_eq!(counted, messages.len() as u64);
+    let numbers: Vec<_> = messages
+        .iter()
+        .map(|m| m["cycle"].as_u64().unwrap())
+        .collect();
+    assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1));
+    messages
+}
+
+/// What the public reader finds in an MCAP file; none where its environment cannot be made.
+fn read_by_python(file: &Path) -> Option<Value> {
+    let test = env::current_exe().unwrap();
+    let target = test.ancestors().nth(3).expect("target/PROFILE/deps/TEST");
+    let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/mcap");
+    let requirements = sources.join("requirements.txt");
+    let python = python::environment(&target.join("tools/mcap"), &requirements, "mcap.reader");
+    let python = match python {
+        Ok(python) => python,
+        Err(error) => {
+            let message = format!("SKIPPED: the public reader of MCAP cannot be had here: {error}");
+            let is_ci = env::var("CI").as_deref() == Ok("true");
+            assert!(!is_ci, "{message}; in CI that is a failure");
+            let _ = writeln!(std::io::stderr(), "{message}");
+            return None;
+        }
+    };
+    let mut reader = Command::new(python);
+    let read = reader.arg(sources.join("read.py")).arg(file).output();
+    let read = read.unwrap();
+    let errors = String::from_utf8_lossy(&read.stderr);
+    assert!(read.status.success(), "{errors}");
+    Some(serde_json::from_slice(&read.stdout).unwrap())
+}
+
+#[test]
+fn the_cycles_of_a_running_program_become_an_mcap_file_and_a_picture_that_others_open() {
+    let program = Program::start();
+    let (file, picture) = (program.place("run.mcap"), program.place("run.svg"));
+    let (code, output, errors) = program.run(&format!(
+        "--json watch --interface sim0 --for 1 x.position x.state lateness --mcap {} --svg {}",
+        file.display(),
+        picture.display()
+    ));
+    assert_eq!((code, errors.as_str()), (Some(0), ""), "{output}");
+    let said: Value = serde_json::from_str(&output).unwrap();
+    let messages = messages(&file);
+    assert!(messages.len() > 50, "{} messages", messages.len());
+    assert_eq!(said["cycles"].as_u64(), Some(messages.len() as u64));
+    assert_eq!(said["lost"], 0);
+    assert!(messages.iter().all(|message| message["x.state"] == 1.0));
+    let picture = fs::read_to_string(picture).unwrap();
+    for text in ["x.position", "counts", "x.state", "lateness", "µs"] {
+        assert!(picture.contains(text), "{text}");
+    }
+
+    if let Some(read) = read_by_python(&file) {
+        assert_eq!(read["count"].as_u64(), Some(messages.len() as u64));
+        let found = read["messages"].as_array().unwrap();
+        assert_eq!(found.len(), messages.len());
+        for (found, message) in found.iter().zip(&messages) {
+            assert_eq!(found["data"], *message);
+            assert_eq!(found["topic"], "/servocrab");
+            assert_eq!(
+                (&found["schema"], &found["encoding"]),
+                (&"jsonschema".into(), &"json".into())
+            );
+            assert_eq!(found["log_time"], found["publish_time"]);
+            assert_eq!(found["properties"]["x.position"]["description"], "counts");
+        }
+        let times: Vec<_> = found
+            .iter()
+            .map(|m| m["log_time"].as_u64().unwrap())
+            .collect();
+        assert!(
+            times.windows(2).all(|pair| pair[0] < pair[1]),
+            "nanoseconds"
+        );
+    }
+
+    // With a trigger the cycles around it alone.
+    let mut trigger = program.tool("watch --interface sim0 --before 2 --after 3 x.state --mcap");
+    trigger.arg(&file).args(["--trigger", "x.position > 0"]);
+    assert!(trigger.output().unwrap().status.success());
+    let messages = self::messages(&file);
+    assert!((1..=6).contains(&messages.len()), "{messages:?}");
+    assert!(
+        messages
+            .iter()
+            .all(|message| message["x.position"].is_null())
+    );
+    program.end();
+}
+
+#[test]
+fn a_recording_that_is_interrupted_is_complete() {
+    let program = Program::start();
+    let file = program.place("run.mcap");
+    let arguments = format!(
+        "watch --interface sim0 x.position --mcap {}",
+        file.display()
+    );
+    let mut watch = Running(
+        program
+            .tool(&arguments)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap(),
+    );
+    // The schema is far shorter: by then there are messages.
+    while fs::metadata(&file).map_or(0, |file| file.len()) < 4096 {
+        assert!(watch.0.try_wait().unwrap().is_none(), "it has ended");
+        std::thread::yield_now();
+    }
+    let process = watch.0.id().to_string();
+    let interrupted = Command::new("kill").args(["-INT", &process]).status();
+    assert!(interrupted.unwrap().success());
+    assert_eq!(watch.0.wait().unwrap().code(), Some(0));
+    assert!(!messages(&file).is_empty());
+    let (code, _, errors) =
+        program.run("watch --interface sim0 --for 1 x.position --mcap /nowhere/x");
+    assert_eq!(code, Some(2));
+    assert!(errors.contains("/nowhere/x: "), "{errors}");
+    program.end();
+}
+
+/// The parts of a zip.
+fn parts(file: &Path) -> BTreeMap<String, String> {
+    let mut zip = zip::ZipArchive::new(fs::File::open(file).unwrap()).unwrap();
+    let mut parts = BTreeMap::new();
+    for place in 0..zip.len() {
+        let mut part = zip.by_index(place).unwrap();
+        let mut text = String::new();
+        part.read_to_string(&mut text).unwrap();
+        parts.insert(part.name().unwrap().into_owned(), text);
+    }
+    parts
+}
+
+#[test]
+fn a_bundle_has_what_a_running_program_shows_and_the_objects_of_its_drives() {
+    let program = Program::start();
+    // A loss, which leaves a black box.
+    program.is_cut.store(true, Ordering::Relaxed);
+    let view = program.net.view();
+    let has_box = |(_, event): &(u64, NetworkEvent)| matches!(event, NetworkEvent::AxisIncident(_));
+    while !view.recent_events().iter().any(has_box) {
+        std::thread::yield_now();
+    }
+    program.is_cut.store(false, Ordering::Relaxed);
+    let log = program.place("machine.log");
+    fs::write(&log, "it was loud\n").unwrap();
+    let file = program.place("bundle.zip");
+    let (code, output, errors) = program.run(&format!(
+        "--json bundle --interface sim0 --out {} --log {} --log /nowhere.log",
+        file.display(),
+        log.display()
+    ));
+    assert_eq!(code, Some(0), "{output}{errors}");
+    let said: Value = serde_json::from_str(&output).unwrap();
+    let parts = parts(&file);
+    let names: Vec<_> = parts.keys().map(String::as_str).collect();
+    assert_eq!(said["parts"].as_array().unwrap().len(), names.len());
+    let json = |name: &str| -> Value { serde_json::from_str(&parts[name]).unwrap() };
+    assert_eq!(
+        json("versions.json")["servocrab"],
+        env!("CARGO_PKG_VERSION")
+    );
+    assert!(json("doctor.json").as_array().unwrap().len() > 3);
+    assert_eq!(json("line.json")["drives"][0]["name"], "AKD2G");
+    assert_eq!(json("axes.json")[1]["name"], "y");
+    for name in ["statistics.json", "events.json", "grants.json", "ios.json"] {
+        assert!(names.contains(&name), "{names:?}");
+    }
+    assert!(parts["metrics.txt"].contains("servocrab_cycles_total"));
+    let black_box = names.iter().find(|name| name.starts_with("black_box/"));
+    let black_box = json(black_box.expect("a black box"));
+    assert!(!black_box["cycles"].as_array().unwrap().is_empty());
+    let objects = json("od/0.json");
+    let mut objects = objects.as_array().unwrap().iter();
+    let statusword = objects.find(|object| object["index"] == 0x6041).unwrap();
+    assert_eq!(statusword["bytes"].as_array().unwrap().len(), 2);
+    assert_eq!(parts["logs/machine.log"], "it was loud\n");
+    assert!(!names.contains(&"scan.json"), "the line is the program's");
+    let missing = &parts["missing.txt"];
+    assert!(
+        missing.starts_with("logs/nowhere.log: ") && missing.lines().count() == 1,
+        "{missing}"
+    );
+
+    let again = format!("bundle --interface sim0 --out {}", file.display());
+    let (code, _, errors) = program.run(&again);
+    assert_eq!(code, Some(2));
+    assert!(errors.contains("is there already"), "{errors}");
     program.end();
 }

@@ -289,7 +289,9 @@ function showEvents(events) {
 
 // Objects.
 
-const address = (object) => `${object.index.toString(16).toUpperCase().padStart(4, "0")}h:${object.subindex}`;
+const hexadecimal = (number, digits) => number.toString(16).toUpperCase().padStart(digits, "0");
+const address = (object) => `${hexadecimal(object.index, 4)}h:${hexadecimal(object.subindex, 2)}`;
+const objectPath = (drive, object) => `/v1/od/${drive}/${hexadecimal(object.index, 4)}h/${hexadecimal(object.subindex, 2)}`;
 
 function valueOf(bytes, type) {
   const view = new DataView(Uint8Array.from(bytes).buffer);
@@ -313,7 +315,7 @@ function bytesOf(text, length) {
 
 function objectRow(drive, object) {
   const value = make("td");
-  const path = `/v1/od/${drive}/0x${object.index.toString(16)}/${object.subindex}`;
+  const path = objectPath(drive, object);
   let length = object.bits / 8;
   const read = make("button", { textContent: "Read" });
   read.addEventListener("click", async () => {

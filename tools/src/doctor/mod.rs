@@ -20,7 +20,7 @@ mod cable;
 use cable::Cable;
 use checks::{Finding, Verdict};
 
-use crate::output::{Done, Tool, table};
+use crate::output::{Done, Interrupted, Tool, table};
 
 /// What this computer is to do.
 #[derive(Args)]
@@ -44,6 +44,30 @@ const PRIORITY: u8 = 80;
 
 /// True if there is nothing to change.
 pub(crate) fn run(tool: &Tool, arguments: &Arguments) -> Done {
+    let findings = findings(tool, arguments)?;
+    let healthy = findings
+        .iter()
+        .all(|finding| finding.verdict != Verdict::Change);
+    tool.say(&json(&findings), text(&findings))?;
+    Ok(healthy)
+}
+
+/// What `doctor --json` says of the computer and of this interface, with a cycle of 1000 µs and after so many seconds.
+pub(crate) fn examined(
+    tool: &Tool,
+    interface: Option<&str>,
+    seconds: u32,
+) -> Result<Value, Interrupted> {
+    let arguments = Arguments {
+        interface: interface.map(str::to_owned),
+        cycle_us: 1000,
+        axes: None,
+        seconds,
+    };
+    Ok(json(&findings(tool, &arguments)?))
+}
+
+fn findings(tool: &Tool, arguments: &Arguments) -> Result<Vec<Finding>, Interrupted> {
     let mut findings = checks::machine(Path::new("/"));
     findings.extend(permissions(arguments.interface.as_deref()));
     if let Some(name) = &arguments.interface {
@@ -53,11 +77,7 @@ pub(crate) fn run(tool: &Tool, arguments: &Arguments) -> Done {
     findings.extend(arguments.axes.map(|axes| on_the_cable(axes, cycle)));
     let time = Duration::from_secs(arguments.seconds.into());
     findings.extend(latency::measure(tool, cycle, time, PRIORITY)?);
-    let healthy = findings
-        .iter()
-        .all(|finding| finding.verdict != Verdict::Change);
-    tool.say(&json(&findings), text(&findings))?;
-    Ok(healthy)
+    Ok(findings)
 }
 
 fn json(findings: &[Finding]) -> Value {

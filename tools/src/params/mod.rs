@@ -6,18 +6,18 @@ mod apply;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use servocrab::{
-    coe::{ObjectAddress, SdoHandle},
+    coe::{DriveError, ObjectAddress, SdoHandle},
     parameters::{
-        self, Differences, MemorySupport, ParameterObject, ParameterSet, Progress, RestoreError,
+        self, Backup, Differences, MemorySupport, ParameterObject, ParameterSet, Progress,
+        RestoreError,
     },
 };
 
 use crate::{
     line::{DriveArguments, Found, LineArguments},
-    output::{Done, Failure, Interrupted, Tool, table},
+    output::{Done, Failure, Interrupted, Tool, bar, table, told},
 };
 
 /// Where a program shows the network of the interface, that program is asked, and refuses what it does not grant. Else the line is reset
@@ -214,10 +214,7 @@ async fn backup(tool: &Tool, sdo: &SdoHandle, file: &Path, yes: bool) -> Result<
         )
         .await?;
     }
-    let objects = ParameterObject::of(sdo).await?;
-    let bar = bar("reading");
-    let backup = ParameterSet::backup(sdo, &objects, Progress::of(&mut told(&bar))).await?;
-    bar.finish_and_clear();
+    let backup = read_all(sdo).await?;
     backup.set.save(file)?;
     let read = backup.set.parameters.len();
     let mut text = format!(
@@ -236,6 +233,15 @@ async fn backup(tool: &Tool, sdo: &SdoHandle, file: &Path, yes: bool) -> Result<
     let json = json!({"parameters": read, "missing": texts(&backup.missing), "refused": refused});
     tool.say(&json, text)?;
     Ok(())
+}
+
+/// All parameters of a drive.
+pub(crate) async fn read_all(sdo: &SdoHandle) -> Result<Backup, DriveError> {
+    let objects = ParameterObject::of(sdo).await?;
+    let bar = bar("reading");
+    let backup = ParameterSet::backup(sdo, &objects, Progress::of(&mut told(&bar))).await;
+    bar.finish_and_clear();
+    backup
 }
 
 async fn compared(sdo: &SdoHandle, set: &ParameterSet) -> Result<Differences, Failure> {
@@ -334,21 +340,4 @@ fn of_differences(differences: &Differences) -> Value {
 
 fn texts(objects: &[ObjectAddress]) -> Vec<String> {
     objects.iter().map(ToString::to_string).collect()
-}
-
-/// A bar on the terminal's error output; none where that is a file.
-fn bar(what: &'static str) -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg} {bar:40} {pos}/{len}");
-    let bar = ProgressBar::new(0).with_message(what);
-    match style {
-        Ok(style) => bar.with_style(style),
-        Err(_) => bar,
-    }
-}
-
-fn told(bar: &ProgressBar) -> impl FnMut(usize, usize) {
-    |done, of| {
-        bar.set_length(of as u64);
-        bar.set_position(done as u64);
-    }
 }

@@ -1,12 +1,19 @@
-//! Signals of every cycle as CSV or JSON: of the network that a program shows, or of the drives of a line.
+//! Signals of every cycle as CSV or JSON, as an MCAP file or as a picture: of the network that a program shows, or of the drives of a
+//! line.
 
-use std::{io, time::Duration};
+mod picture;
+mod recording;
+
+use std::{path::PathBuf, time::Duration};
 
 use clap::Args;
 use serde_json::json;
 use servocrab::bus::{Capture, RecordedCycles, RecordedValues, Signal, Trigger};
-use servocrab_attach::{ClientError, Watch, socket_of};
+use servocrab_attach::{ClientError, Watch, WatchedSignal, socket_of};
 use smol::channel::{Receiver, bounded};
+
+use picture::Picture;
+use recording::Recording;
 
 use crate::{
     line::LineArguments,
@@ -44,14 +51,31 @@ pub(crate) struct Arguments {
     /// Time from one cycle to the next, in microseconds, where the line is brought up here
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=20_000))]
     cycle_us: u32,
+    /// Write the cycles into this MCAP file, in place of the output; a file that is there is replaced
+    #[arg(long, value_name = "FILE")]
+    mcap: Option<PathBuf>,
+    /// Draw the signals over time into this file, in place of the output, a panel for each unit; a file that is there is replaced
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
 }
 
 /// What is watched, with the trigger's signal in its column.
-struct Watched {
+struct Watched<'a> {
+    arguments: &'a Arguments,
     signals: Vec<Signal>,
     capture: Option<Capture>,
     /// Columns that are shown.
     shown: usize,
+    /// In place of the output.
+    files: Option<Files>,
+}
+
+/// The files that the cycles go to.
+struct Files {
+    recording: Option<Recording>,
+    picture: Option<Picture>,
+    cycles: u64,
+    lost: u64,
 }
 
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
@@ -74,9 +98,7 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         let socket = socket_of(interface);
         match smol::unblock(move || Watch::open(&socket, &signals, every)).await {
             Ok(watch) => {
-                let names = watch.signals().iter();
-                let names = names.map(|known| (known.signal.clone(), known.unit.clone()));
-                watched.heading(tool, names)?;
+                watched.begin(tool, watch.signals())?;
                 let cycles = read(watch);
                 let shown = async {
                     while let Ok(read) = cycles.recv().await {
@@ -86,7 +108,8 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
                     }
                     Ok(())
                 };
-                return smol::future::or(shown, ended).await.map(|()| true);
+                let shown = smol::future::or(shown, ended).await;
+                return watched.end(tool, shown);
             }
             // Nobody has the interface, or who has it shows nothing: then the line itself is opened, or that is refused.
             Err(ClientError::Nobody(_)) => {}
@@ -99,9 +122,11 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let net = tool.unless_interrupted(start).await?;
     let shown = async {
         let mut recorder = net.recorder(watched.signals.iter().cloned())?;
-        let names = recorder.signals().iter();
-        let names = names.map(|known| (known.signal.to_string(), known.unit.clone()));
-        watched.heading(tool, names)?;
+        let known = recorder.signals().iter().map(|known| WatchedSignal {
+            signal: known.signal.to_string(),
+            unit: known.unit.clone(),
+        });
+        watched.begin(tool, &known.collect::<Vec<_>>())?;
         while let Some(mut read) = recorder.read() {
             let every = u64::from(arguments.every);
             read.cycles.retain(|cycle| cycle.number % every == 0);
@@ -114,9 +139,9 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     };
     let shown: Result<(), Failure> = smol::future::or(shown, ended).await;
     let left = net.shutdown().await;
-    shown?;
+    let done = watched.end(tool, shown)?;
     left?;
-    Ok(true)
+    Ok(done)
 }
 
 /// What a program sends, from a thread that waits for it.
@@ -134,8 +159,8 @@ fn read(mut watch: Watch) -> Receiver<Result<RecordedCycles, ClientError>> {
     receiver
 }
 
-impl Watched {
-    fn of(arguments: &Arguments) -> Self {
+impl<'a> Watched<'a> {
+    fn of(arguments: &'a Arguments) -> Self {
         let mut signals = arguments.signals.clone();
         let shown = signals.len();
         let capture = arguments.trigger.as_ref().map(|trigger| {
@@ -147,30 +172,63 @@ impl Watched {
             Capture::new(column, trigger.condition, arguments.before, arguments.after)
         });
         Self {
+            arguments,
             signals,
             capture,
             shown,
+            files: None,
         }
     }
 
-    fn heading(
-        &self,
-        tool: &Tool,
-        names: impl Iterator<Item = (String, String)>,
-    ) -> io::Result<()> {
+    /// Creates the files, or prints the heading.
+    fn begin(&mut self, tool: &Tool, signals: &[WatchedSignal]) -> Result<(), Failure> {
+        // Behind them is the trigger's.
+        let signals = signals.get(..self.shown).unwrap_or(signals);
+        let (mcap, svg) = (&self.arguments.mcap, &self.arguments.svg);
+        if mcap.is_some() || svg.is_some() {
+            let recording = mcap.as_ref().map(|file| Recording::create(file, signals));
+            let picture = svg.as_ref().map(|file| Picture::create(file, signals));
+            self.files = Some(Files {
+                recording: recording.transpose()?,
+                picture: picture.transpose()?,
+                cycles: 0,
+                lost: 0,
+            });
+            return Ok(());
+        }
         if tool.json {
             return Ok(());
         }
-        let names = names
-            .take(self.shown)
-            .map(|(name, unit)| match unit.as_str() {
-                "" => format!(",{name}"),
-                unit => format!(",{name} [{unit}]"),
-            });
-        put(format_args!(
-            "cycle,time [s]{}\n",
-            names.collect::<String>()
-        ))
+        let names = signals.iter().map(|known| match known.unit.as_str() {
+            "" => format!(",{}", known.signal),
+            unit => format!(",{} [{unit}]", known.signal),
+        });
+        let names: String = names.collect();
+        Ok(put(format_args!("cycle,time [s]{names}\n"))?)
+    }
+
+    /// Completes the files, also where the watch has failed: they have the cycles until then.
+    fn end(self, tool: &Tool, shown: Result<(), Failure>) -> Done {
+        let Some(Files {
+            recording,
+            picture,
+            cycles,
+            lost,
+        }) = self.files
+        else {
+            return shown.map(|()| true);
+        };
+        let recorded = recording.map_or(Ok(()), Recording::complete);
+        let drawn = picture.map_or(Ok(()), Picture::complete);
+        shown?;
+        recorded?;
+        drawn?;
+        let files = self.arguments.mcap.iter().chain(&self.arguments.svg);
+        let files: Vec<_> = files.map(|file| file.display().to_string()).collect();
+        let text = format!("{cycles} cycles in {}\n", files.join(" and "));
+        let json = json!({"cycles": cycles, "lost": lost, "files": files});
+        tool.say(&json, text)?;
+        Ok(true)
     }
 
     /// Whether that was all.
@@ -185,8 +243,13 @@ impl Watched {
         if read.lost > 0 {
             tool.note(format_args!("{} cycles were lost on the way", read.lost));
         }
-        let rows = read.cycles.iter().map(|cycle| self.row(tool, cycle));
-        put(rows.collect::<String>())?;
+        match &mut self.files {
+            Some(files) => files.take(&read)?,
+            None => {
+                let rows = read.cycles.iter().map(|cycle| self.row(tool, cycle));
+                put(rows.collect::<String>())?;
+            }
+        }
         Ok(self.capture.is_some())
     }
 
@@ -201,5 +264,21 @@ impl Watched {
             values.map(|value| value.map_or_else(|| ",".into(), |value| format!(",{value}")));
         let values: String = values.collect();
         format!("{},{:.6}{values}\n", cycle.number, cycle.time.as_secs_f64())
+    }
+}
+
+impl Files {
+    fn take(&mut self, read: &RecordedCycles) -> Result<(), Failure> {
+        for cycle in &read.cycles {
+            if let Some(recording) = &mut self.recording {
+                recording.write(cycle)?;
+            }
+            if let Some(picture) = &mut self.picture {
+                picture.take(cycle);
+            }
+        }
+        self.cycles += read.cycles.len() as u64;
+        self.lost += read.lost;
+        Ok(())
     }
 }
