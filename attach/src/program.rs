@@ -321,11 +321,9 @@ async fn pass_on(
 
 /// Where the program has this object: both numbers are hexadecimal.
 fn path_of(position: u16, object: ObjectAddress, how: &How) -> String {
-    let (index, subindex) = (object.index, object.subindex);
-    format!(
-        "/v1/od/{position}/{index:04X}h/{subindex:02X}?{}",
-        query(how)
-    )
+    let (index, subindex) = (object.index, format!("{:02X}", object.subindex));
+    let how = query(how);
+    format!("/v1/od/{position}/{index:04X}h/{subindex}?{how}")
 }
 
 /// The fields of a flat structure as a query; those without a value are left out.

@@ -10,7 +10,7 @@ use std::{
     time::Duration,
 };
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use servocrab::{
     AxisConfig, DriveConfig, Network, Outcome, Referencing, SetPoint,
     bus::{RealTime, Scheduling},
@@ -133,7 +133,7 @@ fn the_metrics_are_those_of_the_statistics_with_states_ports_and_emergencies() {
     let is_told = (0..500).any(|_| {
         std::thread::sleep(Duration::from_millis(10));
         let drive = &ask(socket, "GET /v1/statistics").1["drives"][0];
-        drive["emergencies"] == serde_json::json!([{"code": 0x8611, "number": 1}])
+        drive["emergencies"] == json!([{"code": 0x8611, "number": 1}])
     });
     assert!(is_told);
     let running = metrics(socket);
@@ -243,6 +243,8 @@ fn a_moving_axis_is_seen_in_its_unit_and_stopped_over_the_socket() {
         let ended = motion.done().await;
         assert!(!matches!(ended, Ok(Outcome::Reached { .. })), "{ended:?}");
         assert!(x.status().position < 100.0, "stopped far from the target");
+        let counted = ask(socket, "GET /v1/statistics").1;
+        assert_eq!(counted["axes"][0]["motions"], json!({"stopped": 1}));
         net.shutdown().await.unwrap();
     });
 }
@@ -306,10 +308,7 @@ fn the_line_the_statistics_and_objects_are_read_and_errors_are_json() {
     assert!(statistics["lateness_us"]["most"].is_f64());
     // The vendor's number in little endian.
     let (status, vendor) = ask(socket, "GET /v1/od/0/1018h/1");
-    assert_eq!(
-        (status, &vendor["bytes"]),
-        (200, &serde_json::json!([0x6A, 0, 0, 0]))
-    );
+    assert_eq!((status, &vendor["bytes"]), (200, &json!([0x6A, 0, 0, 0])));
 
     for (request, status, code) in [
         ("GET /v1/od/0/5FFFh/0", 422, "aborted"),

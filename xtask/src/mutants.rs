@@ -24,6 +24,8 @@ use self::tree::{Sources, Tree};
 /// So many tests that wait in real time run beside the others: up to half a minute for what a mutant keeps from coming.
 const REAL_TIME_JOBS: usize = 2;
 const REAL_TIME: [&str; 2] = ["link", "logging"];
+/// Of these only the tests that are named run without a mutant: other masters wait in real time.
+const OTHER_MASTERS: [&str; 1] = ["interop"];
 
 /// Puts each defect of tests/mutants.toml into a copy of the tree and demands that its tests find it.
 #[derive(clap::Args)]
@@ -302,7 +304,8 @@ impl Work<'_> {
             target,
             path,
         };
-        match executable.without_mutant(&needed, self.whole)? {
+        let whole = self.whole && !OTHER_MASTERS.contains(&target.name.as_str());
+        match executable.without_mutant(&needed, whole)? {
             Ok(()) => println!(
                 "{target}: passes without a mutant ({:.0} s)",
                 begun.elapsed().as_secs_f64()

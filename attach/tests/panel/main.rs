@@ -74,6 +74,7 @@ fn run(pictures: &Path) -> Result<()> {
     a_move_is_seen(&browser, &machine)?;
     browser.picture(&pictures.join("panel.png"))?;
     browser.picture_of("#scope-section", &pictures.join("scope.png"))?;
+    an_object_is_asked_for(&browser)?;
     a_fault_is_seen(&browser, &machine)?;
     browser.picture_of("#events-section", &pictures.join("black-box.png"))?;
     is_refused(&browser, &machine)?;
@@ -195,6 +196,15 @@ fn a_move_is_seen(browser: &Browser, machine: &Machine) -> Result<()> {
     let lost = browser.run("return scope.lost")?;
     println!("a move of 40 mm is in the scope; {lost} cycles lost");
     Ok(())
+}
+
+/// Index and subindex are hexadecimal, as the server reads them.
+fn an_object_is_asked_for(browser: &Browser) -> Result<()> {
+    let path = browser.run("return objectPath(3, {index: 0x1600, subindex: 16})")?;
+    match path.as_str() {
+        Some("/v1/od/3/1600h/10") => Ok(()),
+        _ => Err(format!("1600h:10 of drive 3 is asked for as {path}").into()),
+    }
 }
 
 fn a_fault_is_seen(browser: &Browser, machine: &Machine) -> Result<()> {
