@@ -92,8 +92,6 @@ pub mod parameters;
 pub mod pdo_map;
 pub mod profile_position;
 pub mod profile_velocity;
-#[cfg(feature = "std")]
-mod recent;
 pub mod sii;
 #[cfg(feature = "std")]
 mod sync;

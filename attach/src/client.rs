@@ -63,18 +63,23 @@ impl Watch {
         let request = format!("ws://localhost/v1/stream?every={every}&signals={names}");
         let request = request
             .into_client_request()
-            .map_err(|error| protocol(&error))?;
+            .map_err(|error| ClientError::protocol(&error))?;
         let (mut socket, _) =
             client_with_config(request, stream, None).map_err(|error| match error {
                 tungstenite::HandshakeError::Failure(tungstenite::Error::Http(response)) => {
                     let body = response.body().as_deref().unwrap_or_default();
                     ClientError::refused(body)
                 }
-                other => protocol(&other),
+                other => ClientError::protocol(&other),
             })?;
-        let heading = match socket.read().map_err(|error| protocol(&error))? {
-            Message::Text(text) => serde_json::from_str(&text).map_err(|error| protocol(&error)),
-            other => Err(protocol(&format!("{other:?}"))),
+        let heading = match socket
+            .read()
+            .map_err(|error| ClientError::protocol(&error))?
+        {
+            Message::Text(text) => {
+                serde_json::from_str(&text).map_err(|error| ClientError::protocol(&error))
+            }
+            other => Err(ClientError::protocol(&format!("{other:?}"))),
         };
         let Heading { signals } = heading?;
         Ok(Self {
@@ -100,7 +105,7 @@ impl Watch {
             match self.socket.read() {
                 Ok(Message::Binary(block)) => {
                     let cycles = decode(&block, self.signals.len())
-                        .ok_or_else(|| protocol("a block of another length"))?;
+                        .ok_or_else(|| ClientError::protocol("a block of another length"))?;
                     return Ok(Some(self.counted(cycles)));
                 }
                 Ok(Message::Close(_))
@@ -114,7 +119,7 @@ impl Watch {
                 ) => return Ok(None),
                 // How many blocks were left out shows in the numbers of the cycles.
                 Ok(_) => {}
-                Err(error) => return Err(protocol(&error)),
+                Err(error) => return Err(ClientError::protocol(&error)),
             }
         }
     }
@@ -131,10 +136,6 @@ impl Watch {
         }
         RecordedCycles { cycles, lost }
     }
-}
-
-fn protocol(error: &(impl ToString + ?Sized)) -> ClientError {
-    ClientError::Protocol(error.to_string())
 }
 
 /// As it may stand in a query.

@@ -86,7 +86,7 @@ impl ClientError {
         }
     }
 
-    fn protocol(error: impl ToString) -> Self {
+    pub(crate) fn protocol(error: &(impl ToString + ?Sized)) -> Self {
         Self::Protocol(error.to_string())
     }
 }
@@ -143,13 +143,13 @@ impl Program {
     pub fn open(socket: &Path) -> Result<Self, ClientError> {
         StdStream::connect(socket).map_err(ClientError::Nobody)?;
         let runtime = runtime::Builder::new_current_thread().enable_all().build();
-        let runtime = runtime.map_err(ClientError::protocol)?;
+        let runtime = runtime.map_err(|error| ClientError::protocol(&error))?;
         let (work, asked) = mpsc::unbounded_channel();
         let socket = Arc::new(socket.to_owned());
         thread::Builder::new()
             .name("servocrab-client".to_owned())
             .spawn(move || runtime.block_on(serve(socket, asked)))
-            .map_err(ClientError::protocol)?;
+            .map_err(|error| ClientError::protocol(&error))?;
         Ok(Self { work })
     }
 
@@ -185,7 +185,8 @@ impl Program {
             serial: u32,
         }
         let line = self.get("/v1/line").await?;
-        let Line { drives } = serde_json::from_slice(&line).map_err(ClientError::protocol)?;
+        let Line { drives } =
+            serde_json::from_slice(&line).map_err(|error| ClientError::protocol(&error))?;
         let handles = drives.into_iter().map(|drive| {
             let position = drive.position;
             let (sdo, transfers) = SdoHandle::remote(DriveId {
@@ -244,7 +245,7 @@ async fn asked(socket: &Path, question: Question) -> Answer {
     let stream = UnixStream::connect(socket).await;
     let stream = stream.map_err(ClientError::Nobody)?;
     let handshake = http1::handshake(TokioIo::new(stream)).await;
-    let (mut program, connection) = handshake.map_err(ClientError::protocol)?;
+    let (mut program, connection) = handshake.map_err(|error| ClientError::protocol(&error))?;
     // Its end is that of the answer.
     let connection = tokio::spawn(connection);
     let body = question.body.map(|body| body.to_string());
@@ -254,13 +255,13 @@ async fn asked(socket: &Path, question: Question) -> Answer {
         .header(HOST, "localhost")
         .header(CONTENT_TYPE, "application/json")
         .body(Body::from(body.unwrap_or_default()))
-        .map_err(ClientError::protocol)?;
+        .map_err(|error| ClientError::protocol(&error))?;
     let answered = program.send_request(request).await;
-    let answered = answered.map_err(ClientError::protocol)?;
+    let answered = answered.map_err(|error| ClientError::protocol(&error))?;
     let status = answered.status();
     let body = to_bytes(Body::new(answered.into_body()), ANSWER).await;
     connection.abort();
-    let body = body.map_err(ClientError::protocol)?;
+    let body = body.map_err(|error| ClientError::protocol(&error))?;
     match status.is_success() {
         true => Ok(body.into()),
         false => Err(ClientError::refused(&body)),
@@ -315,7 +316,10 @@ async fn pass_on(
     }
     match serde_json::from_slice(&answer) {
         Ok(Read { bytes }) => Ok(bytes),
-        Err(error) => Err(sdo_error(transfer.transfer(), ClientError::protocol(error))),
+        Err(error) => Err(sdo_error(
+            transfer.transfer(),
+            ClientError::protocol(&error),
+        )),
     }
 }
 

@@ -14,6 +14,8 @@ mod namespace;
 #[path = "../../tests/interop/programs.rs"]
 #[allow(dead_code, reason = "the interop tests use more of it")]
 mod programs;
+#[path = "../../tests/common/python.rs"]
+mod python;
 #[path = "../common/stock_set_up.rs"]
 mod stock_set_up;
 

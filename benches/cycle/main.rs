@@ -20,6 +20,8 @@ mod ours;
 #[path = "../../tests/interop/programs.rs"]
 #[allow(dead_code, reason = "the interop tests use more of it")]
 mod programs;
+#[path = "../../tests/common/python.rs"]
+mod python;
 mod reflector;
 mod stock;
 #[path = "../common/stock_set_up.rs"]

@@ -28,14 +28,13 @@ use super::emergencies::{Emergencies, EmergencyQueue, Received};
 use super::emergency::Emergency;
 use super::error::AbortCode;
 use super::error::{DriveId, ErrorTexts, SdoError, SdoStep, Transfer, Unsupported};
-use super::handle::{Answer, Call, Request, SdoHandle, Served, Server, calls};
+use super::handle::{Answer, Call, RemoteRequest, Request, SdoHandle, Served, Server, calls};
 use super::information::{Inquiry, Question};
 use super::mailbox::{
     Counter, HEADER_LENGTH, Mail, MailboxError, SHORTEST_MAILBOX, information_mail, sdo_mail,
 };
 use super::obj;
 use super::object::ObjectAddress;
-use super::remote::RemoteRequest;
 use super::sdo::{Download, SdoFault, Step, Upload, abort_request};
 use super::transport::{LinkFault, MailboxStatus, MailboxTransport};
 use crate::sii::{Mailbox, Sii};

@@ -12,7 +12,7 @@ use smol::stream::{Stream, StreamExt, unfold};
 use super::emergency::Emergency;
 use super::error::DriveId;
 use super::error::ErrorTexts;
-use crate::{recent::Recent, wakes::Waiters};
+use crate::{sync::Recent, wakes::Waiters};
 
 /// An emergency message, whose it is, when it was read, and what it means.
 #[derive(Debug, Clone, PartialEq, Eq)]

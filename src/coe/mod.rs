@@ -15,8 +15,6 @@ pub mod information;
 pub mod mailbox;
 pub mod obj;
 pub mod object;
-#[cfg(feature = "std")]
-mod remote;
 pub mod sdo;
 #[cfg(all(test, feature = "std"))]
 pub(crate) mod test_device;
@@ -39,12 +37,10 @@ pub use error::{
     Unsupported,
 };
 #[cfg(feature = "std")]
-pub use handle::SdoHandle;
+pub use handle::{RemoteRequest, RemoteTransfer, RemoteTransfers, SdoHandle};
 pub use information::{DictionaryObject, ObjectDictionary, Undescribed};
 pub use mailbox::MailboxError;
 pub use object::{AnyObject, AxisOffset, Mappable, NoAddress, Object, ObjectAddress, Unit};
-#[cfg(feature = "std")]
-pub use remote::{RemoteRequest, RemoteTransfer, RemoteTransfers};
 #[cfg(feature = "std")]
 pub use transport::{EthercrabMailbox, LinkFault, MailboxStatus, MailboxTransport};
 pub use value::{

@@ -344,8 +344,9 @@ impl Download {
         }
     }
 
-    /// What is written.
-    pub(super) fn into_data(self) -> Vec<u8> {
+    /// The bytes that it writes.
+    #[must_use]
+    pub fn into_data(self) -> Vec<u8> {
         self.data
     }
 

@@ -39,7 +39,7 @@ use crate::{
     ds402::State,
     esc,
     profile_position::WorkingCounter,
-    recent::Recent,
+    sync::Recent,
     units::AxisScale,
     wakes::{Waiters, Wakes},
 };
