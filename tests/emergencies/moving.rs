@@ -67,8 +67,7 @@ fn after_each_datagram(delay: Duration, lost: impl Fn(u64) -> Option<Loss>) -> (
     let sdo = rig.net.sdo(0).unwrap();
     let mut target = 0;
     let mut transfers = 0;
-    let mut moves = 0;
-    for after in (1..).step_by(every) {
+    for (moves, after) in (0..).zip((1..).step_by(every)) {
         let _at = At(after);
         target = 20 - target;
         line.arm(after, 0, &[emergency(after)]);
@@ -80,7 +79,6 @@ fn after_each_datagram(delay: Duration, lost: impl Fn(u64) -> Option<Loss>) -> (
             return (after - 1, moves, transfers);
         }
         rig.expect(0, &[emergency(after)]);
-        moves += 1;
     }
     unreachable!("the numbers go on");
 }
