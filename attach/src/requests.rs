@@ -168,9 +168,27 @@ async fn metrics(State(shown): State<Shown>) -> Response {
     }
 }
 
+/// Two bars of a histogram for each doubling of the time.
+const BARS_OF_AN_OCTAVE: f64 = 2.0;
+
 fn durations(times: &Durations) -> Value {
     let us = |time: Option<Duration>| time.map(|time| time.as_secs_f64() * 1e6);
+    let mut bars: Vec<(i32, u64)> = Vec::new();
+    for (bucket, count) in times.buckets() {
+        let end = bucket.end().as_secs_f64() * 1e6;
+        // Below a nanosecond there is no time.
+        let bar = (BARS_OF_AN_OCTAVE * end.max(1e-3).log2()).ceil() as i32;
+        match bars.last_mut() {
+            Some((last, counted)) if *last == bar => *counted += count,
+            _ => bars.push((bar, count)),
+        }
+    }
+    let bars = bars.into_iter().map(|(bar, count)| {
+        let up_to = (f64::from(bar) / BARS_OF_AN_OCTAVE).exp2();
+        json!({"up_to": up_to, "count": count})
+    });
     json!({
+        "histogram": bars.collect::<Vec<_>>(),
         "least": us(times.least()),
         "50 %": us(times.quantile(0.5)),
         "99 %": us(times.quantile(0.99)),

@@ -205,10 +205,9 @@ function showAxes(axes) {
     for (const item of parts.states.children) {
       item.className = item.textContent === axis.state ? `now${axis.state.startsWith("Fault") ? " fault" : ""}` : "";
     }
-    const hexadecimal = (word) => `${word.toString(16).toUpperCase().padStart(4, "0")}h`;
     const names = (bits) => bits.map((bit) => bit.toLowerCase().replaceAll("_", " ").replace(/^bit /, "")).join(", ");
-    parts.status.textContent = `Statusword ${hexadecimal(axis.statusword.value)}: ${names(axis.statusword.bits)}`;
-    parts.control.textContent = `Controlword ${hexadecimal(axis.controlword)}: ${names(axis.controlword_bits)}`;
+    parts.status.textContent = `Statusword ${hexadecimal(axis.statusword.value, 4)}h: ${names(axis.statusword.bits)}`;
+    parts.control.textContent = `Controlword ${hexadecimal(axis.controlword, 4)}h: ${names(axis.controlword_bits)}`;
     const flags = [axis.lost && "lost", axis.halted && "halted", axis.has_set_point && "has a set-point",
       axis.referenced ? "referenced" : "not referenced"];
     parts.flags.textContent = flags.filter(Boolean).join(", ");
@@ -263,6 +262,13 @@ find("export").addEventListener("click", () => {
 });
 
 // Events with their black boxes.
+
+function showEmergencies(emergencies) {
+  find("emergencies").replaceChildren(...emergencies.toReversed().map((emergency) => make("li", {
+    textContent: `drive ${emergency.drive}: ${hexadecimal(emergency.code, 4)}h ${emergency.text}, at ${emergency.seconds.toFixed(3)} s`,
+  })));
+  find("emergencies-title").hidden = emergencies.length === 0;
+}
 
 let shownEvents = -1;
 
@@ -323,8 +329,8 @@ function objectRow(drive, object) {
       const answer = await ask(path);
       length = answer.bytes.length;
       const shown = valueOf(answer.bytes, object.type);
-      const hexadecimal = typeof shown === "number" ? ` (${(shown >>> 0).toString(16).toUpperCase()}h)` : "";
-      value.textContent = `${shown}${hexadecimal}`;
+      const word = typeof shown === "number" ? ` (${hexadecimal(shown >>> 0, 1)}h)` : "";
+      value.textContent = `${shown}${word}`;
     } catch (error) {
       value.textContent = error.message;
     }
@@ -390,15 +396,26 @@ function showStatistics(shown) {
   const rows = [["late cycles", shown.late_cycles], ["left out", shown.overruns], ["frames lost", shown.lost_frames],
     ["wrong working counters", shown.wrong_working_counters]];
   const plain = rows.map(([name, value]) => make("tr", {}, make("td", { textContent: name }), make("td", { textContent: value }), make("td")));
-  const times = [["lateness", shown.lateness_us], ["round trip", shown.round_trip_us]].flatMap(([name, quantiles]) =>
-    ["least", "50 %", "99 %", "99.9 %", "most"].map((quantile) => {
-      const value = quantiles[quantile];
-      const bar = make("span", { className: "bar" });
-      bar.style.width = `${Math.min(100, 20 * Math.log10(1 + (value ?? 0)))}%`;
-      return make("tr", {}, make("td", { textContent: `${name}, ${quantile}` }),
-        make("td", { textContent: value === null ? "" : `${value.toFixed(1)} µs` }), make("td", {}, bar));
-    }));
-  find("statistics").replaceChildren(...plain, ...times);
+  const times = [["lateness", shown.lateness_us], ["round trip", shown.round_trip_us]];
+  const quantiles = times.flatMap(([name, of]) => ["least", "50 %", "99 %", "99.9 %", "most"].map((quantile) =>
+    make("tr", {}, make("td", { textContent: `${name}, ${quantile}` }),
+      make("td", { textContent: of[quantile] === null ? "" : `${of[quantile].toFixed(1)} µs` }))));
+  find("statistics").replaceChildren(...plain, ...quantiles);
+  find("histograms").replaceChildren(...times.map(([name, of]) => histogram(name, of.histogram)));
+}
+
+/** Bars of counts, on a logarithmic scale: the one late cycle among a million is what one looks for. */
+function histogram(name, bars) {
+  const most = Math.log10(1 + Math.max(1, ...bars.map((bar) => bar.count)));
+  const drawn = bars.map(({ up_to, count }) => {
+    const column = make("span", { className: "column", title: `up to ${up_to.toPrecision(3)} µs: ${count}` });
+    column.style.height = `${100 * Math.log10(1 + count) / most}%`;
+    return column;
+  });
+  const first = bars[0]?.up_to.toPrecision(2) ?? "";
+  const last = bars.at(-1)?.up_to.toPrecision(2) ?? "";
+  return make("figure", { className: "histogram" }, make("div", {}, ...drawn),
+    make("figcaption", { textContent: `${name}: up to ${first} µs … up to ${last} µs, counts on a logarithmic scale` }));
 }
 
 // All together.
@@ -440,6 +457,7 @@ async function refreshSlowly() {
   try {
     showStatistics(await ask("/v1/statistics"));
     showEvents(await ask("/v1/events"));
+    showEmergencies(await ask("/v1/emergencies"));
   } catch {
     // The faster one shows it.
   }

@@ -77,6 +77,7 @@ fn run(pictures: &Path) -> Result<()> {
     an_object_is_asked_for(&browser)?;
     a_fault_is_seen(&browser, &machine)?;
     browser.picture_of("#events-section", &pictures.join("black-box.png"))?;
+    browser.picture_of("#statistics-section", &pictures.join("cycles.png"))?;
     is_refused(&browser, &machine)?;
 
     let cases: [(&str, End); 9] = [
@@ -213,6 +214,14 @@ fn a_fault_is_seen(browser: &Browser, machine: &Machine) -> Result<()> {
         "the fault of y is among the events",
         "return document.querySelector('#events').textContent.includes('axis y') \
          && document.querySelector('#events').textContent.includes('has a fault')",
+    )?;
+    browser.wait(
+        "its emergency is listed",
+        "return document.querySelector('#emergencies').textContent.includes('drive 0: ')",
+    )?;
+    browser.wait(
+        "the cycles are in a histogram",
+        "return document.querySelectorAll('#histograms figure:first-child .column').length > 1",
     )?;
     browser.run("document.querySelector('#events button').click()")?;
     browser.wait(
