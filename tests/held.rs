@@ -234,6 +234,14 @@ fn a_short_blend_that_begins_late_is_not_the_end_of_the_next() {
 fn resting(habits: Habits) -> Bus {
     let habits = Habits {
         dwell: 400,
+        ..habits
+    };
+    showing_room(habits, RelativeBase::Demand)
+}
+
+/// A drive whose bit 12 shows its buffer, and bit 10 its demand alone.
+fn showing_room(habits: Habits, relative_base: RelativeBase) -> Bus {
+    let habits = Habits {
         window: 1_000,
         window_time: 0,
         shows_room: true,
@@ -242,7 +250,7 @@ fn resting(habits: Habits) -> Bus {
     Bus::enabled(habits, |config| {
         config.traits = Traits {
             buffer_signal: BufferSignal::Acknowledge,
-            relative_base: RelativeBase::Demand,
+            relative_base,
             ..Traits::cia402()
         };
     })
@@ -334,4 +342,186 @@ fn what_a_doubtful_replacement_passes_is_not_the_end_of_the_one_before() {
             "{frequency}: {end:?}"
         );
     }
+}
+
+/// The drive takes a distance while the axis swings through the end of the move before, counts from where the axis is, and begins it
+/// when the swing is over. The axis then rests at the end of a distance from that move's end.
+#[test]
+fn a_distance_from_a_swing_has_not_ended_where_the_axis_then_rests() {
+    let mut late = 0;
+    for after_end in 0..60 {
+        let habits = Habits {
+            frequency: 60.0,
+            damping: 0.25,
+            start_delay: 900,
+            from_actual: true,
+            ..Habits::default()
+        };
+        let mut bus = showing_room(habits, RelativeBase::Undocumented);
+        let first = bus.abs(1_000, after());
+        bus.run_until(4_000, |bus| bus.drive.demand > 999.0);
+        bus.run(after_end);
+        let short = bus.rel(-5, after());
+        if bus.outcome(first).is_some() {
+            continue;
+        }
+        bus.run_until(4_000, |bus| {
+            let gone = !bus.core.snapshot().has_set_point;
+            if gone && let Some(entry) = bus.entry(short) {
+                let end = entry.end.expect("it was taken");
+                let gap = (bus.drive.actual - end).abs();
+                assert!(
+                    entry.ended.is_some() || gap < 25.0,
+                    "{after_end}: {gap:.0} counts from its end"
+                );
+            }
+            late += usize::from(gone);
+            bus.outcome(short).is_some() && !bus.drive.holds_any()
+        });
+    }
+    assert!(late > 0);
+}
+
+/// The axis creeps to the end of a move while the drive rests before the next one.
+#[test]
+fn the_creep_to_the_end_of_the_move_before_is_not_the_motion_of_the_next() {
+    let mut bus = resting(Habits {
+        frequency: 30.0,
+        feed_forward: 0.0,
+        start_delay: 150,
+        ..Habits::default()
+    });
+    bus.run(150);
+    let first = bus.abs(24, after());
+    bus.wait_accepted(first);
+    let second = bus.abs(3_815, after());
+    for (id, position) in [(first, 24), (second, 3_815)] {
+        let end = finish(&mut bus, id);
+        assert!(
+            matches!(end, Ok(Completion::Reached { position: at }) if (at - position).abs() <= 10),
+            "{position}: {end:?}"
+        );
+    }
+}
+
+/// A drive goes on from end to end while the axis swings: it passes the end of the third move while the settle times of those before it,
+/// at whose ends it never was, are not over yet.
+#[test]
+fn an_end_that_was_passed_while_those_before_it_were_open_is_not_missed() {
+    for frequency in 15..30 {
+        let habits = Habits {
+            frequency: f64::from(frequency),
+            damping: 0.25,
+            feed_forward: 0.5,
+            ..Habits::default()
+        };
+        let mut bus = showing_room(habits, RelativeBase::Demand);
+        let quick = after().acceleration(2_000_000).deceleration(2_000_000);
+        let moves = [-275, -6, -100].map(|target| bus.abs(target, quick));
+        bus.wait_accepted(moves[2]);
+        bus.run_until(2_000, |bus| bus.outcome(moves[0]).is_some());
+        bus.abs(-1_220, quick);
+        for id in moves {
+            let end = bus.finish(id);
+            let entry = bus.entry(id).expect("it was sent");
+            let missed = matches!(end, Err(Failure::MissedTarget { .. }));
+            assert!(
+                !missed || entry.nearest > 9.0,
+                "{frequency}: {end:?}, {entry:?}"
+            );
+        }
+    }
+}
+
+/// The drive has ended a move whose end the axis has swung through, and counts the distance behind it from where the axis is.
+#[test]
+fn a_distance_behind_an_end_that_the_axis_has_swung_past_counts_from_nobody_knows_where() {
+    let mut swung = 0;
+    for after_end in 0..60 {
+        let habits = Habits {
+            frequency: 60.0,
+            damping: 0.25,
+            from_actual: true,
+            shows_room: true,
+            ..Habits::default()
+        };
+        let mut bus = Bus::enabled(habits, |config| {
+            config.traits = Traits {
+                buffer_signal: BufferSignal::Acknowledge,
+                relative_base: RelativeBase::Actual,
+                ..Traits::cia402()
+            };
+        });
+        let first = bus.abs(1_000, after());
+        bus.run_until(4_000, |bus| bus.drive.demand > 999.0);
+        bus.run(after_end);
+        let distance = bus.rel(40, after());
+        swung += usize::from(bus.outcome(first).is_none());
+        let end = bus.finish(distance);
+        assert!(
+            !matches!(end, Err(Failure::MissedTarget { .. })),
+            "{after_end}: {end:?}, {:?}",
+            bus.entry(distance)
+        );
+    }
+    assert!(
+        swung > 0,
+        "the first is still followed when the distance comes"
+    );
+}
+
+/// The same where the axis is far from that end, and bit 10 shows between the rise of bit 4 and its acknowledge that the drive is done with the
+/// move before.
+#[test]
+fn a_distance_counts_from_nobody_knows_where_if_bit_10_rises_before_its_acknowledge() {
+    let mut taken = 0;
+    for before_end in 0..60 {
+        let habits = Habits {
+            frequency: 40.0,
+            feed_forward: 0.0,
+            from_actual: true,
+            ..Habits::default()
+        };
+        let mut bus = showing_room(habits, RelativeBase::Actual);
+        let first = bus.abs(1_000, after());
+        bus.wait_accepted(first);
+        bus.run_until(4_000, |bus| bus.drive.demand > 950.0);
+        bus.run(before_end);
+        let distance = bus.rel(40, after());
+        bus.run_until(10, |bus| bus.entry(distance).is_some());
+        let first = bus.entry(first).expect("it was sent");
+        // Behind one that it still has it counts from the end of that.
+        if first.ended.is_some() {
+            bus.wait_accepted(distance);
+            bus.run(400);
+            bus.abs(-1_000, after());
+            let end = bus.finish(distance);
+            assert!(
+                !matches!(end, Err(Failure::MissedTarget { .. })),
+                "{before_end}: {end:?}, {:?}",
+                bus.entry(distance)
+            );
+            taken += 1;
+        }
+    }
+    assert!(taken > 2);
+}
+
+/// The drive stops before a blended move that turns back, and rests with bit 10, there and at the end of that.
+#[test]
+fn a_short_blend_for_which_the_drive_stops_has_not_begun_with_bit_12() {
+    let mut bus = resting(Habits::default());
+    let first = bus.abs(1_000, after());
+    bus.wait_accepted(first);
+    bus.run_until(2_000, |bus| bus.drive.actual > 500.0);
+    let short = bus.rel(-5, SetPoint::new().buffer_mode(BufferMode::Blending));
+    for id in [first, short] {
+        assert!(bus.finish(id).is_ok());
+    }
+    assert!(bus.drive.holds_any(), "the short one begins later");
+    let next = bus.abs(2_000, after());
+    assert_eq!(
+        finish(&mut bus, next),
+        Ok(Completion::Reached { position: 2_000 })
+    );
 }

@@ -286,3 +286,28 @@ fn the_way_through_a_halt_does_not_lead_to_the_end() {
         Ok(Completion::Reached { position: 0 })
     );
 }
+
+/// Bit 10 of the rest before stays while the axis sets off, more slowly than its window in a settle time.
+#[test]
+fn an_axis_that_sets_off_slowly_with_bit_10_has_not_come_to_rest() {
+    let forge = |rig: &mut Rig| {
+        rig.forged = Some(rig.drive.statusword() | 0x0400);
+        rig.cycle();
+    };
+    for behind in [None, Some(15)] {
+        let mut rig = Rig::enabled();
+        let first = rig.abs(500, SetPoint::new().velocity(90));
+        while !rig.accepted(first) {
+            forge(&mut rig);
+        }
+        let buffered = SetPoint::new().buffer_mode(BufferMode::Buffered);
+        let second = behind.map(|target| (rig.abs(target, buffered), target));
+        while rig.drive.position() < 14 {
+            forge(&mut rig);
+        }
+        rig.assert_reached(first, 500);
+        if let Some((id, target)) = second {
+            rig.assert_reached(id, target);
+        }
+    }
+}

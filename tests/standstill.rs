@@ -663,3 +663,21 @@ fn a_drive_whose_inputs_are_frozen_ends_every_command_but_a_halt_with_a_failure(
         assert!(plant.finish(id).is_err(), "{command:?}");
     }
 }
+
+#[test]
+fn an_axis_that_turns_back_while_its_drive_drops_out_has_not_come_to_rest() {
+    let mut plant = Plant::moving(40_000.0, |_| {});
+    let halt = plant.send(Command::Halt);
+    assert!(plant.finish(halt).is_ok());
+    let stop = plant.send(Command::Stop);
+    plant.step();
+    // Switched on by itself, with an axis that stands for all that shows; then it coasts on.
+    plant.state = 0x0233;
+    plant.run(2);
+    plant.velocity = 8_000.0;
+    plant.deceleration = 20_000.0;
+    plant.run(30);
+    plant.state = 0x0250;
+    let stood = plant.stood_at_the_end_of(stop);
+    assert!(stood >= 10, "{stood}");
+}

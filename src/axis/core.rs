@@ -681,7 +681,8 @@ impl AxisCore {
         };
         let leaves = before.state() == State::OperationEnabled && state != before.state();
         let enters = state == State::QuickStopActive && state != before.state();
-        let obeys = self.stopping.is_quick() && !state.is_fault();
+        let led_to = is_down(state) && state != State::ReadyToSwitchOn;
+        let obeys = self.stopping.is_quick() && (led_to || state == State::QuickStopActive);
         (leaves || enters)
             && !(self.is_standing() && (!self.has_motion() || (obeys && self.stands_halted(now))))
     }

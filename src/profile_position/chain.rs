@@ -182,13 +182,13 @@ impl Chain {
         }
         match &mut self.held {
             [Some(first), Some(second)] => {
-                second.note_behind(first, cycle);
+                let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
+                second.note_behind(first, shown && undecided, cycle);
                 first.note(cycle, false);
                 // When bit 12 has fallen, the next one has taken over, and bit 11 is of that.
                 if cycle.is_acknowledging() {
                     first.note_limit(cycle.sample.statusword);
                 }
-                let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
                 let left = first.is_left_behind(second, cycle)
                     && cycle.traits.buffer_signal != BufferSignal::Acknowledge;
                 let rest = if shown || left {
@@ -337,6 +337,9 @@ impl Chain {
         let waited = cycle.now.saturating_sub(over.since) >= cycle.bounds.settle;
         if !waited && !over.track.is_seen_at_end(cycle) {
             return true;
+        }
+        if let Some(next) = &mut self.held[0] {
+            next.came_to_end_of(&over.track, cycle);
         }
         let outcome = match over.track.ended_into(over.next, cycle) {
             Err(Failure::MissedTarget { target, .. }) => Err(Failure::MissedTarget {

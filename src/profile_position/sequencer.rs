@@ -367,7 +367,16 @@ impl Sequencer {
     }
 
     /// The drive has taken a set-point. `confirmed`: by an edge of bit 12.
-    fn accept(&mut self, raised: Raised, confirmed: bool, cycle: &Cycle<'_>, events: &mut Events) {
+    fn accept(
+        &mut self,
+        mut raised: Raised,
+        confirmed: bool,
+        cycle: &Cycle<'_>,
+        events: &mut Events,
+    ) {
+        // The one before it may have come to its end meanwhile.
+        let before = self.chain.before(&raised.request.command);
+        raised.far_behind &= before.is_some_and(|before| !before.may_be_over(cycle));
         let track = Track::new(&raised, confirmed, cycle);
         events.push(track.id, Event::Accepted);
         self.chain.push(track, events);
@@ -581,7 +590,7 @@ pub(super) struct Raised {
     pub stands: bool,
     /// Whether it had not moved but by set-points that have ended well, since it was enabled.
     pub at_base: bool,
-    /// Whether it is behind another that the drive holds, and that bit 10 does not show to be over.
+    /// Whether it is behind another that the drive holds, and that nothing shows to be over before it is acknowledged: bit 10, or where the axis was.
     pub far_behind: bool,
     /// Behind a distance whose end is not known, what a distance counts from.
     pub behind: Option<Bases>,
@@ -651,11 +660,12 @@ impl Bit4 {
             }
             Self::High {
                 sent: true,
+                raised,
                 delivered,
                 full,
                 shown,
-                ..
             } => {
+                raised.far_behind &= !cycle.is_reached();
                 if cycle.delivered {
                     delivered.get_or_insert(now);
                 }

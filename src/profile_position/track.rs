@@ -125,6 +125,17 @@ impl Bases {
         }
         near(self.position, self.slack) || self.previous.is_some_and(|end| near(end, 0))
     }
+
+    /// Whether a distance ends at this position from wherever it counts: from anywhere between these places.
+    fn all_lead_to(&self, position: i32, distance: i32, bounds: &Bounds) -> bool {
+        let window = bounds.position;
+        let beside = self.slack.saturating_sub(window);
+        let near = |base: i32, beside: u32| {
+            let away = bounds.distance(bounds.after(base, distance), position);
+            away.saturating_add(beside) <= window
+        };
+        near(self.position, beside) && self.previous.is_none_or(|end| near(end, 0))
+    }
 }
 
 /// How far an axis may lag behind its demand at the end of a way before this one.
@@ -193,6 +204,8 @@ pub(super) struct Track {
     doubted: bool,
     /// Where the axis stood when it became active. None where it did not stand: then where it has come to rest without a word of bit 10.
     stood: Option<i32>,
+    /// With bit 10 high: since when the axis has left that place. On its way from there it is not at rest, however slowly it sets off.
+    left_place: Option<Duration>,
     /// What bounds an axis that does not come to rest within its window, with bit 10 high.
     lingering: Lingering,
     /// With another behind it, or one in doubt before it: since when it is at rest with bit 10.
@@ -285,6 +298,7 @@ impl Track {
             after_unseen: false,
             doubted: false,
             stood: None,
+            left_place: None,
             lingering: Lingering::default(),
             resting: None,
             arrived: None,
@@ -356,6 +370,7 @@ impl Track {
         self.fastest = 0;
         self.before = position;
         self.stood = (self.from_rest && stands).then_some(position);
+        self.left_place = None;
         self.lingering = Lingering::default();
         self.resting = None;
         self.turn(position, cycle.bounds);
@@ -367,6 +382,7 @@ impl Track {
     pub fn takes_over(&mut self, before: &Self, by_room: bool, rests: bool, cycle: &Cycle<'_>) {
         let position = cycle.sample.position;
         let unseen = self.unseen;
+        let (near, arrived) = (self.near, self.arrived);
         self.becomes_active(cycle, position, cycle.standstill.is_standing());
         let from_rest = self.from_rest || rests;
         if rests {
@@ -375,18 +391,31 @@ impl Track {
         // What was not seen may have been its whole way, and as fast as the one before.
         self.unseen = unseen;
         self.fastest = before.fastest;
-        if let Some(begin) = before.end
-            && before.end_seen(cycle) == EndSeen::There
-        {
-            self.stood = from_rest.then_some(begin);
-            self.turn(begin, cycle.bounds);
-            self.remaining = self
-                .end
-                .map_or(0, |end| cycle.bounds.distance(end, position));
+        (self.near, self.arrived) = (near, arrived);
+        if before.end_seen(cycle) == EndSeen::There {
+            self.begins_at_end_of(before, from_rest, cycle);
         }
         self.follows = true;
         self.by_room = by_room;
         self.swings = false;
+    }
+
+    /// Its way began at the end of `before`, where the axis was seen.
+    fn begins_at_end_of(&mut self, before: &Self, from_rest: bool, cycle: &Cycle<'_>) {
+        let Some(begin) = before.end else { return };
+        self.stood = from_rest.then_some(begin);
+        self.left_place = None;
+        self.turn(begin, cycle.bounds);
+        self.remaining = self
+            .end
+            .map_or(0, |end| cycle.bounds.distance(end, cycle.sample.position));
+    }
+
+    /// The axis has come to the end of the one before only now: the way there was not this one's.
+    pub fn came_to_end_of(&mut self, before: &Self, cycle: &Cycle<'_>) {
+        if before.end_seen(cycle) == EndSeen::There && self.stood.is_some() {
+            self.begins_at_end_of(before, true, cycle);
+        }
     }
 
     /// The one before it has ended, and nothing has shown that the drive had begun it. `unproven`: nor that it has ended.
@@ -406,8 +435,9 @@ impl Track {
         let gone = |stood| cycle.bounds.distance(stood, cycle.sample.position);
         let moved = match self.stood {
             Some(stood) => gone(stood) > cycle.bounds.position,
-            // Begun at rest, with an axis that was not there yet, its motion may be of the one before.
-            None => !self.from_rest,
+            // Begun at rest, with an axis that was not there yet, its motion may be of the one before. So may that on a short way where bit 12
+            // alone has shown that its turn has come, and any behind one that the drive may hold.
+            None => !(self.from_rest || self.doubted || (self.by_room && self.short)),
         };
         moved || (self.left_target && !self.follows)
     }
@@ -424,6 +454,7 @@ impl Track {
             self.from_rest = from_rest;
             self.overshoots = !from_rest;
         }
+        self.left_place = None;
         self.lingering = Lingering::default();
         self.resting = None;
         // The halt may have carried the axis past the end, to which the drive goes back.
@@ -440,6 +471,9 @@ impl Track {
         }
         if let Some(since) = &mut self.resting {
             no_older(since, now, begin);
+        }
+        if let Some(since) = &mut self.left_place {
+            no_older(since, now, settle);
         }
         if let Some((since, cycles)) = &mut self.away {
             no_older(since, now, settle);
@@ -500,17 +534,22 @@ impl Track {
         self.approaching |= remaining < self.remaining;
         self.remaining = remaining;
         if remaining <= bounds.position {
-            // The nearest that was seen: a later position may be on the way to the next end already.
-            let nearer = self
-                .arrived
-                .is_none_or(|before| bounds.distance(end, before) >= remaining);
-            self.arrived = if nearer { Some(position) } else { self.arrived };
+            self.note_arrival(end, position, remaining, bounds);
         } else if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
             // It was replaced too fast to stop at its end: it has overshot, and comes back.
             self.arrived = None;
             self.turn(position, bounds);
             self.seen_there = true;
         }
+    }
+
+    /// The nearest that was seen: a later position may be on the way to the next end already.
+    #[inline(always)]
+    fn note_arrival(&mut self, end: i32, position: i32, remaining: u32, bounds: &Bounds) {
+        let nearer = self
+            .arrived
+            .is_none_or(|before| bounds.distance(end, before) >= remaining);
+        self.arrived = if nearer { Some(position) } else { self.arrived };
     }
 
     /// Bit 8 has fallen: from when on bit 10 is that of the set-point.
@@ -532,12 +571,18 @@ impl Track {
         self.before = position;
         if blind == 0 {
             self.fastest = self.fastest.max(way);
-            // What goes no further than the window in a cycle is seen in it, if it comes there.
-            let far = if way > bounds.position { way } else { 0 };
-            self.near |= remaining <= far.saturating_add(bounds.position);
+            self.note_near(way, remaining, bounds);
         } else {
             self.note_unseen(self.remaining, remaining, blind);
         }
+    }
+
+    /// Takes in the way of one cycle.
+    #[inline(always)]
+    const fn note_near(&mut self, way: u32, remaining: u32, bounds: &Bounds) {
+        // What goes no further than the window in a cycle is seen in it, if it comes there.
+        let far = if way > bounds.position { way } else { 0 };
+        self.near |= remaining <= far.saturating_add(bounds.position);
     }
 
     /// Of a modulo axis, whether it has crossed its end since the last cycle.
@@ -558,14 +603,21 @@ impl Track {
         self.unseen = self.unseen.min(there_and_back / blind.saturating_add(1));
     }
 
-    /// Takes in a cycle as the one behind `first`, before that does: what was not seen may be of this one, too.
-    pub fn note_behind(&mut self, first: &Self, cycle: &Cycle<'_>) {
-        if cycle.blind != 0
-            && let Some(end) = self.end
-        {
-            let remaining = |position| cycle.bounds.distance(end, position);
-            let (before, after) = (remaining(first.before), remaining(cycle.sample.position));
-            self.note_unseen(before, after, cycle.blind);
+    /// Takes in a cycle as the one behind `first`, before that does: what was not seen may be of this one, too. `active`: so is what was, for
+    /// bit 12 shows that the drive is at it.
+    pub fn note_behind(&mut self, first: &Self, active: bool, cycle: &Cycle<'_>) {
+        let Some(end) = self.end else { return };
+        let position = cycle.sample.position;
+        let remaining = |position| cycle.bounds.distance(end, position);
+        let after = remaining(position);
+        if cycle.blind != 0 {
+            self.note_unseen(remaining(first.before), after, cycle.blind);
+        } else if active {
+            let way = cycle.bounds.distance(first.before, position);
+            self.note_near(way, after, cycle.bounds);
+        }
+        if active && after <= cycle.bounds.position {
+            self.note_arrival(end, position, after, cycle.bounds);
         }
     }
 
@@ -576,7 +628,7 @@ impl Track {
             return EndSeen::There;
         };
         let shown = if self.unlimited || !cycle.bit_11_is_valid {
-            self.near || self.arrived.is_some() || self.seen_there || self.passed(position)
+            self.came_to_end(position)
         } else {
             cycle.bounds.distance(end, position) <= cycle.bounds.position
         };
@@ -589,6 +641,15 @@ impl Track {
             false if blind || limit_unseen => EndSeen::Unseen,
             false => EndSeen::Elsewhere,
         }
+    }
+
+    /// Whether the drive may be at the one behind it already: the axis was seen at its end, however far it has swung from there since.
+    pub fn may_be_over(&self, cycle: &Cycle<'_>) -> bool {
+        self.end.is_none() || self.came_to_end(cycle.sample.position)
+    }
+
+    fn came_to_end(&self, position: i32) -> bool {
+        self.near || self.arrived.is_some() || self.seen_there || self.passed(position)
     }
 
     /// Whether the axis was seen at the end; of a distance whose end is not known, whether it has gone at all.
@@ -674,6 +735,9 @@ impl Track {
     /// bit 10 for the settle time at the end of the next one; elsewhere, for as long as that may take to begin.
     pub fn rests_with(&mut self, next: &Self, cycle: &Cycle<'_>) -> Option<Rest> {
         let reached = cycle.is_reached();
+        if reached {
+            self.note_place(cycle);
+        }
         let steady = || {
             let standstill = cycle.standstill;
             standstill.steady_since(cycle.now, next.since.max(self.low), cycle.bounds)
@@ -686,13 +750,13 @@ impl Track {
         let (position, window) = (cycle.sample.position, cycle.bounds.position);
         let at = |end: i32| cycle.bounds.distance(end, position) <= window;
         let left = self.left_target && !self.after_unseen;
-        let moved = self.stood.is_some_and(|stood| !at(stood));
+        let moved = self.stood.is_some_and(|stood| !at(stood)) && self.rests_away(cycle);
         // What is left of the motion before leads there as well, on a short way or where the axis had not come to that end.
         let own = !self.by_room || (!self.short && self.stood.is_some());
         let was_there = own && self.end.is_some() && self.end_seen(cycle) == EndSeen::There;
         let gone = (moved || was_there) && !self.doubted;
         let proven = left || gone;
-        let begun = proven || self.has_no_way(window);
+        let begun = proven || self.has_no_way(cycle);
         // A distance from nobody knows where seems to end wherever the axis waits for the one before it.
         let over = next.end.is_some_and(at) || (proven && next.may_end_at(position, cycle.bounds));
         if begun && over {
@@ -718,6 +782,26 @@ impl Track {
         cycle
             .standstill
             .steady_since(cycle.now, since, cycle.bounds)
+    }
+
+    /// Takes in where the axis is, with bit 10 high.
+    fn note_place(&mut self, cycle: &Cycle<'_>) {
+        if self.left_place.is_none() && self.has_left_place(cycle) {
+            self.left_place = Some(cycle.now);
+        }
+    }
+
+    fn has_left_place(&self, cycle: &Cycle<'_>) -> bool {
+        let window = cycle.bounds.position;
+        let at = |stood| cycle.bounds.distance(stood, cycle.sample.position) <= window;
+        self.stood.is_some_and(|stood| !at(stood))
+    }
+
+    /// Whether the axis has come to rest since it left the place where it stood: what stayed around it before was still that.
+    fn rests_away(&self, cycle: &Cycle<'_>) -> bool {
+        let standstill = cycle.standstill;
+        self.left_place
+            .is_some_and(|left| standstill.steady_since(cycle.now, left, cycle.bounds))
     }
 
     fn is_steady(&self, cycle: &Cycle<'_>) -> bool {
@@ -762,6 +846,7 @@ impl Track {
     fn end_shown(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
         let position = cycle.sample.position;
         let window = cycle.bounds.position;
+        self.note_place(cycle);
         let reached = Some(Ok(Completion::Reached { position }));
         let within = self
             .end
@@ -778,7 +863,8 @@ impl Track {
             self.resting = None;
             return None;
         }
-        if within || (self.end.is_none() && certain && self.has_no_way(window)) {
+        let over = within && self.surely_ends_at(position, cycle.bounds);
+        if over || (self.end.is_none() && certain && self.has_no_way(cycle)) {
             return reached;
         }
         let stood = *self.stood.get_or_insert(position);
@@ -790,7 +876,8 @@ impl Track {
             self.since
         };
         let late = cycle.now.saturating_sub(since) >= cycle.begin;
-        let moved = gone > window.saturating_add(slack) && (!self.doubted || late);
+        let rests = lingers || self.rests_away(cycle);
+        let moved = gone > window.saturating_add(slack) && rests && (!self.doubted || late);
         if moved || (self.left_target && !self.follows) {
             return match self.end {
                 _ if may_end_here => reached,
@@ -814,13 +901,23 @@ impl Track {
         }
     }
 
+    /// Whether it ends at this position, near which its end is, wherever a distance counts from. With a drive that may count from elsewhere it
+    /// may have its way still to go.
+    fn surely_ends_at(&self, position: i32, bounds: &Bounds) -> bool {
+        let way = self.distance.filter(|_| self.is_loose);
+        way.is_none_or(|way| self.bases.all_lead_to(position, way, bounds))
+    }
+
     /// Whether it had no way to go when it was begun. A distance of which nobody knows from where it counts has none only where the last
     /// set-point has ended, or the axis was enabled: what it has replaced, a jog or a target that was missed may have left its base
     /// anywhere.
-    fn has_no_way(&self, window: u32) -> bool {
+    fn has_no_way(&self, cycle: &Cycle<'_>) -> bool {
+        let window = cycle.bounds.position;
         let short = |way: i32| way.unsigned_abs() <= window;
         match self.end {
-            Some(_) => self.remaining <= window,
+            Some(_) => {
+                self.remaining <= window && self.surely_ends_at(cycle.sample.position, cycle.bounds)
+            }
             None => self.at_base && self.distance.is_some_and(short),
         }
     }

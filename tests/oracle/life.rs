@@ -93,6 +93,18 @@ struct Issued {
     done: bool,
     /// Index in the drive's ledger.
     latch: Option<usize>,
+    /// It was under way, or behind one that was, when the drive left Operation enabled and came back with its set-points gone, and nothing
+    /// of that was in any inputs that came.
+    unseen: bool,
+}
+
+/// The drive is out of Operation enabled.
+#[derive(Debug, Clone, Copy)]
+struct Out {
+    /// Its cycle in which it left.
+    since: u64,
+    /// Whether inputs have come that show another state.
+    shown: bool,
 }
 
 struct Life {
@@ -120,8 +132,8 @@ struct Life {
     issued: Vec<Issued>,
     pending: Vec<u32>,
     gated: Vec<u32>,
-    /// The last positions of the axis, newest last.
-    trail: VecDeque<f64>,
+    /// The last positions of the axis, newest last, and whether inputs came in that cycle.
+    trail: VecDeque<(f64, bool)>,
     trail_length: usize,
     sent_before: Outputs,
     sent: Outputs,
@@ -143,6 +155,7 @@ struct Life {
     speed: i32,
     ramp: u32,
     blind: bool,
+    out: Option<Out>,
 }
 
 /// Lives the life of this seed.
@@ -344,6 +357,7 @@ impl Life {
             speed: random.pick(&[10_000, 40_000, 80_000]),
             ramp: random.pick(&[60_000, 500_000, 2_000_000]),
             blind: false,
+            out: None,
         }
     }
 
@@ -511,6 +525,7 @@ impl Life {
                     accepted: false,
                     done: true,
                     latch: None,
+                    unseen: false,
                 });
                 continue;
             }
@@ -670,6 +685,7 @@ impl Life {
             accepted: false,
             done: false,
             latch: None,
+            unseen: self.is_mistaken(),
         });
         self.pending.push(id);
         if let Command::Move(MoveCommand { gated: true, .. }) = command {
@@ -730,9 +746,14 @@ impl Life {
         let end = self.trail.len().saturating_sub(ago);
         let from = end.saturating_sub(cycles);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for &position in self.trail.range(from..end) {
-            low = low.min(position);
-            high = high.max(position);
+        let mut unseen = 0;
+        for &(position, seen) in self.trail.range(from..end) {
+            unseen = if seen { 0 } else { unseen + 1 };
+            // 6064h is what was seen. Where nothing was for longer than that, what was before it says nothing.
+            if seen || unseen > self.settle * 3 / 8 {
+                low = low.min(position);
+                high = high.max(position);
+            }
         }
         high - low <= within + 2.0 * f64::from(self.drive.making.dither) + 4.0
     }
@@ -797,16 +818,50 @@ impl Life {
             }
             self.drive.cycle();
         }
+        self.note_out(answered.then_some(&image));
         if self.trail.len() >= self.trail_length {
             self.trail.pop_front();
         }
-        self.trail.push_back(self.drive.position);
+        self.trail.push_back((self.drive.position, answered));
         self.match_ledger()?;
         self.judge_state()?;
         if self.cycle.is_multiple_of(128) {
             self.judge_waits()?;
         }
         Ok(())
+    }
+
+    /// Whether a move is under way of which nothing shows that the drive has dropped it.
+    fn is_mistaken(&self) -> bool {
+        let mut pending = self.pending.iter().map(|id| &self.issued[*id as usize]);
+        pending.any(|issued| issued.unseen)
+    }
+
+    /// Where the drive leaves Operation enabled and comes back, and no inputs show it, its set-points are gone unseen: those that are under way, and
+    /// those that are reckoned from their ends, look as if it had limited them or taken them.
+    fn note_out(&mut self, shows: Option<&[u8; INPUT_BYTES]>) {
+        let word = shows.map(|image| u16::from_le_bytes([image[0], image[1]]));
+        if let Some(out) = &mut self.out {
+            out.shown |= word.is_some_and(|word| word & 0x6F != 0x27);
+        }
+        if self.drive.state != State::Enabled {
+            self.out.get_or_insert(Out {
+                since: self.drive.now,
+                shown: false,
+            });
+            return;
+        }
+        let Some(out) = self.out.take().filter(|out| !out.shown) else {
+            return;
+        };
+        let dropped =
+            |latch: &Latch| matches!(latch.end, Some((at, End::Dropped)) if at >= out.since);
+        if self.drive.ledger.iter().any(dropped) {
+            self.say(|_| "the drive has dropped its set-points unseen".into());
+            for id in &self.pending {
+                self.issued[*id as usize].unseen = true;
+            }
+        }
     }
 
     fn show(&mut self, image: &[u8; INPUT_BYTES], inputs: Inputs<'_>) {
@@ -1096,7 +1151,7 @@ impl Life {
     fn judge_accepted(&mut self, id: u32) -> Result<(), ()> {
         let issued = &mut self.issued[id as usize];
         issued.accepted = true;
-        if issued.kind == Kind::Move && issued.latch.is_none() {
+        if issued.kind == Kind::Move && issued.latch.is_none() && !issued.unseen {
             return self.broken(
                 "latched = accepted + unknown",
                 format!("{id} is accepted, and the drive has not taken it"),
@@ -1199,7 +1254,7 @@ impl Life {
             matches!(latch.end, Some((_, End::Dropped))) && there
         });
         match (result, latch) {
-            (Ok(_), None) => self.broken(
+            (Ok(_), None) if !issued.unseen => self.broken(
                 "Reached: that set-point ended",
                 format!("{id} is {result:?}, and was never taken"),
             ),
@@ -1235,7 +1290,7 @@ impl Life {
                 }
                 Ok(())
             }
-            (Ok(_), Some(_)) => Ok(()),
+            (Ok(_), _) => Ok(()),
             (Err(failure), latch) => {
                 let text = format!("{failure:?}");
                 let name = text
@@ -1269,6 +1324,7 @@ impl Life {
                     "MissedTarget"
                         if !forgets
                             && !issued.halted
+                            && !issued.unseen
                             && !behind_a_short_one
                             && !swings
                             && (latch.end.is_none()

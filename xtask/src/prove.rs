@@ -44,7 +44,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
     ];
     if args.quick && args.cycles.is_none() {
         oracle.push(("ORACLE_SECONDS", "50".to_owned()));
-        // About one in 10⁹ axis-cycles is known, and not mended (docs/verification.md).
+        // Found so far was about one in 10⁹ axis-cycles (docs/verification.md).
         oracle.push(("ORACLE_BORNE", "5".to_owned()));
     }
     println!("seed {seed}, {threads} processors");
