@@ -24,7 +24,7 @@ async function ask(path, body, method) {
   if (body !== undefined && body !== null) options.body = JSON.stringify(body);
   const response = await fetch(path, options);
   const answer = await response.json();
-  if (!response.ok) throw new Error(answer.error?.text ?? `${response.status}`);
+  if (!response.ok) throw Object.assign(new Error(answer.error?.text ?? `${response.status}`), { abort: answer.error?.abort });
   return answer;
 }
 
@@ -373,6 +373,71 @@ find("filter").addEventListener("keydown", (event) => {
   if (event.key === "Enter") find("list-objects").click();
 });
 
+/** The values of all objects of a drive that can be read now, by their addresses. */
+async function valuesOf(drive, progress) {
+  const objects = (await ask(`/v1/od/${drive}`)).filter((object) => /\br[ow]/.test(object.access));
+  const values = {};
+  for (const [place, object] of objects.entries()) {
+    progress(`${place} of ${objects.length} objects are read`);
+    try {
+      const { bytes } = await ask(objectPath(drive, object));
+      values[address(object)] = { name: object.name, type: object.type, bytes };
+    } catch (error) {
+      // One that the drive refuses now has no value.
+      if (error.abort == null) throw error;
+    }
+  }
+  progress("");
+  return values;
+}
+
+/** The values that differ, or are on one side alone. */
+function showDifferences(saved, present) {
+  const text = (entry) => (entry ? String(valueOf(entry.bytes, entry.type)) : "none");
+  const addresses = [...new Set([...Object.keys(saved), ...Object.keys(present)])].sort();
+  const differ = addresses.filter((object) => text(saved[object]) !== text(present[object]));
+  find("differences").replaceChildren(...differ.map((object) => make("tr", {}, make("td", { textContent: object }),
+    make("td", { textContent: (saved[object] ?? present[object]).name }), make("td", { textContent: text(saved[object]) }),
+    make("td", { textContent: text(present[object]) }))));
+  find("compared").hidden = false;
+  find("compared-state").textContent = `${differ.length} of ${addresses.length} values differ.`;
+}
+
+/** Runs what reads all objects of the drive that is chosen, with its progress shown. */
+async function withValues(work) {
+  const buttons = [find("save-values"), find("compare-values")];
+  try {
+    tell("");
+    for (const button of buttons) button.disabled = true;
+    work(await valuesOf(find("drive").value, (text) => { find("objects-state").textContent = text; }));
+  } catch (error) {
+    tell(error.message);
+  } finally {
+    for (const button of buttons) button.disabled = false;
+  }
+}
+
+find("save-values").addEventListener("click", () => withValues((values) => {
+  const url = URL.createObjectURL(new Blob([JSON.stringify(values, null, 1)], { type: "application/json" }));
+  make("a", { href: url, download: `servocrab-drive-${find("drive").value}.json` }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 1000);
+}));
+find("compare-values").addEventListener("click", () => find("compare-file").click());
+find("compare-file").addEventListener("change", async () => {
+  const [file] = find("compare-file").files;
+  find("compare-file").value = "";
+  if (!file) return;
+  let saved;
+  try {
+    saved = JSON.parse(await file.text());
+    if (!Object.values(saved).every((entry) => Array.isArray(entry.bytes))) throw new Error("it has no values");
+  } catch (error) {
+    tell(`${file.name} was not saved by this page: ${error.message}`);
+    return;
+  }
+  withValues((present) => showDifferences(saved, present));
+});
+
 // Inputs and outputs, and the cycles.
 
 function showIos(ios) {
@@ -395,7 +460,7 @@ function showStatistics(shown) {
   find("cycles").textContent = `${shown.cycles} cycles, ${shown.lost_frames} frames lost`;
   const rows = [["late cycles", shown.late_cycles], ["left out", shown.overruns], ["frames lost", shown.lost_frames],
     ["wrong working counters", shown.wrong_working_counters]];
-  const plain = rows.map(([name, value]) => make("tr", {}, make("td", { textContent: name }), make("td", { textContent: value }), make("td")));
+  const plain = rows.map(([name, value]) => make("tr", {}, make("td", { textContent: name }), make("td", { textContent: value })));
   const times = [["lateness", shown.lateness_us], ["round trip", shown.round_trip_us]];
   const quantiles = times.flatMap(([name, of]) => ["least", "50 %", "99 %", "99.9 %", "most"].map((quantile) =>
     make("tr", {}, make("td", { textContent: `${name}, ${quantile}` }),
@@ -406,16 +471,16 @@ function showStatistics(shown) {
 
 /** Bars of counts, on a logarithmic scale: the one late cycle among a million is what one looks for. */
 function histogram(name, bars) {
+  const time = (us) => (us < 1000 ? `${us.toPrecision(2)} µs` : `${(us / 1000).toPrecision(2)} ms`);
   const most = Math.log10(1 + Math.max(1, ...bars.map((bar) => bar.count)));
   const drawn = bars.map(({ up_to, count }) => {
-    const column = make("span", { className: "column", title: `up to ${up_to.toPrecision(3)} µs: ${count}` });
+    const column = make("span", { className: "column", title: `up to ${time(up_to)}: ${count}` });
     column.style.height = `${100 * Math.log10(1 + count) / most}%`;
     return column;
   });
-  const first = bars[0]?.up_to.toPrecision(2) ?? "";
-  const last = bars.at(-1)?.up_to.toPrecision(2) ?? "";
+  const [first, last] = [time(bars[0]?.up_to ?? 0), time(bars.at(-1)?.up_to ?? 0)];
   return make("figure", { className: "histogram" }, make("div", {}, ...drawn),
-    make("figcaption", { textContent: `${name}: up to ${first} µs … up to ${last} µs, counts on a logarithmic scale` }));
+    make("figcaption", { textContent: `${name}, up to ${first} … up to ${last}; counts on a logarithmic scale` }));
 }
 
 // All together.

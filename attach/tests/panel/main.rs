@@ -202,9 +202,26 @@ fn a_move_is_seen(browser: &Browser, machine: &Machine) -> Result<()> {
 /// Index and subindex are hexadecimal, as the server reads them.
 fn an_object_is_asked_for(browser: &Browser) -> Result<()> {
     let path = browser.run("return objectPath(3, {index: 0x1600, subindex: 16})")?;
-    match path.as_str() {
-        Some("/v1/od/3/1600h/10") => Ok(()),
-        _ => Err(format!("1600h:10 of drive 3 is asked for as {path}").into()),
+    if path.as_str() != Some("/v1/od/3/1600h/10") {
+        return Err(format!("1600h:10 of drive 3 is asked for as {path}").into());
+    }
+    let differences = browser.run(
+        "return (async () => { \
+             const saved = await valuesOf(0, () => {}); \
+             saved['6066h:00'].bytes = [57, 48]; \
+             delete saved['6067h:00']; \
+             showDifferences(saved, await valuesOf(0, () => {})); \
+             return [...document.querySelectorAll('#differences tr')].map((row) => row.textContent).join('\\n'); \
+         })()",
+    )?;
+    let differences = differences.as_str().unwrap_or_default();
+    let has = |address: &str, value: &str| {
+        let mut rows = differences.lines();
+        rows.any(|row| row.starts_with(address) && row.contains(value))
+    };
+    match has("6066h:00", "12345") && has("6067h:00", "none") {
+        true => Ok(()),
+        false => Err(format!("the differences are {differences}").into()),
     }
 }
 
