@@ -5,7 +5,7 @@
 //! the machine goes on. With `--interface eth0` it runs on the drives there, part after part until Ctrl-C, and shows its network:
 //! `servocrab panel --interface eth0` and the other commands of the tool look at it while it runs.
 //!
-//! The machine's logic has tests of its own, in virtual time: `cargo test -p servocrab-attach --example pick_and_place`.
+//! The machine's logic has tests of its own, in virtual time: `cargo test -p servocrab-attach --test pick_and_place`.
 
 use std::{
     error::Error,
