@@ -583,6 +583,30 @@ mod tests {
     }
 
     #[test]
+    fn after_a_long_loss_an_axis_has_to_stand_for_the_whole_time_again() {
+        let settle = Duration::from_millis(100);
+        let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), None);
+        let stands_after = |lost: u64| {
+            let mut axis = Standstill::default();
+            let ms = Duration::from_millis;
+            for at in 0..90 {
+                axis.observe(ms(at), 0, None, &bounds);
+            }
+            for at in 90..90 + lost {
+                axis.note_loss(ms(at), &bounds);
+            }
+            let mut after = 90 + lost..1_000;
+            after.find(|&at| {
+                axis.observe(ms(at), 0, None, &bounds);
+                axis.is_standing()
+            })
+        };
+        // A quarter of the settle time counts of a short loss. Nothing counts before a long one, which shows after three eighths.
+        assert_eq!(stands_after(20), Some(110));
+        assert_eq!(stands_after(60), Some(127 + 100));
+    }
+
+    #[test]
     fn positions_without_a_turn_lie_on_the_circle_of_32_bits() {
         for turn in [
             None,

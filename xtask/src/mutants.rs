@@ -35,6 +35,9 @@ pub(crate) struct Args {
     /// Only checks that each row has its place in the code, and a test.
     #[arg(long)]
     check: bool,
+    /// Also runs each suite as a whole without a mutant, and not only the tests that rows name.
+    #[arg(long)]
+    suites: bool,
     /// So many tests run at a time; as many as there are processors by default.
     #[arg(long)]
     jobs: Option<NonZero<usize>>,
@@ -65,7 +68,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         sources: &sources,
         tree: Tree::new(root),
         jobs,
-        whole: args.ids.is_empty(),
+        whole: args.suites,
         faults: Mutex::new(faults),
     };
     let faults = work.all(&chosen)?;
