@@ -717,7 +717,7 @@ impl SdoHandle {
     ///     while let Some(transfer) = transfers.next().await {
     ///         transfer.answer(Ok(vec![0x37, 0x16])); // as the other program has read it
     ///     }
-    ///     unreachable!("the handle lives on")
+    ///     unreachable!("the handle is not dropped")
     /// };
     /// let read = smol::block_on(smol::future::or(sdo.read(obj::STATUSWORD), program))?;
     /// assert_eq!(read, 0x1637);

@@ -115,8 +115,8 @@ pub struct AxisStatistics {
     pub axis: AxisIdentity,
     /// How many moves, homings and jogs ended in which way; without those that nothing ended in.
     pub motions: Vec<(MotionEnd, u64)>,
-    /// How many faults there were of each error code 603Fh. `None`: 603Fh is not mapped or was 0. Sixteen codes are told apart; `None` stands
-    /// for all others too.
+    /// How many faults there were of each error code 603Fh. `None`: 603Fh is not mapped or was 0. Sixteen codes are counted apart; `None`
+    /// stands for all others too.
     pub faults: Vec<(Option<u16>, u64)>,
 }
 

@@ -71,21 +71,12 @@ const TURN: u64 = 64;
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let mut listener = Listener::open(&arguments.interface)?;
     let mut capture = Capture::create(&arguments.pcapng, &arguments.interface)?;
-    let time = arguments
-        .seconds
-        .map(|seconds| Duration::from_secs(seconds.into()));
     tool.note(format_args!(
         "listening on {}, and sending nothing; Ctrl-C ends it",
         arguments.interface
     ));
     let over = async {
-        let over = async {
-            match time {
-                Some(time) => drop(smol::Timer::after(time).await),
-                None => std::future::pending().await,
-            }
-        };
-        smol::future::or(over, tool.interrupted()).await;
+        tool.over(arguments.seconds).await;
         Ok(())
     };
     let listened = async {

@@ -5,6 +5,7 @@ use std::{
     fmt::{Display, Write as _},
     io::{self, ErrorKind, IsTerminal, Write},
     process::ExitCode,
+    time::Duration,
 };
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -55,6 +56,16 @@ impl Tool {
     pub(crate) async fn interrupted(&self) {
         // Nothing is ever sent.
         let _ = self.interrupt.recv().await;
+    }
+
+    /// Waits for so many seconds, or for Ctrl-C: without a number for that alone.
+    pub(crate) async fn over(&self, seconds: Option<u32>) {
+        let time = async {
+            let time = seconds.map(|seconds| Duration::from_secs(seconds.into()));
+            time.map_or_else(smol::Timer::never, smol::Timer::after)
+                .await;
+        };
+        smol::future::or(time, self.interrupted()).await;
     }
 
     /// Closed by Ctrl-C, for other threads.

@@ -1,11 +1,12 @@
 //! What is taken from a line over a veth pair: its frames beside a program, and a bundle of a line that no program shows.
 #![allow(missing_docs)]
 
+#[path = "common/bundle.rs"]
+mod bundle;
 #[path = "../../tests/common/namespace.rs"]
 mod namespace;
 
 use std::{
-    collections::BTreeMap,
     env,
     fs::{self, File},
     io::{BufRead, BufReader, Read},
@@ -227,19 +228,6 @@ fn a_capture_that_cannot_begin_says_what_to_do() {
     assert!(!file.exists());
 }
 
-/// The parts of a zip.
-fn parts(file: &Path) -> BTreeMap<String, String> {
-    let mut zip = zip::ZipArchive::new(File::open(file).unwrap()).unwrap();
-    let mut parts = BTreeMap::new();
-    for place in 0..zip.len() {
-        let mut part = zip.by_index(place).unwrap();
-        let mut text = String::new();
-        part.read_to_string(&mut text).unwrap();
-        parts.insert(part.name().unwrap().into_owned(), text);
-    }
-    parts
-}
-
 #[test]
 fn a_bundle_of_a_line_without_a_program_has_its_scan_and_its_parameters() {
     if !inside_namespace("a_bundle_of_a_line_without_a_program_has_its_scan_and_its_parameters") {
@@ -251,7 +239,7 @@ fn a_bundle_of_a_line_without_a_program_has_its_scan_and_its_parameters() {
         let arguments = format!("bundle --interface master0 --yes --out {}", file.display());
         let (code, output, errors) = ended(command(directory.path(), &arguments).output().unwrap());
         assert_eq!(code, Some(0), "{output}{errors}");
-        (parts(&file), output)
+        (bundle::parts(&file), output)
     };
     let line = simulated(&simulator(), &["coupler", "akd2g", "generic"], 120, None);
     let (whole, said) = bundle();

@@ -4,6 +4,8 @@
 #[path = "../../tests/common/namespace.rs"]
 #[expect(dead_code, reason = "other tests use the rest")]
 mod namespace;
+#[path = "common/panel.rs"]
+mod panel;
 
 use std::{
     fs,
@@ -199,16 +201,7 @@ fn prometheus_scrapes_a_program_that_moves_and_answers_a_query() {
             .spawn()
             .unwrap(),
     );
-    let mut line = String::new();
-    BufReader::new(panel.0.stdout.take().unwrap())
-        .read_line(&mut line)
-        .unwrap();
-    let (address, token) = line
-        .trim()
-        .strip_prefix("http://")
-        .unwrap()
-        .split_once("/#token=")
-        .unwrap();
+    let (address, token) = panel::address(&mut panel.0);
     // As docs/attach.md has it.
     let config = format!(
         "scrape_configs:\n  - job_name: machine\n    scrape_interval: 200ms\n    scrape_timeout: 200ms\n    \

@@ -1,13 +1,16 @@
 //! The tool beside a running program: it looks at the network that the program shows.
 #![allow(missing_docs)]
 
+#[path = "common/bundle.rs"]
+mod bundle;
+#[path = "common/panel.rs"]
+mod panel;
 #[path = "../../tests/common/python.rs"]
 mod python;
 
 use std::{
-    collections::BTreeMap,
     env, fs,
-    io::{BufRead, BufReader, Read, Write},
+    io::{Read, Write},
     net::TcpStream,
     path::{Path, PathBuf},
     process::{Child, Command, Output, Stdio},
@@ -159,18 +162,9 @@ fn the_panel_of_a_running_program_is_shown_with_a_token_and_what_it_grants() {
             .spawn()
             .unwrap(),
     );
-    let mut line = String::new();
-    BufReader::new(panel.0.stdout.take().unwrap())
-        .read_line(&mut line)
-        .unwrap();
-    let (address, token) = line
-        .trim()
-        .strip_prefix("http://")
-        .unwrap()
-        .split_once("/#token=")
-        .unwrap();
+    let (address, token) = panel::address(&mut panel.0);
     let get = |path: &str, token: &str| {
-        let mut stream = TcpStream::connect(address).unwrap();
+        let mut stream = TcpStream::connect(&address).unwrap();
         stream
             .set_read_timeout(Some(Duration::from_secs(10)))
             .unwrap();
@@ -183,13 +177,13 @@ fn the_panel_of_a_running_program_is_shown_with_a_token_and_what_it_grants() {
         stream.read_to_string(&mut answer).unwrap();
         answer
     };
-    let axes = get("/v1/axes", token);
+    let axes = get("/v1/axes", &token);
     assert!(
         axes.starts_with("HTTP/1.1 200") && axes.contains("\"name\":\"y\""),
         "{axes}"
     );
     assert!(
-        get("/v1/grants", token).contains("\"parameters\":false"),
+        get("/v1/grants", &token).contains("\"parameters\":false"),
         "the program grants nothing"
     );
     assert!(get("/v1/axes", "0").starts_with("HTTP/1.1 401"));
@@ -331,19 +325,6 @@ fn a_recording_that_is_interrupted_is_complete() {
     program.end();
 }
 
-/// The parts of a zip.
-fn parts(file: &Path) -> BTreeMap<String, String> {
-    let mut zip = zip::ZipArchive::new(fs::File::open(file).unwrap()).unwrap();
-    let mut parts = BTreeMap::new();
-    for place in 0..zip.len() {
-        let mut part = zip.by_index(place).unwrap();
-        let mut text = String::new();
-        part.read_to_string(&mut text).unwrap();
-        parts.insert(part.name().unwrap().into_owned(), text);
-    }
-    parts
-}
-
 #[test]
 fn a_bundle_has_what_a_running_program_shows_and_the_objects_of_its_drives() {
     let program = Program::start();
@@ -365,7 +346,7 @@ fn a_bundle_has_what_a_running_program_shows_and_the_objects_of_its_drives() {
     ));
     assert_eq!(code, Some(0), "{output}{errors}");
     let said: Value = serde_json::from_str(&output).unwrap();
-    let parts = parts(&file);
+    let parts = bundle::parts(&file);
     let names: Vec<_> = parts.keys().map(String::as_str).collect();
     assert_eq!(said["parts"].as_array().unwrap().len(), names.len());
     let json = |name: &str| -> Value { serde_json::from_str(&parts[name]).unwrap() };

@@ -80,17 +80,8 @@ struct Files {
 
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let mut watched = Watched::of(arguments);
-    let time = arguments
-        .seconds
-        .map(|seconds| Duration::from_secs(seconds.into()));
     let ended = async {
-        let over = async {
-            match time {
-                Some(time) => drop(smol::Timer::after(time).await),
-                None => std::future::pending().await,
-            }
-        };
-        smol::future::or(over, tool.interrupted()).await;
+        tool.over(arguments.seconds).await;
         Ok(())
     };
     if let Some(interface) = arguments.line.interface() {
