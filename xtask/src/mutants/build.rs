@@ -1,7 +1,7 @@
 //! Builds the tests of the rewritten tree.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use serde::Deserialize;
@@ -11,7 +11,7 @@ use super::tree::Tree;
 
 /// The library and its tests are built as fast as can be: they run once for each mutant, and not for long. The simulated
 /// drives, through which nearly all that time goes, keep the optimisation of the tests' profile.
-const FAST: &str = "--config=profile.test.package.servocrab.opt-level=0";
+const FAST: &str = "--config=profile.dev.package.servocrab.opt-level=0";
 
 /// What came of it.
 pub(crate) enum Built {
@@ -24,11 +24,23 @@ pub(crate) enum Built {
     },
 }
 
+/// What came of building all tests.
+pub(crate) enum Everything {
+    Executables(BTreeMap<Target, PathBuf>),
+    Errors {
+        text: String,
+        mutants: BTreeSet<u32>,
+        /// Functions that are called where only a constant one can be.
+        not_constant: BTreeSet<String>,
+    },
+}
+
 /// What cargo says in a line of JSON.
 #[derive(Deserialize)]
 struct Message {
     reason: String,
     executable: Option<PathBuf>,
+    manifest_path: Option<PathBuf>,
     target: Option<Source>,
     profile: Option<Profile>,
     message: Option<Diagnostic>,
@@ -48,8 +60,15 @@ struct Profile {
 #[derive(Deserialize)]
 struct Diagnostic {
     level: String,
+    message: String,
+    code: Option<Code>,
     rendered: String,
     spans: Vec<Span>,
+}
+
+#[derive(Deserialize)]
+struct Code {
+    code: String,
 }
 
 #[derive(Deserialize)]
@@ -65,54 +84,133 @@ pub(crate) fn build(
     package: &str,
     targets: &BTreeSet<&Target>,
 ) -> crate::Result<Built> {
-    let output = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
-        .args([
-            "test",
-            "--no-run",
-            "--message-format=json",
-            "--package",
+    let mut command = cargo(tree);
+    command
+        .args(["--package", package, FAST])
+        .args(targets.iter().flat_map(|target| target.arguments()));
+    let built = run(tree, &mut command)?;
+    if !built.success {
+        return Ok(Built::Errors {
+            text: built.text,
+            mutants: built.mutants,
+        });
+    }
+    let of = |source: &Source| {
+        targets.iter().find(|target| match target.kind {
+            "lib" => source.kind.iter().any(|kind| kind == "lib"),
+            kind => source.kind.iter().any(|of| of == kind) && source.name == target.name,
+        })
+    };
+    let executables = built.executables.into_iter();
+    Ok(Built::Executables(
+        executables
+            .filter_map(|(_, source, path)| Some(((*of(&source)?).clone(), path)))
+            .collect(),
+    ))
+}
+
+/// Builds all tests of the workspace but the project's own commands.
+pub(crate) fn everything(tree: &Tree) -> crate::Result<Everything> {
+    let mut command = cargo(tree);
+    command.args(["--workspace", "--exclude", "xtask"]);
+    let built = run(tree, &mut command)?;
+    if !built.success {
+        return Ok(Everything::Errors {
+            text: built.text,
+            mutants: built.mutants,
+            not_constant: built.not_constant,
+        });
+    }
+    let executables = built.executables.into_iter();
+    let all = executables.map(|(package, source, path)| {
+        let kind = ["lib", "test", "example", "bin"]
+            .into_iter()
+            .find(|kind| source.kind.iter().any(|of| of == kind));
+        let target = Target {
             package,
-        ])
-        .arg(FAST)
-        .args(targets.iter().flat_map(|target| target.arguments()))
+            kind: kind.unwrap_or("test"),
+            name: source.name,
+        };
+        (target, path)
+    });
+    Ok(Everything::Executables(all.collect()))
+}
+
+fn cargo(tree: &Tree) -> Command {
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command
+        .args(["test", "--no-run", "--message-format=json"])
         .current_dir(&tree.root)
         .envs(environment())
         .env("CARGO_TARGET_DIR", &tree.target)
-        .stderr(Stdio::piped())
-        .output()?;
-    let mut executables = BTreeMap::new();
-    let mut text = String::new();
-    let mut mutants = BTreeSet::new();
+        .stderr(Stdio::piped());
+    command
+}
+
+/// What a run of cargo said.
+struct Said {
+    success: bool,
+    /// The package and the target of each executable of tests.
+    executables: Vec<(String, Source, PathBuf)>,
+    text: String,
+    mutants: BTreeSet<u32>,
+    not_constant: BTreeSet<String>,
+}
+
+fn run(tree: &Tree, command: &mut Command) -> crate::Result<Said> {
+    let output = command.output()?;
+    let mut said = Said {
+        success: output.status.success(),
+        executables: Vec::new(),
+        text: String::new(),
+        mutants: BTreeSet::new(),
+        not_constant: BTreeSet::new(),
+    };
     for line in String::from_utf8_lossy(&output.stdout).lines() {
         let Ok(message) = serde_json::from_str::<Message>(line) else {
             continue;
         };
         if let Some(error) = message.message.filter(|message| message.level == "error") {
-            text.push_str(&error.rendered);
+            said.text.push_str(&error.rendered);
             let places = error.spans.iter().filter(|span| span.is_primary);
-            mutants
+            said.mutants
                 .extend(places.filter_map(|span| tree.mutant_at(&span.file_name, span.line_start)));
+            if error.code.is_some_and(|code| code.code == "E0015") {
+                said.not_constant.extend(called(&error.message));
+            }
         }
         if message.reason == "compiler-artifact"
             && message.profile.is_some_and(|profile| profile.test)
-            && let (Some(executable), Some(source)) = (message.executable, message.target)
+            && let (Some(executable), Some(source), Some(manifest)) =
+                (message.executable, message.target, message.manifest_path)
         {
-            let target = targets.iter().find(|target| match target.kind {
-                "lib" => source.kind.iter().any(|kind| kind == "lib"),
-                kind => source.kind.iter().any(|of| of == kind) && source.name == target.name,
-            });
-            if let Some(target) = target {
-                executables.insert((*target).clone(), executable);
-            }
+            let package = package(&manifest);
+            said.executables.push((package, source, executable));
         }
     }
-    if output.status.success() {
-        return Ok(Built::Executables(executables));
+    if said.text.is_empty() && !said.success {
+        said.text = String::from_utf8_lossy(&output.stderr).into_owned();
     }
-    if text.is_empty() {
-        text = String::from_utf8_lossy(&output.stderr).into_owned();
-    }
-    Ok(Built::Errors { text, mutants })
+    Ok(said)
+}
+
+/// The name of the function in "cannot call non-const associated function `Words::of::<u8>` in constants".
+fn called(message: &str) -> Option<String> {
+    let path = message.split('`').nth(1)?;
+    let path = path.split("::<").next()?;
+    path.rsplit("::").next().map(str::to_owned)
+}
+
+/// The package of a manifest of the workspace, by its directory.
+fn package(manifest: &Path) -> String {
+    let directory = manifest.parent().and_then(Path::file_name);
+    let of = match directory.and_then(|name| name.to_str()) {
+        Some("sim") => "servocrab-sim",
+        Some("attach") => "servocrab-attach",
+        Some("tools") => "servocrab-cli",
+        _ => "servocrab",
+    };
+    of.to_owned()
 }
 
 /// Of what cargo is run with, and the tests.
