@@ -5,6 +5,7 @@
 mod build;
 mod judge;
 mod rewrite;
+pub(crate) mod score;
 mod source;
 mod table;
 mod tree;
@@ -66,7 +67,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         root,
         mutants: &mutants,
         sources: &sources,
-        tree: Tree::new(root),
+        tree: Tree::new(&root.join("target/mutants")),
         jobs,
         whole: args.suites,
         faults: Mutex::new(faults),

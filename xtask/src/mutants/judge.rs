@@ -10,7 +10,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::build;
-use super::table::Target;
+use super::table::{Mutant, Target};
 use super::tree::Tree;
 
 /// Longest time for the tests of one mutant: one that hangs is not caught.
@@ -23,7 +23,18 @@ const POLL: Duration = Duration::from_millis(5);
 struct Run {
     output: String,
     in_time: bool,
+    success: bool,
     evaluated: bool,
+}
+
+/// What a whole suite says.
+pub(crate) enum Judged {
+    Passed,
+    Failed {
+        by: String,
+    },
+    /// It came to no end.
+    Hung,
 }
 
 /// The executable of a target.
@@ -87,6 +98,31 @@ impl Executable<'_> {
         Ok(wrong.map_or(Ok(()), |wrong| Err((wrong, run.output))))
     }
 
+    /// Runs the whole suite with a mutant, or without.
+    pub(crate) fn all(&self, mutant: Option<&Mutant>, limit: Duration) -> io::Result<Judged> {
+        let mut command = Command::new(self.path);
+        // Another thread may run the same suite.
+        let mut name = format!("suite-{:?}", thread::current().id());
+        if let Some(mutant) = mutant {
+            name = mutant.number().to_string();
+            command.env("MUTANT", &name);
+        }
+        let run = self.run(command, &name, limit)?;
+        let failed = run.output.lines().find_map(|line| {
+            let name = line.strip_prefix("test ")?;
+            Some(name.strip_suffix(" ... FAILED")?.to_owned())
+        });
+        Ok(match failed {
+            Some(by) => Judged::Failed { by },
+            None if !run.in_time => Judged::Hung,
+            None if !run.success => {
+                let by = run.output.lines().last().unwrap_or_default().to_owned();
+                Judged::Failed { by }
+            }
+            None => Judged::Passed,
+        })
+    }
+
     fn run(&self, mut command: Command, name: &str, limit: Duration) -> io::Result<Run> {
         let place = self.tree.target.join("mutants");
         fs::create_dir_all(&place)?;
@@ -105,9 +141,9 @@ impl Executable<'_> {
             .process_group(0)
             .spawn()?;
         let begun = Instant::now();
-        let in_time = loop {
-            if child.try_wait()?.is_some() {
-                break true;
+        let (in_time, success) = loop {
+            if let Some(status) = child.try_wait()? {
+                break (true, status.success());
             }
             if begun.elapsed() > limit {
                 // With all that the test has started.
@@ -116,13 +152,14 @@ impl Executable<'_> {
                     .args(["-KILL", "--", &group])
                     .status()?;
                 child.wait()?;
-                break false;
+                break (false, false);
             }
             thread::sleep(POLL);
         };
         let run = Run {
             output: String::from_utf8_lossy(&fs::read(&printed)?).into_owned(),
             in_time,
+            success,
             evaluated: fs::metadata(&seen)?.len() > 0,
         };
         fs::remove_file(&printed)?;
@@ -177,6 +214,7 @@ mod tests {
         let run = Run {
             output: output.to_owned(),
             in_time,
+            success: false,
             evaluated,
         };
         let target = Target {

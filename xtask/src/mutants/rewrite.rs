@@ -77,17 +77,33 @@ impl File {
             ));
         };
         let range = place.start + item.range.start..place.end + item.range.start;
-        let blocks = item.blocks.iter();
-        Ok(Placed {
-            block: blocks
-                .filter(|block| block.start < range.start && range.end < block.end)
-                .min_by_key(|block| block.len())
-                .cloned(),
-            constant: item.constant.clone(),
-            item: item.range.clone(),
-            replace: edit.replace.trim().to_owned(),
-            range,
-        })
+        Ok(placed(item, range, edit.replace.trim()))
+    }
+
+    /// An edit of what stands from one place to another: lines and columns count from 1, columns in characters.
+    pub(crate) fn place_at(
+        &self,
+        from: (usize, usize),
+        to: (usize, usize),
+        replace: &str,
+    ) -> Result<Placed, String> {
+        let range = self.offset(from)?..self.offset(to)?;
+        let around = self.items.iter().filter(|item| {
+            let mut blocks = item.blocks.iter();
+            blocks.any(|block| block.start < range.start && range.end < block.end)
+        });
+        let item = around.min_by_key(|item| item.range.len());
+        let item = item.ok_or("outside of all functions")?;
+        Ok(placed(item, range, replace))
+    }
+
+    fn offset(&self, (line, column): (usize, usize)) -> Result<usize, String> {
+        let missing = || format!("has no line {line} with a column {column}");
+        let text = self.text.split_inclusive('\n').nth(line - 1);
+        let text = text.ok_or_else(missing)?;
+        let begin = text.as_ptr().addr() - self.text.as_ptr().addr();
+        let mut places = text.char_indices().map(|(at, _)| at).chain([text.len()]);
+        Ok(begin + places.nth(column - 1).ok_or_else(missing)?)
     }
 
     /// The file with one mutant in it for good.
@@ -193,6 +209,20 @@ impl File {
         };
         writer.write(0..self.text.len(), None);
         Ok(writer.out)
+    }
+}
+
+fn placed(item: &Item, range: Range<usize>, replace: &str) -> Placed {
+    let blocks = item.blocks.iter();
+    Placed {
+        block: blocks
+            .filter(|block| block.start < range.start && range.end < block.end)
+            .min_by_key(|block| block.len())
+            .cloned(),
+        constant: item.constant.clone(),
+        item: item.range.clone(),
+        replace: replace.to_owned(),
+        range,
     }
 }
 
@@ -485,6 +515,16 @@ const LIMIT: u32 = 10;
         );
         let wrong = file.place(&edit("Drive::fmt", "print(1);", ""));
         assert!(wrong.is_err_and(|wrong| wrong.contains("has no Drive::fmt")));
+    }
+
+    #[test]
+    fn a_place_is_named_by_lines_and_columns() {
+        let text = "fn add(one: u8) -> u8 {\n    /* µ */ one + 1\n}\n";
+        let file = File::read(text.to_owned()).expect("Rust");
+        let placed = file.place_at((2, 17), (2, 18), "-").expect("a place");
+        assert_eq!(file.with(&[placed]), text.replace('+', "-"));
+        assert!(file.place_at((9, 1), (9, 2), "").is_err());
+        assert!(file.place_at((1, 1), (1, 3), "").is_err());
     }
 
     #[test]

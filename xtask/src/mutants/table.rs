@@ -22,6 +22,16 @@ pub(crate) struct Mutant {
 }
 
 impl Mutant {
+    /// One that is in no table, and that any test may catch.
+    pub(crate) fn outside_the_table(name: &str) -> Self {
+        Self {
+            id: name.to_owned(),
+            tests: BTreeMap::new(),
+            edits: Vec::new(),
+            single: false,
+        }
+    }
+
     /// What stands for the id in the rewritten code: the same whatever rows are added before it.
     pub(crate) fn number(&self) -> u32 {
         let hash = self.id.bytes().fold(0x811C_9DC5_u32, |hash, byte| {
@@ -95,6 +105,7 @@ impl Target {
         match self.package.as_str() {
             "servocrab-sim" => "sim",
             "servocrab-attach" => "attach",
+            "servocrab-cli" => "tools",
             _ => "",
         }
     }

@@ -71,23 +71,53 @@ pub(crate) struct Sources<'a> {
     mutants: &'a [Mutant],
 }
 
+/// Where a mutant that is in no table belongs. Lines and columns count from 1.
+pub(crate) struct Place<'a> {
+    pub(crate) file: &'a str,
+    pub(crate) from: (usize, usize),
+    pub(crate) to: (usize, usize),
+    pub(crate) replace: &'a str,
+}
+
 impl<'a> Sources<'a> {
-    /// Reads the files that the rows name. What has no place in them is added to the faults.
-    pub(crate) fn read(root: &'a Path, mutants: &'a [Mutant], faults: &mut Vec<Fault>) -> Self {
-        let mut files = BTreeMap::new();
+    /// Reads the files of mutants that are in no table, each with its place, and says which have none.
+    pub(crate) fn at(
+        root: &'a Path,
+        mutants: &'a [Mutant],
+        places: &[Place<'_>],
+    ) -> (Self, Vec<Fault>) {
+        let mut faults = Vec::new();
+        let files = read_files(root, places.iter().map(|place| place.file), &mut faults);
         let mut placed: BTreeMap<_, Vec<_>> = BTreeMap::new();
-        for name in mutants
-            .iter()
-            .flat_map(|mutant| &mutant.edits)
-            .map(|edit| edit.file.as_str())
-            .collect::<BTreeSet<_>>()
-        {
-            let text = fs::read_to_string(root.join(name)).map_err(|error| error.to_string());
-            match text.and_then(|text| File::read(text).map_err(|error| error.to_string())) {
-                Ok(file) => drop(files.insert(name.to_owned(), file)),
-                Err(error) => faults.push(Fault::new(&name, error)),
+        for (number, place) in places.iter().enumerate() {
+            let file = files.get(place.file).ok_or("cannot be read".to_owned());
+            match file.and_then(|file| file.place_at(place.from, place.to, place.replace)) {
+                Ok(edit) => drop(placed.insert((place.file.to_owned(), number), vec![edit])),
+                Err(wrong) => faults.push(Fault::new(&mutants[number].id, wrong)),
             }
         }
+        let sources = Self {
+            root,
+            files,
+            placed,
+            mutants,
+        };
+        sources.parse(&mut faults);
+        (sources, faults)
+    }
+
+    /// Whether one of these functions could no longer be constant with this mutant.
+    pub(crate) fn keeps_from_constant(&self, mutant: u32, names: &BTreeSet<String>) -> bool {
+        let others = self.mutants.iter().map(Mutant::number);
+        let others = others.filter(|number| *number != mutant).collect();
+        !self.no_longer_constant(&others).is_disjoint(names)
+    }
+
+    /// Reads the files that the rows name. What has no place in them is added to the faults.
+    pub(crate) fn read(root: &'a Path, mutants: &'a [Mutant], faults: &mut Vec<Fault>) -> Self {
+        let edits = mutants.iter().flat_map(|mutant| &mutant.edits);
+        let files = read_files(root, edits.map(|edit| edit.file.as_str()), faults);
+        let mut placed: BTreeMap<_, Vec<_>> = BTreeMap::new();
         for (number, mutant) in mutants.iter().enumerate() {
             for edit in &mutant.edits {
                 let unread = || format!("{} cannot be read", edit.file);
@@ -190,6 +220,22 @@ impl<'a> Sources<'a> {
     }
 }
 
+fn read_files<'a>(
+    root: &Path,
+    names: impl Iterator<Item = &'a str>,
+    faults: &mut Vec<Fault>,
+) -> BTreeMap<String, File> {
+    let mut files = BTreeMap::new();
+    for name in names.collect::<BTreeSet<_>>() {
+        let text = fs::read_to_string(root.join(name)).map_err(|error| error.to_string());
+        match text.and_then(|text| File::read(text).map_err(|error| error.to_string())) {
+            Ok(file) => drop(files.insert(name.to_owned(), file)),
+            Err(error) => faults.push(Fault::new(&name, error)),
+        }
+    }
+    files
+}
+
 /// The copy.
 pub(crate) struct Tree {
     pub(crate) root: PathBuf,
@@ -199,8 +245,8 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
-    pub(crate) fn new(root: &Path) -> Self {
-        let place = root.join("target/mutants");
+    /// One in this directory.
+    pub(crate) fn new(place: &Path) -> Self {
         Self {
             root: place.join("tree"),
             target: place.join("target"),
