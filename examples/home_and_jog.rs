@@ -1,8 +1,11 @@
 //! An axis without an absolute encoder, by default on an embedded simulated segment. It is homed by its limit switch, and its positions mean
 //! something from then on. It moves to some of them, and is jogged for as long as a key would be held.
 //!
-//! `--interface eth0 --drive 0` takes a real drive, which has a negative limit switch and nothing in its way.
+//! `--interface eth0 --drive 0` takes a real drive, which has a negative limit switch and nothing in its way. Ctrl-C stops the axis,
+//! disables it and leaves OP in order.
 
+#[path = "common/interrupt.rs"]
+mod interrupt;
 #[macro_use]
 #[path = "common/say.rs"]
 mod say;
@@ -10,6 +13,7 @@ mod say;
 use std::{error::Error, process::ExitCode, time::Duration};
 
 use clap::Parser;
+use interrupt::Interrupt;
 use servocrab::{
     axis::{Axis, AxisError, Failure},
     bus::{AxisConfig, DriveConfig, Network},
@@ -36,7 +40,10 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    match smol::block_on(run(&Arguments::parse())) {
+    let arguments = Arguments::parse();
+    let done =
+        Interrupt::listen().and_then(|interrupt| smol::block_on(run(&arguments, &interrupt)));
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("home_and_jog: {error}");
@@ -45,12 +52,12 @@ fn main() -> ExitCode {
     }
 }
 
-async fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     let network = match &arguments.interface {
         Some(interface) => Network::builder().interface(interface),
         None => Network::builder().link(wire()),
     };
-    let net = network
+    let start = network
         .cycle(Duration::from_millis(1))
         // Longer than a computer without real time keeps this thread waiting when it is busy.
         .watchdog(Duration::from_millis(500))
@@ -59,20 +66,26 @@ async fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
             DriveConfig::new(drives::generic())
                 .axis(AxisConfig::new("lift").map_output(obj::TARGET_VELOCITY)),
         )
-        .start()
-        .await?;
+        .start();
+    let started = interrupt.or(start).await;
+    let net = started.ok_or("interrupted: the bring-up has ended")??;
     let lift = net.axis("lift")?;
+    let done = interrupt.or(use_lift(&lift)).await;
+    // Stops the axis by quick stop where it is moving, then disables it.
+    let disabled = lift.disable().await;
+    let ended = net.shutdown().await;
+    done.ok_or("interrupted: stopped and disabled")??;
+    disabled?;
+    Ok(ended?)
+}
+
+async fn use_lift(lift: &Axis) -> Result<(), AxisError> {
     lift.enable().await?;
-
-    unreferenced(&lift).await?;
-    home(&lift).await?;
-    move_to(&lift, 3 * 65_536).await?;
-    jog(&lift).await?;
-    halted_jog(&lift).await?;
-
-    lift.disable().await?;
-    net.shutdown().await?;
-    Ok(())
+    unreferenced(lift).await?;
+    home(lift).await?;
+    move_to(lift, 3 * 65_536).await?;
+    jog(lift).await?;
+    halted_jog(lift).await
 }
 
 /// Somewhere above its negative limit switch, two turns away.

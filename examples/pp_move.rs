@@ -5,6 +5,8 @@
 //!
 //! Without a drive: make a veth pair, run `servocrab-sim --interface a --drive akd2g` on one end and this on the other.
 
+#[path = "common/interrupt.rs"]
+mod interrupt;
 #[macro_use]
 #[path = "common/say.rs"]
 mod say;
@@ -13,6 +15,7 @@ use std::{error::Error, process::ExitCode, time::Duration};
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
+use interrupt::Interrupt;
 use servocrab::{
     axis::{Axis, AxisError, Referencing},
     bus::{AxisConfig, DriveConfig, Network},
@@ -62,7 +65,10 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    match begin(&Arguments::parse()) {
+    let arguments = Arguments::parse();
+    let done =
+        Interrupt::listen().and_then(|interrupt| smol::block_on(run(&arguments, &interrupt)));
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("pp_move: {error}");
@@ -71,19 +77,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn begin(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
-    let (interrupt, interrupted) = smol::channel::bounded::<()>(1);
-    ctrlc::set_handler(move || {
-        // One is enough: the program is on its way out then.
-        let _ = interrupt.try_send(());
-    })?;
-    smol::block_on(run(arguments, &interrupted))
-}
-
-async fn run(
-    arguments: &Arguments,
-    interrupted: &smol::channel::Receiver<()>,
-) -> Result<(), Box<dyn Error>> {
+async fn run(arguments: &Arguments, interrupt: &Interrupt) -> Result<(), Box<dyn Error>> {
     let bar = ProgressBar::new(0).with_style(ProgressStyle::with_template(
         "{wide_bar} {pos}/{len} {msg}",
     )?);
@@ -107,7 +101,7 @@ async fn run(
                 .axis(AxisConfig::new("2").referencing(UNREFERENCED)),
         )
         .start();
-    let started = future::or(async { Some(start.await) }, ended_by(interrupted)).await;
+    let started = interrupt.or(start).await;
     bar.finish_and_clear();
     let net = started.ok_or("interrupted: the bring-up has ended")??;
     let axis = net.axis(&arguments.axis.to_string())?;
@@ -120,8 +114,7 @@ async fn run(
         }
         future::pending().await
     };
-    let moved = async { Some(one_move(arguments, &axis).await) };
-    let moved = future::or(told, future::or(ended_by(interrupted), moved)).await;
+    let moved = future::or(told, interrupt.or(one_move(arguments, &axis))).await;
     if let Some(Ok(outcome)) = &moved {
         say!("{outcome:?}");
     }
@@ -144,15 +137,6 @@ async fn run(
         Some(_) => Ok(()),
         None => Err("interrupted: stopped and disabled".into()),
     }
-}
-
-/// Waits for Ctrl-C.
-async fn ended_by<T>(interrupted: &smol::channel::Receiver<()>) -> Option<T> {
-    // An error means that nobody can interrupt any more.
-    if interrupted.recv().await.is_err() {
-        future::pending::<()>().await;
-    }
-    None
 }
 
 async fn one_move(arguments: &Arguments, axis: &Axis) -> Result<Outcome, AxisError> {

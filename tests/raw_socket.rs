@@ -310,6 +310,49 @@ fn home_and_jog_runs_on_a_drive_at_the_other_end_of_the_cable() {
 }
 
 #[test]
+fn ctrl_c_in_a_homing_stops_and_disables() {
+    if !inside_namespace("ctrl_c_in_a_homing_stops_and_disables") {
+        return;
+    }
+    let file = env::temp_dir().join(format!("servocrab-homing-{}.csv", std::process::id()));
+    let trace = file.display().to_string();
+    // A limit switch so far away that the homing takes minutes.
+    let machine = [
+        "--stands-at",
+        "100000000",
+        "--limit-switches",
+        "0..200000000",
+    ];
+    let options = [machine.as_slice(), &["--trace", &trace]].concat();
+    let options: Vec<_> = options.into_iter().map(str::to_owned).collect();
+    let simulator = program("servocrab-sim");
+    let line = simulated_on("slave0", &simulator, &["generic"], 60, &options);
+    let example = Command::new(program("examples/home_and_jog"))
+        .args(["--interface", "master0"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map(Process)
+        .expect("it starts");
+    let moves = |rows: &[Row]| rows.iter().any(|row| row.velocity < -10_000.0);
+    let end = Instant::now() + Duration::from_secs(20);
+    while !moves(&rows(&file)) {
+        assert!(Instant::now() < end, "it does not home");
+        std::thread::yield_now();
+    }
+    example.signal("INT");
+    assert_eq!(
+        failure(example, Duration::from_secs(10)),
+        "home_and_jog: interrupted: stopped and disabled\n"
+    );
+    let rows = whole_trace(line, &file);
+    let last = rows.last().expect("rows");
+    assert!(last.rests(), "velocity {}", last.velocity);
+    assert_eq!(last.statusword & 0x4F, 0x40, "Switch on disabled");
+    assert_ne!(last.al_state, 8, "OP was left");
+}
+
+#[test]
 fn a_move_whose_output_nobody_reads_ends_quietly_at_its_target() {
     if !inside_namespace("a_move_whose_output_nobody_reads_ends_quietly_at_its_target") {
         return;
