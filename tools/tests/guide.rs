@@ -1,0 +1,113 @@
+//! Every command of the guide, exactly as it stands there, in the order of its pages: on a veth pair named `eth0`, with
+//! simulated drives on its other end.
+#![allow(missing_docs)]
+
+#[path = "../../tests/common/namespace.rs"]
+#[expect(dead_code, reason = "other tests use the rest")]
+mod namespace;
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::Path,
+    process::{Command, Stdio},
+};
+
+use namespace::{inside_namespace, simulated_on, veth_pair};
+
+const TOOL: &str = env!("CARGO_BIN_EXE_servocrab");
+
+/// The pages, in the order of the guide's first.
+fn pages(guide: &Path) -> Vec<String> {
+    let first = fs::read_to_string(guide.join("README.md")).unwrap();
+    let names = first.split('(').filter_map(|rest| rest.split_once(')'));
+    let names = names.filter_map(|(name, _)| name.ends_with(".md").then_some(name));
+    names
+        .filter(|name| !name.starts_with(".."))
+        .map(|name| fs::read_to_string(guide.join(name)).unwrap())
+        .collect()
+}
+
+/// The commands of a page: its console blocks and what stands between backticks in its text.
+fn commands(page: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut block: Option<bool> = None;
+    for line in page.lines() {
+        if let Some(kind) = line.strip_prefix("```") {
+            block = block.is_none().then_some(["sh", "console"].contains(&kind));
+        } else if block == Some(true) {
+            found.push(line.trim_start_matches("$ ").to_owned());
+        } else if block.is_none() {
+            found.extend(line.split('`').skip(1).step_by(2).map(str::to_owned));
+        }
+    }
+    let program = |command: &str| command.trim_start_matches("sudo ").to_owned();
+    let is_command = |command: &String| {
+        ["servocrab ", "servocrab-sim ", "cargo "]
+            .iter()
+            .any(|program| command.starts_with(program))
+    };
+    found
+        .iter()
+        .map(|command| program(command))
+        .filter(is_command)
+        .collect()
+}
+
+#[test]
+fn every_command_of_the_guide_does_what_the_page_says() {
+    if !inside_namespace("every_command_of_the_guide_does_what_the_page_says") {
+        return;
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let pages = pages(&root.join("docs/guide"));
+    assert!(pages.len() > 4, "{} pages", pages.len());
+    let commands: Vec<_> = pages.iter().flat_map(|page| commands(page)).collect();
+    // One starts the simulated line, as here, and the tests of the workspace are run with this one.
+    let simulator = "servocrab-sim --interface drive0";
+    let tests = "cargo test -p servocrab-attach --test pick_and_place";
+    for others in [simulator, tests] {
+        assert!(commands.iter().any(|command| command == others), "{others}");
+    }
+    veth_pair("eth0", "drive0");
+    let program = Path::new(TOOL).with_file_name("servocrab-sim");
+    let line = ["akd2g", "sigma7"];
+    let _line = simulated_on("drive0", &program, &line, 300, &[]);
+    let home = tempfile::tempdir().unwrap();
+
+    let mut ran = BTreeSet::new();
+    for command in &commands {
+        let Some(arguments) = command.strip_prefix("servocrab ") else {
+            continue;
+        };
+        let output = Command::new(TOOL)
+            .args(arguments.split_whitespace())
+            .current_dir(&home)
+            .env("XDG_RUNTIME_DIR", home.path())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        // A check of the line or of the computer says by its code whether all is well: this is no computer of a machine.
+        let kind = arguments.split(' ').next().unwrap_or_default();
+        let codes: &[i32] = match kind {
+            "check" | "doctor" => &[0, 1],
+            _ => &[0],
+        };
+        let code = output.status.code().unwrap_or(-1);
+        assert!(codes.contains(&code), "{command}: {code}\n{said}{errors}");
+        assert!(
+            said.lines().count() > 2 || kind == "init" || kind == "params",
+            "{command}: {said}{errors}"
+        );
+        ran.insert(kind.to_owned());
+    }
+    for file in ["machine.toml", "drive.toml"] {
+        let there = fs::metadata(home.path().join(file)).unwrap();
+        assert!(there.len() > 100, "{file}");
+    }
+    for kind in ["scan", "doctor", "report", "init", "params", "check"] {
+        assert!(ran.contains(kind), "{kind}: {ran:?}");
+    }
+}
