@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use servocrab::{
     bus::Signal,
     coe::{
-        AxisOffset, DriveError, SdoError, SdoHandle, TypeCode,
+        AbortCode, AxisOffset, DriveError, Object, SdoError, SdoHandle, TypeCode,
         information::{ListKind, Question},
         obj,
     },
@@ -69,6 +69,46 @@ pub(crate) async fn read(
         "subindex": address.subindex,
         "bytes": bytes,
     })))
+}
+
+/// The limits of an axis as its drive holds them now, in the unit of the axis; nothing for what the drive does not have.
+pub(crate) async fn limits(
+    State(shown): State<Shown>,
+    Path(name): Path<String>,
+) -> Result<Json<Value>, Refusal> {
+    let axes = shown.view.axes();
+    let axis = axes.iter().find(|axis| *axis.identity.axis == *name);
+    let axis = axis.ok_or_else(|| {
+        let text = format!("no axis is named `{name}`: /v1/axes lists them");
+        Refusal::new(StatusCode::NOT_FOUND, "no_axis", text)
+    })?;
+    let sdo = shown.drive(&axis.identity.drive.position.to_string())?;
+    let _turn = shown.turn().await?;
+    let position = async |object: Object<i32>| {
+        let read = if_there(sdo.read(object.offset(axis.offset)).await)?;
+        Ok::<_, Refusal>(read.map(|counts| axis.scale.position_of(counts)))
+    };
+    let max_velocity = if_there(
+        sdo.read(obj::MAX_PROFILE_VELOCITY.offset(axis.offset))
+            .await,
+    )?;
+    Ok(Json(json!({
+        "unit": axis.unit,
+        "min_position": position(obj::SOFTWARE_LIMIT_MIN).await?,
+        "max_position": position(obj::SOFTWARE_LIMIT_MAX).await?,
+        "max_velocity": max_velocity.map(|velocity| axis.scale.velocity_of(velocity)),
+    })))
+}
+
+/// Nothing where the drive does not have the object.
+fn if_there<T>(read: Result<T, DriveError>) -> Result<Option<T>, Refusal> {
+    match read {
+        Ok(value) => Ok(Some(value)),
+        Err(error) => match error.error.abort_code() {
+            Some(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => Ok(None),
+            _ => Err(sdo_refusal(&error)),
+        },
+    }
 }
 
 /// A question of SDO information, as the query of a request.

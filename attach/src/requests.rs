@@ -47,6 +47,7 @@ pub(crate) fn router(shown: Shown) -> Router {
         )
         .route("/v1/stream", get(stream))
         .route("/v1/control", get(control))
+        .route("/v1/axes/{name}/limits", get(objects::limits))
         .route("/v1/axes/{name}/stop", post(stop))
         .route("/v1/axes/{name}/enable", post(commands::enable))
         .route("/v1/axes/{name}/disable", post(commands::disable))
@@ -94,6 +95,8 @@ async fn axes(State(shown): State<Shown>) -> Json<Value> {
             "unit": axis.unit,
             "position": axis.position,
             "velocity": axis.velocity,
+            "following_error": axis.following_error,
+            "torque": axis.torque,
             "state": snapshot.state.to_string(),
             "statusword": {
                 "value": snapshot.statusword.bits(),

@@ -14,6 +14,7 @@ use serde_json::{Value, json};
 use servocrab::{
     AxisConfig, DriveConfig, Network, Outcome, Referencing, SetPoint,
     bus::{RealTime, Scheduling},
+    coe::{AxisOffset, obj},
     drives,
     ds402::State,
     link::Wire,
@@ -34,7 +35,9 @@ fn machine_of(segment: Arc<Mutex<Segment>>) -> Network {
     let scale = Scale::counts_per_unit(Ratio::new(1000, 1).unwrap());
     let x = AxisConfig::new("x")
         .unit::<Mm>(scale)
-        .referencing(Referencing::AbsoluteEncoder);
+        .referencing(Referencing::AbsoluteEncoder)
+        .map_input(obj::FOLLOWING_ERROR_ACTUAL)
+        .map_input(obj::TORQUE_ACTUAL);
     let drive = DriveConfig::new(drives::akd2g()).axis(x).axis("y");
     let builder = Network::builder()
         .link(wire)
@@ -237,6 +240,12 @@ fn a_moving_axis_is_seen_in_its_unit_and_stopped_over_the_socket() {
         assert_eq!(axes[0]["state"], State::OperationEnabled.to_string());
         assert_eq!(axes[1]["state"], State::SwitchOnDisabled.to_string());
         assert!((axes[0]["velocity"].as_f64().unwrap() - 20.0).abs() < 2.0);
+        // The plant lags behind its demand, and its motor pushes; `y` does not send these objects.
+        let lag = axes[0]["following_error"].as_f64().unwrap();
+        assert!(lag > 0.0 && lag < 5.0, "{lag} mm");
+        let torque = axes[0]["torque"].as_f64().unwrap();
+        assert!(torque.abs() < 3.0, "{torque} rated torques");
+        assert_eq!(axes[1]["following_error"], Value::Null);
 
         let (status, _) = ask(socket, "POST /v1/axes/x/stop");
         assert_eq!(status, 202);
@@ -245,6 +254,46 @@ fn a_moving_axis_is_seen_in_its_unit_and_stopped_over_the_socket() {
         assert!(x.status().position < 100.0, "stopped far from the target");
         let counted = ask(socket, "GET /v1/statistics").1;
         assert_eq!(counted["axes"][0]["motions"], json!({"stopped": 1}));
+        net.shutdown().await.unwrap();
+    });
+}
+
+#[test]
+fn the_limits_are_what_the_drive_holds_now_for_each_of_its_axes() {
+    let net = machine();
+    let (_runtime, attached) = shown(&net, |attach| attach);
+    let socket = attached.socket();
+    smol::block_on(async {
+        let sdo = net.sdo(0).unwrap();
+        let of_y = AxisOffset::of_axis(2);
+        for (object, value) in [
+            (obj::SOFTWARE_LIMIT_MIN, -20_000),
+            (obj::SOFTWARE_LIMIT_MAX, 500_000),
+        ] {
+            sdo.write(object, value).await.unwrap();
+            sdo.write(object.offset(of_y), 2 * value).await.unwrap();
+        }
+        sdo.write(obj::MAX_PROFILE_VELOCITY, 250_000).await.unwrap();
+        let (status, x) = ask(socket, "GET /v1/axes/x/limits");
+        assert_eq!(status, 200, "{x}");
+        assert_eq!(
+            (&x["min_position"], &x["max_position"]),
+            (&json!(-20.0), &json!(500.0))
+        );
+        assert_eq!(
+            (&x["max_velocity"], &x["unit"]),
+            (&json!(250.0), &json!("mm"))
+        );
+        let (_, y) = ask(socket, "GET /v1/axes/y/limits");
+        assert_eq!(
+            (&y["min_position"], &y["max_position"]),
+            (&json!(-40_000.0), &json!(1_000_000.0))
+        );
+        let (status, unknown) = ask(socket, "GET /v1/axes/z/limits");
+        assert_eq!(
+            (status, &unknown["error"]["code"]),
+            (404, &json!("no_axis"))
+        );
         net.shutdown().await.unwrap();
     });
 }

@@ -34,12 +34,7 @@ impl<U: AxisUnit> Axis<U> {
         object: Object<T, A>,
     ) -> Result<Field<T>, AxisError> {
         let shared = &self.handles.shared;
-        let setup = &shared.setup;
-        let field = setup.layout.input(object.offset(setup.offset));
-        Ok(Field {
-            field: field.map_err(|error| shared.error(AxisErrorKind::Field(error)))?,
-            shared: Arc::clone(shared),
-        })
+        Field::of(shared, object).map_err(|error| shared.error(AxisErrorKind::Field(error)))
     }
 
     /// An object of the first axis' numbering, written through the process data of this axis. Until it is set it is 0
@@ -78,6 +73,18 @@ impl<U: AxisUnit> Axis<U> {
 }
 
 impl<T: Number> Field<T> {
+    /// An object of the first axis' numbering, where the drive sends it for this axis.
+    pub(super) fn of<A: Readable>(
+        shared: &Arc<Shared>,
+        object: Object<T, A>,
+    ) -> Result<Self, LayoutError> {
+        let setup = &shared.setup;
+        Ok(Self {
+            field: setup.layout.input(object.offset(setup.offset))?,
+            shared: Arc::clone(shared),
+        })
+    }
+
     /// The value that came last; [`Axis::status`] says how old it is.
     #[must_use]
     pub fn get(&self) -> T {

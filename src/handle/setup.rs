@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use crate::{
     axis::{AxisCore, AxisFields, DriveSettings, Snapshot, StopRequest},
-    coe::{AxisOffset, ObjectAddress, SdoError, Transfer},
+    coe::{AxisOffset, Number, Object, ObjectAddress, Readable, SdoError, Transfer},
     ds402::{QuickStopOption, StopOptions, SupportedModes, VelocityWindows},
     pdo_map::Layout,
     units::{AxisScale, AxisUnit},
@@ -19,6 +19,7 @@ use crate::{
 use super::{
     AxisError, AxisIdentity, AxisPort, AxisStatistics, GroupQueue,
     axis::{Axis, Handles},
+    field::Field,
     shared::Shared,
 };
 
@@ -155,6 +156,12 @@ impl AxisSource {
     /// The latest snapshot, without a handle.
     pub(crate) fn snapshot(&self) -> Snapshot {
         self.shared.snapshot()
+    }
+
+    /// The value of an object of the first axis' numbering that came last; none where the drive does not send it.
+    pub(crate) fn input<T: Number, A: Readable>(&self, object: Object<T, A>) -> Option<T> {
+        let field = Field::of(&self.shared, object);
+        field.ok().map(|field| field.get())
     }
 
     pub(crate) fn statistics(&self) -> AxisStatistics {

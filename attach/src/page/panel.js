@@ -152,6 +152,8 @@ function card(axis) {
     mode: make("span", { className: "quiet" }),
     position: make("span", { className: "number" }),
     velocity: make("span", { className: "number" }),
+    effort: make("p", { className: "bits effort" }),
+    limits: make("p", { className: "bits limits" }),
     states: make("ul", { className: "states" }),
     status: make("p", { className: "bits" }),
     control: make("p", { className: "bits" }),
@@ -187,13 +189,25 @@ function card(axis) {
     make("h3", {}, make("span", { textContent: axis.name }), parts.mode),
     make("div", { className: "row" }, parts.position, make("span", { textContent: axis.unit }), parts.velocity,
       make("span", { textContent: `${axis.unit}/s` })),
-    parts.states, parts.status, parts.control, parts.flags, ...rows);
+    parts.effort, parts.limits, parts.states, parts.status, parts.control, parts.flags, ...rows);
   element.dataset.axis = axis.name;
   find("axes").append(element);
+  showLimits(path, parts.limits);
   return parts;
 }
 
 const number = (value) => value.toFixed(Math.abs(value) >= 1000 ? 1 : 3);
+
+/** What the drive holds in 607Dh and 607Fh. */
+async function showLimits(path, place) {
+  try {
+    const { unit, min_position: min, max_position: max, max_velocity: velocity } = await ask(`${path}/limits`);
+    const positions = min === null || max === null ? "none" : min < max ? `${number(min)} to ${number(max)} ${unit}` : "off";
+    place.textContent = `Limits: positions ${positions}, velocity ${velocity ? `${number(velocity)} ${unit}/s` : "none"}`;
+  } catch (error) {
+    place.textContent = `Limits: ${error.message}`;
+  }
+}
 
 function showAxes(axes) {
   for (const axis of axes) {
@@ -202,6 +216,11 @@ function showAxes(axes) {
     parts.mode.textContent = `${axis.mode}, drive ${axis.drive}`;
     parts.position.textContent = number(axis.position);
     parts.velocity.textContent = number(axis.velocity);
+    const effort = [
+      axis.following_error !== null && `following error ${number(axis.following_error)} ${axis.unit}`,
+      axis.torque !== null && `torque ${(100 * axis.torque).toFixed(1)} % of rated`,
+    ];
+    parts.effort.textContent = effort.filter(Boolean).join(", ") || "Following error and torque: map 60F4h and 6077h";
     for (const item of parts.states.children) {
       item.className = item.textContent === axis.state ? `now${axis.state.startsWith("Fault") ? " fault" : ""}` : "";
     }
@@ -344,6 +363,7 @@ function objectRow(drive, object) {
       try {
         await ask(path, { bytes: bytesOf(text, length) });
         read.click();
+        for (const [name, parts] of cards) showLimits(`/v1/axes/${encodeURIComponent(name)}`, parts.limits);
       } catch (error) {
         tell(error.message);
       }

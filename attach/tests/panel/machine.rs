@@ -51,7 +51,9 @@ impl Machine {
             Ok(AxisConfig::new(name)
                 .unit::<Mm>(Scale::counts_per_unit(counts))
                 .referencing(Referencing::AbsoluteEncoder)
-                .map_output(obj::TARGET_VELOCITY))
+                .map_output(obj::TARGET_VELOCITY)
+                .map_input(obj::FOLLOWING_ERROR_ACTUAL)
+                .map_input(obj::TORQUE_ACTUAL))
         };
         let drive = DriveConfig::new(drives::akd2g())
             .axis(axis("x")?)

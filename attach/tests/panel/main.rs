@@ -182,6 +182,14 @@ fn shows(browser: &Browser, machine: &Machine) -> Result<()> {
         "return document.querySelector('.card[data-axis=x] li.now')?.textContent === 'Operation enabled'",
     )?;
     browser.wait(
+        "its limits are shown",
+        "return document.querySelector('.card[data-axis=x] .limits').textContent.startsWith('Limits: positions ')",
+    )?;
+    browser.wait(
+        "and its following error",
+        "return document.querySelector('.card[data-axis=x] .effort').textContent.startsWith('following error ')",
+    )?;
+    browser.wait(
         "the notice says what it is not",
         "return document.querySelector('.notice').textContent.includes('no safety function')",
     )

@@ -18,7 +18,7 @@ use crate::{
         recorder::{RecordedSignal, Recorder, Signal, SignalSource},
         watch::{Control, DevicePorts, Question},
     },
-    coe::{DataType, DriveEmergency, Emergencies, ObjectAddress, SdoHandle, Unit, obj},
+    coe::{AxisOffset, DataType, DriveEmergency, Emergencies, ObjectAddress, SdoHandle, Unit, obj},
     pdo_map::{Direction, Layout},
     units::{AxisScale, Scale},
 };
@@ -72,10 +72,16 @@ pub struct AxisView {
     pub position: f64,
     /// The velocity actual value in that unit per second.
     pub velocity: f64,
+    /// The following error 60F4h in that unit, where the drive sends it.
+    pub following_error: Option<f64>,
+    /// The torque actual value 6077h in rated torques, where the drive sends it.
+    pub torque: Option<f64>,
     /// The latest snapshot, in counts.
     pub snapshot: Snapshot,
     /// Between its unit and counts.
     pub scale: Scale,
+    /// By how much its objects lie above those of the drive's first axis.
+    pub offset: AxisOffset,
 }
 
 impl NetworkView {
@@ -90,8 +96,15 @@ impl NetworkView {
                 unit: setup.scale.unit(),
                 position: scale.position_of(snapshot.position),
                 velocity: scale.velocity_of(snapshot.velocity),
+                following_error: source
+                    .input(obj::FOLLOWING_ERROR_ACTUAL)
+                    .map(|error| scale.position_of(error)),
+                torque: source
+                    .input(obj::TORQUE_ACTUAL)
+                    .map(|thousandths| f64::from(thousandths) / 1000.0),
                 snapshot,
                 scale: *scale,
+                offset: setup.offset,
             }
         });
         seen.collect()
