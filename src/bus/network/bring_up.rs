@@ -17,11 +17,13 @@ use crate::{
         },
         device::{Device, progress::Progress},
         error::{AlState, AtStep, BringUpStep, DriveFault, NetworkError, OfDevice},
+        expected::{self, DevicePlace, Present},
         line::{self, Found, loop_is_gone},
         log::LogRecord,
         requests::Context,
     },
     coe::DriveId,
+    esc,
 };
 
 /// Complete exchanges before OP is asked for: the first one brings inputs, and with the second every drive has outputs that answer to
@@ -46,6 +48,35 @@ impl Ready {
     }
 }
 
+/// Which device of the line each declared one is.
+async fn declared_of(
+    context: &Context,
+    plan: &LinePlan,
+    line: &[Found],
+) -> Result<Vec<Found>, NetworkError> {
+    let declared = plan.declared();
+    let by_alias = |(place, _): &_| matches!(place, DevicePlace::Alias(_));
+    let needs_alias = declared.iter().any(by_alias);
+    let mut present = Vec::new();
+    for found in line {
+        let alias = if needs_alias {
+            let alias = context
+                .registers
+                .read(found.station, esc::STATION_ALIAS)
+                .await;
+            let alias = alias.at(BringUpStep::Identity).of(&found.id)?;
+            Some(u16::from_le_bytes(alias))
+        } else {
+            None
+        };
+        let id = found.id.clone();
+        present.push(Present { id, alias });
+    }
+    let places = expected::compare(&declared, &present, plan.complete)?;
+    let found = places.into_iter().filter_map(|place| line.get(place));
+    Ok(found.cloned().collect())
+}
+
 /// Brings all declared drives and devices with inputs and outputs into SAFEOP; all others stay in PREOP.
 pub(in crate::bus) async fn configure(
     context: &Context,
@@ -53,7 +84,7 @@ pub(in crate::bus) async fn configure(
     progress: &Rc<Progress>,
 ) -> Result<Ready, NetworkError> {
     let line = line::discover(context).await?;
-    let mut found = plan.find(context, &line).await?;
+    let mut found = declared_of(context, &plan, &line).await?;
     let ios = found.iter_mut().skip(plan.drives.len());
     read_whole_siis(context, ios.take(plan.ios.len())).await?;
     line::enter_pre_op(context, &line).await?;

@@ -10,15 +10,13 @@ use crate::{
             io::IoConfig,
             progress::{BringUpProgress, Listener, StepDone},
         },
-        error::{AtStep, BringUpStep, NetworkError, OfDevice, SettingError},
-        expected::{self, DevicePlace, Expected, Present},
-        line::Found,
+        error::{NetworkError, SettingError},
+        expected::{DevicePlace, Expected},
         log::{Log, Subscriber, Writer},
         real_time::RealTime,
-        requests::{BusLoop, Context, Reactor, WaitStrategy, wake_on_time},
+        requests::{BusLoop, Reactor, WaitStrategy, wake_on_time},
         watch::{Control, Guard},
     },
-    esc,
     link::{Link, RawSocket},
     wakes::{End, Wakes},
 };
@@ -486,7 +484,7 @@ impl LinePlan {
     }
 
     /// All devices that must be there: the drives first, then those with inputs and outputs.
-    fn declared(&self) -> Vec<(DevicePlace, Expected)> {
+    pub(super) fn declared(&self) -> Vec<(DevicePlace, Expected)> {
         let drives = self.drives.iter();
         let drives = drives.map(|(place, drive)| (*place, drive.expected()));
         let ios = self.ios.iter();
@@ -495,34 +493,5 @@ impl LinePlan {
             .chain(ios)
             .chain(self.others.iter().cloned())
             .collect()
-    }
-
-    /// Which device of the line each declared one is.
-    pub async fn find(
-        &self,
-        context: &Context,
-        line: &[Found],
-    ) -> Result<Vec<Found>, NetworkError> {
-        let declared = self.declared();
-        let by_alias = |(place, _): &_| matches!(place, DevicePlace::Alias(_));
-        let needs_alias = declared.iter().any(by_alias);
-        let mut present = Vec::new();
-        for found in line {
-            let alias = if needs_alias {
-                let alias = context
-                    .registers
-                    .read(found.station, esc::STATION_ALIAS)
-                    .await;
-                let alias = alias.at(BringUpStep::Identity).of(&found.id)?;
-                Some(u16::from_le_bytes(alias))
-            } else {
-                None
-            };
-            let id = found.id.clone();
-            present.push(Present { id, alias });
-        }
-        let places = expected::compare(&declared, &present, self.complete)?;
-        let found = places.into_iter().filter_map(|place| line.get(place));
-        Ok(found.cloned().collect())
     }
 }
