@@ -17,8 +17,8 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         .args([
             "test",
             "--quiet",
-            "--package",
-            "servocrab-attach",
+            // With the features that `cargo test --workspace` has built it with.
+            "--workspace",
             "--test",
             "panel",
             "--",
