@@ -92,6 +92,8 @@ pub(crate) async fn limits(
         sdo.read(obj::MAX_PROFILE_VELOCITY.offset(axis.offset))
             .await,
     )?;
+    // 0, and the most that the object can hold, limit nothing.
+    let max_velocity = max_velocity.filter(|velocity| !matches!(*velocity, 0 | u32::MAX));
     Ok(Json(json!({
         "unit": axis.unit,
         "min_position": position(obj::SOFTWARE_LIMIT_MIN).await?,

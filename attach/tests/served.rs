@@ -289,6 +289,11 @@ fn the_limits_are_what_the_drive_holds_now_for_each_of_its_axes() {
             (&y["min_position"], &y["max_position"]),
             (&json!(-40_000.0), &json!(1_000_000.0))
         );
+        sdo.write(obj::MAX_PROFILE_VELOCITY, u32::MAX)
+            .await
+            .unwrap();
+        let (_, x) = ask(socket, "GET /v1/axes/x/limits");
+        assert_eq!(x["max_velocity"], Value::Null);
         let (status, unknown) = ask(socket, "GET /v1/axes/z/limits");
         assert_eq!(
             (status, &unknown["error"]["code"]),
