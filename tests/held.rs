@@ -525,3 +525,41 @@ fn a_short_blend_for_which_the_drive_stops_has_not_begun_with_bit_12() {
         Ok(Completion::Reached { position: 2_000 })
     );
 }
+
+/// Bit 10 is wrong in one cycle, in which the axis, ahead of its demand, goes through the end of the move: it is elsewhere in the next.
+#[test]
+fn a_bit_10_of_one_cycle_while_the_axis_goes_through_its_end_ends_nothing() {
+    let mut passed = 0;
+    for frequency in 40..80 {
+        let at_speed = |wrong_bit_10| {
+            let habits = Habits {
+                frequency: f64::from(frequency),
+                damping: 0.25,
+                wrong_bit_10,
+                ..Habits::default()
+            };
+            let mut bus = Bus::enabled(habits, |_| {});
+            let quick = SetPoint::new().acceleration(2_000_000);
+            let id = bus.abs(2_000, quick.deceleration(2_000_000));
+            bus.wait_accepted(id);
+            (bus, id)
+        };
+        let (mut bus, _) = at_speed(None);
+        let at_end = |bus: &Bus| bus.drive.actual > 1_990.0;
+        bus.run_until(2_000, at_end);
+        let early = bus.drive.demand < 1_950.0 && bus.drive.rate > 11.0;
+        if bus.drive.actual > 2_010.0 || !early {
+            continue;
+        }
+        let (mut bus, id) = at_speed(Some(bus.drive.now));
+        // The drive never holds one that the core does not know.
+        let end = finish(&mut bus, id);
+        let entry = bus.entry(id).expect("it was sent");
+        assert!(
+            matches!(entry.ended, Some((_, End::Stopped))),
+            "{frequency}: {end:?}, {entry:?}"
+        );
+        passed += 1;
+    }
+    assert!(passed > 3, "{passed}");
+}

@@ -191,6 +191,9 @@ pub(super) struct Track {
     /// Whether bit 10 was seen low since then: only then a high one is news. And when it was last.
     left_target: bool,
     low: Duration,
+    /// When it rose after that, and whether the axis went further than its window in that cycle.
+    rose: Duration,
+    passing: bool,
     /// Resumed: until the drive has surely seen bit 8 low, bit 10 may still be that of the halt. No time is known before that was delivered.
     halt_seen_over: Option<Duration>,
     /// Whether it became active behind another, or behind one that was over with no way to go and may begin yet. A low bit 10 may be of
@@ -292,6 +295,8 @@ impl Track {
             since: cycle.now,
             left_target: false,
             low: cycle.now,
+            rose: cycle.now,
+            passing: false,
             halt_seen_over: None,
             follows: false,
             by_room: false,
@@ -361,6 +366,8 @@ impl Track {
         self.since = cycle.now;
         self.left_target = false;
         self.low = cycle.now;
+        self.rose = cycle.now;
+        self.passing = false;
         self.arrived = None;
         self.unlimited = false;
         self.limited = false;
@@ -447,6 +454,7 @@ impl Track {
         self.since = now;
         self.left_target = false;
         self.low = now;
+        self.rose = now;
         self.halt_seen_over = Some(Duration::MAX);
         self.halt_told = false;
         // How one behind it begins does not change.
@@ -466,6 +474,8 @@ impl Track {
     pub fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration) {
         no_older(&mut self.since, now, begin.max(settle));
         no_older(&mut self.low, now, settle);
+        no_older(&mut self.rose, now, settle);
+        self.passing &= now.saturating_sub(self.rose) < settle;
         if let Some((since, ..)) = &mut self.lingering.span {
             no_older(since, now, begin);
         }
@@ -515,6 +525,8 @@ impl Track {
         if !sample.statusword.contains(Statusword::TARGET_REACHED) {
             self.left_target |= self.halt_seen_over.is_none();
             self.low = now;
+        } else if self.rose < self.low {
+            self.note_rise(now, sample.position, bounds);
         }
         let position = sample.position;
         let resumed = core::mem::take(&mut self.resumed);
@@ -522,7 +534,10 @@ impl Track {
             self.before = position;
             self.stood = self.from_rest.then_some(position);
         }
-        let Some(end) = self.end else { return };
+        let Some(end) = self.end else {
+            self.before = position;
+            return;
+        };
         if resumed || (self.far && !self.is_far(position, bounds)) {
             self.turn(position, bounds);
         }
@@ -541,6 +556,13 @@ impl Track {
             self.turn(position, bounds);
             self.seen_there = true;
         }
+    }
+
+    /// Bit 10 has risen, with the axis at this position.
+    #[inline(never)]
+    fn note_rise(&mut self, now: Duration, position: i32, bounds: &Bounds) {
+        self.rose = now;
+        self.passing = bounds.distance(self.before, position) > bounds.position;
     }
 
     /// The nearest that was seen: a later position may be on the way to the next end already.
@@ -847,6 +869,10 @@ impl Track {
         let position = cycle.sample.position;
         let window = cycle.bounds.position;
         self.note_place(cycle);
+        // It may be wrong for one of the drive's cycles. When that shows, an axis at speed is elsewhere.
+        if self.passing && !cycle.is_seen(self.rose) {
+            return None;
+        }
         let reached = Some(Ok(Completion::Reached { position }));
         let within = self
             .end

@@ -46,6 +46,8 @@ pub struct Habits {
     pub acknowledge_delay: u32,
     /// Bit 10 is low while the axis is halted.
     pub halt_hides_bit_10: bool,
+    /// In this millisecond alone bit 10 is high, whatever the axis does.
+    pub wrong_bit_10: Option<u64>,
 }
 
 impl Default for Habits {
@@ -66,6 +68,7 @@ impl Default for Habits {
             from_actual: false,
             acknowledge_delay: 0,
             halt_hides_bit_10: false,
+            wrong_bit_10: None,
         }
     }
 }
@@ -201,10 +204,11 @@ impl Drive {
         };
         let bit = |on: bool, bit: u16| u16::from(on) << bit;
         let hidden = self.habits.halt_hides_bit_10 && self.last.word & BIT_8 != 0;
+        let wrong = self.habits.wrong_bit_10 == Some(self.now);
         state
             | 1 << 9
             | 1 << 4
-            | bit(self.reached && !hidden, 10)
+            | bit(self.reached && !hidden || wrong, 10)
             | bit(self.limited, 11)
             | bit(self.acknowledge, 12)
     }
