@@ -563,3 +563,25 @@ fn a_bit_10_of_one_cycle_while_the_axis_goes_through_its_end_ends_nothing() {
     }
     assert!(passed > 3, "{passed}");
 }
+
+/// Where nothing before it may be held, the next one goes to the drive before the axis has moved.
+#[test]
+fn behind_a_move_that_the_drive_begins_late_the_next_is_sent_at_once() {
+    for buffer_mode in [BufferMode::Buffered, BufferMode::Blending] {
+        let mut bus = Bus::enabled(late(), |_| {});
+        bus.run(110);
+        let first = bus.abs(1_000, after());
+        bus.wait_accepted(first);
+        let second = bus.abs(2_000, SetPoint::new().buffer_mode(buffer_mode));
+        bus.wait_accepted(second);
+        assert_eq!(bus.drive.actual, 0.0, "{buffer_mode:?} came late");
+        let passed = match buffer_mode {
+            BufferMode::Blending => "Passed",
+            _ => "Reached",
+        };
+        let end = format!("{:?}", finish(&mut bus, first));
+        assert!(end.contains(passed), "{end}");
+        let end = finish(&mut bus, second);
+        assert_eq!(end, Ok(Completion::Reached { position: 2_000 }));
+    }
+}
