@@ -461,7 +461,10 @@ impl Drive {
             let away = self.active.is_some_and(|active| {
                 (active.goal - self.position).abs() > 3.0 * self.making.window
             });
-            if absolute && fast && away && self.has(Habit::Bit10Glitch) {
+            // But one that goes through the window in a tick only passes it.
+            let passes = self.velocity.abs() * self.making.tick > 3.0 * self.making.window;
+            let shown = self.hold_inputs == 0;
+            if absolute && fast && (away || passes) && shown && self.has(Habit::Bit10Glitch) {
                 self.glitch = true;
             }
             return;
@@ -809,7 +812,12 @@ impl Drive {
                     && self.reaction_until != u64::MAX
                     && self.active.is_some()
                 {
-                    self.follow(dt);
+                    // What has not set off waits on.
+                    if self.wait > 0 {
+                        self.wait -= 1;
+                    } else {
+                        self.follow(dt);
+                    }
                     return;
                 }
                 let ramp = self.making.quick_ramp;
