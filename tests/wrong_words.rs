@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::Rig;
+use common::{Link, Rig};
 use servocrab::axis::{Command, CommandId, Completion, Failure, StopRequest};
 use servocrab::ds402::{QuickStopOption, State};
 use servocrab::profile_position::SetPoint;
@@ -22,6 +22,8 @@ fn rig(option: i16, shows_velocity: bool) -> Rig {
     };
     let mut rig = Rig::new(behaviour, |config| {
         config.quick_stop = QuickStopOption(option);
+        // What is tried here ends before the drive counts as lost.
+        config.loss.undelivered_cycles = 400;
         if !shows_velocity {
             config.fields.actual_velocity = None;
         }
@@ -409,5 +411,29 @@ fn words_of_a_drive_without_power_do_not_enable_an_axis_that_moves() {
             enable.is_some_and(|id| rig.finish(id).is_ok()),
             "{word:04X}"
         );
+    }
+}
+
+/// The drive gets no outputs as long as its words are wrong: nothing has led it down, and it holds its set-point.
+#[test]
+fn an_axis_is_not_enabled_before_a_word_that_leads_it_down_was_delivered() {
+    for word in [0x0250, 0x0231, 0x0233] {
+        for wrong in [1, 20, 120, 180] {
+            let what = format!("{word:04X} for {wrong} cycles");
+            let mut rig = halted(6);
+            let at = rig.drive.position() as i32;
+            rig.forged = Some(word);
+            rig.cycle_over(Link::Undelivered);
+            let enable = rig.send(Command::Enable);
+            for _ in 0..wrong {
+                rig.forged = Some(word);
+                rig.cycle_over(Link::Undelivered);
+            }
+            let end = rig.finish(enable);
+            assert_eq!(end, Ok(Completion::Done), "{what}");
+            rig.run(300);
+            let gone = (rig.drive.position() as i32 - at).abs();
+            assert!(gone <= 10, "{what}: it moves unasked, by {gone}");
+        }
     }
 }

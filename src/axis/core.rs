@@ -640,6 +640,8 @@ impl AxisCore {
             } else {
                 self.last_seen = LastSeen::default();
             }
+            let enables = self.sent.contains(Controlword::ENABLE_OPERATION);
+            self.brake.note_sent(now, enables, delivered);
             self.brake.observe(
                 now,
                 sample.state(),

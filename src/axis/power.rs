@@ -155,6 +155,8 @@ pub(super) struct Brake {
     until: Option<Duration>,
     /// Since when each sample has shown a state without power, and how many there were.
     down: Option<(Duration, u32)>,
+    /// Since when a word that does not enable it is known to have been delivered, with none sent after that which does.
+    led_down: Option<Duration>,
     over: bool,
     confirmed: bool,
     /// Whether the last sample showed Quick stop active.
@@ -162,6 +164,15 @@ pub(super) struct Brake {
 }
 
 impl Brake {
+    /// A word was sent. A drive that shows a state without power by mistake, and has not got one that leads it there, may hold a set-point.
+    pub fn note_sent(&mut self, now: Duration, enables: bool, delivered: bool) {
+        if enables {
+            self.led_down = None;
+        } else if delivered {
+            self.led_down.get_or_insert(now);
+        }
+    }
+
     /// Takes in one sample of a drive with these traits. `leading_down`: the axis is to lose its power. `patience` is how long it may
     /// take to come to rest.
     pub fn observe(
@@ -186,9 +197,11 @@ impl Brake {
             None => Some((now, 1)),
             Some((since, samples)) => Some((since, samples.saturating_add(1))),
         };
-        self.confirmed = self.down.is_some_and(|(since, samples)| {
-            samples > 1 && now.saturating_sub(since) >= traits.surely_seen()
-        });
+        let seen = |since| now.saturating_sub(since) >= traits.surely_seen();
+        let shown = self
+            .down
+            .is_some_and(|(since, samples)| samples > 1 && seen(since));
+        self.confirmed = shown && self.led_down.is_some_and(seen);
         if powered {
             self.stage = BrakePhase::Driven;
         } else if standing || (self.confirmed && (self.stage == BrakePhase::Unknown || self.over)) {
@@ -208,6 +221,9 @@ impl Brake {
         if let Some((since, samples)) = &mut self.down {
             no_older(since, now, seen);
             *samples = (*samples).min(2);
+        }
+        if let Some(since) = &mut self.led_down {
+            no_older(since, now, seen);
         }
         if let Some(until) = &mut self.until {
             *until = (*until).max(now);
@@ -238,7 +254,7 @@ impl Brake {
         }
     }
 
-    /// Whether the drive has surely shown that its power stage is off.
+    /// Whether the drive has surely shown that its power stage is off, and was led there.
     pub const fn is_down(&self) -> bool {
         self.confirmed
     }
