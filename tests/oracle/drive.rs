@@ -812,12 +812,9 @@ impl Drive {
                     && self.reaction_until != u64::MAX
                     && self.active.is_some()
                 {
-                    // What has not set off waits on.
-                    if self.wait > 0 {
-                        self.wait -= 1;
-                    } else {
-                        self.follow(dt);
-                    }
+                    // What has set off waits no more.
+                    self.wait = 0;
+                    self.follow(dt);
                     return;
                 }
                 let ramp = self.making.quick_ramp;
