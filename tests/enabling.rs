@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::Rig;
+use common::{Link, Rig};
 use servocrab::axis::{Command, Completion, Failure};
 use servocrab::ds402::State;
 use servocrab::profile_position::{SetPoint, WaitingFor};
@@ -223,4 +223,45 @@ fn a_power_section_that_takes_its_time_is_waited_for() {
     ));
     rig.run(5);
     assert_eq!(rig.drive.state(), ds402::State::SwitchOnDisabled);
+}
+
+/// It is not known whether a halt was delivered, and somebody turns the axis by hand: the halt still waits when the axis is enabled again.
+#[test]
+fn an_enabling_ends_also_where_a_halt_waits_before_it() {
+    let mut rig = Rig::enabled();
+    rig.run(200);
+    for _ in 0..20 {
+        rig.cycle_over(Link::Undelivered);
+    }
+    let halt = rig.send(Command::Halt);
+    let disable = rig.send(Command::Disable);
+    while rig.outcome(disable).is_none() {
+        rig.cycle_over(Link::Undelivered);
+    }
+    for _ in 0..10 {
+        rig.cycle_over(Link::Miscounted);
+    }
+    let mut at = rig.drive.position() as i32;
+    let mut shows = |rig: &mut Rig, word: u16| {
+        at += 20;
+        rig.drive.place(at.into());
+        rig.forged = Some(word);
+        rig.cycle();
+        *rig.words.last().unwrap()
+    };
+    for _ in 0..10 {
+        assert_eq!(shows(&mut rig, 0x0233), 0x0100);
+    }
+    assert_eq!(rig.outcome(halt), None);
+    let enable = rig.send(Command::Enable);
+    for word in [0x0233, 0x0233, 0x0237] {
+        assert_eq!(shows(&mut rig, word), 0x000F, "bit 8 does not outlive that");
+    }
+    rig.run(DEADLINE);
+    assert!(rig.outcome(halt).is_some());
+    let end = rig.outcome(enable);
+    assert!(
+        matches!(end, Some(Err(Failure::QuickStopped { .. }))),
+        "{end:?}"
+    );
 }

@@ -792,9 +792,14 @@ impl AxisCore {
         if !matches!(self.power, Power::Resetting { .. }) {
             self.power = power;
         }
+        self.lower_halt();
+        self.lower_mode_bits();
+    }
+
+    /// Bit 8 falls.
+    const fn lower_halt(&mut self) {
         self.halted = false;
         self.halt_delivered = None;
-        self.lower_mode_bits();
     }
 
     fn observe_power(&mut self, now: Duration, sample: &Sample, delivered: bool) {
@@ -861,8 +866,7 @@ impl AxisCore {
                     let was_down =
                         was_down && (!enabled || self.sent.contains(Controlword::ENABLE_OPERATION));
                     if down {
-                        self.halted = false;
-                        self.halt_delivered = None;
+                        self.lower_halt();
                     }
                     self.power = Power::Enabling {
                         id,
@@ -1199,8 +1203,7 @@ impl AxisCore {
     /// The axis stands where it was, and nothing is known that it could move for: bit 8 is as it was before.
     fn finish_without_quick_stop(&mut self, state: State) {
         if self.stopping.lent {
-            self.halted = false;
-            self.halt_delivered = None;
+            self.lower_halt();
             self.stopping.begin_halt();
         }
         self.finish_stop(state);
@@ -1316,10 +1319,14 @@ impl AxisCore {
             return;
         }
         self.lower_mode_bits();
+        let was_down = self.is_down_at_rest();
+        if was_down {
+            self.lower_halt();
+        }
         self.power = Power::Enabling {
             id,
             deadline: now.saturating_add(self.config.deadlines.enable),
-            was_down: self.is_down_at_rest(),
+            was_down,
             shown: None,
         };
     }
