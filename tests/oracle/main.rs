@@ -70,7 +70,7 @@ fn the_laws_hold() {
     };
     let found = search.run();
     println!("{found}");
-    // Programs that break a law are rare, about one in 10⁹ axis-cycles at most (docs/verification.md). A quick run says how many it bears.
+    // Programs that break a law are rare, about one in 2·10⁹ axis-cycles (docs/verification.md). A quick run says how many it bears.
     let borne = number("ORACLE_BORNE").unwrap_or(0);
     assert!(
         found.violations.len() as u64 <= borne,
