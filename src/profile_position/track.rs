@@ -165,6 +165,8 @@ pub(super) struct Track {
     is_loose: bool,
     /// Whether its end was reckoned from that of one which may end beside it.
     is_vague: bool,
+    /// Whether the one before it may have ended beside its end, so that it is not known where the axis was when this one became active.
+    begins_beside: bool,
     /// Whether it begins at rest: then the axis goes to its end without passing it before.
     pub from_rest: bool,
     /// Whether it was begun by a drive in motion, which may be too fast to stop at its end, and come back to it.
@@ -274,6 +276,7 @@ impl Track {
             },
             at_base: stands && at_base,
             is_loose: false,
+            begins_beside: false,
             is_vague: behind_loose && command.reference == Reference::Relative,
             stood_before: stands,
             swings: !stands,
@@ -410,7 +413,11 @@ impl Track {
     /// Its way began at the end of `before`, where the axis was seen.
     fn begins_at_end_of(&mut self, before: &Self, from_rest: bool, cycle: &Cycle<'_>) {
         let Some(begin) = before.end else { return };
-        self.stood = from_rest.then_some(begin);
+        self.begins_beside = before.may_end_beside();
+        // What is left of the way to where that has ended is no motion of this one.
+        if !self.begins_beside {
+            self.stood = from_rest.then_some(begin);
+        }
         self.left_place = None;
         self.turn(begin, cycle.bounds);
         self.remaining = self
@@ -911,7 +918,11 @@ impl Track {
                 None => Some(Err(Failure::EndNotKnown { actual: position })),
             };
         }
-        late.then_some(Err(Failure::NotBegun { actual: position }))
+        late.then_some(Err(match self.end {
+            // So long after bit 10 was low, it was low for this one.
+            Some(target) if self.begins_beside && self.left_target => self.missed(target, position),
+            _ => Failure::NotBegun { actual: position },
+        }))
     }
 
     /// Whether this distance may lead to this position, from a place beside the one that its end was reckoned from, or where that is not
