@@ -24,7 +24,16 @@ struct Run {
     output: String,
     in_time: bool,
     success: bool,
-    evaluated: bool,
+    /// What the mutants wrote that were come to.
+    seen: Vec<u8>,
+}
+
+/// What ends a run before its tests have.
+#[derive(Clone, Copy)]
+struct Until {
+    limit: Duration,
+    /// Whether the first test that fails does.
+    failed: bool,
 }
 
 /// What a whole suite says.
@@ -61,7 +70,11 @@ impl Executable<'_> {
             ("EMERGENCY_EVERY", "9"),
             ("MODEL_SECONDS", "5"),
         ]);
-        let run = self.run(command, "suite", SUITE_LIMIT)?;
+        let until = Until {
+            limit: SUITE_LIMIT,
+            failed: false,
+        };
+        let run = self.run(command, "suite", until)?;
         let failed = |line: &str| {
             let name = line.strip_prefix("test ")?.strip_suffix(" ... FAILED")?;
             Some(format!("{name} fails without a mutant"))
@@ -93,37 +106,55 @@ impl Executable<'_> {
         if let Some(number) = number {
             command.env("MUTANT", number.to_string());
         }
-        let run = self.run(command, mutant, LIMIT)?;
+        let until = Until {
+            limit: LIMIT,
+            failed: false,
+        };
+        let run = self.run(command, mutant, until)?;
         let wrong = verdict(&run, self.target, tests, number.is_some());
         Ok(wrong.map_or(Ok(()), |wrong| Err((wrong, run.output))))
     }
 
-    /// Runs the whole suite with a mutant, or without.
+    /// Runs the whole suite with a mutant, or without, until a test of it fails.
     pub(crate) fn all(&self, mutant: Option<&Mutant>, limit: Duration) -> io::Result<Judged> {
+        let mutant = mutant.map(|mutant| mutant.number().to_string());
+        Ok(self.whole(mutant.as_deref(), limit)?.0)
+    }
+
+    /// Runs the whole suite without a mutant, and says of which mutants it runs the code.
+    pub(crate) fn reach(&self, limit: Duration) -> io::Result<(Judged, BTreeSet<u32>)> {
+        let (judged, seen) = self.whole(Some("each"), limit)?;
+        let (numbers, _) = seen.as_chunks::<4>();
+        let numbers = numbers.iter().map(|bytes| u32::from_le_bytes(*bytes));
+        Ok((judged, numbers.collect()))
+    }
+
+    /// Runs the suite with this in the environment, and says what was written of the mutants that were come to.
+    fn whole(&self, mutant: Option<&str>, limit: Duration) -> io::Result<(Judged, Vec<u8>)> {
         let mut command = Command::new(self.path);
-        // Another thread may run the same suite.
-        let mut name = format!("suite-{:?}", thread::current().id());
         if let Some(mutant) = mutant {
-            name = mutant.number().to_string();
-            command.env("MUTANT", &name);
+            command.env("MUTANT", mutant);
         }
-        let run = self.run(command, &name, limit)?;
-        let failed = run.output.lines().find_map(|line| {
-            let name = line.strip_prefix("test ")?;
-            Some(name.strip_suffix(" ... FAILED")?.to_owned())
-        });
-        Ok(match failed {
-            Some(by) => Judged::Failed { by },
+        // Another thread may run the same suite.
+        let name = format!("{:?}-{}", thread::current().id(), mutant.unwrap_or("none"));
+        let until = Until {
+            limit,
+            failed: true,
+        };
+        let run = self.run(command, &name, until)?;
+        let judged = match failed(&run.output) {
+            Some(by) => Judged::Failed { by: by.to_owned() },
             None if !run.in_time => Judged::Hung,
             None if !run.success => {
                 let by = run.output.lines().last().unwrap_or_default().to_owned();
                 Judged::Failed { by }
             }
             None => Judged::Passed,
-        })
+        };
+        Ok((judged, run.seen))
     }
 
-    fn run(&self, mut command: Command, name: &str, limit: Duration) -> io::Result<Run> {
+    fn run(&self, mut command: Command, name: &str, until: Until) -> io::Result<Run> {
         let place = self.tree.target.join("mutants");
         fs::create_dir_all(&place)?;
         let name = format!("{}-{}-{name}", self.target.package, self.target.name);
@@ -145,14 +176,18 @@ impl Executable<'_> {
             if let Some(status) = child.try_wait()? {
                 break (true, status.success());
             }
-            if begun.elapsed() > limit {
+            let late = begun.elapsed() > until.limit;
+            let has_failed = || -> io::Result<bool> {
+                Ok(failed(&String::from_utf8_lossy(&fs::read(&printed)?)).is_some())
+            };
+            if late || until.failed && has_failed()? {
                 // With all that the test has started.
                 let group = format!("-{}", child.id());
                 Command::new("kill")
                     .args(["-KILL", "--", &group])
                     .status()?;
                 child.wait()?;
-                break (false, false);
+                break (!late, false);
             }
             thread::sleep(POLL);
         };
@@ -160,12 +195,20 @@ impl Executable<'_> {
             output: String::from_utf8_lossy(&fs::read(&printed)?).into_owned(),
             in_time,
             success,
-            evaluated: fs::metadata(&seen)?.len() > 0,
+            seen: fs::read(&seen)?,
         };
         fs::remove_file(&printed)?;
         fs::remove_file(&seen)?;
         Ok(run)
     }
+}
+
+/// The first test that failed.
+fn failed(output: &str) -> Option<&str> {
+    output.lines().find_map(|line| {
+        let name = line.strip_prefix("test ")?;
+        name.strip_suffix(" ... FAILED")
+    })
 }
 
 fn passed(output: &str, test: &str) -> bool {
@@ -177,7 +220,7 @@ fn verdict(run: &Run, target: &Target, tests: &BTreeSet<String>, chosen: bool) -
     if !run.in_time {
         return Some("hangs".to_owned());
     }
-    if chosen && !run.evaluated {
+    if chosen && run.seen.is_empty() {
         return Some("is never evaluated".to_owned());
     }
     for test in tests {
@@ -215,7 +258,7 @@ mod tests {
             output: output.to_owned(),
             in_time,
             success: false,
-            evaluated,
+            seen: vec![b'x'; usize::from(evaluated)],
         };
         let target = Target {
             package: "servocrab".to_owned(),

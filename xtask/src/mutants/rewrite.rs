@@ -288,7 +288,11 @@ impl Writer<'_> {
 
     fn choice(&mut self, number: usize) {
         let Choice { block, copies } = &self.choices[number];
-        self.out.text.push_str("{ match ::mutants::active() {\n");
+        let numbers: Vec<u32> = copies.iter().map(|copy| copy.number).collect();
+        let _ = writeln!(
+            self.out.text,
+            "{{ static NOTED: ::mutants::Noted = ::mutants::Noted::new(false); match ::mutants::among(&{numbers:?}, &NOTED) {{"
+        );
         for copy in copies {
             let first = self.line();
             let _ = write!(
@@ -419,7 +423,7 @@ const LIMIT: u32 = 10;
         )];
         let text = rewritten(&changes).text;
         assert!(
-            text.contains("if word & 1 == 1 { match ::mutants::active() {\n7 /* id */ =>"),
+            text.contains("::new(false); match ::mutants::among(&[7], &NOTED) {\n7 /* id */ =>"),
             "{text}"
         );
         assert_eq!(text.matches("self.stop();").count(), 1, "{text}");
@@ -434,11 +438,7 @@ const LIMIT: u32 = 10;
             edit("Drive::step", "word & 2 == 2", "true"),
         ];
         let text = rewritten(&[change(7, &edits)]).text;
-        assert_eq!(
-            text.matches("match ::mutants::active()").count(),
-            1,
-            "{text}"
-        );
+        assert_eq!(text.matches("match ::mutants::among(").count(), 1, "{text}");
         let copy = text
             .split("/* id */")
             .nth(1)
@@ -459,11 +459,7 @@ const LIMIT: u32 = 10;
         );
         let outer = change(8, &[edit("Drive::step", "word & 2 == 2", "true")]);
         let text = rewritten(&[inner, outer]).text;
-        assert_eq!(
-            text.matches("match ::mutants::active()").count(),
-            2,
-            "{text}"
-        );
+        assert_eq!(text.matches("match ::mutants::among(").count(), 2, "{text}");
         let (copy, original) = text.split_once("_ => {").expect("the block as it was");
         assert!(
             copy.contains("8 /* id */") && !copy.contains("7 /* id */"),

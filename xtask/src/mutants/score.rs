@@ -8,6 +8,7 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -28,6 +29,10 @@ const ROOMS: [&str; 6] = [
     "src/profile_velocity/**/*.rs",
     "src/units/**/*.rs",
 ];
+/// Where the results are kept.
+const KEPT: &str = "docs/mutation-score.jsonl";
+/// What is no part of what is judged.
+const PAGES: [&str; 4] = ["--", ".", ":!docs", ":!*.md"];
 /// So many of a hundred viable mutants are to be caught.
 const LEAST: f64 = 97.0;
 /// What ends no suite in this time, after three times as long as without a mutant, hangs.
@@ -111,22 +116,25 @@ struct Corner {
 
 pub(crate) fn run(args: &Args) -> crate::Result<()> {
     let root = crate::root();
-    let commit = commit(root)?;
-    let place = root.join("target/mutation-score");
-    let kept = Kept::read(&place.join("results.jsonl"))?;
+    let file = root.join(KEPT);
+    let commit = git(root, &["rev-parse", "HEAD"])?;
+    let kept = Kept::read(&file)?;
     if args.report {
         let kept = kept.ok_or("there are no results yet: run cargo xtask mutation-score")?;
-        return report(&kept, &commit);
+        return report(&kept, is_same(root, &kept.drawn.commit));
+    }
+    if git(root, &[&["diff", "--quiet", "HEAD"], &PAGES[..]].concat()).is_err() {
+        return Err("the results are of a commit: commit the changes first".into());
     }
     let named = named(root)?;
     let kept = kept.filter(|kept| {
-        kept.drawn.commit == commit
+        is_same(root, &kept.drawn.commit)
             && kept.drawn.sample == args.sample
             && args.seed.is_none_or(|seed| kept.drawn.seed == seed)
     });
     let mut kept = kept.unwrap_or_else(|| Kept {
         drawn: Drawn {
-            commit: commit.clone(),
+            commit,
             seed: args.seed.unwrap_or_else(new_seed),
             sample: args.sample,
             of: named.len(),
@@ -134,7 +142,8 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         outcomes: BTreeMap::new(),
     });
     println!(
-        "mutation-score: commit {commit}, seed {}, {} of {} mutants, {} of them judged before",
+        "mutation-score: commit {}, seed {}, {} of {} mutants, {} of them judged before",
+        kept.drawn.commit,
         kept.drawn.seed,
         args.sample.min(named.len()),
         named.len(),
@@ -148,26 +157,33 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
     if !left.is_empty() {
         let jobs = args.jobs.or_else(|| thread::available_parallelism().ok());
         let jobs = jobs.map_or(1, NonZero::get);
-        let results = Results::open(&place.join("results.jsonl"), &kept)?;
-        judge(root, &place, &left, jobs, &results)?;
-        kept = Kept::read(&place.join("results.jsonl"))?.ok_or("the results are gone")?;
+        let results = Results::open(&file, &kept)?;
+        judge(root, &left, jobs, &results)?;
+        kept = Kept::read(&file)?.ok_or("the results are gone")?;
     }
-    report(&kept, &commit)
+    report(&kept, true)
 }
 
-/// The commit that is judged, without changes beside it.
-fn commit(root: &Path) -> crate::Result<String> {
-    let git = |arguments: &[&str]| -> crate::Result<String> {
-        let output = Command::new("git")
-            .args(arguments)
-            .current_dir(root)
-            .output()?;
-        Ok(String::from_utf8(output.stdout)?.trim().to_owned())
-    };
-    if !git(&["status", "--porcelain", "--untracked-files=no"])?.is_empty() {
-        return Err("the results are of a commit: commit the changes first".into());
+/// What git prints.
+fn git(root: &Path, arguments: &[&str]) -> crate::Result<String> {
+    let output = Command::new("git")
+        .args(arguments)
+        .current_dir(root)
+        .output()?;
+    if !output.status.success() {
+        let error = String::from_utf8_lossy(&output.stderr);
+        return Err(format!("git {}: {error}", arguments.join(" ")).into());
     }
-    git(&["rev-parse", "HEAD"])
+    Ok(String::from_utf8(output.stdout)?.trim().to_owned())
+}
+
+/// Whether nothing but pages has changed since this commit.
+fn is_same(root: &Path, commit: &str) -> bool {
+    git(
+        root,
+        &[&["diff", "--quiet", commit, "HEAD"], &PAGES[..]].concat(),
+    )
+    .is_ok()
 }
 
 fn new_seed() -> u64 {
@@ -203,13 +219,7 @@ fn draw(mut all: Vec<Named>, seed: u64, sample: usize) -> Vec<Named> {
 }
 
 /// Puts the mutants into the copy of the tree, builds it, and runs all suites with each of them.
-fn judge(
-    root: &Path,
-    place: &Path,
-    left: &[&Named],
-    jobs: usize,
-    results: &Results,
-) -> crate::Result<()> {
+fn judge(root: &Path, left: &[&Named], jobs: usize, results: &Results) -> crate::Result<()> {
     let mutants: Vec<Mutant> = left
         .iter()
         .map(|named| Mutant::outside_the_table(&named.name))
@@ -233,7 +243,7 @@ fn judge(
     }
     // Those that would keep a function from being constant that has to be are built one by one.
     let mut single: BTreeSet<usize> = BTreeSet::new();
-    let mut tree = Tree::new(place);
+    let mut tree = Tree::new(&root.join("target/mutation-score"));
     tree.take_dependencies(root)?;
     let executables = loop {
         let apart = single.iter().map(|place| mutants[*place].number());
@@ -326,10 +336,38 @@ fn judge(
     Ok(())
 }
 
-/// All suites of the workspace, the shortest first; those that wait in real time are the last.
+/// All suites of the workspace.
 struct Suites<'a> {
     tree: &'a Tree,
-    suites: Vec<(Target, PathBuf, Duration)>,
+    suites: Vec<Suite>,
+}
+
+struct Suite {
+    target: Target,
+    path: PathBuf,
+    /// How long it takes without a mutant.
+    took: Duration,
+    /// The mutants whose code it runs.
+    reached: BTreeSet<u32>,
+    tried: AtomicU32,
+    caught: AtomicU32,
+}
+
+impl Suite {
+    fn executable<'a>(&'a self, tree: &'a Tree) -> Executable<'a> {
+        Executable {
+            tree,
+            target: &self.target,
+            path: &self.path,
+        }
+    }
+
+    /// The time that it takes for each mutant that it catches. A suite that waits in real time is the last.
+    fn cost(&self) -> (bool, Duration) {
+        let (tried, caught) = (self.tried.load(Relaxed), self.caught.load(Relaxed));
+        let cost = self.took * (tried + 2) / (caught + 1);
+        (is_in_real_time(&self.target), cost)
+    }
 }
 
 impl<'a> Suites<'a> {
@@ -341,45 +379,59 @@ impl<'a> Suites<'a> {
                 // They run the simulated drives alone, which share nothing with the library.
                 continue;
             }
-            let executable = Executable {
-                tree,
-                target: &target,
-                path: &path,
+            let mut suite = Suite {
+                target,
+                path,
+                took: Duration::ZERO,
+                reached: BTreeSet::new(),
+                tried: AtomicU32::new(0),
+                caught: AtomicU32::new(0),
             };
             let begun = Instant::now();
-            match executable.all(None, Duration::from_secs(900))? {
+            let (judged, reached) = suite.executable(tree).reach(Duration::from_secs(900))?;
+            suite.took = begun.elapsed();
+            suite.reached = reached;
+            let target = &suite.target;
+            match judged {
                 Judged::Passed => {}
                 Judged::Failed { by } => {
                     return Err(format!("{target} fails without a mutant: {by}").into());
                 }
                 Judged::Hung => return Err(format!("{target} hangs without a mutant").into()),
             }
-            let took = begun.elapsed();
-            println!("{target}: {:.1} s without a mutant", took.as_secs_f64());
-            suites.push((target, path, took));
+            println!(
+                "{target}: {:.1} s without a mutant, runs the code of {}",
+                suite.took.as_secs_f64(),
+                suite.reached.len()
+            );
+            suites.push(suite);
         }
-        suites.sort_by_key(|(target, _, took)| (is_in_real_time(target), *took));
         Ok(Self { tree, suites })
     }
 
+    /// Runs the suites that run the mutant's code; first those that take the least time for each mutant that they catch.
     fn judge(&self, mutant: &Mutant) -> crate::Result<Verdict> {
+        let mut suites: Vec<&Suite> = self
+            .suites
+            .iter()
+            .filter(|suite| suite.reached.contains(&mutant.number()))
+            .collect();
+        suites.sort_by_key(|suite| suite.cost());
         let mut hung = 0;
-        for (target, path, without) in &self.suites {
-            let executable = Executable {
-                tree: self.tree,
-                target,
-                path,
-            };
-            let limit = *without * 3 + PATIENCE;
+        for suite in suites {
+            let executable = suite.executable(self.tree);
+            let limit = suite.took * 3 + PATIENCE;
+            suite.tried.fetch_add(1, Relaxed);
             match executable.all(Some(mutant), limit)? {
                 Judged::Passed => {}
                 Judged::Failed { by } => {
                     // A suite that waits in real time may fail by the load of the computer.
-                    let surely = !is_in_real_time(target)
+                    let surely = !is_in_real_time(&suite.target)
                         || matches!(executable.all(Some(mutant), limit)?, Judged::Failed { .. })
                             && matches!(executable.all(None, limit)?, Judged::Passed);
                     if surely {
-                        let by = format!("{target} {by}");
+                        suite.caught.fetch_add(1, Relaxed);
+                        let by = format!("{} {by}", suite.target);
                         return Ok(Verdict::Caught { by });
                     }
                 }
@@ -459,7 +511,7 @@ impl Results {
 }
 
 /// Prints what the results say, and fails where they are of another commit, or too few are caught.
-fn report(kept: &Kept, commit: &str) -> crate::Result<()> {
+fn report(kept: &Kept, is_same: bool) -> crate::Result<()> {
     let Kept { drawn, outcomes } = kept;
     let count = |wanted: fn(&Verdict) -> bool| {
         let verdicts = outcomes.values().map(|outcome| &outcome.verdict);
@@ -483,8 +535,8 @@ fn report(kept: &Kept, commit: &str) -> crate::Result<()> {
         drawn.sample,
         drawn.of,
     );
-    if drawn.commit != *commit {
-        return Err(format!("the results are of another commit than {commit}").into());
+    if !is_same {
+        return Err("the code has changed since that commit: the results are of another".into());
     }
     if outcomes.len() < drawn.sample.min(drawn.of) {
         return Err("not all of the sample is judged: call it again, and it goes on".into());
@@ -528,7 +580,7 @@ mod tests {
         drawn.iter().map(|named| named.name.as_str()).collect()
     }
 
-    fn kept(commit: &str, verdicts: &[Verdict]) -> Kept {
+    fn kept(verdicts: &[Verdict]) -> Kept {
         let outcomes = verdicts.iter().enumerate().map(|(number, verdict)| {
             let outcome = Outcome {
                 mutant: number.to_string(),
@@ -539,7 +591,7 @@ mod tests {
         });
         Kept {
             drawn: Drawn {
-                commit: commit.to_owned(),
+                commit: "a".to_owned(),
                 seed: 1,
                 sample: verdicts.len(),
                 of: verdicts.len(),
@@ -565,27 +617,27 @@ mod tests {
         let mut verdicts = vec![caught(); 97];
         verdicts.push(Verdict::Unviable);
         verdicts.extend([Verdict::Survived, Verdict::TimedOut, Verdict::Survived]);
-        assert!(report(&kept("a", &verdicts), "a").is_ok());
+        assert!(report(&kept(&verdicts), true).is_ok());
         verdicts.push(Verdict::TimedOut);
-        assert!(report(&kept("a", &verdicts), "a").is_err());
+        assert!(report(&kept(&verdicts), true).is_err());
     }
 
     #[test]
     fn results_of_another_commit_or_of_a_part_of_the_sample_are_refused() {
         let caught = [Verdict::Caught { by: String::new() }];
-        assert!(report(&kept("a", &caught), "a").is_ok());
-        assert!(report(&kept("a", &caught), "b").is_err());
-        let mut part = kept("a", &caught);
+        assert!(report(&kept(&caught), true).is_ok());
+        assert!(report(&kept(&caught), false).is_err());
+        let mut part = kept(&caught);
         part.drawn.sample = 2;
         part.drawn.of = 2;
-        assert!(report(&part, "a").is_err());
+        assert!(report(&part, true).is_err());
     }
 
     #[test]
     fn results_are_read_as_they_were_written_but_for_a_line_that_was_cut_off() {
         let directory = std::env::temp_dir().join(format!("score-{}", std::process::id()));
         let path = directory.join("results.jsonl");
-        let before = kept("a", &[Verdict::TimedOut, Verdict::Survived]);
+        let before = kept(&[Verdict::TimedOut, Verdict::Survived]);
         let results = Results::open(&path, &before).expect("a file");
         let by = "--lib a".to_owned();
         results

@@ -37,8 +37,8 @@ impl Mutant {
         let hash = self.id.bytes().fold(0x811C_9DC5_u32, |hash, byte| {
             (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)
         });
-        // 0 is no mutant, and the highest number one that was not read yet.
-        hash.clamp(1, u32::MAX - 1)
+        // 0 is no mutant; the highest two say that it was not read yet, and that each is written down.
+        hash.clamp(1, u32::MAX - 2)
     }
 }
 

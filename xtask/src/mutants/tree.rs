@@ -16,29 +16,52 @@ const MANIFESTS: [(&str, &str); 3] = [
     ("sim/Cargo.toml", "../mutants"),
 ];
 
-/// The crate that the rewritten code asks which mutant is on.
+/// The crate that the rewritten code asks which mutant is on. With `MUTANT=each` none is, and it writes down the number of each that
+/// would have been evaluated, as four bytes.
 const SWITCH: &str = r#"//! Which mutant is on, and that it came to be evaluated.
 use std::fs::File;
 use std::io::Write;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+
+/// Whether a choice was written down.
+pub type Noted = AtomicBool;
 
 const UNREAD: u32 = u32::MAX;
+const EACH: u32 = UNREAD - 1;
 static ACTIVE: AtomicU32 = AtomicU32::new(UNREAD);
 static SEEN: OnceLock<File> = OnceLock::new();
 
+/// The one that is on, where there is a choice among these.
 #[inline]
-pub fn active() -> u32 {
+pub fn among(these: &[u32], noted: &Noted) -> u32 {
     match ACTIVE.load(Relaxed) {
-        UNREAD => read(),
+        UNREAD | EACH => first(these, noted),
         number => number,
     }
 }
 
 /// Opens the file before it is needed: where a mutant is evaluated, the heap may be watched.
 #[cold]
+fn first(these: &[u32], noted: &Noted) -> u32 {
+    let number = match ACTIVE.load(Relaxed) {
+        UNREAD => read(),
+        number => number,
+    };
+    if number == EACH && !noted.swap(true, Relaxed) && let Some(mut file) = SEEN.get() {
+        for number in these {
+            let _ = file.write_all(&number.to_le_bytes());
+        }
+    }
+    number
+}
+
 fn read() -> u32 {
-    let number = std::env::var("MUTANT").ok().and_then(|number| number.parse().ok()).unwrap_or(0);
+    let number = match std::env::var("MUTANT").as_deref() {
+        Ok("each") => EACH,
+        Ok(number) => number.parse().unwrap_or(0),
+        Err(_) => 0,
+    };
     if let Some(file) = std::env::var_os("MUTANT_SEEN").and_then(|path| File::options().append(true).open(path).ok()) {
         let _ = SEEN.set(file);
     }
