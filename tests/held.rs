@@ -660,3 +660,27 @@ fn what_a_distance_leads_beside_its_end_is_not_the_motion_of_the_next() {
     }
     assert!(beside > 0);
 }
+
+/// A move that waits for its acknowledge behind another replaces nothing: it does not hold back how that one ends.
+#[test]
+fn a_queued_move_without_its_acknowledge_does_not_hold_back_the_end_of_the_one_before() {
+    let habits = Habits {
+        acknowledge_delay: 100,
+        dwell: 200,
+        ..Habits::default()
+    };
+    let mut bus = Bus::enabled(habits, |_| {});
+    let first = bus.abs(10_000, after());
+    bus.wait_accepted(first);
+    bus.run_until(4_000, |bus| bus.drive.demand > 9_950.0);
+    let second = bus.abs(20_000, after());
+    assert_eq!(
+        finish(&mut bus, first),
+        Ok(Completion::Reached { position: 10_000 })
+    );
+    assert!(!bus.accepted(second));
+    assert_eq!(
+        finish(&mut bus, second),
+        Ok(Completion::Reached { position: 20_000 })
+    );
+}
