@@ -290,6 +290,13 @@ mod deceleration_tests {
     }
 
     #[test]
+    fn one_that_gets_slower_by_less_than_the_least_part_runs_on() {
+        // In each span a count of 5000 less.
+        let way = |ms: f64| 50.0 * ms - (ms / 100.0) * (ms / 100.0 - 1.0) / 2.0;
+        assert_eq!(ignores_stop(None, way), Some(200));
+    }
+
+    #[test]
     fn one_on_a_ramp_does_not_run_on_however_gentle_that_is() {
         for seconds in [0.1, 1.0, 2.0, 5.0, 10.0, 20.0, 40.0] {
             // So many counts a millisecond at first, linear.
