@@ -614,7 +614,11 @@ fn a_distance_from_an_axis_that_settles_ends_where_any_of_its_bases_lets_it() {
 #[test]
 fn bit_10_of_a_halt_that_is_still_shown_is_not_that_of_the_move_that_goes_on() {
     for reference in [Reference::Absolute, Reference::Relative] {
-        for lost in [0, 8] {
+        for (lost, link) in [
+            (0, Link::Good),
+            (8, Link::RequestLost),
+            (8, Link::Undelivered),
+        ] {
             let habits = Habits {
                 start_delay: 600,
                 halt_hides_bit_10: true,
@@ -629,15 +633,18 @@ fn bit_10_of_a_halt_that_is_still_shown_is_not_that_of_the_move_that_goes_on() {
             bus.send(Command::Resume);
             // The drive hears of it late.
             for _ in 0..lost {
-                bus.cycle_over(Link::RequestLost);
+                bus.cycle_over(link);
             }
             let resumed = bus.drive.now;
             let end = bus.finish(id);
             assert!(
                 matches!(end, Ok(Completion::Reached { .. })),
-                "{reference:?} {lost}: {end:?}"
+                "{reference:?} {lost} {link:?}: {end:?}"
             );
-            assert!(bus.drive.now - resumed > 500, "{reference:?} {lost}");
+            assert!(
+                bus.drive.now - resumed > 500,
+                "{reference:?} {lost} {link:?}"
+            );
             assert!((bus.drive.actual - 1_000.0).abs() < 1.0);
         }
     }
