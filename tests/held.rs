@@ -586,63 +586,64 @@ fn behind_a_move_that_the_drive_begins_late_the_next_is_sent_at_once() {
     }
 }
 
+fn quick() -> SetPoint {
+    after().acceleration(2_000_000).deceleration(2_000_000)
+}
+
+/// An axis that swings around 1000, so many cycles after its demand has come there; the drive counts distances from where the axis is.
+fn swinging(frequency: u16, dwell: u32, after_end: usize) -> Bus {
+    let mut bus = showing_room(
+        Habits {
+            frequency: frequency.into(),
+            damping: 0.5,
+            dwell,
+            from_actual: true,
+            ..Habits::default()
+        },
+        RelativeBase::Actual,
+    );
+    bus.abs(1_000, quick());
+    bus.run_until(4_000, |bus| bus.drive.demand > 999.0);
+    bus.run(after_end);
+    bus
+}
+
+/// Whether the drive ends this one outside of the window around the place.
+fn ends_beside(bus: &Bus, id: CommandId, place: f64) -> bool {
+    let end = bus.entry(id).and_then(|entry| entry.end);
+    end.is_some_and(|end| (end - place).abs() > 10.0)
+}
+
 /// The drive counts both distances from where the axis swings: where they lead is not known to the count, so none has missed its end.
 #[test]
 fn a_distance_behind_one_that_ends_beside_its_end_has_missed_nothing() {
     let mut beside = 0;
     for frequency in [40, 60, 100, 200] {
         for (after_end, dwell) in (0..40).flat_map(|after_end| [(after_end, 0), (after_end, 30)]) {
-            let mut bus = showing_room(
-                Habits {
-                    frequency: f64::from(frequency),
-                    damping: 0.5,
-                    dwell,
-                    from_actual: true,
-                    ..Habits::default()
-                },
-                RelativeBase::Actual,
-            );
-            let quick = after().acceleration(2_000_000).deceleration(2_000_000);
-            bus.abs(1_000, quick);
-            bus.run_until(4_000, |bus| bus.drive.demand > 999.0);
-            bus.run(after_end);
-            bus.rel(4_000, quick);
+            let mut bus = swinging(frequency, dwell, after_end);
+            bus.rel(4_000, quick());
             bus.run(30);
-            let last = bus.rel(400, quick);
+            let last = bus.rel(400, quick());
             let end = finish(&mut bus, last);
             assert!(
                 !matches!(end, Err(Failure::MissedTarget { .. })),
                 "{frequency}, {after_end}, {dwell}: {end:?}"
             );
-            let end = bus.entry(last).and_then(|entry| entry.end);
-            beside += usize::from(end.is_some_and(|end| (end - 5_400.0).abs() > 10.0));
+            beside += usize::from(ends_beside(&bus, last, 5_400.0));
         }
     }
     assert!(beside > 0);
 }
 
-/// A distance ends beside the place that its end was reckoned for, since the drive counts it from where the axis swings. The drive rests there,
+/// A distance ends beside the place that was calculated for its end, since the drive counts it from where the axis swings. The drive rests there,
 /// with bit 10, before the next distance: the axis has not gone on that by as much.
 #[test]
 fn what_a_distance_leads_beside_its_end_is_not_the_motion_of_the_next() {
     let mut beside = 0;
     for frequency in [40, 50, 60, 80, 100, 150, 200, 300] {
         for after_end in 0..40 {
-            let mut bus = showing_room(
-                Habits {
-                    frequency: f64::from(frequency),
-                    damping: 0.5,
-                    dwell: 400,
-                    from_actual: true,
-                    ..Habits::default()
-                },
-                RelativeBase::Actual,
-            );
-            let quick = after().acceleration(2_000_000).deceleration(2_000_000);
-            bus.abs(1_000, quick);
-            bus.run_until(4_000, |bus| bus.drive.demand > 999.0);
-            bus.run(after_end);
-            let distances = [bus.rel(40, quick), bus.rel(40, quick)];
+            let mut bus = swinging(frequency, 400, after_end);
+            let distances = [bus.rel(40, quick()), bus.rel(40, quick())];
             bus.run_until(10_000, |bus| {
                 let gone = !bus.core.snapshot().has_set_point;
                 if gone && let Some(entry) = bus.entry(distances[1]) {
@@ -654,8 +655,7 @@ fn what_a_distance_leads_beside_its_end_is_not_the_motion_of_the_next() {
                 }
                 distances.iter().all(|id| bus.outcome(*id).is_some())
             });
-            let end = bus.entry(distances[0]).and_then(|entry| entry.end);
-            beside += usize::from(end.is_some_and(|end| (end - 1_040.0).abs() > 10.0));
+            beside += usize::from(ends_beside(&bus, distances[0], 1_040.0));
         }
     }
     assert!(beside > 0);

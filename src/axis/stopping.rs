@@ -291,7 +291,7 @@ mod deceleration_tests {
 
     #[test]
     fn one_that_gets_slower_by_less_than_the_least_part_runs_on() {
-        // In each span a count of 5000 less.
+        // In each span it goes one count less, of about 5000.
         let way = |ms: f64| 50.0 * ms - (ms / 100.0) * (ms / 100.0 - 1.0) / 2.0;
         assert_eq!(ignores_stop(None, way), Some(200));
     }

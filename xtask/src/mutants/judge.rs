@@ -28,12 +28,11 @@ struct Run {
     seen: Vec<u8>,
 }
 
-/// What ends a run before its tests have.
-#[derive(Clone, Copy)]
-struct Until {
-    limit: Duration,
-    /// Whether the first test that fails does.
-    failed: bool,
+/// What ends a run in time.
+#[derive(Clone, Copy, PartialEq)]
+enum Until {
+    AllEnded,
+    FirstFailed,
 }
 
 /// What a whole suite says.
@@ -70,16 +69,10 @@ impl Executable<'_> {
             ("EMERGENCY_EVERY", "9"),
             ("MODEL_SECONDS", "5"),
         ]);
-        let until = Until {
-            limit: SUITE_LIMIT,
-            failed: false,
-        };
-        let run = self.run(command, "suite", until)?;
-        let failed = |line: &str| {
-            let name = line.strip_prefix("test ")?.strip_suffix(" ... FAILED")?;
-            Some(format!("{name} fails without a mutant"))
-        };
-        let mut wrong: Vec<_> = run.output.lines().filter_map(failed).collect();
+        let run = self.run(command, "suite", SUITE_LIMIT, Until::AllEnded)?;
+        let mut wrong: Vec<_> = failures(&run.output)
+            .map(|name| format!("{name} fails without a mutant"))
+            .collect();
         if !run.in_time {
             wrong.push("hangs without a mutant".to_owned());
         }
@@ -106,11 +99,7 @@ impl Executable<'_> {
         if let Some(number) = number {
             command.env("MUTANT", number.to_string());
         }
-        let until = Until {
-            limit: LIMIT,
-            failed: false,
-        };
-        let run = self.run(command, mutant, until)?;
+        let run = self.run(command, mutant, LIMIT, Until::AllEnded)?;
         let wrong = verdict(&run, self.target, tests, number.is_some());
         Ok(wrong.map_or(Ok(()), |wrong| Err((wrong, run.output))))
     }
@@ -137,12 +126,8 @@ impl Executable<'_> {
         }
         // Another thread may run the same suite.
         let name = format!("{:?}-{}", thread::current().id(), mutant.unwrap_or("none"));
-        let until = Until {
-            limit,
-            failed: true,
-        };
-        let run = self.run(command, &name, until)?;
-        let judged = match failed(&run.output) {
+        let run = self.run(command, &name, limit, Until::FirstFailed)?;
+        let judged = match failures(&run.output).next() {
             Some(by) => Judged::Failed { by: by.to_owned() },
             None if !run.in_time => Judged::Hung,
             None if !run.success => {
@@ -154,7 +139,13 @@ impl Executable<'_> {
         Ok((judged, run.seen))
     }
 
-    fn run(&self, mut command: Command, name: &str, until: Until) -> io::Result<Run> {
+    fn run(
+        &self,
+        mut command: Command,
+        name: &str,
+        limit: Duration,
+        until: Until,
+    ) -> io::Result<Run> {
         let place = self.tree.target.join("mutants");
         fs::create_dir_all(&place)?;
         let name = format!("{}-{}-{name}", self.target.package, self.target.name);
@@ -176,11 +167,12 @@ impl Executable<'_> {
             if let Some(status) = child.try_wait()? {
                 break (true, status.success());
             }
-            let late = begun.elapsed() > until.limit;
+            let late = begun.elapsed() > limit;
             let has_failed = || -> io::Result<bool> {
-                Ok(failed(&String::from_utf8_lossy(&fs::read(&printed)?)).is_some())
+                let output = fs::read(&printed)?;
+                Ok(failures(&String::from_utf8_lossy(&output)).next().is_some())
             };
-            if late || until.failed && has_failed()? {
+            if late || until == Until::FirstFailed && has_failed()? {
                 // With all that the test has started.
                 let group = format!("-{}", child.id());
                 Command::new("kill")
@@ -203,9 +195,9 @@ impl Executable<'_> {
     }
 }
 
-/// The first test that failed.
-fn failed(output: &str) -> Option<&str> {
-    output.lines().find_map(|line| {
+/// The tests that failed.
+fn failures(output: &str) -> impl Iterator<Item = &str> {
+    output.lines().filter_map(|line| {
         let name = line.strip_prefix("test ")?;
         name.strip_suffix(" ... FAILED")
     })

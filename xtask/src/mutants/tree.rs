@@ -41,7 +41,6 @@ pub fn among(these: &[u32], noted: &Noted) -> u32 {
     }
 }
 
-/// Opens the file before it is needed: where a mutant is evaluated, the heap may be watched.
 #[cold]
 fn first(these: &[u32], noted: &Noted) -> u32 {
     let number = match ACTIVE.load(Relaxed) {
@@ -56,6 +55,7 @@ fn first(these: &[u32], noted: &Noted) -> u32 {
     number
 }
 
+/// Opens the file before it is needed: where a mutant is evaluated, the heap may be watched.
 fn read() -> u32 {
     let number = match std::env::var("MUTANT").as_deref() {
         Ok("each") => EACH,
