@@ -8,7 +8,7 @@ use servocrab::axis::{Command, Completion, CoreConfig, Event, Failure};
 use servocrab::profile_position::{
     BufferMode, BufferSignal, Limits, PositionRange, RelativeBase, SetPoint,
 };
-use servocrab_sim::ds402::{AckPolicy, Behaviour, Executed, Outcome};
+use servocrab_sim::ds402::{AckPolicy, Behaviour, Executed, LimitViolation, Outcome};
 
 const TURN: PositionRange = PositionRange {
     min: 0,
@@ -167,6 +167,82 @@ fn a_blend_over_the_seam_passes_its_target() {
     assert!(matches!(rig.finish(first), Ok(Completion::Passed { .. })));
     reaches(&mut rig, second, 3_000);
     assert_way(&rig, 0, 39_000, "over the seam");
+}
+
+#[test]
+fn a_target_that_is_passed_while_no_inputs_come_was_passed() {
+    let mut rig = table(POSITIVE, |_| {});
+    let first = rig.abs(35_000, SetPoint::new().velocity(100_000));
+    rig.wait_accepted(first);
+    let second = rig.abs(3_000, SetPoint::new().buffer_mode(BufferMode::Blending));
+    rig.run_until(1_000, |rig| rig.drive.position() > 34_800);
+    while rig.drive.position() < 35_200 {
+        rig.cycle_over(Link::ReplyLost);
+    }
+    assert!(matches!(rig.finish(first), Ok(Completion::Passed { .. })));
+    reaches(&mut rig, second, 3_000);
+}
+
+/// A drive that moves to 30000 at most is sent to 34000, not over zero, with another move behind that one. No inputs come
+/// while the axis is on this part of its way.
+fn end_of_a_clamped_move(blind: core::ops::Range<i64>) -> Result<Completion, Failure> {
+    let clamping = Behaviour {
+        limit_violation: LimitViolation::Clamp,
+        ..Behaviour::generic()
+    };
+    let mut rig = table_of(clamping, 0, |config| {
+        config.limits = Limits::trust_drive();
+        config.loss.stale_cycles = 40;
+        config.loss.undelivered_cycles = 50;
+    });
+    for (subindex, limit) in [(1, 0), (2, 30_000)] {
+        rig.drive.set(0x607D, subindex, limit).unwrap();
+    }
+    let before = rig.abs(2_500, SetPoint::new());
+    reaches(&mut rig, before, 2_500);
+    let quick = SetPoint::new()
+        .velocity(500_000)
+        .acceleration(20_000_000)
+        .deceleration(20_000_000);
+    let clamped = rig.abs(34_000, quick);
+    rig.wait_accepted(clamped);
+    let next = rig.abs(28_000, quick.buffer_mode(BufferMode::Buffered));
+    for _ in 0..2_000 {
+        // Its bit 11 says nothing of the limit.
+        rig.forged = Some(rig.drive.statusword() & !0x0800);
+        let is_blind = blind.contains(&rig.drive.position());
+        rig.cycle_over(if is_blind {
+            Link::ReplyLost
+        } else {
+            Link::Good
+        });
+    }
+    reaches(&mut rig, next, 28_000);
+    rig.finish(clamped)
+}
+
+/// The shorter way to the end is the other way first, and changes over on the far side of the circle.
+#[test]
+fn the_far_side_of_the_circle_is_not_the_end() {
+    let end = end_of_a_clamped_move(0..0);
+    assert!(
+        matches!(end, Err(Failure::MissedTarget { target: 34_000, .. })),
+        "{end:?}"
+    );
+}
+
+#[test]
+fn a_way_to_the_far_side_while_no_inputs_come_does_not_lead_to_the_end() {
+    for blind in [3_000..18_000, 10_000..26_000] {
+        let end = end_of_a_clamped_move(blind);
+        assert!(
+            matches!(
+                end,
+                Err(Failure::MissedTarget { .. } | Failure::Unseen { .. })
+            ),
+            "{end:?}"
+        );
+    }
 }
 
 #[test]

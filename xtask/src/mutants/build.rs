@@ -194,11 +194,21 @@ fn run(tree: &Tree, command: &mut Command) -> crate::Result<Said> {
     Ok(said)
 }
 
-/// The name of the function in "cannot call non-const associated function `Words::of::<u8>` in constants".
+/// The name of the function in "cannot call non-const associated function `Words::<u8>::of::<u8>` in constants".
 fn called(message: &str) -> Option<String> {
     let path = message.split('`').nth(1)?;
-    let path = path.split("::<").next()?;
-    path.rsplit("::").next().map(str::to_owned)
+    let mut depth = 0;
+    let mut plain = path.to_owned();
+    plain.retain(|letter| {
+        depth += i32::from(letter == '<');
+        let is_outside = depth == 0;
+        depth -= i32::from(letter == '>');
+        is_outside
+    });
+    plain
+        .rsplit("::")
+        .find(|part| !part.is_empty())
+        .map(str::to_owned)
 }
 
 /// The package of a manifest of the workspace, by its directory.
@@ -221,4 +231,22 @@ pub(crate) fn environment() -> [(&'static str, &'static str); 4] {
         ("CARGO_TERM_COLOR", "never"),
         ("RUST_BACKTRACE", "0"),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_function_that_is_called_is_named_without_its_types() {
+        for path in [
+            "of",
+            "Words::of",
+            "Words::<u8>::of",
+            "Words::of::<a::B<u8>>",
+        ] {
+            let message = format!("cannot call non-const method `{path}` in constants");
+            assert_eq!(called(&message).as_deref(), Some("of"), "{path}");
+        }
+    }
 }
