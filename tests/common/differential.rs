@@ -1,5 +1,5 @@
-//! One axis as two cores that are given the same inputs: one steps as cheaply as it can, the other computes every cycle as a whole.
-//! Whatever they write, report or know must be the same.
+//! One axis as three cores that are given the same inputs: one steps as cheaply as it can, one computes every cycle as a whole, and one lets
+//! go of all that makes no difference any more after each. Whatever they write, report or know must be the same.
 #![allow(missing_docs)]
 #![allow(dead_code, reason = "each test file uses its own part of it")]
 
@@ -15,6 +15,8 @@ pub struct CorePair {
     short: AxisCore,
     /// Each call may have changed something, for all it knows.
     whole: AxisCore,
+    /// Computes every cycle as a whole, and lets go after it.
+    forgetful: AxisCore,
     last_inputs: Vec<u8>,
     manufacturer: Controlword,
     /// Cycles in which the first one has written nothing, and those of them in which the axis was elsewhere than before.
@@ -26,7 +28,8 @@ impl CorePair {
     pub fn new(config: CoreConfig) -> Self {
         Self {
             short: AxisCore::new(config.clone()),
-            whole: AxisCore::new(config),
+            whole: AxisCore::new(config.clone()),
+            forgetful: AxisCore::new(config),
             last_inputs: Vec::new(),
             manufacturer: Controlword::empty(),
             idle_cycles: 0,
@@ -47,11 +50,12 @@ impl CorePair {
         let what = format!("a step at {now:?} with {inputs:?}, unchanged: {unchanged}");
         let before = self.short.snapshot().position;
         let mut kept = true;
-        self.both(&what, outputs, |core, whole, outputs| {
-            if whole {
+        self.all(&what, outputs, |core, way, outputs| match way {
+            Way::Short => kept = !core.step_kept(now, inputs, unchanged, outputs),
+            Way::Whole => core.step(now, inputs, outputs),
+            Way::Forgetful => {
                 core.step(now, inputs, outputs);
-            } else {
-                kept = !core.step_kept(now, inputs, unchanged, outputs);
+                core.let_go(now);
             }
         });
         self.idle_cycles += usize::from(kept);
@@ -59,43 +63,43 @@ impl CorePair {
     }
 
     pub fn submit(&mut self, now: Duration, id: CommandId, command: Command, outputs: &mut [u8]) {
-        self.both("submit", outputs, |core, _, outputs| {
+        self.all("submit", outputs, |core, _, outputs| {
             core.submit(now, id, command, outputs);
         });
     }
 
     pub fn apply_stop(&mut self, now: Duration, stop: StopRequest, outputs: &mut [u8]) -> bool {
-        self.both("apply_stop", outputs, |core, _, outputs| {
+        self.all("apply_stop", outputs, |core, _, outputs| {
             core.apply_stop(now, stop, outputs)
         })
     }
 
     pub fn withdraw(&mut self, id: CommandId, outputs: &mut [u8]) -> bool {
-        self.both("withdraw", outputs, |core, _, outputs| {
+        self.all("withdraw", outputs, |core, _, outputs| {
             core.withdraw(id, outputs)
         })
     }
 
     pub fn fire(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) {
-        self.both("fire", outputs, |core, _, outputs| {
+        self.all("fire", outputs, |core, _, outputs| {
             core.fire(now, id, outputs);
         });
     }
 
     pub fn set_jog(&mut self, id: CommandId, velocity: i32, outputs: &mut [u8]) -> bool {
-        self.both("set_jog", outputs, |core, _, outputs| {
+        self.all("set_jog", outputs, |core, _, outputs| {
             core.set_jog(id, velocity, outputs)
         })
     }
 
     pub fn release_jog(&mut self, now: Duration, id: CommandId, outputs: &mut [u8]) -> bool {
-        self.both("release_jog", outputs, |core, _, outputs| {
+        self.all("release_jog", outputs, |core, _, outputs| {
             core.release_jog(now, id, outputs)
         })
     }
 
     pub fn note_mode(&mut self, mode: Mode) {
-        self.both("note_mode", &mut [], |core, _, _| core.note_mode(mode));
+        self.all("note_mode", &mut [], |core, _, _| core.note_mode(mode));
     }
 
     pub fn set_manufacturer_bits(&mut self, bits: Controlword) {
@@ -106,6 +110,7 @@ impl CorePair {
     pub fn is_armed(&self, id: CommandId) -> bool {
         let armed = self.short.is_armed(id);
         assert_eq!(armed, self.whole.is_armed(id), "armed");
+        assert_eq!(armed, self.forgetful.is_armed(id), "armed");
         armed
     }
 
@@ -116,6 +121,8 @@ impl CorePair {
     pub fn poll_event(&mut self) -> Option<(CommandId, Event)> {
         let event = self.short.poll_event();
         assert_eq!(event, self.whole.poll_event(), "what is reported");
+        let forgetful = self.forgetful.poll_event();
+        assert_eq!(event, forgetful, "what is reported by one that forgets");
         event
     }
 
@@ -123,25 +130,50 @@ impl CorePair {
         self.short.snapshot()
     }
 
-    /// Does the same to both, and compares what it came to.
-    fn both<T: PartialEq + core::fmt::Debug>(
+    /// Does the same to all, and compares what it came to.
+    fn all<T: PartialEq + core::fmt::Debug>(
         &mut self,
         what: &str,
         outputs: &mut [u8],
-        mut of: impl FnMut(&mut AxisCore, bool, &mut [u8]) -> T,
+        mut of: impl FnMut(&mut AxisCore, Way, &mut [u8]) -> T,
     ) -> T {
-        let mut whole = outputs.to_vec();
-        let result = of(&mut self.short, false, outputs);
-        // As far as it knows, something may have changed.
-        self.whole.set_manufacturer_bits(self.manufacturer);
-        let expected = of(&mut self.whole, true, &mut whole);
-        assert_eq!(result, expected, "{what}: what it says");
-        assert_eq!(outputs, whole, "{what}: what it writes");
-        assert_eq!(
-            self.short.snapshot(),
-            self.whole.snapshot(),
-            "{what}: what it knows"
-        );
+        let before = outputs.to_vec();
+        let result = of(&mut self.short, Way::Short, outputs);
+        for (core, way) in [
+            (&mut self.whole, Way::Whole),
+            (&mut self.forgetful, Way::Forgetful),
+        ] {
+            // As far as it knows, something may have changed.
+            core.set_manufacturer_bits(self.manufacturer);
+            let mut other = before.clone();
+            let expected = of(core, way, &mut other);
+            assert_eq!(result, expected, "{what}: what it says, {way:?}");
+            // Where a set-point leads is written anew with its bit 4.
+            let decides = match outputs.first() {
+                Some(low) if way == Way::Forgetful && low & 0x10 == 0 => 2,
+                _ => outputs.len(),
+            };
+            assert_eq!(
+                outputs[..decides],
+                other[..decides],
+                "{what}: what it writes, {way:?}"
+            );
+            let knows = self.short.snapshot();
+            let mut other = core.snapshot();
+            if way == Way::Forgetful && other.lost {
+                // For how long makes no difference.
+                other.age = knows.age;
+            }
+            assert_eq!(knows, other, "{what}: what it knows, {way:?}");
+        }
         result
     }
+}
+
+/// How a core steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Way {
+    Short,
+    Whole,
+    Forgetful,
 }
