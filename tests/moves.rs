@@ -3,9 +3,11 @@
 
 mod common;
 
+use core::time::Duration;
+
 use common::Rig;
 use servocrab::axis::{Command, Completion, Delivery, Event, Failure, Referencing};
-use servocrab::ds402::State;
+use servocrab::ds402::{QuickStopOption, State};
 use servocrab::profile_position::{BufferMode, SetPoint};
 use servocrab_sim::ds402::{Behaviour, Executed, FullBuffer, Outcome};
 
@@ -103,6 +105,11 @@ fn a_halt_keeps_the_set_point_and_resume_completes_it() {
     let resume = rig.send(Command::Resume);
     rig.cycle();
     assert_eq!(rig.outcome(resume), Some(Ok(Completion::Done)));
+    // Bit 10 is that of the set-point again, which is over with it.
+    rig.run(20);
+    rig.run_until(5_000, |rig| rig.drive.statusword() & 0x0400 != 0);
+    rig.run(2);
+    assert!(rig.outcome(id).is_some());
     rig.assert_reached(id, 50_000);
     assert_eq!(rig.ledger().len(), 1);
 }
@@ -169,6 +176,23 @@ fn a_move_that_is_stopped_says_how_far_its_set_point_came() {
 }
 
 #[test]
+fn a_halt_during_a_quick_stop_is_done_with_that() {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(200);
+    let state = State::SwitchOnDisabled;
+    let stops = [Command::Halt, Command::QuickStop, Command::Halt].map(|command| {
+        let stop = rig.send(command);
+        rig.cycle();
+        stop
+    });
+    for stop in stops {
+        assert_eq!(rig.finish(stop), Ok(Completion::Stopped { state }));
+    }
+}
+
+#[test]
 fn a_quick_stop_loses_the_set_point_and_enabling_again_moves_nothing() {
     let mut rig = Rig::enabled();
     let id = rig.abs(50_000, SetPoint::new());
@@ -191,6 +215,45 @@ fn a_quick_stop_loses_the_set_point_and_enabling_again_moves_nothing() {
     rig.enable();
     rig.run(500);
     assert_eq!(rig.drive.position(), stood);
+}
+
+/// With 605Ah = 6 the drive stays in Quick stop active, where it holds the axis.
+#[test]
+fn a_stop_that_lasts_too_long_leaves_the_axis_held_where_it_comes_to_rest() {
+    let mut rig = Rig::new(Behaviour::akd2g(), |config| {
+        config.quick_stop = QuickStopOption(6);
+        config.deadlines.standstill = Duration::from_millis(200);
+    });
+    rig.drive.set(0x605A, 0, 6).unwrap();
+    rig.drive.set(0x6085, 0, 50_000).unwrap();
+    rig.enable();
+    let id = rig.abs(500_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(300);
+    let stop = rig.send(Command::QuickStop);
+    let end = rig.finish(stop);
+    assert!(matches!(end, Err(Failure::Timeout { .. })), "{end:?}");
+    assert!(rig.moves());
+    rig.run(2_000);
+    assert!(!rig.moves());
+    assert_eq!(rig.core.snapshot().state, State::QuickStopActive);
+}
+
+#[test]
+fn a_disable_is_done_with_the_word_that_shows_it() {
+    let mut rig = Rig::enabled();
+    let id = rig.abs(50_000, SetPoint::new());
+    rig.wait_accepted(id);
+    rig.run(200);
+    let disable = rig.send(Command::Disable);
+    let shown = |rig: &Rig| rig.core.snapshot().state == State::SwitchOnDisabled;
+    rig.run_until(2_000, |rig| shown(rig));
+    assert_eq!(
+        rig.outcome(disable),
+        Some(Ok(Completion::Stopped {
+            state: State::SwitchOnDisabled
+        }))
+    );
 }
 
 #[test]

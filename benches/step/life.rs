@@ -2,14 +2,12 @@
 
 use std::{
     future::Future,
-    hint, io,
-    pin::{Pin, pin},
     process,
     sync::{
         Arc, Mutex,
         atomic::{AtomicBool, AtomicUsize, Ordering},
     },
-    task::{Context, Poll, Waker},
+    task::Poll,
     time::Duration,
 };
 
@@ -17,11 +15,13 @@ use servocrab::{
     axis::{Axis, Referencing},
     bus::{AxisConfig, BusLoop, DriveConfig, Network},
     drives,
-    link::{Link, Wire},
+    link::Wire,
     pdo_map::Direction,
     profile_position::{ProfilePosition, SetPoint},
 };
 use servocrab_sim::{Segment, personality};
+
+use crate::counted::{Outside, counted, poll, until};
 
 /// A part of the life that is counted by itself.
 pub(crate) struct Phase {
@@ -70,33 +70,6 @@ pub(crate) const PHASES: [Phase; 6] = [
         bound: 335.0,
     },
 ];
-
-/// Neither what the link does nor the segment behind it counts.
-struct Outside(Wire);
-
-impl Link for Outside {
-    #[inline(never)]
-    fn send(&mut self, frame: &[u8]) -> io::Result<()> {
-        self.0.send(frame)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-        self.0.receive(buffer)
-    }
-
-    fn wait(&mut self, until: Duration) {
-        self.0.wait(until);
-    }
-
-    #[inline(never)]
-    fn now(&self) -> Duration {
-        self.0.now()
-    }
-
-    fn waker(&self) -> Waker {
-        self.0.waker()
-    }
-}
 
 struct Bus {
     net: Network,
@@ -226,23 +199,10 @@ async fn moved(mode: &ProfilePosition, target: i32) {
     let sent = mode.move_abs(target, set_point).await;
     drop(sent.expect("the move is acknowledged"));
 }
-/// Callgrind forgets what it has counted when this is called,
-#[inline(never)]
-fn counting_begins() {
-    hint::black_box("begins");
-}
-
-/// and writes it down when this is.
-#[inline(never)]
-fn counting_ends() {
-    hint::black_box("ends");
-}
 
 impl Bus {
     fn counted(&mut self, phase: usize) {
-        counting_begins();
-        self.cycles(PHASES[phase].cycles);
-        counting_ends();
+        counted(|| self.cycles(PHASES[phase].cycles));
     }
 
     /// Whole cycles, from the sending of one to that of another.
@@ -268,19 +228,5 @@ impl Bus {
             assert!(self.bus.turn(), "the loop has ended");
         }
         values.into_iter().flatten().collect()
-    }
-}
-
-fn poll<T>(future: Pin<&mut (impl Future<Output = T> + ?Sized)>) -> Poll<T> {
-    future.poll(&mut Context::from_waker(Waker::noop()))
-}
-
-fn until<T>(bus: &mut BusLoop, future: impl Future<Output = T>) -> T {
-    let mut future = pin!(future);
-    loop {
-        if let Poll::Ready(value) = poll(future.as_mut()) {
-            return value;
-        }
-        assert!(bus.turn(), "the loop has ended");
     }
 }

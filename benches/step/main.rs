@@ -8,6 +8,8 @@
 //! than one of 8, divided by 248; what a cycle costs whatever the number of axes is the rest.
 
 mod callgrind;
+#[path = "../common/counted.rs"]
+mod counted;
 mod life;
 
 use std::{

@@ -171,3 +171,17 @@ impl Snapshot {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_count_with_the_expected_working_counter_alone() {
+        for (counter, expected) in [(2, 3), (4, 3), (0, 1), (u16::MAX, 0)] {
+            assert_eq!(Inputs::from_wkc(counter, expected, &[1]), Inputs::Stale);
+        }
+        assert_eq!(Inputs::from_wkc(3, 3, &[1]), Inputs::Fresh(&[1]));
+        assert_eq!(Inputs::from_wkc(0, 0, &[]), Inputs::Fresh(&[]));
+    }
+}

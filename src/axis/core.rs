@@ -570,7 +570,7 @@ impl Pace {
             if cycles == 1 { time } else { time / cycles }
         });
         self.stalled = match (core::mem::replace(&mut self.gap, gap), gap) {
-            (Some(before), Some(gap)) if gap > before && gap / 2 > before => {
+            (Some(before), Some(gap)) if gap.saturating_sub(before) > before => {
                 let times = gap.as_micros() / before.as_micros().max(1);
                 u32::try_from(times)
                     .unwrap_or(u32::MAX)
@@ -2706,6 +2706,42 @@ impl Hash for AxisCore {
         )
             .hash(state);
         (stale_cycles, blind_cycles, undelivered_cycles).hash(state);
+    }
+}
+
+#[cfg(test)]
+mod pace_tests {
+    use super::*;
+
+    /// How long nothing was seen before the last of these cycles: of each its number, the time from the one before in µs, and how many
+    /// without inputs there were between.
+    fn stalled(cycles: &[(u64, u64, u32)]) -> u32 {
+        let (mut pace, mut now) = (Pace::default(), Duration::ZERO);
+        for &(cycle, micros, stale) in cycles {
+            now += Duration::from_micros(micros);
+            pace.observe(now, cycle, stale);
+        }
+        pace.stalled
+    }
+
+    #[test]
+    fn a_cycle_after_more_than_twice_the_time_of_the_one_before_comes_late() {
+        let after = |micros| stalled(&[(1, 1_000, 0), (2, 1_000, 0), (3, micros, 0)]);
+        assert_eq!([1_000, 500, 2_000].map(after), [0; 3]);
+        assert_eq!([2_001, 3_000, 7_500].map(after), [2, 3, 7]);
+    }
+
+    #[test]
+    fn cycles_without_inputs_share_the_time() {
+        let after = |micros| stalled(&[(1, 1_000, 0), (2, 1_000, 0), (5, micros, 2)]);
+        assert_eq!([3_000, 6_000, 9_000].map(after), [0, 0, 9]);
+    }
+
+    #[test]
+    fn the_time_since_a_cycle_that_was_not_the_last_one_is_no_stall() {
+        let idle_between = [(1, 1_000, 0), (2, 1_000, 0), (90, 88_000, 0)];
+        assert_eq!(stalled(&idle_between), 0);
+        assert_eq!(stalled(&[(1, 1_000, 0), (9, 8_000, 0), (10, 9_000, 0)]), 0);
     }
 }
 

@@ -267,3 +267,200 @@ const fn is_powered(state: State) -> bool {
         State::OperationEnabled | State::QuickStopActive | State::FaultReactionActive
     )
 }
+
+#[cfg(test)]
+mod brake_tests {
+    use super::*;
+
+    const CYCLE: Duration = Duration::from_millis(1);
+    const PATIENCE: Duration = Duration::from_millis(20);
+
+    /// A brake, stepped each millisecond, of a drive that has surely seen a word after two.
+    struct Axis {
+        brake: Brake,
+        now: Duration,
+        traits: Traits,
+        /// Whether what is sent enables it, and whether the axis is to lose its power.
+        enables: bool,
+        leading_down: bool,
+    }
+
+    impl Axis {
+        /// Driven, and moving.
+        fn driven() -> Self {
+            let mut axis = Self {
+                brake: Brake::default(),
+                now: Duration::ZERO,
+                traits: Traits {
+                    drive_cycle: CYCLE,
+                    ..Traits::cia402()
+                },
+                enables: true,
+                leading_down: false,
+            };
+            axis.cycle(State::OperationEnabled, false);
+            axis
+        }
+
+        /// The same, and led down from now on.
+        fn led_down() -> Self {
+            Self {
+                enables: false,
+                leading_down: true,
+                ..Self::driven()
+            }
+        }
+
+        fn cycle(&mut self, state: State, standing: bool) {
+            self.now += CYCLE;
+            self.brake.note_sent(self.now, self.enables, true);
+            self.brake.observe(
+                self.now,
+                state,
+                standing,
+                self.leading_down,
+                &self.traits,
+                PATIENCE,
+            );
+        }
+
+        fn cycles(&mut self, cycles: usize, state: State) {
+            for _ in 0..cycles {
+                self.cycle(state, false);
+            }
+        }
+    }
+
+    #[test]
+    fn a_moving_axis_is_held_until_it_stands_without_power() {
+        let mut axis = Axis::led_down();
+        assert!(axis.brake.may_drive() && axis.brake.holds(false));
+        assert!(!axis.brake.holds(true));
+        axis.cycles(2, State::SwitchOnDisabled);
+        assert!(axis.brake.holds(false));
+        axis.cycle(State::SwitchOnDisabled, true);
+        assert!(!axis.brake.may_drive() && !axis.brake.holds(false));
+        // Whatever moves it now is not the drive.
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(!axis.brake.may_drive());
+        axis.cycle(State::OperationEnabled, false);
+        assert!(axis.brake.may_drive());
+    }
+
+    #[test]
+    fn one_that_stands_with_its_power_may_be_driven() {
+        for state in [
+            State::OperationEnabled,
+            State::QuickStopActive,
+            State::FaultReactionActive,
+        ] {
+            let mut axis = Axis::led_down();
+            axis.cycle(state, true);
+            assert!(axis.brake.may_drive(), "{state:?}");
+        }
+    }
+
+    #[test]
+    fn the_power_is_surely_off_when_that_was_shown_and_led_to_for_two_cycles_of_the_drive() {
+        let mut axis = Axis::led_down();
+        axis.cycles(2, State::SwitchOnDisabled);
+        assert!(!axis.brake.is_down());
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(axis.brake.is_down());
+        axis.cycle(State::QuickStopActive, false);
+        assert!(!axis.brake.is_down());
+
+        // Nothing has led it there.
+        let mut axis = Axis::driven();
+        axis.cycles(10, State::SwitchOnDisabled);
+        assert!(!axis.brake.is_down());
+        axis.enables = false;
+        axis.cycles(2, State::SwitchOnDisabled);
+        assert!(!axis.brake.is_down());
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(axis.brake.is_down());
+
+        // Shown by a single sample, however long ago its drive has got that word.
+        let mut axis = Axis::led_down();
+        axis.traits.drive_cycle = Duration::ZERO;
+        axis.cycles(5, State::QuickStopActive);
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(!axis.brake.is_down());
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(axis.brake.is_down());
+    }
+
+    #[test]
+    fn an_axis_of_which_nothing_is_known_is_free_when_its_power_is_surely_off() {
+        let mut axis = Axis {
+            brake: Brake::default(),
+            ..Axis::led_down()
+        };
+        axis.cycles(2, State::SwitchOnDisabled);
+        assert!(axis.brake.may_drive());
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(!axis.brake.may_drive());
+
+        // One that was driven runs on.
+        let mut axis = Axis::led_down();
+        axis.cycles(10, State::SwitchOnDisabled);
+        assert!(axis.brake.is_down() && axis.brake.may_drive());
+        axis.brake.give_up();
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(!axis.brake.may_drive());
+    }
+
+    #[test]
+    fn an_axis_that_does_not_come_to_rest_is_held_for_its_time() {
+        let mut axis = Axis::led_down();
+        axis.cycles(20, State::OperationEnabled);
+        assert!(axis.brake.holds(false));
+        axis.cycle(State::OperationEnabled, false);
+        assert!(!axis.brake.holds(false));
+        axis.cycle(State::OperationEnabled, false);
+        assert!(!axis.brake.holds(false), "it stays over");
+        // It stops the axis at last: its time begins anew, once.
+        axis.cycles(21, State::QuickStopActive);
+        assert!(!axis.brake.holds(false));
+        // One that came to rest, or is not to lose its power, has its time again.
+        for (standing, leading_down) in [(true, true), (false, false)] {
+            axis.leading_down = leading_down;
+            axis.cycle(State::QuickStopActive, standing);
+            axis.leading_down = true;
+            axis.cycles(20, State::QuickStopActive);
+            assert!(axis.brake.holds(false), "{standing}, {leading_down}");
+            axis.cycle(State::QuickStopActive, false);
+            assert!(!axis.brake.holds(false), "{standing}, {leading_down}");
+        }
+    }
+
+    #[test]
+    fn a_quick_stop_that_begins_late_has_its_whole_time() {
+        let mut axis = Axis::led_down();
+        axis.cycles(25, State::OperationEnabled);
+        assert!(!axis.brake.holds(false));
+        axis.cycles(20, State::QuickStopActive);
+        assert!(axis.brake.holds(false));
+        axis.cycle(State::QuickStopActive, false);
+        assert!(!axis.brake.holds(false));
+    }
+
+    #[test]
+    fn the_idle_path_is_for_what_a_sample_like_the_last_one_does_not_change() {
+        assert!(!Brake::default().allows_idle_path(true));
+        let mut axis = Axis::driven();
+        assert!(axis.brake.allows_idle_path(true));
+        assert!(!axis.brake.allows_idle_path(false));
+        axis.leading_down = true;
+        axis.cycle(State::OperationEnabled, false);
+        assert!(!axis.brake.allows_idle_path(true), "its time runs");
+        let mut axis = Axis::driven();
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(!axis.brake.allows_idle_path(true), "it may be off");
+        axis.cycle(State::SwitchOnDisabled, true);
+        assert!(!axis.brake.allows_idle_path(true), "not for sure");
+        axis.enables = false;
+        axis.cycles(3, State::SwitchOnDisabled);
+        assert!(axis.brake.allows_idle_path(true) && axis.brake.allows_idle_path(false));
+    }
+}

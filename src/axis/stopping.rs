@@ -261,8 +261,17 @@ mod deceleration_tests {
 
     /// Whether an axis whose position after so many milliseconds is this is found to run on, within five seconds.
     fn ignores_stop(turn: Option<PositionRange>, at: impl Fn(f64) -> f64) -> Option<u32> {
+        ignores_stop_within(10, turn, at)
+    }
+
+    /// The same with another position window.
+    fn ignores_stop_within(
+        window: u32,
+        turn: Option<PositionRange>,
+        at: impl Fn(f64) -> f64,
+    ) -> Option<u32> {
         let settle = Duration::from_millis(100);
-        let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), turn);
+        let bounds = Bounds::new(window, 0, settle, Duration::from_millis(1), turn);
         let mut deceleration = DecelerationMonitor::default();
         (0..5_000).find(|&cycle| {
             let position = at(f64::from(cycle)).round() as i64;
@@ -279,6 +288,7 @@ mod deceleration_tests {
             for (speed, found) in [
                 (-50.0, 200),
                 (12.0, 200),
+                (8.0, 200),
                 (7.0, 214),
                 (-1.0, 566),
                 (0.2, 1_903),
@@ -294,6 +304,22 @@ mod deceleration_tests {
         // In each span it goes one count less, of about 5000.
         let way = |ms: f64| 50.0 * ms - (ms / 100.0) * (ms / 100.0 - 1.0) / 2.0;
         assert_eq!(ignores_stop(None, way), Some(200));
+    }
+
+    #[test]
+    fn one_that_goes_no_further_than_its_window_in_a_span_stands() {
+        for (speed, found) in [(9.0, None), (9.01, Some(200))] {
+            assert_eq!(ignores_stop_within(900, None, |ms| speed * ms), found);
+        }
+    }
+
+    #[test]
+    fn the_least_part_is_lost_by_one_that_gets_slower() {
+        let second = Duration::from_secs(1);
+        let before = (4_000, second);
+        assert!(!is_slower((3_999, second), before));
+        assert!(is_slower((3_998, second), before));
+        assert!(is_slower((3_999, second + Duration::from_nanos(1)), before));
     }
 
     #[test]

@@ -1,10 +1,23 @@
 //! What clients of the server cost the cycles: lateness of the bus thread without clients, with one and ten that read a stream of 64 axes
-//! at 1 kHz, and with one that never reads. All in one run, in turns.
+//! at 1 kHz, and with one that never reads. All in one run, in turns. And the instructions of a cycle with the same clients, counted by
+//! callgrind.
 //!
-//! It ends with an error where the median of the ratios of the 99.9 % quantiles is above 1.1, or a client that reads has lost a cycle.
+//! It ends with an error where the median of the ratios of the 99.9 % quantiles is above 1.1, a client that reads has lost a cycle, or
+//! a cycle takes more than 200 instructions more than without clients.
 #![allow(missing_docs)]
 
+#[path = "../../../benches/step/callgrind.rs"]
+#[allow(
+    dead_code,
+    reason = "the whole profile is printed by the bench of the cycles"
+)]
+mod callgrind;
+#[path = "../../../benches/common/counted.rs"]
+mod counted;
+mod cycles;
+
 use std::{
+    env,
     io::Write,
     os::unix::net::UnixStream,
     path::Path,
@@ -19,7 +32,7 @@ use std::{
 
 use servocrab::{
     DriveConfig, Network,
-    bus::{RealTime, Scheduling, Signal},
+    bus::{NetworkBuilder, RealTime, Scheduling, Signal},
     drives,
     link::Wire,
 };
@@ -35,6 +48,8 @@ const TURN: Duration = Duration::from_secs(6);
 /// Clients have begun by then.
 const SETTLING: Duration = Duration::from_millis(500);
 const BOUND: f64 = 1.1;
+/// Of a cycle, than without clients.
+const MORE_INSTRUCTIONS: f64 = 200.0;
 
 /// The clients of a turn.
 #[derive(Clone, Copy, PartialEq)]
@@ -52,7 +67,15 @@ const TURNS: [(&str, Clients); 4] = [
 ];
 
 fn main() -> ExitCode {
-    match run() {
+    let is_counted = env::args()
+        .nth(1)
+        .is_some_and(|argument| argument == "cycles");
+    let is_met = if is_counted {
+        cycles::live().map(|()| true)
+    } else {
+        run()
+    };
+    match is_met {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -63,17 +86,46 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<bool> {
+    let are_few = instructions()?;
+    let is_met = lateness()?;
+    Ok(are_few && is_met)
+}
+
+/// How many instructions the cycles take. Whether clients cost few.
+fn instructions() -> Result<bool> {
+    if !callgrind::is_there() {
+        println!("instructions: NOT MEASURED: there is no valgrind (apt-get install valgrind)");
+        return Ok(env::var_os("CI").is_none());
+    }
+    let program = env::current_exe()?;
+    let target = program.ancestors().nth(3).unwrap_or(Path::new("target"));
+    let dumps = callgrind::run(&target.join("bench/attach"), &["cycles"]);
+    let counted: Vec<_> = dumps
+        .iter()
+        .map(|dump| dump.between("servocrab::bus::cycle::Cycle::", "Outside"))
+        .map(|counted| counted as f64 / cycles::COUNTED as f64)
+        .collect();
+    println!("instructions of a cycle of {} axes", 2 * DRIVES);
+    for ((name, _), counted) in TURNS.into_iter().zip(&counted) {
+        println!("{name:<20} {counted:>10.1}");
+    }
+    let without = counted.first().copied().unwrap_or(f64::NAN);
+    let are_few = counted.len() == TURNS.len()
+        && counted
+            .iter()
+            .all(|with| with - without <= MORE_INSTRUCTIONS);
+    if !are_few {
+        println!("not met: at most {MORE_INSTRUCTIONS} more than without clients");
+    }
+    Ok(are_few)
+}
+
+/// All drives of the line, each with two axes.
+fn line() -> (Segment, NetworkBuilder) {
     let segment = (0..DRIVES).fold(Segment::new(), |segment, _| {
         segment.with(personality::akd2g())
     });
-    let mut segment = segment;
-    let wire = Wire::new(move |frame, now| segment.process(frame, now));
-    let mut builder = Network::builder()
-        .link(wire)
-        .cycle(Duration::from_millis(1))
-        .watchdog(Duration::from_secs(5))
-        // Ahead of the clients, as on a machine; without the right to it the bench says so.
-        .real_time(RealTime::new().scheduling(Scheduling::Fifo(50)));
+    let mut builder = Network::builder();
     for position in 0..DRIVES {
         let drive = DriveConfig::new(drives::akd2g());
         let drive = drive
@@ -81,14 +133,31 @@ fn run() -> Result<bool> {
             .axis(format!("{position}-2"));
         builder = builder.drive(position, drive);
     }
+    (segment, builder)
+}
+
+/// The position of each axis.
+fn signals() -> Result<Vec<Signal>> {
+    let names = (0..DRIVES).flat_map(|drive| [1, 2].map(|axis| format!("{drive}-{axis}.position")));
+    Ok(names
+        .map(|name| name.parse())
+        .collect::<std::result::Result<_, _>>()?)
+}
+
+fn lateness() -> Result<bool> {
+    let (mut segment, builder) = line();
+    let wire = Wire::new(move |frame, now| segment.process(frame, now));
+    let builder = builder
+        .link(wire)
+        .cycle(Duration::from_millis(1))
+        .watchdog(Duration::from_secs(5))
+        // Ahead of the clients, as on a machine; without the right to it the bench says so.
+        .real_time(RealTime::new().scheduling(Scheduling::Fifo(50)));
     let net = smol::block_on(builder.start())?;
     let directory = tempfile::tempdir()?;
     let attach = Attach::new("bench").directory(directory.path().join("servocrab"));
     let attached = serve(&net, attach)?;
-    let signals: Vec<Signal> = (0..DRIVES)
-        .flat_map(|drive| [1, 2].map(|axis| format!("{drive}-{axis}.position")))
-        .map(|name| name.parse())
-        .collect::<std::result::Result<_, _>>()?;
+    let signals = signals()?;
 
     let mut worst: [Vec<Duration>; TURNS.len()] = Default::default();
     let mut lost = 0;
@@ -166,7 +235,11 @@ impl Running {
             let (end, lost) = (Arc::clone(&running.end), Arc::clone(&running.lost));
             running.threads.push(thread::spawn(move || {
                 while !end.load(Ordering::Relaxed) {
-                    let Ok(Some(read)) = watch.read() else { return };
+                    let Ok(Some(read)) = watch.read() else {
+                        // It has lost all that comes.
+                        lost.fetch_add(1, Ordering::Relaxed);
+                        return;
+                    };
                     lost.fetch_add(read.lost, Ordering::Relaxed);
                 }
             }));
