@@ -2548,14 +2548,8 @@ impl AxisCore {
         let settle = self.bounds.settle;
         self.standstill.let_go(now, settle);
         self.brake.let_go(now, seen);
-        self.sequencer.let_go(
-            now,
-            seen,
-            deadlines.acknowledge,
-            deadlines.begin,
-            settle,
-            self.config.fields.actual_velocity.is_some(),
-        );
+        self.sequencer
+            .let_go(now, seen, deadlines.acknowledge, deadlines.begin, settle);
         if !self.outgoing_starts() && !self.sent.contains(Controlword::NEW_SET_POINT) {
             self.sequencer.let_go_of_target();
         }

@@ -126,8 +126,8 @@ impl Chain {
         self.unseen = false;
     }
 
-    /// Lets go of what makes no difference any more. `arrives`: whether 606Ch shows that the axis has arrived.
-    pub fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration, arrives: bool) {
+    /// Lets go of what makes no difference any more.
+    pub fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration) {
         for track in self.held.iter_mut().flatten() {
             track.let_go(now, begin, settle);
         }
@@ -136,7 +136,6 @@ impl Chain {
             no_older(&mut over.since, now, settle);
         }
         no_older(&mut self.ended, now, settle);
-        self.last_end = self.last_end.filter(|_| arrives);
     }
 
     /// The axis stands halted: reports it for each of them, once for each halt.

@@ -96,7 +96,7 @@ impl Sequencer {
         self.chain.leave_base();
     }
 
-    /// Lets go of what makes no difference any more. `arrives`: whether 606Ch shows that the axis has arrived.
+    /// Lets go of what makes no difference any more.
     pub fn let_go(
         &mut self,
         now: Duration,
@@ -104,14 +104,13 @@ impl Sequencer {
         acknowledge: Duration,
         begin: Duration,
         settle: Duration,
-        arrives: bool,
     ) {
         self.bit4.let_go(now, seen, acknowledge);
         if let Ahead::Delivered(at) = &mut self.ahead {
             no_older(at, now, seen);
         }
         self.waiting.let_go(now, acknowledge);
-        self.chain.let_go(now, begin, settle, arrives);
+        self.chain.let_go(now, begin, settle);
         if let Some(raised) = &mut self.unconfirmed {
             raised.let_go(now, acknowledge);
         }
