@@ -109,10 +109,20 @@ pub(crate) fn build(
     ))
 }
 
-/// Builds all tests of the workspace but the project's own commands.
-pub(crate) fn everything(tree: &Tree) -> crate::Result<Everything> {
+/// Builds all tests of the workspace but the project's own commands, or only the named ones of the library.
+pub(crate) fn everything(tree: &Tree, only: &[String]) -> crate::Result<Everything> {
     let mut command = cargo(tree);
-    command.args(["--workspace", "--exclude", "xtask"]);
+    if only.is_empty() {
+        command.args(["--workspace", "--exclude", "xtask"]);
+    } else {
+        command.args(["--package", "servocrab"]);
+        for suite in only {
+            match suite.as_str() {
+                "lib" => command.arg("--lib"),
+                suite => command.args(["--test", suite]),
+            };
+        }
+    }
     let built = run(tree, &mut command)?;
     if !built.success {
         return Ok(Everything::Errors {

@@ -58,6 +58,12 @@ pub(crate) struct Args {
     /// Only shows the results that are kept.
     #[arg(long)]
     report: bool,
+    /// Tries all mutants with this in their names (a file, a function) in place of a sample, and keeps no results.
+    #[arg(long)]
+    only: Vec<String>,
+    /// With these tests of the library alone, `lib` for its unit tests: what they do not catch, another may.
+    #[arg(long, value_delimiter = ',', requires = "only")]
+    suites: Vec<String>,
 }
 
 /// What the results are of.
@@ -116,6 +122,9 @@ struct Corner {
 
 pub(crate) fn run(args: &Args) -> crate::Result<()> {
     let root = crate::root();
+    if !args.only.is_empty() {
+        return explore(root, args);
+    }
     let file = root.join(KEPT);
     let commit = git(root, &["rev-parse", "HEAD"])?;
     let kept = Kept::read(&file)?;
@@ -155,13 +164,31 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         .filter(|mutant| !kept.outcomes.contains_key(&mutant.name))
         .collect::<Vec<_>>();
     if !left.is_empty() {
-        let jobs = args.jobs.or_else(|| thread::available_parallelism().ok());
-        let jobs = jobs.map_or(1, NonZero::get);
         let results = Results::open(&file, &kept)?;
-        judge(root, &left, jobs, &results)?;
+        judge(root, &left, args, &results)?;
         kept = Kept::read(&file)?.ok_or("the results are gone")?;
     }
     report(&kept, true)
+}
+
+/// Tries all mutants of some names, and shows which the tests do not catch.
+fn explore(root: &Path, args: &Args) -> crate::Result<()> {
+    let mut named = named(root)?;
+    named.retain(|named| args.only.iter().any(|part| named.name.contains(part)));
+    let file = root.join("target/mutation-score-only.jsonl");
+    let drawn = Drawn {
+        commit: "as it is".to_owned(),
+        seed: 0,
+        sample: named.len(),
+        of: named.len(),
+    };
+    let none = Kept {
+        drawn,
+        outcomes: BTreeMap::new(),
+    };
+    let results = Results::open(&file, &none)?;
+    judge(root, &named.iter().collect::<Vec<_>>(), args, &results)?;
+    report(&Kept::read(&file)?.ok_or("the results are gone")?, true)
 }
 
 /// What git prints.
@@ -219,7 +246,9 @@ fn draw(mut all: Vec<Named>, seed: u64, sample: usize) -> Vec<Named> {
 }
 
 /// Puts the mutants into the copy of the tree, builds it, and runs all suites with each of them.
-fn judge(root: &Path, left: &[&Named], jobs: usize, results: &Results) -> crate::Result<()> {
+fn judge(root: &Path, left: &[&Named], args: &Args, results: &Results) -> crate::Result<()> {
+    let jobs = args.jobs.or_else(|| thread::available_parallelism().ok());
+    let jobs = jobs.map_or(1, NonZero::get);
     let mutants: Vec<Mutant> = left
         .iter()
         .map(|named| Mutant::outside_the_table(&named.name))
@@ -248,7 +277,7 @@ fn judge(root: &Path, left: &[&Named], jobs: usize, results: &Results) -> crate:
     let executables = loop {
         let apart = single.iter().map(|place| mutants[*place].number());
         tree.write(&sources, &without.iter().copied().chain(apart).collect())?;
-        match build::everything(&tree)? {
+        match build::everything(&tree, &args.suites)? {
             Everything::Executables(executables) => break executables,
             Everything::Errors {
                 text,
@@ -325,7 +354,7 @@ fn judge(root: &Path, left: &[&Named], jobs: usize, results: &Results) -> crate:
     for place in single {
         let (mutant, begun) = (&mutants[place], Instant::now());
         tree.put(&sources, place)?;
-        let verdict = match build::everything(&tree)? {
+        let verdict = match build::everything(&tree, &args.suites)? {
             Everything::Executables(_) => suites.judge(mutant)?,
             Everything::Errors { .. } => Verdict::Unviable,
         };
