@@ -320,8 +320,9 @@ impl<U: AxisUnit> Axis<U> {
     /// [`Failure::Busy`](crate::axis::Failure::Busy) while the halt is not sent yet: it is in the next frame all the same.
     /// [`Failure::Halted`](crate::axis::Failure::Halted) or [`Failure::QuickStopped`](crate::axis::Failure::QuickStopped) where a stop has come
     /// before that frame: bit 8 has not fallen.
+    /// [`Failure::Disabled`](crate::axis::Failure::Disabled) where the axis is disabled before it.
     /// [`Failure::ResumeUnsupported`](crate::axis::Failure::ResumeUnsupported) if the drive has forgotten its set-point; in
-    /// Fault, while moving, or when the bus is lost.
+    /// Fault, while not enabled, while moving, or when the bus is lost.
     pub async fn resume(&self) -> Result<(), AxisError> {
         self.run(Command::Resume).await?;
         self.trace("resumed");

@@ -138,7 +138,7 @@ pub enum Failure {
     #[error("superseded by a later move")]
     Superseded,
     /// The axis is halted (bit 8). Resume it, or stop it.
-    #[error("the axis is halted: resume it or stop it first{}", SentText(*.delivery))]
+    #[error("the axis is halted: resume it, or give its set-point up by a stop and enable it again{}", SentText(*.delivery))]
     Halted {
         /// How far the set-point came, for moves, homings and jogs; `NotSent` for others.
         delivery: Delivery,
