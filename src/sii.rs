@@ -14,6 +14,7 @@ const FIRST_CATEGORY: usize = 0x40;
 
 /// What a SubDevice says it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Identity {
     /// The vendor ID, which the ETG assigns.
     pub vendor: u32,

@@ -121,6 +121,11 @@ impl<'a> Inputs<'a> {
 
 /// What is known of an axis after a cycle, with position and velocity in the unit of the handle that it comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(serialize = "U::Signed: serde::Serialize"))
+)]
 pub struct Snapshot<U: AxisUnit = Counts> {
     /// How many cycles there were since the first one, with and without inputs.
     pub cycle: u64,

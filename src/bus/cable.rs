@@ -20,6 +20,7 @@ const DEVICE: Duration = Duration::from_micros(1);
 /// assert_eq!((nothing_yet.frames, nothing_yet.time().as_nanos()), (0, 0));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct CableLoad {
     /// Frames of a cycle.
     pub frames: usize,

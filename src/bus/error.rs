@@ -523,6 +523,7 @@ const STATE: u8 = 0x0F;
 
 /// A state of a SubDevice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum AlState {
     /// Nothing but registers.
     Init,
@@ -577,6 +578,7 @@ impl fmt::Display for AlState {
 
 /// The AL status of a SubDevice: its state, and why it is not in another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct AlStatus {
     /// The state it is in.
     pub state: AlState,
@@ -751,6 +753,7 @@ pub enum TopologyError {
 
 /// What the reference clock does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum ReferenceClock {
     /// It gives its time.
     #[default]

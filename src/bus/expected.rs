@@ -14,6 +14,7 @@ use crate::{coe::DriveId, sii::Identity};
 /// assert_eq!(DevicePlace::Alias(7).to_string(), "alias 7");
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum DevicePlace {
     /// At this position; the first SubDevice is 0.
     Position(u16),
@@ -68,6 +69,7 @@ impl fmt::Display for DevicePlace {
 /// assert_eq!(coupler.to_string(), "EK1100 (00000002h:044C2C52h)");
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Expected {
     pub(super) name: Cow<'static, str>,
     pub(super) vendor: Option<u32>,
@@ -162,6 +164,7 @@ impl fmt::Display for Expected {
 
 /// A device that is there.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Present {
     /// Its position, its name and what it says it is.
     pub id: DriveId,
@@ -191,6 +194,7 @@ impl fmt::Display for Present {
 
 /// What is the matter with one place of the line.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Verdict {
     /// Nothing.
     Right,
@@ -248,6 +252,7 @@ impl fmt::Display for Verdict {
 
 /// A place of the line, as expected and as found.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct LineRow {
     /// The position; none where nothing was found for an alias or an identity.
     pub position: Option<u16>,
@@ -289,6 +294,7 @@ impl LineRow {
 
 /// A line that is not the expected one: every place of it, those that are right as well. Shown as a table.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct LineMismatch(pub Vec<LineRow>);
 
 impl fmt::Display for LineMismatch {

@@ -13,6 +13,7 @@ use crate::ds402::describe_error_code;
 /// assert_eq!(emergency.to_string(), "emergency 8611h (following error), error register 21h, data 00 00 00 00 00");
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Emergency {
     /// The error code, as in 603Fh; 0000h says that an error is gone.
     pub code: u16,

@@ -333,6 +333,7 @@ impl fmt::Display for SdoStep {
 
 /// Which drive: its place in the line, its name and what it says it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct DriveId {
     /// Its place in the line, the first SubDevice being 0.
     pub position: u16,

@@ -119,8 +119,25 @@ impl core::fmt::Display for Controlword {
     }
 }
 
+/// As its number.
+#[cfg(feature = "serde")]
+impl serde::Serialize for Statusword {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u16(self.bits())
+    }
+}
+
+/// As its number.
+#[cfg(feature = "serde")]
+impl serde::Serialize for Controlword {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u16(self.bits())
+    }
+}
+
 /// A state of the DS402 state machine, as a statusword shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum State {
     /// Initialising; the drive leaves it by itself.
     NotReadyToSwitchOn,
@@ -371,6 +388,7 @@ bitflags! {
 
 /// What one cycle's inputs show of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Sample {
     /// Statusword 6041h.
     pub statusword: Statusword,

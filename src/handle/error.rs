@@ -31,6 +31,18 @@ struct ErrorUnit {
     name: &'static str,
 }
 
+/// The axis, and the error as a text.
+#[cfg(feature = "serde")]
+impl serde::Serialize for AxisError {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        use serde::ser::SerializeStruct;
+        let mut error = serializer.serialize_struct("AxisError", 2)?;
+        error.serialize_field("identity", &*self.identity)?;
+        error.serialize_field("error", &format_args!("{self}"))?;
+        error.end()
+    }
+}
+
 impl AxisError {
     pub(super) const fn new(identity: Arc<AxisIdentity>, kind: AxisErrorKind) -> Self {
         Self {
@@ -206,6 +218,7 @@ fn write_not_all_started(
 
 /// The name of an axis and what its drive is.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct AxisIdentity {
     /// The axis' name in the program.
     pub axis: String,

@@ -57,6 +57,11 @@ pub struct Homing<U: AxisUnit = Counts> {
 
 /// Where an axis is, now that it knows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(serialize = "U::Signed: serde::Serialize"))
+)]
 pub struct Homed<U: AxisUnit = Counts> {
     /// Position actual value 6064h at the end of the homing.
     pub position: U::Signed,

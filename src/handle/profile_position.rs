@@ -243,6 +243,11 @@ impl CountsRequest {
 
 /// How a move ended well.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(serialize = "U::Signed: serde::Serialize"))
+)]
 pub enum Outcome<U: AxisUnit = Counts> {
     /// It arrived at its target and nothing followed it in motion.
     Reached {

@@ -11,6 +11,7 @@ use crate::{
 /// How a move, a homing or a jog has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum MotionEnd {
     /// A move at its target, or a jog at a velocity that its program has let go.
     Reached,
@@ -110,6 +111,7 @@ impl fmt::Display for MotionEnd {
 /// What has become of an axis' motions since its network started.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct AxisStatistics {
     /// The axis and its drive.
     pub axis: AxisIdentity,

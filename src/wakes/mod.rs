@@ -67,6 +67,7 @@ struct Inner {
 /// assert_eq!(nothing_yet.slow, 0);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct WakeStatistics {
     /// Wakers that took longer than 10 ms, in which no other future was woken. One that is still running counts.
     pub slow: u64,

@@ -34,6 +34,7 @@ mod rig;
 mod scale;
 mod scan;
 mod sdo;
+mod serialized;
 mod sharing;
 mod start_up;
 mod statistics;

@@ -25,6 +25,7 @@ use crate::{
 /// assert_eq!(nothing_yet.cycles, 0);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Statistics {
     /// Cycles of process data.
     pub cycles: u64,
@@ -57,6 +58,7 @@ pub struct Statistics {
 /// How the cycles keep step with the reference clock of the network's distributed clocks. The phase error is by how much later
 /// than wanted a cycle's frames passed it: at a multiple of the cycle in its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct ClockStatistics {
     /// The phase error of the last cycle, in nanoseconds; negative when it was early.
     pub phase_error_ns: i64,
@@ -144,6 +146,7 @@ impl ClockGauge {
 /// assert_eq!(nothing_yet.round_trip.count(), 0);
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Timing {
     /// How late each cycle began.
     pub lateness: Durations,
@@ -156,6 +159,7 @@ pub struct Timing {
 
 /// What has been counted of one drive since the cycles started.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct DriveStatistics {
     /// The drive.
     pub drive: DriveId,
@@ -295,6 +299,35 @@ pub struct Durations {
 impl Default for Durations {
     fn default() -> Self {
         Recorder::default().read()
+    }
+}
+
+/// How many, the extremes and the quantiles 0.5, 0.99 and 0.999, and each bucket that is not empty. Times are in nanoseconds.
+#[cfg(feature = "serde")]
+impl serde::Serialize for Durations {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        use serde::ser::SerializeStruct;
+        let nanoseconds = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        let buckets: Vec<(u64, u64, u64)> = self
+            .buckets()
+            .map(|(times, count)| {
+                (
+                    nanoseconds(*times.start()),
+                    nanoseconds(*times.end()),
+                    count,
+                )
+            })
+            .collect();
+        let quantile = |share| self.quantile(share).map(nanoseconds);
+        let mut durations = serializer.serialize_struct("Durations", 7)?;
+        durations.serialize_field("count", &self.count())?;
+        durations.serialize_field("least_ns", &self.least().map(nanoseconds))?;
+        durations.serialize_field("most_ns", &self.most().map(nanoseconds))?;
+        durations.serialize_field("p50_ns", &quantile(0.5))?;
+        durations.serialize_field("p99_ns", &quantile(0.99))?;
+        durations.serialize_field("p999_ns", &quantile(0.999))?;
+        durations.serialize_field("buckets", &buckets)?;
+        durations.end()
     }
 }
 

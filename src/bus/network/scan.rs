@@ -53,6 +53,7 @@ pub struct Line {
 
 /// A SubDevice of a [`Line`].
 #[derive(Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct LineDevice {
     /// Its place, its name and what it says it is.
     pub id: DriveId,
@@ -63,13 +64,28 @@ pub struct LineDevice {
     /// The bits of its distributed clock, 32 or 64; none if it has none.
     pub clock_bits: Option<u8>,
     /// Its whole SII, if it could be read.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub sii: Option<Sii>,
     /// Access to its objects, if it is in PREOP and has CoE.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub sdo: Option<SdoHandle>,
     /// Its emergencies, if it has CoE.
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub emergencies: Option<Emergencies>,
-    /// Why it is not in PREOP, or its SII could not be read.
+    /// Why it is not in PREOP, or its SII could not be read. Serialised as its text.
+    #[cfg_attr(feature = "serde", serde(serialize_with = "as_text"))]
     pub problem: Option<NetworkError>,
+}
+
+#[cfg(feature = "serde")]
+fn as_text<S: serde::Serializer>(
+    problem: &Option<NetworkError>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    match problem {
+        Some(problem) => serializer.collect_str(problem),
+        None => serializer.serialize_none(),
+    }
 }
 
 impl Line {
