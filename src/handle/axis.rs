@@ -20,8 +20,10 @@ use crate::{
 };
 
 use super::{
-    AxisError, AxisErrorKind, AxisIdentity, ParameterAccess, ProfilePosition, error::HandleUnit,
-    parameters::Claims, pending::Pending, shared::Shared, stops::LastStop,
+    AxisError, AxisErrorKind, AxisIdentity, ParameterAccess, ProfilePosition,
+    error::HandleUnit,
+    parameters::Claims,
+    queue::{LastStop, Pending, Shared},
 };
 
 /// One axis. Clones are the same axis; commands of all of them are taken in the order in which they were given.
@@ -472,9 +474,9 @@ impl Handles {
 
     /// This much later by the network's time: [`AxisErrorKind::Late`], by which nothing is stopped.
     pub async fn late<T>(&self, within: Duration) -> Result<T, AxisError> {
-        let groups = &self.shared.setup.groups;
-        groups
-            .sleep_until(groups.now().saturating_add(within))
+        let signals = &self.shared.setup.groups.signals;
+        signals
+            .sleep_until(signals.now().saturating_add(within))
             .await;
         Err(self.shared.error(AxisErrorKind::Late {
             within,
@@ -509,6 +511,31 @@ impl Handles {
         let object = self.of_axis(object);
         let read = self.parameters().read(object).await;
         read.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
+    }
+
+    /// The error for a failure. A fault whose code is not in the process data is asked for its code, so that the error
+    /// has it.
+    pub async fn fail(&self, failure: Failure) -> AxisError {
+        let failure = match failure {
+            Failure::Fault { code: None } => Failure::Fault {
+                code: self.read_error_code().await,
+            },
+            failure => failure,
+        };
+        if let Failure::Fault { code } = failure {
+            let status = self.shared.snapshot();
+            // The fault itself is logged once, by the owner of the cycle.
+            tracing::debug!(
+                target: super::LOG,
+                axis = self.shared.identity.axis,
+                drive = %self.shared.identity.drive,
+                code = code.map(tracing::field::display),
+                statusword = %status.statusword,
+                controlword = %status.controlword,
+                "{failure}"
+            );
+        }
+        self.shared.error(AxisErrorKind::Failed(failure))
     }
 
     /// Error code 603Fh, by SDO; none if it cannot be read, or not soon.

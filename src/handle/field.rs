@@ -9,7 +9,7 @@ use crate::{
     units::AxisUnit,
 };
 
-use super::{Axis, AxisError, AxisErrorKind, shared::Shared};
+use super::{Axis, AxisError, AxisErrorKind, queue::Shared};
 
 /// A mapped object that the drive sends.
 pub struct Field<T> {

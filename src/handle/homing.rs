@@ -16,7 +16,7 @@ use crate::{
     units::{AxisUnit, Counts},
 };
 
-use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, pending::Pending};
+use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, queue::Pending};
 
 /// The lease of an axis in homing mode, from [`Axis::homing`].
 ///
@@ -188,7 +188,7 @@ impl<U: AxisUnit> Homing<U> {
     /// The time is over, and nothing was asked for.
     async fn late_before<T>(&self, until: Duration) -> Result<T, AxisError> {
         let shared = &self.axis.handles.shared;
-        shared.setup.groups.sleep_until(until).await;
+        shared.setup.groups.signals.sleep_until(until).await;
         let status = shared.snapshot();
         Err(shared.error(AxisErrorKind::Failed(Failure::Timeout {
             waiting_for: WaitingFor::HomingEnd,
@@ -315,7 +315,7 @@ impl<'a, U: AxisUnit> Home<'a, U> {
                 handles.late(limit),
             )),
             limit => {
-                let now = handles.shared.setup.groups.now();
+                let now = handles.shared.setup.groups.signals.now();
                 let until = limit.map(|limit| now.saturating_add(limit));
                 Box::pin(homing.run(parameters, until, keep))
             }

@@ -1,27 +1,22 @@
 //! What a program holds of an axis: its handle, the leases of its modes, moves and paths, stops, the liveness of the program.
 //!
-//! Handles put commands into a bounded queue and stops beside it (`shared`, `commands`, `stops`). The owner of the cycle takes them to
-//! the axis core and brings its reports and snapshots back (`port`), without a lock and without the heap. Each handle is a thin layer
-//! over that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `together`.
+//! Handles put commands into a bounded queue and stops beside it. The owner of the cycle takes them to the axis core and brings its
+//! reports and snapshots back, without a lock and without the heap (`queue`, with both its ends). Each handle is a thin layer over that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `together`.
 //!
 //! This room imports the pure ones and `wakes`; of those that need `std`, only `bus` imports it. The modules of the public interface
 //! re-export from here what belongs to them.
 
 mod axis;
-mod commands;
 mod error;
 mod field;
 mod follow;
 mod homing;
 mod output_cells;
 mod parameters;
-mod pending;
-mod port;
 mod profile_position;
 mod profile_velocity;
+mod queue;
 mod setup;
-mod shared;
-mod statistics;
 mod status;
 mod stops;
 mod together;
@@ -37,11 +32,10 @@ pub use error::{AxisError, AxisErrorKind, AxisIdentity};
 pub use field::{Field, OutputField};
 pub use follow::{ByIterator, ByStream, Follow, Followed, Path, PathError};
 pub use homing::{Home, Homed, Homing};
-pub use port::AxisPort;
 pub use profile_position::{Done, Move, MoveRequest, Outcome, ProfilePosition};
 pub use profile_velocity::{Jog, ProfileVelocity};
+pub use queue::{AxisPort, AxisStatistics, MotionEnd};
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
-pub use statistics::{AxisStatistics, MotionEnd};
 pub use stops::StopHandle;
 pub use stops::{Liveness, LivenessWatch};
 pub use together::{AxisSet, GroupQueue, Groups, Together, start_together};

@@ -15,7 +15,11 @@ use crate::{
     profile_position::Parameters,
 };
 
-use super::{AxisError, AxisErrorKind, axis::Handles, commands::Ticket, pending::Pending};
+use super::{
+    AxisError, AxisErrorKind,
+    axis::Handles,
+    queue::{Pending, Ticket},
+};
 
 /// So long a move waits for one that writes its parameters, and gets no further.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -85,7 +89,7 @@ impl Handles {
     /// # Errors
     /// [`Failure::Busy`] where one before gets no further, as one does whose future is kept and not polled.
     pub async fn claim(&self) -> Result<Claim<'_>, AxisError> {
-        let groups = &self.shared.setup.groups;
+        let signals = &self.shared.setup.groups.signals;
         loop {
             let (seen, steps) = {
                 let mut state = self.claims.state();
@@ -107,7 +111,7 @@ impl Handles {
             });
             // The drive takes what was sent without a word to those who wait here.
             let taken = self.until_taken(&seen);
-            let late = groups.sleep_until(groups.now().saturating_add(PATIENCE));
+            let late = signals.sleep_until(signals.now().saturating_add(PATIENCE));
             smol::future::or(smol::future::or(changed, taken), late).await;
             let state = self.claims.state();
             let is_late = matches!(seen, Holder::Writing(_)) && state.holder == seen;

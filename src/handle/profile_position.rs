@@ -20,8 +20,7 @@ use super::{
     axis::{Handles, Lease},
     error::HandleUnit,
     parameters::{BySdo, Claim},
-    pending::Pending,
-    stops::LastStop,
+    queue::{LastStop, Pending},
 };
 
 /// The lease of an axis in Profile Position mode, from [`Axis::profile_position`].
@@ -149,9 +148,10 @@ pub struct MoveRequest<U: AxisUnit = Counts> {
 impl<U: AxisUnit> MoveRequest<U> {
     pub(super) async fn send(self) -> Result<Move<U>, AxisError> {
         let request = self.in_counts();
+        let split = request.split()?;
         // A stop that comes while parameters are being written stops this move as well.
         let asked = request.last_stop();
-        let (command, claim) = request.prepare().await?;
+        let (command, claim) = request.write(split).await?;
         let pending = request.submit(command, asked)?;
         if let Some(claim) = claim {
             claim.sent(&pending);
@@ -179,6 +179,16 @@ pub(super) struct CountsRequest {
     command: Result<MoveCommand, AxisError>,
 }
 
+/// A move in the drive's units, with what of it is written by SDO.
+#[derive(Debug)]
+pub(super) struct SplitMove {
+    asked: MoveCommand,
+    /// Without what is written by SDO.
+    command: MoveCommand,
+    /// None where nothing is.
+    by_sdo: Option<BySdo>,
+}
+
 impl CountsRequest {
     pub fn last_stop(&self) -> LastStop {
         self.handles.shared.last_stop()
@@ -203,9 +213,8 @@ impl CountsRequest {
         }
     }
 
-    /// Writes by SDO what the move needs and the process data does not hold. Hold the claim until the move is sent, and notify it
-    /// then, so that no other move's parameters come in between.
-    pub async fn prepare(&self) -> Result<(MoveCommand, Option<Claim<'_>>), AxisError> {
+    /// Takes out of the move what the process data does not hold, and what is to be written by SDO therefore.
+    pub fn split(&self) -> Result<SplitMove, AxisError> {
         let asked = self.command.clone()?;
         let mut command = asked;
         let handles = &*self.handles;
@@ -215,16 +224,30 @@ impl CountsRequest {
             let failure = Failure::Zero(name);
             return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
         }
-        if !by_sdo.is_needed(handles) {
-            return Ok((command, None));
-        }
+        Ok(SplitMove {
+            asked,
+            command,
+            by_sdo: by_sdo.is_needed(handles).then_some(by_sdo),
+        })
+    }
+
+    /// Writes by SDO what is to be written so. Hold the claim until the move is sent, and notify it then, so that no other move's
+    /// parameters come in between.
+    pub async fn write(
+        &self,
+        split: SplitMove,
+    ) -> Result<(MoveCommand, Option<Claim<'_>>), AxisError> {
+        let Some(by_sdo) = split.by_sdo else {
+            return Ok((split.command, None));
+        };
         // What is refused must not have changed the drive's parameters.
-        let check = Command::CheckMove(asked);
+        let check = Command::CheckMove(split.asked);
         let check = Pending::submit(Arc::clone(&self.handles), self.unit, check)?;
         check.done().await?;
+        let handles = &*self.handles;
         let mut claim = handles.claim().await?;
         by_sdo.write(handles, &mut claim).await?;
-        Ok((command, Some(claim)))
+        Ok((split.command, Some(claim)))
     }
 
     fn trace(&self, what: &str, why: &dyn fmt::Display) {

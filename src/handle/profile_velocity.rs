@@ -10,7 +10,7 @@ use crate::{
     units::{AxisUnit, Counts, ScaleError},
 };
 
-use super::{Axis, AxisError, AxisErrorKind, axis::Lease, parameters::BySdo, pending::Pending};
+use super::{Axis, AxisError, AxisErrorKind, axis::Lease, parameters::BySdo, queue::Pending};
 
 /// The lease of an axis in Profile Velocity mode, from [`Axis::profile_velocity`].
 ///

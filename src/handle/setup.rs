@@ -20,7 +20,7 @@ use super::{
     AxisError, AxisIdentity, AxisPort, AxisStatistics, GroupQueue,
     axis::{Axis, Handles},
     field::Field,
-    shared::Shared,
+    queue::Shared,
 };
 
 /// A future that can be sent to another thread.

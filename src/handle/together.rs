@@ -1,7 +1,7 @@
 //! Moves of several axes whose bits 4 rise in one cycle: all of them or none.
 
 use core::{
-    sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
+    sync::atomic::{AtomicBool, Ordering},
     time::Duration,
 };
 use std::sync::Arc;
@@ -12,18 +12,17 @@ use crate::{
     axis::{AxisCore, CommandId, Failure},
     profile_position::MoveCommand,
     units::AxisUnit,
-    wakes::{End, Waiters, Wakes},
+    wakes::{End, Wakes},
 };
 
 use super::{
-    AxisError, AxisErrorKind, Move, MoveRequest, pending::Pending, profile_position::CountsRequest,
-    shared::Shared,
+    AxisError, AxisErrorKind, Move, MoveRequest,
+    profile_position::CountsRequest,
+    queue::{NetworkSignals, Pending, Shared},
 };
 
 /// Groups that wait to start at once, of one network.
 const GROUPS: usize = 16;
-/// Those who sleep all wait on one channel.
-const TIME: u32 = 0;
 
 /// Where moves are asked to start together: one queue for all axes of a network, a clone in each [`AxisSetup`](super::AxisSetup).
 /// With it goes the word that anything was asked of any of these axes.
@@ -38,27 +37,14 @@ const TIME: u32 = 0;
 #[derive(Debug, Clone)]
 pub struct GroupQueue {
     queues: Arc<Queues>,
+    pub(super) signals: Arc<NetworkSignals>,
 }
 
 #[derive(Debug)]
 struct Queues {
-    /// Whether anything was stored for the bus thread with any of the axes, since it looked.
-    asked: AtomicBool,
-    /// How many futures wait for a change of any of the axes.
-    watchers: AtomicUsize,
-    /// How many cycles there were, where all axes are stepped together.
-    cycles: AtomicU64,
-    /// The time of the last cycle, and when the next of those who sleep is to be woken, in nanoseconds.
-    now: AtomicU64,
-    due: AtomicU64,
-    sleepers: Arc<Waiters>,
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
-    /// Who wakes the futures of all axes.
-    wakes: Wakes,
-    /// None where somebody else ends it.
-    _end: Option<End>,
 }
 
 #[derive(Debug)]
@@ -109,109 +95,22 @@ impl GroupQueue {
 
     fn of(wakes: Wakes, end: Option<End>) -> Self {
         Self {
+            signals: Arc::new(NetworkSignals::new(wakes, end)),
             queues: Arc::new(Queues {
-                sleepers: wakes.waiters(),
-                wakes,
-                _end: end,
-                asked: AtomicBool::new(false),
-                watchers: AtomicUsize::new(0),
-                cycles: AtomicU64::new(0),
-                now: AtomicU64::new(0),
-                due: AtomicU64::new(u64::MAX),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
             }),
         }
     }
 
-    /// To be called after an axis has got a request.
-    pub(super) fn ask(&self) {
-        // Exchanged and not stored: the reader sees what each of several threads has asked for, and not the last one's alone.
-        self.queues.asked.swap(true, Ordering::Release);
-    }
-
-    /// To be held by a task that waits for a change of any of the axes.
-    pub(super) fn watch(&self) -> Watch<'_> {
-        self.queues.watchers.fetch_add(1, Ordering::AcqRel);
-        Watch(&self.queues)
-    }
-
-    /// Where the futures of an axis wait.
-    pub(super) fn waiters(&self) -> Arc<Waiters> {
-        self.queues.wakes.waiters()
-    }
-
-    /// Has those woken for whom there is something new.
-    pub(super) fn hand_over(&self) {
-        self.queues.wakes.hand_over();
-    }
-
-    /// How many cycles there were in which all axes were stepped, or left at rest.
-    pub(super) fn cycles(&self) -> u64 {
-        self.queues.cycles.load(Ordering::Acquire)
-    }
-
-    /// The network's time: that of its last cycle.
-    pub(super) fn now(&self) -> Duration {
-        Duration::from_nanos(self.queues.now.load(Ordering::Acquire))
-    }
-
-    /// Sleeps until this moment of the network's time, which does not come once the network has ended.
-    pub(super) async fn sleep_until(&self, until: Duration) {
-        let queues = &self.queues;
-        let is_over = || {
-            if self.now() >= until {
-                return Some(());
-            }
-            queues.due.fetch_min(nanoseconds(until), Ordering::SeqCst);
-            None
-        };
-        queues.sleepers.until(TIME, is_over).await;
-    }
-
-    /// Says what time it is; to be called once a cycle.
-    pub(super) fn note_time(&self, now: Duration) {
-        self.queues.note_time(now);
-    }
-
     /// The bus thread's end. There is to be one.
     #[must_use]
     pub fn groups(&self) -> Groups {
         Groups {
+            signals: Arc::clone(&self.signals),
             queues: Arc::clone(&self.queues),
             waiting: Vec::with_capacity(GROUPS),
         }
-    }
-}
-
-impl Queues {
-    #[inline]
-    fn note_time(&self, now: Duration) {
-        let now = nanoseconds(now);
-        self.now.store(now, Ordering::Release);
-        if now >= self.due.load(Ordering::Relaxed) {
-            self.wake_sleepers();
-        }
-    }
-
-    #[cold]
-    fn wake_sleepers(&self) {
-        // Who sleeps on says so again.
-        self.due.store(u64::MAX, Ordering::SeqCst);
-        self.sleepers.announce(TIME);
-    }
-}
-
-fn nanoseconds(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
-}
-
-/// Somebody waits for a change.
-pub(super) struct Watch<'a>(&'a Queues);
-
-impl Drop for Watch<'_> {
-    fn drop(&mut self) {
-        self.0.watchers.fetch_sub(1, Ordering::AcqRel);
     }
 }
 
@@ -226,31 +125,16 @@ pub trait AxisSet {
 pub struct Groups {
     queues: Arc<Queues>,
     waiting: Vec<Arc<Group>>,
+    pub(super) signals: Arc<NetworkSignals>,
 }
 
 impl Groups {
-    /// Whether any of the axes has been asked for anything since this was called last: else none of their ports needs to be
-    /// looked at before sending.
-    pub(crate) fn take_asked(&self) -> bool {
-        self.queues.asked.swap(false, Ordering::AcqRel)
-    }
-
-    /// Whether anybody waits for a change of any of the axes, as far as [`stored`](crate::wakes::stored) was called before.
-    pub(crate) fn are_watched(&self) -> bool {
-        self.queues.watchers.load(Ordering::Relaxed) != 0
-    }
-
-    /// Says how many cycles there were; to be called when every axis was stepped and passed on, or left at rest.
-    pub(crate) fn count_to(&self, cycles: u64) {
-        self.queues.cycles.store(cycles, Ordering::Release);
-    }
-
     /// Starts the groups of which every move has what it needs, and gives up those of which one has failed.
     ///
     /// To be called after [`AxisPort::before_send`](super::AxisPort::before_send) of every axis and right before
     /// sending: then no stop can come between the rise of one bit 4 and another.
     pub fn advance(&mut self, now: Duration, axes: &mut impl AxisSet) {
-        self.queues.note_time(now);
+        self.signals.note_time(now);
         while self.waiting.len() < GROUPS
             && let Some(group) = self.queues.new.pop()
         {
@@ -452,7 +336,7 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
     let mut prepared = Vec::new();
     let mut claims = Vec::new();
     for (request, asked) in in_order.into_iter().zip(asked) {
-        let (command, claim) = request.prepare().await?;
+        let (command, claim) = request.write(request.split()?).await?;
         prepared.push((request, command, asked));
         claims.push(claim);
     }
