@@ -14,7 +14,7 @@ use std::{
 };
 
 use super::{
-    exchange::{Answer, DriveData},
+    Answer, DriveData,
     frame::{Frame, Packed},
 };
 use crate::{

@@ -7,7 +7,7 @@ use proptest::{collection::vec, prelude::*};
 use crate::{
     axis::Inputs,
     bus::cycle::{
-        exchange::{self, Answer, Exchange, PATTERN, PATTERNS},
+        Answer, Exchange, PATTERN, PATTERNS,
         frame::{BEHIND_TAG, InputMarker, Member, Tag, logical_addresses},
         statistics::Counters,
     },
@@ -73,7 +73,7 @@ fn cycle(exchange: &mut Exchange, counters: &Counters, answer: impl Fn(&mut [u8]
 
 fn judged(exchange: &Exchange, place: usize) -> Inputs<'_> {
     let drive = &exchange.drives[place];
-    exchange::judged(drive.answer, drive.operational, &drive.inputs)
+    super::judged(drive.answer, drive.operational, &drive.inputs)
 }
 
 fn both(frame: &mut [u8]) {

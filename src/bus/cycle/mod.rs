@@ -1,18 +1,21 @@
 //! The cyclic exchange of process data: when cycles begin and end, and who is called around them.
 //!
-//! It owns the frames of the process data (`frame`), what each device gets and gives (`exchange`), the phase against a
-//! reference clock (`reference_clock`), the counters (`statistics`) and the last cycles of every axis (`black_box`). Time is an
+//! It owns what each device gets and gives, the frames of the process data (`frame`), the phase against a reference clock
+//! (`reference_clock`), the counters (`statistics`) and the last cycles of every axis (`black_box`). From top to bottom: the exchange in
+//! time, the exchange of one cycle, the share of each drive, the working counters, the time for acyclic frames, the program's clock. Time is an
 //! argument, and the link is only sent to. It knows no tasks, no registers and no devices beyond their share of the frames: it must not
 //! call `requests` or any room above that.
 
 pub(super) mod black_box;
-pub(super) mod exchange;
+#[cfg(test)]
+mod exchange_tests;
 pub(super) mod frame;
 pub(super) mod reference_clock;
 pub(super) mod statistics;
 
 use std::{
     future::Future,
+    ops::{Deref, DerefMut, Range},
     sync::{
         Arc,
         atomic::{AtomicBool, AtomicU64, Ordering},
@@ -21,18 +24,21 @@ use std::{
 };
 
 use crate::{
+    axis::Inputs,
     bus::{
-        cable::receive_deadline,
-        cycle::{
-            exchange::{Drives, Events, Exchange},
-            frame::Tag,
-            reference_clock::Phase,
-            statistics::Counters,
-        },
+        cable::{receive_deadline, time_on_cable},
         error::{NetworkError, ReferenceClock},
     },
     link::Link,
+    profile_position::WorkingCounter,
     wakes::{Waiters, Wakes},
+};
+
+use self::{
+    black_box::{CycleRing, RecordedAxis, RecordedCycle, RingWriter},
+    frame::{Frame, InputMarker, MailboxStates, Member, Packed, Part, Tag, Watched, pack},
+    reference_clock::{Distribution, Phase},
+    statistics::Counters,
 };
 
 /// Who works with the process data, on the bus thread.
@@ -252,6 +258,802 @@ fn earlier(time: Duration, sooner: i64) -> Duration {
     } else {
         time.saturating_sub(by)
     }
+}
+
+// The exchange of one cycle: process-data frames composed once, sent each cycle, judged when they come back.
+//
+// Before sending, the input areas are filled with a pattern that no DS402 drive can answer. An area that still holds it was
+// not answered, so that one silent drive does not blind the others that share its datagram. The inputs of other devices can
+// hold any bits: there the pattern alternates, and where they are equal to it a right working counter decides.
+
+/// The most frames of a cycle: each has its place in a byte of its tag, of which one value is that of acyclic frames.
+const MOST_FRAMES: usize = frame::ACYCLIC as usize;
+
+/// What happened to the drives in a cycle, beyond their data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(in crate::bus) struct Events {
+    /// A drive fell silent for good, or came back.
+    pub membership: bool,
+    /// All AL states OR-ed together and the number of SubDevices that answered, where that came back.
+    pub al_status: Option<(u8, u16)>,
+    /// A working counter was wrong.
+    pub wrong: bool,
+    /// The low half of the reference clock's time when the frames passed it, where it is distributed and came back.
+    pub reference_time: Option<u32>,
+}
+
+pub(in crate::bus) struct Exchange {
+    pub drives: Drives,
+    packed: Packed,
+    /// Where inputs lie that can hold any bits: frame and place.
+    any_bits: Vec<(usize, Range<usize>)>,
+    /// Whether the last cycle brought inputs from every drive, and all outputs were delivered.
+    all_fresh: bool,
+    /// Whether it brought other inputs than the one before from any of them.
+    changed: bool,
+    mailboxes: MailboxStates,
+    recorder: RingWriter,
+    cycle: u64,
+    in_flight: bool,
+    /// Frames of this cycle that the link did not take.
+    refused: usize,
+    /// So many cycles ago the frame was sent that came back last after its cycle, until somebody asks.
+    late_by: Option<u32>,
+}
+
+impl Exchange {
+    pub fn new(members: &[Member], mailboxes: Vec<Watched>, clock: Option<Distribution>) -> Self {
+        let mut packed = pack(members, mailboxes.len(), clock);
+        let mut any_bits = Vec::new();
+        for part in &packed.parts {
+            for share in &part.shares {
+                let Some(inputs) = &share.inputs else {
+                    continue;
+                };
+                let marker = members.get(share.drive).map(|member| member.marker);
+                if marker == Some(InputMarker::AnyBits) {
+                    any_bits.push((part.frame, inputs.clone()));
+                } else if let Some(frame) = packed.frames.get_mut(part.frame)
+                    && let Some(to) = frame.request.get_mut(inputs.clone())
+                {
+                    to.fill(PATTERN);
+                }
+            }
+        }
+        Self {
+            drives: Drives::new(members),
+            recorder: RingWriter::new(&packed, members.len()),
+            packed,
+            any_bits,
+            all_fresh: false,
+            changed: false,
+            mailboxes: MailboxStates::new(mailboxes),
+            cycle: 0,
+            in_flight: false,
+            refused: 0,
+            late_by: None,
+        }
+    }
+
+    /// Of the frame that was accepted last, how many cycles ago it was sent, where it came back after its cycle.
+    pub const fn take_late(&mut self) -> Option<u32> {
+        self.late_by.take()
+    }
+
+    /// The lengths of a cycle's frames.
+    pub fn lengths(&self) -> impl Iterator<Item = usize> {
+        self.packed.frames.iter().map(|frame| frame.request.len())
+    }
+
+    /// The exchange, if it can send all of its frames.
+    pub fn checked(self) -> Result<Self, NetworkError> {
+        match self.packed.frames.len() {
+            ..=MOST_FRAMES => Ok(self),
+            got => Err(NetworkError::TooManyFrames {
+                most: MOST_FRAMES,
+                got,
+            }),
+        }
+    }
+
+    /// Whether frames are on their way.
+    pub const fn in_flight(&self) -> bool {
+        self.in_flight
+    }
+
+    /// Sets what the next frames carry as the time at which they pass the reference clock.
+    pub fn set_reference_time(&mut self, time: u32) {
+        if let (Some(slot), Some(first)) = (&mut self.packed.clock, self.packed.frames.first_mut())
+        {
+            slot.fill(&mut first.request, time);
+        }
+    }
+
+    /// From now on all clocks get the time of the cycles.
+    pub fn lead_clocks(&mut self) {
+        if let (Some(slot), Some(first)) = (&self.packed.clock, self.packed.frames.first_mut()) {
+            slot.lead(&mut first.request);
+        }
+    }
+
+    /// How long the frames of a cycle take at one place of the cable.
+    pub fn time_on_cable(&self) -> Duration {
+        let lengths = self.packed.frames.iter().map(|frame| frame.request.len());
+        lengths.map(time_on_cable).sum()
+    }
+
+    /// Sends all frames of a cycle back to back.
+    pub fn send(&mut self, link: &mut dyn Link, counters: &Counters) {
+        self.cycle = self.cycle.wrapping_add(1);
+        if self.drives.take_written() {
+            self.pack_outputs();
+        }
+        for (frame, area) in &self.any_bits {
+            if let Some(frame) = self.packed.frames.get_mut(*frame)
+                && let Some(to) = frame.request.get_mut(area.clone())
+            {
+                to.fill(alternating(self.cycle));
+            }
+        }
+        let Packed {
+            mailbox_states,
+            frames,
+            ..
+        } = &mut self.packed;
+        self.mailboxes.address(mailbox_states, frames);
+        self.refused = 0;
+        for (frame, place) in self.packed.frames.iter_mut().zip(0..) {
+            Tag::cyclic(self.cycle, place).put(&mut frame.request);
+            frame.back = false;
+            if link.send(&frame.request).is_err() {
+                counters.not_sent.add();
+                self.refused += 1;
+            }
+        }
+        self.in_flight = true;
+        counters.cycles.add();
+    }
+
+    /// Takes a frame of process data that came back. True once all of this cycle are there.
+    pub fn accept(&mut self, tag: Tag, answer: &[u8], counters: &Counters) -> bool {
+        let Tag::Cyclic { frame: place, .. } = tag else {
+            return false;
+        };
+        let current = self.in_flight && tag == Tag::cyclic(self.cycle, place);
+        match self.packed.frames.get_mut(usize::from(place)) {
+            Some(frame) if current && !frame.back => {
+                if frame::is_answer_to(answer, &frame.request) {
+                    core::mem::swap(&mut frame.answer, &mut frame.before);
+                    frame.answer.clear();
+                    frame.answer.extend_from_slice(answer);
+                    frame.back = true;
+                } else {
+                    counters.damaged.add();
+                }
+            }
+            _ => {
+                counters.late.add();
+                // One of this cycle that is there already came twice.
+                self.late_by = tag.age(self.cycle).filter(|_| !current);
+            }
+        }
+        // The last one first: frames come back in their order.
+        current && self.packed.frames.iter().rev().all(|frame| frame.back)
+    }
+
+    /// Judges what came back and ends the cycle.
+    pub fn judge(&mut self, counters: &Counters) -> Events {
+        self.in_flight = false;
+        let mut events = Events::default();
+        let missing = self
+            .packed
+            .frames
+            .iter()
+            .filter(|frame| !frame.back)
+            .count();
+        let lost = missing.saturating_sub(self.refused);
+        counters.lost.add_many(lost as u64);
+        let is_disturbed = self.drives.take_disturbed();
+        let (were_fresh, changed) = (self.all_fresh && !is_disturbed, self.changed);
+        if !were_fresh || changed {
+            for drive in self.drives.iter_mut() {
+                drive.answer = Answer::Fresh;
+                drive.changed = false;
+            }
+        }
+        (self.all_fresh, self.changed) = (true, false);
+        for part in &mut self.packed.parts {
+            let frame = self.packed.frames.get(part.frame);
+            let frame = frame.filter(|frame| frame.back);
+            let unchanged = frame
+                .filter(|_| were_fresh && part.steady)
+                .and_then(|frame| {
+                    let Frame { answer, before, .. } = frame;
+                    check_unchanged(part, answer, before, self.cycle, &mut self.drives)
+                });
+            let check = unchanged.unwrap_or_else(|| {
+                let answer = frame.map(|frame| frame.answer.as_slice());
+                check_part(part, answer, self.cycle, &mut self.drives, &mut events)
+            });
+            part.steady = check.steady;
+            part.miscounted = check.miscounted.map(|counter| {
+                let cycles = part.miscounted.map_or(0, |(_, cycles)| cycles);
+                (counter, cycles.saturating_add(1))
+            });
+            self.all_fresh &= check.fresh;
+            self.changed |= check.changed;
+            if !check.right && frame.is_some() {
+                counters.wrong_working_counters.add();
+                events.wrong = true;
+            }
+        }
+        if !(were_fresh && self.all_fresh) {
+            self.count_silence(counters, &mut events);
+        }
+        self.mailboxes
+            .judge(&self.packed.mailbox_states, &self.packed.frames);
+        events.al_status = self.read_al_status();
+        events.reference_time = self.read_reference_time();
+        events
+    }
+
+    /// Packs the outputs that were written since the last time: what was packed into the frame before stays there.
+    fn pack_outputs(&mut self) {
+        for part in &self.packed.parts {
+            let Some(frame) = self.packed.frames.get_mut(part.frame) else {
+                continue;
+            };
+            for share in &part.shares {
+                if let Some(outputs) = &share.outputs
+                    && let Some(drive) = self.drives.get_mut(share.drive)
+                    && let Some(from) = drive.take_unpacked()
+                    && let Some(to) = frame.request.get_mut(outputs.clone())
+                {
+                    to.copy_from_slice(from);
+                }
+            }
+        }
+    }
+
+    /// Counts who was silent and whose outputs may not have been delivered.
+    fn count_silence(&mut self, counters: &Counters, events: &mut Events) {
+        for (place, drive) in self.drives.iter_mut().enumerate() {
+            events.membership |= drive.count_silence();
+            if drive.answer != Answer::Fresh
+                && let Some(counters) = counters.drive(place)
+            {
+                match drive.answer {
+                    Answer::Answered => counters.undelivered.add(),
+                    _ => counters.stale.add(),
+                }
+            }
+        }
+    }
+
+    /// The working counters that are wrong, whether for so long that a silent drive would count as lost, and who shares the datagram.
+    pub fn miscounted(
+        &self,
+    ) -> impl Iterator<Item = (WorkingCounter, bool, impl Iterator<Item = usize>)> {
+        self.packed.parts.iter().filter_map(|part| {
+            let (counter, cycles) = part.miscounted?;
+            let sharing = part.shares.iter().map(|share| share.drive);
+            let drives = sharing.clone().filter_map(|place| self.drives.get(place));
+            let patience = drives.map(|drive| drive.patience).max().unwrap_or(0);
+            Some((counter, cycles >= patience, sharing))
+        })
+    }
+
+    /// Keeps the frames that were just sent, at `time`, and what became of those before. To be called while they are away.
+    pub fn record(&mut self, time: Duration, late: Duration) {
+        let Packed { frames, .. } = &self.packed;
+        self.recorder.complete(frames, &self.drives);
+        self.recorder.begin(self.cycle, time, late, frames);
+    }
+
+    /// Keeps what was judged last, for whoever does not wait for the next cycle.
+    pub fn complete_record(&mut self) {
+        if !self.in_flight {
+            self.recorder.complete(&self.packed.frames, &self.drives);
+        }
+    }
+
+    /// The last cycles of an axis that are complete, the oldest first.
+    pub fn history(&self, axis: &RecordedAxis) -> Vec<RecordedCycle> {
+        self.recorder.ring().read(axis)
+    }
+
+    /// The last cycles of all devices.
+    pub fn ring(&self) -> Arc<CycleRing> {
+        Arc::clone(self.recorder.ring())
+    }
+
+    fn read_reference_time(&mut self) -> Option<u32> {
+        let slot = self.packed.clock.as_mut()?;
+        let first = self.packed.frames.first().filter(|frame| frame.back);
+        slot.read(first.map(|frame| frame.answer.as_slice()))
+    }
+
+    fn read_al_status(&self) -> Option<(u8, u16)> {
+        let (place, data) = self.packed.al_status.as_ref()?;
+        let frame = self.packed.frames.get(*place).filter(|frame| frame.back)?;
+        let &[status, _, c0, c1] = frame.answer.get(data.start..data.end + 2)? else {
+            return None;
+        };
+        Some((status, u16::from_le_bytes([c0, c1])))
+    }
+}
+
+// What each drive gets and gives in the exchange, and how long it has been silent.
+
+/// Fills unanswered input areas. As a statusword it decodes to no state (CiA DSP 402 v2.0, table 7).
+const PATTERN: u8 = 0xFF;
+/// Fill unanswered inputs of other devices, in turn.
+const PATTERNS: [u8; 2] = [0x55, 0xAA];
+
+/// All that take part, in the order of the exchange.
+#[derive(Debug)]
+pub(in crate::bus) struct Drives {
+    drives: Box<[DriveData]>,
+    /// Whether outputs of any of them were written since they were packed.
+    written: bool,
+    /// Whether one was taken away since the last cycle was judged.
+    disturbed: bool,
+    /// Whether it was not known of any in the last cycle whether its outputs were delivered, or why has become known.
+    pub doubted: bool,
+}
+
+/// One drive's share of the exchange.
+#[derive(Debug, Clone)]
+pub(in crate::bus) struct DriveData {
+    /// What is sent in the next cycle.
+    outputs: Box<[u8]>,
+    /// Whether that is not in the frame yet.
+    unpacked: bool,
+    /// What came back last.
+    pub inputs: Box<[u8]>,
+    /// Whether the last cycle brought other inputs than the one before.
+    pub changed: bool,
+    /// What the last cycle brought.
+    pub answer: Answer,
+    /// Whether it counts as lost: then nothing is expected of it.
+    pub lost: bool,
+    /// The working counter because of which it is not known whether its outputs were delivered, where it has answered.
+    pub miscounted: Option<WorkingCounter>,
+    /// Whether it is in OP, so that it acts on its outputs.
+    pub operational: bool,
+    /// Whether it was seen to have left OP: it may close its outputs then, and counts for its inputs alone.
+    pub fallen: bool,
+    /// With which AL status code it has.
+    pub left_op: Option<u16>,
+    /// Whether it is being set up anew: it counts as lost, and what it adds to a working counter meanwhile is nobody's loss.
+    pub away: bool,
+    stale_cycles: u32,
+    pub patience: u32,
+    pub marker: InputMarker,
+}
+
+/// What a cycle brought from a drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::bus) enum Answer {
+    /// Inputs, and the outputs were delivered.
+    Fresh,
+    /// Inputs; whether the outputs were delivered is not known.
+    Answered,
+    /// Nothing.
+    Stale,
+}
+
+impl Drives {
+    pub fn new(members: &[Member]) -> Self {
+        Self {
+            drives: members.iter().map(DriveData::new).collect(),
+            written: true,
+            disturbed: false,
+            doubted: false,
+        }
+    }
+
+    /// What a drive is sent in the next cycle, to be written to.
+    pub fn outputs_mut(&mut self, place: usize) -> Option<&mut [u8]> {
+        let drive = self.drives.get_mut(place)?;
+        self.written = true;
+        drive.unpacked = true;
+        Some(&mut drive.outputs)
+    }
+
+    /// Lets an axis core take the inputs of its drive, which are the same as before or not, and write the outputs, and say whether
+    /// it has. Gives the inputs where they are others than before; none at all where the core says nothing, or there is no such drive.
+    #[inline]
+    pub fn step(
+        &mut self,
+        place: usize,
+        core: impl FnOnce(Inputs<'_>, bool, &mut [u8]) -> Option<bool>,
+    ) -> Option<Option<&[u8]>> {
+        let drive = self.drives.get_mut(place)?;
+        let others = drive.changed.then_some(&*drive.inputs);
+        let inputs = judged(drive.answer, drive.operational, &drive.inputs);
+        if core(inputs, others.is_none(), &mut drive.outputs)? {
+            drive.unpacked = true;
+            self.written = true;
+        }
+        Some(others)
+    }
+
+    /// The working counter because of which it is not known whether the outputs of the drive at this place were delivered.
+    pub fn miscounted(&self, place: usize) -> Option<WorkingCounter> {
+        let drive = self.drives.get(place)?;
+        drive
+            .miscounted
+            .filter(|_| drive.answer == Answer::Answered)
+    }
+
+    /// Whether that is not known of any. For whoever asks first.
+    pub fn take_doubted(&mut self) -> bool {
+        core::mem::take(&mut self.doubted)
+    }
+
+    /// One of them is being set up anew from now on: nothing of it is taken.
+    pub fn take_away(&mut self, place: usize) {
+        if let Some(drive) = self.drives.get_mut(place) {
+            drive.away = true;
+            drive.lost = true;
+            drive.operational = false;
+            self.disturbed = true;
+        }
+    }
+
+    /// Whether one was taken away: then nothing holds that was judged before. For whoever asks first.
+    pub fn take_disturbed(&mut self) -> bool {
+        core::mem::take(&mut self.disturbed)
+    }
+
+    /// Whether outputs of any drive are not in the frames yet. They are packed by whoever asks.
+    pub fn take_written(&mut self) -> bool {
+        core::mem::take(&mut self.written)
+    }
+}
+
+impl Deref for Drives {
+    type Target = [DriveData];
+
+    #[inline]
+    fn deref(&self) -> &[DriveData] {
+        &self.drives
+    }
+}
+
+impl DerefMut for Drives {
+    #[inline]
+    fn deref_mut(&mut self) -> &mut [DriveData] {
+        &mut self.drives
+    }
+}
+
+impl DriveData {
+    fn new(member: &Member) -> Self {
+        Self {
+            outputs: vec![0; member.outputs].into(),
+            unpacked: true,
+            inputs: vec![0; member.inputs].into(),
+            changed: false,
+            answer: Answer::Stale,
+            lost: false,
+            miscounted: None,
+            operational: false,
+            fallen: false,
+            left_op: None,
+            away: false,
+            stale_cycles: 0,
+            patience: member.patience,
+            marker: member.marker,
+        }
+    }
+
+    /// It is set up, and not yet in OP.
+    pub const fn put_back(&mut self) {
+        self.away = false;
+        self.fallen = true;
+    }
+
+    /// The outputs, where they were written since this was asked last.
+    pub fn take_unpacked(&mut self) -> Option<&[u8]> {
+        core::mem::take(&mut self.unpacked).then_some(&*self.outputs)
+    }
+
+    /// Takes what came back in the place of its inputs. False if it has not answered there.
+    #[inline]
+    pub fn take_answer(&mut self, bytes: Option<&[u8]>, cycle: u64) -> bool {
+        match bytes.filter(|bytes| self.is_answer(bytes, cycle)) {
+            Some(bytes) => self.take(bytes),
+            None => self.answer = Answer::Stale,
+        }
+        self.answer != Answer::Stale
+    }
+
+    /// The same, of bytes that are others than the inputs of one that has answered in the cycle before.
+    #[inline]
+    pub fn take_other(&mut self, bytes: &[u8], cycle: u64) -> bool {
+        let answered = self.is_answer(bytes, cycle);
+        if answered {
+            self.changed = true;
+            copy(&mut self.inputs, bytes);
+        } else {
+            self.answer = Answer::Stale;
+        }
+        answered
+    }
+
+    /// Whether anybody has written here since it was filled.
+    #[inline]
+    fn is_answer(&self, bytes: &[u8], cycle: u64) -> bool {
+        let pattern = match self.marker {
+            InputMarker::Statusword => PATTERN,
+            InputMarker::AnyBits => alternating(cycle),
+        };
+        bytes.iter().any(|byte| *byte != pattern)
+    }
+
+    /// Whether it has answered where it has no inputs: only where it has none at all, and the datagram to itself, that is
+    /// known.
+    pub fn is_counted(&mut self, counter: Option<u16>) -> bool {
+        if !self.inputs.is_empty() {
+            return false;
+        }
+        let there = counter.is_some_and(|counter| counter != 0);
+        if !there && !self.fallen {
+            self.answer = Answer::Stale;
+        }
+        there
+    }
+
+    /// Takes inputs of their own length.
+    #[inline]
+    pub fn take(&mut self, from: &[u8]) {
+        self.changed = !are_equal(&self.inputs, from);
+        if self.changed {
+            copy(&mut self.inputs, from);
+        }
+    }
+
+    /// Counts a cycle. True when it is lost from now on, or no longer.
+    pub fn count_silence(&mut self) -> bool {
+        let before = self.lost;
+        if self.answer == Answer::Stale {
+            self.stale_cycles = self.stale_cycles.saturating_add(1);
+            self.lost |= self.stale_cycles >= self.patience;
+            // What state it comes back in is to be read anew.
+            self.operational &= !self.lost;
+        } else {
+            self.stale_cycles = 0;
+        }
+        self.lost != before
+    }
+}
+
+/// What inputs are worth that were judged so, of a drive that acts on its outputs or not.
+#[inline]
+const fn judged(answer: Answer, operational: bool, inputs: &[u8]) -> Inputs<'_> {
+    match answer {
+        Answer::Fresh if operational => Inputs::Fresh(inputs),
+        Answer::Fresh | Answer::Answered => Inputs::Answered(inputs),
+        Answer::Stale => Inputs::Stale,
+    }
+}
+
+/// What unanswered inputs are filled with that can hold any bits.
+const fn alternating(cycle: u64) -> u8 {
+    PATTERNS[(cycle % 2) as usize]
+}
+
+// An axis has seldom more than two words, which may overlap: a call of a general comparison or copy costs more than these.
+
+/// Whether the inputs of a drive are the same.
+#[inline]
+fn are_equal(a: &[u8], b: &[u8]) -> bool {
+    if (8..=16).contains(&a.len()) && a.len() == b.len() {
+        return a.first_chunk::<8>() == b.first_chunk() && a.last_chunk::<8>() == b.last_chunk();
+    }
+    a == b
+}
+
+/// Copies bytes of the same length.
+#[inline]
+fn copy(to: &mut [u8], from: &[u8]) {
+    if to.len() != from.len() {
+        return;
+    }
+    if (8..=16).contains(&from.len())
+        && let (Some(first), Some(last)) = (from.first_chunk::<8>(), from.last_chunk::<8>())
+    {
+        if let Some(to) = to.first_chunk_mut() {
+            *to = *first;
+        }
+        if let Some(to) = to.last_chunk_mut() {
+            *to = *last;
+        }
+    } else {
+        to.copy_from_slice(from);
+    }
+}
+
+// The rule of who answered in a datagram that several drives share, and whose outputs were delivered.
+
+/// What was judged of a datagram.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct CounterCheck {
+    /// Its working counter was right.
+    pub right: bool,
+    /// Moreover all of its drives are [`Answer::Fresh`], as far as it is their datagram.
+    pub fresh: bool,
+    /// Moreover nobody counts as lost, and the working counter is everybody's: with the same one again, only inputs that are
+    /// others need to be looked at.
+    pub steady: bool,
+    /// It has brought other inputs than the one before.
+    pub changed: bool,
+    /// Its working counter, where that came back and was wrong although all of its drives answer, but for those that are lost.
+    pub miscounted: Option<WorkingCounter>,
+}
+
+/// Takes the inputs of the drives that share a datagram. An answer that is not [`Answer::Fresh`] is noted with the drive, and
+/// so are other inputs than before.
+fn check_part(
+    part: &Part,
+    answer: Option<&[u8]>,
+    cycle: u64,
+    drives: &mut Drives,
+    events: &mut Events,
+) -> CounterCheck {
+    let counter = answer
+        .and_then(|answer| answer.get(part.data.end..part.data.end + 2))
+        .and_then(|bytes| <[u8; 2]>::try_from(bytes).ok())
+        .map(u16::from_le_bytes);
+    let bytes = answer.unwrap_or_default();
+    let mut expected = 0;
+    let (mut silent, mut lost, mut changed) = (false, false, false);
+    for share in &part.shares {
+        let Some(drive) = drives.get_mut(share.drive) else {
+            continue;
+        };
+        if drive.away {
+            drive.answer = Answer::Stale;
+            expected += share.counts;
+            (silent, lost) = (true, true);
+            continue;
+        }
+        let answered = match &share.inputs {
+            Some(area) => drive.take_answer(bytes.get(area.clone()), cycle),
+            None => drive.is_counted(counter),
+        };
+        if answered && drive.lost {
+            events.membership = true;
+            drive.lost = false;
+        }
+        silent |= drive.answer == Answer::Stale;
+        lost |= drive.lost;
+        changed |= drive.changed;
+        if !drive.lost {
+            expected += share.counts;
+        }
+    }
+    let all = counter == Some(expected);
+    if silent && all {
+        changed |= take_equal_to_the_pattern(part, bytes, drives);
+    }
+    let right = all || is_right_with_closed_outputs(part, drives, expected, counter);
+    // One that is silent, and not yet lost, is not counted: its silence is enough.
+    let is_explained = part.shares.iter().any(|share| {
+        let drive = drives.get(share.drive);
+        drive.is_some_and(|drive| drive.answer == Answer::Stale && !drive.lost)
+    });
+    let miscounted = counter.filter(|_| !right).map(|got| WorkingCounter {
+        datagram: part.number,
+        expected,
+        got,
+        devices: u16::try_from(part.shares.len()).unwrap_or(u16::MAX),
+    });
+    if !right {
+        mark_unconfirmed(part, miscounted, drives);
+    }
+    let fresh = right && !silent;
+    CounterCheck {
+        right,
+        fresh,
+        // Where nobody is to count, that nobody has says something only of who has left OP.
+        steady: fresh && all && !lost && expected > 0,
+        changed,
+        miscounted: miscounted.filter(|_| !is_explained),
+    }
+}
+
+/// As [`check_part`], where nobody was silent in the cycle before, and the verdict on this datagram was steady: from both
+/// answers. None if its working counter is another one now.
+fn check_unchanged(
+    part: &Part,
+    answer: &[u8],
+    before: &[u8],
+    cycle: u64,
+    drives: &mut Drives,
+) -> Option<CounterCheck> {
+    let end = part.data.end + 2;
+    let (answer, before) = (answer.get(..end)?, before.get(..end)?);
+    let (mut silent, mut changed) = (false, false);
+    if answer.get(part.data.start..) != before.get(part.data.start..) {
+        if answer.last_chunk::<2>() != before.last_chunk() {
+            return None;
+        }
+        for share in &part.shares {
+            if let Some(area) = &share.inputs
+                && let Some(bytes) = answer.get(area.clone())
+                && let Some(old) = before.get(area.clone())
+                && !are_equal(bytes, old)
+                && let Some(drive) = drives.get_mut(share.drive)
+            {
+                silent |= !drive.take_other(bytes, cycle);
+                changed = true;
+            }
+        }
+        if silent {
+            take_equal_to_the_pattern(part, answer, drives);
+        }
+    }
+    Some(CounterCheck {
+        right: true,
+        fresh: !silent,
+        steady: !silent,
+        changed,
+        miscounted: None,
+    })
+}
+
+/// Whether what the working counter lacks are outputs of drives that have left OP, or drives that are being set up anew.
+fn is_right_with_closed_outputs(
+    part: &Part,
+    drives: &Drives,
+    expected: u16,
+    counter: Option<u16>,
+) -> bool {
+    let closed = part.shares.iter().filter_map(|share| {
+        let drive = drives.get(share.drive)?;
+        if drive.away {
+            return Some(share.counts);
+        }
+        let is_closed = share.outputs.is_some() && drive.fallen && !drive.lost;
+        is_closed.then(|| share.counts - u16::from(share.inputs.is_some()))
+    });
+    let closed: u16 = closed.sum();
+    counter.is_some_and(|counter| (expected - closed..=expected).contains(&counter))
+}
+
+/// It is not known whose outputs were delivered.
+fn mark_unconfirmed(part: &Part, miscounted: Option<WorkingCounter>, drives: &mut Drives) {
+    drives.doubted = true;
+    for share in &part.shares {
+        if let Some(drive) = drives.get_mut(share.drive)
+            && drive.answer == Answer::Fresh
+        {
+            drive.answer = Answer::Answered;
+            drive.miscounted = miscounted;
+        }
+    }
+}
+
+/// Everybody has answered: whose inputs are equal to the pattern, has them so. Whether any are others than before.
+fn take_equal_to_the_pattern(part: &Part, answer: &[u8], drives: &mut Drives) -> bool {
+    let mut changed = false;
+    for share in &part.shares {
+        if let Some(drive) = drives.get_mut(share.drive)
+            && drive.marker == InputMarker::AnyBits
+            && drive.answer == Answer::Stale
+            && !drive.lost
+            && let Some(inputs) = &share.inputs
+            && let Some(bytes) = answer.get(inputs.clone())
+        {
+            drive.take(bytes);
+            drive.answer = Answer::Fresh;
+            changed |= drive.changed;
+        }
+    }
+    changed
 }
 
 // The time between the end of a cycle and the start of the next one, in which acyclic frames may be on their way.

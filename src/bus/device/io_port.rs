@@ -12,10 +12,7 @@ use std::{
 
 use crate::{
     bus::{
-        cycle::{
-            Stepper,
-            exchange::{Answer, DriveData, Drives},
-        },
+        cycle::{Answer, DriveData, Drives, Stepper},
         device::{
             Device, DeviceKind,
             io_cell::{Cell, Head},

@@ -9,9 +9,8 @@ use crate::{
     },
     bus::{
         cycle::{
-            Stepper,
+            Drives, Stepper,
             black_box::{AxisIncident, BlackBox, RecordedAxis, RecordedCycle},
-            exchange::Drives,
         },
         device::{Device, drive::Parameters},
         error::MovingAxis,

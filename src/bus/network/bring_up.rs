@@ -11,8 +11,7 @@ use crate::{
         cable::CableLoad,
         clocks::{self, Clocks},
         cycle::{
-            Cycle, Stepper,
-            exchange::Exchange,
+            Cycle, Exchange, Stepper,
             frame::{Watched, logical_addresses},
         },
         device::{Device, progress::Progress},

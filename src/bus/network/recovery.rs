@@ -21,10 +21,7 @@ use crate::{
     axis::Again,
     bus::{
         clocks,
-        cycle::{
-            Cycle,
-            exchange::{Answer, DriveData},
-        },
+        cycle::{Answer, Cycle, DriveData},
         device::{
             Device, SAFE_OP_LIMIT,
             io_port::Ports,

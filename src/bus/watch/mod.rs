@@ -18,9 +18,8 @@ use smol::channel::{Receiver, Sender};
 
 use super::{
     cycle::{
-        Cycle, CycleTick,
+        Cycle, CycleTick, DriveData,
         black_box::{AxisIncident, BlackBox},
-        exchange::DriveData,
         statistics::{Counters, Statistics},
     },
     device::progress::StepDone,
