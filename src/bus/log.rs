@@ -349,6 +349,7 @@ impl LogRecord {
                 );
             }
             Self::LateFrames { away, cycle } => tracing::warn!(
+                target: BUS,
                 ?at,
                 ?away,
                 ?cycle,
@@ -540,6 +541,7 @@ mod tests {
         },
         coe::{DriveId, MailNote},
         ds402::{Controlword, State, Statusword},
+        profile_position::WorkingCounter,
         sii::Identity,
         wakes::WakeStatistics,
     };
@@ -565,7 +567,7 @@ mod tests {
         fn record_follows_from(&self, _: &span::Id, _: &span::Id) {}
 
         fn event(&self, event: &Event<'_>) {
-            let mut line = EventText(String::new());
+            let mut line = EventText(format!("{}: ", event.metadata().target()));
             event.record(&mut line);
             SEEN.with_borrow_mut(|seen| seen.push((*event.metadata().level(), line.0)));
         }
@@ -631,10 +633,19 @@ mod tests {
     const AT: Duration = Duration::from_millis(1500);
 
     #[test]
-    fn the_level_of_a_note_is_that_of_its_event_and_each_says_when_it_happened() {
+    fn each_record_is_one_event_of_its_level_with_one_of_three_targets_and_its_time() {
         let status = AlStatus {
             state: AlState::SafeOp,
             error: Some(0x1B),
+        };
+        let miscounted = Miscounted {
+            counter: WorkingCounter {
+                datagram: 0,
+                expected: 3,
+                got: 2,
+                devices: 1,
+            },
+            devices: Vec::new(),
         };
         let mut notes: Vec<LogRecord> = [
             AxisChange::Lost,
@@ -680,6 +691,13 @@ mod tests {
                 state: AlState::SafeOp,
                 error: AlError::Refused(status),
             },
+            LogRecord::SetUp(drive(), "in SAFEOP"),
+            LogRecord::EepromForced(drive()),
+            LogRecord::Recovered(drive(), Recovered::FromSafeOp { from: status }),
+            LogRecord::NotRecovered(drive(), Some("it is gone".into())),
+            LogRecord::NotRecovered(drive(), None),
+            LogRecord::NoAbortConnection { axis: "z".into() },
+            LogRecord::Miscounted(Arc::new(miscounted)),
         ]);
         seen();
         for note in notes {
@@ -691,6 +709,8 @@ mod tests {
             };
             assert_eq!(level, *of_event, "{text}: {line}");
             assert!(line.contains("at=1.5s "), "{text}: {line}");
+            let (target, _) = line.split_once(": ").unwrap();
+            assert!([AXIS, DRIVE, BUS].contains(&target), "{text}: {line}");
         }
     }
 
@@ -699,7 +719,7 @@ mod tests {
         seen();
         axis(AxisChange::Fault).write(AT);
         let line = format!(
-            "message=fault axis=\"z\" drive={} from=OperationEnabled to=Fault statusword=0218h controlword=000Fh position=-7 counts at=1.5s ",
+            "servocrab::axis: message=fault axis=\"z\" drive={} from=OperationEnabled to=Fault statusword=0218h controlword=000Fh position=-7 counts at=1.5s ",
             drive()
         );
         assert_eq!(seen(), [(Level::ERROR, line)]);
