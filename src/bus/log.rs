@@ -213,6 +213,8 @@ pub(super) enum AxisChange {
     Lost,
     Back,
     Fault,
+    /// The fault was there before: its reaction has ended, or a further one has begun.
+    InFault,
     State,
     Halted,
     Resumed,
@@ -250,6 +252,7 @@ impl LogRecord {
                 AxisChange::Back | AxisChange::State | AxisChange::Halted | AxisChange::Resumed => {
                     Level::INFO
                 }
+                AxisChange::InFault => Level::DEBUG,
             },
             Self::Drive(_, DriveChange::Lost | DriveChange::LeftOp(_)) => Level::WARN,
             Self::Drive(..)
@@ -397,6 +400,7 @@ impl AxisRecord {
             AxisChange::Lost => event!(warn, "counts as lost"),
             AxisChange::Back => event!(info, "is there again"),
             AxisChange::Fault => event!(error, "fault"),
+            AxisChange::InFault => event!(debug, "state changed within the fault"),
             AxisChange::State => event!(info, "state changed"),
             AxisChange::Halted => event!(info, "halted"),
             AxisChange::Resumed => event!(info, "no longer halted"),
@@ -651,6 +655,7 @@ mod tests {
             AxisChange::Lost,
             AxisChange::Back,
             AxisChange::Fault,
+            AxisChange::InFault,
             AxisChange::State,
             AxisChange::Halted,
             AxisChange::Resumed,

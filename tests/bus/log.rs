@@ -151,22 +151,26 @@ fn each_line_has_one_of_three_targets_and_an_axis_its_own_unit() {
 fn a_fault_that_nobody_waits_for_is_logged_once_with_its_axis_and_its_drive() {
     let (line, mut rig) = two_drives();
     let z = rig.net().axis("z").unwrap();
-    rig.until(z.enable()).unwrap();
+    // A move is under way, so the drive decelerates in Fault reaction active before it is in Fault.
+    let _moving = rig.starts_a_long_move("z");
     rig.run_for(20 * MS);
     let log = Log::begin();
     rig.run_for(100 * MS);
     assert_eq!(log.take(), [""; 0], "nothing has happened");
     line.segment().axis_mut(1, 0).unwrap().inject_fault(0x7320);
-    rig.run_for(100 * MS);
+    rig.run_for(500 * MS);
     let lines = log.take();
     let fault = [
         "ERROR",
         "axis=\"z\"",
         "drive=drive 1 \"AKD2G\"",
-        "to=Fault ",
+        "to=FaultReactionActive ",
         "statusword=",
     ];
     assert_eq!(count(&lines, &fault), 1, "{lines:#?}");
+    assert_eq!(count(&lines, &["ERROR"]), 1, "{lines:#?}");
+    let ended = ["DEBUG", "axis=\"z\"", "from=FaultReactionActive to=Fault "];
+    assert_eq!(count(&lines, &ended), 1, "{lines:#?}");
     let emergency = [
         "WARN",
         "drive=drive 1 \"AKD2G\"",
@@ -178,6 +182,46 @@ fn a_fault_that_nobody_waits_for_is_logged_once_with_its_axis_and_its_drive() {
     assert_eq!(count(&lines, &["axis=\"x\""]), 0, "{lines:#?}");
     drop(z);
     rig.shutdown();
+}
+
+#[test]
+fn what_ends_a_halt_with_the_operation_is_the_only_line_of_its_axis_and_a_resume_is_one() {
+    let of_x = |lines: &[String]| count(lines, &["axis=\"x\"", "state changed"]);
+    let resumed = |lines: &[String]| count(lines, &["INFO", "axis=\"x\"", "no longer halted"]);
+    let (line, mut rig) = two_drives();
+    let _moving = rig.starts_a_long_move("x");
+    let x = rig.net().axis("x").unwrap();
+    rig.until(x.halt()).unwrap();
+    let log = Log::begin();
+    rig.until(x.resume()).unwrap();
+    let lines = log.take();
+    assert_eq!(resumed(&lines), 1, "{lines:#?}");
+    rig.until(x.halt()).unwrap();
+    log.take();
+    // One line for each state: Quick stop active, Switch on disabled.
+    rig.net().stop_handle().stop_all(StopRequest::QUICK_STOP);
+    rig.run_for(200 * MS);
+    let lines = log.take();
+    assert_eq!(resumed(&lines), 0, "{lines:#?}");
+    assert!(of_x(&lines) > 0, "{lines:#?}");
+    rig.until(x.enable()).unwrap();
+    rig.until(x.halt()).unwrap();
+    log.take();
+    line.segment().axis_mut(0, 0).unwrap().inject_fault(0x7320);
+    rig.run_for(200 * MS);
+    let lines = log.take();
+    assert_eq!(count(&lines, &["ERROR", "axis=\"x\""]), 1, "{lines:#?}");
+    assert_eq!(resumed(&lines), 0, "{lines:#?}");
+    rig.until(x.reset_fault()).unwrap();
+    rig.until(x.enable()).unwrap();
+    rig.until(x.halt()).unwrap();
+    log.take();
+    line.segment().unplug(0);
+    rig.run_for(200 * MS);
+    let lines = log.take();
+    assert_eq!(count(&lines, &["axis=\"x\"", "counts as lost"]), 1);
+    assert_eq!(resumed(&lines), 0, "{lines:#?}");
+    drop(rig);
 }
 
 #[test]

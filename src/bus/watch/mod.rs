@@ -35,7 +35,7 @@ use super::{
 use crate::{
     axis::{AxisIdentity, LivenessWatch, Snapshot, StopRequest},
     coe::DriveId,
-    ds402::State,
+    ds402::{Controlword, State},
     esc,
     profile_position::WorkingCounter,
     sync::Recent,
@@ -421,7 +421,7 @@ impl ShownState {
     }
 }
 
-/// A note for each thing that has changed.
+/// A note for what has changed. A fault, a loss and a state that ends a halt are one event each, and so one line.
 fn note_changes(
     log: &Log,
     now: Duration,
@@ -450,17 +450,21 @@ fn note_changes(
         });
     }
     if before.map(|seen| seen.state) != Some(snapshot.state) {
-        note(match snapshot.state {
-            State::Fault | State::FaultReactionActive => AxisChange::Fault,
-            _ => AxisChange::State,
+        let had_fault = before.is_some_and(|seen| seen.state.is_fault());
+        note(match snapshot.state.is_fault() {
+            true if had_fault => AxisChange::InFault,
+            true => AxisChange::Fault,
+            false => AxisChange::State,
         });
     }
     if before.is_some_and(|seen| seen.halted != snapshot.halted) {
-        note(if snapshot.halted {
-            AxisChange::Halted
-        } else {
-            AxisChange::Resumed
-        });
+        let commands_operation = snapshot.controlword.contains(Controlword::ENABLE_OPERATION);
+        if snapshot.halted {
+            note(AxisChange::Halted);
+        } else if snapshot.state == State::OperationEnabled && commands_operation && !snapshot.lost
+        {
+            note(AxisChange::Resumed);
+        }
     }
 }
 
