@@ -487,7 +487,7 @@ pub(super) async fn set_sync_types(
                     });
                 }
                 // Many drives take it from the SYNC unit alone.
-                tracing::warn!(target: crate::log_target::DRIVE, drive = %sdo.drive(), object = %kind, value, "not to be set to SYNC0");
+                tracing::warn!(target: crate::log_target::DRIVE, drive = %sdo.drive(), object = %kind, value = %format_args!("{value:04X}h"), "not to be set to SYNC0");
             }
             Some(_) => {}
         }
@@ -663,7 +663,7 @@ pub(super) async fn start_sync0(
         // A pulse that was to come in the past does not come for hundreds of years.
         let shown = read_time(registers, station, esc::SYSTEM_TIME, width).await?;
         if is_ahead(first, shown, width) {
-            tracing::debug!(target: crate::log_target::DRIVE, station, first, sync0, sync1, "SYNC0 is on");
+            tracing::debug!(target: crate::log_target::DRIVE, station = %format_args!("{station:04X}h"), first, sync0, sync1, "SYNC0 is on");
             return Ok(());
         }
     }

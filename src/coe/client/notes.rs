@@ -37,7 +37,6 @@ pub(super) enum MailEvent {
 
 /// What a message contains, of its data as much as an [`Excerpt`] holds.
 #[derive(Debug, Clone, Copy)]
-#[expect(dead_code, reason = "they are read by their Debug")]
 pub(super) enum Content {
     SdoReply(Excerpt),
     Emergency(Emergency),
@@ -47,7 +46,7 @@ pub(super) enum Content {
 }
 
 /// The beginning of some bytes, as much as a note has room for.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Excerpt {
     bytes: [u8; EXCERPT],
     length: usize,
@@ -69,12 +68,24 @@ impl Excerpt {
     }
 }
 
-/// As of the bytes; what is left out is counted.
-impl fmt::Debug for Excerpt {
+/// The bytes in hexadecimal; what is left out is counted.
+impl fmt::Display for Excerpt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.bytes.get(..self.length) {
-            Some(all) => all.fmt(f),
-            None => write!(f, "{:?} and {} more", self.bytes, self.length - EXCERPT),
+            Some(all) => write!(f, "{all:02X?}"),
+            None => write!(f, "{:02X?} and {} more", self.bytes, self.length - EXCERPT),
+        }
+    }
+}
+
+impl fmt::Display for Content {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::SdoReply(reply) => write!(f, "SDO reply {reply}"),
+            Self::Emergency(emergency) => emergency.fmt(f),
+            Self::Error(error) => write!(f, "mailbox error: {error}"),
+            Self::SdoInformation(reply) => write!(f, "SDO information {reply}"),
+            Self::Other(protocol, service) => write!(f, "{protocol:?}, service {service}"),
         }
     }
 }
@@ -138,7 +149,7 @@ impl MailNote {
         let drive = &self.drive;
         match &self.event {
             MailEvent::Request(transfer, mail) => {
-                tracing::trace!(target: crate::log_target::DRIVE, %drive, %transfer, ?mail, ?at, "request");
+                tracing::trace!(target: crate::log_target::DRIVE, %drive, %transfer, %mail, ?at, "request");
             }
             MailEvent::Unreadable(fault) => {
                 tracing::debug!(target: crate::log_target::DRIVE, %drive, ?fault, ?at, "mailbox could not be read");
@@ -147,10 +158,10 @@ impl MailNote {
                 tracing::warn!(target: crate::log_target::DRIVE, %drive, %cut, ?at, "message dropped");
             }
             MailEvent::Unawaited(content) => {
-                tracing::debug!(target: crate::log_target::DRIVE, %drive, ?content, ?at, "message that no call waits for dropped");
+                tracing::debug!(target: crate::log_target::DRIVE, %drive, %content, ?at, "message that no call waits for dropped");
             }
             MailEvent::Foreign(reply) => {
-                tracing::debug!(target: crate::log_target::DRIVE, %drive, ?reply, ?at, "reply of another request dropped");
+                tracing::debug!(target: crate::log_target::DRIVE, %drive, %reply, ?at, "reply of another request dropped");
             }
             MailEvent::Doubtful(transfer) => {
                 tracing::debug!(
@@ -180,19 +191,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_excerpt_is_shown_as_the_bytes_and_says_how_many_are_left_out() {
-        assert_eq!(format!("{:?}", Excerpt::of(&[1, 2])), "[1, 2]");
-        assert_eq!(format!("{:?}", Excerpt::of(&[])), "[]");
-        assert_eq!(
-            format!("{:?}", Excerpt::of(&[7; EXCERPT])),
-            format!("{:?}", [7; EXCERPT])
-        );
-        assert_eq!(
-            format!("{:?}", Excerpt::of(&[7; 60])),
-            format!("{:?} and 12 more", [7; 48])
-        );
-        let content = Content::from(Mail::SdoReply(&[3, 4]));
-        let whole = Mail::SdoReply(&[3, 4]);
-        assert_eq!(format!("{content:?}"), format!("{whole:?}"));
+    fn an_excerpt_is_shown_in_hexadecimal_and_says_how_many_bytes_are_left_out() {
+        assert_eq!(Excerpt::of(&[1, 0xA2]).to_string(), "[01, A2]");
+        assert_eq!(Excerpt::of(&[]).to_string(), "[]");
+        let whole = format!("[{}07]", "07, ".repeat(EXCERPT - 1));
+        assert_eq!(Excerpt::of(&[7; EXCERPT]).to_string(), whole);
+        let cut = format!("{whole} and 12 more");
+        assert_eq!(Excerpt::of(&[7; 60]).to_string(), cut);
+    }
+
+    #[test]
+    fn the_words_of_a_message_are_shown_in_hexadecimal() {
+        let emergency = Emergency {
+            code: 0x7320,
+            register: 0x21,
+            data: [0x10, 0, 0, 0, 0xFF],
+        };
+        let shown = |mail| Content::from(mail).to_string();
+        assert_eq!(shown(Mail::Emergency(emergency)), emergency.to_string());
+        assert!(emergency.to_string().contains("7320h"), "{emergency}");
+        assert_eq!(shown(Mail::SdoReply(&[0x4F, 0x41])), "SDO reply [4F, 41]");
+        assert_eq!(shown(Mail::SdoInformation(&[0x82])), "SDO information [82]");
+        assert_eq!(shown(Mail::Other(Protocol::Foe, 3)), "Foe, service 3");
     }
 }
