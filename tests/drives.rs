@@ -205,3 +205,20 @@ fn each_description_matches_its_simulated_drive_and_only_generic_ones_match_othe
         }
     }
 }
+
+#[test]
+fn a_known_identity_gets_its_description_and_no_other_gets_one() {
+    for known in [drives::akd2g(), drives::ax2000(), drives::sigma7()] {
+        let identity = Identity {
+            vendor: known.vendor.expect("a vendor"),
+            product: 7,
+            ..Identity::default()
+        };
+        assert_eq!(drives::for_identity(&identity), Some(known));
+    }
+    let of_nobody = Identity {
+        vendor: 0x7FFF_FFFF,
+        ..Identity::default()
+    };
+    assert_eq!(drives::for_identity(&of_nobody), None);
+}

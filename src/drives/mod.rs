@@ -9,6 +9,7 @@ use alloc::vec::Vec;
 use crate::coe::{AnyObject, AxisOffset, ErrorTexts, obj};
 use crate::pdo_map::{Demand, Direction, FixedPdo, Limits, Mapping, MappingError, choose};
 use crate::profile_position::Traits;
+use crate::sii::Identity;
 
 mod akd2g;
 mod ax2000;
@@ -21,6 +22,24 @@ pub use ax2000::ax2000;
 pub use generic::generic;
 pub use pp2010::pp2010;
 pub use sigma7::sigma7;
+
+/// The description in this module of a drive with this identity, as a suggestion for a device that a scan has found.
+///
+/// Some descriptions have no product code, because no document at hand names one. They match each device of their maker, also one that
+/// is no drive: what answers a read of 6041h by SDO is one. [`generic`] and [`pp2010`] match any identity and are never suggested.
+///
+/// ```
+/// use servocrab::{drives, sii::Identity};
+///
+/// let found = Identity { vendor: 0x0000_006A, ..Identity::default() };
+/// let drive = drives::for_identity(&found).unwrap_or_else(drives::generic);
+/// assert_eq!(drive.name, "AKD2G");
+/// ```
+#[must_use]
+pub fn for_identity(identity: &Identity) -> Option<DriveDescription> {
+    let known = [akd2g(), ax2000(), sigma7()];
+    known.into_iter().find(|drive| drive.matches(identity))
+}
 
 /// What the library must know of a drive to configure it.
 ///
@@ -60,7 +79,7 @@ pub struct DriveDescription {
 impl DriveDescription {
     /// Whether a drive with this identity is one of those described.
     #[must_use]
-    pub fn matches(&self, identity: &crate::sii::Identity) -> bool {
+    pub fn matches(&self, identity: &Identity) -> bool {
         self.vendor.is_none_or(|vendor| vendor == identity.vendor)
             && self
                 .product

@@ -144,28 +144,20 @@ async fn found(
             found.axes = (1..=axes)
                 .map(|axis| format!("{position}.{axis}"))
                 .collect();
-            let known = [
-                (Kind::Akd2g, drives::akd2g()),
-                (Kind::Ax2000, drives::ax2000()),
-                (Kind::Sigma7, drives::sigma7()),
-            ];
             let mut described = files
                 .iter()
                 .filter(|(_, esi)| esi.vendor == identity.vendor)
                 .filter_map(|(file, esi)| {
                     Some((file, esi.device(identity.product, identity.revision)?))
                 });
-            let known = known
-                .into_iter()
-                .find(|(_, known)| known.matches(&identity));
-            match (described.next(), known) {
+            match (described.next(), Kind::of(&identity)) {
                 (Some((file, drive)), _) => {
                     // What cannot be used, or executed, is said here.
                     DriveConfig::from_esi(drive)?;
                     found.kind = Kind::Esi;
                     found.esi = Some(std::path::absolute(file)?);
                 }
-                (None, Some((kind, _))) => found.kind = kind,
+                (None, Some(kind)) => found.kind = kind,
                 (None, None) => {
                     found.kind = Kind::Generic;
                     found.absent = absent(sdo).await.into_iter().map(Address).collect();

@@ -13,6 +13,7 @@ use servocrab::{
     coe::{AnyObject, ObjectAddress},
     drives::{self, DriveDescription},
     esi::Esi,
+    sii::Identity,
 };
 
 use crate::output::Failure;
@@ -68,6 +69,25 @@ impl Kind {
             Self::Esi => "esi",
             Self::Io => "io",
             Self::Other => "other",
+        }
+    }
+
+    /// The drive that the library suggests for what a scan has found.
+    pub(crate) fn of(identity: &Identity) -> Option<Self> {
+        let suggested = drives::for_identity(identity)?;
+        let kinds = [Self::Akd2g, Self::Ax2000, Self::Pp2010, Self::Sigma7];
+        let is_it = |kind: &Self| kind.known().as_ref() == Some(&suggested);
+        kinds.into_iter().find(is_it)
+    }
+
+    /// The description of a drive that the library knows.
+    fn known(self) -> Option<DriveDescription> {
+        match self {
+            Self::Akd2g => Some(drives::akd2g()),
+            Self::Ax2000 => Some(drives::ax2000()),
+            Self::Pp2010 => Some(drives::pp2010()),
+            Self::Sigma7 => Some(drives::sigma7()),
+            Self::Generic | Self::Esi | Self::Io | Self::Other => None,
         }
     }
 
@@ -220,10 +240,6 @@ impl Machine {
     /// The drive by its description, or by its maker's file: one of this vendor and product alone.
     fn described(&self, device: &Device) -> Result<DriveConfig, Failure> {
         let mut description = match device.kind {
-            Kind::Akd2g => drives::akd2g(),
-            Kind::Ax2000 => drives::ax2000(),
-            Kind::Pp2010 => drives::pp2010(),
-            Kind::Sigma7 => drives::sigma7(),
             Kind::Generic => {
                 let axes = u8::try_from(device.axes.len()).unwrap_or(u8::MAX);
                 let absent: Vec<_> = device.absent.iter().map(|address| address.0).collect();
@@ -244,7 +260,9 @@ impl Machine {
                 found.vendor = device.vendor;
                 return Ok(DriveConfig::from_esi(&found)?);
             }
-            Kind::Io | Kind::Other => return Err(format!("\"{}\" is no drive", device.name).into()),
+            kind => kind
+                .known()
+                .ok_or_else(|| format!("\"{}\" is no drive", device.name))?,
         };
         description.vendor = Some(device.vendor);
         description.product = Some(device.product);

@@ -134,10 +134,7 @@ pub(crate) async fn description_of(device: &LineDevice) -> Option<DriveDescripti
     // A drive answers for its statusword, whoever made it; couplers and terminals of the same maker do not.
     let sdo = device.sdo.as_ref()?;
     sdo.read(obj::STATUSWORD).await.ok()?;
-    let known = [drives::akd2g(), drives::ax2000(), drives::sigma7()];
-    let made = known
-        .into_iter()
-        .find(|description| description.matches(&device.id.identity));
+    let made = drives::for_identity(&device.id.identity);
     if made.is_some() {
         return made;
     }
