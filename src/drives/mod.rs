@@ -128,7 +128,7 @@ impl DriveDescription {
     /// The mapping of as many axes as `further` has elements, each with further outputs and inputs of that axis.
     pub(crate) fn mapping_with<'a>(
         &self,
-        further: impl IntoIterator<Item = (&'a [AnyObject], &'a [AnyObject])>,
+        further: impl IntoIterator<Item = (&'a [FurtherObject], &'a [FurtherObject])>,
     ) -> Result<Mapping, MappingError> {
         let mut demands = Vec::new();
         for (axis, (outputs, inputs)) in self.axes.iter().zip(further) {
@@ -138,7 +138,9 @@ impl DriveDescription {
             ];
             for (direction, own, further, free) in sides {
                 let own = own.iter().map(|object| (object, is_needed(object)));
-                let further = further.iter().map(|object| (object, true));
+                let further = further
+                    .iter()
+                    .map(|further| (&further.object, further.required));
                 demands.extend(own.chain(further).map(|(object, required)| Demand {
                     direction,
                     object: object.offset(axis.offset),
@@ -148,6 +150,30 @@ impl DriveDescription {
             }
         }
         choose(&demands, &self.fixed_pdos, self.limits)
+    }
+}
+
+/// An object that a program maps beside those of the description.
+#[derive(Debug, Clone)]
+pub(crate) struct FurtherObject {
+    pub object: AnyObject,
+    /// Without it there is no mapping; others are left out where no PDO that can be assigned holds them.
+    pub required: bool,
+}
+
+impl FurtherObject {
+    pub fn required(object: impl Into<AnyObject>) -> Self {
+        Self {
+            object: object.into(),
+            required: true,
+        }
+    }
+
+    pub fn if_there(object: impl Into<AnyObject>) -> Self {
+        Self {
+            object: object.into(),
+            required: false,
+        }
     }
 }
 

@@ -5,6 +5,7 @@ use std::{cell::RefCell, io, sync::Once, time::Duration};
 use servocrab::{
     axis::{Referencing, StopRequest},
     bus::{AxisConfig, DistributedClock, DriveConfig, Network},
+    coe::obj,
     drives,
     units::{Mm, Ratio, Scale},
 };
@@ -282,7 +283,8 @@ fn an_object_that_no_pdo_of_the_drive_holds_is_told() {
     description.fixed_pdos = vec![FixedPdo::new(0x1601, [controlword, target])];
     let log = Log::begin();
     let line = Line::new(Segment::new().with(personality::generic()));
-    let drive = DriveConfig::new(description).axis("x");
+    let axis = AxisConfig::new("x").map_output_if_there(obj::END_VELOCITY);
+    let drive = DriveConfig::new(description).axis(axis);
     let rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
     let lines = log.take();
     let told = |object: &str| {
@@ -294,8 +296,8 @@ fn an_object_that_no_pdo_of_the_drive_holds_is_told() {
         ];
         count(&lines, &parts)
     };
-    let objects = ["6060h:00", "6081h:00", "6083h:00", "6084h:00"];
-    assert_eq!(objects.map(told), [1; 4], "{lines:#?}");
+    let objects = ["6060h:00", "6081h:00", "6082h:00", "6083h:00", "6084h:00"];
+    assert_eq!(objects.map(told), [1; 5], "{lines:#?}");
     assert_eq!(["6040h", "607Ah", "6041h", "6064h"].map(told), [0; 4]);
     rig.shutdown();
 }

@@ -171,6 +171,32 @@ fn an_object_that_a_fixed_drive_does_not_offer_is_named_before_anything_is_mappe
 }
 
 #[test]
+fn an_object_that_is_mapped_if_there_is_left_out_by_a_fixed_drive_and_taken_by_one_that_has_it() {
+    let following_error = Entry::new(0x60F4, 0, 32);
+    let has_it = fixed_drive().with_fixed_pdo(0x1B02, &[(0x60F4, 0, 32)]);
+    let mut with_it = fixed_description();
+    let offer = FixedPdo::new(0x1B02, [following_error]);
+    with_it.fixed_pdos.push(offer);
+    for (device, description, there) in [
+        (fixed_drive(), fixed_description(), false),
+        (has_it, with_it, true),
+    ] {
+        let wanted = config(description).change_axis("x", |axis| {
+            axis.map_input_if_there(obj::FOLLOWING_ERROR_ACTUAL)
+                .map_output_if_there(obj::END_VELOCITY)
+        });
+        let (line, rig) = started(device.build(), wanted);
+        let mut rig = rig.unwrap_or_else(|error| panic!("{error}"));
+        let x = rig.net().axis("x").unwrap();
+        assert_eq!(x.input(obj::FOLLOWING_ERROR_ACTUAL).is_ok(), there);
+        assert!(x.output(obj::END_VELOCITY).is_err());
+        rig.moves_each(&line, &["x"]);
+        drop(x);
+        rig.shutdown();
+    }
+}
+
+#[test]
 fn a_fixed_drive_described_otherwise_than_it_is_is_found_out_side_by_side() {
     let mut description = fixed_description();
     // The description lacks the padding of 1701h: every object behind it would lie in another place.

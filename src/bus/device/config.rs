@@ -6,7 +6,7 @@ use crate::{
     axis::{Deadlines, Loss, Referencing, Tolerances},
     bus::{clocks::DistributedClock, expected::Expected},
     coe::{AnyObject, DriveId},
-    drives::DriveDescription,
+    drives::{DriveDescription, FurtherObject},
     ds402::Mode,
     parameters::StartUpList,
     pdo_map::{Direction, Layout, Mapping, MappingError},
@@ -56,8 +56,8 @@ pub struct AxisConfig {
     pub(in crate::bus) modulo: Option<Turn>,
     /// Whether its quick stop may let it coast.
     pub(in crate::bus) coasts: bool,
-    outputs: Vec<AnyObject>,
-    inputs: Vec<AnyObject>,
+    outputs: Vec<FurtherObject>,
+    inputs: Vec<FurtherObject>,
 }
 
 /// Which positions are one turn of a modulo axis.
@@ -196,14 +196,15 @@ impl DriveConfig {
         })
     }
 
-    /// Writes to the log which of the description's objects no PDO of the drive has room for.
+    /// Writes to the log which objects of the description and of the program no PDO of the drive has room for.
     pub(in crate::bus) fn log_what_is_not_mapped(&self, layout: &Layout, drive: &DriveId) {
         for (axis, description) in self.axes.iter().zip(&self.description.axes) {
-            for (direction, objects) in [
-                (Direction::Outputs, &description.outputs),
-                (Direction::Inputs, &description.inputs),
+            for (direction, objects, further) in [
+                (Direction::Outputs, &description.outputs, &axis.outputs),
+                (Direction::Inputs, &description.inputs, &axis.inputs),
             ] {
-                for object in objects {
+                let further = further.iter().map(|further| &further.object);
+                for object in objects.iter().chain(further) {
                     let own = object.offset(description.offset);
                     if layout.find(direction, own.index, own.subindex).is_none() {
                         tracing::info!(
@@ -275,17 +276,42 @@ impl AxisConfig {
         self
     }
 
-    /// Maps one more object of it into what the master writes. The object is that of a first axis.
+    /// Maps one more object of it into what the master writes. The object is that of a first axis. A drive that cannot exchange it is
+    /// refused at bring-up.
     #[must_use]
     pub fn map_output(mut self, object: impl Into<AnyObject>) -> Self {
-        self.outputs.push(object.into());
+        self.outputs.push(FurtherObject::required(object));
         self
     }
 
-    /// Maps one more object of it into what the master reads. The object is that of a first axis.
+    /// Maps one more object of it into what the master reads. The object is that of a first axis. A drive that cannot exchange it is
+    /// refused at bring-up.
     #[must_use]
     pub fn map_input(mut self, object: impl Into<AnyObject>) -> Self {
-        self.inputs.push(object.into());
+        self.inputs.push(FurtherObject::required(object));
+        self
+    }
+
+    /// As [`map_output`](Self::map_output), for a drive that may have no room for the object. It is left out where all PDOs are of a fixed
+    /// content and none that can be assigned holds it. The log says so. PDOs with a free content take it in any case, so there the drive
+    /// must have it.
+    ///
+    /// ```
+    /// use servocrab::{bus::{AxisConfig, DriveConfig}, coe::obj, drives};
+    /// let axis = AxisConfig::new("x").map_input_if_there(obj::DIGITAL_INPUTS);
+    /// let drive = DriveConfig::new(drives::generic()).axis(axis);
+    /// ```
+    #[must_use]
+    pub fn map_output_if_there(mut self, object: impl Into<AnyObject>) -> Self {
+        self.outputs.push(FurtherObject::if_there(object));
+        self
+    }
+
+    /// As [`map_input`](Self::map_input), for a drive that may have no room for the object. It is left out where
+    /// [`map_output_if_there`](Self::map_output_if_there) leaves an output out.
+    #[must_use]
+    pub fn map_input_if_there(mut self, object: impl Into<AnyObject>) -> Self {
+        self.inputs.push(FurtherObject::if_there(object));
         self
     }
 
