@@ -6,7 +6,7 @@ use std::{fmt, time::Duration};
 use crate::{
     axis::{AxisIdentity, FieldError},
     bus::{cable::CableLoad, expected::LineMismatch, real_time::RealTimeError},
-    coe::{DriveError, DriveId, SdoError},
+    coe::{DriveError, DriveId, LinkRefusal, SdoError},
     ds402::State,
     link::RawSocketError,
     parameters::StartUpError,
@@ -636,7 +636,7 @@ pub enum RegisterError {
     NotAnswered,
     /// ethercrab refused the request.
     #[error("ethercrab: {0}")]
-    Refused(ethercrab::error::Error),
+    Refused(LinkRefusal),
 }
 
 /// Why the SII could not be read.

@@ -42,7 +42,7 @@ pub use information::{DictionaryObject, ObjectDictionary, Undescribed};
 pub use mailbox::MailboxError;
 pub use object::{AnyObject, AxisOffset, Mappable, NoAddress, Object, ObjectAddress, Unit};
 #[cfg(feature = "std")]
-pub use transport::{EthercrabMailbox, LinkFault, MailboxStatus, MailboxTransport};
+pub use transport::{EthercrabMailbox, LinkFault, LinkRefusal, MailboxStatus, MailboxTransport};
 pub use value::{
     Access, DataType, Number, ReadOnly, ReadWrite, Readable, TypeCode, Value, ValueError, Writable,
     WriteOnly,

@@ -70,7 +70,18 @@ pub enum LinkFault {
     NotAnswered,
     /// ethercrab refused.
     #[error("ethercrab: {0}")]
-    Refused(Error),
+    Refused(LinkRefusal),
+}
+
+/// Why ethercrab refused an access, as a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct LinkRefusal(Error);
+
+impl LinkRefusal {
+    pub(crate) const fn new(error: Error) -> Self {
+        Self(error)
+    }
 }
 
 /// A device's mailbox, reached by ethercrab's commands.
@@ -178,7 +189,7 @@ fn fault(error: Error) -> LinkFault {
         // The bus loop ends a request that it has given up as undecodable.
         Error::Timeout(_) | Error::Pdu(PduError::Decode) => LinkFault::Lost,
         Error::Pdu(PduError::SwapState) => LinkFault::Busy,
-        error => LinkFault::Refused(error),
+        error => LinkFault::Refused(LinkRefusal::new(error)),
     }
 }
 

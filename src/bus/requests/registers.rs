@@ -11,6 +11,7 @@ use super::{
 };
 use crate::{
     bus::error::{AlError, AlState, AlStatus, RegisterError},
+    coe::LinkRefusal,
     esc,
 };
 
@@ -212,7 +213,7 @@ impl Registers {
             Some(Ok(value)) => Ok(value),
             Some(Err(Error::WorkingCounter { received: 0, .. })) => Err(RegisterError::NotAnswered),
             Some(Err(error)) if is_lost(&error) => Err(RegisterError::NoFrame),
-            Some(Err(error)) => Err(RegisterError::Refused(error)),
+            Some(Err(error)) => Err(RegisterError::Refused(LinkRefusal::new(error))),
         }
     }
 }
