@@ -7,10 +7,10 @@ mod command;
 mod config;
 mod core;
 mod fields;
-#[cfg(test)]
-mod modes_tests;
 mod power;
 mod stopping;
+#[cfg(test)]
+mod tests;
 
 pub use self::core::AxisCore;
 pub use crate::profile_position::{

@@ -1,0 +1,5 @@
+//! An axis core against a drive that is played word by word.
+
+mod modes;
+mod played;
+mod resetting;
