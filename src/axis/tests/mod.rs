@@ -2,4 +2,6 @@
 
 mod modes;
 mod played;
+mod power;
 mod resetting;
+mod stops;

@@ -1,0 +1,269 @@
+//! To Operation enabled and down again: each word, and each deadline to the cycle.
+
+use alloc::format;
+use core::time::Duration;
+
+use super::played::{
+    Brings, ENABLED, Played, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON,
+};
+use crate::{
+    axis::{Command, CommandId, Completion, CoreConfig, Failure, WaitingFor},
+    ds402::{QuickStopOption, State},
+};
+
+const DISABLE_VOLTAGE: u16 = 0x00;
+const SHUTDOWN: u16 = 0x06;
+const SWITCH_ON: u16 = 0x07;
+const ENABLE_OPERATION: u16 = 0x0F;
+const QUICK_STOP: u16 = 0x0B;
+
+const DONE: Option<Result<Completion, Failure>> = Some(Ok(Completion::Done));
+
+fn stopped(state: State) -> Option<Result<Completion, Failure>> {
+    Some(Ok(Completion::Stopped { state }))
+}
+
+/// Led up to the word that enables it, with Switched on shown.
+fn led_up(config: CoreConfig) -> (Played, CommandId) {
+    let mut drive = Played::disabled(config);
+    assert_eq!(drive.word(), DISABLE_VOLTAGE);
+    let enabling = drive.submit(Command::Enable);
+    assert_eq!(drive.word(), SHUTDOWN);
+    for (statusword, word) in [
+        (SWITCH_ON_DISABLED, SHUTDOWN),
+        (READY, SWITCH_ON),
+        (SWITCHED_ON, ENABLE_OPERATION),
+    ] {
+        drive.shows(statusword);
+        assert_eq!(drive.word(), word);
+    }
+    (drive, enabling)
+}
+
+#[test]
+fn it_is_enabled_when_the_drive_has_shown_that_for_two_of_its_cycles() {
+    let (mut drive, enabling) = led_up(Played::config());
+    drive.shows_for(2, ENABLED);
+    assert_eq!(drive.outcome(enabling), None);
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(enabling), DONE);
+
+    // And by two samples at least.
+    let mut config = Played::config();
+    config.traits.drive_cycle = Duration::ZERO;
+    let (mut drive, enabling) = led_up(config);
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(enabling), None);
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(enabling), DONE);
+}
+
+#[test]
+fn a_word_that_enables_it_counts_from_when_it_is_known_to_be_delivered() {
+    let (mut drive, enabling) = led_up(Played::config());
+    drive.cycles(10, Brings::Answered, ENABLED);
+    assert_eq!(
+        (drive.outcome(enabling), drive.word()),
+        (None, ENABLE_OPERATION)
+    );
+    drive.shows_for(2, ENABLED);
+    assert_eq!(drive.outcome(enabling), None);
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(enabling), DONE);
+}
+
+#[test]
+fn a_drive_that_is_enabled_before_it_was_asked_to_is_led_down_first() {
+    let mut drive = Played::disabled(Played::config());
+    let enabling = drive.submit(Command::Enable);
+    drive.shows(READY);
+    assert_eq!(drive.word(), SWITCH_ON);
+    drive.shows(ENABLED);
+    assert_eq!(drive.word(), DISABLE_VOLTAGE);
+    assert_eq!(drive.cycles_until(SHUTDOWN, SWITCH_ON_DISABLED), 3);
+    for statusword in [READY, SWITCHED_ON, ENABLED, ENABLED, ENABLED] {
+        assert_eq!(drive.outcome(enabling), None);
+        drive.shows(statusword);
+    }
+    assert_eq!(drive.outcome(enabling), DONE);
+}
+
+#[test]
+fn a_drive_that_is_not_enabled_in_time_is_told_what_keeps_it() {
+    let refused = |state| Failure::SwitchOnRefused { state };
+    let disabled = refused(State::SwitchOnDisabled);
+    let ready = refused(State::ReadyToSwitchOn);
+    // With bit 9 low; with bit 4 low; with both high. Of a drive whose bit 4 shows its voltage, and of others.
+    for (statusword, shows_voltage, word, failure) in [
+        (0x0050, true, SHUTDOWN, Some(Failure::LocalControl)),
+        (0x0050, false, SHUTDOWN, Some(Failure::LocalControl)),
+        (0x0240, true, SHUTDOWN, Some(Failure::NoVoltage)),
+        (0x0240, false, SHUTDOWN, Some(disabled)),
+        (0x0250, true, SHUTDOWN, Some(disabled)),
+        (0x0221, true, SHUTDOWN, Some(Failure::NoVoltage)),
+        (0x0221, false, SWITCH_ON, Some(ready)),
+        (0x0231, true, SWITCH_ON, Some(ready)),
+        (0x0223, true, ENABLE_OPERATION, Some(Failure::NoVoltage)),
+        (0x0223, false, ENABLE_OPERATION, None),
+        (0x0233, true, ENABLE_OPERATION, None),
+    ] {
+        let mut config = Played::config();
+        config.traits.shows_voltage = shows_voltage;
+        let mut drive = Played::disabled(config);
+        let enabling = drive.submit(Command::Enable);
+        drive.shows_for(299, statusword);
+        let case = format!("{statusword:04X}, {shows_voltage}");
+        assert_eq!(
+            (drive.outcome(enabling), drive.word()),
+            (None, word),
+            "{case}"
+        );
+        drive.shows(statusword);
+        assert_eq!(drive.word(), DISABLE_VOLTAGE, "{case}");
+        match (drive.outcome(enabling), failure) {
+            (Some(Err(shown)), Some(failure)) => assert_eq!(shown, failure, "{case}"),
+            (Some(Err(Failure::Timeout { waiting_for, .. })), None) => {
+                assert_eq!(
+                    waiting_for,
+                    WaitingFor::State(State::OperationEnabled),
+                    "{case}"
+                );
+            }
+            (shown, _) => panic!("{case}: {shown:?}"),
+        }
+    }
+}
+
+#[test]
+fn an_enable_says_what_is_in_its_way() {
+    let mut drive = Played::enabled(Played::config());
+    assert_eq!(drive.answer(Command::Enable), DONE);
+    // A stop of an axis at rest stops nothing, and leaves it enabled.
+    let state = State::OperationEnabled;
+    assert_eq!(drive.answer(Command::Stop), stopped(state));
+    assert_eq!(drive.answer(Command::Enable), DONE);
+    drive.answer(Command::QuickStop);
+    assert_eq!(drive.answer(Command::Enable), Some(Err(Failure::Busy)));
+
+    let mut drive = Played::disabled(Played::config());
+    drive.submit(Command::Enable);
+    assert_eq!(drive.answer(Command::Enable), Some(Err(Failure::Busy)));
+    // Whoever stops an enabling is not overtaken in the same frame.
+    drive.submit(Command::Stop);
+    assert_eq!(drive.word(), DISABLE_VOLTAGE);
+    assert_eq!(drive.answer(Command::Enable), Some(Err(Failure::Busy)));
+    drive.shows(SWITCH_ON_DISABLED);
+    assert_eq!(drive.answer(Command::Enable), None);
+    assert_eq!(drive.word(), SHUTDOWN);
+}
+
+#[test]
+fn whatever_stops_an_enabling_is_its_end() {
+    let state = State::SwitchOnDisabled;
+    for (command, failure) in [
+        (Command::Halt, Failure::HALTED),
+        (Command::Stop, Failure::QUICK_STOPPED),
+        (Command::QuickStop, Failure::QUICK_STOPPED),
+        (Command::Disable, Failure::Disabled { state }),
+    ] {
+        let mut drive = Played::disabled(Played::config());
+        let enabling = drive.submit(Command::Enable);
+        assert_eq!(drive.answer(command), stopped(state), "{command:?}");
+        assert_eq!(drive.outcome(enabling), Some(Err(failure)), "{command:?}");
+        assert_eq!(drive.word(), DISABLE_VOLTAGE, "{command:?}");
+    }
+}
+
+#[test]
+fn a_standing_axis_is_disabled_by_shutdown() {
+    let mut drive = Played::enabled(Played::config());
+    let disabling = drive.submit(Command::Disable);
+    assert_eq!(drive.word(), SHUTDOWN);
+    for statusword in [ENABLED, SWITCHED_ON] {
+        drive.shows(statusword);
+        assert_eq!((drive.outcome(disabling), drive.word()), (None, SHUTDOWN));
+    }
+    drive.shows(READY);
+    assert_eq!(drive.outcome(disabling), stopped(State::ReadyToSwitchOn));
+    // It stays there, as long as its drive does.
+    drive.shows_for(30, READY);
+    assert_eq!(drive.word(), SHUTDOWN);
+    drive.shows(SWITCH_ON_DISABLED);
+    assert_eq!(drive.word(), DISABLE_VOLTAGE);
+
+    let mut drive = Played::enabled(Played::config());
+    let disabling = drive.submit(Command::Disable);
+    drive.shows(SWITCH_ON_DISABLED);
+    assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
+    assert_eq!(drive.word(), DISABLE_VOLTAGE);
+}
+
+#[test]
+fn a_drive_that_does_not_take_its_shutdown_gets_disable_voltage_at_the_deadline() {
+    for statusword in [REACHED, SWITCHED_ON, QUICK_STOP_ACTIVE] {
+        let mut drive = Played::enabled(Played::config());
+        let disabling = drive.submit(Command::Disable);
+        let (cycles, result) = drive.cycles_to_end(disabling, statusword);
+        assert_eq!(cycles, 200, "{statusword:04X}");
+        let Err(Failure::Timeout { waiting_for, .. }) = result else {
+            panic!("{result:?}");
+        };
+        assert_eq!(waiting_for, WaitingFor::State(State::SwitchOnDisabled));
+        assert_eq!(drive.word(), DISABLE_VOLTAGE);
+    }
+}
+
+#[test]
+fn an_axis_that_moves_after_its_shutdown_gets_a_quick_stop_and_no_power_after_it() {
+    // By 605Ah the drive goes on to Switch on disabled, or stays in Quick stop active.
+    for option in [2, 6] {
+        let mut config = Played::config();
+        config.quick_stop = QuickStopOption(option);
+        let mut drive = Played::enabled(config);
+        let disabling = drive.submit(Command::Disable);
+        drive.velocity = 50;
+        drive.shows(ENABLED);
+        assert_eq!(drive.word(), QUICK_STOP);
+        drive.shows_for(3, QUICK_STOP_ACTIVE);
+        drive.velocity = 0;
+        let stays = option == 6;
+        if stays {
+            assert_eq!(drive.cycles_until(DISABLE_VOLTAGE, QUICK_STOP_ACTIVE), 14);
+        } else {
+            drive.shows_for(30, QUICK_STOP_ACTIVE);
+            assert_eq!(drive.word(), QUICK_STOP);
+        }
+        assert_eq!(drive.outcome(disabling), None);
+        drive.shows(SWITCH_ON_DISABLED);
+        assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
+        assert_eq!(drive.word(), DISABLE_VOLTAGE);
+    }
+}
+
+#[test]
+fn a_disable_is_asked_for_once_and_again_by_those_who_wait_for_it() {
+    let mut drive = Played::enabled(Played::config());
+    let disabling = drive.submit(Command::Disable);
+    drive.submit_as(disabling, Command::Disable);
+    assert_eq!(drive.outcome(disabling), None);
+    assert_eq!(drive.answer(Command::Disable), Some(Err(Failure::Busy)));
+    assert_eq!(drive.answer(Command::Enable), Some(Err(Failure::Busy)));
+    drive.shows(READY);
+    assert_eq!(drive.outcome(disabling), stopped(State::ReadyToSwitchOn));
+}
+
+#[test]
+fn a_disable_of_an_axis_that_was_not_enabled_leads_it_below_switched_on() {
+    let mut drive = Played::disabled(Played::config());
+    assert_eq!(
+        drive.answer(Command::Disable),
+        stopped(State::SwitchOnDisabled)
+    );
+    let mut drive = Played::new(Played::config());
+    drive.shows_for(20, SWITCHED_ON);
+    let disabling = drive.submit(Command::Disable);
+    drive.shows(SWITCHED_ON);
+    assert_eq!((drive.outcome(disabling), drive.word()), (None, 0));
+    drive.shows(SWITCH_ON_DISABLED);
+    assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
+}

@@ -1,0 +1,432 @@
+//! Halts, stops and quick stops: what is sent, who is told, and when.
+
+use core::time::Duration;
+
+use super::played::{
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, QUICK_STOP_ACTIVE, REACHED,
+    SWITCH_ON_DISABLED, SWITCHED_ON,
+};
+use crate::{
+    axis::{
+        AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Failure, Inputs,
+        StopRequest, WaitingFor,
+    },
+    ds402::{Mode, QuickStopOption, State},
+    homing::{HomingCommand, HomingMethod},
+    profile_velocity::JogSetPoint,
+};
+
+const HALT: u16 = 0x010F;
+const GO: u16 = 0x000F;
+const QUICK_STOP: u16 = 0x000B;
+
+fn stopped(state: State) -> Option<Result<Completion, Failure>> {
+    Some(Ok(Completion::Stopped { state }))
+}
+
+#[track_caller]
+fn assert_never_stood(result: Result<Completion, Failure>) {
+    let Err(Failure::Timeout { waiting_for, .. }) = result else {
+        panic!("{result:?}");
+    };
+    assert!(matches!(waiting_for, WaitingFor::Standstill(_)));
+}
+
+/// Stays in Quick stop active.
+fn staying() -> CoreConfig {
+    CoreConfig {
+        quick_stop: QuickStopOption(6),
+        ..Played::config()
+    }
+}
+
+/// Of an axis that was moving: after its quick stop, it is being switched off.
+fn switching_off() -> (Played, CommandId) {
+    let (mut drive, _) = Played::moving(staying(), 100_000);
+    let disabling = drive.submit(Command::Disable);
+    assert_eq!(drive.word(), HALT);
+    drive.velocity = 0;
+    drive.cycles_until(QUICK_STOP | 0x0100, ENABLED);
+    assert!(drive.cycles_until(0, QUICK_STOP_ACTIVE) < 30);
+    assert_eq!(drive.outcome(disabling), None);
+    (drive, disabling)
+}
+
+#[test]
+fn a_halt_at_rest_is_done_when_the_drive_has_surely_seen_it() {
+    let mut drive = Played::enabled(Played::config());
+    let halting = drive.submit(Command::Halt);
+    assert_eq!(drive.word(), HALT);
+    // It counts from when it is known to be delivered.
+    drive.cycles(5, Brings::Answered, REACHED);
+    assert_eq!(
+        drive.cycles_to_end(halting, REACHED),
+        (
+            3,
+            Ok(Completion::Stopped {
+                state: State::OperationEnabled
+            })
+        )
+    );
+}
+
+#[test]
+fn a_halt_of_an_axis_that_may_just_set_off_waits_for_the_rest_after_it() {
+    let mut drive = Played::enabled(Played::config());
+    drive.move_to(5_000);
+    drive.shows(REACHED);
+    // Acknowledged, and held by a brake.
+    drive.shows_for(30, ACKNOWLEDGED);
+    let halting = drive.submit(Command::Halt);
+    // Sent in the first cycle, seen two later; then an eighth of the settle time.
+    assert_eq!(drive.cycles_to_end(halting, ENABLED).0, 16);
+}
+
+#[test]
+fn whether_a_drive_ignores_bit_8_is_measured_from_when_it_has_surely_seen_it() {
+    let mut config = Played::config();
+    config.deadlines.standstill = Duration::from_secs(1);
+    config.loss.undelivered_cycles = 10_000;
+    let (mut drive, _) = Played::moving(config, 1_000_000);
+    let halting = drive.submit(Command::Halt);
+    drive.cycles(350, Brings::Answered, ENABLED);
+    assert_eq!(drive.outcome(halting), None);
+    // Two spans of 100 ms.
+    let ignored = Err(Failure::HaltIgnored);
+    assert_eq!(drive.cycles_to_end(halting, ENABLED), (203, ignored));
+}
+
+#[test]
+fn a_halt_that_stops_nothing_fails_at_its_deadline() {
+    let (mut drive, _) = Played::moving(Played::config(), 1_000_000);
+    let halting = drive.submit(Command::Halt);
+    for cycle in 0..399 {
+        // It gets slower all the time.
+        drive.velocity = 500 - cycle;
+        drive.shows(ENABLED);
+    }
+    assert_eq!((drive.outcome(halting), drive.word()), (None, HALT));
+    drive.shows(ENABLED);
+    let result = drive.outcome(halting).expect("its time is over");
+    assert_never_stood(result);
+    assert_eq!(drive.word(), HALT, "it stays");
+}
+
+#[test]
+fn a_halt_during_a_quick_stop_waits_for_its_end() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    drive.submit(Command::Halt);
+    drive.shows(ENABLED);
+    let stopping = drive.submit(Command::QuickStop);
+    let halting = drive.submit(Command::Halt);
+    drive.velocity = 0;
+    drive.shows_for(60, QUICK_STOP_ACTIVE);
+    assert_eq!(drive.outcome(halting), None);
+    drive.shows(SWITCH_ON_DISABLED);
+    for id in [stopping, halting] {
+        assert_eq!(drive.outcome(id), stopped(State::SwitchOnDisabled));
+    }
+}
+
+#[test]
+fn a_quick_stop_takes_no_bit_8_from_a_later_halt() {
+    let mut drive = Played::enabled(Played::config());
+    drive.submit(Command::QuickStop);
+    assert_eq!(drive.word(), QUICK_STOP);
+    drive.submit(Command::Halt);
+    assert_eq!(drive.word(), QUICK_STOP);
+    drive.stop_lane(StopRequest::HALT);
+    assert_eq!(drive.word(), QUICK_STOP);
+    assert!(!drive.core.snapshot().halted);
+}
+
+#[test]
+fn whoever_stops_an_axis_that_is_being_switched_off_waits_for_that() {
+    for command in [
+        Command::Halt,
+        Command::Stop,
+        Command::QuickStop,
+        Command::Release,
+        Command::Disable,
+    ] {
+        let (mut drive, disabling) = switching_off();
+        let waiting = drive.submit(command);
+        assert_eq!(drive.outcome(waiting), None, "{command:?}");
+        assert_eq!(drive.word(), 0, "{command:?}");
+        drive.shows(SWITCH_ON_DISABLED);
+        for id in [disabling, waiting] {
+            let end = stopped(State::SwitchOnDisabled);
+            assert_eq!(drive.outcome(id), end, "{command:?}");
+        }
+    }
+}
+
+#[test]
+fn an_axis_that_is_not_switched_off_in_time_fails_whoever_waits_for_it() {
+    let (mut drive, disabling) = switching_off();
+    let (cycles, result) = drive.cycles_to_end(disabling, QUICK_STOP_ACTIVE);
+    assert_eq!(cycles, 200);
+    let Err(Failure::Timeout { waiting_for, .. }) = result else {
+        panic!("{result:?}");
+    };
+    assert_eq!(waiting_for, WaitingFor::State(State::SwitchOnDisabled));
+    assert_eq!(drive.word(), 0);
+}
+
+#[test]
+fn a_stop_of_a_drive_that_stays_in_quick_stop_active_leaves_it_there() {
+    let (mut drive, moving) = Played::moving(staying(), 100_000);
+    let stopping = drive.submit(Command::QuickStop);
+    assert_eq!(drive.word(), QUICK_STOP);
+    drive.velocity = 0;
+    let (_, result) = drive.cycles_to_end(stopping, QUICK_STOP_ACTIVE);
+    let state = State::QuickStopActive;
+    assert_eq!(result, Ok(Completion::Stopped { state }));
+    let delivery = Delivery::Accepted;
+    let failure = Failure::QuickStopped { delivery };
+    assert_eq!(drive.outcome(moving), Some(Err(failure)));
+    drive.shows_for(300, QUICK_STOP_ACTIVE);
+    assert_eq!(drive.word(), QUICK_STOP);
+}
+
+#[test]
+fn whoever_waits_in_vain_for_an_undelivered_quick_stop_is_told_and_so_is_the_next() {
+    let mut config = Played::config();
+    config.loss.undelivered_cycles = 10_000;
+    let (mut drive, _) = Played::moving(config, 1_000_000);
+    for command in [Command::QuickStop, Command::Stop, Command::QuickStop] {
+        let stopping = drive.submit(command);
+        drive.cycles(399, Brings::Answered, ENABLED);
+        assert_eq!(drive.outcome(stopping), None, "{command:?}");
+        drive.cycle(Brings::Answered, ENABLED);
+        let result = drive.outcome(stopping).expect("its time is over");
+        assert_never_stood(result);
+        // It is commanded on, without anybody waiting.
+        drive.cycles(600, Brings::Answered, ENABLED);
+        assert_eq!(drive.word(), QUICK_STOP);
+    }
+}
+
+#[test]
+fn whoever_waits_in_vain_for_the_rest_of_an_axis_without_power_is_told() {
+    let mut drive = Played::disabled(Played::config());
+    // Somebody turns it, and nothing has led it down since it was driven.
+    drive.velocity = 50;
+    drive.shows(ENABLED);
+    drive.shows(SWITCHED_ON);
+    let stopping = drive.submit(Command::Stop);
+    let (cycles, result) = drive.cycles_to_end(stopping, SWITCHED_ON);
+    assert!(cycles <= 400, "{cycles}");
+    if let Err(failure) = result {
+        assert_never_stood(Err(failure));
+    }
+    drive.velocity = 0;
+    drive.shows_for(30, SWITCHED_ON);
+    assert_eq!(drive.word(), 0);
+}
+
+#[test]
+fn a_fault_of_a_moving_axis_lets_whoever_stops_it_wait_for_its_rest() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    let stopping = drive.submit(Command::QuickStop);
+    drive.shows(FAULT);
+    drive.shows_for(20, FAULT);
+    assert_eq!(drive.outcome(stopping), None);
+    let late = drive.submit(Command::Stop);
+    drive.velocity = 0;
+    drive.shows_for(30, FAULT);
+    let code = None;
+    assert_eq!(drive.outcome(stopping), Some(Err(Failure::Fault { code })));
+    assert_eq!(drive.outcome(late), stopped(State::Fault));
+}
+
+/// Halted on its way, at rest.
+fn halted() -> (Played, CommandId) {
+    let (mut drive, moving) = Played::moving(Played::config(), 100_000);
+    let halting = drive.submit(Command::Halt);
+    drive.velocity = 0;
+    drive.cycles_to_end(halting, ENABLED);
+    (drive, moving)
+}
+
+#[test]
+fn a_stop_comes_before_a_resume_that_is_not_sent() {
+    for (command, failure, word) in [
+        (Command::Halt, Failure::HALTED, HALT),
+        (Command::Stop, Failure::QUICK_STOPPED, HALT),
+        (
+            Command::QuickStop,
+            Failure::QUICK_STOPPED,
+            QUICK_STOP | 0x100,
+        ),
+    ] {
+        let (mut drive, moving) = halted();
+        let resuming = drive.submit(Command::Resume);
+        assert_eq!((drive.outcome(resuming), drive.word()), (None, GO));
+        assert_eq!(drive.answer(Command::Resume), Some(Err(Failure::Busy)));
+        drive.submit(command);
+        assert_eq!(drive.outcome(resuming), Some(Err(failure)), "{command:?}");
+        assert_eq!(drive.word(), word, "{command:?}");
+        drive.shows_for(20, ENABLED);
+        assert_ne!(drive.word() & 0x100, 0, "{command:?}: it never fell");
+        assert!(drive.core.snapshot().has_set_point || drive.outcome(moving).is_some());
+    }
+    // Of an axis that is not halted it takes nothing back.
+    let mut drive = Played::enabled(Played::config());
+    let resuming = drive.submit(Command::Resume);
+    drive.submit(Command::QuickStop);
+    assert_eq!(drive.outcome(resuming), Some(Err(Failure::QUICK_STOPPED)));
+    assert_eq!(drive.word(), QUICK_STOP);
+    assert!(!drive.core.snapshot().halted);
+}
+
+#[test]
+fn a_resume_says_what_is_in_its_way() {
+    let state = State::SwitchOnDisabled;
+    let mut drive = Played::disabled(Played::config());
+    assert_eq!(
+        drive.answer(Command::Resume),
+        Some(Err(Failure::NotEnabled { state }))
+    );
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    assert_eq!(drive.answer(Command::Resume), Some(Err(Failure::Moving)));
+    drive.submit(Command::Stop);
+    let failure = Failure::QUICK_STOPPED;
+    assert_eq!(drive.answer(Command::Resume), Some(Err(failure)));
+
+    // The halt is not sent yet: what it keeps goes on by a frame with bit 8 alone.
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    drive.submit(Command::Halt);
+    assert_eq!(drive.answer(Command::Resume), Some(Err(Failure::Busy)));
+    drive.shows(ENABLED);
+    let resuming = drive.submit(Command::Resume);
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(resuming), Some(Ok(Completion::Done)));
+    // One that stands without a set-point is not stopped by it.
+    let mut drive = Played::enabled(Played::config());
+    drive.submit(Command::Halt);
+    assert_eq!((drive.answer(Command::Resume), drive.word()), (None, GO));
+
+    // The drive would not go on.
+    let mut config = Played::config();
+    config.traits.halt_keeps_set_point = false;
+    let (mut drive, _) = Played::moving(config.clone(), 100_000);
+    drive.submit(Command::Halt);
+    drive.velocity = 0;
+    drive.shows_for(30, ENABLED);
+    assert_eq!(
+        drive.answer(Command::Resume),
+        Some(Err(Failure::ResumeUnsupported))
+    );
+    let mut drive = Played::enabled(config);
+    drive.submit(Command::Halt);
+    drive.shows_for(30, REACHED);
+    assert_eq!((drive.answer(Command::Resume), drive.word()), (None, GO));
+}
+
+#[test]
+fn what_may_have_begun_unseen_is_not_resumed_but_stopped() {
+    // The drive never acknowledges the set-point.
+    let mut drive = Played::enabled(Played::config());
+    let moving = drive.move_to(5_000);
+    drive.shows_for(60, REACHED);
+    assert!(matches!(
+        drive.outcome(moving),
+        Some(Err(Failure::Timeout { .. }))
+    ));
+    drive.submit(Command::Halt);
+    drive.shows_for(30, REACHED);
+    assert_eq!(drive.answer(Command::Resume), Some(Err(Failure::NeedsStop)));
+    assert_eq!(drive.word(), HALT);
+
+    // The drive never begins its homing.
+    let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+    let homing = drive.submit(Command::Home(HomingCommand {
+        method: HomingMethod::NEGATIVE_LIMIT,
+        offset: None,
+        until: None,
+    }));
+    drive.shows_for(120, REACHED);
+    assert!(matches!(
+        drive.outcome(homing),
+        Some(Err(Failure::Timeout { .. }))
+    ));
+    drive.submit(Command::Halt);
+    drive.shows_for(30, REACHED);
+    assert_eq!(drive.answer(Command::Resume), Some(Err(Failure::NeedsStop)));
+    assert_eq!(drive.word(), HALT);
+}
+
+#[test]
+fn eight_wait_for_one_standstill_and_each_of_them_once() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    let waiting = core::array::from_fn::<_, 8, _>(|_| drive.submit(Command::QuickStop));
+    assert_eq!(drive.answer(Command::QuickStop), Some(Err(Failure::Busy)));
+    drive.submit_as(waiting[3], Command::QuickStop);
+    assert_eq!(drive.outcome(waiting[3]), None);
+    drive.velocity = 0;
+    drive.shows_for(20, QUICK_STOP_ACTIVE);
+    drive.shows(SWITCH_ON_DISABLED);
+    for id in waiting {
+        assert_eq!(drive.outcome(id), stopped(State::SwitchOnDisabled));
+    }
+}
+
+#[test]
+fn no_velocity_is_in_the_outputs_of_an_axis_that_is_not_enabled() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    let jog = drive.submit(Command::Jog(JogSetPoint::new(700)));
+    assert_eq!(drive.target_velocity(), 700);
+    drive.shows(ENABLED);
+    // Nothing that leaves Operation enabled leaves a jog; should one be left, it is not in the outputs.
+    drive.core.power = crate::axis::power::Power::Off;
+    assert!(drive.core.set_jog(jog, 500, &mut drive.outputs));
+    assert_eq!(drive.target_velocity(), 0);
+}
+
+#[test]
+fn the_stop_lane_takes_a_rise_of_bit_4_back_that_is_not_sent() {
+    for stop in [
+        StopRequest::HALT,
+        StopRequest::STOP,
+        StopRequest::QUICK_STOP,
+        StopRequest::HALT | StopRequest::STOP | StopRequest::QUICK_STOP,
+    ] {
+        let mut drive = Played::enabled(Played::config());
+        let moving = drive.move_to(5_000);
+        assert_eq!(drive.word() & 0x10, 0x10);
+        assert!(!drive.stop_lane(StopRequest::empty()));
+        assert_eq!(drive.word() & 0x10, 0x10);
+        assert!(drive.stop_lane(stop), "{stop:?}");
+        assert_eq!(drive.word() & 0x10, 0, "{stop:?}");
+        assert!(matches!(drive.outcome(moving), Some(Err(_))), "{stop:?}");
+        assert!(!drive.stop_lane(stop), "{stop:?}: there is none any more");
+
+        // What was sent keeps its bit 4.
+        let mut drive = Played::enabled(Played::config());
+        drive.move_to(5_000);
+        drive.shows(REACHED);
+        assert!(!drive.stop_lane(stop), "{stop:?}");
+        assert_eq!(drive.word() & 0x10, 0x10, "{stop:?}");
+    }
+}
+
+#[test]
+fn inputs_that_are_too_short_are_none() {
+    let mut drive = Played::enabled(Played::config());
+    let bytes = drive.inputs(REACHED);
+    for length in 0..bytes.len() {
+        drive.now += Duration::from_millis(1);
+        let inputs = Inputs::Fresh(&bytes[..length]);
+        drive.core.step(drive.now, inputs, &mut drive.outputs);
+        let snapshot = drive.core.snapshot();
+        assert!(!snapshot.answered, "{length}");
+        drive.shows(REACHED);
+    }
+    // Of an axis without the last object they are long enough.
+    let fields = AxisFields {
+        error_code: None,
+        ..FIELDS
+    };
+    assert!(fields.sample(&bytes[..11], Mode::None).is_some());
+}
