@@ -34,6 +34,8 @@ struct Dialogue {
     delivered: bool,
     halted: bool,
     sent: Controlword,
+    /// What is sent besides: bit 4, as another mode has left it.
+    besides: Controlword,
     verdict: Verdict,
 }
 
@@ -66,6 +68,7 @@ impl Dialogue {
             delivered: true,
             halted: false,
             sent: Controlword::empty(),
+            besides: Controlword::empty(),
             verdict: Verdict::GoOn,
         };
         this.procedure.submit(
@@ -90,7 +93,7 @@ impl Dialogue {
     fn shows(&mut self, bits: u16) -> &mut Self {
         self.now += Duration::from_millis(1);
         self.position += self.velocity;
-        self.sent = self.procedure.bits();
+        self.sent = self.procedure.bits() | self.besides;
         self.procedure.mark_sent(self.now);
         let settle = Duration::from_millis(100);
         let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), None);
@@ -509,4 +512,190 @@ fn what_ends_it_says_how_far_it_came_and_leaves_bit_4_to_the_stop() {
     assert!(begun.is_high());
     begun.procedure.lower();
     assert!(!begun.is_high());
+}
+
+fn by(method: HomingMethod) -> HomingCommand {
+    HomingCommand {
+        method,
+        offset: None,
+        until: None,
+    }
+}
+
+/// A cycle that changes nothing is stepped the cheap way, on every axis of a line.
+#[test]
+fn a_homing_that_nobody_asks_for_lets_a_cycle_be_cheap_once_the_low_of_bit_4_is_delivered() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    assert!(
+        !homing.procedure.allows_idle_path(false),
+        "it is on its way"
+    );
+    homing.procedure.lower();
+    assert!(homing.procedure.allows_idle_path(false), "in another mode");
+    assert!(!homing.procedure.allows_idle_path(true));
+    homing.shows(NOT_STARTED);
+    assert!(homing.procedure.allows_idle_path(true) && homing.procedure.allows_idle_path(false));
+    let command = by(HomingMethod::NEGATIVE_LIMIT);
+    homing.procedure.submit(ID, command, &mut homing.events);
+    assert!(!homing.procedure.allows_idle_path(true) && !homing.procedure.allows_idle_path(false));
+}
+
+#[cfg(feature = "std")]
+#[test]
+fn a_homing_is_under_way_from_its_bit_4_on_to_its_end() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    assert!(!homing.procedure.is_under_way(ID) && !homing.procedure.has_motion());
+    homing.shows(NOT_STARTED);
+    assert!(homing.procedure.is_under_way(ID) && homing.procedure.has_motion());
+    assert!(!homing.procedure.is_under_way(CommandId(8)));
+    homing.shows_for(50, IN_PROGRESS).shows_for(110, DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+    assert!(!homing.procedure.is_under_way(ID) && !homing.procedure.has_motion());
+}
+
+#[test]
+fn one_homing_waits_at_a_time() {
+    let mut procedure = Procedure::new(Duration::from_secs(1));
+    let mut events = Events::new();
+    let command = by(HomingMethod::NEGATIVE_LIMIT);
+    procedure.submit(ID, command, &mut events);
+    assert!(events.pop().is_none() && !procedure.is_idle());
+    procedure.submit(CommandId(8), command, &mut events);
+    let busy = Event::Done(Err(Failure::Busy));
+    assert_eq!(events.pop(), Some((CommandId(8), busy)));
+    // The first one waits on.
+    let failure = Failure::NeedsStop;
+    assert!(!procedure.withdraw(CommandId(8), failure, &mut events));
+    assert!(procedure.withdraw(ID, failure, &mut events));
+    assert_eq!(events.pop(), Some((ID, Event::Done(Err(failure)))));
+    assert!(procedure.is_idle() && events.pop().is_none());
+    assert!(!procedure.withdraw(ID, failure, &mut events));
+}
+
+#[test]
+fn a_homing_is_withdrawn_until_its_bit_4_is_sent() {
+    let failure = Failure::NeedsStop;
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    assert!(homing.procedure.withdraw(ID, failure, &mut homing.events));
+    assert_eq!(homing.reports(), [Event::Done(Err(failure))]);
+    assert!(!homing.is_high());
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    assert!(
+        homing.procedure.mark_sent(homing.now),
+        "it has begun with this frame"
+    );
+    assert!(!homing.procedure.mark_sent(homing.now));
+    assert!(!homing.procedure.withdraw(ID, failure, &mut homing.events));
+    homing
+        .procedure
+        .withdraw_unsent(failure, &mut homing.events);
+    assert!(homing.is_high() && homing.reports().is_empty());
+}
+
+/// In other modes the same bit is that of a set-point.
+#[test]
+fn bit_4_of_another_mode_is_no_low() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.procedure.lower();
+    homing.besides = Controlword::HOMING_START;
+    let command = by(HomingMethod::NEGATIVE_LIMIT);
+    homing.procedure.submit(ID, command, &mut homing.events);
+    homing.shows_for(20, NOT_STARTED);
+    assert!(!homing.is_high());
+    homing.besides = Controlword::empty();
+    homing.shows_for(2, NOT_STARTED);
+    assert!(!homing.is_high());
+    homing.shows(NOT_STARTED);
+    assert!(homing.is_high());
+}
+
+#[test]
+fn a_homing_that_could_not_be_sent_in_its_time_was_not_sent() {
+    let until = Duration::from_millis(200);
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.procedure.lower();
+    homing.delivered = false;
+    let command = HomingCommand {
+        until: Some(until),
+        ..by(HomingMethod::NEGATIVE_LIMIT)
+    };
+    homing.procedure.submit(ID, command, &mut homing.events);
+    while homing.now + Duration::from_millis(1) < until {
+        homing.shows(NOT_STARTED);
+    }
+    assert!(homing.reports().is_empty());
+    homing.shows(NOT_STARTED);
+    let reports = homing.reports();
+    assert!(
+        matches!(
+            reports[..],
+            [Event::Done(Err(Failure::Timeout {
+                waiting_for: WaitingFor::HomingEnd,
+                delivery: Delivery::NotSent,
+                ..
+            }))]
+        ),
+        "{reports:?}"
+    );
+    assert!(homing.procedure.is_idle());
+}
+
+#[test]
+fn an_axis_that_is_halted_or_unheard_does_not_begin_a_homing() {
+    for halted in [true, false] {
+        let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+        homing.procedure.lower();
+        homing.shows_for(20, NOT_STARTED);
+        (homing.halted, homing.delivered) = (halted, halted);
+        let command = by(HomingMethod::NEGATIVE_LIMIT);
+        homing.procedure.submit(ID, command, &mut homing.events);
+        homing.shows_for(20, NOT_STARTED);
+        assert!(!homing.is_high());
+        (homing.halted, homing.delivered) = (false, true);
+        homing.shows(NOT_STARTED);
+        assert!(homing.is_high());
+    }
+}
+
+#[test]
+fn the_fall_of_an_old_result_is_the_beginning_of_this_homing() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, DONE);
+    homing.shows_for(5, DONE);
+    assert!(homing.reports().is_empty());
+    homing.shows(NOT_STARTED);
+    assert_eq!(homing.reports(), [Event::Accepted]);
+}
+
+#[test]
+fn an_axis_has_left_once_it_is_further_away_than_its_window() {
+    for (away, begun) in [
+        (10, false),
+        (11, true),
+        (12, true),
+        (-10, false),
+        (-11, true),
+    ] {
+        let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, IN_PROGRESS);
+        homing.shows_for(10, IN_PROGRESS);
+        homing.position += away;
+        homing.shows(IN_PROGRESS);
+        assert_eq!(homing.reports().len(), usize::from(begun), "{away}");
+    }
+}
+
+/// An axis that is never quiet: the drive's word counts after the settle time.
+#[test]
+fn a_restless_axis_is_homed_when_all_three_bits_have_said_so_for_the_settle_time() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.shows_for(50, IN_PROGRESS);
+    assert_eq!(homing.reports(), [Event::Accepted]);
+    for cycle in 0..=100 {
+        assert!(homing.reports().is_empty(), "{cycle}");
+        homing.position = 540 - cycle % 2 * 40;
+        homing.shows(DONE);
+    }
+    let position = 540;
+    let homed = Completion::Homed { position };
+    assert_eq!(homing.reports(), [Event::Done(Ok(homed))]);
+    assert_eq!(homing.verdict, Verdict::Attained);
 }

@@ -236,7 +236,7 @@ impl Standstill {
     #[inline(never)]
     fn judge(&mut self, now: u64, position: i32, velocity: Option<i32>, bounds: &Bounds) {
         // A time before the last one is a gap of none.
-        if now.wrapping_sub(self.last) > bounds.shorter_gap {
+        if now.wrapping_sub(self.last) >= bounds.shorter_gap {
             let passed = now.saturating_sub(self.last);
             self.quiet.leave_out(passed, bounds.shorter_gap);
             self.stay.leave_out(passed, bounds.gap);
@@ -604,6 +604,173 @@ mod tests {
         // A quarter of the settle time counts of a short loss. Nothing counts before a long one, which shows after three eighths.
         assert_eq!(stands_after(20), Some(110));
         assert_eq!(stands_after(60), Some(127 + 100));
+    }
+
+    /// The bound of a long loss itself is a short one: three eighths of the settle time.
+    #[test]
+    fn a_loss_of_three_eighths_of_the_settle_time_is_short() {
+        let us = Duration::from_micros;
+        let bounds = bounds(None);
+        let stands_after = |loss: Duration| {
+            let mut axis = Standstill::default();
+            for at in 0..=50 {
+                axis.observe(us(1_000 * at), 0, None, &bounds);
+            }
+            let back = us(50_000) + loss;
+            axis.note_loss(back, &bounds);
+            (0..200_000).step_by(500).find(|&later| {
+                axis.observe(back + us(later), 0, None, &bounds);
+                axis.is_standing()
+            })
+        };
+        // A quarter of it counts.
+        assert_eq!(stands_after(us(37_500)), Some(25_000));
+        let a_little_more = us(37_500) + Duration::from_nanos(1);
+        assert_eq!(stands_after(a_little_more), Some(100_000));
+        // Of an axis that stands, none is long.
+        let mut axis = Standstill::default();
+        for at in 0..=100 {
+            axis.observe(us(1_000 * at), 0, None, &bounds);
+        }
+        axis.note_loss(us(300_000), &bounds);
+        assert!(axis.is_standing() && axis.stands_since(us(300_000), us(200_000), &bounds));
+    }
+
+    #[test]
+    fn a_later_reference_begins_further_than_a_quarter_of_the_window_from_the_one_before() {
+        let to = |first: i32| [0].into_iter().chain([first; 50]).chain([101; 200]);
+        assert_eq!(
+            stands_at(to(25)),
+            Some(151),
+            "none but the first, which it leaves"
+        );
+        assert_eq!(
+            stands_at(to(26)),
+            Some(101),
+            "it has stayed around this one"
+        );
+        assert_eq!(stands_at(to(-25)), Some(151));
+        // The last of three is replaced by newer ones.
+        let swings = [0, 26, 52, 78]
+            .into_iter()
+            .chain([50; 40])
+            .chain([101; 200]);
+        assert_eq!(stands_at(swings), Some(101));
+        let swings = [0, 26, 52, 78]
+            .into_iter()
+            .chain([50; 40])
+            .chain([130; 200]);
+        assert_eq!(stands_at(swings), Some(102));
+        let swings = [0, 26, 52, 78]
+            .into_iter()
+            .chain([-50; 40])
+            .chain([-110; 200]);
+        assert_eq!(stands_at(swings), Some(104));
+    }
+
+    /// With 606Ch: an eighth of the window for an eighth of the settle time.
+    #[test]
+    fn a_velocity_within_its_threshold_shows_a_standstill_earlier() {
+        let stands_at = |positions: [i32; 2], velocity: i32| {
+            let settle = Duration::from_millis(80);
+            let bounds = Bounds::new(80, 3, settle, Duration::from_millis(1), None);
+            let mut axis = Standstill::default();
+            (0..1_000).find(|&ms| {
+                let position = positions[ms as usize % 2];
+                axis.observe(Duration::from_millis(ms), position, Some(velocity), &bounds);
+                axis.is_standing()
+            })
+        };
+        assert_eq!(stands_at([0, 0], 0), Some(10));
+        assert_eq!(stands_at([0, 10], 3), Some(10));
+        assert_eq!(stands_at([0, -10], -3), Some(10));
+        assert_eq!(stands_at([0, 11], 3), Some(80));
+        assert_eq!(stands_at([0, 0], 4), Some(80));
+        assert_eq!(stands_at([0, 0], -4), Some(80));
+        assert_eq!(stands_at([0, 81], 0), None);
+    }
+
+    #[test]
+    fn an_axis_is_under_way_from_its_first_motion_to_its_standstill() {
+        let bounds = bounds(None);
+        let mut axis = Standstill::default();
+        let mut ms = 0;
+        let mut at = |axis: &mut Standstill, position: i32| {
+            axis.observe(Duration::from_millis(ms), position, None, &bounds);
+            ms += 1;
+            axis.is_under_way()
+        };
+        assert!(!at(&mut axis, 0) && !at(&mut axis, 10), "within its window");
+        assert!(
+            at(&mut axis, 11) && at(&mut axis, 11),
+            "it came from another place"
+        );
+        while !axis.is_standing() {
+            at(&mut axis, 11);
+        }
+        assert!(!axis.is_under_way());
+        assert!(at(&mut axis, 22));
+        axis.begin_anew();
+        assert!(!axis.is_under_way() && !axis.is_standing());
+        assert!(!at(&mut axis, 40), "nothing is known of before");
+    }
+
+    #[test]
+    fn a_standstill_counts_from_when_it_is_asked_for() {
+        let bounds = bounds(None);
+        let ms = Duration::from_millis;
+        let stood = |velocity: Option<i32>, since: u64| {
+            let mut axis = Standstill::default();
+            for at in 0..=200 {
+                axis.observe(ms(at), 0, velocity, &bounds);
+            }
+            let (now, since) = (ms(200), ms(since));
+            (
+                axis.stands_since(now, since, &bounds),
+                axis.steady_since(now, since, &bounds),
+            )
+        };
+        assert_eq!(stood(None, 100), (true, true));
+        assert_eq!(stood(None, 101), (false, false));
+        // 606Ch shows it after an eighth: 12.5 ms.
+        assert_eq!(stood(Some(0), 101), (true, false));
+        assert_eq!(stood(Some(0), 187), (true, false));
+        assert_eq!(stood(Some(0), 188), (false, false));
+    }
+
+    #[test]
+    fn the_turn_of_a_modulo_axis_has_a_length() {
+        let degrees = PositionRange { min: 0, max: 3_599 };
+        assert_eq!(bounds(Some(degrees)).turn_length(), Some(3_600));
+        assert_eq!(bounds(None).turn_length(), None);
+    }
+
+    /// What is told of an axis that does not come to rest: its extremes in the settle time that runs and in the one before.
+    #[test]
+    fn what_was_seen_lately_is_of_two_settle_times_at_most() {
+        let bounds = bounds(None);
+        let mut seen = LastSeen::default();
+        let mut at = |ms: u64, position: i32, velocity: Option<i32>| {
+            let sample = Sample {
+                statusword: crate::ds402::Statusword::empty(),
+                mode: crate::ds402::Mode::None,
+                position,
+                velocity,
+                error_code: None,
+            };
+            seen.observe(Duration::from_millis(ms), &sample, &bounds);
+            let unrest = seen.unrest(&bounds);
+            (unrest.positions, unrest.velocities)
+        };
+        assert_eq!(at(0, 40, None), ((40, 40), None));
+        assert_eq!(at(50, -90, Some(7)), ((-90, 40), Some((7, 7, 0))));
+        assert_eq!(at(99, 0, Some(-3)), ((-90, 40), Some((-3, 7, 0))));
+        assert_eq!(at(100, 5, Some(1)), ((-90, 40), Some((-3, 7, 0))));
+        assert_eq!(at(199, 6, None), ((-90, 40), Some((-3, 7, 0))));
+        assert_eq!(at(200, 7, None), ((5, 7), Some((1, 1, 0))));
+        assert_eq!(at(300, 8, None), ((7, 8), None));
+        let unrest = seen.unrest(&bounds);
+        assert_eq!((unrest.window, unrest.settle_ms), (10, 100));
     }
 
     #[test]

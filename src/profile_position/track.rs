@@ -730,7 +730,8 @@ impl Track {
         let passed = self.passed(position);
         self.was_there |= passed || self.arrived.is_some();
         self.seen_there |= self.was_there;
-        let gone = i64::from(position.wrapping_sub(end)) * way.signum();
+        let beyond = i64::from(position.wrapping_sub(end));
+        let gone = if way.is_negative() { -beyond } else { beyond };
         if gone <= window {
             self.rested |= gone >= -window && self.is_steady(cycle);
             self.astray = if self.was_there {
@@ -1007,3 +1008,7 @@ impl Track {
         self.side != 0 && self.end.is_some_and(|end| way(end).signum() == -self.side)
     }
 }
+
+#[cfg(test)]
+#[path = "track_tests.rs"]
+mod tests;

@@ -304,3 +304,73 @@ impl Cycle<'_> {
 pub(crate) fn no_older(at: &mut Duration, now: Duration, than: Duration) {
     *at = (*at).max(now.saturating_sub(than));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lowest_two_bits_of_60f2h_say_what_a_distance_counts_from() {
+        use RelativeBase::{Actual, Demand, PreviousTarget, Undocumented};
+        for high in [0, 0b100, 0xFFFC] {
+            let bases = [0, 1, 2, 3].map(|low| RelativeBase::of_positioning_option(high | low));
+            assert_eq!(bases, [PreviousTarget, Demand, Actual, Undocumented]);
+        }
+    }
+
+    #[test]
+    fn an_axis_is_homed_with_all_of_its_bits_high_and_all_others_low() {
+        let shown = |set, clear| HomedSignal {
+            object: ObjectAddress::new(0x1234, 0),
+            set,
+            clear,
+        };
+        let signal = shown(0b0110, 0b1000);
+        for (value, homed) in [
+            (0b0110, true),
+            (0b0111, true),
+            (0b0010, false),
+            (0b0100, false),
+            (0b0001, false),
+            (0b1110, false),
+            (0, false),
+        ] {
+            assert_eq!(signal.is_homed(value), homed, "{value:#06b}");
+        }
+        assert!(!shown(0, 0b1000).is_homed(0), "no bit says so");
+    }
+
+    #[test]
+    fn a_profile_type_is_refused_that_the_drive_has_not_or_does_not_blend_with() {
+        let traits = Traits {
+            profile_types: &[0, 1],
+            blend_needs_linear_ramps: true,
+            ..Traits::cia402()
+        };
+        let check = |traits: &Traits, buffer_mode, asked, before| match traits.check_profile_type(
+            buffer_mode,
+            asked,
+            before,
+        ) {
+            Ok(()) => None,
+            Err(Failure::ProfileType { profile_type, .. }) => Some(profile_type),
+            Err(other) => panic!("{other:?}"),
+        };
+        use BufferMode::{Blending, Buffered};
+        assert_eq!(check(&traits, Buffered, Some(1), Some(1)), None);
+        assert_eq!(check(&traits, Buffered, Some(2), None), Some(2));
+        assert_eq!(check(&traits, Buffered, None, None), None);
+        assert_eq!(check(&traits, Blending, Some(0), Some(0)), None);
+        assert_eq!(check(&traits, Blending, Some(1), Some(0)), Some(1));
+        assert_eq!(check(&traits, Blending, Some(0), Some(1)), Some(1));
+        assert_eq!(check(&traits, Blending, None, Some(1)), Some(1));
+        assert_eq!(check(&traits, Blending, None, None), None);
+        let of_all = Traits {
+            profile_types: &[],
+            blend_needs_linear_ramps: false,
+            ..traits
+        };
+        assert_eq!(check(&of_all, Buffered, Some(2), None), None);
+        assert_eq!(check(&of_all, Blending, Some(1), Some(1)), None);
+    }
+}

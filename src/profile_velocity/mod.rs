@@ -394,6 +394,9 @@ impl Jogging {
 }
 
 #[cfg(test)]
+mod tests;
+
+#[cfg(test)]
 mod set_point_tests {
     use super::*;
     use crate::units::{Mm, example as mm};

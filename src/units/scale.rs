@@ -587,21 +587,26 @@ impl Ratio {
         let denominator = u128::from(self.denominator);
         let rounded = if exponent >= 0 {
             let shift = exponent.unsigned_abs();
-            if product != 0 && shift > product.leading_zeros() {
+            if shift >= product.leading_zeros() {
+                // The quotient is more than 2⁶³.
                 return None;
             }
-            divide(product.checked_shl(shift).unwrap_or(0), denominator)
+            divide(product << shift, denominator)
         } else {
             let shift = exponent.unsigned_abs();
-            if shift > denominator.leading_zeros() {
-                // The divisor is 2¹²⁸ or more, the product less than half of that.
+            if shift >= denominator.leading_zeros() {
+                // The divisor is 2¹²⁷ or more, the product less than half of that.
                 0
             } else {
                 divide(product, denominator << shift)
             }
         };
         let magnitude = i64::try_from(rounded).ok()?;
-        Some(if value < 0.0 { -magnitude } else { magnitude })
+        Some(if value.is_sign_negative() {
+            -magnitude
+        } else {
+            magnitude
+        })
     }
 
     /// The number nearest to `count` divided by this fraction.
@@ -617,7 +622,11 @@ impl Ratio {
         // them.
         let quotient = (scaled / numerator) | u128::from(!scaled.is_multiple_of(numerator));
         let magnitude = quotient as f64 * power_of_two(shift);
-        if count < 0 { -magnitude } else { magnitude }
+        if count.is_negative() {
+            -magnitude
+        } else {
+            magnitude
+        }
     }
 }
 
@@ -665,7 +674,7 @@ const fn split(value: f64) -> (u64, i32) {
     let mantissa = bits & ((1 << 52) - 1);
     match (bits >> 52 & 0x7FF) as i32 {
         0 => (mantissa, -1074),
-        exponent => (mantissa | 1 << 52, exponent - 1075),
+        exponent => (mantissa + (1 << 52), exponent - 1075),
     }
 }
 
@@ -843,6 +852,36 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_message_shows_long_numbers_by_their_exponent() {
+        for (number, text) in [
+            (0.0, "0"),
+            (1e-6, "0.000001"),
+            (9e-7, "9e-7"),
+            (-9e-7, "-9e-7"),
+            (999_999_999_999_999.0, "999999999999999"),
+            (1e15, "1e15"),
+            (-2.5, "-2.5"),
+        ] {
+            assert_eq!(Short(number).to_string(), text);
+        }
+    }
+
+    #[test]
+    fn an_axis_is_in_the_unit_that_it_was_declared_in() {
+        let in_mm = AxisScale::of::<Mm>(mm());
+        assert!(in_mm.is_in::<Mm>() && !in_mm.is_in::<Degree>() && !in_mm.is_in::<Counts>());
+        assert!(AxisScale::COUNTS.is_in::<Counts>() && !AxisScale::COUNTS.is_in::<Mm>());
+        let units = [in_mm.unit(), AxisScale::of::<Degree>(mm()).unit()];
+        assert_eq!(units, ["mm", "°"]);
+        assert_eq!(AxisScale::default().unit(), "counts");
+        assert_eq!(*in_mm.scale(), mm());
+        assert_eq!(mm().position_in::<Mm>(-1_500), -1.5);
+        assert_eq!(mm().position_in::<Counts>(-1_500), -1_500);
+        assert_eq!(mm().velocity_in::<Mm>(13), 1.3);
+        assert_eq!(mm().velocity_in::<Counts>(13), 13);
+    }
+
     proptest! {
         #[test]
         fn every_count_of_every_object_comes_back_from_its_value(
@@ -933,6 +972,60 @@ mod ratio_tests {
             Ratio::try_from(f64::from(1u32 << 31) * 1024.0),
             Ratio::new(1 << 41, 1)
         );
+    }
+
+    #[test]
+    fn a_fraction_is_in_lowest_terms_and_so_is_a_product() {
+        let parts = |ratio: Ratio| (ratio.numerator(), ratio.denominator());
+        assert_eq!(parts(ratio(6, 35)), (6, 35));
+        assert_eq!(parts(ratio(36, 210)), (6, 35));
+        assert_eq!(ratio(6, 35).times(ratio(14, 9)).map(parts), Ok((4, 15)));
+        assert_eq!(ratio(6, 35).over(ratio(9, 14)).map(parts), Ok((4, 15)));
+        assert_eq!(parts(ratio(6, 35).inverse()), (35, 6));
+    }
+
+    #[test]
+    fn the_largest_count_is_the_largest_of_64_bits() {
+        let below = 2_f64.powi(63) - 1024.0;
+        assert_eq!(Ratio::ONE.round(below), Some(i64::MAX - 1023));
+        assert_eq!(Ratio::ONE.round(-below), Some(1023 - i64::MAX));
+        assert_eq!(Ratio::ONE.round(2_f64.powi(63)), None);
+        // A product of 128 bits whose quotient still fits.
+        assert_eq!(
+            ratio(u64::MAX, u64::MAX - 1).round(below),
+            Some(i64::MAX - 1023)
+        );
+        // A divisor of 127 bits is the longest that the product is still compared with.
+        let small = 2_f64.powi(-115);
+        assert_eq!(ratio(u64::MAX, 1).round(small), Some(0));
+        assert_eq!(ratio(u64::MAX, 1).round(2_f64.powi(-65)), Some(0));
+        assert_eq!(ratio(u64::MAX, 1).round(2_f64.powi(-64)), Some(1));
+        assert_eq!(ratio(u64::MAX, 1).round(-(2_f64.powi(-64))), Some(-1));
+    }
+
+    #[test]
+    fn a_quotient_is_rounded_once_to_the_even_number_at_a_tie_alone() {
+        // Halfway between two numbers of 53 bits, exactly.
+        assert_eq!(Ratio::ONE.divide((1 << 53) + 1), 2_f64.powi(53));
+        assert_eq!(Ratio::ONE.divide((1 << 53) + 3), 2_f64.powi(53) + 4.0);
+        // A little more than halfway, which only the rest of the division shows.
+        let wide = ratio(13_670_496_365_289_161_525, 1);
+        assert_eq!(wide.divide(1_558_683_376), 1.140_180_527_722_213_7e-10);
+        assert_eq!(wide.divide(-1_558_683_376), -1.140_180_527_722_213_7e-10);
+        assert_eq!(ratio(1, 3).divide(-7), -21.0);
+        assert_eq!(ratio(3, 1).divide(0), 0.0);
+    }
+
+    #[test]
+    fn a_number_is_a_fraction_of_64_bits_above_and_below_the_line() {
+        let two = |exponent| 2_f64.powi(exponent);
+        assert_eq!(Ratio::try_from(two(63)), Ratio::new(1 << 63, 1));
+        assert_eq!(Ratio::try_from(two(64)), Err(ScaleError::TooLong));
+        assert_eq!(Ratio::try_from(3.0 * two(62)), Ratio::new(3 << 62, 1));
+        assert_eq!(Ratio::try_from(3.0 * two(63)), Err(ScaleError::TooLong));
+        assert_eq!(Ratio::try_from(two(-63)), Ratio::new(1, 1 << 63));
+        assert_eq!(Ratio::try_from(two(-64)), Err(ScaleError::TooLong));
+        assert_eq!(Ratio::try_from(0.0), Err(ScaleError::Zero));
     }
 
     proptest! {

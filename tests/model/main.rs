@@ -69,12 +69,20 @@ fn descriptions() -> Vec<Description> {
     all
 }
 
+/// So many states each of these worlds has where one command is under way and nothing deviates.
+const COUNTED: [usize; 20] = [
+    74_599, 74_599, 74_599, 74_599, 74_599, 74_599, 74_599, 74_599, 67_547, 31_898, //
+    83_092, 83_092, 83_092, 83_092, 83_092, 83_092, 83_092, 83_092, 75_184, 35_838,
+];
+
 /// What is looked at: every one of these worlds, with every one of these sets of deviations.
 struct Searches {
     worlds: Vec<usize>,
     commands: usize,
     deviations: usize,
     kinds: Vec<u32>,
+    /// How many states each of them has, by its number; one in a hundred more is let pass.
+    counted: Option<[usize; 20]>,
 }
 
 impl Searches {
@@ -115,6 +123,15 @@ impl Searches {
             );
             let broken = found.violation.is_some();
             assert!(!broken, "{:?}: {found}", descriptions[world]);
+            if let Some(counted) = self.counted.map(|counted| counted[world]) {
+                assert!(
+                    found.states <= counted + counted / 100,
+                    "world {world} has {} states, and {counted} were counted. Two states that cannot differ later have to be one: what \
+                     the core keeps has to be let go of in its `let_go` once it makes no difference. Where a change of the core makes \
+                     more states on purpose, put the new number into `COUNTED`, and the sum of them into docs/verification.md",
+                    found.states
+                );
+            }
             searched += 1;
             whole += usize::from(found.left == 0);
             states += found.states;
@@ -142,6 +159,7 @@ fn every_state_is_sound_and_leads_to_a_disabled_axis() {
         commands: 1,
         deviations: 0,
         kinds: vec![EVERY_KIND],
+        counted: Some(COUNTED),
     };
     searches.run();
 }
@@ -168,6 +186,7 @@ fn every_state_of_the_size_asked_for_is_sound() {
         commands: number("MODEL_COMMANDS").unwrap_or(2) as usize,
         deviations,
         kinds,
+        counted: None,
     };
     searches.run();
 }

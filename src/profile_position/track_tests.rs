@@ -1,0 +1,1316 @@
+//! What one set-point makes of what an axis shows, at each bound and one beside it.
+
+use core::time::Duration;
+
+use crate::{
+    ds402::{Controlword, Mode, Sample, Statusword},
+    profile_position::{
+        LastSeen, Limits, MoveCommand, PositionRange, SetPoint, Standstill, Traits,
+    },
+};
+
+use super::*;
+
+const WINDOW: i32 = 10;
+const SETTLE: Duration = ms(100);
+const BEGIN: Duration = ms(1_000);
+/// Where the clock of a scene stands.
+const NOW: Duration = ms(20_000);
+
+const fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+/// One cycle of an axis.
+struct Scene {
+    now: Duration,
+    position: i32,
+    word: Statusword,
+    standstill: Standstill,
+    bounds: Bounds,
+    traits: Traits,
+    delivered: bool,
+    blind: u32,
+    bit_11_is_valid: bool,
+}
+
+impl Scene {
+    /// In motion, with bit 10 low.
+    fn at(position: i32) -> Self {
+        Self {
+            now: NOW,
+            position,
+            word: Statusword::empty(),
+            standstill: Standstill::default(),
+            bounds: Bounds::new(WINDOW as u32, 0, SETTLE, ms(1), None),
+            traits: Traits::cia402(),
+            delivered: true,
+            blind: 0,
+            bit_11_is_valid: true,
+        }
+    }
+
+    /// At rest there for as long as this, with bit 10 high.
+    fn rests(position: i32, time: Duration) -> Self {
+        let mut this = Self::at(position);
+        this.word = Statusword::TARGET_REACHED;
+        let first = (NOW - time).as_millis() as u64;
+        for at in first..=NOW.as_millis() as u64 {
+            this.standstill
+                .observe(ms(at), position, None, &this.bounds);
+        }
+        this
+    }
+
+    /// On an axis that turns in 3600 counts.
+    fn turning(position: i32) -> Self {
+        let turn = PositionRange { min: 0, max: 3_599 };
+        Self {
+            bounds: Bounds::new(WINDOW as u32, 0, SETTLE, ms(1), Some(turn)),
+            ..Self::at(position)
+        }
+    }
+
+    fn shows<R>(&self, of: impl FnOnce(&Cycle<'_>) -> R) -> R {
+        let sample = Sample {
+            statusword: self.word,
+            mode: Mode::ProfilePosition,
+            position: self.position,
+            velocity: None,
+            error_code: None,
+        };
+        of(&Cycle {
+            now: self.now,
+            sample: &sample,
+            standstill: &self.standstill,
+            bounds: &self.bounds,
+            last_seen: &LastSeen::default(),
+            traits: &self.traits,
+            limits: &Limits::trust_drive(),
+            referenced: true,
+            delivered: self.delivered,
+            halted: false,
+            blind: self.blind,
+            stalled: 0,
+            bit_11_is_valid: self.bit_11_is_valid,
+            acknowledge: ms(500),
+            begin: BEGIN,
+            controlword: Controlword::empty(),
+        })
+    }
+}
+
+/// A set-point that an axis at rest at 0 has begun a second after the clock began.
+fn begun(scene: &Scene, reference: Reference, target: i32, end: Option<i32>) -> Track {
+    let raised = Raised {
+        request: Request {
+            id: CommandId(1),
+            command: MoveCommand {
+                reference,
+                target,
+                set_point: SetPoint::new(),
+                gated: false,
+            },
+            blocked_since: None,
+        },
+        since: ms(1_000),
+        begin: 0,
+        at: 0,
+        end,
+        goal: end,
+        previous: None,
+        from_rest: true,
+        stands: true,
+        at_base: true,
+        far_behind: false,
+        behind: None,
+        behind_loose: false,
+    };
+    let scene = Scene {
+        now: ms(1_000),
+        position: 0,
+        standstill: Standstill::default(),
+        ..*scene
+    };
+    let mut track = scene.shows(|cycle| Track::new(&raised, true, cycle));
+    track.unlimited = true;
+    track
+}
+
+/// The same to this position.
+fn to(end: i32) -> Track {
+    begun(&Scene::at(0), Reference::Absolute, end, Some(end))
+}
+
+/// A distance that leads nobody knows where, from a base that is not known better than this.
+fn distance(way: i32, bases: Bases) -> Track {
+    let mut track = begun(&Scene::at(0), Reference::Relative, way, None);
+    track.bases = bases;
+    track
+}
+
+/// The base is at this position, for all that is known.
+const fn base(position: i32) -> Bases {
+    Bases {
+        previous: None,
+        position,
+        slack: 0,
+        is_own: false,
+    }
+}
+
+fn changed(mut track: Track, change: impl FnOnce(&mut Track)) -> Track {
+    change(&mut track);
+    track
+}
+
+#[test]
+fn an_axis_lingers_once_two_spans_have_the_same_bounds() {
+    let lingers = |first: (i32, i32), second: (i32, i32)| {
+        let mut lingering = Lingering::default();
+        let since = (0..=2_001).find(|&at| {
+            let (low, high) = if at <= 1_000 { first } else { second };
+            let mut scene = Scene::at(if at % 2 == 0 { low } else { high });
+            scene.now = ms(at);
+            scene.shows(|cycle| lingering.observe(cycle))
+        });
+        (since, lingering.width())
+    };
+    assert_eq!(lingers((0, 30), (0, 30)), (Some(2_001), 30));
+    assert_eq!(lingers((0, 30), (10, 40)), (Some(2_001), 30));
+    assert_eq!(lingers((0, 30), (-10, 20)), (Some(2_001), 30));
+    assert_eq!(lingers((0, 30), (11, 40)), (None, 29));
+    assert_eq!(lingers((0, 30), (10, 41)), (None, 31));
+    assert_eq!(Lingering::default().width(), 0);
+}
+
+#[test]
+fn a_distance_may_end_as_far_from_its_base_as_that_is_vague() {
+    let bounds = Scene::at(0).bounds;
+    let vague = Bases {
+        slack: 5,
+        ..base(0)
+    };
+    let before = Bases {
+        previous: Some(200),
+        ..base(0)
+    };
+    for (bases, position, leads, all_lead) in [
+        (base(0), 110, true, true),
+        (base(0), 90, true, true),
+        (base(0), 111, false, false),
+        (base(0), 89, false, false),
+        (vague, 115, true, false),
+        (vague, 116, false, false),
+        (before, 110, true, false),
+        (before, 290, true, false),
+        (before, 310, true, false),
+        (before, 311, false, false),
+    ] {
+        assert_eq!(bases.lead_to(position, 100, &bounds), leads, "{position}");
+        let all = bases.all_lead_to(position, 100, &bounds);
+        assert_eq!(all, all_lead, "{position}");
+    }
+    // What is vague by no more than the window is within it.
+    let slack = |slack| Bases { slack, ..base(0) };
+    assert!(slack(10).all_lead_to(110, 100, &bounds));
+    assert!(slack(15).all_lead_to(105, 100, &bounds));
+    assert!(!slack(15).all_lead_to(106, 100, &bounds));
+    let near = Bases {
+        previous: Some(5),
+        ..base(0)
+    };
+    assert!(near.all_lead_to(110, 100, &bounds));
+    assert!(!near.all_lead_to(94, 100, &bounds));
+}
+
+#[test]
+fn an_axis_that_is_where_its_distance_counts_from_has_gone_none() {
+    let bounds = Scene::at(0).bounds;
+    let own = Bases {
+        slack: 1_000,
+        is_own: true,
+        ..base(0)
+    };
+    for (position, way, leads) in [
+        (10, 21, false),
+        (-10, -21, false),
+        (10, 20, true),
+        (10, -20, true),
+        (11, 21, true),
+    ] {
+        assert_eq!(own.lead_to(position, way, &bounds), leads, "{position}");
+    }
+    let of_another = Bases {
+        is_own: false,
+        ..own
+    };
+    assert!(of_another.lead_to(10, 21, &bounds));
+}
+
+#[test]
+fn the_end_before_is_near_within_three_windows_or_the_lag() {
+    let bounds = Scene::at(0).bounds;
+    let after = |previous| Bases {
+        previous,
+        ..base(0)
+    };
+    for (previous, lag, near) in [
+        (None, 0, true),
+        (Some(30), 0, true),
+        (Some(-31), 0, false),
+        (Some(31), 31, true),
+        (Some(32), 31, false),
+    ] {
+        assert_eq!(after(previous).are_near(lag, &bounds), near, "{previous:?}");
+    }
+    assert_eq!([lag_of(-400), lag_of(3)], [100, 0]);
+}
+
+#[test]
+fn a_base_is_as_vague_as_an_axis_in_motion_has_gone_eight_times() {
+    let slack = |scene: &Scene, from_rest| {
+        scene.shows(|cycle| Bases::of(0, Some(7), from_rest, cycle).slack)
+    };
+    let moving = Scene::at(5);
+    assert_eq!(slack(&moving, false), 50);
+    assert_eq!(slack(&moving, true), 10);
+    let standing = Scene::rests(5, ms(200));
+    assert_eq!(slack(&standing, false), 10);
+    let of = moving.shows(|cycle| Bases::of(2, Some(7), false, cycle));
+    assert!(of.is_own);
+    let behind = of.after(100, &moving.bounds);
+    assert_eq!((behind.previous, behind.position), (Some(107), 102));
+    assert_eq!((behind.slack, behind.is_own), (of.slack + 10, false));
+}
+
+#[test]
+fn a_distance_is_loose_unless_its_base_is_documented_or_the_axis_is_far_from_the_end_before() {
+    let far = Bases {
+        previous: Some(101),
+        ..base(0)
+    };
+    for (bases, relative_base, far_behind, loose) in [
+        (far, RelativeBase::PreviousTarget, false, false),
+        (far, RelativeBase::Undocumented, false, true),
+        (far, RelativeBase::Undocumented, true, false),
+        (base(0), RelativeBase::Undocumented, true, true),
+    ] {
+        let mut scene = Scene::at(0);
+        scene.traits.relative_base = relative_base;
+        // A quarter of the way is what it may lag behind.
+        let mut track = distance(400, bases);
+        track.end = Some(400);
+        let is_loose = |track: &Track| scene.shows(|cycle| track.is_loose_on(far_behind, cycle));
+        assert_eq!(is_loose(&track), loose, "{relative_base:?} {far_behind}");
+        track.end = None;
+        assert!(is_loose(&track));
+        track.distance = None;
+        assert!(!is_loose(&track), "a position");
+    }
+}
+
+#[test]
+fn one_that_is_loose_or_behind_such_a_one_may_end_beside() {
+    for (is_loose, is_vague) in [(false, false), (false, true), (true, false)] {
+        let track = changed(to(100), |track| {
+            (track.is_loose, track.is_vague) = (is_loose, is_vague);
+        });
+        assert_eq!(track.may_end_beside(), is_loose || is_vague);
+    }
+}
+
+#[test]
+fn what_one_behind_it_counts_from_is_known_of_a_distance_without_an_end() {
+    let bounds = Scene::at(0).bounds;
+    let behind = distance(400, base(5)).bases_behind(&bounds);
+    assert_eq!(behind.map(|bases| bases.position), Some(405));
+    let known = changed(distance(400, base(5)), |track| track.end = Some(405));
+    assert!(known.bases_behind(&bounds).is_none());
+}
+
+#[test]
+fn a_set_point_has_begun_when_it_moved_the_axis_or_bit_10_was_low_for_it() {
+    let begun = |position: i32, change: fn(&mut Track)| {
+        let track = changed(to(1_000), change);
+        Scene::at(position).shows(|cycle| track.has_begun(cycle))
+    };
+    assert!(!begun(10, |_| ()));
+    assert!(begun(11, |_| ()));
+    assert!(begun(12, |_| ()));
+    assert!(begun(0, |track| track.left_target = true));
+    assert!(!begun(0, |track| {
+        (track.left_target, track.follows) = (true, true);
+    }));
+    // Where it was not seen to stand, it has begun in motion; but not one that was to begin at rest, nor one whose motion may be that
+    // of another.
+    assert!(begun(0, |track| (track.stood, track.from_rest) = (None, false)));
+    assert!(!begun(0, |track| (track.stood, track.from_rest) = (None, true)));
+    assert!(!begun(0, |track| {
+        (track.stood, track.from_rest, track.doubted) = (None, false, true);
+    }));
+    assert!(!begun(0, |track| {
+        (track.stood, track.from_rest) = (None, false);
+        (track.by_room, track.short) = (true, true);
+    }));
+    assert!(begun(0, |track| {
+        (track.stood, track.from_rest) = (None, false);
+        (track.by_room, track.short) = (true, false);
+    }));
+    assert!(begun(0, |track| {
+        (track.stood, track.from_rest) = (None, false);
+        (track.by_room, track.short) = (false, true);
+    }));
+}
+
+#[test]
+fn behind_one_that_may_begin_yet_a_set_point_is_the_first_once_it_has_begun() {
+    let first = |position: i32, after_unseen| {
+        let track = changed(to(1_000), |track| track.after_unseen = after_unseen);
+        Scene::at(position).shows(|cycle| track.is_surely_first(cycle))
+    };
+    assert!(first(0, false));
+    assert!(!first(0, true));
+    assert!(first(11, true));
+}
+
+#[test]
+fn one_that_comes_to_its_end_late_was_no_motion_of_the_next() {
+    let came = |seen_there, stood| {
+        let before = changed(to(100), |track| track.seen_there = seen_there);
+        let mut next = changed(to(1_000), |track| track.stood = stood);
+        Scene::at(50).shows(|cycle| next.came_to_end_of(&before, cycle));
+        (next.stood, next.length)
+    };
+    assert_eq!(came(true, Some(20)), (Some(100), 900));
+    assert_eq!(came(false, Some(20)), (Some(20), 1_000));
+    assert_eq!(came(true, None), (None, 1_000));
+}
+
+#[test]
+fn the_next_begins_where_the_one_before_was_seen_to_end() {
+    let taken_over = |seen_there, loose, rests| {
+        let before = changed(to(100), |track| {
+            (track.seen_there, track.is_loose) = (seen_there, loose);
+            track.fastest = 77;
+        });
+        let mut next = changed(to(1_000), |track| {
+            track.from_rest = false;
+            track.swings = true;
+            (track.near, track.arrived, track.unseen) = (true, Some(995), 55);
+        });
+        Scene::at(50).shows(|cycle| next.takes_over(&before, true, rests, cycle));
+        assert!(next.follows && next.by_room && !next.swings);
+        assert_eq!((next.near, next.arrived), (true, Some(995)));
+        assert_eq!((next.unseen, next.fastest), (55, 77));
+        assert_eq!(next.remaining, 950);
+        (next.stood, next.length)
+    };
+    assert_eq!(taken_over(true, false, false), (None, 900));
+    assert_eq!(taken_over(true, false, true), (Some(100), 900));
+    assert_eq!(taken_over(true, true, true), (Some(50), 900));
+    assert_eq!(taken_over(false, false, true), (Some(50), 950));
+    assert_eq!(taken_over(false, false, false), (None, 950));
+    // One that begins at rest stood there.
+    let before = changed(to(100), |track| track.seen_there = true);
+    let mut next = to(1_000);
+    Scene::at(50).shows(|cycle| next.takes_over(&before, true, false, cycle));
+    assert_eq!(next.stood, Some(100));
+}
+
+#[test]
+fn a_set_point_that_begins_at_rest_on_an_axis_that_stands_stood_there() {
+    for (from_rest, stands, stood) in [
+        (true, true, Some(7)),
+        (true, false, None),
+        (false, true, None),
+    ] {
+        let mut track = changed(to(1_000), |track| track.from_rest = from_rest);
+        Scene::at(7).shows(|cycle| track.becomes_active(cycle, 7, stands));
+        assert_eq!(track.stood, stood);
+    }
+}
+
+#[test]
+fn a_resumed_set_point_begins_where_the_axis_is_then() {
+    let mut track = changed(to(1_000), |track| {
+        track.left_target = true;
+        track.halt_told = true;
+        track.arrived = Some(1_000);
+        track.resting = Some(NOW);
+        track.left_place = Some(NOW);
+    });
+    track.goes_on(NOW, false, true);
+    assert!(!track.from_rest && track.overshoots);
+    assert!(!track.left_target && !track.halt_told);
+    assert_eq!(
+        (track.arrived, track.resting, track.left_place),
+        (None, None, None)
+    );
+    track.goes_on(NOW, true, true);
+    assert!(track.from_rest && !track.overshoots);
+    // One behind it begins as it was to.
+    track.goes_on(NOW, false, false);
+    assert!(track.from_rest && !track.overshoots);
+    // Bit 10 counts from when the drive has surely seen the low of bit 8.
+    assert!(!track.allows_idle_path());
+    let mut scene = Scene::at(1_700);
+    scene.delivered = false;
+    scene.shows(|cycle| track.note(cycle, true));
+    assert!(!track.left_target);
+    assert_eq!(
+        (track.stood, track.side, track.length),
+        (Some(1_700), -1, 700)
+    );
+    scene.delivered = true;
+    scene.shows(|cycle| track.note(cycle, true));
+    scene.now += ms(1);
+    scene.shows(|cycle| track.note(cycle, true));
+    assert!(!track.allows_idle_path());
+    scene.now += ms(1);
+    scene.shows(|cycle| track.note(cycle, true));
+    assert!(track.allows_idle_path() && !track.left_target);
+    scene.shows(|cycle| track.note(cycle, true));
+    assert!(track.left_target);
+}
+
+#[test]
+fn bit_11_is_taken_in_high_and_low() {
+    let mut track = changed(to(1_000), |track| track.unlimited = false);
+    track.note_limit(Statusword::INTERNAL_LIMIT);
+    assert_eq!((track.unlimited, track.limited), (false, true));
+    track.note_limit(Statusword::empty());
+    assert_eq!((track.unlimited, track.limited), (true, true));
+    track.note_limit(Statusword::INTERNAL_LIMIT);
+    assert_eq!((track.unlimited, track.limited), (true, true));
+}
+
+/// Bit 10 that rises while the axis goes on further than its window in a cycle may be wrong for a cycle.
+#[test]
+fn a_rise_of_bit_10_at_speed_is_passing() {
+    for (position, passing) in [(110, false), (111, true)] {
+        let mut track = changed(to(1_000), |track| {
+            (track.before, track.rose, track.low) = (100, ms(1_000), ms(2_000));
+        });
+        let mut scene = Scene::at(position);
+        scene.word = Statusword::TARGET_REACHED;
+        scene.shows(|cycle| track.note(cycle, true));
+        assert_eq!((track.passing, track.rose), (passing, NOW));
+        // It rises once.
+        scene.now += ms(1);
+        scene.position += 11;
+        scene.shows(|cycle| track.note(cycle, true));
+        assert_eq!((track.passing, track.rose), (passing, NOW));
+        assert_eq!(track.before, position + 11);
+    }
+}
+
+#[test]
+fn an_axis_comes_nearer_and_is_nearest_where_it_arrived() {
+    let mut track = to(1_000);
+    for (position, approaching, arrived) in [
+        (0, false, None),
+        (-1, false, None),
+        (0, true, None),
+        (989, true, None),
+        (990, true, Some(990)),
+        (1_003, true, Some(1_003)),
+        (1_004, true, Some(1_003)),
+        (997, true, Some(997)),
+        (996, true, Some(997)),
+    ] {
+        Scene::at(position).shows(|cycle| track.note(cycle, true));
+        let seen = (track.approaching, track.arrived);
+        assert_eq!(seen, (approaching, arrived), "{position}");
+    }
+}
+
+/// One that was replaced too fast to stop at its end is there, and comes back.
+#[test]
+fn one_that_was_not_begun_at_rest_overshoots_and_comes_back() {
+    let beyond = |from_rest, alone, arrived, position: i32| {
+        let mut track = changed(to(1_000), |track| {
+            (track.from_rest, track.arrived, track.before) = (from_rest, arrived, position);
+        });
+        Scene::at(position).shows(|cycle| track.note(cycle, alone));
+        (track.seen_there, track.side)
+    };
+    assert_eq!(beyond(false, true, None, 1_011), (true, -1));
+    assert_eq!(beyond(false, true, None, 989), (false, 1));
+    assert_eq!(beyond(false, true, Some(1_000), 989), (true, 1));
+    assert_eq!(beyond(true, true, None, 1_011), (false, 1));
+    assert_eq!(beyond(false, false, None, 1_011), (false, 1));
+}
+
+#[test]
+fn a_cycle_that_leads_further_than_the_window_may_have_led_to_the_end() {
+    let near = |from: i32, position: i32| {
+        let mut track = changed(to(1_000), |track| track.before = from);
+        Scene::at(position).shows(|cycle| track.note(cycle, false));
+        track.near
+    };
+    // A way of the window itself is seen where it ends.
+    assert!(!near(979, 989) && near(980, 990));
+    // A longer one may have led as far again, and back.
+    for (way, remaining, is_near) in [
+        (11, 21, true),
+        (11, 22, false),
+        (40, 50, true),
+        (40, 51, false),
+    ] {
+        let position = 1_000 - remaining;
+        assert_eq!(near(position - way, position), is_near, "{way} {remaining}");
+    }
+}
+
+#[test]
+fn what_was_not_seen_may_have_been_the_end_at_four_times_the_fastest() {
+    // 300 counts to the end and 300 back, in three cycles.
+    let seen = |blind, fastest| {
+        let mut track = changed(to(1_000), |track| {
+            (track.remaining, track.before, track.fastest) = (300, 700, fastest);
+        });
+        let mut scene = Scene::at(700);
+        scene.blind = blind;
+        scene.shows(|cycle| track.note(cycle, false));
+        scene.shows(|cycle| track.end_seen(cycle))
+    };
+    assert_eq!(seen(2, 50), EndSeen::Unseen);
+    assert_eq!(seen(2, 49), EndSeen::Elsewhere);
+    assert_eq!(seen(14, 0), EndSeen::Unseen);
+    assert_eq!(seen(13, 0), EndSeen::Elsewhere);
+    assert_eq!(seen(0, 1_000), EndSeen::Elsewhere);
+}
+
+#[test]
+fn an_axis_that_turns_crosses_its_end_where_it_is_near() {
+    let crossed = |end: i32, from: i32, position: i32| {
+        let mut scene = Scene::turning(from);
+        let mut track = begun(&scene, Reference::Absolute, end, Some(end));
+        track.way = scene.bounds.way(from, end);
+        track.before = from;
+        scene.position = position;
+        scene.shows(|cycle| track.note(cycle, false));
+        track.crossed
+    };
+    assert!(crossed(100, 60, 140));
+    assert!(crossed(100, 140, 60));
+    assert!(crossed(10, 3_590, 30), "around the turn");
+    assert!(!crossed(100, 60, 80), "before it");
+    assert!(!crossed(100, 60, 100), "at it");
+    assert!(!crossed(100, 100, 140), "from it");
+    // Less than a quarter of the turn to the end, on both sides.
+    assert!(crossed(1_800, 1_800 - 899, 1_800 + 899));
+    assert!(!crossed(1_800, 1_800 - 900, 1_800 + 50));
+    assert!(!crossed(1_800, 1_800 - 50, 1_800 + 900));
+    assert!(!crossed(1_800, 1_800 - 1_790, 3_590 + 5), "the far side");
+    // Once crossed, it is.
+    let mut track = changed(
+        begun(&Scene::turning(0), Reference::Absolute, 100, Some(100)),
+        |track| {
+            track.crossed = true;
+        },
+    );
+    Scene::turning(60).shows(|cycle| track.note(cycle, false));
+    assert!(track.crossed);
+}
+
+/// What a cycle shows is of the one behind as well, where bit 12 shows that the drive is at it, or where nothing was seen.
+#[test]
+fn the_one_behind_may_have_been_at_its_end_meanwhile() {
+    let noted = |blind, active, position: i32| {
+        let first = changed(to(500), |track| track.before = 890);
+        let mut next = to(1_000);
+        let mut scene = Scene::at(position);
+        scene.blind = blind;
+        scene.shows(|cycle| next.note_behind(&first, active, cycle));
+        (next.unseen, next.near, next.arrived)
+    };
+    // A hundred and ten to the end, and ten back from there.
+    assert_eq!(noted(2, false, 990), (40, false, None));
+    assert_eq!(noted(2, true, 990), (40, false, Some(990)));
+    assert_eq!(noted(0, true, 990), (u32::MAX, true, Some(990)));
+    assert_eq!(noted(0, true, 989), (u32::MAX, true, None));
+    assert_eq!(noted(0, true, 890), (u32::MAX, false, None));
+    assert_eq!(noted(0, false, 990), (u32::MAX, false, None));
+}
+
+/// Where bit 11 may be high for a limit, only the position says that the axis is there.
+#[test]
+fn the_end_is_seen_by_the_way_where_no_limit_was_active_and_else_by_the_position() {
+    let seen = |position: i32, valid, change: fn(&mut Track)| {
+        let track = changed(to(1_000), change);
+        let mut scene = Scene::at(position);
+        scene.bit_11_is_valid = valid;
+        scene.shows(|cycle| track.end_seen(cycle))
+    };
+    let limited = |track: &mut Track| (track.unlimited, track.limited) = (false, true);
+    let unknown = |track: &mut Track| (track.unlimited, track.limited) = (false, false);
+    for (position, valid, change, expected) in [
+        (1_500, true, (|_| ()) as fn(&mut Track), EndSeen::There),
+        (500, true, |_| (), EndSeen::Elsewhere),
+        (1_500, true, limited, EndSeen::Elsewhere),
+        (1_010, true, limited, EndSeen::There),
+        (1_011, true, limited, EndSeen::Elsewhere),
+        (1_500, false, limited, EndSeen::There),
+        (1_500, true, unknown, EndSeen::Unseen),
+        (500, false, unknown, EndSeen::Elsewhere),
+    ] {
+        assert_eq!(
+            seen(position, valid, change),
+            expected,
+            "{position} {valid}"
+        );
+    }
+    let nowhere = distance(400, base(0));
+    let seen = Scene::at(0).shows(|cycle| nowhere.end_seen(cycle));
+    assert_eq!(seen, EndSeen::There, "where it ends is not known");
+}
+
+#[test]
+fn each_of_four_signs_shows_that_the_axis_came_to_the_end() {
+    let over = |change: fn(&mut Track)| {
+        let track = changed(to(1_000), change);
+        Scene::at(500).shows(|cycle| track.may_be_over(cycle))
+    };
+    assert!(!over(|_| ()));
+    assert!(over(|track| track.near = true));
+    assert!(over(|track| track.arrived = Some(1_000)));
+    assert!(over(|track| track.seen_there = true));
+    assert!(over(|track| track.side = -1));
+    assert!(over(|track| track.end = None));
+}
+
+#[test]
+fn a_distance_without_an_end_is_seen_at_its_end_once_the_axis_has_left() {
+    let seen = |way, position: i32| {
+        let track = distance(way, base(0));
+        Scene::at(position).shows(|cycle| track.is_seen_at_end(cycle))
+    };
+    assert!(!seen(21, 10) && !seen(-21, -10));
+    assert!(seen(21, 11));
+    assert!(seen(20, 10) && seen(-20, 0), "no way to speak of");
+    let known = to(1_000);
+    assert!(!Scene::at(500).shows(|cycle| known.is_seen_at_end(cycle)));
+    assert!(Scene::at(1_001).shows(|cycle| known.is_seen_at_end(cycle)));
+    let moving = changed(distance(400, base(0)), |track| track.stood = None);
+    assert!(Scene::at(0).shows(|cycle| moving.is_seen_at_end(cycle)));
+}
+
+#[test]
+fn the_position_shows_a_stop_or_a_passing_where_it_is_beyond_doubt() {
+    let shows = |change: fn(&mut Track)| {
+        let track = changed(to(1_000), change);
+        (track.shows_its_stop(), track.shows_its_passing())
+    };
+    assert_eq!(shows(|_| ()), (true, true));
+    assert_eq!(shows(|track| track.from_rest = false), (false, false));
+    assert_eq!(
+        shows(|track| (track.from_rest, track.approaching) = (false, true)),
+        (false, true)
+    );
+    let doubts: [fn(&mut Track); 5] = [
+        |track| track.end = None,
+        |track| track.turns = true,
+        |track| track.far = true,
+        |track| track.short = true,
+        |track| track.unlimited = false,
+    ];
+    for doubt in doubts {
+        assert_eq!(shows(doubt), (false, false));
+    }
+}
+
+/// A set-point that ends at 0, reached, and one behind it to 1000 whose way an axis has gone to here.
+fn left_behind(scene: &Scene, goal: i32, change: impl FnOnce(&mut Track)) -> (bool, Track) {
+    let mut first = changed(to(0), |track| {
+        track.arrived = Some(0);
+        (track.since, track.length) = (ms(1_000), 1_000);
+        track.short = false;
+    });
+    change(&mut first);
+    let next = to(goal);
+    let left = scene.shows(|cycle| first.is_left_behind(&next, cycle));
+    (left, first)
+}
+
+#[test]
+fn a_set_point_is_left_behind_half_way_to_the_next_end() {
+    let left = |position: i32, goal: i32, change: fn(&mut Track)| {
+        left_behind(&Scene::at(position), goal, change).0
+    };
+    assert!(left(500, 1_000, |_| ()) && !left(499, 1_000, |_| ()));
+    assert!(left(-500, -1_000, |_| ()) && !left(-499, -1_000, |_| ()));
+    // A way of three windows shows nothing.
+    let short = |track: &mut Track| track.length = 0;
+    assert!(left(15, 31, short) && !left(15, 30, short));
+    assert!(left(-15, -31, short) && !left(-15, -30, short));
+    // Half as far as its own way was.
+    assert!(left(500, 1_000, |track| track.length = 1_001));
+    assert!(!left(500, 1_000, |track| track.length = 1_002));
+    // One that swung when it set off, one that went further before, one that was as far on the other side.
+    assert!(!left(500, 1_000, |track| track.swings = true));
+    assert!(left(500, 1_000, |track| track.farthest = 500));
+    assert!(!left(500, 1_000, |track| track.farthest = 501));
+    assert!(left(500, 1_000, |track| track.astray = 499));
+    assert!(!left(500, 1_000, |track| track.astray = 500));
+    // It was not there.
+    assert!(!left(500, 1_000, |track| track.arrived = None));
+    assert!(!left(500, 1_000, |track| (track.arrived, track.side) = (None, -1)));
+    assert!(left(500, 1_000, |track| (track.arrived, track.side) = (None, 1)));
+    // One that may come back to its end is not over beyond it.
+    assert!(!left(500, 1_000, |track| (track.overshoots, track.side) =
+        (true, 1)));
+    assert!(left(500, 1_000, |track| (track.overshoots, track.side) =
+        (true, 0)));
+    for doubt in [
+        (|track| track.short = true) as fn(&mut Track),
+        |track| track.turns = true,
+        |track| track.far = true,
+        |track| track.end = None,
+    ] {
+        assert!(!left(500, 1_000, doubt));
+    }
+}
+
+#[test]
+fn one_that_has_stood_at_its_end_is_left_three_windows_from_there() {
+    let left = |position: i32, goal: i32| {
+        let rested = |track: &mut Track| (track.rested, track.length) = (true, 4_000);
+        left_behind(&Scene::at(position), goal, rested).0
+    };
+    assert!(left(30, 1_000) && !left(29, 1_000));
+    assert!(left(25, 50) && !left(24, 50), "or half of the way");
+}
+
+#[test]
+fn one_that_stays_away_for_the_settle_time_is_left_behind_half_way() {
+    let left = |position: i32, since: Duration, cycles| {
+        left_behind(&Scene::at(position), 1_000, |track| {
+            track.swings = true;
+            track.away = Some((since, cycles));
+        })
+    };
+    assert!(left(500, NOW - SETTLE, 2).0);
+    assert!(!left(500, NOW - SETTLE + ms(1), 2).0);
+    assert!(!left(500, NOW - SETTLE, 1).0);
+    assert!(!left(499, NOW - SETTLE, 2).0);
+    assert_eq!(left(11, NOW - SETTLE, 2).1.away, Some((NOW - SETTLE, 3)));
+    assert_eq!(left(10, NOW - SETTLE, 2).1.away, None);
+}
+
+#[test]
+fn at_its_end_an_axis_stands_or_swings_to_the_other_side() {
+    let at = |scene: &Scene, change: fn(&mut Track)| {
+        let (left, first) = left_behind(scene, 1_000, change);
+        assert!(!left);
+        first
+    };
+    let stood = |position: i32, time| at(&Scene::rests(position, time), |_| ()).rested;
+    assert!(stood(10, ms(150)) && stood(-10, ms(150)));
+    assert!(!stood(-11, ms(150)));
+    assert!(!stood(0, ms(50)));
+    assert!(at(&Scene::at(0), |track| track.rested = true).rested);
+    assert_eq!(at(&Scene::at(-40), |_| ()).astray, 40);
+    assert_eq!(at(&Scene::at(-40), |track| track.astray = 50).astray, 50);
+    assert_eq!(at(&Scene::at(-40), |track| track.arrived = None).astray, 0);
+    assert!(at(&Scene::at(0), |_| ()).seen_there);
+    assert!(!at(&Scene::at(0), |track| track.arrived = None).seen_there);
+}
+
+/// What an axis at rest at 2000 shows of a set-point to 1000, with one to `next` behind it.
+fn at_rest(next: Option<i32>, change: impl FnOnce(&mut Track)) -> Option<Rest> {
+    let mut first = changed(to(1_000), |track| track.side = 0);
+    change(&mut first);
+    let next = changed(to(0), |track| track.end = next);
+    Scene::rests(2_000, ms(200)).shows(|cycle| first.rests_with(&next, cycle))
+}
+
+#[test]
+fn two_set_points_are_over_with_an_axis_at_rest_at_the_end_of_the_second() {
+    let rests = |change: fn(&mut Track)| at_rest(Some(2_010), change);
+    assert_eq!(rests(|track| track.stood = None), None, "nothing has begun");
+    let over = Some(Rest::BothOver);
+    assert_eq!(
+        rests(|track| (track.stood, track.left_target) = (None, true)),
+        over
+    );
+    assert_eq!(
+        rests(|track| {
+            (track.stood, track.left_target, track.after_unseen) = (None, true, true);
+        }),
+        None
+    );
+    // It has moved, and come to rest away from where it stood.
+    let away = Some(ms(2_000));
+    assert_eq!(
+        at_rest(Some(2_000), |track| (track.stood, track.left_place) =
+            (Some(0), away)),
+        over
+    );
+    assert_eq!(
+        at_rest(Some(2_000), |track| (track.stood, track.left_place) =
+            (Some(1_989), away)),
+        over
+    );
+    assert_eq!(
+        at_rest(Some(2_000), |track| (track.stood, track.left_place) =
+            (Some(1_990), away)),
+        None
+    );
+    assert_eq!(
+        at_rest(Some(2_000), |track| track.stood = Some(0)),
+        None,
+        "just now"
+    );
+    assert_eq!(
+        at_rest(Some(2_000), |track| {
+            (track.stood, track.left_place, track.doubted) = (Some(0), away, true);
+        }),
+        None
+    );
+    // It was at its end.
+    let there = Some(1_000);
+    assert_eq!(
+        rests(|track| (track.stood, track.arrived) = (None, Some(1_000))),
+        over
+    );
+    for (by_room, short, stood, expected) in [
+        (true, true, Some(2_000), None),
+        (true, false, None, None),
+        (true, false, Some(2_000), over),
+        (false, true, None, over),
+    ] {
+        let rest = at_rest(Some(2_010), |track| {
+            (track.arrived, track.by_room, track.short) = (there, by_room, short);
+            track.stood = stood;
+        });
+        assert_eq!(rest, expected, "{by_room} {short} {stood:?}");
+    }
+    assert_eq!(rests(|track| (track.stood, track.end) = (None, None)), None);
+    // It had no way to go.
+    assert_eq!(
+        rests(|track| (track.stood, track.remaining) = (None, 10)),
+        over
+    );
+    assert_eq!(
+        rests(|track| (track.stood, track.remaining) = (None, 11)),
+        None
+    );
+}
+
+#[test]
+fn the_second_may_end_where_a_distance_leads_once_the_first_is_proven() {
+    let rest = |proven: bool, base_at: i32| {
+        let mut first = changed(to(1_000), |track| {
+            (track.stood, track.remaining) = (None, if proven { 5_000 } else { 0 });
+            (track.left_target, track.side) = (proven, 0);
+        });
+        let next = distance(400, base(base_at));
+        Scene::rests(2_000, ms(200)).shows(|cycle| first.rests_with(&next, cycle))
+    };
+    assert_eq!(rest(true, 1_600), Some(Rest::BothOver));
+    assert_eq!(rest(true, 1_000), None);
+    assert_eq!(rest(false, 1_600), None);
+}
+
+#[test]
+fn an_axis_at_rest_elsewhere_is_given_the_time_to_begin() {
+    let rests = |resting: Duration, change: fn(&mut Track)| {
+        at_rest(Some(5_000), |track| {
+            track.stood = None;
+            track.resting = Some(resting);
+            change(track);
+        })
+    };
+    let late = NOW - BEGIN;
+    let next = Some(Rest::NextNotBegun);
+    assert_eq!(rests(late, |track| track.left_target = true), next);
+    assert_eq!(rests(late + ms(1), |track| track.left_target = true), None);
+    assert_eq!(rests(late, |_| ()), Some(Rest::NoneBegun));
+    // Of a distance without an end: where it may end, it has.
+    let lost = |track: &mut Track| {
+        *track = changed(distance(400, base(0)), |track| {
+            (track.left_target, track.stood) = (true, None);
+            track.resting = Some(NOW - BEGIN);
+        });
+    };
+    assert_eq!(rests(late, lost), Some(Rest::NoneBegun));
+    let led_here = |track: &mut Track| {
+        *track = changed(distance(400, base(1_600)), |track| {
+            (track.left_target, track.stood) = (true, None);
+            track.resting = Some(NOW - BEGIN);
+        });
+    };
+    assert_eq!(rests(late, led_here), next);
+    // Still in motion, or with bit 10 low: from the beginning.
+    let mut first = changed(to(1_000), |track| track.resting = Some(late));
+    let behind = to(5_000);
+    let moving = Scene::rests(2_000, ms(50));
+    assert_eq!(moving.shows(|cycle| first.rests_with(&behind, cycle)), None);
+    assert_eq!(first.resting, None);
+    first.resting = Some(late);
+    let mut low = Scene::rests(2_000, ms(200));
+    low.word = Statusword::empty();
+    assert_eq!(low.shows(|cycle| first.rests_with(&behind, cycle)), None);
+    assert_eq!(first.resting, None);
+    // One that lingers is at rest, too.
+    first.resting = Some(late);
+    first.lingering.rests = true;
+    let rest = moving.shows(|cycle| first.rests_with(&behind, cycle));
+    assert!(rest.is_some(), "{rest:?}");
+}
+
+#[test]
+fn bit_10_on_an_axis_that_has_stood_since_it_was_low_is_a_rest() {
+    let rests = |time: Duration, change: fn(&mut Scene, &mut Track)| {
+        let mut scene = Scene::rests(500, time);
+        let mut track = to(1_000);
+        change(&mut scene, &mut track);
+        scene.shows(|cycle| track.is_at_rest(cycle))
+    };
+    assert!(rests(ms(100), |_, _| ()));
+    assert!(!rests(ms(99), |_, _| ()));
+    assert!(!rests(ms(200), |scene, _| scene.word = Statusword::empty()));
+    assert!(!rests(ms(200), |_, track| track.low = NOW - ms(99)));
+    assert!(!rests(ms(200), |_, track| track.since = NOW - ms(99)));
+    assert!(rests(ms(50), |_, track| track.lingering.rests = true));
+}
+
+#[test]
+fn how_one_ended_that_another_has_followed() {
+    let ended =
+        |scene: &Scene, track: &Track, next| scene.shows(|cycle| track.ended_into(next, cycle));
+    let scene = Scene::at(1_500);
+    let position = 1_500;
+    let passed = Ok(Completion::Passed { position });
+    let first = to(1_000);
+    assert_eq!(ended(&scene, &first, BufferMode::Blending), passed);
+    let reached = Ok(Completion::Reached { position });
+    assert_eq!(ended(&scene, &first, BufferMode::Buffered), reached);
+    let arrived = changed(to(1_000), |track| track.arrived = Some(1_003));
+    let nearest = Ok(Completion::Reached { position: 1_003 });
+    assert_eq!(ended(&scene, &arrived, BufferMode::Buffered), nearest);
+    let missed = Failure::MissedTarget {
+        target: 1_000,
+        actual: 500,
+    };
+    assert_eq!(
+        ended(&Scene::at(500), &first, BufferMode::Buffered),
+        Err(missed)
+    );
+    let blind = changed(to(1_000), |track| track.unseen = 0);
+    let unseen = Failure::Unseen {
+        target: 1_000,
+        actual: 500,
+    };
+    assert_eq!(
+        ended(&Scene::at(500), &blind, BufferMode::Buffered),
+        Err(unseen)
+    );
+    let nowhere = distance(400, base(0));
+    let unknown = Failure::EndNotKnown { actual: 10 };
+    assert_eq!(
+        ended(&Scene::at(10), &nowhere, BufferMode::Buffered),
+        Err(unknown)
+    );
+    let gone = Ok(Completion::Reached { position: 11 });
+    assert_eq!(ended(&Scene::at(11), &nowhere, BufferMode::Buffered), gone);
+}
+
+/// What an axis that shows this says of the last set-point.
+fn shown(scene: &Scene, mut track: Track) -> Option<Result<Completion, Failure>> {
+    scene.shows(|cycle| track.outcome(cycle))
+}
+
+fn reached(position: i32) -> Option<Result<Completion, Failure>> {
+    Some(Ok(Completion::Reached { position }))
+}
+
+#[test]
+fn bit_10_that_was_low_is_the_end_within_the_window() {
+    let left = |position: i32, change: fn(&mut Track)| {
+        let mut scene = Scene::at(position);
+        scene.word = Statusword::TARGET_REACHED;
+        let track = changed(to(1_000), |track| track.left_target = true);
+        shown(&scene, changed(track, change))
+    };
+    assert_eq!(left(1_010, |_| ()), reached(1_010));
+    assert_eq!(left(1_011, |_| ()), None);
+    assert_eq!(left(990, |_| ()), reached(990));
+    assert_eq!(left(1_010, |track| track.left_target = false), None);
+    // A bit 10 that rose at speed may be wrong until the drive has shown another.
+    let passing = |track: &mut Track| (track.passing, track.rose) = (true, NOW - ms(1));
+    assert_eq!(left(1_010, passing), None);
+    let over = |track: &mut Track| (track.passing, track.rose) = (true, NOW - ms(2));
+    assert_eq!(left(1_010, over), reached(1_010));
+    let slow = |track: &mut Track| (track.passing, track.rose) = (false, NOW - ms(1));
+    assert_eq!(left(1_010, slow), reached(1_010));
+}
+
+#[test]
+fn with_bit_10_low_nothing_has_ended_and_one_in_doubt_waits_anew() {
+    for (doubted, resting) in [(true, None), (false, Some(ms(5)))] {
+        let mut track = changed(to(1_000), |track| {
+            (track.doubted, track.resting) = (doubted, Some(ms(5)));
+        });
+        let outcome = Scene::at(1_000).shows(|cycle| track.outcome(cycle));
+        assert_eq!((outcome, track.resting), (None, resting));
+    }
+}
+
+#[test]
+fn a_distance_ends_where_it_may_lead_unless_one_before_it_is_in_doubt() {
+    let left = |change: fn(&mut Track)| {
+        let mut scene = Scene::at(400);
+        scene.word = Statusword::TARGET_REACHED;
+        let track = changed(distance(400, base(0)), |track| track.left_target = true);
+        shown(&scene, changed(track, change))
+    };
+    assert_eq!(left(|_| ()), reached(400));
+    assert_eq!(left(|track| track.doubted = true), None);
+    assert_eq!(left(|track| track.bases.position = 100), None);
+    assert_eq!(left(|track| track.left_target = false), None);
+    // One whose end is reckoned from a base that may be beside it.
+    assert_eq!(
+        left(|track| (track.end, track.doubted) = (Some(500), true)),
+        reached(400)
+    );
+    assert_eq!(
+        left(|track| (track.end, track.is_loose) = (Some(500), false)),
+        None
+    );
+}
+
+#[test]
+fn an_axis_at_rest_at_the_end_is_there_without_a_word_of_bit_10() {
+    let at = |position: i32, time| shown(&Scene::rests(position, time), to(1_000));
+    assert_eq!(at(1_010, ms(100)), reached(1_010));
+    assert_eq!(at(1_010, ms(99)), None);
+    // A distance that may count from elsewhere may have its way still to go.
+    let loose = |base_at: i32| {
+        let track = changed(distance(400, base(base_at)), |track| {
+            (track.end, track.goal) = (Some(400), Some(400));
+            track.since = NOW - ms(500);
+        });
+        shown(&Scene::rests(405, ms(100)), track)
+    };
+    assert_eq!(loose(0), reached(405));
+    assert_eq!(loose(-6), None);
+}
+
+#[test]
+fn a_distance_that_is_no_way_ends_where_the_last_one_ended_well() {
+    let at = |way: i32, change: fn(&mut Track)| {
+        let track = changed(distance(way, base(500)), change);
+        shown(&Scene::rests(0, ms(100)), track)
+    };
+    assert_eq!(at(10, |_| ()), reached(0));
+    assert_eq!(at(-10, |_| ()), reached(0));
+    assert_ne!(at(11, |_| ()), reached(0));
+    assert_ne!(at(10, |track| track.at_base = false), reached(0));
+    assert_ne!(at(10, |track| track.doubted = true), reached(0));
+}
+
+#[test]
+fn an_axis_that_has_come_to_rest_elsewhere_has_missed_its_target() {
+    let elsewhere = |position: i32, change: fn(&mut Track)| {
+        let track = changed(to(1_000), |track| {
+            track.since = NOW - ms(500);
+            (track.stood, track.left_place) = (Some(0), Some(NOW - ms(150)));
+        });
+        shown(&Scene::rests(position, ms(200)), changed(track, change))
+    };
+    let missed = |actual: i32| {
+        Some(Err(Failure::MissedTarget {
+            target: 1_000,
+            actual,
+        }))
+    };
+    assert_eq!(elsewhere(11, |_| ()), missed(11));
+    assert_eq!(elsewhere(10, |_| ()), None);
+    assert_eq!(elsewhere(12, |_| ()), missed(12));
+    assert_eq!(
+        elsewhere(11, |track| track.left_place = Some(NOW - ms(50))),
+        None
+    );
+    assert_eq!(elsewhere(0, |track| track.left_target = true), missed(0));
+    assert_eq!(
+        elsewhere(0, |track| (track.left_target, track.follows) = (true, true)),
+        None
+    );
+    // One before it in doubt may have moved the axis: this one has its time first.
+    assert_eq!(elsewhere(11, |track| track.doubted = true), None);
+    let late = |track: &mut Track| {
+        (track.doubted, track.resting) = (true, Some(NOW - BEGIN));
+    };
+    assert_eq!(elsewhere(11, late), missed(11));
+    let not_late = |track: &mut Track| {
+        (track.doubted, track.resting) = (true, Some(NOW - BEGIN + ms(1)));
+    };
+    assert_eq!(elsewhere(11, not_late), None);
+    // Wherever it led: a distance without an end.
+    assert_eq!(
+        elsewhere(500, |track| (track.end, track.distance) = (None, Some(400))),
+        Some(Err(Failure::EndNotKnown { actual: 500 }))
+    );
+    assert_eq!(
+        elsewhere(400, |track| {
+            let bases = base(0);
+            *track = Track {
+                stood: Some(0),
+                left_place: Some(ms(2_000)),
+                ..distance(400, bases)
+            };
+        }),
+        reached(400)
+    );
+}
+
+#[test]
+fn an_axis_that_stays_for_the_time_to_begin_has_not_begun() {
+    let stays = |since: Duration, change: fn(&mut Track)| {
+        let track = changed(to(1_000), |track| track.since = since);
+        shown(&Scene::rests(0, ms(2_000)), changed(track, change))
+    };
+    let not_begun = Some(Err(Failure::NotBegun { actual: 0 }));
+    assert_eq!(stays(NOW - BEGIN, |_| ()), not_begun);
+    assert_eq!(stays(NOW - BEGIN + ms(1), |_| ()), None);
+    // So long after bit 10 was low, it was low for this one.
+    let beside = |track: &mut Track| {
+        track.begins_beside = true;
+        (track.left_target, track.follows) = (true, true);
+    };
+    let missed = Failure::MissedTarget {
+        target: 1_000,
+        actual: 0,
+    };
+    assert_eq!(stays(NOW - BEGIN, beside), Some(Err(missed)));
+    assert_eq!(
+        stays(NOW - BEGIN, |track| track.begins_beside = true),
+        not_begun
+    );
+    assert_eq!(
+        stays(NOW - BEGIN, |track| (track.left_target, track.follows) =
+            (true, true)),
+        not_begun
+    );
+}
+
+/// An axis that never comes to rest within its window has to have gone further than it swings.
+#[test]
+fn an_axis_that_lingers_has_moved_when_it_is_further_away_than_it_swings() {
+    let lingers = |position: i32, change: fn(&mut Track)| {
+        let mut track = changed(to(1_000), |track| {
+            track.since = NOW - ms(500);
+            track.lingering.rests = true;
+            track.lingering.before = Some((0, 30));
+            track.lingering.span = Some((NOW, 0, 30));
+        });
+        change(&mut track);
+        shown(&Scene::rests(position, ms(50)), track)
+    };
+    let missed = Some(Err(Failure::MissedTarget {
+        target: 1_000,
+        actual: 41,
+    }));
+    assert_eq!(lingers(41, |_| ()), missed);
+    assert_eq!(lingers(40, |_| ()), None);
+    assert_eq!(lingers(41, |track| track.lingering.rests = false), None);
+}
+
+#[test]
+fn a_distance_may_end_within_its_lag_behind_one_that_ended_beside() {
+    let bounds = Scene::at(0).bounds;
+    let behind = changed(distance(400, base(5_000)), |track| track.goal = Some(1_000));
+    assert!(behind.may_end_at(1_100, &bounds) && !behind.may_end_at(1_101, &bounds));
+    assert!(behind.may_end_at(900, &bounds) && !behind.may_end_at(899, &bounds));
+    let of_base = changed(behind, |track| track.end = Some(1_000));
+    assert!(!of_base.may_end_at(1_000, &bounds) && of_base.may_end_at(5_400, &bounds));
+    let known = changed(behind, |track| track.is_loose = false);
+    assert!(!known.may_end_at(1_000, &bounds));
+    assert!(!to(1_000).may_end_at(1_000, &bounds), "a position");
+}
+
+#[test]
+fn a_miss_says_what_is_known_of_the_end() {
+    let missed = |change: fn(&mut Track)| changed(to(1_000), change).missed(1_000, 7);
+    let (target, actual) = (1_000, 7);
+    let unknown = Failure::EndNotKnown { actual };
+    let miss = Failure::MissedTarget { target, actual };
+    assert_eq!(missed(|_| ()), miss);
+    assert_eq!(
+        missed(|track| track.confirmed = false),
+        Failure::Unconfirmed { target, actual }
+    );
+    assert_eq!(missed(|track| track.is_vague = true), unknown);
+    assert_eq!(
+        missed(|track| (track.is_loose, track.stood_before) = (true, false)),
+        unknown
+    );
+    assert_eq!(
+        missed(|track| (track.is_loose, track.stood_before) = (true, true)),
+        miss
+    );
+    assert_eq!(missed(|track| track.stood_before = false), miss);
+}
+
+#[test]
+fn a_way_of_three_windows_is_short_and_one_of_half_the_circle_far() {
+    let turned = |end: i32, change: fn(&mut Track)| {
+        let mut track = changed(to(end), change);
+        track.turn(0, &Scene::at(0).bounds);
+        (track.short, track.far)
+    };
+    assert_eq!(turned(30, |_| ()), (true, false));
+    assert_eq!(turned(-31, |_| ()), (false, false));
+    let mut track = to(i32::MAX);
+    let bounds = Scene::at(0).bounds;
+    for (from, far) in [(0, false), (-1, true), (1, false), (i32::MIN, true)] {
+        track.turn(from, &bounds);
+        assert_eq!(track.far, far, "{from}");
+    }
+    let far = |change: fn(&mut Track)| changed(to(i32::MAX), change).is_far(-1, &bounds);
+    assert!(far(|_| ()));
+    assert!(!far(|track| track.absolute = false));
+    assert!(!far(|track| track.turns = true));
+    assert!(!far(|track| track.end = None));
+}
+
+#[test]
+fn an_axis_has_passed_its_end_on_the_side_that_it_did_not_come_from() {
+    for (side, position, passed) in [
+        (1, 1_001, true),
+        (1, 1_000, false),
+        (1, 999, false),
+        (-1, 999, true),
+        (-1, 1_000, false),
+        (-1, 1_001, false),
+        (0, 1_000, false),
+        (0, 1_001, false),
+    ] {
+        let mut track = changed(to(1_000), |track| track.side = side);
+        assert_eq!(track.passed(position), passed, "{side} {position}");
+        track.far = true;
+        assert!(!track.passed(position));
+        (track.turns, track.crossed) = (true, false);
+        assert!(!track.passed(position));
+        track.crossed = true;
+        assert!(track.passed(position));
+    }
+}
+
+/// What is older than what it is compared with may be forgotten; what is not may not.
+#[test]
+fn a_rise_at_speed_is_remembered_for_the_settle_time() {
+    for (rose, passing) in [(NOW - SETTLE, false), (NOW - SETTLE + ms(1), true)] {
+        let mut track = changed(to(1_000), |track| {
+            (track.passing, track.rose) = (true, rose)
+        });
+        track.let_go(NOW, BEGIN, SETTLE);
+        assert_eq!(track.passing, passing);
+        let mut slow = changed(to(1_000), |track| track.rose = rose);
+        slow.let_go(NOW, BEGIN, SETTLE);
+        assert!(!slow.passing);
+    }
+}
