@@ -550,3 +550,7 @@ pub(super) const fn start_bits(command: &MoveCommand, traits: &Traits) -> Contro
     };
     Controlword::NEW_SET_POINT.union(start).union(relative)
 }
+
+#[cfg(test)]
+#[path = "chain_tests.rs"]
+mod tests;

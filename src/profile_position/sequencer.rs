@@ -844,3 +844,7 @@ impl Waiting {
         true
     }
 }
+
+#[cfg(test)]
+#[path = "sequencer_tests.rs"]
+mod tests;

@@ -1,0 +1,561 @@
+//! What the drive holds, and where a move would begin, count from and end.
+
+use crate::{
+    ds402::Mode,
+    profile_position::{
+        CommandId, Completion, LastSeen, Limits, PositionRange, SetPoint, Standstill,
+        sequencer::{Raised, Request},
+    },
+};
+
+use super::*;
+
+const fn ms(ms: u64) -> Duration {
+    Duration::from_millis(ms)
+}
+
+/// What a cycle shows of an axis.
+#[derive(Clone)]
+struct Scene {
+    position: i32,
+    velocity: Option<i32>,
+    word: Statusword,
+    traits: Traits,
+    limits: Limits,
+    standstill: Standstill,
+    bounds: Bounds,
+}
+
+const NOW: Duration = ms(20_000);
+
+impl Scene {
+    fn at(position: i32) -> Self {
+        Self {
+            position,
+            velocity: None,
+            word: Statusword::empty(),
+            traits: Traits::cia402(),
+            limits: Limits::trust_drive(),
+            standstill: Standstill::default(),
+            bounds: Bounds::new(10, 2, ms(100), ms(1), None),
+        }
+    }
+
+    fn base(relative_base: RelativeBase) -> Self {
+        let mut this = Self::at(0);
+        this.traits.relative_base = relative_base;
+        this
+    }
+
+    fn shows<R>(&self, of: impl FnOnce(&Cycle<'_>) -> R) -> R {
+        let sample = Sample {
+            statusword: self.word,
+            mode: Mode::ProfilePosition,
+            position: self.position,
+            velocity: self.velocity,
+            error_code: None,
+        };
+        of(&Cycle {
+            now: NOW,
+            sample: &sample,
+            standstill: &self.standstill,
+            bounds: &self.bounds,
+            last_seen: &LastSeen::default(),
+            traits: &self.traits,
+            limits: &self.limits,
+            referenced: true,
+            delivered: true,
+            halted: false,
+            blind: 0,
+            stalled: 0,
+            bit_11_is_valid: true,
+            acknowledge: ms(500),
+            begin: ms(1_000),
+            controlword: Controlword::empty(),
+        })
+    }
+}
+
+fn command(reference: Reference, target: i32, buffer_mode: BufferMode) -> MoveCommand {
+    MoveCommand {
+        reference,
+        target,
+        set_point: SetPoint::new().buffer_mode(buffer_mode),
+        gated: false,
+    }
+}
+
+fn to(target: i32, buffer_mode: BufferMode) -> MoveCommand {
+    command(Reference::Absolute, target, buffer_mode)
+}
+
+fn by(distance: i32, buffer_mode: BufferMode) -> MoveCommand {
+    command(Reference::Relative, distance, buffer_mode)
+}
+
+/// One that the drive has taken from an axis at rest at 0.
+fn track(id: u32, command: MoveCommand, end: Option<i32>) -> Track {
+    let raised = Raised {
+        request: Request {
+            id: CommandId(id),
+            command,
+            blocked_since: None,
+        },
+        since: ms(1_000),
+        begin: 0,
+        at: 0,
+        end,
+        goal: end,
+        previous: None,
+        from_rest: true,
+        stands: true,
+        at_base: true,
+        far_behind: false,
+        behind: None,
+        behind_loose: false,
+    };
+    Scene::at(0).shows(|cycle| Track::new(&raised, true, cycle))
+}
+
+fn held(tracks: [Option<Track>; 2]) -> Chain {
+    Chain {
+        held: tracks,
+        ..Chain::default()
+    }
+}
+
+/// One under way to 1000.
+fn one() -> Chain {
+    let first = to(1_000, BufferMode::Aborting);
+    held([Some(track(1, first, Some(1_000))), None])
+}
+
+/// And one behind it to 2000.
+fn two() -> Chain {
+    let second = to(2_000, BufferMode::Buffered);
+    let mut chain = one();
+    chain.held[1] = Some(track(2, second, Some(2_000)));
+    chain
+}
+
+fn after(last_end: Option<i32>) -> Chain {
+    Chain {
+        last_end,
+        ..Chain::default()
+    }
+}
+
+fn reports(mut events: Events) -> alloc::vec::Vec<(u32, Event)> {
+    core::iter::from_fn(|| events.pop())
+        .map(|(id, event)| (id.0, event))
+        .collect()
+}
+
+#[test]
+fn a_chain_says_what_it_holds_and_whether_a_cycle_may_be_cheap() {
+    for (chain, empty, cheap) in [
+        (Chain::default(), true, true),
+        (one(), false, true),
+        (two(), false, false),
+    ] {
+        let said = (chain.is_empty(), chain.allows_idle_path());
+        assert_eq!(said, (empty, cheap));
+    }
+    let mut resumed = one();
+    resumed.resumed(NOW, true);
+    assert!(
+        !resumed.allows_idle_path(),
+        "bit 10 may be that of the halt"
+    );
+    let over = Chain {
+        over: Some(Over {
+            track: track(7, to(500, BufferMode::Aborting), Some(500)),
+            next: BufferMode::Buffered,
+            since: NOW,
+            position: 400,
+        }),
+        ..one()
+    };
+    assert!(!over.allows_idle_path(), "an end is open");
+    let mut given_up = Chain {
+        not_begun: true,
+        ..one()
+    };
+    assert!(given_up.take_not_begun() && !given_up.take_not_begun());
+}
+
+#[test]
+fn a_relative_move_counts_from_the_documented_base() {
+    use BufferMode::{Aborting, Blending, Buffered};
+    use RelativeBase::{Actual, Demand, PositioningOption, PreviousTarget, Undocumented};
+    let base = |chain: &Chain, of: RelativeBase, buffer_mode, position: i32| {
+        let mut scene = Scene::base(of);
+        scene.position = position;
+        scene.shows(|cycle| chain.base_of(&by(5, buffer_mode), cycle))
+    };
+    // Behind another at the end of that.
+    for of in [
+        PreviousTarget,
+        Demand,
+        Actual,
+        PositioningOption,
+        Undocumented,
+    ] {
+        assert_eq!(base(&one(), of, Buffered, 300), Some(1_000), "{of:?}");
+        assert_eq!(base(&two(), of, Blending, 300), Some(2_000), "{of:?}");
+        let replacing = (of == PreviousTarget).then_some(1_000);
+        assert_eq!(base(&one(), of, Aborting, 300), replacing, "{of:?}");
+    }
+    // Behind none where the axis is, or where the last one ended, if it is there still.
+    for of in [Demand, Actual] {
+        assert_eq!(base(&after(Some(1_000)), of, Aborting, 300), Some(300));
+    }
+    for of in [PreviousTarget, PositioningOption, Undocumented] {
+        let at = |position| base(&after(Some(1_000)), of, Aborting, position);
+        assert_eq!(at(1_010), Some(1_000));
+        assert_eq!(at(990), Some(1_000));
+        assert_eq!(at(1_011), None);
+        assert_eq!(base(&after(None), of, Aborting, 1_000), None);
+    }
+    // Behind one that the drive may hold yet nobody knows; one that replaces it counts as ever.
+    let unproven = |chain| Chain {
+        unproven: true,
+        ..chain
+    };
+    assert_eq!(base(&unproven(after(None)), Actual, Buffered, 300), None);
+    assert_eq!(
+        base(&unproven(after(None)), Actual, Aborting, 300),
+        Some(300)
+    );
+    assert_eq!(base(&unproven(one()), Actual, Buffered, 300), Some(1_000));
+}
+
+#[test]
+fn where_a_move_begins_leads_and_ends() {
+    use BufferMode::{Aborting, Blending, Buffered};
+    let scene = Scene::base(RelativeBase::Actual);
+    let of = |chain: &Chain, command: MoveCommand| {
+        scene.shows(|cycle| {
+            (
+                chain.begin_of(&command, cycle),
+                chain.goal_of(&command, cycle),
+                chain.end_of(&command, cycle),
+            )
+        })
+    };
+    assert_eq!(of(&one(), to(70, Aborting)), (0, Some(70), Some(70)));
+    assert_eq!(of(&one(), to(70, Buffered)), (1_000, Some(70), Some(70)));
+    assert_eq!(
+        of(&one(), by(70, Buffered)),
+        (1_000, Some(1_070), Some(1_070))
+    );
+    // A drive that counts from the actual position takes it on the way.
+    assert_eq!(of(&two(), by(70, Blending)), (2_000, Some(2_070), None));
+    assert_eq!(of(&two(), to(70, Blending)), (2_000, Some(70), Some(70)));
+    assert_eq!(of(&after(None), by(70, Blending)), (0, Some(70), Some(70)));
+    let previous = Scene::base(RelativeBase::PreviousTarget);
+    let end = previous.shows(|cycle| one().end_of(&by(70, Blending), cycle));
+    assert_eq!(end, Some(1_070));
+    assert_eq!(two().previous_end(), Some(2_000));
+    assert_eq!(after(Some(-7)).previous_end(), Some(-7));
+    assert!(two().before(&to(70, Aborting)).is_none());
+    let before = two().before(&to(70, Buffered)).map(|track| track.id);
+    assert_eq!(before, Some(CommandId(2)));
+}
+
+#[test]
+fn a_relative_move_beyond_a_limit_is_refused_where_its_end_is_known() {
+    let mut scene = Scene::base(RelativeBase::Actual);
+    scene.position = 300;
+    scene.limits.software = Some(PositionRange {
+        min: -1_000,
+        max: 1_000,
+    });
+    let check = |scene: &Scene, chain: &Chain, command: MoveCommand| {
+        scene.shows(|cycle| chain.check_limits(&command, cycle).is_ok())
+    };
+    let none = after(None);
+    assert!(check(&scene, &none, by(700, BufferMode::Aborting)));
+    assert!(!check(&scene, &none, by(701, BufferMode::Aborting)));
+    assert!(check(&scene, &none, by(-1_300, BufferMode::Aborting)));
+    assert!(!check(&scene, &none, by(-1_301, BufferMode::Aborting)));
+    assert!(check(&scene, &one(), by(0, BufferMode::Buffered)));
+    assert!(!check(&scene, &one(), by(1, BufferMode::Buffered)));
+    // Positions were checked when they were asked for.
+    assert!(check(&scene, &none, to(5_000, BufferMode::Aborting)));
+    // What nobody knows is not checked.
+    scene.traits.relative_base = RelativeBase::Undocumented;
+    assert!(check(&scene, &none, by(701, BufferMode::Aborting)));
+    // Beyond the ends of 32 bits it is no small number again.
+    scene.traits.relative_base = RelativeBase::Actual;
+    assert!(!check(&scene, &none, by(i32::MAX, BufferMode::Aborting)));
+    let turn = PositionRange { min: 0, max: 3_599 };
+    scene.bounds = Bounds::new(10, 2, ms(100), ms(1), Some(turn));
+    assert!(check(&scene, &none, by(3_600 + 700, BufferMode::Aborting)));
+    assert!(!check(&scene, &none, by(3_600 + 701, BufferMode::Aborting)));
+}
+
+#[test]
+fn an_axis_that_is_near_an_end_may_have_been_led_by_either() {
+    let bounds = Scene::at(0).bounds;
+    for (position, near) in [(1_030, true), (970, true), (1_031, false), (969, false)] {
+        assert_eq!(one().ends_near(position, &bounds), near, "{position}");
+    }
+    assert!(two().ends_near(2_000, &bounds) && !after(Some(5)).ends_near(5, &bounds));
+    // A distance may end where it leads from a base that nobody knows.
+    let distance = track(1, by(400, BufferMode::Aborting), None);
+    let loose = held([Some(distance), None]);
+    assert!(loose.ends_near(400, &bounds) && !loose.ends_near(500, &bounds));
+}
+
+#[test]
+fn an_axis_stands_at_the_last_end_by_606ch_or_by_its_own_time() {
+    let stands = |chain: &Chain, position: i32, velocity: Option<i32>| {
+        let mut scene = Scene::at(position);
+        scene.velocity = velocity;
+        scene.shows(|cycle| chain.stands(cycle))
+    };
+    let ended = after(Some(1_000));
+    assert!(stands(&ended, 1_010, Some(2)) && stands(&ended, 990, Some(-2)));
+    assert!(!stands(&ended, 1_011, Some(0)));
+    assert!(!stands(&ended, 1_000, Some(3)) && !stands(&ended, 1_000, Some(-3)));
+    assert!(!stands(&ended, 1_000, None));
+    assert!(!stands(&after(None), 1_000, Some(0)));
+    assert!(!stands(&one(), 1_000, Some(0)), "one is under way");
+    // For the settle time since the last one has ended.
+    let mut scene = Scene::at(7);
+    for at in 19_000..=20_000 {
+        scene.standstill.observe(ms(at), 7, None, &scene.bounds);
+    }
+    let since = |ended: u64| {
+        let chain = Chain {
+            ended: ms(ended),
+            ..Chain::default()
+        };
+        scene.shows(|cycle| chain.stands(cycle))
+    };
+    assert!(since(19_900) && !since(19_901));
+    let chain = one();
+    assert!(!scene.shows(|cycle| chain.stands(cycle)));
+    // A move that is queued begins at rest in any case.
+    let rests = |scene: &Scene, chain: &Chain, buffer_mode| {
+        scene.shows(|cycle| chain.begins_at_rest(&to(5, buffer_mode), cycle))
+    };
+    assert!(rests(&scene, &chain, BufferMode::Buffered));
+    assert!(!rests(&scene, &chain, BufferMode::Blending));
+    assert!(!rests(&scene, &chain, BufferMode::Aborting));
+    assert!(rests(&scene, &Chain::default(), BufferMode::Aborting));
+}
+
+/// Behind one that the drive may hold yet there is no second place, but for a move that replaces both.
+#[test]
+fn behind_one_in_doubt_only_what_replaces_it_has_a_place() {
+    let mut scene = Scene::at(500);
+    scene.traits.buffer_signal = BufferSignal::Acknowledge;
+    let place = |chain: &Chain, command: MoveCommand| {
+        scene.shows(|cycle| match chain.place_for(&command, cycle) {
+            Place::Free => "free",
+            Place::Full => "full",
+            Place::Later => "later",
+            Place::Never(_) => "never",
+        })
+    };
+    let unproven = Chain {
+        unproven: true,
+        ..one()
+    };
+    for (chain, buffered, absolute, relative) in [
+        (Chain::default(), "free", "free", "free"),
+        (one(), "free", "free", "free"),
+        (unproven, "later", "free", "free"),
+        (two(), "later", "full", "never"),
+    ] {
+        assert_eq!(place(&chain, to(70, BufferMode::Buffered)), buffered);
+        assert_eq!(place(&chain, to(70, BufferMode::Blending)), buffered);
+        assert_eq!(place(&chain, to(70, BufferMode::Aborting)), absolute);
+        assert_eq!(place(&chain, by(70, BufferMode::Aborting)), relative);
+    }
+}
+
+/// Without a word of bit 12 the position has to show that the active one has ended.
+#[test]
+fn a_place_that_bit_12_does_not_show_is_free_where_the_position_will_show_the_end() {
+    let place_at = |position, signal, chain: &Chain, command: MoveCommand| {
+        let mut scene = Scene::at(position);
+        scene.traits.buffer_signal = signal;
+        scene.shows(|cycle| match chain.place_for(&command, cycle) {
+            Place::Free => "free",
+            Place::Full => "full",
+            Place::Later => "later",
+            Place::Never(_) => "never",
+        })
+    };
+    let place = |signal, chain: &Chain, command| place_at(500, signal, chain, command);
+    use BufferMode::{Aborting, Blending, Buffered};
+    for signal in [BufferSignal::None, BufferSignal::Unknown] {
+        // Bit 11 was not seen low: the drive may have limited the move.
+        assert_eq!(place(signal, &one(), to(70, Buffered)), "later");
+        assert_eq!(place(signal, &one(), to(70, Blending)), "later");
+        let mut seen = one();
+        seen.held
+            .iter_mut()
+            .flatten()
+            .for_each(|track| track.note_limit(Statusword::empty()));
+        assert_eq!(place(signal, &seen, to(70, Buffered)), "free");
+        assert_eq!(place(signal, &seen, to(70, Blending)), "free");
+        // One that follows another that may begin yet has not moved the axis.
+        let mut doubtful = seen.clone();
+        let tracks = doubtful.held.iter_mut().flatten();
+        tracks.for_each(|track| track.comes_after_doubt(false));
+        assert_eq!(place(signal, &doubtful, to(70, Buffered)), "free");
+        assert_eq!(place_at(10, signal, &doubtful, to(70, Buffered)), "later");
+        // An end that neither shows, and one that the position shows many times.
+        let nowhere = held([Some(track(1, by(400, Aborting), None)), None]);
+        assert_eq!(place(signal, &nowhere, to(70, Blending)), "never");
+        assert_eq!(place(signal, &nowhere, to(70, Buffered)), "later");
+        let mut turning = one();
+        turning
+            .held
+            .iter_mut()
+            .flatten()
+            .for_each(|track| track.turns = true);
+        assert_eq!(place(signal, &turning, to(70, Blending)), "never");
+        assert_eq!(place(signal, &turning, to(70, Buffered)), "later");
+    }
+    // A full buffer: bit 12 that is high may be that of it, or is of the handshake.
+    assert_eq!(place(BufferSignal::None, &two(), to(70, Aborting)), "free");
+    assert_eq!(place(BufferSignal::None, &two(), by(70, Aborting)), "free");
+    assert_eq!(
+        place(BufferSignal::Unknown, &two(), to(70, Aborting)),
+        "full"
+    );
+    assert_eq!(
+        place(BufferSignal::Unknown, &two(), by(70, Aborting)),
+        "free"
+    );
+    assert_eq!(place(BufferSignal::None, &two(), to(70, Buffered)), "later");
+}
+
+#[test]
+fn what_replaces_all_ends_them_and_what_follows_one_in_doubt_is_in_doubt() {
+    let mut events = Events::new();
+    let mut chain = Chain {
+        unproven: true,
+        at_base: true,
+        last_end: Some(5),
+        unseen: true,
+        ..two()
+    };
+    chain.push(track(3, to(7, BufferMode::Aborting), Some(7)), &mut events);
+    let superseded = Event::Done(Err(Failure::Superseded));
+    assert_eq!(reports(events), [(1, superseded), (2, superseded)]);
+    assert!(!chain.is_unproven() && !chain.is_at_base());
+    assert_eq!(chain.last_end, None);
+    let ids = chain.held.map(|track| track.map(|track| track.id.0));
+    assert_eq!(ids, [Some(3), None]);
+
+    let first_of = |chain: &Chain| {
+        let track = chain.held[0].expect("one is held");
+        Scene::at(0).shows(|cycle| track.is_surely_first(cycle))
+    };
+    for (unseen, unproven, buffer_mode, first) in [
+        (false, false, BufferMode::Buffered, true),
+        (true, false, BufferMode::Buffered, false),
+        (false, true, BufferMode::Buffered, false),
+        (true, true, BufferMode::Aborting, true),
+    ] {
+        let mut chain = Chain {
+            unseen,
+            unproven,
+            ..Chain::default()
+        };
+        let track = track(3, to(1_000, buffer_mode), Some(1_000));
+        chain.push(track, &mut Events::new());
+        assert_eq!(
+            first_of(&chain),
+            first,
+            "{unseen} {unproven} {buffer_mode:?}"
+        );
+    }
+}
+
+#[test]
+fn each_of_them_is_told_once_that_it_is_halted() {
+    let mut events = Events::new();
+    let mut chain = two();
+    chain.report_halted(&mut events);
+    chain.report_halted(&mut events);
+    let told = [(1, Event::Halted), (2, Event::Halted)];
+    assert_eq!(reports(events), told);
+    // Only the active one begins where the axis was when it was resumed.
+    chain.resumed(NOW, false);
+    let from_rest = chain.held.map(|track| track.map(|track| track.from_rest));
+    assert_eq!(from_rest, [Some(false), Some(true)]);
+    let mut events = Events::new();
+    chain.report_halted(&mut events);
+    assert_eq!(reports(events), told, "by the next halt");
+}
+
+/// The last one ends by bit 10 alone; with another one on its way only where its own end is known, and that has not replaced it.
+#[test]
+fn what_shows_with_another_on_its_way_is_the_end_where_that_is_known() {
+    let ended = |mut chain: Chain, next: Next, undecided: bool| {
+        let mut scene = Scene::at(1_000);
+        scene.shows(|cycle| chain.follow_active(cycle, Next::None, false, &mut Events::new()));
+        scene.word = Statusword::TARGET_REACHED;
+        let mut events = Events::new();
+        let over = scene.shows(|cycle| chain.follow_active(cycle, next, undecided, &mut events));
+        assert_eq!(over, chain.is_empty());
+        assert_eq!(over, !reports(events).is_empty());
+        (over, chain.last_end, chain.is_at_base())
+    };
+    let over = (true, Some(1_000), true);
+    let open = (false, None, false);
+    assert_eq!(ended(one(), Next::None, false), over);
+    assert_eq!(
+        ended(one(), Next::None, true),
+        open,
+        "the one before is open"
+    );
+    assert_eq!(ended(one(), Next::Comes { replaces: false }, false), over);
+    assert_eq!(ended(one(), Next::Comes { replaces: true }, false), open);
+    let distance = || held([Some(track(1, by(1_000, BufferMode::Aborting), None)), None]);
+    assert_eq!(ended(distance(), Next::None, false), (true, None, true));
+    assert_eq!(
+        ended(distance(), Next::Comes { replaces: false }, false),
+        open
+    );
+}
+
+/// Where bit 12 has shown that the next one has taken over, the axis has the settle time to show itself at the end.
+#[test]
+fn an_end_that_bit_12_has_shown_is_waited_for_until_the_settle_time_is_over() {
+    let after = |waited: u64, position: i32| {
+        let first = track(1, to(1_000, BufferMode::Aborting), Some(1_000));
+        let mut over = track(2, to(2_000, BufferMode::Buffered), Some(2_000));
+        over.note_limit(Statusword::empty());
+        let mut chain = held([Some(over), None]);
+        let mut first = first;
+        first.note_limit(Statusword::empty());
+        chain.over = Some(Over {
+            track: first,
+            next: BufferMode::Buffered,
+            since: NOW - ms(waited),
+            position: 600,
+        });
+        let mut events = Events::new();
+        let open = Scene::at(position).shows(|cycle| chain.follow_over(cycle, &mut events));
+        assert_eq!(open, chain.over.is_some());
+        (open, reports(events))
+    };
+    assert_eq!(after(99, 300), (true, alloc::vec![]));
+    let missed = Failure::MissedTarget {
+        target: 1_000,
+        actual: 600,
+    };
+    let done = Event::Done(Err(missed));
+    assert_eq!(after(100, 300), (false, alloc::vec![(1, done)]));
+    let position = 1_005;
+    let reached = Event::Done(Ok(Completion::Reached { position }));
+    assert_eq!(after(0, 1_005), (false, alloc::vec![(1, reached)]));
+}
