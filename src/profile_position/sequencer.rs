@@ -634,7 +634,7 @@ impl Bit4 {
                 if let Some(at) = delivered {
                     no_older(at, now, seen);
                 }
-                *shown = (*shown).min(SHOWN_AFTER + 1);
+                *shown = (*shown).min(SHOWN_AFTER);
             }
             Self::Abandoned => {}
         }
