@@ -6,12 +6,14 @@
 mod circle;
 
 use core::time::Duration;
+use std::collections::BTreeMap;
 
 use circle::{Circle, Turn};
 use servocrab::axis::{
-    AxisCore, AxisFields, Command, CommandId, CoreConfig, Deadlines, Inputs, Referencing,
-    Tolerances,
+    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Deadlines, Event, Inputs,
+    Referencing, Tolerances,
 };
+use servocrab::ds402::Mode;
 use servocrab::profile_position::{BufferMode, MoveCommand, PositionRange, Reference, SetPoint};
 
 type Small = Circle<8>;
@@ -67,7 +69,6 @@ fn in_each_turn_of_8_bits_each_way_is_the_shorter_one_and_leads_to_its_end() {
                     let half = 2 * way.abs() <= length;
                     let lands = off == 0 || off == length || off == -length;
                     assert!(half && lands, "{from} to {to} in {turn:?}: {way}");
-                    assert_eq!(Small::after(around, from, way), to);
                     cases += 1;
                 }
             }
@@ -76,18 +77,21 @@ fn in_each_turn_of_8_bits_each_way_is_the_shorter_one_and_leads_to_its_end() {
     println!("{cases} cases");
 }
 
+/// Distances of more than a turn, one way and the other, from its ends and its middle.
 #[test]
-fn a_turn_of_8_bits_is_gone_around_as_often_as_a_distance_says() {
-    for min in (LEAST..=MOST).step_by(3) {
-        for max in (min + 1..=MOST).step_by(5) {
+fn each_turn_of_8_bits_is_gone_around_as_often_as_a_distance_says() {
+    for min in LEAST..=MOST {
+        for max in min + 1..=MOST {
             let around = Some(Turn { min, max });
-            for from in [min, min + 1, i64::midpoint(min, max), max] {
-                for distance in LEAST..=MOST {
-                    assert_eq!(
-                        Small::after(around, from, distance),
-                        count(around, from, distance),
-                        "{from} by {distance} in {min}..={max}"
-                    );
+            for from in [min, i64::midpoint(min, max), max] {
+                for step in [1, -1] {
+                    let mut expected = from;
+                    for steps in 1..=300 {
+                        expected = count(around, expected, step);
+                        let distance = steps * step;
+                        let at = Small::after(around, from, distance);
+                        assert_eq!(at, expected, "{from} by {distance} in {min}..={max}");
+                    }
                 }
             }
         }
@@ -194,6 +198,17 @@ fn a_range_wraps_every_number() {
     }
 }
 
+/// Which of an axis' times are as long, or as short, as they can be; the others are usual ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Extreme {
+    All,
+    Deadlines,
+    Settle,
+    DriveCycle,
+    Acknowledge,
+    Begin,
+}
+
 /// Nothing that a program sets, no time and no position makes the core fail.
 #[test]
 fn no_time_and_no_setting_is_too_long_for_the_core() {
@@ -202,110 +217,214 @@ fn no_time_and_no_setting_is_too_long_for_the_core() {
         Duration::from_nanos(1),
         Duration::from_secs(1),
         Duration::from_secs(u64::MAX / 2),
+        Duration::MAX - Duration::from_secs(20),
         Duration::MAX - Duration::from_nanos(1),
         Duration::MAX,
     ];
-    let words: [u16; 9] = [
-        0x250, 0x231, 0x233, 0x237, 0x637, 0x1237, 0x217, 0x21F, 0x218,
+    let turns = [
+        None,
+        Some(PositionRange { min: 0, max: 3_599 }),
+        Some(PositionRange {
+            min: i32::MIN,
+            max: i32::MAX,
+        }),
+        Some(PositionRange { min: 5, max: 5 }),
     ];
+    use Extreme::{Acknowledge, All, Begin, Deadlines, DriveCycle, Settle};
     let mut lives = 0;
-    for &span in &times {
-        for &start in &times {
-            for window in [0, 10, u32::MAX] {
-                for modulo in [
-                    None,
-                    Some(PositionRange { min: 0, max: 3_599 }),
-                    Some(PositionRange {
-                        min: i32::MIN,
-                        max: i32::MAX,
-                    }),
-                    Some(PositionRange { min: 5, max: 5 }),
-                ] {
-                    let held =
-                        std::panic::catch_unwind(|| live(start, span, window, modulo, &words));
-                    assert!(
-                        held.is_ok(),
-                        "from {start:?}, times {span:?}, window {window}, {modulo:?}"
-                    );
-                    lives += 1;
+    let mut kinds = BTreeMap::<String, Lived>::new();
+    for extreme in [All, Deadlines, Settle, DriveCycle, Acknowledge, Begin] {
+        for &span in &times {
+            for &start in &times {
+                for window in [0, 10, u32::MAX] {
+                    for modulo in turns {
+                        let kind = format!("{extreme:?}, window {window}, {modulo:?}");
+                        let lived =
+                            std::panic::catch_unwind(|| live(extreme, start, span, window, modulo));
+                        assert!(lived.is_ok(), "{kind}: from {start:?}, times {span:?}");
+                        let lived = lived.unwrap_or_default();
+                        // With all of them as short, or as long, nothing can be enabled in time.
+                        if extreme != All {
+                            kinds.entry(kind).or_default().add(lived);
+                        }
+                        // From these on there is no time in which anything could be enabled.
+                        if start < Duration::MAX - Duration::from_secs(1) {
+                            let kind = format!("from {start:?}");
+                            kinds.entry(kind).or_default().add(lived);
+                        }
+                        lives += 1;
+                    }
                 }
             }
         }
     }
     println!("{lives} lives");
+    for (kind, lived) in &kinds {
+        println!("{kind}: {lived:?}");
+        assert!(lived.accepted > 0, "{kind}: no move was ever accepted");
+        let never_exact = kind.contains("window 0");
+        assert!(
+            lived.arrived > 0 || never_exact,
+            "{kind}: none came to its end"
+        );
+    }
+}
+
+/// What became of the moves of a life.
+#[derive(Debug, Default, Clone, Copy)]
+struct Lived {
+    accepted: u32,
+    arrived: u32,
+}
+
+impl Lived {
+    fn add(&mut self, other: Self) {
+        self.accepted += other.accepted;
+        self.arrived += other.arrived;
+    }
+
+    fn note(&mut self, event: Event) {
+        match event {
+            Event::Accepted => self.accepted += 1,
+            Event::Done(Ok(Completion::Reached { .. } | Completion::Passed { .. })) => {
+                self.arrived += 1;
+            }
+            Event::Halted | Event::Done(_) => {}
+        }
+    }
+}
+
+/// What a drive shows that does at once what the controlword says: bit 12 follows bit 4.
+const fn answer(word: u16, reached: bool) -> u16 {
+    let state = if word & 0x8F == 0x0F {
+        0x0237
+    } else if word & 0x8F == 0x07 {
+        0x0233
+    } else if word & 0x87 == 0x06 {
+        0x0231
+    } else {
+        0x0250
+    };
+    state | (word & 0x10) << 8 | (reached as u16) << 10
+}
+
+/// What a drive shows that answers nothing.
+const WORDS: [u16; 9] = [
+    0x250, 0x231, 0x233, 0x237, 0x637, 0x1237, 0x217, 0x21F, 0x218,
+];
+
+/// Where the axis shows itself, from one end of the numbers to the other; in some places for longer.
+const POSITIONS: [i32; 8] = [0, 0, i32::MAX, i32::MIN, i32::MIN, -1, -1, 3_600];
+
+fn settings(
+    extreme: Extreme,
+    span: Duration,
+    window: u32,
+    modulo: Option<PositionRange>,
+) -> CoreConfig {
+    let mut config = CoreConfig::new(AxisFields::at(0, 0));
+    config.referencing = Referencing::UnreferencedMovesAllowed;
+    config.modulo = modulo;
+    let is = |this: &[Extreme]| extreme == Extreme::All || this.contains(&extreme);
+    let or = |this, usual| if is(&[this]) { span } else { usual };
+    config.traits.drive_cycle = or(Extreme::DriveCycle, Duration::from_millis(1));
+    config.tolerances = Tolerances {
+        position: window,
+        velocity: u32::MAX,
+        settle: or(Extreme::Settle, Duration::from_millis(5)),
+    };
+    if is(&[Extreme::Deadlines]) {
+        config.deadlines = Deadlines {
+            enable: span,
+            disable: span,
+            acknowledge: span,
+            begin: span,
+            standstill: span,
+            mode: span,
+            fault_reset: span,
+        };
+    }
+    let deadlines = &mut config.deadlines;
+    deadlines.acknowledge = or(Extreme::Acknowledge, deadlines.acknowledge);
+    deadlines.begin = or(Extreme::Begin, deadlines.begin);
+    config
 }
 
 fn live(
+    extreme: Extreme,
     start: Duration,
     span: Duration,
     window: u32,
     modulo: Option<PositionRange>,
-    words: &[u16],
-) {
-    let mut config = CoreConfig::new(AxisFields::at(0, 0));
-    config.referencing = Referencing::UnreferencedMovesAllowed;
-    config.modulo = modulo;
-    config.traits.drive_cycle = span;
-    config.tolerances = Tolerances {
-        position: window,
-        velocity: u32::MAX,
-        settle: span,
-    };
-    config.deadlines = Deadlines {
-        enable: span,
-        disable: span,
-        acknowledge: span,
-        standstill: span,
-        mode: span,
-        fault_reset: span,
-        ..Deadlines::default()
-    };
-    let mut core = AxisCore::new(config);
+) -> Lived {
+    let mut core = AxisCore::new(settings(extreme, span, window, modulo));
+    core.note_mode(Mode::ProfilePosition);
     let mut outputs = [0; 6];
     let mut now = start;
     let mut id = 0;
-    let positions = [0, i32::MAX, i32::MIN, -1, 3_600];
-    for round in 0..6_usize {
-        for (place, word) in words.iter().enumerate() {
-            let position = positions[(place + round) % positions.len()];
-            let mut inputs = [0; 6];
-            inputs[..2].copy_from_slice(&word.to_le_bytes());
-            inputs[2..].copy_from_slice(&position.to_le_bytes());
-            let a_move = |target, start| {
+    let mut lived = Lived::default();
+    for round in 0..8_usize {
+        // The drive does what it is told, or shows anything. Time goes on slowly, or as far as there is any.
+        let sound = round % 4 < 2;
+        let far = if round % 2 == 0 {
+            Duration::ZERO
+        } else {
+            span / 3
+        };
+        let pause = far.saturating_add(Duration::from_millis(1));
+        for place in 0..WORDS.len() {
+            let a_move = |target, buffer_mode| {
                 Command::Move(MoveCommand {
-                    reference: if round % 2 == 0 {
-                        Reference::Absolute
-                    } else {
+                    reference: if round % 3 == 2 {
                         Reference::Relative
+                    } else {
+                        Reference::Absolute
                     },
                     target,
-                    set_point: SetPoint::new().buffer_mode(start),
+                    set_point: SetPoint::new().buffer_mode(buffer_mode),
                     gated: false,
                 })
             };
-            let command = match (place + 4 * round) % 9 {
+            let turned = if sound { place } else { place + 4 * round };
+            let command = match turned % WORDS.len() {
                 0 => Command::Enable,
                 1 => a_move(i32::MAX, BufferMode::Aborting),
                 2 => a_move(i32::MIN, BufferMode::Buffered),
-                3 => Command::Halt,
-                4 => Command::Resume,
-                5 => Command::Stop,
-                6 => Command::QuickStop,
+                3 => a_move(3_599, BufferMode::Blending),
+                4 => Command::Halt,
+                5 => Command::Resume,
+                6 => [Command::Stop, Command::QuickStop][round % 2],
                 7 => Command::Disable,
                 _ => Command::ResetFault,
             };
             id += 1;
             core.submit(now, CommandId(id), command, &mut outputs);
-            for seen in 0..3 {
+            // An axis stands while it is enabled, and then jumps.
+            let enables = command == Command::Enable;
+            for seen in 0..if enables { 24 } else { 8 } {
+                let jumps = if enables { 0 } else { seen / 3 };
+                let position = POSITIONS[(place + round + jumps) % POSITIONS.len()];
+                let sent = u16::from_le_bytes([outputs[0], outputs[1]]);
+                let word = if sound {
+                    answer(sent, seen == 7)
+                } else {
+                    WORDS[place]
+                };
+                let mut inputs = [0; 6];
+                inputs[..2].copy_from_slice(&word.to_le_bytes());
+                inputs[2..].copy_from_slice(&position.to_le_bytes());
                 let inputs = match seen {
-                    1 => Inputs::Answered(&inputs),
+                    4 if !enables => Inputs::Stale,
+                    6 if !enables => Inputs::Answered(&inputs),
                     _ => Inputs::Fresh(&inputs),
                 };
                 core.step(now, inputs, &mut outputs);
-                while core.poll_event().is_some() {}
-                // Time goes on as far as there is any.
-                now = now.saturating_add(span / 3 + Duration::from_millis(1));
+                while let Some((_, event)) = core.poll_event() {
+                    lived.note(event);
+                }
+                now = now.saturating_add(pause);
             }
         }
     }
+    lived
 }
