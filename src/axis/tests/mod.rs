@@ -1,7 +1,9 @@
 //! An axis core against a drive that is played word by word.
 
+mod loss;
 mod modes;
 mod played;
 mod power;
 mod resetting;
+mod resting;
 mod stops;

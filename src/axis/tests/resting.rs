@@ -1,0 +1,212 @@
+//! Cycles in which nothing happens: what they leave as it is, and what they follow.
+
+use super::played::{
+    Brings, ENABLED, FAULT, Played, QUICK_STOP_ACTIVE, REACHED, SWITCH_ON_DISABLED,
+};
+use crate::{
+    axis::{Command, CommandId, Inputs},
+    ds402::{Controlword, Mode},
+    profile_velocity::JogSetPoint,
+};
+
+/// One more cycle with this statusword, for outputs that are kept: whether something in them may have changed.
+fn writes(drive: &mut Played, unchanged: bool, statusword: u16) -> bool {
+    drive.now += core::time::Duration::from_millis(1);
+    let bytes = drive.inputs(statusword);
+    let inputs = Inputs::Fresh(&bytes);
+    let cycle = drive.core.snapshot().cycle;
+    let writes = drive
+        .core
+        .step_kept(drive.now, inputs, unchanged, &mut drive.outputs);
+    let snapshot = drive.core.snapshot();
+    assert_eq!(snapshot.cycle, cycle + 1);
+    assert_eq!(snapshot.position, drive.position);
+    assert_eq!(snapshot.velocity, drive.velocity);
+    writes
+}
+
+/// Whether a stop has nothing to wait for.
+fn stands(drive: &Played) -> bool {
+    let (mut core, mut outputs) = (drive.core.clone(), drive.outputs);
+    core.submit(drive.now, CommandId(900), Command::Stop, &mut outputs);
+    core.poll_event().is_some()
+}
+
+/// What 607Ah is after the axis has dithered by a count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Target {
+    Follows,
+    Stays,
+}
+
+#[test]
+fn an_axis_at_rest_writes_nothing_and_follows_where_no_move_is_under_way() {
+    let at_rest = |mode| {
+        if mode == Mode::ProfilePosition {
+            Played::enabled(Played::config())
+        } else {
+            Played::enabled_in(mode, Played::config())
+        }
+    };
+    let disabled_in = |mode| {
+        let mut drive = at_rest(mode);
+        drive.submit(Command::Disable);
+        drive.shows_for(30, SWITCH_ON_DISABLED);
+        drive
+    };
+    let in_another_mode = || {
+        let mut drive = at_rest(Mode::ProfilePosition);
+        drive.mode = 3;
+        drive.shows_for(5, REACHED);
+        drive
+    };
+    use Target::{Follows, Stays};
+    for (name, mut drive, statusword, target) in [
+        (
+            "disabled",
+            disabled_in(Mode::ProfilePosition),
+            SWITCH_ON_DISABLED,
+            Follows,
+        ),
+        (
+            "disabled in homing mode",
+            disabled_in(Mode::Homing),
+            SWITCH_ON_DISABLED,
+            Follows,
+        ),
+        ("enabled", at_rest(Mode::ProfilePosition), REACHED, Stays),
+        (
+            "enabled in homing mode",
+            at_rest(Mode::Homing),
+            REACHED,
+            Follows,
+        ),
+        (
+            "enabled in velocity mode",
+            at_rest(Mode::ProfileVelocity),
+            REACHED,
+            Follows,
+        ),
+        ("in another mode", in_another_mode(), REACHED, Stays),
+    ] {
+        let outputs = drive.outputs;
+        for _ in 0..3 {
+            assert!(!writes(&mut drive, true, statusword), "{name}");
+        }
+        assert_eq!(drive.outputs, outputs, "{name}");
+        let before = drive.target();
+        drive.position += 1;
+        let follows = target == Follows;
+        assert_eq!(writes(&mut drive, false, statusword), follows, "{name}");
+        let target = if follows { drive.position } else { before };
+        assert_eq!(drive.target(), target, "{name}");
+        assert!(!writes(&mut drive, true, statusword), "{name}");
+    }
+}
+
+#[test]
+fn a_cycle_of_an_axis_with_something_under_way_is_computed_as_a_whole() {
+    let enabled = || Played::enabled(Played::config());
+    let mut halted = enabled();
+    halted.submit(Command::Halt);
+    halted.shows_for(30, REACHED);
+    let mut changing = enabled();
+    changing.submit(Command::SelectMode(Mode::Homing));
+    changing.shows_for(5, REACHED);
+    let mut disabling = enabled();
+    disabling.submit(Command::Disable);
+    disabling.shows_for(5, REACHED);
+    let mut stopping = enabled();
+    stopping.submit(Command::QuickStop);
+    stopping.shows_for(5, REACHED);
+    let mut lost = enabled();
+    lost.cycles(30, Brings::Answered, REACHED);
+    let mut jogging = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    let jog = jogging.submit(Command::Jog(JogSetPoint::new(0)));
+    jogging.shows_for(5, REACHED);
+    jogging
+        .core
+        .release_jog(jogging.now, jog, &mut jogging.outputs);
+    jogging.shows(REACHED);
+    let mut rising = enabled();
+    rising.move_to(5_000);
+    rising.shows(REACHED);
+    for (name, mut drive) in [
+        ("halted", halted),
+        ("changing its mode", changing),
+        ("disabling", disabling),
+        ("stopping", stopping),
+        ("lost", lost),
+        ("released", jogging),
+        ("rising", rising),
+    ] {
+        assert!(writes(&mut drive, true, REACHED), "{name}");
+    }
+    // After whatever is new to it, one cycle is.
+    let mut drive = enabled();
+    drive.cycle(Brings::Answered, REACHED);
+    assert!(writes(&mut drive, true, REACHED), "not delivered before");
+    let mut drive = enabled();
+    assert!(!writes(&mut drive, true, REACHED));
+    drive.core.set_manufacturer_bits(Controlword::MANUFACTURER);
+    assert!(writes(&mut drive, true, REACHED), "other bits");
+    assert_eq!(drive.word() & 0xF800, 0xF800);
+    let mut drive = enabled();
+    drive.error_code = 0x8611;
+    assert!(writes(&mut drive, false, REACHED), "another error code");
+    let mut drive = enabled();
+    assert!(writes(&mut drive, false, ENABLED), "another statusword");
+    let mut drive = enabled();
+    drive.mode = 6;
+    assert!(writes(&mut drive, false, REACHED), "another mode");
+    let mut drive = enabled();
+    drive.cycles(3, Brings::Nothing, REACHED);
+    assert!(writes(&mut drive, true, REACHED), "seen again");
+    let mut drive = enabled();
+    let bytes = drive.inputs(REACHED);
+    let inputs = Inputs::Answered(&bytes);
+    assert!(
+        drive
+            .core
+            .step_kept(drive.now, inputs, true, &mut drive.outputs),
+        "perhaps not delivered"
+    );
+}
+
+#[test]
+fn an_axis_that_does_not_stand_is_looked_at_until_it_does() {
+    let mut drive = Played::enabled(Played::config());
+    drive.position = 500;
+    // It jumped: for an eighth of the settle time it is not known to stand.
+    assert!(!writes(&mut drive, false, REACHED));
+    assert!(!stands(&drive));
+    for _ in 0..13 {
+        writes(&mut drive, true, REACHED);
+    }
+    assert!(stands(&drive));
+}
+
+#[test]
+fn a_fault_and_a_held_quick_stop_at_rest_stay_what_they_are() {
+    let mut config = Played::config();
+    config.quick_stop = crate::ds402::QuickStopOption(6);
+    let mut drive = Played::enabled(config);
+    drive.submit(Command::QuickStop);
+    drive.shows_for(50, QUICK_STOP_ACTIVE);
+    for _ in 0..20 {
+        writes(&mut drive, true, QUICK_STOP_ACTIVE);
+        assert_eq!(drive.word(), 0x000B);
+    }
+    let mut drive = Played::enabled(Played::config());
+    drive.shows_for(50, FAULT);
+    for _ in 0..20 {
+        writes(&mut drive, true, FAULT);
+        assert_eq!(drive.word(), 0);
+    }
+    // Whoever resets it then is not overlooked.
+    drive.submit(Command::ResetFault);
+    for _ in 0..3 {
+        writes(&mut drive, true, FAULT);
+    }
+    assert_eq!(drive.word(), 0x0080);
+}
