@@ -717,8 +717,8 @@ impl AxisCore {
         } else {
             self.fail_commands(failure);
         }
-        if driven && !self.begin_quick_stop(now) {
-            self.power = Power::Off;
+        if driven {
+            self.begin_quick_stop(now);
         }
     }
 
@@ -2375,24 +2375,12 @@ impl AxisCore {
     fn choose_path(&mut self, delivered: bool) {
         self.idle_path = IdlePath::No;
         let Some(sample) = self.sample else { return };
-        // In the others, drives do things by themselves.
-        let settled = matches!(
-            sample.state(),
-            State::NotReadyToSwitchOn
-                | State::SwitchOnDisabled
-                | State::ReadyToSwitchOn
-                | State::SwitchedOn
-                | State::OperationEnabled
-        );
         let sent = self.outgoing == self.sent && self.outgoing_velocity == self.sent_velocity;
+        // What is driven shows Operation enabled: another state has ended that in this step.
         let driving = self.power.is_driving();
-        // One that is enabled and not to be is stopped before it is switched off: whether it stands is looked at.
-        let settled = settled && (driving || sample.state() != State::OperationEnabled);
-        let enabled = sample.state() == State::OperationEnabled && driving;
-        let in_mode = enabled && sample.mode == self.mode;
+        let in_mode = driving && sample.mode == self.mode;
         let allowed = delivered
             && self.brake.allows_idle_path(driving)
-            && settled
             && sent
             && self.blind_cycles == 0
             && !self.lost
@@ -2412,16 +2400,14 @@ impl AxisCore {
             return;
         }
         self.status_key = StatusKey::of(&sample);
-        let follows = if enabled {
-            in_mode && self.mode != Mode::ProfilePosition
+        let follows = !driving || (in_mode && self.mode != Mode::ProfilePosition);
+        // What holds a set-point is driven in its mode.
+        self.idle_path = if self.sequencer.holds_any() {
+            IdlePath::Moving
+        } else if follows {
+            IdlePath::Following
         } else {
-            !driving && !self.outgoing_starts()
-        };
-        self.idle_path = match (self.sequencer.holds_any(), follows) {
-            (false, false) => IdlePath::Standing,
-            (false, true) => IdlePath::Following,
-            (true, _) if in_mode && self.mode == Mode::ProfilePosition => IdlePath::Moving,
-            (true, _) => IdlePath::No,
+            IdlePath::Standing
         };
     }
 }
