@@ -53,7 +53,10 @@ fn objects(drive: &DriveDescription, direction: Direction) -> String {
 
 fn start(drive: &DriveDescription, buffer_mode: BufferMode) -> String {
     match drive.traits.bits(buffer_mode) {
-        StartBits::Bits(bits) => match (bits.bits() & 0x20 != 0, bits.bits() & 0x200 != 0) {
+        StartBits::Bits {
+            change_set_immediately,
+            change_on_set_point,
+        } => match (change_set_immediately, change_on_set_point) {
             (false, false) => "bits 5 and 9 low".to_owned(),
             (true, false) => "bit 5".to_owned(),
             (false, true) => "bit 9".to_owned(),

@@ -269,6 +269,7 @@ fn in_words(rig: &Rig, id: CommandId) -> String {
             Event::Done(Ok(Completion::Passed { .. })) => "passed".to_owned(),
             Event::Done(Ok(Completion::Homed { position })) => format!("homed {position}"),
             Event::Done(Ok(Completion::Stopped { state })) => format!("stopped in {state:?}"),
+            Event::Done(Ok(Completion::Prepared { mode })) => format!("prepared {mode:?}"),
             Event::Done(Err(failure)) => match failure {
                 Failure::Timeout { waiting_for, .. } => format!("Timeout {waiting_for:?}"),
                 Failure::BusLost { delivery } => format!("BusLost {delivery:?}"),

@@ -21,7 +21,8 @@ pub enum Command {
     ResetFault,
     /// Modes of operation 6060h, confirmed in 6061h; only while no set-point is active.
     SelectMode(Mode),
-    /// As [`SelectMode`](Self::SelectMode), up to where 6060h may be written: for drives that get it by SDO.
+    /// As [`SelectMode`](Self::SelectMode), up to where 6060h may be written: for drives that get it by SDO. It ends well as
+    /// [`Completion::Prepared`](super::Completion::Prepared).
     PrepareMode(Mode),
     /// A homing in homing mode, with the parameters that the drive holds.
     Home(HomingCommand),

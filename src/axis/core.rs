@@ -10,7 +10,7 @@ use core::{
 };
 
 use crate::{
-    ds402::{Controlword, Mode, PowerCommand, PowerGoal, Sample, State, Statusword},
+    ds402::{Controlword, Mode, ModeBits, PowerCommand, PowerGoal, Sample, State, Statusword},
     homing::{HomingCommand, Procedure, Verdict},
     profile_position::{
         Bounds, BufferMode, CommandId, Completion, Delivery, Event, Events, Failure, LastSeen,
@@ -21,6 +21,7 @@ use crate::{
 
 use super::{
     Command, CoreConfig, Inputs, Referencing, Snapshot, StopRequest,
+    commanded::{CommandedMode, ComposedWord, ManufacturerBits},
     fields::StatusKey,
     power::{Brake, Power, RESET_EDGES, RESET_PAUSE, ResetPhase},
     stopping::{Stage, Stopping, Wait},
@@ -45,7 +46,7 @@ macro_rules! cycle {
             bit_11_is_valid: $core.bit_11_is_valid,
             acknowledge: $core.config.deadlines.acknowledge,
             begin: $core.config.deadlines.begin,
-            controlword: $core.sent,
+            controlword: $core.sent.word(),
         }
     };
 }
@@ -92,11 +93,11 @@ pub struct AxisCore {
     pub(super) mode_change: Option<ModeChange>,
     /// 6061h where it is read by SDO.
     noted_mode: Mode,
-    manufacturer: Controlword,
+    manufacturer: ManufacturerBits,
     /// In the outputs now, and sent with the next cycle.
-    outgoing: Controlword,
+    outgoing: ComposedWord,
     /// Sent with the last cycle.
-    pub(super) sent: Controlword,
+    pub(super) sent: ComposedWord,
     /// Target velocity in the outputs now, and sent with the last cycle.
     outgoing_velocity: i32,
     sent_velocity: i32,
@@ -153,9 +154,9 @@ impl AxisCore {
             halt_delivered: None,
             mode_change: None,
             noted_mode: Mode::None,
-            manufacturer: Controlword::empty(),
-            outgoing: Controlword::empty(),
-            sent: Controlword::empty(),
+            manufacturer: ManufacturerBits::NONE,
+            outgoing: ComposedWord::DISABLE_VOLTAGE,
+            sent: ComposedWord::DISABLE_VOLTAGE,
             outgoing_velocity: 0,
             sent_velocity: 0,
             quiet_since: None,
@@ -184,10 +185,7 @@ impl AxisCore {
         if stop.is_empty() && self.idle_path != IdlePath::No {
             return false;
         }
-        let rising = self
-            .outgoing
-            .difference(self.sent)
-            .contains(Controlword::NEW_SET_POINT);
+        let rising = self.outgoing_starts() && !self.sent.contains(Controlword::NEW_SET_POINT);
         if stop.contains(StopRequest::QUICK_STOP) {
             self.begin_quick_stop(now);
         }
@@ -199,7 +197,7 @@ impl AxisCore {
             self.stopping.unwatched = true;
         }
         self.write_outputs(outputs);
-        rising && !self.outgoing.contains(Controlword::NEW_SET_POINT)
+        rising && !self.outgoing_starts()
     }
 
     /// One cycle: takes in what came back and writes the axis' own fields of the outputs that are sent next.
@@ -330,7 +328,7 @@ impl AxisCore {
             lost: self.lost,
             statusword,
             state: statusword.state(),
-            controlword: self.outgoing,
+            controlword: self.outgoing.word(),
             mode: sample.map_or(Mode::None, |s| s.mode),
             position: sample.map_or(0, |s| s.position),
             velocity: sample.and_then(|s| s.velocity).unwrap_or(0),
@@ -342,7 +340,7 @@ impl AxisCore {
 
     /// Sets bits 11–15 of the controlword, which are the manufacturer's; other bits are ignored.
     pub fn set_manufacturer_bits(&mut self, bits: Controlword) {
-        self.manufacturer = bits & Controlword::MANUFACTURER;
+        self.manufacturer = ManufacturerBits::of(bits);
         self.idle_path = IdlePath::No;
     }
 
@@ -484,13 +482,8 @@ impl AxisCore {
     }
 
     /// The one composer of controlwords.
-    fn compose(&self) -> Controlword {
+    fn compose(&self) -> ComposedWord {
         let state = self.state();
-        let halt = if self.halted {
-            Controlword::HALT
-        } else {
-            Controlword::empty()
-        };
         let traits = &self.config.traits;
         let command = if self.stopping.is_quick() {
             PowerCommand::QuickStop
@@ -505,16 +498,14 @@ impl AxisCore {
                 command
             }
         };
-        let bits = if command == PowerCommand::QuickStop
+        if command == PowerCommand::QuickStop
             && !self.power.allows_mode_bits()
             && !self.is_standing()
         {
             // During quick stop they stay as they were sent last.
-            self.sent & (MODE_BITS | Controlword::HALT)
-        } else {
-            self.mode_bits() | halt
-        };
-        command.controlword() | bits | self.manufacturer
+            return ComposedWord::after(command, self.sent, self.manufacturer);
+        }
+        ComposedWord::new(command, self.mode_bits(), self.halted, self.manufacturer)
     }
 
     fn write_outputs(&mut self, outputs: &mut [u8]) {
@@ -537,7 +528,7 @@ impl AxisCore {
         fields.write(
             outputs,
             self.outgoing,
-            self.mode,
+            CommandedMode::of_core(self.mode),
             self.sequencer.target(),
             parameters,
         );
@@ -691,8 +682,9 @@ impl AxisCore {
 
     /// Whether a motion may begin with the outputs composed last.
     fn sets_off(&self) -> bool {
-        let rises = self.outgoing.difference(self.sent);
-        let falls = self.sent.difference(self.outgoing);
+        let (outgoing, sent) = (self.outgoing.word(), self.sent.word());
+        let rises = outgoing.difference(sent);
+        let falls = sent.difference(outgoing);
         rises.contains(Controlword::NEW_SET_POINT)
             // Without a set-point nothing goes on by it.
             || (falls.contains(Controlword::HALT) && self.has_motion())
@@ -1234,7 +1226,7 @@ impl AxisCore {
         Failure::Timeout {
             waiting_for,
             statusword,
-            controlword: self.sent,
+            controlword: self.sent.word(),
             delivery,
         }
     }
@@ -1862,12 +1854,6 @@ impl AxisCore {
 
 // The active mode: whose bits and set-points are in the outputs, and how one mode gives way to another.
 
-/// The bits of the controlword that mean something else in each mode.
-const MODE_BITS: Controlword = Controlword::NEW_SET_POINT
-    .union(Controlword::CHANGE_IMMEDIATELY)
-    .union(Controlword::RELATIVE)
-    .union(Controlword::BLEND);
-
 /// A change of 6060h that waits for 6061h.
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct ModeChange {
@@ -1959,7 +1945,12 @@ impl AxisCore {
     fn select_mode(&mut self, now: Duration, id: CommandId, to: Mode, by_sdo: bool) {
         let shown = self.sample.is_some_and(|sample| sample.mode == to);
         if shown && self.mode == to && self.mode_change.is_none() {
-            self.done(id, Ok(Completion::Done));
+            let completion = if by_sdo {
+                Completion::Prepared { mode: to }
+            } else {
+                Completion::Done
+            };
+            self.done(id, Ok(completion));
         } else if !self
             .config
             .supported_modes
@@ -2011,7 +2002,7 @@ impl AxisCore {
         let (id, to) = (change.id, change.to);
         if by_sdo {
             change.step = ModeStep::BySdo;
-            self.done(id, Ok(Completion::Done));
+            self.done(id, Ok(Completion::Prepared { mode: to }));
         } else {
             change.step = ModeStep::Written;
             self.mode = to;
@@ -2020,7 +2011,7 @@ impl AxisCore {
 
     /// What has just been sent, of the mode's own: since when it is nothing.
     fn observe_quiet(&mut self, now: Duration, delivered: bool) {
-        if self.sent.intersects(MODE_BITS) || self.sent_velocity != 0 {
+        if self.sent.word().intersects(ModeBits::MASK) || self.sent_velocity != 0 {
             self.quiet_since = None;
         } else if delivered {
             self.quiet_since.get_or_insert(now);
@@ -2135,14 +2126,14 @@ impl AxisCore {
     }
 
     /// Bits 4, 5, 6 and 9 of the next controlword: the active mode's.
-    const fn mode_bits(&self) -> Controlword {
+    const fn mode_bits(&self) -> ModeBits {
         if !self.power.allows_mode_bits() {
-            return Controlword::empty();
+            return ModeBits::NONE;
         }
         match self.mode {
             Mode::ProfilePosition => self.sequencer.bits(),
             Mode::Homing => self.homing.bits(),
-            _ => Controlword::empty(),
+            _ => ModeBits::NONE,
         }
     }
 
@@ -2476,7 +2467,7 @@ impl AxisCore {
         self.halt_delivered = None;
         self.mode_change = None;
         self.set_manufacturer_bits(Controlword::empty());
-        self.sent = Controlword::empty();
+        self.sent = ComposedWord::DISABLE_VOLTAGE;
         self.sent_velocity = 0;
         self.quiet_since = None;
         self.write_outputs(outputs);

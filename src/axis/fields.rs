@@ -2,11 +2,13 @@
 
 use crate::{
     coe::{AnyObject, AxisOffset, ObjectAddress, obj},
-    ds402::{Controlword, Mode, Sample, Statusword},
+    ds402::{Mode, Sample, Statusword},
     pdo_map::{Direction, Layout},
     profile_position::{Failure, Parameters},
     profile_velocity::JogSetPoint,
 };
+
+use super::commanded::{CommandedMode, ComposedWord};
 
 /// How 60FFh is named to people.
 pub(crate) const TARGET_VELOCITY: &str = "target velocity 60FFh";
@@ -237,10 +239,11 @@ impl AxisFields {
 
     /// Controlword and target position in the drive's outputs; nothing where they are too short.
     #[cfg(feature = "std")]
-    pub(crate) fn sent(&self, outputs: &[u8]) -> Option<(Controlword, i32)> {
+    pub(crate) fn sent(&self, outputs: &[u8]) -> Option<(crate::ds402::Controlword, i32)> {
         let controlword = u16::from_le_bytes(read(outputs, self.controlword)?);
         let target = i32::from_le_bytes(read(outputs, self.target)?);
-        Some((Controlword::from_bits_retain(controlword), target))
+        let controlword = crate::ds402::Controlword::from_bits_retain(controlword);
+        Some((controlword, target))
     }
 
     /// Whether the drive's inputs show nothing that is new beside the motion.
@@ -279,18 +282,18 @@ impl AxisFields {
     pub(super) fn write(
         &self,
         outputs: &mut [u8],
-        controlword: Controlword,
-        mode: Mode,
+        controlword: ComposedWord,
+        mode: CommandedMode,
         target: i32,
         parameters: &Parameters,
     ) {
         put(
             outputs,
             Some(self.controlword),
-            Some(controlword.bits().to_le_bytes()),
+            Some(controlword.word().bits().to_le_bytes()),
         );
         put(outputs, Some(self.target), Some(target.to_le_bytes()));
-        put(outputs, self.mode, Some(mode.raw().to_le_bytes()));
+        put(outputs, self.mode, Some([mode.byte()]));
         put(
             outputs,
             self.velocity,

@@ -4,6 +4,7 @@
 //! either by the bus thread of a `Network` or by a program with a cyclic exchange of its own.
 
 mod command;
+mod commanded;
 mod config;
 mod core;
 mod fields;
@@ -25,6 +26,8 @@ pub use config::{CoreConfig, Deadlines, Loss, Tolerances};
 pub(crate) use fields::TARGET_VELOCITY;
 pub use fields::{AxisFields, FieldError};
 
+#[cfg(feature = "std")]
+pub(crate) use self::commanded::CommandedMode;
 #[cfg(feature = "std")]
 pub(crate) use self::core::Again;
 #[cfg(feature = "std")]

@@ -2,7 +2,6 @@
 
 use super::{AxisDescription, DriveDescription};
 use crate::coe::{ErrorTexts, obj};
-use crate::ds402::Controlword;
 use crate::pdo_map::Limits;
 use crate::profile_position::{BufferSignal, StartBits, Traits};
 
@@ -32,7 +31,10 @@ pub fn ax2000() -> DriveDescription {
                 "this drive always ends the active set-point first: use Buffered or Blending, or stop the axis",
             ),
             after_current: StartBits::Sequenced,
-            blend: StartBits::Bits(Controlword::CHANGE_IMMEDIATELY),
+            blend: StartBits::Bits {
+                change_set_immediately: true,
+                change_on_set_point: false,
+            },
             buffer_signal: BufferSignal::Acknowledge,
             profile_types: &[0, 1],
             blend_needs_linear_ramps: true,
@@ -52,7 +54,10 @@ mod tests {
         let traits = ax2000().traits;
         assert_eq!(
             traits.bits(BufferMode::Blending),
-            StartBits::Bits(Controlword::CHANGE_IMMEDIATELY)
+            StartBits::Bits {
+                change_set_immediately: true,
+                change_on_set_point: false,
+            }
         );
         assert!(matches!(
             traits.bits(BufferMode::Aborting),

@@ -9,7 +9,10 @@ use core::{
 use std::sync::Arc;
 
 use crate::{
-    axis::{Command, CommandId, Completion, DriveSettings, Failure, Snapshot, StopRequest},
+    axis::{
+        Command, CommandId, CommandedMode, Completion, DriveSettings, Failure, Snapshot,
+        StopRequest,
+    },
     coe::{
         AbortCode, AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError,
         Transfer, obj,
@@ -507,6 +510,12 @@ impl Handles {
         written.map_err(|error| self.shared.error(AxisErrorKind::Sdo(Arc::new(error))))
     }
 
+    /// 6060h.
+    async fn write_mode(&self, mode: CommandedMode) -> Result<(), AxisError> {
+        let value = vec![mode.byte()];
+        self.write_parameter(MODE_OF_OPERATION, value).await
+    }
+
     pub async fn read_parameter(&self, object: ObjectAddress) -> Result<Vec<u8>, AxisError> {
         let object = self.of_axis(object);
         let read = self.parameters().read(object).await;
@@ -604,14 +613,14 @@ impl<U: AxisUnit> Axis<U> {
         if fields.mode.is_none() {
             // Nothing is written before the axis has said that it stands and that nothing of the last mode is left.
             let preparing = self.submit(Command::PrepareMode(mode))?;
-            preparing.withdraw_on_drop().done().await?;
+            let said = preparing.withdraw_on_drop().done().await?;
             if fields.mode_display.is_none() {
                 // What was read before says nothing from here on.
                 handles.shared.note_mode(Mode::None.raw());
             }
-            handles
-                .write_parameter(MODE_OF_OPERATION, vec![mode.raw().cast_unsigned()])
-                .await?;
+            if let Some(mode) = CommandedMode::by_sdo(said) {
+                handles.write_mode(mode).await?;
+            }
         }
         let pending = self.submit(Command::SelectMode(mode))?.withdraw_on_drop();
         if fields.mode_display.is_some() {

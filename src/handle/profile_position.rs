@@ -390,9 +390,10 @@ impl<U: AxisUnit> Move<U> {
             Completion::Passed { position } => Ok(Outcome::Passed {
                 position: at(position),
             }),
-            Completion::Homed { .. } | Completion::Stopped { .. } | Completion::Done => {
-                Err(Failure::QUICK_STOPPED)
-            }
+            Completion::Homed { .. }
+            | Completion::Stopped { .. }
+            | Completion::Prepared { .. }
+            | Completion::Done => Err(Failure::QUICK_STOPPED),
         }
     }
 

@@ -1679,7 +1679,9 @@ impl MotionEnd {
 
     const fn of(result: &Result<Completion, Failure>) -> Self {
         match result {
-            Ok(Completion::Reached { .. } | Completion::Done) => Self::Reached,
+            Ok(Completion::Reached { .. } | Completion::Prepared { .. } | Completion::Done) => {
+                Self::Reached
+            }
             Ok(Completion::Passed { .. }) => Self::Passed,
             Ok(Completion::Homed { .. }) => Self::Homed,
             Ok(Completion::Stopped { .. })

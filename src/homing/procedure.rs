@@ -11,7 +11,7 @@
 use core::time::Duration;
 
 use crate::{
-    ds402::{Controlword, Statusword},
+    ds402::{Controlword, ModeBits, Statusword},
     profile_position::{
         CommandId, Completion, Cycle, Delivery, Event, Events, Failure, WaitingFor,
     },
@@ -72,12 +72,10 @@ impl Procedure {
     }
 
     /// Bit 4 of the next controlword.
-    pub const fn bits(&self) -> Controlword {
+    pub const fn bits(&self) -> ModeBits {
         match self.stage {
-            HomingPhase::High(_) | HomingPhase::Abandoned => Controlword::HOMING_START,
-            HomingPhase::Low { .. } | HomingPhase::Halted | HomingPhase::Unknown => {
-                Controlword::empty()
-            }
+            HomingPhase::High(_) | HomingPhase::Abandoned => ModeBits::HOMING_START,
+            HomingPhase::Low { .. } | HomingPhase::Halted | HomingPhase::Unknown => ModeBits::NONE,
         }
     }
 

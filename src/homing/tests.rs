@@ -5,7 +5,7 @@ use core::time::Duration;
 
 use super::{HomingCommand, HomingMethod, Procedure, Verdict};
 use crate::{
-    ds402::{Controlword, Mode, Sample, Statusword},
+    ds402::{Controlword, Mode, ModeBits, Sample, Statusword},
     profile_position::{
         Bounds, CommandId, Completion, Cycle, Delivery, Event, Events, Failure, LastSeen, Limits,
         Standstill, Traits, WaitingFor,
@@ -82,10 +82,10 @@ impl Dialogue {
         );
         // Low, seen low, raised, and sent with the cycle after.
         for _ in 0..3 {
-            assert_eq!(this.procedure.bits(), Controlword::empty());
+            assert_eq!(this.procedure.bits(), ModeBits::NONE);
             this.shows(bits);
         }
-        assert_eq!(this.procedure.bits(), Controlword::HOMING_START);
+        assert_eq!(this.procedure.bits(), ModeBits::HOMING_START);
         this
     }
 
@@ -93,7 +93,7 @@ impl Dialogue {
     fn shows(&mut self, bits: u16) -> &mut Self {
         self.now += Duration::from_millis(1);
         self.position += self.velocity;
-        self.sent = self.procedure.bits() | self.besides;
+        self.sent = self.procedure.bits().word() | self.besides;
         self.procedure.mark_sent(self.now);
         let settle = Duration::from_millis(100);
         let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), None);
@@ -136,7 +136,7 @@ impl Dialogue {
     }
 
     fn is_high(&self) -> bool {
-        self.procedure.bits() == Controlword::HOMING_START
+        self.procedure.bits() == ModeBits::HOMING_START
     }
 
     fn reports(&mut self) -> Vec<Event> {

@@ -183,7 +183,11 @@ impl ParameterSet {
 const fn leaves_unconfirmed(fault: &WriteFault) -> bool {
     match fault {
         WriteFault::Sdo(error) => error.abort_code().is_none(),
-        WriteFault::Differs { .. } | WriteFault::Controlword | WriteFault::Statusword => false,
+        WriteFault::Differs { .. }
+        | WriteFault::Controlword
+        | WriteFault::Mode
+        | WriteFault::Target
+        | WriteFault::Statusword => false,
     }
 }
 

@@ -143,7 +143,8 @@ impl StartUpList {
         self
     }
 
-    /// Writes the lines of one transition to a drive, in order, up to the first that fails.
+    /// Writes the lines of one transition to a drive, in order, up to the first that fails. A list with a line that no start-up list may
+    /// have (6040h, 6041h, 6060h, or a target: 6042h, 6071h, 607Ah, 60FFh, of any axis) is refused as a whole.
     ///
     /// A [`Network`](crate::bus::Network) does this by itself with the lists of its
     /// [`DriveConfig`](crate::bus::DriveConfig::start_up).
@@ -151,6 +152,9 @@ impl StartUpList {
     /// # Errors
     /// [`StartUpError`]: which line failed and how; those before it have been written.
     pub async fn apply(&self, sdo: &SdoHandle, transition: Transition) -> Result<(), StartUpError> {
+        if let Some(mistake) = self.mistake() {
+            return Err(mistake);
+        }
         for (place, write) in self.writes.iter().enumerate() {
             if write.transition != transition {
                 continue;
@@ -163,13 +167,16 @@ impl StartUpList {
     }
 
     /// The first line that a start-up list must not have. The controlword could switch an axis on before anything watches
-    /// it; the statusword can only be read.
+    /// it; a mode or a target that it holds then could move it; the statusword can only be read.
     pub(crate) fn mistake(&self) -> Option<StartUpError> {
         let mut lines = self.writes.iter().enumerate();
         lines.find_map(|(place, write)| {
             let fault = match of_first_axis(write.object)? {
                 0x6040 => WriteFault::Controlword,
                 0x6041 => WriteFault::Statusword,
+                0x6060 => WriteFault::Mode,
+                // Velocity, torque, position, and the velocity of mode 3.
+                0x6042 | 0x6071 | 0x607A | 0x60FF => WriteFault::Target,
                 _ => return None,
             };
             Some(self.error(place, write, fault))
@@ -267,6 +274,14 @@ pub enum WriteFault {
     /// It is a controlword.
     #[error("the controlword is no parameter: enable the axis by its handle")]
     Controlword,
+    /// It is a mode of operation.
+    #[error(
+        "the mode of operation is no parameter: take the line out; the lease of a mode selects it when the axis stands"
+    )]
+    Mode,
+    /// It is a target: of position, velocity or torque.
+    #[error("a target is no parameter: take the line out; an axis is moved by its handle")]
+    Target,
     /// It is a statusword.
     #[error(
         "the statusword can only be read: take the line out; an axis is commanded by its handle, and parameters are other objects"

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::ds402::{Controlword, Sample, Statusword};
+use crate::ds402::{ModeBits, Sample, SetPointBits, Statusword};
 
 use super::{
     Bounds, BufferMode, BufferSignal, Cycle, Event, Events, Failure, MoveCommand, Reference,
@@ -537,18 +537,26 @@ impl Chain {
     }
 }
 
-/// Bits 4, 5, 6 and 9 that start a move.
-pub(super) const fn start_bits(command: &MoveCommand, traits: &Traits) -> Controlword {
-    let start = match traits.bits(command.set_point.buffer_mode) {
-        StartBits::Bits(bits) => bits,
-        // Sequenced after arrival: it starts an axis that stands.
-        StartBits::Sequenced | StartBits::Unsupported(_) => Controlword::empty(),
-    };
+/// Bits 5, 6 and 9 that start a move.
+pub(super) const fn start_bits(command: &MoveCommand, traits: &Traits) -> ModeBits {
+    let (change_set_immediately, change_on_set_point) =
+        match traits.bits(command.set_point.buffer_mode) {
+            StartBits::Bits {
+                change_set_immediately,
+                change_on_set_point,
+            } => (change_set_immediately, change_on_set_point),
+            // Sequenced after arrival: it starts an axis that stands.
+            StartBits::Sequenced | StartBits::Unsupported(_) => (false, false),
+        };
     let relative = match command.reference {
-        Reference::Absolute => Controlword::empty(),
-        Reference::Relative => Controlword::RELATIVE,
+        Reference::Absolute => false,
+        Reference::Relative => true,
     };
-    Controlword::NEW_SET_POINT.union(start).union(relative)
+    ModeBits::of_set_point(SetPointBits {
+        change_set_immediately,
+        relative,
+        change_on_set_point,
+    })
 }
 
 #[cfg(test)]

@@ -47,6 +47,11 @@ pub enum Completion {
         /// Where the drive ended: by 605Ah.
         state: State,
     },
+    /// Nothing of the last mode is left: 6060h may be written by SDO.
+    Prepared {
+        /// The mode that may be written.
+        mode: Mode,
+    },
 }
 
 /// How far a set-point came before its command failed.

@@ -6,7 +6,7 @@
 
 use core::time::Duration;
 
-use crate::ds402::{Controlword, Sample};
+use crate::ds402::{ModeBits, Sample};
 
 use super::{
     Bounds, BufferMode, CommandId, Cycle, Delivery, Event, Events, Failure, MoveCommand,
@@ -20,7 +20,7 @@ use super::{
 #[derive(Debug, Clone, Hash)]
 pub(crate) struct Sequencer {
     bit4: Bit4,
-    bits: Controlword,
+    bits: ModeBits,
     ahead: Ahead,
     target: i32,
     parameters: Parameters,
@@ -49,7 +49,7 @@ impl Sequencer {
     pub fn new(parameters: Parameters) -> Self {
         Self {
             bit4: Bit4::LOW,
-            bits: Controlword::empty(),
+            bits: ModeBits::NONE,
             ahead: Ahead::Fell,
             target: 0,
             parameters,
@@ -64,7 +64,7 @@ impl Sequencer {
     }
 
     /// Bits 4, 5, 6 and 9 of the next controlword.
-    pub const fn bits(&self) -> Controlword {
+    pub const fn bits(&self) -> ModeBits {
         self.bits
     }
 
@@ -263,7 +263,7 @@ impl Sequencer {
         if !self.bit4.is_low() {
             self.bit4 = Bit4::LOW;
         }
-        self.bits = Controlword::empty();
+        self.bits = ModeBits::NONE;
         self.unknown = false;
         self.anywhere = false;
     }
@@ -461,7 +461,7 @@ impl Sequencer {
         if !cycle.traits.start_bits_first {
             return true;
         }
-        let bits = start_bits(command, cycle.traits).difference(Controlword::NEW_SET_POINT);
+        let bits = start_bits(command, cycle.traits);
         if self.bits != bits {
             self.bits = bits;
             self.ahead = Ahead::Changed;
@@ -482,7 +482,7 @@ impl Sequencer {
     /// The move that they were put out for does not come.
     fn take_start_bits_back(&mut self) {
         if self.bit4.is_low() && !self.bits.is_empty() {
-            self.bits = Controlword::empty();
+            self.bits = ModeBits::NONE;
             self.ahead = Ahead::Changed;
         }
     }
@@ -492,7 +492,7 @@ impl Sequencer {
             events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
         }
         self.waiting.pop();
-        self.bits = start_bits(&request.command, cycle.traits);
+        self.bits = start_bits(&request.command, cycle.traits).with_new_set_point();
         self.target = request.command.target;
         self.parameters = request.command.set_point.parameters;
         self.armed = None;
@@ -534,7 +534,7 @@ impl Sequencer {
 
     fn low(&mut self) {
         self.bit4 = Bit4::LOW;
-        self.bits = Controlword::empty();
+        self.bits = ModeBits::NONE;
         self.ahead = Ahead::Fell;
     }
 }

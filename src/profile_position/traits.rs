@@ -17,8 +17,13 @@ const LINEAR: i16 = 0;
 /// The bits that one kind of start takes, or why the drive has no such start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StartBits {
-    /// These of bits 5 and 9.
-    Bits(Controlword),
+    /// By the drive's buffer, with these bits. No others of the controlword can be asked for.
+    Bits {
+        /// Bit 5, change set immediately.
+        change_set_immediately: bool,
+        /// Bit 9, change on set-point.
+        change_on_set_point: bool,
+    },
     /// Not by the drive's buffer: sequenced by this library after the active move's arrival.
     Sequenced,
     /// The drive cannot do it, for this reason.
@@ -104,7 +109,7 @@ impl HomedSignal {
 /// ```
 /// use servocrab::profile_position::{BufferSignal, StartBits, BufferMode, Traits};
 /// let traits = Traits::cia402();
-/// assert!(matches!(traits.bits(BufferMode::Blending), StartBits::Bits(_)));
+/// assert!(matches!(traits.bits(BufferMode::Blending), StartBits::Bits { .. }));
 /// assert_eq!(traits.buffer_signal, BufferSignal::Unknown);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -149,9 +154,18 @@ impl Traits {
     #[must_use]
     pub const fn cia402() -> Self {
         Self {
-            immediately: StartBits::Bits(Controlword::CHANGE_IMMEDIATELY),
-            after_current: StartBits::Bits(Controlword::empty()),
-            blend: StartBits::Bits(Controlword::BLEND),
+            immediately: StartBits::Bits {
+                change_set_immediately: true,
+                change_on_set_point: false,
+            },
+            after_current: StartBits::Bits {
+                change_set_immediately: false,
+                change_on_set_point: false,
+            },
+            blend: StartBits::Bits {
+                change_set_immediately: false,
+                change_on_set_point: true,
+            },
             start_bits_first: false,
             buffer_signal: BufferSignal::Unknown,
             relative_base: RelativeBase::Undocumented,

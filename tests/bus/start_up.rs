@@ -120,20 +120,43 @@ fn what_the_drive_holds_in_place_of_what_was_written_is_shown() {
 }
 
 #[test]
-fn a_list_that_writes_a_controlword_is_refused_before_anything_is_sent() {
+fn a_list_that_commands_an_axis_is_refused_before_anything_is_sent() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
-    for object in [obj::CONTROLWORD, obj::CONTROLWORD.axis(2)] {
-        let list = StartUpList::new()
-            .write(StartUpWrite::new(obj::POSITION_WINDOW, 5))
-            .write(StartUpWrite::new(object, 0x000F));
-        let Err(error) = start(&line, akd2g().start_up(list)) else {
-            panic!("it came up");
-        };
-        let text = error.to_string();
-        assert!(text.contains("line 2 of 2"), "{text}");
-        assert!(text.contains("by its handle"), "{text}");
+    for (object, reason) in [
+        (0x6040, "the controlword is no parameter"),
+        (0x6060, "the mode of operation is no parameter"),
+        (0x6042, "a target is no parameter"),
+        (0x6071, "a target is no parameter"),
+        (0x607A, "a target is no parameter"),
+        (0x60FF, "a target is no parameter"),
+    ] {
+        for offset in [0, 0x0800] {
+            let object = ObjectAddress::new(object + offset, 0);
+            let list = StartUpList::new()
+                .write(StartUpWrite::new(obj::POSITION_WINDOW, 5))
+                .write(StartUpWrite::to(object, 0x000F_u16));
+            let Err(error) = start(&line, akd2g().start_up(list)) else {
+                panic!("it came up with {object}");
+            };
+            let text = error.to_string();
+            assert!(text.contains("line 2 of 2"), "{text}");
+            assert!(text.contains(reason), "{text}");
+        }
     }
     assert_eq!(line.segment().devices()[0].al_state(), AlState::Init);
+}
+
+#[test]
+fn a_list_that_commands_an_axis_is_not_applied_either() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let rig = start(&line, akd2g()).unwrap();
+    let sdo = rig.net().sdo(0).unwrap();
+    let list = StartUpList::new()
+        .write(StartUpWrite::new(obj::POSITION_WINDOW, 5))
+        .write(StartUpWrite::new(obj::CONTROLWORD, 0x000F));
+    let applied = smol::block_on(list.apply(&sdo, Transition::PreOpToSafeOp));
+    assert_eq!(applied.unwrap_err().fault, WriteFault::Controlword);
+    assert_ne!(value(&line, 0x6067), Some(5));
 }
 
 #[test]

@@ -7,7 +7,7 @@
 use core::time::Duration;
 
 use servocrab::axis::{Command, CommandId, CoreConfig, Referencing, StopRequest};
-use servocrab::ds402::{Controlword, Mode, QuickStopOption};
+use servocrab::ds402::{Mode, QuickStopOption};
 use servocrab::profile_position::{
     BufferMode, BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint,
     StartBits, Traits,
@@ -257,7 +257,10 @@ fn traits_of(starts: Starts) -> Traits {
         Starts::Ax2000 => Traits {
             immediately: StartBits::Unsupported("nothing replaces a move on this drive"),
             after_current: StartBits::Sequenced,
-            blend: StartBits::Bits(Controlword::CHANGE_IMMEDIATELY),
+            blend: StartBits::Bits {
+                change_set_immediately: true,
+                change_on_set_point: false,
+            },
             ..cia402
         },
     }

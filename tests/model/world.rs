@@ -304,7 +304,10 @@ impl World {
         if description.starts == Starts::Never {
             config.traits.immediately = StartBits::Unsupported("nothing replaces");
             config.traits.after_current = StartBits::Sequenced;
-            config.traits.blend = StartBits::Bits(Controlword::CHANGE_IMMEDIATELY);
+            config.traits.blend = StartBits::Bits {
+                change_set_immediately: true,
+                change_on_set_point: false,
+            };
         }
         if description.halt_coasts {
             config.stop_options.halt = Some(0);
