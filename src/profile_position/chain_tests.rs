@@ -1,7 +1,7 @@
 //! What the drive holds, and where a move would begin, count from and end.
 
 use crate::{
-    ds402::Mode,
+    ds402::{Controlword, Mode},
     profile_position::{
         CommandId, Completion, LastSeen, Limits, PositionRange, SetPoint, Standstill,
         sequencer::{Raised, Request},

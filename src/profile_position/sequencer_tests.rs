@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 
 use crate::{
-    ds402::{Mode, Statusword},
+    ds402::{Controlword, Mode, Statusword},
     profile_position::{
         BufferSignal, Completion, LastSeen, Limits, SetPoint, Standstill, StartBits, Traits,
     },
@@ -96,7 +96,7 @@ impl Dialogue {
             bit_11_is_valid: true,
             acknowledge: ms(LATE),
             begin: ms(2_000),
-            controlword: self.sequencer.bits(),
+            controlword: self.sequencer.bits().word(),
         };
         of(&mut self.sequencer, &cycle, &mut self.events)
     }
@@ -108,7 +108,7 @@ impl Dialogue {
     }
 
     fn is_high(&self) -> bool {
-        self.sequencer.bits().contains(Controlword::NEW_SET_POINT)
+        self.sequencer.bits().word().contains(Controlword::NEW_SET_POINT)
     }
 
     /// Asks for a move, and does nothing else.
@@ -445,22 +445,22 @@ fn bits_that_a_drive_takes_before_the_edge_are_seen_before_it() {
     let mut dialogue = Dialogue::begin(traits);
     dialogue.ask(to(1_000, BufferMode::Aborting));
     dialogue.frame();
-    assert_eq!(dialogue.sequencer.bits(), immediately);
+    assert_eq!(dialogue.sequencer.bits().word(), immediately);
     // What was not delivered is not seen.
     dialogue.delivered = false;
     dialogue.frames(10);
-    assert_eq!(dialogue.sequencer.bits(), immediately);
+    assert_eq!(dialogue.sequencer.bits().word(), immediately);
     dialogue.delivered = true;
     dialogue.frames(2);
-    assert_eq!(dialogue.sequencer.bits(), immediately);
+    assert_eq!(dialogue.sequencer.bits().word(), immediately);
     dialogue.frame();
     assert_eq!(
-        dialogue.sequencer.bits(),
+        dialogue.sequencer.bits().word(),
         immediately | Controlword::NEW_SET_POINT
     );
     dialogue.word |= ACKNOWLEDGE;
     assert!(dialogue.frame());
-    assert_eq!(dialogue.sequencer.bits(), Controlword::empty());
+    assert_eq!(dialogue.sequencer.bits().word(), Controlword::empty());
 
     // Those of a move that does not come are taken back, and the next one's are seen before its edge, too: none of them here.
     let mut dialogue = Dialogue::begin(traits);
@@ -471,19 +471,19 @@ fn bits_that_a_drive_takes_before_the_edge_are_seen_before_it() {
             .sequencer
             .withdraw(withdrawn, Failure::NeedsStop, &mut dialogue.events)
     );
-    assert_eq!(dialogue.sequencer.bits(), Controlword::empty());
+    assert_eq!(dialogue.sequencer.bits().word(), Controlword::empty());
     dialogue.ask(to(1_000, BufferMode::Buffered));
     dialogue.frames(2);
-    assert_eq!(dialogue.sequencer.bits(), Controlword::empty());
+    assert_eq!(dialogue.sequencer.bits().word(), Controlword::empty());
     dialogue.frame();
-    assert_eq!(dialogue.sequencer.bits(), Controlword::NEW_SET_POINT);
+    assert_eq!(dialogue.sequencer.bits().word(), Controlword::NEW_SET_POINT);
 
     // With a drive that takes them at the edge they come with it.
     let mut dialogue = Dialogue::begin(Traits::cia402());
     dialogue.ask(to(1_000, BufferMode::Aborting));
     dialogue.frame();
     assert_eq!(
-        dialogue.sequencer.bits(),
+        dialogue.sequencer.bits().word(),
         immediately | Controlword::NEW_SET_POINT
     );
 }

@@ -1305,7 +1305,7 @@ fn an_axis_has_passed_its_end_on_the_side_that_it_did_not_come_from() {
 fn a_rise_at_speed_is_remembered_for_the_settle_time() {
     for (rose, passing) in [(NOW - SETTLE, false), (NOW - SETTLE + ms(1), true)] {
         let mut track = changed(to(1_000), |track| {
-            (track.passing, track.rose) = (true, rose)
+            (track.passing, track.rose) = (true, rose);
         });
         track.let_go(NOW, BEGIN, SETTLE);
         assert_eq!(track.passing, passing);
