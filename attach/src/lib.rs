@@ -22,6 +22,11 @@
 //! # }
 //! ```
 
+/// The Rust block of the README, which `cargo test --doc` compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}
+
 mod client;
 mod commands;
 mod control;

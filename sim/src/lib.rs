@@ -8,6 +8,11 @@
 //! Nothing here shares code or constants with a MainDevice library: it is written from the standards and the drives'
 //! documents, so that one misreading cannot cancel out.
 
+/// The Rust block of the README, which `cargo test --doc` compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+mod readme {}
+
 mod al;
 mod cable;
 mod coe;
