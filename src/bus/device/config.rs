@@ -123,7 +123,9 @@ impl DriveConfig {
         self
     }
 
-    /// Changes an axis that was declared before: for a program that has one declaration for several machines.
+    /// Changes an axis that was declared before, by its name. A program that declares the axis itself needs no such call: it gives
+    /// [`axis`](Self::axis) all at once. This is for a declaration that comes from elsewhere, such as one function for all machines of a kind,
+    /// of which a single machine differs in an axis. A name that no axis has is a mistake, which `start()` reports.
     ///
     /// ```
     /// use servocrab::{axis::Referencing, bus::DriveConfig, drives};
