@@ -38,6 +38,7 @@ impl fmt::Display for Identity {
 
 /// What an SII image says.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Sii {
     /// Vendor, product, revision and serial number.
     pub identity: Identity,
@@ -241,6 +242,7 @@ impl Protocols {
 
 /// Category 30, general. Names are numbers of strings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct General {
     /// The group's name.
     pub group: u8,
@@ -269,6 +271,7 @@ impl General {
 
 /// What a device's CoE can do, one bit each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct CoeDetails(pub u8);
 
 impl CoeDetails {
@@ -305,6 +308,7 @@ impl CoeDetails {
 
 /// What an FMMU is meant for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum FmmuUsage {
     /// Nothing.
     Unused,
@@ -366,6 +370,7 @@ impl SyncManager {
 
 /// What a sync manager is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SyncManagerUsage {
     /// Nothing.
     Unused,
@@ -396,6 +401,7 @@ impl From<u8> for SyncManagerUsage {
 
 /// One PDO of category 50 or 51.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Pdo {
     /// Its index, from 1600h or 1A00h on.
     pub index: u16,
@@ -411,6 +417,7 @@ pub struct Pdo {
 
 /// One entry of a PDO of category 50 or 51.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct PdoEntry {
     /// The object's index; 0 for padding.
     pub index: u16,

@@ -64,6 +64,7 @@ fn start(drive: &DriveDescription, buffer_mode: BufferMode) -> String {
         },
         StartBits::Sequenced => "sent after arrival".to_owned(),
         StartBits::Unsupported(reason) => format!("refused: {reason}"),
+        other => panic!("no words for {other:?}"),
     }
 }
 
@@ -128,6 +129,7 @@ const ROWS: [(&str, Cell); 14] = [
             BufferSignal::Acknowledge => "room in the buffer",
             BufferSignal::None => "bit 4",
             BufferSignal::Unknown => "bit 4, or room in the buffer",
+            other => panic!("no words for {other:?}"),
         }
         .to_owned()
     }),
@@ -138,6 +140,7 @@ const ROWS: [(&str, Cell); 14] = [
             RelativeBase::Actual => "6064h",
             RelativeBase::PositioningOption => "what 60F2h says",
             RelativeBase::Undocumented => "not documented",
+            other => panic!("no words for {other:?}"),
         }
         .to_owned()
     }),

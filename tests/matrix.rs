@@ -270,6 +270,7 @@ fn in_words(rig: &Rig, id: CommandId) -> String {
             Event::Done(Ok(Completion::Homed { position })) => format!("homed {position}"),
             Event::Done(Ok(Completion::Stopped { state })) => format!("stopped in {state:?}"),
             Event::Done(Ok(Completion::Prepared { mode })) => format!("prepared {mode:?}"),
+            Event::Done(Ok(_)) => panic!("no words for {event:?}"),
             Event::Done(Err(failure)) => match failure {
                 Failure::Timeout { waiting_for, .. } => format!("Timeout {waiting_for:?}"),
                 Failure::BusLost { delivery } => format!("BusLost {delivery:?}"),
@@ -279,6 +280,7 @@ fn in_words(rig: &Rig, id: CommandId) -> String {
                     text.split([' ', '(']).next().unwrap_or_default().to_owned()
                 }
             },
+            other => panic!("no words for {other:?}"),
         })
         .collect();
     if words.is_empty() {

@@ -278,6 +278,7 @@ impl Story {
             Ok(Outcome::Passed { position }) => {
                 self.tells(axis, &format!("passed into the next move, at {position}"));
             }
+            Ok(other) => self.tells(axis, &other.to_string()),
             Err(error) => match &error.kind {
                 AxisErrorKind::Failed(
                     Failure::Superseded

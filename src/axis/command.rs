@@ -23,6 +23,7 @@ pub enum Command {
     SelectMode(Mode),
     /// As [`SelectMode`](Self::SelectMode), up to where 6060h may be written: for drives that get it by SDO. It ends well as
     /// [`Completion::Prepared`](super::Completion::Prepared).
+#[non_exhaustive]
     PrepareMode(Mode),
     /// A homing in homing mode, with the parameters that the drive holds.
     Home(HomingCommand),
@@ -144,6 +145,7 @@ pub struct Snapshot<U: AxisUnit = Counts> {
     pub controlword: Controlword,
     /// Modes of operation display 6061h; [`Mode::None`] while not known.
     pub mode: Mode,
+#[non_exhaustive]
     /// Position actual value 6064h.
     pub position: U::Signed,
     /// Velocity actual value 606Ch; 0 where it is not mapped.

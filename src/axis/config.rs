@@ -251,6 +251,7 @@ impl Default for Loss {
 ///     .axis("belt"); // this one must be homed before its first absolute move
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Referencing {
     /// By a homing that was attained since the drive was last lost. The next homing takes the reference away until it is attained.
     /// So does every loss of the drive: nothing shows whether it has kept its power and its position. A fault alone does not; a
@@ -290,6 +291,7 @@ pub enum Referencing {
 /// # }).unwrap();
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct DriveSettings {
     /// Quick stop option code 605Ah, or 2 where the drive has no such object: where a quick stop ends.
     pub quick_stop: QuickStopOption,

@@ -21,6 +21,7 @@ const DEVICE: Duration = Duration::from_micros(1);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct CableLoad {
     /// Frames of a cycle.
     pub frames: usize,

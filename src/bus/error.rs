@@ -138,6 +138,7 @@ pub enum NetworkError {
 /// A time that was set and is too short or too long: nothing was started.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{of}: the {setting} is set to {got:?}: set it to at least {least:?} and at most {most:?}")]
+#[non_exhaustive]
 pub struct SettingError {
     /// Whose setting it is: the network's or an axis'.
     pub of: String,
@@ -153,6 +154,7 @@ pub struct SettingError {
 
 /// An axis that was not seen to stand without power at the end of its network.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct MovingAxis {
     /// Which one.
     pub axis: AxisIdentity,
@@ -221,6 +223,7 @@ impl fmt::Display for WhyNotLocked {
 
 /// A step of a drive's bring-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum BringUpStep {
     /// Comparing the line with the expected one.
     Identity,
@@ -693,6 +696,7 @@ pub enum SyncManagerError {
 
 /// What was found of the watchdog after it was set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct WatchdogState {
     /// Whether the outputs' sync manager triggers it.
     pub triggered: bool,
@@ -754,6 +758,7 @@ pub enum TopologyError {
 /// What the reference clock does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub enum ReferenceClock {
     /// It gives its time.
     #[default]

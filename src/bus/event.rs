@@ -121,6 +121,7 @@ impl fmt::Display for ClockEvent {
 /// assert!(text.starts_with("back in OP from SAFEOP with AL status code 001Bh"), "{text}");
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Recovered {
     /// It was in OP, and nothing was done.
     WasInOp,
@@ -159,6 +160,7 @@ impl fmt::Display for Recovered {
 
 /// A datagram of the process data whose working counter stays wrong, and what the registers of its devices show.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Miscounted {
     /// Which datagram, what it was to count and what it counts.
     pub counter: WorkingCounter,
@@ -212,6 +214,7 @@ impl fmt::Display for Miscounted {
 
 /// What the registers of a device show.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct DeviceFinding {
     /// The device.
     pub device: DriveId,
@@ -221,6 +224,7 @@ pub struct DeviceFinding {
 
 /// What is not as it was set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Finding {
     /// Its registers cannot be read.
     Register(RegisterError),

@@ -15,6 +15,7 @@ use crate::{coe::DriveId, sii::Identity};
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub enum DevicePlace {
     /// At this position; the first SubDevice is 0.
     Position(u16),
@@ -165,6 +166,7 @@ impl fmt::Display for Expected {
 /// A device that is there.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Present {
     /// Its position, its name and what it says it is.
     pub id: DriveId,
@@ -195,6 +197,7 @@ impl fmt::Display for Present {
 /// What is the matter with one place of the line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub enum Verdict {
     /// Nothing.
     Right,
@@ -253,6 +256,7 @@ impl fmt::Display for Verdict {
 /// A place of the line, as expected and as found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct LineRow {
     /// The position; none where nothing was found for an alias or an identity.
     pub position: Option<u16>,

@@ -43,6 +43,7 @@ pub enum Scheduling {
     Fifo(u8),
     /// `SCHED_RR`: as `Fifo`, but takes turns with other threads of its priority.
     RoundRobin(u8),
+#[non_exhaustive]
 }
 
 impl Scheduling {

@@ -198,6 +198,7 @@ pub(in crate::bus) enum SignalSource {
 
 /// A [`Signal`] that a [`Recorder`] shows.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct RecordedSignal {
     /// The signal.
     pub signal: Signal,
@@ -380,6 +381,7 @@ impl TriggerCondition {
         match self {
             Self::Above(level) => value > level,
             Self::Below(level) => value < level,
+#[non_exhaustive]
             #[expect(
                 clippy::float_cmp,
                 reason = "numbers of whole counts and states are exact"

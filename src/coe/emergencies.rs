@@ -17,6 +17,7 @@ use crate::{sync::Recent, wakes::Waiters};
 /// An emergency message, whose it is, when it was read, and what it means.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct DriveEmergency {
     /// The drive that sent it.
     pub drive: Arc<DriveId>,
@@ -48,6 +49,7 @@ impl fmt::Display for DriveEmergency {
 /// What comes out of [`Emergencies`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub enum EmergencyReport {
     /// An emergency.
     Emergency(DriveEmergency),

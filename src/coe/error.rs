@@ -189,6 +189,7 @@ impl SdoError {
 
 /// How it is known that a device has no SDO information.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Unsupported {
     /// Its SII says so (CoE details); it was not asked.
     Sii,
@@ -286,6 +287,7 @@ impl fmt::Display for Transfer {
 
 /// The kind of a transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TransferKind {
     /// From the device (SDO upload).
     Read,
@@ -303,6 +305,7 @@ pub enum TransferKind {
 
 /// What a transfer was waiting for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SdoStep {
     /// The device to take the request out of its mailbox, or the request to reach it.
     Sending,

@@ -238,6 +238,7 @@ const MAXIMUM: u8 = 0x40;
 
 /// What an object is.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ObjectDescription {
     /// Its index.
     pub index: u16,
@@ -322,6 +323,7 @@ impl fmt::Display for ObjectCode {
 
 /// What an entry of an object is.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EntryDescription {
     /// Index and subindex.
     pub address: ObjectAddress,
@@ -633,6 +635,7 @@ pub struct ObjectDictionary {
 
 /// An object with its entries.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct DictionaryObject {
     /// What it is.
     pub description: ObjectDescription,

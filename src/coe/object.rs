@@ -330,6 +330,7 @@ impl Mappable {
 
 /// The unit of an object's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Unit {
     /// None: a word of bits, a code, a ratio.
     #[default]

@@ -8,6 +8,7 @@ use core::str::FromStr;
 
 /// The type of an object's value at run time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum DataType {
     /// UNSIGNED8.
     U8,

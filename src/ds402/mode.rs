@@ -5,6 +5,7 @@ use bitflags::bitflags;
 /// A mode of operation, as written to 6060h and shown in 6061h.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub enum Mode {
     /// 0: no mode, no change.
     None,

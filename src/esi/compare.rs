@@ -144,10 +144,12 @@ fn hexadecimal(bytes: &[u8]) -> String {
 
 /// Everything in which a drive differs from its ESI file; shown as a table.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiDifferences(pub Vec<EsiDifference>);
 
 /// One difference between a drive and its ESI file.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiDifference {
     /// The object.
     pub object: ObjectAddress,

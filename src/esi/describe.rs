@@ -24,6 +24,7 @@ pub struct NoAxis {
 
 /// An ESI file's device that cannot be a drive of a network: [`DriveConfig::from_esi`](crate::bus::DriveConfig::from_esi).
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum EsiDriveError {
     /// It has no axis.
     #[error(transparent)]

@@ -13,6 +13,7 @@ const MOST_ENTRIES_OF_A_PDO: usize = 254;
 
 /// A device as its maker's ESI file describes it; made by [`Esi`](super::Esi).
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiDevice {
     /// The maker's number.
     pub vendor: u32,
@@ -46,6 +47,7 @@ pub struct EsiDevice {
 
 /// A sync manager.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiSyncManager {
     /// What it is for: `MBoxOut`, `MBoxIn`, `Outputs`, `Inputs`.
     pub purpose: String,
@@ -59,6 +61,7 @@ pub struct EsiSyncManager {
 
 /// A PDO.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiPdo {
     /// Index and content by default.
     pub pdo: Pdo,
@@ -78,6 +81,7 @@ pub struct EsiPdo {
 
 /// A mode of the distributed clock (`OpMode`).
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiClockMode {
     /// The name.
     pub name: String,
@@ -87,6 +91,7 @@ pub struct EsiClockMode {
 
 /// A start-up command (`InitCmd` of `CoE`).
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiInitCommand {
     /// The transitions at which it is written.
     pub transitions: Vec<EsiTransition>,
@@ -132,6 +137,7 @@ impl fmt::Display for EsiTransition {
     command.object,
     if command.comment.is_empty() { String::new() } else { format!(" (\"{}\")", command.comment) }
 )]
+#[non_exhaustive]
 pub struct RefusedInitCommand {
     /// The device's name.
     pub device: String,
@@ -336,6 +342,7 @@ const MOST_SLOTS: u16 = 255;
 
 /// A slot of a device, with the module that the file puts there: by default, or because one has to be there.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiSlot {
     /// The slot's name.
     pub name: String,
@@ -471,6 +478,7 @@ pub(super) const MOST_ENTRIES: usize = 1 << 18;
 
 /// An entry of a device's dictionary.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EsiEntry {
     /// Where it is.
     pub object: ObjectAddress,

@@ -13,6 +13,7 @@ use roxmltree::{Document, Node, ParsingOptions};
 /// An ESI file that cannot be read: file, line, element and reason.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}{}: {fault}", LineAndElement(*.line, .element))]
+#[non_exhaustive]
 pub struct EsiError {
     /// The file.
     pub file: String,

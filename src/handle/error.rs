@@ -15,6 +15,7 @@ use crate::{
 ///
 /// The kind is in the drive's units. The text has positions and velocities in the unit of the handle.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct AxisError {
     /// The axis and its drive.
     pub identity: Arc<AxisIdentity>,

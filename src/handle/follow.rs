@@ -19,6 +19,7 @@ use super::{AxisError, AxisErrorKind, BoxFuture, Move, MoveRequest, Outcome, Pro
 
 /// One move of a path, and how it ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Followed<U: AxisUnit = Counts> {
     /// What was asked for.
     pub command: MoveCommand<U>,
@@ -31,6 +32,7 @@ impl Eq for Followed {}
 /// A move of a path did not end well, or could not be sent.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("move {number} of the path (to {}): {error}", .command.target)]
+#[non_exhaustive]
 pub struct PathError<U: AxisUnit = Counts> {
     /// Which one, from 0 on.
     pub number: usize,

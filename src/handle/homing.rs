@@ -62,6 +62,7 @@ pub struct Homing<U: AxisUnit = Counts> {
     feature = "serde",
     serde(bound(serialize = "U::Signed: serde::Serialize"))
 )]
+#[non_exhaustive]
 pub struct Homed<U: AxisUnit = Counts> {
     /// Position actual value 6064h at the end of the homing.
     pub position: U::Signed,

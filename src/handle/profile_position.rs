@@ -271,6 +271,7 @@ impl CountsRequest {
     feature = "serde",
     serde(bound(serialize = "U::Signed: serde::Serialize"))
 )]
+#[non_exhaustive]
 pub enum Outcome<U: AxisUnit = Counts> {
     /// It arrived at its target and nothing followed it in motion.
     Reached {

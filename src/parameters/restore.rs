@@ -12,6 +12,7 @@ use crate::sii::Identity;
 
 /// What a restore has done.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub struct Restored {
     /// The objects that were written and read back.
     pub written: Vec<ObjectAddress>,
@@ -22,6 +23,7 @@ pub struct Restored {
 /// A restore that did not come to its end: what was written, and what not.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{drive}: {fault} ({} written, {} not{})", done.written.len(), not_written.len(), unconfirmed_text(unconfirmed.as_ref()))]
+#[non_exhaustive]
 pub struct RestoreError {
     /// The drive.
     pub drive: DriveId,
@@ -206,6 +208,7 @@ const PATIENCE: Duration = Duration::from_secs(30);
 
 /// What a drive says of 1010h:01 or 1011h:01.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct MemorySupport {
     /// Bit 0: it stores, or loads the defaults, on command.
     pub on_command: bool,
@@ -216,6 +219,7 @@ pub struct MemorySupport {
 /// Why a drive's memory was not written.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{drive}: {fault}")]
+#[non_exhaustive]
 pub struct MemoryError {
     /// The drive.
     pub drive: DriveId,

@@ -124,6 +124,7 @@ pub struct ParameterSet {
 
 /// What a backup found.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Backup {
     /// The parameters that were read.
     pub set: ParameterSet,

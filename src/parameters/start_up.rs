@@ -8,6 +8,7 @@ use crate::coe::{Object, ObjectAddress, SdoError, SdoHandle, Value, Writable};
 
 /// The change of the AL state before which a line of a start-up list is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Transition {
     /// In PREOP, before the PDO mapping; `PREOP-SAFEOP` in files.
     #[default]
@@ -216,6 +217,7 @@ fn of_first_axis(object: ObjectAddress) -> Option<u16> {
 /// A line of a start-up list that could not be written.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}: {fault}", ObjectAndLine(self))]
+#[non_exhaustive]
 pub struct StartUpError {
     /// The file of the list.
     pub file: Option<String>,

@@ -15,6 +15,7 @@ macro_rules! values {
         /// assert_eq!(ValueType::F32.to_string(), "f32");
         /// ```
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        #[non_exhaustive]
         pub enum ValueType {
             $(#[doc = concat!("`", $text, "`.")] $name,)+
             /// `string`: text, one byte for each character of ASCII.
@@ -33,6 +34,7 @@ macro_rules! values {
         /// assert_eq!(value.to_string(), "-2 (i16)");
         /// ```
         #[derive(Debug, Clone, PartialEq)]
+        #[non_exhaustive]
         pub enum ObjectValue {
             $(#[doc = concat!("`", $text, "`, ", stringify!($ty), ".")] $name($ty),)+
             /// Text.

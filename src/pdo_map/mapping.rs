@@ -702,6 +702,7 @@ impl fmt::Display for Purpose {
         match self {
             Self::EmptyAssignment => f.write_str("emptying the PDO assignment"),
             Self::EmptyPdo => f.write_str("emptying the PDO"),
+#[non_exhaustive]
             Self::Map(entry) => write!(f, "mapping {entry}"),
             Self::ClosePdo => f.write_str("setting the PDO's number of entries"),
             Self::Assign(pdo) => write!(f, "assigning PDO {pdo:04X}h"),

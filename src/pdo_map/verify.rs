@@ -85,6 +85,7 @@ impl core::error::Error for Differences {}
 
 /// One difference; `None` stands for nothing at that place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Difference {
     /// Another PDO is assigned.
     Assignment {

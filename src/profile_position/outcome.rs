@@ -13,6 +13,7 @@ pub struct CommandId(pub u32);
 
 /// One report about a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Event {
     /// The drive acknowledged the move's set-point; `Done` follows.
     Accepted,
@@ -24,6 +25,7 @@ pub enum Event {
 
 /// How a command ended well.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Completion {
     /// Done; there is no more to say.
     Done,
@@ -87,6 +89,7 @@ pub enum WaitingFor {
 
 /// What a drive showed of an axis that was to stand, in the last settle time or two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct Unrest {
     /// The least and the greatest position actual value 6064h.
     pub positions: (i32, i32),
@@ -461,6 +464,7 @@ impl Failure {
 
 /// A working counter that is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub struct WorkingCounter {
     /// The number of the datagram among those of the process data, from 0.
     pub datagram: u16,

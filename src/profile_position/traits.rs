@@ -16,6 +16,7 @@ const LINEAR: i16 = 0;
 
 /// The bits that one kind of start takes, or why the drive has no such start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum StartBits {
     /// By the drive's buffer, with these bits. No others of the controlword can be asked for.
     Bits {
@@ -32,6 +33,7 @@ pub enum StartBits {
 
 /// Whether bit 12 shows that the drive's set-point buffer is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum BufferSignal {
     /// Bit 12 stays 1 while no set-point can be taken, and falls when the active one ends.
     Acknowledge,
@@ -45,6 +47,7 @@ pub enum BufferSignal {
 
 /// What a relative move counts from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum RelativeBase {
     /// The previous target.
     PreviousTarget,

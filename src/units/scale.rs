@@ -147,6 +147,7 @@ impl Scale {
 
 /// What a number is converted for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Quantity {
     /// Target position 607Ah: a position or distance.
     Position,

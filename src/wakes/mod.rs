@@ -68,6 +68,7 @@ struct Inner {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct WakeStatistics {
     /// Wakers that took longer than 10 ms, in which no other future was woken. One that is still running counts.
     pub slow: u64,

@@ -13,7 +13,7 @@ use servocrab::{
     bus::{AlState as State, DriveFault, Network, NetworkError, NetworkEvent},
     ds402,
     link::{Fate, Wire},
-    profile_position::{Outcome, SetPoint},
+    profile_position::SetPoint,
 };
 use servocrab_sim::{Segment, personality};
 
@@ -27,10 +27,7 @@ fn one_drive() -> Line {
 
 /// One move of axis `x`, which is enabled for it.
 fn move_x(rig: &mut Rig, target: i32) -> i32 {
-    let outcome = rig.moved("x", target);
-    match outcome {
-        Outcome::Reached { position } | Outcome::Passed { position } => position,
-    }
+    rig.moved("x", target).position()
 }
 
 #[test]

@@ -232,7 +232,7 @@ fn each_axis_gets_its_own(drives: Drives, moved: impl Fn(usize) -> bool, frames:
     let axes: Vec<_> = (0..scale.axes()).filter(|axis| moved(*axis)).collect();
     let outcomes = scale.move_each(&axes, own_target);
     for (axis, outcome) in axes.iter().zip(outcomes) {
-        let (Outcome::Reached { position } | Outcome::Passed { position }) = outcome;
+        let position = outcome.position();
         assert!(
             (position - own_target(*axis)).abs() < 20,
             "{axis}: {position}"

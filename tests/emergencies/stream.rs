@@ -43,6 +43,7 @@ fn waiting(emergencies: &Emergencies) -> Vec<Result<(u16, Emergency), u64>> {
         .map(|report| match report {
             EmergencyReport::Emergency(got) => Ok((got.drive.position, got.emergency)),
             EmergencyReport::Overflow { lost } => Err(lost),
+            other => panic!("neither of them: {other}"),
         })
         .collect()
 }

@@ -82,7 +82,7 @@ fn an_axis_is_homed_by_its_limit_switch_and_then_knows_where_it_is() {
         machine.cycle();
     }
     assert!(!axis.status().referenced && axis.status().has_set_point);
-    let Homed { position } = machine.finish_task(&mut home).unwrap();
+    let Homed { position, .. } = machine.finish_task(&mut home).unwrap();
     assert!(axis.status().referenced && machine.drive().is_referenced());
     assert!(machine.stands() && machine.is_at(position.into()));
     let line = machine.drive().homings()[0].clone();

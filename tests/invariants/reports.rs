@@ -304,6 +304,7 @@ pub fn everything_ends(life: &Life) -> Result<(), String> {
             | Command::CheckHome
             | Command::CheckJog(_)
             | Command::SetLimits(_) => Duration::ZERO,
+            other => return Err(format!("no rule for {other:?}")),
         };
         let took = report.now.saturating_sub(issued.now);
         if took > within.saturating_add(slack) {

@@ -678,6 +678,7 @@ impl World {
                     };
                     return Err(format!("{id:?} is {result:?}, and {broken}"));
                 }
+                other => return Err(format!("{id:?}: no rule for {other:?}")),
             }
         }
         Ok(())

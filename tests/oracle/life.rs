@@ -1143,6 +1143,7 @@ impl Life {
                         self.issued[id as usize].since = u64::MAX;
                     }
                 }
+                other => return self.broken("known events", format!("{id}: {other:?}")),
             }
         }
         Ok(())

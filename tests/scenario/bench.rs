@@ -322,6 +322,7 @@ async fn end_of(accepted: Result<Move, AxisError>) -> String {
     match moved.done_through_halt().await {
         Ok(Outcome::Reached { position }) => format!("reached {}", rounded(position)),
         Ok(Outcome::Passed { position }) => format!("passed {}", rounded(position)),
+        Ok(other) => panic!("no words for {other}"),
         Err(error) => in_words(&error),
     }
 }

@@ -30,6 +30,7 @@ const READERS_PASSED: usize = 4;
 /// What came back of an axis in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub enum Answered {
     /// Inputs, and the outputs were delivered.
     Delivered,
@@ -42,6 +43,7 @@ pub enum Answered {
 /// One cycle of an axis as it was.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct RecordedCycle {
     /// The number of the cycle, from 1.
     pub number: u64,
@@ -60,6 +62,7 @@ pub struct RecordedCycle {
 /// What came upon an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub enum AxisIncident {
     /// The drive went into Fault or Fault reaction active.
     Fault,
@@ -70,6 +73,7 @@ pub enum AxisIncident {
 /// The last cycles of an axis.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct BlackBox {
     /// The axis and its drive.
     pub axis: AxisIdentity,

@@ -26,6 +26,7 @@ use crate::{
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Statistics {
     /// Cycles of process data.
     pub cycles: u64,
@@ -59,6 +60,7 @@ pub struct Statistics {
 /// than wanted a cycle's frames passed it: at a multiple of the cycle in its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct ClockStatistics {
     /// The phase error of the last cycle, in nanoseconds; negative when it was early.
     pub phase_error_ns: i64,
@@ -147,6 +149,7 @@ impl ClockGauge {
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct Timing {
     /// How late each cycle began.
     pub lateness: Durations,
@@ -160,6 +163,7 @@ pub struct Timing {
 /// What has been counted of one drive since the cycles started.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct DriveStatistics {
     /// The drive.
     pub drive: DriveId,

@@ -244,6 +244,7 @@ impl fmt::Debug for Io {
 
 /// What a device does, as of the last cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct IoStatus {
     /// Counts the cycles.
     pub cycle: u64,
@@ -398,6 +399,7 @@ impl<T: IoValue + fmt::Debug> fmt::Debug for IoOutput<T> {
 /// An input or output that cannot be had.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("io `{io}`, {device:#}: {kind}")]
+#[non_exhaustive]
 pub struct IoError {
     /// What the device is called in the program.
     pub io: String,

@@ -10,6 +10,7 @@ use crate::{
 
 /// An input or output of a device.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct IoPoint {
     /// Whether the program reads or writes it.
     pub direction: Direction,

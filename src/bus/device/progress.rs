@@ -26,6 +26,7 @@ use crate::{
 
 /// A step of a drive's bring-up that is done.
 #[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
 pub struct BringUpProgress<'a> {
     /// The drive.
     pub drive: &'a DriveId,

@@ -54,6 +54,7 @@ pub struct Line {
 /// A SubDevice of a [`Line`].
 #[derive(Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[non_exhaustive]
 pub struct LineDevice {
     /// Its place, its name and what it says it is.
     pub id: DriveId,

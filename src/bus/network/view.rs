@@ -63,6 +63,7 @@ pub struct NetworkView {
 
 /// An axis as a [`NetworkView`] shows it.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct AxisView {
     /// Its name and its drive.
     pub identity: AxisIdentity,

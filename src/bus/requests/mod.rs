@@ -344,6 +344,7 @@ const FEWEST_CORES_TO_SPIN: usize = 4;
 ///     .wait_strategy(WaitStrategy::SpinThenBlock { spin: Duration::from_micros(30) });
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum WaitStrategy {
     /// Sleeps whenever there is nothing to do.
     Block,

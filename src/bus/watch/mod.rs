@@ -592,6 +592,7 @@ pub struct DevicePorts {
 
 /// The error counters of one port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub struct PortErrors {
     /// Frames with a wrong checksum or length that came in here first (0300h, 0302h and so on).
     pub invalid_frames: u8,

@@ -4,8 +4,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use servocrab::bus::{
-    CableLoad, ClockStatistics, DevicePorts, DriveStatistics, Network, NetworkEvent, PortErrors,
-    Statistics, Timing, WakeStatistics,
+    CableLoad, DevicePorts, DriveStatistics, Network, NetworkEvent, Statistics, Timing,
 };
 
 use crate::output::{Failure, Tool};
@@ -83,10 +82,10 @@ pub(crate) async fn measure(
     let lasted = begun.elapsed();
     bar.finish_and_clear();
     let drives = net.drive_statistics().into_iter().zip(drives);
-    let drives = drives.map(|(now, before)| DriveStatistics {
-        stale_cycles: now.stale_cycles - before.stale_cycles,
-        undelivered_cycles: now.undelivered_cycles - before.undelivered_cycles,
-        ..now
+    let drives = drives.map(|(mut drive, before)| {
+        drive.stale_cycles -= before.stale_cycles;
+        drive.undelivered_cycles -= before.undelivered_cycles;
+        drive
     });
     // A line that has fallen silent reports nothing of its ports: everything else is reported all the same.
     let ports = match (ports, net.port_errors().await) {
@@ -108,36 +107,31 @@ pub(crate) async fn measure(
 }
 
 fn timing_since(now: &Timing, before: &Timing) -> Timing {
-    Timing {
-        lateness: now.lateness.since(&before.lateness),
-        round_trip: now.round_trip.since(&before.round_trip),
-        phase_error: now.phase_error.since(&before.phase_error),
-    }
+    let mut since = now.clone();
+    since.lateness = now.lateness.since(&before.lateness);
+    since.round_trip = now.round_trip.since(&before.round_trip);
+    since.phase_error = now.phase_error.since(&before.phase_error);
+    since
 }
 
 fn counted_since(now: &Statistics, before: &Statistics) -> Statistics {
-    Statistics {
-        cycles: now.cycles - before.cycles,
-        lost: now.lost - before.lost,
-        late: now.late - before.late,
-        latest: now.latest,
-        damaged: now.damaged - before.damaged,
-        foreign: now.foreign - before.foreign,
-        wrong_working_counters: now.wrong_working_counters - before.wrong_working_counters,
-        late_cycles: now.late_cycles - before.late_cycles,
-        overruns: now.overruns - before.overruns,
-        not_sent: now.not_sent - before.not_sent,
-        acyclic_in_cycle: now.acyclic_in_cycle - before.acyclic_in_cycle,
-        clock: now.clock.map(|clock| ClockStatistics {
-            beyond: clock.beyond - before.clock.map_or(0, |before| before.beyond),
-            ..clock
-        }),
-        wakes: WakeStatistics {
-            slow: now.wakes.slow - before.wakes.slow,
-            panicked: now.wakes.panicked - before.wakes.panicked,
-            ..now.wakes
-        },
+    let mut since = *now;
+    since.cycles -= before.cycles;
+    since.lost -= before.lost;
+    since.late -= before.late;
+    since.damaged -= before.damaged;
+    since.foreign -= before.foreign;
+    since.wrong_working_counters -= before.wrong_working_counters;
+    since.late_cycles -= before.late_cycles;
+    since.overruns -= before.overruns;
+    since.not_sent -= before.not_sent;
+    since.acyclic_in_cycle -= before.acyclic_in_cycle;
+    if let (Some(clock), Some(before)) = (&mut since.clock, &before.clock) {
+        clock.beyond -= before.beyond;
     }
+    since.wakes.slow -= before.wakes.slow;
+    since.wakes.panicked -= before.wakes.panicked;
+    since
 }
 
 /// What each device has counted meanwhile. One that does not answer any more is not among them.
@@ -148,12 +142,10 @@ fn ports_since(now: Vec<DevicePorts>, before: &[DevicePorts]) -> Vec<DevicePorts
             let before = before.iter().find(|before| before.position == now.position);
             if let Some(before) = before {
                 for (now, before) in now.ports.iter_mut().zip(&before.ports) {
-                    *now = PortErrors {
-                        invalid_frames: count_since(now.invalid_frames, before.invalid_frames),
-                        physical: count_since(now.physical, before.physical),
-                        forwarded: count_since(now.forwarded, before.forwarded),
-                        lost_links: count_since(now.lost_links, before.lost_links),
-                    };
+                    now.invalid_frames = count_since(now.invalid_frames, before.invalid_frames);
+                    now.physical = count_since(now.physical, before.physical);
+                    now.forwarded = count_since(now.forwarded, before.forwarded);
+                    now.lost_links = count_since(now.lost_links, before.lost_links);
                 }
                 now.processing_unit = now
                     .processing_unit
@@ -179,15 +171,13 @@ fn count_since(now: u8, before: u8) -> u8 {
 
 #[cfg(test)]
 mod tests {
-    use super::{DevicePorts, PortErrors, ports_since};
+    use servocrab::bus::PortErrors;
+
+    use super::{DevicePorts, ports_since};
 
     fn device(position: u16, physical: u8) -> DevicePorts {
-        let port = PortErrors {
-            invalid_frames: 0,
-            physical,
-            forwarded: 0,
-            lost_links: 0,
-        };
+        let mut port = PortErrors::default();
+        port.physical = physical;
         DevicePorts {
             position,
             ports: [port; 4],
