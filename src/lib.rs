@@ -100,7 +100,7 @@ pub mod units;
 mod wakes;
 
 /// The Rust blocks of the README and of the guide, which `cargo test --doc` compiles.
-#[cfg(all(doctest, feature = "std"))]
+#[cfg(all(doctest, feature = "esi"))]
 mod pages {
     #[doc = include_str!("../README.md")]
     mod readme {}

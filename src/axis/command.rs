@@ -11,6 +11,15 @@ use crate::{
 };
 
 /// A command to an axis. Each gives exactly one last event ([`Event::Done`](super::Event::Done)).
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::axis::{AxisCore, AxisFields, Command, CommandId, CoreConfig, Event};
+/// let mut axis = AxisCore::new(CoreConfig::new(AxisFields::at(0, 0)));
+/// // An axis that is not enabled refuses a halt, at once.
+/// axis.submit(Duration::ZERO, CommandId(7), Command::Halt, &mut [0; 6]);
+/// assert!(matches!(axis.poll_event(), Some((CommandId(7), Event::Done(Err(_))))));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command {
     /// To Operation enabled, from every state but Fault.
@@ -91,6 +100,14 @@ bitflags! {
 }
 
 /// What one cycle's exchange brought for an axis.
+///
+/// ```
+/// use servocrab::axis::Inputs;
+/// // The drive's bytes, where its datagram came back; the frame itself is lost in the second cycle.
+/// let process_data = [0x37, 0x02, 0x10, 0x27, 0, 0];
+/// let cycles = [Inputs::Fresh(&process_data), Inputs::Stale];
+/// # assert_ne!(cycles[0], cycles[1]);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Inputs<'a> {
     /// The working counter was right: these inputs are of this cycle and the outputs were delivered.

@@ -37,6 +37,11 @@ pub struct RealTime {
 ///
 /// Interrupt threads of a kernel with `PREEMPT_RT` have 50: a bus thread above them waits for no other driver's, and has to
 /// sleep now and then, or the network card's own never runs.
+///
+/// ```
+/// use servocrab::bus::{RealTime, Scheduling};
+/// let below_the_interrupts = RealTime::new().scheduling(Scheduling::Fifo(49));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheduling {
     /// `SCHED_FIFO`: runs until it sleeps or a thread of a higher priority wants to.

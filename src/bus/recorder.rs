@@ -355,6 +355,16 @@ fn state_number(state: State) -> Option<f64> {
 /// When a [`Capture`] begins to be complete: in the first cycle in which this holds after one in which it did not.
 ///
 /// As text: `x.velocity > 100`, `x.following_error < -0.5`, `x.state == Fault`, `x.statusword & 2000h`.
+///
+/// ```
+/// use servocrab::bus::{Trigger, TriggerCondition};
+/// let trigger = Trigger {
+///     signal: "x.velocity".parse()?,
+///     condition: TriggerCondition::Above(100.0),
+/// };
+/// assert_eq!("x.velocity > 100".parse(), Ok(trigger));
+/// # Ok::<(), servocrab::bus::NoSignal>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trigger {
     /// The signal.
@@ -364,6 +374,12 @@ pub struct Trigger {
 }
 
 /// What the value of a [`Trigger`]'s signal has to be.
+///
+/// ```
+/// use servocrab::bus::{Capture, TriggerCondition};
+/// // Bit 13 of the first recorded signal, a statusword; a hundred cycles before it and after it.
+/// let capture = Capture::new(0, TriggerCondition::AnyBit(0x2000), 100, 100);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TriggerCondition {
     /// More than this.

@@ -88,6 +88,27 @@ impl LinkRefusal {
 ///
 /// ethercrab's timeouts must be longer than the client's, and its futures be polled and dropped on the thread
 /// that sends its frames.
+///
+/// ```no_run
+/// use servocrab::coe::{Clock, DriveId, EthercrabMailbox, MailboxClient, MailboxSettings, obj};
+/// # async fn example(
+/// #     main: &'static ethercrab::MainDevice<'static>,
+/// #     mailbox: servocrab::sii::Mailbox,
+/// #     clock: impl Clock,
+/// #     drive: DriveId,
+/// # ) -> Result<(), Box<dyn std::error::Error>> {
+/// // The device with the station address 1001h, in PREOP; its mailbox is in its SII.
+/// let transport = EthercrabMailbox::new(main, 0x1001, mailbox);
+/// let settings = MailboxSettings::new(&mailbox);
+/// let (client, sdo, _emergencies) = MailboxClient::new(transport, clock, settings, drive);
+/// // `client.run()` is the actor that serves the handles, on the thread that sends the frames.
+/// smol::future::or(async { client.run().await; }, async {
+///     println!("{:?}", sdo.read(obj::STATUSWORD).await);
+/// })
+/// .await;
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Copy)]
 pub struct EthercrabMailbox<'m> {
     main: &'m MainDevice<'m>,

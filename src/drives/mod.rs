@@ -189,6 +189,15 @@ fn is_needed(object: &AnyObject) -> bool {
 }
 
 /// One axis of a drive.
+///
+/// ```
+/// use servocrab::{coe::obj, drives::{AxisDescription, DriveDescription, generic}};
+/// let mut axis = AxisDescription::profile_position(1, 0x1600, 0x1A00);
+/// axis.inputs.push(obj::DIGITAL_INPUTS.into());
+/// let drive = DriveDescription { axes: vec![axis], ..generic() };
+/// assert_eq!(drive.default_mapping()?.layout().input_bytes(), 11 + 4);
+/// # Ok::<(), servocrab::pdo_map::MappingError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AxisDescription {
     /// How far its objects lie above those of the first axis.

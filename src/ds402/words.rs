@@ -206,6 +206,12 @@ impl core::fmt::Display for State {
 // Power sequencing: which command leads from the state just seen towards a goal.
 
 /// Where the power sequencing is to lead.
+///
+/// ```
+/// use servocrab::ds402::{PowerCommand, PowerGoal, State, next_command};
+/// let next = next_command(State::SwitchOnDisabled, PowerGoal::Enabled);
+/// assert_eq!(next, PowerCommand::Shutdown);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PowerGoal {
     /// Voltage disabled: Switch on disabled.
@@ -387,6 +393,18 @@ bitflags! {
 // What one cycle's inputs show of an axis.
 
 /// What one cycle's inputs show of an axis.
+///
+/// ```
+/// use servocrab::ds402::{Mode, Sample, State, Statusword};
+/// let sample = Sample {
+///     statusword: Statusword::from_bits_retain(0x0237),
+///     mode: Mode::ProfilePosition,
+///     position: 10_000,
+///     velocity: None,
+///     error_code: None,
+/// };
+/// assert_eq!(sample.state(), State::OperationEnabled);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Sample {

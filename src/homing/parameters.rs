@@ -89,6 +89,17 @@ impl<U: AxisUnit> From<HomingMethod> for HomingParameters<U> {
 }
 
 /// One homing as the axis core takes it. The drive holds its parameters already.
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::{axis::Command, homing::{HomingCommand, HomingMethod}};
+/// let homing = HomingCommand {
+///     method: HomingMethod::CURRENT_POSITION,
+///     offset: Some(0),
+///     until: Some(Duration::from_secs(5)),
+/// };
+/// let command = Command::Home(homing);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct HomingCommand {
     /// The method that 6098h holds: some show no motion.

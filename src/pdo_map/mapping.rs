@@ -43,6 +43,13 @@ impl fmt::Display for Direction {
 }
 
 /// What a drive's mapping may hold at most.
+///
+/// ```
+/// use servocrab::{coe::obj, pdo_map::{Limits, Mapping}};
+/// let small = Limits { entries_per_pdo: 1, ..Limits::default() };
+/// let outputs = Mapping::builder().limits(small).rx_pdo(0x1600).output(obj::CONTROLWORD);
+/// assert!(outputs.output(obj::TARGET_POSITION).build().is_err());
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     /// Objects in one PDO.
@@ -229,6 +236,19 @@ pub(super) fn entry_of(direction: Direction, object: AnyObject) -> Result<Entry,
 }
 
 /// A [`Mapping`] in the making; the first error is kept and given by [`MappingBuilder::build`].
+///
+/// ```
+/// use servocrab::{coe::obj, pdo_map::Mapping};
+/// let of_both_axes = Mapping::builder()
+///     .rx_pdo(0x1600)
+///     .output(obj::CONTROLWORD)
+///     .axis(2)
+///     .rx_pdo(0x1610)
+///     .output(obj::CONTROLWORD)
+///     .build()?;
+/// assert_eq!(of_both_axes.outputs()[1].entries[0].address().to_string(), "6840h:00");
+/// # Ok::<(), servocrab::pdo_map::MappingError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct MappingBuilder {
     offset: AxisOffset,

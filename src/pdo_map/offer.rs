@@ -65,6 +65,18 @@ impl FixedPdo {
 }
 
 /// An object that is wanted in the process data.
+///
+/// ```
+/// use servocrab::{coe::obj, pdo_map::{Demand, Direction, Limits, choose}};
+/// let wanted = Demand {
+///     direction: Direction::Inputs,
+///     object: obj::STATUSWORD.into(),
+///     required: true,
+///     free: &[0x1A00],
+/// };
+/// assert_eq!(choose(&[wanted], &[], Limits::default())?.inputs()[0].index, 0x1A00);
+/// # Ok::<(), servocrab::pdo_map::MappingError>(())
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct Demand<'a> {
     /// Which way.
