@@ -43,12 +43,12 @@ pub struct RealTime {
 /// let below_the_interrupts = RealTime::new().scheduling(Scheduling::Fifo(49));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Scheduling {
     /// `SCHED_FIFO`: runs until it sleeps or a thread of a higher priority wants to.
     Fifo(u8),
     /// `SCHED_RR`: as `Fifo`, but takes turns with other threads of its priority.
     RoundRobin(u8),
-#[non_exhaustive]
 }
 
 impl Scheduling {

@@ -5,8 +5,8 @@ use crate::coe::ErrorTexts;
 use crate::pdo_map::Limits;
 use crate::profile_position::{RelativeBase, Traits};
 
-/// One axis with the standard's objects in 1600h and 1A00h, and behind eight objects in 1601h and 1A01h; any vendor and product. What relative moves count from is read from 60F2h, where
-/// the drive has it.
+/// One axis with the standard's objects in 1600h and 1A00h. Those behind the eighth are in 1601h and 1A01h. It matches any vendor and
+/// product. What relative moves count from is read from 60F2h, where the drive has it.
 #[must_use]
 pub fn generic() -> DriveDescription {
     DriveDescription {

@@ -1,7 +1,8 @@
-//! What a program holds of an axis: its handle, the leases of its modes, moves and paths, stops, the liveness of the program.
+//! What a program holds of an axis: its handle, leases of its modes, moves, paths, stops and the program's liveness.
 //!
 //! Handles put commands into a bounded queue and stops beside it. The owner of the cycle takes them to the axis core and brings its
-//! reports and snapshots back, without a lock and without the heap (`queue`, with both its ends). Each handle is a thin layer over that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `together`.
+//! reports and snapshots back (`queue`, with both its ends). It takes no lock and allocates nothing. Each handle is a thin layer over
+//! that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `together`.
 //!
 //! This room imports the pure ones and `wakes`; of those that need `std`, only `bus` imports it. The modules of the public interface
 //! re-export from here what belongs to them.

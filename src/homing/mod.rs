@@ -1,6 +1,6 @@
 //! Homing: the procedure by which an axis finds out where it is (mode 6; CiA 402-2, "Homing mode").
 //!
-//! The drive does it by itself; the types and the sequencing of bit 4 here are pure.
+//! The drive does it by itself. The types and the sequencing of bit 4 here are pure.
 
 mod parameters;
 mod procedure;

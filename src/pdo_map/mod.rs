@@ -1,7 +1,7 @@
 //! PDO mapping: declared once, written by the rules, read back, laid out.
 //!
 //! A [`Mapping`] is declared with typed objects. From that one declaration come the SDO writes
-//! ([`Mapping::plan`]), the check of what the drive then holds ([`verify`](verify::compare)), and the places
+//! ([`Mapping::plan`]) and the check of what the drive then holds ([`verify`](verify::compare)). So do the places
 //! of the objects in the process data ([`Layout`], [`Field`]).
 
 #[cfg(feature = "std")]

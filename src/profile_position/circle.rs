@@ -1,6 +1,6 @@
 //! Positions on the number circle of so many bits, and on a turn of it (pure).
 //!
-//! Generic over the width: at 8 bits every position, distance and turn is tested, and the axis core uses the same code at 32. A position
+//! Generic over the width: at 8 bits every position, distance and turn is tested. The axis core uses the same code at 32. A position
 //! is held as an `i64` and lies on the circle, from −2ᴮᴵᵀˢ⁻¹ to 2ᴮᴵᵀˢ⁻¹ − 1.
 
 /// The number circle of so many bits, at most 32.
@@ -22,7 +22,7 @@ impl<const BITS: u32> Circle<BITS> {
         number.wrapping_shl(rest).wrapping_shr(rest)
     }
 
-    /// How many positions a turn has; none where it is empty or one position alone, and none where it is the circle itself.
+    /// How many positions a turn has. There is none where it is empty or one position alone, or the circle itself.
     #[inline]
     pub const fn length(turn: Turn) -> Option<i64> {
         if turn.min >= turn.max {

@@ -63,8 +63,8 @@ impl Lingering {
     }
 }
 
-/// What a distance may count from, where the drive's documents do not say, or the position does not show it: the end before it, or where
-/// the axis, or its demand, was when the drive took it.
+/// What a distance may count from, where the drive's documents do not say, or the position does not show it. That is the end before it, or
+/// where the axis, or its demand, was when the drive took it.
 #[derive(Debug, Clone, Copy, Hash)]
 pub(super) struct Bases {
     previous: Option<i32>,
@@ -235,8 +235,9 @@ pub(super) struct Track {
     /// Whether the axis was seen at the end, or beyond it, whatever it has done since.
     seen_there: bool,
 
-    /// With another behind it: whether the axis was at the end or beyond, and has not come back to it; whether it has stood there; how far it was on the far side of the
-    /// end, seen from where the next leads; since when it has been away on the way there, in so many cycles.
+    /// With another behind it, `was_there`: the axis was at the end or beyond, and has not come back to it. `rested`: it has stood there.
+    /// `astray`: how far it was on the far side of the end, seen from where the next leads. `away`: since when it has been away on the way
+    /// there, in so many cycles.
     was_there: bool,
     rested: bool,
     astray: i64,
@@ -592,8 +593,8 @@ impl Track {
         };
     }
 
-    /// Whether the way since the last cycle is long enough to have led to the end; and after cycles without inputs, how fast the axis
-    /// would have had to be to have been there.
+    /// Whether the way since the last cycle is long enough to have led to the end. After cycles without inputs it also says how fast the
+    /// axis would have had to be to have been there.
     #[inline(always)]
     fn look_between(&mut self, position: i32, remaining: u32, blind: u32, bounds: &Bounds) {
         let way = bounds.distance(self.before, position);
@@ -712,8 +713,8 @@ impl Track {
 
     /// Whether the position shows that it has ended and `next` is under way. Neither being at the end is enough, for the drive may
     /// still be finishing this one, nor being past it, for the axis may be ahead of its demand and come back. It has to be well on
-    /// the way to the next end: half of that, and half as far as this one's own way was, or away from the window for the settle time;
-    /// or to leave after it has stood. One that may come back to its end is not over beyond it.
+    /// the way to the next end: half of that, and half as far as this one's own way was, or away from the window for the settle time.
+    /// Or it has to leave after it has stood. One that may come back to its end is not over beyond it.
     pub fn is_left_behind(&mut self, next: &Self, cycle: &Cycle<'_>) -> bool {
         let (Some(end), Some(goal)) = (self.end, next.goal) else {
             return false;
@@ -761,8 +762,8 @@ impl Track {
         (far || leaves) && goes_on && gone > self.astray
     }
 
-    /// Whether both this one and `next` are over, with the axis at rest: it has been under way, or had no way to go, and has stood with
-    /// bit 10 for the settle time at the end of the next one; elsewhere, for as long as that may take to begin.
+    /// Whether both this one and `next` are over, with the axis at rest. It has been under way, or had no way to go, and has stood with
+    /// bit 10 for the settle time at the end of the next one. Elsewhere it has to stand for as long as that may take to begin.
     pub fn rests_with(&mut self, next: &Self, cycle: &Cycle<'_>) -> Option<Rest> {
         let reached = cycle.is_reached();
         if reached {
@@ -947,7 +948,7 @@ impl Track {
     }
 
     /// Whether it had no way to go when it was begun. A distance of which nobody knows from where it counts has none only where the last
-    /// set-point has ended, or the axis was enabled: what it has replaced, a jog or a target that was missed may have left its base
+    /// set-point has ended, or the axis was enabled. What it has replaced, a jog or a target that was missed may have left its base
     /// anywhere.
     fn has_no_way(&self, cycle: &Cycle<'_>) -> bool {
         let window = cycle.bounds.position;

@@ -332,13 +332,16 @@ impl Network {
     /// ```
     ///
     /// # Errors
-    /// [`NetworkError::Drive`] with the step that failed, or because the drive follows a distributed clock and others in front of it
-    /// are missing ([`DriveFault::ClockOfRunningLine`](crate::bus::DriveFault::ClockOfRunningLine)), or is the reference clock and was without
-    /// power ([`DriveFault::ReferenceOfRunningLine`](crate::bus::DriveFault::ReferenceOfRunningLine)); [`NetworkError::NotLocked`] if it follows a
-    /// distributed clock and the reference is silent, has jumped, or is out of step; [`NetworkError::WrongLine`] if
-    /// it is not in the line any more, or another device is in its place; [`NetworkError::Declaration`] if no drive and no device with inputs
-    /// and outputs was declared there; [`NetworkError::Thread`] if the network has ended. After an error the device is asked to leave
-    /// OP. Outputs of one that is no drive stay 0 until a call succeeds, also if it comes back by itself.
+    /// - [`NetworkError::Drive`]: a step failed, which it names. Or the drive follows a distributed clock and others in front of it are
+    ///   missing ([`DriveFault::ClockOfRunningLine`](crate::bus::DriveFault::ClockOfRunningLine)). Or it is the reference clock and was
+    ///   without power ([`DriveFault::ReferenceOfRunningLine`](crate::bus::DriveFault::ReferenceOfRunningLine)).
+    /// - [`NetworkError::NotLocked`]: it follows a distributed clock and the reference is silent, has jumped, or is out of step.
+    /// - [`NetworkError::WrongLine`]: it is not in the line any more, or another device is in its place.
+    /// - [`NetworkError::Declaration`]: no drive and no device with inputs and outputs was declared there.
+    /// - [`NetworkError::Thread`]: the network has ended.
+    ///
+    /// After an error the device is asked to leave OP. Outputs of one that is no drive stay 0 until a call succeeds, also if it comes back
+    /// by itself.
     pub async fn recover(&self, place: impl Into<DevicePlace>) -> Result<Recovered, NetworkError> {
         let place = place.into();
         let index = self
