@@ -18,6 +18,9 @@ pub(crate) struct Args {
     /// Shows each import that is part of a cycle between rooms.
     #[arg(long)]
     imports: bool,
+    /// Writes which rooms use which into docs/architecture.md, in place of comparing the page with them.
+    #[arg(long)]
+    write: bool,
 }
 
 /// Files in `src/`.
@@ -26,8 +29,13 @@ const MOST_FILES: usize = 140;
 const MOST_RESTRICTED: usize = 600;
 /// Types in `src/` of the same name.
 const MOST_NAMESAKES: usize = 2;
-/// The mean number of words in a sentence of a page.
+/// The mean number of words in a sentence of a page, and of the documentation in a source file.
 const MOST_WORDS: f64 = 16.0;
+/// The words of any sentence of them.
+const MOST_IN_A_SENTENCE: usize = 50;
+/// Where the page about the rooms has what uses what.
+const BEGIN: &str = "<!-- written by `cargo xtask house --write` -->\n";
+const END: &str = "<!-- end -->\n";
 
 #[derive(Default)]
 struct Room {
@@ -81,8 +89,10 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         println!("  {name} ×{}: {}", places.len(), join(places.iter()));
     }
     at_most(&mut faults, "names of more than two types", names.len(), 0);
-    show_cycles(&files, args.imports, &mut faults);
-    show_pages(root, &mut faults)?;
+    let uses = arrows(&files);
+    show_arrows(root, &uses, args.write, &mut faults)?;
+    show_cycles(&files, &uses, args.imports, &mut faults);
+    show_pages(root, &files, &mut faults)?;
     println!();
     if faults.is_empty() {
         println!("within all bounds");
@@ -128,20 +138,67 @@ fn show_rooms(rooms: &BTreeMap<&str, Room>) {
     line("all", &all);
 }
 
-/// Which rooms reach each other both ways, directly or through others.
-fn show_cycles(files: &[SourceFile], imports: bool, faults: &mut Vec<String>) {
+/// Which rooms use which.
+fn arrows(files: &[SourceFile]) -> BTreeMap<&str, BTreeSet<&str>> {
     let rooms: BTreeSet<&str> = files.iter().map(|file| file.room.as_str()).collect();
-    let mut uses: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    let mut uses: BTreeMap<&str, BTreeSet<&str>> =
+        rooms.iter().map(|&room| (room, BTreeSet::new())).collect();
     for file in files {
         for import in &file.imports {
-            if let Some(&other) = rooms.get(import.as_str())
-                && other != file.room
-            {
+            // An item of `bus` itself is named like a room in it.
+            let whole = import.split('/').next().unwrap_or_default();
+            let other = rooms.get(import.as_str()).or_else(|| rooms.get(whole));
+            if let Some(&other) = other.filter(|other| **other != file.room) {
                 uses.entry(&file.room).or_default().insert(other);
             }
         }
     }
-    let knots = rooms::knots(&rooms, &uses);
+    uses
+}
+
+/// Prints them, and compares the page about the rooms with them, or writes them there.
+fn show_arrows(
+    root: &Path,
+    uses: &BTreeMap<&str, BTreeSet<&str>>,
+    write: bool,
+    faults: &mut Vec<String>,
+) -> crate::Result<()> {
+    let lines = uses.iter().filter(|(room, _)| **room != "lib");
+    let lines = lines.map(|(room, others)| match others.is_empty() {
+        true => format!("{room} → nothing\n"),
+        false => format!("{room} → {}\n", join(others.iter())),
+    });
+    let drawn: String = lines.collect();
+    println!("\nrooms that a room uses\n{drawn}");
+    let path = root.join("docs/architecture.md");
+    let page = fs::read_to_string(&path)?;
+    let (before, rest) = page
+        .split_once(BEGIN)
+        .ok_or("docs/architecture.md lost its arrows")?;
+    let (shown, after) = rest
+        .split_once(END)
+        .ok_or("docs/architecture.md lost its arrows")?;
+    let drawn = format!("```text\n{drawn}```\n");
+    if write {
+        fs::write(&path, [before, BEGIN, &drawn, END, after].concat())?;
+    } else if shown != drawn {
+        faults.push(
+            "docs/architecture.md shows other arrows than these: `cargo xtask house --write`"
+                .into(),
+        );
+    }
+    Ok(())
+}
+
+/// Which rooms reach each other both ways, directly or through others.
+fn show_cycles(
+    files: &[SourceFile],
+    uses: &BTreeMap<&str, BTreeSet<&str>>,
+    imports: bool,
+    faults: &mut Vec<String>,
+) {
+    let rooms: BTreeSet<&str> = uses.keys().copied().collect();
+    let knots = rooms::knots(&rooms, uses);
     println!("\nrooms that need each other");
     for knot in &knots {
         println!("  {}", join(knot.iter()));
@@ -161,30 +218,38 @@ fn show_cycles(files: &[SourceFile], imports: bool, faults: &mut Vec<String>) {
     at_most(faults, "cycles between rooms", knots.len(), 0);
 }
 
-fn show_pages(root: &Path, faults: &mut Vec<String>) -> crate::Result<()> {
+fn show_pages(root: &Path, files: &[SourceFile], faults: &mut Vec<String>) -> crate::Result<()> {
     println!("\nwords per sentence: mean, longest");
     for page in markdown(root)? {
         let text = fs::read_to_string(&page)?;
-        let name = page
-            .strip_prefix(root)
-            .unwrap_or(&page)
-            .display()
-            .to_string();
-        let lengths = pages::sentences(&text);
-        let (sum, count) = (lengths.iter().sum::<usize>(), lengths.len());
-        if count == 0 {
-            continue;
-        }
-        let mean = sum as f64 / count as f64;
-        let longest = lengths.iter().max().unwrap_or(&0);
-        println!("  {mean:5.1} {longest:4}  {name}");
-        if mean > MOST_WORDS {
-            faults.push(format!(
-                "words per sentence of {name}: {mean:.1}, at most {MOST_WORDS}"
-            ));
-        }
+        let name = page.strip_prefix(root).unwrap_or(&page).display();
+        show_sentences(&name.to_string(), &pages::sentences(&text), faults);
+    }
+    for file in files {
+        show_sentences(&format!("src/{}", file.path), &file.sentences, faults);
     }
     Ok(())
+}
+
+fn show_sentences(name: &str, lengths: &[usize], faults: &mut Vec<String>) {
+    let (sum, count) = (lengths.iter().sum::<usize>(), lengths.len());
+    if count == 0 {
+        return;
+    }
+    let mean = sum as f64 / count as f64;
+    let longest = lengths.iter().copied().max().unwrap_or(0);
+    println!("  {mean:5.1} {longest:4}  {name}");
+    if mean > MOST_WORDS {
+        faults.push(format!(
+            "words per sentence of {name}: {mean:.1}, at most {MOST_WORDS}"
+        ));
+    }
+    at_most(
+        faults,
+        &format!("words in the longest sentence of {name}"),
+        longest,
+        MOST_IN_A_SENTENCE,
+    );
 }
 
 fn sources(src: &Path) -> crate::Result<Vec<SourceFile>> {
@@ -199,17 +264,19 @@ fn sources(src: &Path) -> crate::Result<Vec<SourceFile>> {
         .collect()
 }
 
-/// The pages that are written by hand: those that tables generate are left out.
+/// All pages.
 fn markdown(root: &Path) -> crate::Result<Vec<PathBuf>> {
-    let mut pages = vec![
-        root.join("README.md"),
-        root.join("CHANGELOG.md"),
-        root.join("CONTRIBUTING.md"),
+    let pages = [
+        "README.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "attach/README.md",
+        "fuzz/README.md",
+        "sim/README.md",
+        "tools/README.md",
     ];
+    let mut pages = pages.map(|page| root.join(page)).to_vec();
     find(&root.join("docs"), "md", &mut pages)?;
-    pages.retain(|page| {
-        !page.ends_with("docs/pitfalls.md") && !page.ends_with("docs/conformance.md")
-    });
     Ok(pages)
 }
 

@@ -5,6 +5,7 @@ use std::{
     path::Path,
 };
 
+use super::pages;
 use proc_macro2::{TokenStream, TokenTree};
 use syn::{
     Attribute, Item, ItemEnum, ItemMod, ItemStruct, ItemTrait, UseTree, Visibility,
@@ -16,7 +17,7 @@ use syn::{
 pub(super) struct SourceFile {
     /// Below `src/`.
     pub(super) path: String,
-    /// The module below the root that it is of.
+    /// The module below the root that it is of; below `bus` the next one too, as `bus/cycle`.
     pub(super) room: String,
     /// Lines, of each kind.
     pub(super) code: usize,
@@ -27,8 +28,19 @@ pub(super) struct SourceFile {
     pub(super) public_types: usize,
     /// The names of its types.
     pub(super) types: BTreeSet<String>,
-    /// Modules below the root that it names, outside its tests.
+    /// What it names of other rooms, outside its tests: their names, or of `bus` that of an item in it.
     pub(super) imports: BTreeSet<String>,
+    /// Words of each sentence of its documentation.
+    pub(super) sentences: Vec<usize>,
+}
+
+/// The room of what has this path below the root.
+fn room(path: &[String]) -> Option<String> {
+    match path {
+        [bus, inner, ..] if bus == "bus" => Some(format!("bus/{inner}")),
+        [first, ..] => Some(first.clone()),
+        [] => None,
+    }
 }
 
 impl SourceFile {
@@ -47,8 +59,13 @@ impl SourceFile {
             _ => parts.clone(),
         };
         let mut file = Self {
-            room: parts[0].clone(),
+            // The library's own file is a room as well.
+            room: room(&module).unwrap_or_else(|| parts[0].clone()),
             path: name,
+            sentences: documentation(text)
+                .iter()
+                .flat_map(|text| pages::sentences(text))
+                .collect(),
             ..Self::default()
         };
         let parsed = syn::parse_file(text).map_err(|error| format!("{}: {error}", file.path))?;
@@ -73,6 +90,29 @@ impl SourceFile {
         }
         Ok(file)
     }
+}
+
+/// The comments of a file that document it, or an item of it: each a text in Markdown.
+fn documentation(text: &str) -> Vec<String> {
+    let mut texts: Vec<String> = Vec::new();
+    let mut before = None;
+    for line in text.lines().map(str::trim_start) {
+        let kind = ["///", "//!"]
+            .into_iter()
+            .find(|kind| line.starts_with(kind));
+        if let Some(kind) = kind {
+            if before != Some(kind) {
+                texts.push(String::new());
+            }
+            if let Some(text) = texts.last_mut() {
+                let said = &line[kind.len()..];
+                text.push_str(said.strip_prefix(' ').unwrap_or(said));
+                text.push('\n');
+            }
+        }
+        before = kind;
+    }
+    texts
 }
 
 fn is_test(attributes: &[Attribute]) -> bool {
@@ -111,18 +151,17 @@ impl Reader<'_> {
 
     /// A path that begins with these names: which room it leads to.
     fn note_path(&mut self, names: &[String]) {
-        let room = match names.first().map(String::as_str) {
-            Some("crate") => names.get(1).cloned(),
+        let path = match names.first().map(String::as_str) {
+            Some("crate") => names[1..].to_vec(),
             Some("super") => {
                 let up = names.iter().take_while(|name| *name == "super").count();
-                if up < self.module.len() {
-                    return;
-                }
-                names.get(up).cloned()
+                let above = self.module.len().saturating_sub(up);
+                [&self.module[..above], &names[up..]].concat()
             }
             _ => return,
         };
-        self.file.imports.extend(room);
+        let other = room(&path).filter(|room| *room != self.file.room);
+        self.file.imports.extend(other);
     }
 
     /// Whether it is a handle that the public interface shows beside the pure types of this room, whose code does not name it: without
@@ -289,6 +328,27 @@ mod tests {
         let imports = read("axis/core.rs", text).imports;
         let names: Vec<&str> = imports.iter().map(String::as_str).collect();
         assert_eq!(names, ["bus", "coe", "ds402", "esi", "units"]);
+    }
+
+    #[test]
+    fn the_parts_of_the_bus_are_rooms_of_their_own() {
+        let text = "use super::{cycle::Cycle, Network};\nuse crate::{bus::{log, error::{A, B}}, coe::C};\n";
+        let file = read("bus/watch/mod.rs", text);
+        assert_eq!(file.room, "bus/watch");
+        let names: Vec<&str> = file.imports.iter().map(String::as_str).collect();
+        assert_eq!(
+            names,
+            ["bus/Network", "bus/cycle", "bus/error", "bus/log", "coe"]
+        );
+        assert_eq!(read("bus/mod.rs", "").room, "bus");
+        assert_eq!(read("bus/cable.rs", "").room, "bus/cable");
+    }
+
+    #[test]
+    fn the_sentences_of_the_documentation_are_counted() {
+        let text =
+            "//! One two.\n\n/// Three four five. Six\n/// seven.\n// Not this one.\nfn f() {}\n";
+        assert_eq!(read("axis/core.rs", text).sentences, [2, 3, 2]);
     }
 
     #[test]
