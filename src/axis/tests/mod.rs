@@ -6,4 +6,5 @@ mod played;
 mod power;
 mod resetting;
 mod resting;
+mod standing;
 mod stops;
