@@ -257,6 +257,46 @@ mod tests {
     }
 
     #[test]
+    fn each_of_sixteen_modes_has_its_bit() {
+        for bit in 0..16 {
+            let one = SupportedModes::from_bits_retain(1 << bit | 0xFFFF_0000);
+            for raw in 1..=16 {
+                let mode = Mode::from_raw(raw);
+                assert_eq!(one.allows(mode), i32::from(raw) == bit + 1, "{bit}, {raw}");
+            }
+            for raw in [i8::MIN, -1, 0, 17, i8::MAX] {
+                assert!(one.allows(Mode::from_raw(raw)), "{bit}, {raw}");
+            }
+        }
+    }
+
+    #[test]
+    fn option_codes_say_where_a_stop_ends_and_whether_it_is_under_control() {
+        for code in -1..=9 {
+            let option = QuickStopOption(code);
+            let stays = (5..=8).contains(&code);
+            assert_eq!(option.stays_in_quick_stop_active(), stays, "{code}");
+            assert_eq!(option.stops_under_control(), code != 0, "{code}");
+            let options = StopOptions {
+                halt: Some(code),
+                ..StopOptions::default()
+            };
+            assert_eq!(options.halts_under_control(), code != 0, "{code}");
+        }
+        assert!(StopOptions::default().halts_under_control());
+    }
+
+    #[test]
+    fn an_axis_is_sure_to_stop_by_three_values_of_6007h() {
+        for raw in -1..=5 {
+            let option = AbortConnection::from_raw(raw);
+            assert_eq!(option.raw(), raw);
+            assert_eq!(option.stops(), (1..=3).contains(&raw), "{raw}");
+        }
+        assert_eq!(AbortConnection::from_raw(3), AbortConnection::QuickStop);
+    }
+
+    #[test]
     fn pitfall_27_the_modes_of_6502h_keep_their_numbers_past_the_reserved_bit_4() {
         // CiA DSP 402 v2.0, object 6502h: bit 4 is reserved, homing is bit 5.
         assert_eq!(SupportedModes::HOMING.bits(), 0x20);

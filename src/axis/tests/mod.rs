@@ -1,5 +1,6 @@
 //! An axis core against a drive that is played word by word.
 
+mod changing;
 mod loss;
 mod modes;
 mod played;

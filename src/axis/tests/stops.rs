@@ -430,3 +430,34 @@ fn inputs_that_are_too_short_are_none() {
     };
     assert!(fields.sample(&bytes[..11], Mode::None).is_some());
 }
+
+#[test]
+fn each_halt_is_measured_by_itself() {
+    let mut config = Played::config();
+    config.deadlines.standstill = Duration::from_secs(1);
+    let (mut drive, _) = Played::moving(config, 1_000_000);
+    let ignored = Err(Failure::HaltIgnored);
+    for _ in 0..2 {
+        let halting = drive.submit(Command::Halt);
+        assert_eq!(drive.cycles_to_end(halting, ENABLED), (203, ignored));
+        assert_eq!(drive.word(), HALT, "it stays");
+        drive.submit(Command::Resume);
+        drive.shows_for(10, ENABLED);
+        assert_eq!(drive.word(), GO);
+    }
+    // One that nobody waits for goes on to a quick stop, a later one that somebody waits for does not.
+    drive.stop_lane(StopRequest::HALT);
+    assert_eq!(drive.cycles_until(QUICK_STOP | 0x100, ENABLED), 203);
+}
+
+#[test]
+fn a_drive_that_is_enabled_by_somebody_while_its_rest_is_waited_for_gets_a_quick_stop() {
+    let mut drive = Played::new(Played::config());
+    drive.velocity = 50;
+    drive.shows_for(2, SWITCH_ON_DISABLED);
+    let stopping = drive.submit(Command::Stop);
+    let ignored = Err(Failure::QuickStopIgnored);
+    // It is commanded from the first of these words on, and seen to be ignored after two spans of 100 ms.
+    assert_eq!(drive.cycles_to_end(stopping, ENABLED), (204, ignored));
+    assert_eq!(drive.word(), 0);
+}

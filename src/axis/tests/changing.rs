@@ -1,0 +1,609 @@
+//! Changes of the mode, and the limits and parameters that a motion is checked against.
+
+use super::played::{
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, REACHED, SWITCH_ON_DISABLED, absolute,
+};
+use crate::{
+    axis::{
+        AxisFields, Command, Completion, CoreConfig, Delivery, Failure, Referencing, WaitingFor,
+    },
+    ds402::{Mode, State, SupportedModes},
+    homing::{HomingCommand, HomingMethod},
+    profile_position::{
+        BufferMode, Limits, MoveCommand, Parameters, PositionRange, Reference, SetPoint,
+    },
+    profile_velocity::JogSetPoint,
+};
+
+const DONE: Option<Result<Completion, Failure>> = Some(Ok(Completion::Done));
+const TO_HOMING: Command = Command::SelectMode(Mode::Homing);
+
+const HOME: Command = Command::Home(HomingCommand {
+    method: HomingMethod::NEGATIVE_LIMIT,
+    offset: None,
+    until: None,
+});
+
+fn refused(failure: Failure) -> Option<Result<Completion, Failure>> {
+    Some(Err(failure))
+}
+
+fn wrong_mode(expected: Mode, shown: Mode) -> Failure {
+    Failure::WrongMode {
+        expected,
+        shown,
+        delivery: Delivery::NotSent,
+    }
+}
+
+#[test]
+fn a_mode_is_written_at_rest_and_done_when_it_is_shown() {
+    let mut drive = Played::enabled(Played::config());
+    assert_eq!(
+        drive.answer(Command::SelectMode(Mode::ProfilePosition)),
+        DONE
+    );
+    let selecting = drive.submit(TO_HOMING);
+    // No bit of the last mode was sent for long enough.
+    assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 6));
+    drive.shows(REACHED);
+    assert_eq!(drive.outcome(selecting), None);
+    assert_eq!(drive.answer(TO_HOMING), refused(Failure::Busy));
+    drive.mode = 6;
+    drive.shows(REACHED);
+    assert_eq!(drive.outcome(selecting), DONE);
+    assert_eq!(drive.answer(TO_HOMING), DONE);
+}
+
+#[test]
+fn a_mode_that_is_not_shown_in_time_is_taken_back() {
+    let mut drive = Played::enabled(Played::config());
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows_for(59, REACHED);
+    assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 6));
+    drive.shows(REACHED);
+    assert_eq!(drive.outputs[6], 1);
+    let Some(Err(Failure::Timeout { waiting_for, .. })) = drive.outcome(selecting) else {
+        panic!("{:?}", drive.outcome(selecting));
+    };
+    assert_eq!(waiting_for, WaitingFor::Mode(Mode::Homing));
+    // It is shown too late: nothing is left that waits for it.
+    drive.mode = 6;
+    drive.shows(REACHED);
+    assert_eq!(
+        drive.answer(HOME),
+        refused(wrong_mode(Mode::Homing, Mode::Homing))
+    );
+}
+
+#[test]
+fn a_mode_is_not_written_while_the_axis_moves_or_bits_of_the_last_may_be_seen() {
+    // It moves without a set-point.
+    let mut drive = Played::enabled(Played::config());
+    drive.position += 500;
+    drive.velocity = 30;
+    drive.shows(ENABLED);
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows_for(59, ENABLED);
+    assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 1));
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(selecting), refused(Failure::Moving));
+    // One that is not driven may be turned by hand.
+    let mut drive = Played::disabled(Played::config());
+    drive.velocity = 30;
+    drive.shows_for(3, SWITCH_ON_DISABLED);
+    drive.submit(TO_HOMING);
+    assert_eq!(drive.outputs[6], 6);
+
+    // A velocity was sent until now: it is written when 0 was delivered for two cycles of the drive.
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    let jog = drive.submit(Command::Jog(JogSetPoint::new(50)));
+    drive.shows_for(5, REACHED);
+    drive.core.release_jog(drive.now, jog, &mut drive.outputs);
+    drive.shows_for(30, REACHED);
+    assert!(drive.outcome(jog).is_some());
+    drive.submit(Command::Jog(JogSetPoint::new(50)));
+    drive.shows(REACHED);
+    drive.submit(Command::Stop);
+    drive.stop_lane(crate::axis::StopRequest::empty());
+    let mut drive = Played::enabled(Played::config());
+    drive.move_to(0);
+    drive.shows(REACHED);
+    assert_eq!(drive.answer(TO_HOMING), refused(Failure::Moving));
+    drive.shows(ACKNOWLEDGED);
+    assert_eq!(drive.word() & 0x10, 0);
+    // The drive reaches it at once.
+    drive.shows_for(20, REACHED);
+    drive.submit(TO_HOMING);
+    assert_eq!(drive.outputs[6], 6);
+}
+
+#[test]
+fn bits_that_were_not_delivered_low_keep_the_mode() {
+    let mut drive = Played::new(Played::config());
+    drive.cycles(20, Brings::Answered, SWITCH_ON_DISABLED);
+    let selecting = drive.submit(TO_HOMING);
+    assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 1));
+    drive.shows_for(2, SWITCH_ON_DISABLED);
+    assert_eq!(drive.outputs[6], 1);
+    drive.shows(SWITCH_ON_DISABLED);
+    assert_eq!(drive.outputs[6], 6);
+}
+
+#[test]
+fn a_change_of_mode_says_what_is_in_its_way() {
+    let mut config = Played::config();
+    config.supported_modes = Some(SupportedModes::PROFILE_POSITION);
+    let mut drive = Played::enabled(config);
+    let mode = Mode::Homing;
+    assert_eq!(
+        drive.answer(TO_HOMING),
+        refused(Failure::ModeNotSupported { mode })
+    );
+    let mut drive = Played::enabled(Played::config());
+    drive.submit(Command::Halt);
+    assert_eq!(drive.answer(TO_HOMING), refused(Failure::HALTED));
+    let mut drive = Played::enabled(Played::config());
+    drive.submit(Command::QuickStop);
+    assert_eq!(drive.answer(TO_HOMING), refused(Failure::Busy));
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    assert_eq!(drive.answer(TO_HOMING), refused(Failure::Moving));
+    // A move that waits for its turn.
+    let mut drive = Played::enabled(Played::config());
+    drive.cycle(Brings::Answered, REACHED);
+    drive.move_to(5_000);
+    assert_eq!(drive.answer(TO_HOMING), refused(Failure::Moving));
+}
+
+#[test]
+fn who_writes_6060h_by_sdo_is_told_when_and_then_waits_for_the_mode() {
+    let mut drive = Played::enabled(Played::config());
+    assert_eq!(drive.answer(Command::PrepareMode(Mode::Homing)), DONE);
+    assert_eq!(drive.outputs[6], 1);
+    drive.shows_for(100, REACHED);
+    assert_eq!(
+        drive.answer(HOME),
+        refused(wrong_mode(Mode::Homing, Mode::ProfilePosition))
+    );
+    assert_eq!(
+        drive.answer(Command::Move(absolute(5))),
+        refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition))
+    );
+    let selecting = drive.submit(TO_HOMING);
+    drive.mode = 6;
+    drive.shows(REACHED);
+    assert_eq!(drive.outcome(selecting), DONE);
+}
+
+#[test]
+fn what_ends_everything_ends_a_change_of_mode() {
+    let code = None;
+    let mut drive = Played::enabled(Played::config());
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows(FAULT);
+    assert_eq!(drive.outcome(selecting), refused(Failure::Fault { code }));
+    assert_eq!(drive.outputs[6], 1);
+}
+
+#[test]
+fn a_mode_that_is_not_mapped_is_what_was_read_of_it() {
+    let mut drive = Played::enabled(CoreConfig {
+        fields: AxisFields {
+            mode_display: None,
+            ..FIELDS
+        },
+        ..Played::config()
+    });
+    assert_eq!(drive.core.snapshot().mode, Mode::None);
+    drive.core.note_mode(Mode::ProfilePosition);
+    assert_eq!(drive.core.snapshot().mode, Mode::ProfilePosition);
+    drive.shows(REACHED);
+    assert_eq!(drive.core.snapshot().mode, Mode::ProfilePosition);
+    assert_eq!(drive.answer(Command::CheckMove(absolute(5))), DONE);
+    // Where it is mapped that says nothing.
+    let mut drive = Played::enabled(Played::config());
+    drive.core.note_mode(Mode::Homing);
+    assert_eq!(drive.core.snapshot().mode, Mode::ProfilePosition);
+}
+
+#[test]
+fn a_motion_is_refused_for_what_is_in_its_way() {
+    let state = State::SwitchOnDisabled;
+    let each = |failure: Failure, prepare: &dyn Fn() -> (Played, Mode)| {
+        for mode in [Mode::ProfilePosition, Mode::Homing, Mode::ProfileVelocity] {
+            let commands = match mode {
+                Mode::ProfilePosition => {
+                    [Command::Move(absolute(5)), Command::CheckMove(absolute(5))]
+                }
+                Mode::Homing => [HOME, Command::CheckHome],
+                _ => [Command::Jog(JogSetPoint::new(5)), Command::CheckJog(5)],
+            };
+            for command in commands {
+                let (mut drive, of) = prepare();
+                let expected = match failure {
+                    Failure::WrongMode { shown, .. } if mode != of => wrong_mode(mode, shown),
+                    _ if mode != of => continue,
+                    failure => failure,
+                };
+                let outputs = drive.outputs;
+                assert_eq!(drive.answer(command), refused(expected), "{command:?}");
+                assert_eq!(drive.outputs, outputs, "{command:?}");
+            }
+        }
+    };
+    for mode in [Mode::ProfilePosition, Mode::Homing, Mode::ProfileVelocity] {
+        let enabled = move || {
+            if mode == Mode::ProfilePosition {
+                Played::enabled(Played::config())
+            } else {
+                Played::enabled_in(mode, Played::config())
+            }
+        };
+        let code = None;
+        each(Failure::Fault { code }, &|| {
+            let mut drive = enabled();
+            drive.shows(FAULT);
+            (drive, mode)
+        });
+        each(Failure::QUICK_STOPPED, &|| {
+            let mut drive = enabled();
+            drive.submit(Command::QuickStop);
+            (drive, mode)
+        });
+        each(Failure::NotEnabled { state }, &|| {
+            let mut drive = enabled();
+            drive.submit(Command::Disable);
+            drive.shows_for(5, SWITCH_ON_DISABLED);
+            (drive, mode)
+        });
+        each(Failure::HALTED, &|| {
+            let mut drive = enabled();
+            drive.submit(Command::Halt);
+            (drive, mode)
+        });
+        // 6060h holds it, 6061h shows another.
+        each(wrong_mode(mode, Mode::CyclicTorque), &|| {
+            let mut drive = enabled();
+            drive.mode = 10;
+            drive.shows(REACHED);
+            (drive, mode)
+        });
+    }
+    // 6061h shows it, 6060h holds another.
+    let mut drive = Played::enabled(Played::config());
+    drive.mode = 6;
+    drive.shows(REACHED);
+    assert_eq!(
+        drive.answer(HOME),
+        refused(wrong_mode(Mode::Homing, Mode::Homing))
+    );
+    // In its own mode each is allowed.
+    let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+    assert_eq!(drive.answer(Command::CheckHome), DONE);
+    assert_eq!(drive.answer(HOME), None);
+    assert_eq!(drive.answer(Command::CheckHome), refused(Failure::Busy));
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    assert_eq!(drive.answer(Command::CheckJog(5)), DONE);
+    assert_eq!(drive.answer(Command::Jog(JogSetPoint::new(5))), None);
+    assert_eq!(drive.answer(Command::CheckJog(5)), refused(Failure::Busy));
+}
+
+#[test]
+fn limits_hold_to_the_count() {
+    let mut drive = Played::enabled(Played::config());
+    let limits = Limits {
+        position_range: Some(PositionRange { min: -100, max: 50 }),
+        max_velocity: Some(700),
+        ..Limits::trust_drive()
+    };
+    assert_eq!(drive.answer(Command::SetLimits(limits)), DONE);
+    for (target, allowed) in [(-101, false), (-100, true), (50, true), (51, false)] {
+        let answer = drive.answer(Command::CheckMove(absolute(target)));
+        assert_eq!(answer == DONE, allowed, "{target}");
+        assert!(allowed || matches!(answer, Some(Err(Failure::BeyondLimit { .. }))));
+    }
+    // Where a distance ends is judged when its turn comes.
+    let distance = MoveCommand {
+        reference: Reference::Relative,
+        ..absolute(51)
+    };
+    assert_eq!(drive.answer(Command::CheckMove(distance)), DONE);
+    for (velocity, allowed) in [(700, true), (701, false)] {
+        for set_point in [
+            SetPoint::new().velocity(velocity),
+            SetPoint::new().velocity(1).end_velocity(velocity),
+        ] {
+            let mut fast = absolute(0);
+            fast.set_point = set_point;
+            let limit = 700;
+            let answer = drive.answer(Command::CheckMove(fast));
+            let too_fast = refused(Failure::TooFast { limit, velocity });
+            assert_eq!(answer, if allowed { DONE } else { too_fast });
+        }
+    }
+    // A modulo axis has its turn among them, whatever else is said.
+    let mut config = Played::config();
+    config.modulo = Some(PositionRange { min: 0, max: 359 });
+    let mut drive = Played::enabled(config);
+    for _ in 0..2 {
+        for (target, allowed) in [(-1, false), (0, true), (359, true), (360, false)] {
+            let answer = drive.answer(Command::CheckMove(absolute(target)));
+            assert_eq!(answer == DONE, allowed, "{target}");
+        }
+        drive.answer(Command::SetLimits(Limits::trust_drive()));
+    }
+}
+
+#[test]
+fn jogs_are_held_within_the_greatest_velocity() {
+    let mut config = Played::config();
+    config.limits.max_velocity = Some(700);
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, config);
+    for (velocity, allowed) in [(700, true), (-700, true), (701, false), (-701, false)] {
+        let answer = drive.answer(Command::CheckJog(velocity));
+        assert_eq!(answer == DONE, allowed, "{velocity}");
+    }
+    let jog = drive.submit(Command::Jog(JogSetPoint::new(5)));
+    let other = crate::axis::CommandId(900);
+    assert_eq!(drive.core.jog(), Some(jog));
+    for (id, velocity, follows) in [
+        (jog, -700, true),
+        (jog, -701, false),
+        (other, 20, false),
+        (jog, 30, true),
+    ] {
+        let before = drive.target_velocity();
+        let followed = drive.core.set_jog(id, velocity, &mut drive.outputs);
+        assert_eq!(followed, follows, "{velocity}");
+        let expected = if follows { velocity } else { before };
+        assert_eq!(drive.target_velocity(), expected);
+    }
+    let now = drive.now;
+    assert!(!drive.core.release_jog(now, other, &mut drive.outputs));
+    assert_eq!(drive.target_velocity(), 30);
+    assert!(drive.core.release_jog(now, jog, &mut drive.outputs));
+    assert_eq!(drive.target_velocity(), 0);
+    assert!(!drive.core.release_jog(now, jog, &mut drive.outputs));
+    drive.shows_for(60, REACHED);
+    assert_eq!(drive.core.jog(), None);
+}
+
+#[test]
+fn a_jog_is_let_go_when_its_holder_is_silent_for_longer_than_its_time() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    assert!(!drive.core.has_dead_man());
+    let held = JogSetPoint::new(40).dead_man(core::time::Duration::from_millis(10));
+    let jog = drive.submit(Command::Jog(held));
+    assert!(drive.core.has_dead_man());
+    let hold = |drive: &mut Played, times| {
+        let held = drive
+            .core
+            .hold_jog(drive.now, jog, times, &mut drive.outputs);
+        drive.shows(ENABLED);
+        held
+    };
+    for times in [1, 1, 2] {
+        assert!(hold(&mut drive, times));
+    }
+    // That was the word; ten more cycles are its time.
+    for _ in 0..10 {
+        assert!(hold(&mut drive, 2));
+        assert_eq!(drive.target_velocity(), 40);
+    }
+    assert!(!hold(&mut drive, 2));
+    assert_eq!(drive.target_velocity(), 0);
+    assert!(!drive.core.has_dead_man());
+    drive.shows_for(60, REACHED);
+    assert!(matches!(
+        drive.outcome(jog),
+        Some(Err(Failure::NotHeld { .. }))
+    ));
+
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    drive.submit(Command::Jog(JogSetPoint::new(40)));
+    assert!(!drive.core.has_dead_man(), "it has no such time");
+}
+
+#[test]
+fn an_absolute_target_needs_a_reference_or_leave() {
+    let distance = MoveCommand {
+        reference: Reference::Relative,
+        ..absolute(5)
+    };
+    for (referencing, homed, allowed) in [
+        (Referencing::ByHoming, false, false),
+        (Referencing::ByHoming, true, true),
+        (Referencing::AbsoluteEncoder, false, true),
+        (Referencing::UnreferencedMovesAllowed, false, true),
+    ] {
+        let drive = Played::enabled(CoreConfig {
+            referencing,
+            homed,
+            ..Played::config()
+        });
+        let referenced = homed || referencing == Referencing::AbsoluteEncoder;
+        assert_eq!(drive.core.snapshot().referenced, referenced);
+        let mut drive = drive;
+        let answer = drive.answer(Command::CheckMove(absolute(5)));
+        let not_referenced = refused(Failure::NotReferenced);
+        assert_eq!(answer, if allowed { DONE } else { not_referenced });
+        assert_eq!(drive.answer(Command::CheckMove(distance)), DONE);
+    }
+}
+
+/// With all parameters in the outputs.
+const MAPPED: AxisFields = AxisFields {
+    velocity: Some(11),
+    acceleration: Some(15),
+    deceleration: Some(19),
+    end_velocity: Some(23),
+    profile_type: Some(27),
+    ..FIELDS
+};
+
+#[test]
+fn parameters_go_out_as_given_or_as_the_drive_held_them_where_they_are_mapped() {
+    let held = Parameters {
+        velocity: Some(1),
+        acceleration: Some(2),
+        deceleration: Some(3),
+        end_velocity: Some(4),
+        profile_type: Some(5),
+    };
+    let given = Parameters {
+        velocity: Some(11),
+        acceleration: Some(12),
+        deceleration: Some(13),
+        end_velocity: Some(14),
+        profile_type: Some(15),
+    };
+    let none = Parameters::default();
+    assert_eq!(MAPPED.complete(&none, &held), Ok(held));
+    assert_eq!(MAPPED.complete(&given, &held), Ok(given));
+    // What nobody has said of the end and the ramps.
+    let speeds = Parameters {
+        end_velocity: None,
+        profile_type: None,
+        ..held
+    };
+    let stops_with_linear_ramps = Parameters {
+        end_velocity: Some(0),
+        profile_type: Some(0),
+        ..held
+    };
+    assert_eq!(MAPPED.complete(&speeds, &none), Ok(stops_with_linear_ramps));
+    assert_eq!(MAPPED.mapped(&given), given);
+    assert_eq!(FIELDS.mapped(&given), none);
+    // What is not mapped is the drive's own, and cannot be given.
+    assert_eq!(FIELDS.complete(&none, &none), Ok(none));
+    for (one, name) in [
+        (
+            Parameters {
+                velocity: Some(7),
+                ..none
+            },
+            "profile velocity 6081h",
+        ),
+        (
+            Parameters {
+                acceleration: Some(7),
+                ..none
+            },
+            "profile acceleration 6083h",
+        ),
+        (
+            Parameters {
+                deceleration: Some(7),
+                ..none
+            },
+            "profile deceleration 6084h",
+        ),
+        (
+            Parameters {
+                end_velocity: Some(7),
+                ..none
+            },
+            "end velocity 6082h",
+        ),
+        (
+            Parameters {
+                profile_type: Some(7),
+                ..none
+            },
+            "motion profile type 6086h",
+        ),
+    ] {
+        let missing = Err(Failure::NotMapped(name));
+        assert_eq!(FIELDS.complete(&one, &held), missing);
+        assert_eq!(MAPPED.complete(&one, &held).map(|_| ()), Ok(()), "{name}");
+        assert_eq!(MAPPED.mapped(&one), one, "{name}");
+    }
+    // A speed or ramp of 0 is none, and one that nobody has said is missing.
+    for (zero, name) in [
+        (
+            Parameters {
+                velocity: Some(0),
+                ..given
+            },
+            "profile velocity 6081h",
+        ),
+        (
+            Parameters {
+                acceleration: Some(0),
+                ..given
+            },
+            "profile acceleration 6083h",
+        ),
+        (
+            Parameters {
+                deceleration: Some(0),
+                ..given
+            },
+            "profile deceleration 6084h",
+        ),
+    ] {
+        assert_eq!(MAPPED.complete(&zero, &held), Err(Failure::Zero(name)));
+        assert_eq!(MAPPED.complete(&none, &zero), Err(Failure::Zero(name)));
+    }
+    let first = "profile velocity 6081h";
+    assert_eq!(MAPPED.complete(&none, &none), Err(Failure::Missing(first)));
+}
+
+#[test]
+fn the_ramps_of_a_jog_go_out_in_its_mode_alone() {
+    let config = |fields| CoreConfig {
+        fields,
+        defaults: Parameters {
+            velocity: Some(1),
+            acceleration: Some(2),
+            deceleration: Some(3),
+            ..Parameters::default()
+        },
+        ..Played::config()
+    };
+    let mut jog = JogSetPoint::new(5).acceleration(12);
+    let held = config(MAPPED).defaults;
+    assert_eq!(MAPPED.complete_jog(&mut jog, &held), Ok(()));
+    assert_eq!((jog.acceleration, jog.deceleration), (Some(12), Some(3)));
+    let mut without = JogSetPoint::new(5);
+    assert_eq!(FIELDS.complete_jog(&mut without, &held), Ok(()));
+    assert_eq!((without.acceleration, without.deceleration), (None, None));
+    let no_velocity = AxisFields {
+        target_velocity: None,
+        ..MAPPED
+    };
+    assert!(matches!(
+        no_velocity.complete_jog(&mut jog, &held),
+        Err(Failure::NotMapped(_))
+    ));
+
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, config(FIELDS));
+    let mut outputs = [0; 29];
+    drive.core.config.fields = MAPPED;
+    let id = crate::axis::CommandId(800);
+    let jog = Command::Jog(JogSetPoint::new(-5).acceleration(12));
+    drive.core.submit(drive.now, id, jog, &mut outputs);
+    assert_eq!(outputs[7..11], (-5_i32).to_le_bytes());
+    assert_eq!(outputs[11..15], 1_u32.to_le_bytes());
+    assert_eq!(outputs[15..19], 12_u32.to_le_bytes());
+    assert_eq!(outputs[19..23], 3_u32.to_le_bytes());
+}
+
+#[test]
+fn a_blend_with_ramps_that_are_not_known_is_refused_where_they_must_be_linear() {
+    let mut blend = absolute(5);
+    blend.set_point = SetPoint::new().buffer_mode(BufferMode::Blending);
+    let not_mapped = refused(Failure::NotMapped("motion profile type 6086h"));
+    for (buffer_mode, needs, expected) in [
+        (BufferMode::Blending, true, not_mapped),
+        (BufferMode::Blending, false, None),
+        (BufferMode::Aborting, true, None),
+    ] {
+        let mut config = Played::config();
+        config.traits.blend_needs_linear_ramps = needs;
+        let mut drive = Played::enabled(config);
+        blend.set_point.buffer_mode = buffer_mode;
+        let answer = drive.answer(Command::Move(blend));
+        assert_eq!(answer, expected, "{buffer_mode:?}, {needs}");
+    }
+}
