@@ -95,17 +95,6 @@ fn a_mode_is_not_written_while_the_axis_moves_or_bits_of_the_last_may_be_seen() 
     drive.submit(TO_HOMING);
     assert_eq!(drive.outputs[6], 6);
 
-    // A velocity was sent until now: it is written when 0 was delivered for two cycles of the drive.
-    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
-    let jog = drive.submit(Command::Jog(JogSetPoint::new(50)));
-    drive.shows_for(5, REACHED);
-    drive.core.release_jog(drive.now, jog, &mut drive.outputs);
-    drive.shows_for(30, REACHED);
-    assert!(drive.outcome(jog).is_some());
-    drive.submit(Command::Jog(JogSetPoint::new(50)));
-    drive.shows(REACHED);
-    drive.submit(Command::Stop);
-    drive.stop_lane(crate::axis::StopRequest::empty());
     let mut drive = Played::enabled(Played::config());
     drive.move_to(0);
     drive.shows(REACHED);
@@ -581,12 +570,12 @@ fn the_ramps_of_a_jog_go_out_in_its_mode_alone() {
     let mut outputs = [0; 29];
     drive.core.config.fields = MAPPED;
     let id = crate::axis::CommandId(800);
-    let jog = Command::Jog(JogSetPoint::new(-5).acceleration(12));
+    let jog = Command::Jog(JogSetPoint::new(-5).acceleration(12).deceleration(13));
     drive.core.submit(drive.now, id, jog, &mut outputs);
     assert_eq!(outputs[7..11], (-5_i32).to_le_bytes());
     assert_eq!(outputs[11..15], 1_u32.to_le_bytes());
     assert_eq!(outputs[15..19], 12_u32.to_le_bytes());
-    assert_eq!(outputs[19..23], 3_u32.to_le_bytes());
+    assert_eq!(outputs[19..23], 13_u32.to_le_bytes());
 }
 
 #[test]
@@ -606,4 +595,43 @@ fn a_blend_with_ramps_that_are_not_known_is_refused_where_they_must_be_linear() 
         let answer = drive.answer(Command::Move(blend));
         assert_eq!(answer, expected, "{buffer_mode:?}, {needs}");
     }
+}
+
+#[test]
+fn a_mode_is_written_two_cycles_of_the_drive_after_the_last_bit_of_another_has_fallen() {
+    let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+    let homing = drive.submit(HOME);
+    drive.shows_for(4, REACHED);
+    assert_eq!(drive.word(), 0x001F);
+    assert!(drive.core.snapshot().has_set_point);
+    drive.shows_for(20, ENABLED);
+    // Homing attained, at rest.
+    let (_, result) = drive.cycles_to_end(homing, 0x1637);
+    assert!(matches!(result, Ok(Completion::Homed { .. })));
+    drive.submit(Command::SelectMode(Mode::ProfilePosition));
+    drive.shows_for(2, REACHED);
+    assert_eq!(drive.outputs[6], 6);
+    drive.shows(REACHED);
+    assert_eq!(drive.outputs[6], 1);
+}
+
+#[test]
+fn a_mode_that_the_drive_shows_already_is_written_all_the_same() {
+    let mut drive = Played::enabled(Played::config());
+    drive.mode = 6;
+    drive.shows(REACHED);
+    let selecting = drive.submit(TO_HOMING);
+    assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 6));
+    drive.shows(REACHED);
+    assert_eq!(drive.outcome(selecting), DONE);
+}
+
+#[test]
+fn a_mode_that_was_written_fails_by_its_display_also_while_somebody_turns_the_axis() {
+    let mut drive = Played::disabled(Played::config());
+    let selecting = drive.submit(TO_HOMING);
+    drive.velocity = 30;
+    let (cycles, result) = drive.cycles_to_end(selecting, SWITCH_ON_DISABLED);
+    assert_eq!(cycles, 60);
+    assert!(matches!(result, Err(Failure::Timeout { .. })), "{result:?}");
 }

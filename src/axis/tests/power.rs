@@ -4,11 +4,12 @@ use alloc::format;
 use core::time::Duration;
 
 use super::played::{
-    Brings, ENABLED, Played, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON,
+    Brings, ENABLED, FAULT, Played, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED,
+    SWITCHED_ON,
 };
 use crate::{
-    axis::{Command, CommandId, Completion, CoreConfig, Failure, WaitingFor},
-    ds402::{QuickStopOption, State},
+    axis::{Command, CommandId, Completion, CoreConfig, Failure, WaitingFor, power::Power},
+    ds402::{PowerCommand, QuickStopOption, State},
 };
 
 const DISABLE_VOLTAGE: u16 = 0x00;
@@ -266,4 +267,50 @@ fn a_disable_of_an_axis_that_was_not_enabled_leads_it_below_switched_on() {
     assert_eq!((drive.outcome(disabling), drive.word()), (None, 0));
     drive.shows(SWITCH_ON_DISABLED);
     assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
+}
+
+#[test]
+fn a_fault_ends_whatever_leads_the_axis_somewhere() {
+    let code = None;
+    for command in [Command::Enable, Command::Disable] {
+        let mut drive = if command == Command::Enable {
+            Played::disabled(Played::config())
+        } else {
+            Played::enabled(Played::config())
+        };
+        let id = drive.submit(command);
+        drive.shows(FAULT);
+        assert_eq!(drive.outcome(id), Some(Err(Failure::Fault { code })));
+    }
+}
+
+#[test]
+fn only_what_does_not_lead_up_takes_the_power_by_its_words() {
+    let enabling = |was_down| Power::Enabling {
+        id: CommandId(1),
+        deadline: Duration::ZERO,
+        was_down,
+        shown: None,
+    };
+    for (power, up) in [
+        (Power::Enabled, true),
+        (enabling(true), true),
+        (enabling(false), false),
+        (Power::Off, false),
+        (Power::Ready, false),
+        (Power::Holding, false),
+    ] {
+        assert_eq!(power.leads_up(), up, "{power:?}");
+        assert!(power.leads_down(PowerCommand::DisableVoltage), "{power:?}");
+        for command in [PowerCommand::Shutdown, PowerCommand::SwitchOn] {
+            assert_eq!(power.leads_down(command), !up, "{power:?}");
+        }
+        for command in [
+            PowerCommand::EnableOperation,
+            PowerCommand::QuickStop,
+            PowerCommand::FaultReset,
+        ] {
+            assert!(!power.leads_down(command), "{power:?}");
+        }
+    }
 }

@@ -4,7 +4,7 @@ use super::played::{
     Brings, ENABLED, FAULT, Played, QUICK_STOP_ACTIVE, REACHED, SWITCH_ON_DISABLED,
 };
 use crate::{
-    axis::{Command, CommandId, Inputs},
+    axis::{Command, CommandId, Inputs, StopRequest},
     ds402::{Controlword, Mode},
     profile_velocity::JogSetPoint,
 };
@@ -128,6 +128,9 @@ fn a_cycle_of_an_axis_with_something_under_way_is_computed_as_a_whole() {
         .core
         .release_jog(jogging.now, jog, &mut jogging.outputs);
     jogging.shows(REACHED);
+    let mut unwatched = enabled();
+    unwatched.stop_lane(StopRequest::QUICK_STOP);
+    unwatched.shows_for(5, REACHED);
     let mut rising = enabled();
     rising.move_to(5_000);
     rising.shows(REACHED);
@@ -139,6 +142,7 @@ fn a_cycle_of_an_axis_with_something_under_way_is_computed_as_a_whole() {
         ("lost", lost),
         ("released", jogging),
         ("rising", rising),
+        ("stopping, and nobody waits", unwatched),
     ] {
         assert!(writes(&mut drive, true, REACHED), "{name}");
     }
@@ -209,4 +213,60 @@ fn a_fault_and_a_held_quick_stop_at_rest_stay_what_they_are() {
         writes(&mut drive, true, FAULT);
     }
     assert_eq!(drive.word(), 0x0080);
+}
+
+#[test]
+fn cycles_without_inputs_write_nothing_until_the_drive_is_lost() {
+    let mut drive = Played::enabled(Played::config());
+    let silent = |drive: &mut Played| {
+        drive.now += core::time::Duration::from_millis(1);
+        let (now, outputs) = (drive.now, &mut drive.outputs);
+        drive.core.step_kept(now, Inputs::Stale, false, outputs)
+    };
+    for cycle in 1..10 {
+        assert!(!silent(&mut drive), "{cycle}");
+        assert_eq!(drive.core.snapshot().age, cycle);
+    }
+    assert!(silent(&mut drive));
+    assert!(drive.core.snapshot().lost);
+}
+
+#[test]
+fn a_stop_lane_with_nothing_in_it_and_a_stop_that_is_over_leave_an_axis_at_rest() {
+    let mut drive = Played::enabled(Played::config());
+    assert!(!drive.stop_lane(StopRequest::empty()));
+    assert!(!writes(&mut drive, true, REACHED));
+    // One that had to wait for the rest.
+    drive.position += 15;
+    drive.shows(REACHED);
+    let stopping = drive.submit(Command::Stop);
+    drive.shows_for(30, REACHED);
+    assert!(drive.outcome(stopping).is_some());
+    assert!(!writes(&mut drive, true, REACHED));
+}
+
+#[cfg(feature = "std")]
+#[test]
+fn its_port_learns_what_is_new_and_no_more() {
+    use crate::axis::SnapshotChange;
+
+    let mut drive = Played::enabled(Played::config());
+    let mut change = |unchanged, moved, inputs: bool| {
+        drive.now += core::time::Duration::from_millis(1);
+        drive.position += moved;
+        let bytes = drive.inputs(REACHED);
+        let inputs = if inputs {
+            Inputs::Fresh(&bytes)
+        } else {
+            Inputs::Stale
+        };
+        let (now, outputs) = (drive.now, &mut drive.outputs);
+        drive.core.step_kept(now, inputs, unchanged, outputs);
+        drive.core.take_change()
+    };
+    assert_eq!(change(true, 0, true), SnapshotChange::Anything);
+    assert_eq!(change(true, 0, true), SnapshotChange::Nothing);
+    assert_eq!(change(false, 1, true), SnapshotChange::Motion);
+    assert_eq!(change(true, 0, false), SnapshotChange::Silence);
+    assert_eq!(change(false, 0, true), SnapshotChange::Anything);
 }

@@ -3,12 +3,12 @@
 use core::time::Duration;
 
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, QUICK_STOP_ACTIVE, REACHED,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, QUICK_STOP_ACTIVE, REACHED, READY,
     SWITCH_ON_DISABLED, SWITCHED_ON,
 };
 use crate::{
     axis::{
-        AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Failure, Inputs,
+        AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Event, Failure, Inputs,
         StopRequest, WaitingFor,
     },
     ds402::{Mode, QuickStopOption, State},
@@ -24,12 +24,17 @@ fn stopped(state: State) -> Option<Result<Completion, Failure>> {
     Some(Ok(Completion::Stopped { state }))
 }
 
+/// It was waited for in vain, and where the axis is now was seen last.
 #[track_caller]
-fn assert_never_stood(result: Result<Completion, Failure>) {
-    let Err(Failure::Timeout { waiting_for, .. }) = result else {
+fn assert_never_stood(drive: &Played, result: Result<Completion, Failure>) {
+    let Err(Failure::Timeout {
+        waiting_for: WaitingFor::Standstill(seen),
+        ..
+    }) = result
+    else {
         panic!("{result:?}");
     };
-    assert!(matches!(waiting_for, WaitingFor::Standstill(_)));
+    assert_eq!(seen.positions.1, drive.position, "{seen:?}");
 }
 
 /// Stays in Quick stop active.
@@ -108,7 +113,7 @@ fn a_halt_that_stops_nothing_fails_at_its_deadline() {
     assert_eq!((drive.outcome(halting), drive.word()), (None, HALT));
     drive.shows(ENABLED);
     let result = drive.outcome(halting).expect("its time is over");
-    assert_never_stood(result);
+    assert_never_stood(&drive, result);
     assert_eq!(drive.word(), HALT, "it stays");
 }
 
@@ -200,7 +205,7 @@ fn whoever_waits_in_vain_for_an_undelivered_quick_stop_is_told_and_so_is_the_nex
         assert_eq!(drive.outcome(stopping), None, "{command:?}");
         drive.cycle(Brings::Answered, ENABLED);
         let result = drive.outcome(stopping).expect("its time is over");
-        assert_never_stood(result);
+        assert_never_stood(&drive, result);
         // It is commanded on, without anybody waiting.
         drive.cycles(600, Brings::Answered, ENABLED);
         assert_eq!(drive.word(), QUICK_STOP);
@@ -218,7 +223,7 @@ fn whoever_waits_in_vain_for_the_rest_of_an_axis_without_power_is_told() {
     let (cycles, result) = drive.cycles_to_end(stopping, SWITCHED_ON);
     assert!(cycles <= 400, "{cycles}");
     if let Err(failure) = result {
-        assert_never_stood(Err(failure));
+        assert_never_stood(&drive, Err(failure));
     }
     drive.velocity = 0;
     drive.shows_for(30, SWITCHED_ON);
@@ -244,8 +249,12 @@ fn a_fault_of_a_moving_axis_lets_whoever_stops_it_wait_for_its_rest() {
 fn halted() -> (Played, CommandId) {
     let (mut drive, moving) = Played::moving(Played::config(), 100_000);
     let halting = drive.submit(Command::Halt);
-    drive.velocity = 0;
-    drive.cycles_to_end(halting, ENABLED);
+    // It gets slower: an axis that freezes at once may be at work unseen.
+    for velocity in [20, 10, 0] {
+        drive.velocity = velocity;
+        drive.shows(ENABLED);
+    }
+    assert!(drive.cycles_to_end(halting, ENABLED).1.is_ok());
     (drive, moving)
 }
 
@@ -460,4 +469,152 @@ fn a_drive_that_is_enabled_by_somebody_while_its_rest_is_waited_for_gets_a_quick
     // It is commanded from the first of these words on, and seen to be ignored after two spans of 100 ms.
     assert_eq!(drive.cycles_to_end(stopping, ENABLED), (204, ignored));
     assert_eq!(drive.word(), 0);
+}
+
+#[test]
+fn bits_of_the_mode_stay_as_they_were_sent_until_the_axis_stands() {
+    // Its drive stops it by itself, while a second move is on its way.
+    let (mut drive, first) = Played::moving(Played::config(), 100_000);
+    let second = drive.move_to(50_000);
+    drive.shows(ENABLED);
+    assert_eq!(drive.word(), 0x003F);
+    drive.shows(QUICK_STOP_ACTIVE);
+    assert_eq!((drive.word(), drive.target()), (0x003B, 50_000));
+    for (id, delivery) in [(first, Delivery::Accepted), (second, Delivery::Unknown)] {
+        let failure = Failure::QuickStopped { delivery };
+        assert_eq!(drive.outcome(id), Some(Err(failure)));
+    }
+    drive.velocity = 0;
+    drive.shows_for(30, QUICK_STOP_ACTIVE);
+    assert_eq!((drive.word(), drive.target()), (QUICK_STOP, drive.position));
+    // So does bit 8.
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    drive.submit(Command::Halt);
+    drive.shows(ENABLED);
+    drive.shows(QUICK_STOP_ACTIVE);
+    assert_eq!(drive.word(), QUICK_STOP | 0x0100);
+    drive.velocity = 0;
+    drive.shows_for(30, QUICK_STOP_ACTIVE);
+    assert_eq!(drive.word(), QUICK_STOP);
+}
+
+#[test]
+fn a_drive_that_switches_off_by_itself_ends_what_was_under_way() {
+    let (mut drive, moving) = Played::moving(Played::config(), 100_000);
+    drive.shows(SWITCH_ON_DISABLED);
+    let state = State::SwitchOnDisabled;
+    assert_eq!(
+        drive.outcome(moving),
+        Some(Err(Failure::Disabled { state }))
+    );
+    assert_eq!(drive.word(), QUICK_STOP, "it may be moving by power");
+    drive.velocity = 0;
+    drive.shows_for(30, SWITCH_ON_DISABLED);
+    assert_eq!(drive.word(), 0);
+}
+
+#[test]
+fn a_halt_that_a_disable_overtakes_is_done_when_the_axis_stands() {
+    let mut drive = Played::enabled(Played::config());
+    let halting = drive.submit(Command::Halt);
+    let disabling = drive.submit(Command::Disable);
+    drive.shows(READY);
+    for id in [halting, disabling] {
+        assert_eq!(drive.outcome(id), stopped(State::ReadyToSwitchOn));
+    }
+}
+
+#[test]
+fn a_move_is_told_once_that_it_is_halted() {
+    let (mut drive, moving) = halted();
+    drive.shows_for(20, ENABLED);
+    let told = |drive: &Played| {
+        let reports = drive.reports.iter();
+        reports
+            .filter(|report| **report == (moving, Event::Halted))
+            .count()
+    };
+    assert_eq!(told(&drive), 1);
+    drive.submit(Command::Resume);
+    drive.velocity = 20;
+    drive.shows_for(5, ENABLED);
+    drive.submit(Command::Halt);
+    drive.shows_for(3, ENABLED);
+    drive.velocity = 0;
+    drive.shows_for(30, ENABLED);
+    assert_eq!(told(&drive), 2);
+}
+
+#[test]
+fn an_axis_that_its_drive_does_not_bring_to_rest_is_held_on_in_quick_stop() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    let stopping = drive.submit(Command::QuickStop);
+    let (cycles, result) = drive.cycles_to_end(stopping, QUICK_STOP_ACTIVE);
+    assert_eq!(cycles, 400);
+    assert_never_stood(&drive, result);
+    drive.shows_for(900, QUICK_STOP_ACTIVE);
+    assert_eq!(drive.word(), QUICK_STOP);
+}
+
+#[test]
+fn an_ignored_quick_stop_is_measured_anew_after_each_other_state() {
+    let (mut drive, _) = Played::moving(Played::config(), 1_000_000);
+    drive.submit(Command::QuickStop);
+    drive.shows_for(150, ENABLED);
+    drive.shows(QUICK_STOP_ACTIVE);
+    drive.shows_for(202, ENABLED);
+    assert_eq!(drive.word(), QUICK_STOP);
+    drive.shows(ENABLED);
+    assert_eq!(drive.word(), 0);
+    // It takes it at last: until it stands the voltage stays on.
+    drive.shows(QUICK_STOP_ACTIVE);
+    assert_eq!(drive.word(), QUICK_STOP);
+    drive.velocity = 0;
+    assert!(drive.cycles_until(0, QUICK_STOP_ACTIVE) < 20);
+}
+
+#[test]
+fn whoever_stopped_an_axis_before_its_fault_is_told_when_it_stands() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    let stopping = drive.submit(Command::QuickStop);
+    drive.shows_for(20, FAULT);
+    assert_eq!(drive.outcome(stopping), None);
+    drive.velocity = 0;
+    drive.shows_for(30, FAULT);
+    let code = None;
+    assert_eq!(drive.outcome(stopping), Some(Err(Failure::Fault { code })));
+}
+
+#[test]
+fn a_resume_does_not_overtake_a_stop_of_an_axis_that_does_not_stand() {
+    let mut drive = Played::enabled(Played::config());
+    drive.position += 15;
+    drive.shows(REACHED);
+    drive.submit(Command::Halt);
+    assert_eq!(drive.answer(Command::Resume), Some(Err(Failure::Busy)));
+    assert_eq!(drive.word(), HALT);
+}
+
+#[test]
+fn a_jog_that_does_not_come_to_rest_says_what_was_seen() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    let jog = drive.submit(Command::Jog(JogSetPoint::new(40)));
+    assert!(!drive.core.snapshot().has_set_point);
+    drive.velocity = 40;
+    drive.shows(ENABLED);
+    assert!(drive.core.snapshot().has_set_point);
+    let (now, outputs) = (drive.now, &mut drive.outputs);
+    drive.core.release_jog(now, jog, outputs);
+    let (_, result) = drive.cycles_to_end(jog, ENABLED);
+    assert_never_stood(&drive, result);
+}
+
+#[test]
+fn an_axis_that_freezes_with_its_halt_is_not_taken_for_one_at_rest() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    let halting = drive.submit(Command::Halt);
+    drive.velocity = 0;
+    let (cycles, result) = drive.cycles_to_end(halting, ENABLED);
+    assert_eq!(cycles, 400);
+    assert_never_stood(&drive, result);
 }
