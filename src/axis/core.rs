@@ -2590,11 +2590,6 @@ impl Stopping {
         if let Some(at) = &mut self.quick_delivered {
             no_older(at, now, longest);
         }
-        self.each_wait(|wait| {
-            if let Wait::Halt { until } = wait {
-                not_over(until, now);
-            }
-        });
     }
 }
 

@@ -162,12 +162,6 @@ impl Stopping {
         Some((id, failure))
     }
 
-    /// Does this with what each of them waits for.
-    pub fn each_wait(&mut self, of: impl FnMut(&mut Wait)) {
-        let waits = self.waiters.iter_mut().flatten().map(|(_, wait)| wait);
-        waits.for_each(of);
-    }
-
     pub const fn has_no_waiter(&self) -> bool {
         self.waiting == 0
     }

@@ -33,6 +33,8 @@ struct Dialogue {
     position: i32,
     delivered: bool,
     halted: bool,
+    /// Whether frames go out.
+    sends: bool,
     sent: Controlword,
     /// What is sent besides: bit 4, as another mode has left it.
     besides: Controlword,
@@ -67,6 +69,7 @@ impl Dialogue {
             position: 500,
             delivered: true,
             halted: false,
+            sends: true,
             sent: Controlword::empty(),
             besides: Controlword::empty(),
             verdict: Verdict::GoOn,
@@ -94,7 +97,9 @@ impl Dialogue {
         self.now += Duration::from_millis(1);
         self.position += self.velocity;
         self.sent = self.procedure.bits().word() | self.besides;
-        self.procedure.mark_sent(self.now);
+        if self.sends {
+            self.procedure.mark_sent(self.now);
+        }
         let settle = Duration::from_millis(100);
         let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), None);
         let sample = Sample {
@@ -698,4 +703,35 @@ fn a_restless_axis_is_homed_when_all_three_bits_have_said_so_for_the_settle_time
     let homed = Completion::Homed { position };
     assert_eq!(homing.reports(), [Event::Done(Ok(homed))]);
     assert_eq!(homing.verdict, Verdict::Attained);
+}
+
+#[test]
+fn a_bit_4_that_was_not_sent_is_not_answered() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.sends = false;
+    homing.shows_for(600, IN_PROGRESS);
+    assert!(homing.is_high() && homing.reports().is_empty());
+}
+
+/// Bit 12 without bit 10 counts once the axis has rested with it for the time to begin: neither moves with it, nor rested before it.
+#[test]
+fn an_axis_has_to_rest_with_bit_12_where_bit_10_does_not_come() {
+    let begin = || {
+        let standstill = Duration::from_secs(10);
+        let method = HomingMethod::NEGATIVE_LIMIT;
+        Dialogue::begin_within(standstill, method, NOT_STARTED)
+    };
+    let mut moves = begin();
+    moves.velocity = -50;
+    moves
+        .shows_for(50, IN_PROGRESS)
+        .shows_for(2_500, ATTAINED_MOVING);
+    assert_eq!(moves.reports(), [Event::Accepted]);
+    let mut rests = begin();
+    rests
+        .shows_for(2_500, IN_PROGRESS)
+        .shows_for(2_000, ATTAINED_MOVING);
+    assert_eq!(rests.reports(), [Event::Accepted]);
+    rests.shows(ATTAINED_MOVING);
+    assert_eq!(rests.reports(), [homed()]);
 }

@@ -202,6 +202,25 @@ mod tests {
 
     const ALWAYS: LimitsRule = LimitsRule::cia402();
 
+    #[test]
+    fn a_turn_has_a_length_and_each_position_a_place_in_it() {
+        let range = |min, max| PositionRange { min, max };
+        for (min, max, length) in [
+            (0, 3_599, Some(3_600)),
+            (-1_800, 1_799, Some(3_600)),
+            (5, 6, Some(2)),
+            (5, 5, None),
+            (6, 5, None),
+            (i32::MIN, i32::MAX - 1, Some(u32::MAX)),
+        ] {
+            assert_eq!(range(min, max).length(), length, "{min} {max}");
+        }
+        for (position, place) in [(3_599, 3_599), (3_600, 0), (-10, 3_590), (7_205, 5)] {
+            assert_eq!(range(0, 3_599).wrap(position), place);
+        }
+        assert_eq!(range(-1_800, 1_799).wrap(1_810), -1_790);
+    }
+
     fn limits(min: i32, max: i32) -> Limits {
         Limits {
             software: Some(PositionRange { min, max }),

@@ -667,6 +667,43 @@ fn a_set_point_with_an_end_velocity_was_to_end_in_motion() {
     }
 }
 
+/// A wait that has lasted for longer than its deadline is as one that has lasted for just that: a halted axis goes on with it.
+#[test]
+fn a_wait_is_let_go_of_beyond_its_deadline_alone() {
+    let (now, acknowledge) = (ms(10_000), ms(LATE));
+    let latest = now - acknowledge;
+    for (since, kept) in [
+        (ms(3), latest),
+        (latest, latest),
+        (now - ms(7), now - ms(7)),
+    ] {
+        let mut waiting = Waiting::default();
+        waiting.push(CommandId(1), to(1, BufferMode::Buffered));
+        assert_eq!(waiting.first_blocked_since(since), since);
+        waiting.let_go(now, acknowledge);
+        assert_eq!(waiting.first_blocked_since(now), kept);
+        waiting.first_is_free();
+        assert_eq!(waiting.first_blocked_since(now), now);
+    }
+}
+
+/// What is let go of is what the next set-point brings anew; what the one before it was is compared with the next.
+#[test]
+fn what_is_let_go_of_a_set_point_is_no_more_than_what_the_next_one_brings() {
+    let mut dialogue = Dialogue::begin(Traits::cia402());
+    dialogue.word -= REACHED;
+    let set_point = SetPoint::new().velocity(3).end_velocity(5).profile_type(7);
+    dialogue.accept(MoveCommand {
+        set_point,
+        ..to(1_000, BufferMode::Aborting)
+    });
+    dialogue.sequencer.let_go_of_target();
+    assert!(dialogue.sequencer.has_end_velocity());
+    assert_eq!(dialogue.sequencer.last_profile_type(), Some(7));
+    assert_eq!(dialogue.sequencer.target(), 0);
+    assert_eq!(dialogue.sequencer.parameters().velocity, None);
+}
+
 #[test]
 fn the_target_follows_the_axis_where_no_set_point_is_active() {
     let mut sequencer = Sequencer::new(Parameters::default());

@@ -462,6 +462,9 @@ fn a_resumed_set_point_begins_where_the_axis_is_then() {
         (track.stood, track.side, track.length),
         (Some(1_700), -1, 700)
     );
+    // Not for as long as nothing was delivered.
+    scene.now += ms(50);
+    scene.shows(|cycle| track.note(cycle, true));
     scene.delivered = true;
     scene.shows(|cycle| track.note(cycle, true));
     scene.now += ms(1);
@@ -502,6 +505,57 @@ fn a_rise_of_bit_10_at_speed_is_passing() {
         scene.shows(|cycle| track.note(cycle, true));
         assert_eq!((track.passing, track.rose), (passing, NOW));
         assert_eq!(track.before, position + 11);
+    }
+}
+
+/// A bit 10 that was high when the set-point became active has not risen since.
+#[test]
+fn a_bit_10_that_was_never_low_does_not_rise() {
+    let mut track = to(1_000);
+    let mut scene = Scene::at(500);
+    scene.word = Statusword::TARGET_REACHED;
+    scene.shows(|cycle| track.note(cycle, true));
+    assert_eq!((track.passing, track.rose), (false, ms(1_000)));
+}
+
+#[test]
+fn a_target_beyond_half_the_circle_shows_its_way_once_the_axis_is_nearer() {
+    let mut track = to(i32::MAX);
+    track.turn(-1, &Scene::at(0).bounds);
+    let length = track.length;
+    Scene::at(-2).shows(|cycle| track.note(cycle, true));
+    assert_eq!((track.far, track.length), (true, length));
+    Scene::at(5).shows(|cycle| track.note(cycle, true));
+    assert_eq!((track.far, track.length), (false, i32::MAX as u32 - 5));
+}
+
+#[test]
+fn an_axis_leaves_its_place_once_when_it_is_further_away_than_its_window() {
+    for (position, left) in [(10, None), (-10, None), (11, Some(NOW)), (-11, Some(NOW))] {
+        let mut scene = Scene::at(position);
+        scene.word = Statusword::TARGET_REACHED;
+        let mut track = to(1_000);
+        scene.shows(|cycle| track.outcome(cycle));
+        assert_eq!(track.left_place, left, "{position}");
+        track.left_place = Some(ms(5));
+        scene.shows(|cycle| track.outcome(cycle));
+        assert_eq!(track.left_place, Some(ms(5)));
+    }
+    // Where it did not stand it has no place.
+    let mut track = changed(to(1_000), |track| track.stood = None);
+    let mut scene = Scene::at(500);
+    scene.word = Statusword::TARGET_REACHED;
+    scene.shows(|cycle| track.outcome(cycle));
+    assert_eq!(track.left_place, None);
+}
+
+#[test]
+fn one_behind_a_set_point_in_doubt_is_in_doubt() {
+    for unproven in [false, true] {
+        let mut track = to(1_000);
+        track.comes_after_doubt(unproven);
+        assert!(track.follows && track.after_unseen);
+        assert_eq!(track.doubted, unproven);
     }
 }
 
