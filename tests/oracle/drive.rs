@@ -118,8 +118,16 @@ pub enum Base {
 pub struct Making {
     pub ack: Ack,
     pub base: Base,
-    /// 605Ah: 1, 2, 5 or 6.
+    /// 605Ah: 1, 2, or 5 to 8.
     pub quick_stop: u8,
+    /// One turn of a modulo axis: its least position, and how many it has.
+    pub turn: Option<(i64, i64)>,
+    /// Whether an absolute target is approached in the positive direction, and not by the shorter way.
+    pub one_way: bool,
+    /// It takes bits 5, 6 and 9 from the word before the edge.
+    pub bits_first: bool,
+    /// Its bit 5 goes through the active target, and nothing replaces that (AX2000).
+    pub passes_by_bit_5: bool,
     /// Seconds of one of its cycles.
     pub tick: f64,
     /// 6067h, counts; 6068h, ticks.
@@ -237,6 +245,8 @@ pub struct Drive {
     flap: Option<(i8, u32)>,
     stop_requested: bool,
     homing: Option<u32>,
+    /// How many homings have come to their end.
+    pub homings: u64,
     homed: bool,
     homing_failed: bool,
     push: f64,
@@ -298,6 +308,7 @@ impl Drive {
             flap: None,
             stop_requested: false,
             homing: None,
+            homings: 0,
             homed: false,
             homing_failed: false,
             push: 0.0,
@@ -713,7 +724,18 @@ impl Drive {
     }
 
     fn latch(&mut self, out: &Outputs) {
-        let immediate = out.bit(5);
+        let bits = if self.making.bits_first {
+            self.before
+        } else {
+            out.word
+        };
+        let bit = |number: u16| bits >> number & 1 != 0;
+        let (immediate, blend) = if self.making.passes_by_bit_5 {
+            (false, bit(5))
+        } else {
+            (bit(5), bit(9) && !bit(5))
+        };
+        let relative = bit(6);
         if self.pending.is_some() && !immediate {
             // Full: no document says that it is taken. One that is at its end before it begins may be over for all that shows.
             let mut held = self.active.iter().chain(&self.pending);
@@ -724,7 +746,7 @@ impl Drive {
             return;
         }
         let behind = self.active.filter(|_| !immediate);
-        let goal = if out.bit(6) {
+        let goal = if relative {
             let base = match (behind, self.making.base) {
                 (Some(active), _) => active.goal,
                 (None, Base::PreviousTarget) => self.last_target,
@@ -733,9 +755,10 @@ impl Drive {
             };
             base + f64::from(out.target)
         } else {
-            f64::from(out.target) + self.zero
+            let goal = f64::from(out.target) + self.zero;
+            self.around(behind.map_or(self.demand, |active| active.goal), goal)
         };
-        let vague = if out.bit(6) && behind.is_none() {
+        let vague = if relative && behind.is_none() {
             let (demand, axis) = (self.demand, self.position);
             let least = demand.min(axis).min(self.last_target);
             let most = demand.max(axis).max(self.last_target);
@@ -747,7 +770,7 @@ impl Drive {
         self.ledger.push(Latch {
             velocity: out.velocity,
             target: out.target,
-            relative: out.bit(6),
+            relative,
             goal,
             began: None,
             end: None,
@@ -764,7 +787,7 @@ impl Drive {
             velocity: f64::from(out.velocity.max(1)),
             acceleration: f64::from(out.acceleration.max(1)),
             deceleration: f64::from(out.deceleration.max(1)),
-            blend: out.bit(9) && !immediate,
+            blend,
         };
         self.last_target = goal;
         if immediate {
@@ -788,6 +811,35 @@ impl Drive {
         if self.reached && self.has(Habit::Bit10Stale) {
             self.stale_reached = self.random.below(6) as u32;
         }
+    }
+
+    /// Where on a modulo axis a drive goes that is sent to a position of its turn.
+    fn around(&self, from: f64, to: f64) -> f64 {
+        let Some((_, length)) = self.making.turn else {
+            return to;
+        };
+        let length = length as f64;
+        let forward = (to - from).rem_euclid(length);
+        // What is just behind it is no turn ahead: 6064h shows the same of both.
+        let behind = if self.making.one_way {
+            length - 3.0 * self.making.window
+        } else {
+            length / 2.0
+        };
+        let way = if forward > behind {
+            forward - length
+        } else {
+            forward
+        };
+        from + way
+    }
+
+    /// Whether it has nothing to do, and takes set-points.
+    pub fn is_free(&self) -> bool {
+        self.state == State::Enabled
+            && self.mode == 1
+            && self.active.is_none()
+            && self.demand_velocity == 0.0
     }
 
     fn begin(&mut self, set_point: SetPoint) {
@@ -989,6 +1041,7 @@ impl Drive {
                 self.homing_failed = true;
             } else {
                 self.homed = true;
+                self.homings += 1;
                 self.zero = self.demand;
             }
         }
@@ -1153,6 +1206,12 @@ impl Drive {
             0
         };
         let position = (self.position - self.zero).round() as i32 + noise;
+        let position = match self.making.turn {
+            Some((least, length)) => {
+                (least + (i64::from(position) - least).rem_euclid(length)) as i32
+            }
+            None => position,
+        };
         let velocity = self.velocity.round() as i32
             + if self.making.velocity_noise > 0 && self.has(Habit::VelocityNoise) {
                 self.random

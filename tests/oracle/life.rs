@@ -7,10 +7,11 @@ use servocrab::axis::{
     AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Inputs,
     Referencing, StopRequest,
 };
-use servocrab::ds402::{Mode, QuickStopOption};
+use servocrab::ds402::{Controlword, Mode, QuickStopOption};
 use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::{
-    BufferMode, BufferSignal, MoveCommand, Parameters, Reference, RelativeBase, SetPoint, Traits,
+    BufferMode, BufferSignal, MoveCommand, Parameters, PositionRange, Reference, RelativeBase,
+    SetPoint, StartBits, Traits,
 };
 use servocrab::profile_velocity::JogSetPoint;
 
@@ -43,10 +44,88 @@ pub struct Told {
     pub commands: u32,
     pub habits: Habits,
     pub hits: Hits,
+    pub ends: Ends,
     pub violation: Option<Violation>,
     pub transcript: VecDeque<String>,
     /// How the life is made, for a reader.
     pub making: String,
+}
+
+/// What was said of set-points that drives had taken.
+#[derive(Debug, Default, Clone, Copy)]
+pub struct Ends {
+    /// Reached, or passed.
+    pub arrived: u64,
+    /// Ended by the program, or by the drive.
+    pub ended: u64,
+    /// Nobody knows.
+    pub doubtful: u64,
+}
+
+impl Ends {
+    pub const fn add(&mut self, other: Self) {
+        self.arrived += other.arrived;
+        self.ended += other.ended;
+        self.doubtful += other.doubtful;
+    }
+}
+
+/// Failures that leave open what has become of a set-point, or that a drive without habits gives no reason for.
+const DOUBTS: [&str; 7] = [
+    "Unseen",
+    "EndNotKnown",
+    "NotBegun",
+    "PerhapsSuperseded",
+    "Unconfirmed",
+    "MissedTarget",
+    "Timeout",
+];
+
+/// Lives from this seed on are of more kinds: modulo axes, liveness, drives whose bits have other meanings, and drives without habits. Those
+/// below are as they were when a seed of them was kept.
+pub const WIDER: u64 = 1_000_000_000_000_000;
+
+/// What a life of a wider kind has, apart from habits.
+#[derive(Debug, Clone, Copy, Default)]
+struct Wider {
+    /// No habits at all.
+    sound: bool,
+    /// Before its end everything that was asked for comes to its own.
+    patient: bool,
+    turn: Option<PositionRange>,
+    one_way: bool,
+    /// Liveness expires at times.
+    expires: bool,
+    /// 605Dh = 0.
+    halt_coasts: bool,
+    bits_first: bool,
+    passes_by_bit_5: bool,
+    /// 605Ah of 7 or 8.
+    quick_stop: Option<u8>,
+    begin: Option<Duration>,
+}
+
+impl Wider {
+    fn of(seed: u64) -> Self {
+        if seed < WIDER {
+            return Self::default();
+        }
+        let mut random = Random::new(!seed);
+        let turn = |min, max| Some(PositionRange { min, max });
+        let turns = [turn(0, 3_599), turn(-1_800, 1_799), turn(-9_000, 10_999)];
+        Self {
+            sound: random.one_in(16),
+            patient: random.one_in(4),
+            turn: random.pick(&turns).filter(|_| random.one_in(4)),
+            one_way: random.one_in(2),
+            expires: random.one_in(6),
+            halt_coasts: random.one_in(8),
+            bits_first: random.one_in(6),
+            passes_by_bit_5: random.one_in(8),
+            quick_stop: Some(random.pick(&[7, 8])).filter(|_| random.one_in(4)),
+            begin: Some(Duration::from_millis(random.pick(&[400, 1000]))),
+        }
+    }
 }
 
 /// Lines of a transcript that are kept.
@@ -85,6 +164,8 @@ struct Issued {
     since: u64,
     /// The drive had the power to move the axis when it was asked for.
     powered: bool,
+    /// How many homings the drive had ended by then.
+    homings: u64,
     /// The axis was halted while it was under way.
     halted: bool,
     /// Its bit 4 went out with its name.
@@ -156,6 +237,13 @@ struct Life {
     ramp: u32,
     blind: bool,
     out: Option<Out>,
+    wider: Wider,
+    expired: bool,
+    /// How many cycles a set-point that nothing is in the way of may take to go out, and one to show that it has begun.
+    send_limit: u64,
+    begin_limit: u64,
+    /// When something was in the way of the next set-point last.
+    hindered: u64,
 }
 
 /// Lives the life of this seed.
@@ -197,6 +285,10 @@ impl Life {
         }
         let mut random_making = random.fork();
         let (random_drive, program, cable) = (random.fork(), random.fork(), random.fork());
+        let wider = Wider::of(seed);
+        if wider.sound {
+            habits = Habits::default();
+        }
         // What follows must draw the same whatever is cut.
         habits = Habits(habits.0 & !cut.habits.0);
         let random = &mut random_making;
@@ -227,10 +319,29 @@ impl Life {
         let noise = random.pick(&[1, 5, 40]);
         let ack = random.pick(&[Ack::Buffer, Ack::Handshake, Ack::Handshake]);
         let base = random.pick(&[Base::PreviousTarget, Base::Demand, Base::Actual]);
+        // After a homing the previous target is nowhere that the core knows.
+        let base = match base {
+            Base::PreviousTarget if wider.sound => Base::Demand,
+            base => base,
+        };
+        let quick_stop = random.pick(&[1, 2, 5, 6]);
+        // That bit 12 of such a drive shows a full buffer is documented.
+        let ack = if wider.passes_by_bit_5 {
+            Ack::Buffer
+        } else {
+            ack
+        };
         let making = Making {
             ack,
             base,
-            quick_stop: random.pick(&[1, 2, 5, 6]),
+            quick_stop: wider.quick_stop.unwrap_or(quick_stop),
+            turn: wider.turn.map(|turn| {
+                let (min, max) = (i64::from(turn.min), i64::from(turn.max));
+                (min, max - min + 1)
+            }),
+            one_way: wider.one_way,
+            bits_first: wider.bits_first,
+            passes_by_bit_5: wider.passes_by_bit_5,
             tick,
             window: f64::from(window),
             window_ticks: random.pick(&[0, 0, 5]),
@@ -272,6 +383,16 @@ impl Life {
                 },
             ..Traits::cia402()
         };
+        config.traits.start_bits_first = wider.bits_first;
+        if wider.passes_by_bit_5 {
+            config.traits.immediately = StartBits::Unsupported("it ends the active one first");
+            config.traits.after_current = StartBits::Sequenced;
+            config.traits.blend = StartBits::Bits(Controlword::CHANGE_IMMEDIATELY);
+        }
+        config.modulo = wider.turn;
+        if wider.halt_coasts {
+            config.stop_options.halt = Some(0);
+        }
         config.quick_stop = QuickStopOption(making.quick_stop.into());
         config.defaults = Parameters {
             velocity: Some(50_000),
@@ -290,6 +411,7 @@ impl Life {
         config.deadlines.standstill = Duration::from_millis(800);
         config.deadlines.mode = Duration::from_millis(100);
         config.deadlines.fault_reset = Duration::from_millis(40);
+        config.deadlines.begin = wider.begin.unwrap_or(config.deadlines.begin);
         let tolerances = config.tolerances;
         let period = Duration::from_micros(period_us);
         let settle = tolerances.settle.as_micros().div_ceil(period_us.into()) as usize;
@@ -304,7 +426,7 @@ impl Life {
             + 2 * tolerances.settle;
         let told = Told {
             making: format!(
-                "{making:?}, period {period:?}, slow {slow}, window {window}, settle {:?}, 606Ch {shows_velocity}, {:?}, {:?}, acknowledge {:?}",
+                "{making:?}, {wider:?}, period {period:?}, slow {slow}, window {window}, settle {:?}, 606Ch {shows_velocity}, {:?}, {:?}, acknowledge {:?}",
                 tolerances.settle,
                 config.traits.buffer_signal,
                 config.traits.relative_base,
@@ -312,6 +434,10 @@ impl Life {
             ),
             ..Told::default()
         };
+        let send_limit =
+            cycles(deadlines.acknowledge + deadlines.begin + 2 * tolerances.settle) + 20;
+        let begin_limit =
+            cycles(deadlines.begin + deadlines.acknowledge + 4 * tolerances.settle) + 200;
         let stop_limit = cycles(deadlines.standstill + 2 * tolerances.settle) + 20;
         Self {
             kept: random.one_in(2),
@@ -358,6 +484,11 @@ impl Life {
             ramp: random.pick(&[60_000, 500_000, 2_000_000]),
             blind: false,
             out: None,
+            wider,
+            expired: false,
+            send_limit,
+            begin_limit,
+            hindered: 0,
         }
     }
 
@@ -382,8 +513,18 @@ impl Life {
             .without(Habit::FramesLost)
             .without(Habit::FramesMiscounted);
         let cycles = |life: &Self, ms: u64| ms * 1000 / life.period.as_micros() as u64;
+        self.wider.expires = false;
+        self.expired = false;
+        self.core.set_expired(false);
         for _ in 0..60 {
             self.step(StopRequest::empty())?;
+        }
+        if self.wider.patient {
+            // The laws of what waits for nothing see to it that this ends.
+            let until = self.cycle + cycles(self, 12_000);
+            while self.cycle < until && self.waits_for_itself() {
+                self.step(StopRequest::empty())?;
+            }
         }
         let command = if self.program.one_in(2) {
             Command::Disable
@@ -417,8 +558,13 @@ impl Life {
                 continue;
             }
             let command = if kind == Kind::Move {
-                let target = self.core.snapshot().position + 500;
-                self.a_move(Reference::Absolute, target, BufferMode::Aborting, false)
+                let target = self.in_turn(self.core.snapshot().position + 500);
+                let start = if self.wider.passes_by_bit_5 {
+                    BufferMode::Buffered
+                } else {
+                    BufferMode::Aborting
+                };
+                self.a_move(Reference::Absolute, target, start, false)
             } else {
                 command
             };
@@ -520,6 +666,7 @@ impl Life {
                     target: 0,
                     since: 0,
                     powered: false,
+                    homings: 0,
                     halted: false,
                     sent: false,
                     accepted: false,
@@ -608,6 +755,11 @@ impl Life {
                             _ => random.between(-4_000, 4_000),
                         }
                     };
+                    let target = if relative {
+                        target
+                    } else {
+                        self.in_turn(target)
+                    };
                     let start = random.pick(&[
                         BufferMode::Aborting,
                         BufferMode::Buffered,
@@ -651,6 +803,23 @@ impl Life {
         Ok(())
     }
 
+    /// Of a modulo axis where in its turn that is.
+    fn in_turn(&self, position: i32) -> i32 {
+        match self.drive.making.turn {
+            Some((least, length)) => {
+                (least + (i64::from(position) - least).rem_euclid(length)) as i32
+            }
+            None => position,
+        }
+    }
+
+    /// Whether a move is under way that nothing holds up.
+    fn waits_for_itself(&self) -> bool {
+        let snapshot = self.core.snapshot();
+        let mut pending = self.pending.iter().map(|id| self.issued[*id as usize]);
+        pending.any(|issued| issued.kind == Kind::Move) && !snapshot.halted
+    }
+
     /// A move whose velocity is its name.
     fn a_move(
         &self,
@@ -680,6 +849,7 @@ impl Life {
             target,
             since: self.cycle,
             powered: self.drive.state.is_powered(),
+            homings: self.drive.homings,
             halted: false,
             sent: false,
             accepted: false,
@@ -699,7 +869,8 @@ impl Life {
         let held = self.must_stop();
         self.core
             .submit(self.now, CommandId(id), command, &mut self.outputs);
-        if kind.stops() && held {
+        let refused = kind == Kind::Halt && self.wider.halt_coasts;
+        if kind.stops() && held && !refused {
             self.has_stopped(kind)?;
         }
         self.drain()?;
@@ -760,6 +931,15 @@ impl Life {
 
     /// One bus cycle.
     fn step(&mut self, lane: StopRequest) -> Result<(), ()> {
+        if self.wider.expires && self.program.one_in(if self.expired { 100 } else { 800 }) {
+            self.expired = !self.expired;
+            self.say(|life| format!("expired {}", life.expired));
+            self.core.set_expired(self.expired);
+            if self.expired {
+                let halt = StopRequest::HALT;
+                self.core.apply_stop(self.now, halt, &mut self.outputs);
+            }
+        }
         if !lane.is_empty() {
             self.say(|_| format!("lane {lane:?}"));
             let held = self.must_stop();
@@ -825,6 +1005,7 @@ impl Life {
         self.trail.push_back((self.drive.position, answered));
         self.match_ledger()?;
         self.judge_state()?;
+        self.note_hindrance();
         if self.cycle.is_multiple_of(128) {
             self.judge_waits()?;
         }
@@ -933,6 +1114,18 @@ impl Life {
     /// The laws of the word that is about to be sent.
     fn judge_word(&mut self) -> Result<(), ()> {
         let (word, before) = (self.sent.word, self.sent_before.word);
+        if self.wider.halt_coasts && word & 0x100 != 0 {
+            return self.broken(
+                "bit 8 is not sent where the axis would coast",
+                format!("{word:04X}h is sent"),
+            );
+        }
+        if self.expired && word & !before & 0x10 != 0 {
+            return self.broken(
+                "nothing starts while the liveness is expired",
+                format!("{before:04X}h, then {word:04X}h"),
+            );
+        }
         if word & !before & 0x10 != 0 && self.sent.mode == 1 {
             let name = self.sent.velocity.wrapping_sub(self.speed as u32);
             match self.issued.get_mut(name as usize) {
@@ -978,7 +1171,6 @@ impl Life {
         if leads_down
             && matches!(self.drive.state, State::Enabled | State::QuickStop)
             && self.is_moving()
-            && !self.is_enabling()
             && self.cycle - since <= self.stop_limit
             && !self.drive_is_deaf()
         {
@@ -992,12 +1184,6 @@ impl Life {
             );
         }
         Ok(())
-    }
-
-    /// Whether the axis is on its way to Operation enabled, by the steps down from there as well.
-    fn is_enabling(&self) -> bool {
-        let mut pending = self.pending.iter().map(|id| self.issued[*id as usize]);
-        pending.any(|issued| issued.kind == Kind::Enable)
     }
 
     fn drive_is_deaf(&self) -> bool {
@@ -1080,8 +1266,38 @@ impl Life {
         Ok(())
     }
 
+    /// Notes whether something is in the way of the next set-point: as long as nothing is, it has to go out.
+    fn note_hindrance(&mut self) {
+        let snapshot = self.core.snapshot();
+        let sent = |id: &u32| {
+            let issued = &self.issued[*id as usize];
+            issued.kind != Kind::Move || issued.sent
+        };
+        let free = self.drive.is_free()
+            && !self.blind
+            && snapshot.state == servocrab::ds402::State::OperationEnabled
+            && snapshot.mode == Mode::ProfilePosition
+            && !snapshot.halted
+            && !self.pending.iter().any(sent);
+        if !free {
+            self.hindered = self.cycle;
+        }
+    }
+
     /// Every future ends.
     fn judge_waits(&mut self) -> Result<(), ()> {
+        if let Some(&id) = self.pending.first()
+            && !self.gated.contains(&id)
+        {
+            let issued = self.issued[id as usize];
+            let waited = self.cycle - self.hindered.max(issued.since);
+            if issued.kind == Kind::Move && waited > self.send_limit {
+                return self.broken(
+                    "what nothing is in the way of goes out, or ends",
+                    format!("{id} waits, and for {waited} cycles the axis was ready for it"),
+                );
+            }
+        }
         for at in 0..self.pending.len() {
             let id = self.pending[at];
             let issued = self.issued[id as usize];
@@ -1097,7 +1313,17 @@ impl Life {
                 .cycle
                 .saturating_sub(self.at_rest_since.max(issued.since));
             let seconds = rest as f64 * self.period.as_secs_f64();
+            let wider = self.wider.begin.is_some();
             let patience = match issued.kind {
+                Kind::Move if issued.accepted && wider => {
+                    // A stop that its drive does not obey has deadlines of its own, and may be asked for again.
+                    let stops = if self.sent.word & 0x8F == 0x0F {
+                        0
+                    } else {
+                        3 * self.stop_limit
+                    };
+                    (self.begin_limit + stops) as f64 * self.period.as_secs_f64()
+                }
                 Kind::Move if issued.accepted => 6.0,
                 Kind::Home => 3.0,
                 _ => f64::INFINITY,
@@ -1166,6 +1392,14 @@ impl Life {
         if issued.kind == Kind::Move {
             return self.judge_move(id, issued, result);
         }
+        if matches!(result, Ok(Completion::Homed { .. })) && self.drive.homings == issued.homings {
+            return self.broken(
+                "Homed: the drive has homed",
+                format!(
+                    "{id} is {result:?}, and the drive has ended no homing since it was asked for"
+                ),
+            );
+        }
         let stopped = matches!(result, Ok(Completion::Stopped { .. }));
         if !stopped || self.drive_is_deaf() {
             return Ok(());
@@ -1211,12 +1445,46 @@ impl Life {
         self.is_moving() && (0..=late).all(|ago| !self.stood(ago))
     }
 
+    /// A drive without habits leaves no doubt. Of others it is counted how often there is one.
+    fn count_end(
+        &mut self,
+        id: u32,
+        issued: Issued,
+        result: Result<Completion, Failure>,
+    ) -> Result<(), ()> {
+        let doubts = result.is_err_and(|failure| {
+            let text = format!("{failure:?}");
+            DOUBTS.iter().any(|name| text.starts_with(name)) && !text.contains("NotSent")
+        });
+        // Of a distance within the window nothing shows whether it has been gone, or is to be gone yet.
+        let shows_nothing = issued.latch.is_some_and(|index| {
+            let latch = &self.drive.ledger[index];
+            latch.relative && f64::from(latch.target.abs()) <= self.window
+        });
+        if self.wider.sound && doubts && !shows_nothing {
+            return self.broken(
+                "of a drive without habits everything is known",
+                format!("{id} is {result:?}"),
+            );
+        }
+        if issued.latch.is_some() {
+            let ends = &mut self.told.ends;
+            match result {
+                Ok(_) => ends.arrived += 1,
+                Err(_) if doubts => ends.doubtful += 1,
+                Err(_) => ends.ended += 1,
+            }
+        }
+        Ok(())
+    }
+
     fn judge_move(
         &mut self,
         id: u32,
         issued: Issued,
         result: Result<Completion, Failure>,
     ) -> Result<(), ()> {
+        self.count_end(id, issued, result)?;
         let slack = self.no_way();
         if let (Ok(_), Some(index)) = (result, issued.latch) {
             self.drive.note_over(index, slack);

@@ -9,7 +9,7 @@ use std::sync::{
 use std::time::Instant;
 
 use crate::habits::{ALL, Habit, Habits, Hits};
-use crate::life::{Cut, Told, Violation, live};
+use crate::life::{Cut, Ends, Told, Violation, live};
 
 pub fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
@@ -38,6 +38,7 @@ pub struct Found {
     pub lives: u64,
     pub set_points: u64,
     pub hits: Hits,
+    pub ends: Ends,
     pub seconds: f64,
     pub violations: Vec<(u64, Violation)>,
 }
@@ -79,6 +80,7 @@ impl Search {
                         mine.lives += 1;
                         mine.set_points += told.set_points;
                         mine.hits.add(&told.hits);
+                        mine.ends.add(told.ends);
                         if let Some(violation) = told.violation {
                             let mut found = found.lock().expect("no panic in here");
                             found.violations.push((seed, violation));
@@ -93,6 +95,7 @@ impl Search {
                     found.lives += mine.lives;
                     found.set_points += mine.set_points;
                     found.hits.add(&mine.hits);
+                    found.ends.add(mine.ends);
                 });
             }
         });
@@ -106,6 +109,17 @@ impl Search {
 }
 
 impl Found {
+    /// How many of the moves that have ended, by themselves or nobody knows how, may be of the latter kind.
+    const DOUBTFUL_PERCENT: u64 = 2;
+
+    /// Whether the core says too often that it does not know: with that alone each of the laws would hold.
+    pub const fn doubts_too_much(&self) -> bool {
+        let Ends {
+            arrived, doubtful, ..
+        } = self.ends;
+        doubtful * 100 > (arrived + doubtful) * Self::DOUBTFUL_PERCENT
+    }
+
     /// Habits that were hit less than once in a million cycles: what they are to try was hardly tried.
     pub fn rare(&self) -> Vec<Habit> {
         let least = self.cycles / 1_000_000;
@@ -128,6 +142,19 @@ impl fmt::Display for Found {
             self.seconds,
             self.cycles as f64 / self.seconds / 1e6
         )?;
+        let Ends {
+            arrived,
+            ended,
+            doubtful,
+        } = self.ends;
+        writeln!(
+            f,
+            "of the moves that were taken {arrived} arrived, {ended} were ended by the program or the drive, and of {doubtful} that is not known"
+        )?;
+        let rarest = ALL.iter().zip(self.hits.0).min_by_key(|(_, times)| *times);
+        if let Some((habit, times)) = rarest {
+            writeln!(f, "the rarest habit, {habit:?}, showed {times} times")?;
+        }
         for (habit, times) in ALL.iter().zip(self.hits.0) {
             writeln!(f, "{times:12} {habit:?}")?;
         }
