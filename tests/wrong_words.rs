@@ -131,6 +131,106 @@ fn one_wrong_word_does_not_let_a_moving_axis_coast() {
     }
 }
 
+/// What the drive really does when the wrong word comes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Real {
+    /// Halted, in Operation enabled, with a set-point.
+    Halted,
+    /// In Quick stop active, still moving.
+    QuickStop,
+    /// In Fault reaction active, still moving.
+    FaultReaction,
+    /// In Operation enabled, at rest without a set-point.
+    Standing,
+    /// So many cycles after it was asked to enable.
+    Enabling(usize),
+}
+
+impl Real {
+    const ALL: [Self; 9] = [
+        Self::Halted,
+        Self::QuickStop,
+        Self::FaultReaction,
+        Self::Standing,
+        Self::Enabling(0),
+        Self::Enabling(1),
+        Self::Enabling(2),
+        Self::Enabling(3),
+        Self::Enabling(4),
+    ];
+
+    /// An axis that does that, and the command that it is under way for.
+    fn make(self, option: i16, shows_velocity: bool) -> (Rig, Option<CommandId>) {
+        let (rig, id) = match self {
+            Self::Halted => return (halted(option), None),
+            Self::QuickStop => {
+                let (mut rig, _) = moving(option, shows_velocity);
+                let stop = rig.send(Command::QuickStop);
+                rig.run(2);
+                assert_eq!(rig.drive.state(), ds402::State::QuickStopActive, "605Ah {option}");
+                (rig, Some(stop))
+            }
+            Self::FaultReaction => {
+                let (mut rig, _) = moving(option, shows_velocity);
+                rig.drive.set(0x605E, 0, 2).unwrap();
+                rig.drive.inject_fault(0x7305);
+                rig.run(30);
+                assert_eq!(rig.drive.state(), ds402::State::FaultReactionActive);
+                (rig, None)
+            }
+            Self::Standing => {
+                let mut rig = rig(option, shows_velocity);
+                rig.enable();
+                (rig, None)
+            }
+            Self::Enabling(cycles) => {
+                let mut rig = rig(option, shows_velocity);
+                rig.run(200);
+                let enable = rig.send(Command::Enable);
+                rig.run(cycles);
+                (rig, Some(enable))
+            }
+        };
+        let moves = matches!(self, Self::QuickStop | Self::FaultReaction);
+        assert_eq!(rig.moves(), moves, "605Ah {option}, {self:?}");
+        (rig, id)
+    }
+}
+
+#[test]
+fn nor_one_that_stops_already_and_one_that_stands_is_not_set_going() {
+    for real in Real::ALL {
+        for option in 0..=8 {
+            if option == 0 && real == Real::QuickStop {
+                // It coasts already, by what its 605Ah says.
+                continue;
+            }
+            for word in WORDS {
+                // With 606Ch and without, in turn.
+                let shows_velocity = (usize::from(word) + option as usize).is_multiple_of(2);
+                let what = format!("605Ah {option}, {real:?}, {word:04X}, 606Ch {shows_velocity}");
+                let (mut rig, id) = real.make(option, shows_velocity);
+                let at = rig.drive.position();
+                rig.forged = Some(word);
+                cycle(&mut rig, option, &what);
+                to_rest(&mut rig, option, &what);
+                if let Some(id) = id {
+                    assert!(rig.finish(id).is_ok() || word != 0x0237, "{what}");
+                }
+                if !matches!(real, Real::QuickStop | Real::FaultReaction) {
+                    let off = (rig.drive.position() - at).abs();
+                    assert!(off <= 10, "{what}: it moves unasked, by {off}");
+                }
+                if rig.core.snapshot().has_set_point {
+                    let stop = rig.send(Command::Stop);
+                    assert!(rig.finish(stop).is_ok(), "{what}: stop");
+                }
+                is_usable(&mut rig, &what);
+            }
+        }
+    }
+}
+
 const COMMANDS: [Command; 6] = [
     Command::Halt,
     Command::Stop,
