@@ -493,6 +493,26 @@ fn an_axis_that_rests_beside_its_end_and_does_not_stand_still_has_missed_it() {
 }
 
 #[test]
+fn a_stall_of_the_host_is_no_rest_of_an_axis_that_does_not_stand_still() {
+    let habits = Habits {
+        droop: 60,
+        dither: 20,
+        frequency: 125.0,
+        ..Habits::default()
+    };
+    let mut bus = Bus::enabled(habits, |_| {});
+    let id = bus.abs(5_000, SetPoint::new());
+    bus.run(500);
+    for _ in 0..2 {
+        bus.now += Duration::from_secs(3);
+        bus.run(300);
+    }
+    assert_eq!(bus.outcome(id), None);
+    let end = bus.finish(id);
+    assert!(matches!(end, Err(Failure::MissedTarget { .. })), "{end:?}");
+}
+
+#[test]
 fn a_distance_behind_a_move_that_is_over_for_the_drive_may_count_from_where_the_axis_swings() {
     for base in [RelativeBase::Actual, RelativeBase::Undocumented] {
         let habits = Habits {

@@ -37,6 +37,8 @@ struct Plant {
     frozen: bool,
     /// It does not answer.
     silent: bool,
+    /// It answers, and whether it gets its outputs is not known: it does not.
+    unheard: bool,
     /// What the next cycle shows as the statusword, while the drive has no time yet for the word that it gets.
     wrong: Option<u16>,
     inputs: [u8; 10],
@@ -69,6 +71,7 @@ impl Plant {
             slow_to_shut_down: false,
             frozen: false,
             silent: false,
+            unheard: false,
             wrong: None,
             inputs: [0; 10],
         };
@@ -124,11 +127,13 @@ impl Plant {
             inputs[6..].copy_from_slice(&velocity.to_le_bytes());
         }
         self.word = u16::from_le_bytes([self.outputs[0], self.outputs[1]]);
-        if self.wrong.take().is_none() {
+        if self.wrong.take().is_none() && !self.unheard {
             self.obey();
         }
         let inputs = if self.silent {
             Inputs::Stale
+        } else if self.unheard {
+            Inputs::Answered(&self.inputs)
         } else {
             Inputs::Fresh(&self.inputs)
         };
@@ -565,6 +570,32 @@ fn one_word_of_quick_stop_active_does_not_end_a_quick_stop_that_the_drive_has_no
         assert_eq!(plant.finish(stop), Ok(Completion::Stopped { state }));
         assert_eq!(plant.state, 0x0217, "{command:?}");
     }
+}
+
+#[test]
+fn a_stall_between_two_words_of_quick_stop_active_does_not_end_a_quick_stop_that_may_be_undelivered()
+ {
+    let mut plant = Plant::moving(40_000.0, |_| {});
+    let halt = plant.send(Command::Halt);
+    assert!(plant.finish(halt).is_ok());
+    plant.run(200);
+    plant.unheard = true;
+    let stop = plant.send(Command::QuickStop);
+    for _ in 0..2 {
+        plant.wrong = Some(0x0217);
+        plant.step();
+        plant.now += Duration::from_millis(200);
+    }
+    plant.now -= Duration::from_millis(200);
+    assert_eq!(plant.outcome(stop), None);
+    // Shown all the time, it counts.
+    for _ in 0..5 {
+        plant.now += Duration::from_millis(24);
+        plant.wrong = Some(0x0217);
+        plant.step();
+    }
+    let state = State::QuickStopActive;
+    assert_eq!(plant.outcome(stop), Some(Ok(Completion::Stopped { state })));
 }
 
 #[test]

@@ -1677,13 +1677,9 @@ impl AxisCore {
         if delivered && !self.sent.contains(Controlword::BIT_QUICK_STOP) {
             self.stopping.sent_since.get_or_insert(now);
         }
-        if !may_end {
-            self.stopping.shown_since = None;
-            return false;
-        }
-        let shown = *self.stopping.shown_since.get_or_insert(now);
-        self.has_seen(now, self.stopping.sent_since)
-            || now.saturating_sub(shown) >= self.bounds.settle
+        let settle = self.bounds.settle;
+        let shown = self.stopping.shown.observe(now, may_end, settle);
+        may_end && (shown || self.has_seen(now, self.stopping.sent_since))
     }
 
     /// Whether the drive stays in Operation enabled although it has surely seen the quick stop, and the axis gets no slower, or has
@@ -2538,7 +2534,8 @@ impl AxisCore {
                 no_older(at, now, longest);
             }
         }
-        self.stopping.let_go(now, deadlines.standstill.max(seen));
+        let longest = deadlines.standstill.max(seen);
+        self.stopping.let_go(now, longest, settle);
         match &mut self.power {
             Power::Off | Power::Ready | Power::Enabled | Power::Holding => {}
             Power::Disabling { deadline, .. } | Power::Enabling { deadline, .. } => {
@@ -2579,7 +2576,8 @@ impl ResetPhase {
 }
 
 impl Stopping {
-    fn let_go(&mut self, now: Duration, longest: Duration) {
+    fn let_go(&mut self, now: Duration, longest: Duration, settle: Duration) {
+        self.shown.let_go(now, settle);
         match &mut self.stage {
             Stage::None | Stage::Quick { until: None } => {}
             Stage::Halting { until, .. }

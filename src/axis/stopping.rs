@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::profile_position::{Bounds, CommandId, Failure};
+use crate::profile_position::{Bounds, CommandId, Failure, ShownFor};
 
 /// Commands that can wait for one standstill.
 const WAITERS: usize = 8;
@@ -55,9 +55,9 @@ pub(super) struct Stopping {
     /// Since when a drive that stays in Operation enabled is known to have been sent bit 2 low, and what that does.
     pub quick_delivered: Option<Duration>,
     pub quick_deceleration: DecelerationMonitor,
-    /// Since when bit 2 low is known to have been delivered in this quick stop, and since when each sample has shown a state in which it may end.
+    /// Since when bit 2 low is known to have been delivered in this quick stop, and whether each sample has shown a state in which it may end.
     pub sent_since: Option<Duration>,
-    pub shown_since: Option<Duration>,
+    pub shown: ShownFor,
     waiters: [Option<(CommandId, Wait)>; WAITERS],
     /// How many of these places are taken: there is seldom anybody to look for.
     waiting: usize,
@@ -84,7 +84,7 @@ impl Stopping {
     pub fn begin_quick(&mut self, until: Duration) {
         self.stage = Stage::Quick { until: Some(until) };
         self.sent_since = None;
-        self.shown_since = None;
+        self.shown = ShownFor::NOT;
         self.measure_quick();
     }
 

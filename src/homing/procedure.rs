@@ -13,7 +13,7 @@ use core::time::Duration;
 use crate::{
     ds402::{Controlword, ModeBits, Statusword},
     profile_position::{
-        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, WaitingFor,
+        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, ShownFor, WaitingFor,
     },
 };
 
@@ -304,10 +304,11 @@ struct Run {
     position: i32,
     /// The drive has shown that it is at work on this one.
     pub begun: bool,
-    /// Since when all three bits say done.
-    done_since: Option<Duration>,
-    /// Since when bit 12 has said so of this one, and the axis stands.
-    attained_since: Option<Duration>,
+    /// All three bits say done; and they have since bit 4 is known to have been delivered.
+    done: ShownFor,
+    done_after: ShownFor,
+    /// Bit 12 says so of this one, and the axis stands.
+    attained: ShownFor,
     /// Since when the drive has not been at work on this one, by bits 12 and 10.
     over_since: Option<Duration>,
     /// Since when the drive has shown an error while moving.
@@ -337,8 +338,9 @@ impl Run {
             stale_progress: is_in_progress(word),
             position: cycle.sample.position,
             begun: false,
-            done_since: None,
-            attained_since: None,
+            done: ShownFor::NOT,
+            done_after: ShownFor::NOT,
+            attained: ShownFor::NOT,
             over_since: None,
             error_since: None,
         }
@@ -386,22 +388,25 @@ impl Run {
             return self.error(cycle, at_rest, standstill);
         }
         let done = attained && at_rest && !error;
-        let since = |since: &mut Option<Duration>, holds: bool| {
-            *since = holds.then(|| since.unwrap_or(cycle.now));
-            since.map_or(Duration::ZERO, |since| cycle.now.saturating_sub(since))
-        };
-        let held = since(&mut self.done_since, done) >= cycle.bounds.settle;
-        let mine = attained && !error && self.is_mine(cycle);
+        let (now, settle) = (cycle.now, cycle.bounds.settle);
+        let held = self.done.observe(now, done, settle);
+        // So long that a drive that is at work on this one would show it.
+        let long = settle.max(cycle.traits.surely_seen().saturating_mul(2));
+        let told = self.delivered.is_some();
+        let proven = self.done_after.observe(now, done && told, long);
+        let mine = attained && !error && self.is_mine(cycle, proven);
         let stands = cycle.standstill.is_standing();
-        let rested = since(&mut self.attained_since, mine && stands);
-        let over = since(&mut self.over_since, self.begun && !progress && !error);
-        if self.is_late(cycle) || over >= standstill {
+        let rested = self.attained.observe(now, mine && stands, cycle.begin);
+        let is_over = self.begun && !progress && !error;
+        self.over_since = is_over.then(|| self.over_since.unwrap_or(now));
+        let over = |since: Duration| now.saturating_sub(since) >= standstill;
+        if self.is_late(cycle) || self.over_since.is_some_and(over) {
             return Some(Err(self.timeout(cycle)));
         }
         self.begun |= mine;
         // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
         // not come, the axis' rest.
-        if mine && ((at_rest && (stands || held)) || rested >= cycle.begin) {
+        if mine && ((at_rest && (stands || held)) || rested) {
             return Some(Ok(Completion::Homed {
                 position: cycle.sample.position,
             }));
@@ -437,8 +442,8 @@ impl Run {
         }
     }
 
-    /// Whether bits that say "done" say it of this homing.
-    fn is_mine(&self, cycle: &Cycle<'_>) -> bool {
+    /// Whether bits that say "done" say it of this homing. `proven`: they have for so long that a drive that has not begun never would.
+    fn is_mine(&self, cycle: &Cycle<'_>, proven: bool) -> bool {
         if self.begun {
             return !self.stale_attained;
         }
@@ -448,17 +453,7 @@ impl Run {
         // Nothing moves: "in progress" may be over within one of the drive's cycles and never be seen. An edge of bit 12
         // after bit 4 is proof as well. Without one, the drive has had bit 4 for so long that it would show it if it were
         // still at work, and the axis reads what it reads at home: then even a drive that has not seen bit 4 tells the truth.
-        let long_enough = |since: Duration| {
-            cycle.now.saturating_sub(since)
-                >= cycle
-                    .bounds
-                    .settle
-                    .max(cycle.traits.surely_seen().saturating_mul(2))
-        };
-        !self.stale_attained
-            || (self.reads_home(cycle)
-                && self.delivered.is_some_and(long_enough)
-                && self.done_since.is_some_and(long_enough))
+        !self.stale_attained || (self.reads_home(cycle) && proven)
     }
 
     /// Whether the position is what it is at home: the home offset, with the sign that the drive gives it.

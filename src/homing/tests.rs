@@ -256,6 +256,46 @@ fn what_moves_or_rises_before_the_drive_can_have_seen_bit_4_is_not_of_this_homin
 }
 
 #[test]
+fn a_stall_between_two_samples_is_no_proof_that_a_homing_is_done() {
+    // The axis runs on under the drive's word.
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.velocity = -50;
+    homing.shows_for(10, IN_PROGRESS).shows(DONE);
+    homing.now += Duration::from_millis(500);
+    homing.shows_for(75, DONE);
+    assert_eq!(homing.reports(), [Event::Accepted]);
+    homing.shows(DONE);
+    let reports = homing.reports();
+    let done = |event: &Event| matches!(event, Event::Done(Ok(Completion::Homed { .. })));
+    assert!(
+        matches!(&reports[..], [event] if done(event)),
+        "{reports:?}"
+    );
+    // Attained without bit 10, and at rest.
+    let within = Duration::from_secs(10);
+    let mut homing = Dialogue::begin_within(within, HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing
+        .shows_for(10, IN_PROGRESS)
+        .shows_for(200, ATTAINED_MOVING);
+    homing.now += Duration::from_secs(3);
+    homing.shows_for(10, ATTAINED_MOVING);
+    assert_eq!(homing.reports(), [Event::Accepted]);
+    homing.shows_for(2_000, ATTAINED_MOVING);
+    assert_eq!(homing.reports(), [homed()]);
+}
+
+#[test]
+fn a_stall_between_two_samples_is_no_proof_that_an_old_result_is_of_this_homing() {
+    let mut homing = Dialogue::begin(HomingMethod::CURRENT_POSITION, DONE);
+    homing.shows(DONE);
+    homing.now += Duration::from_millis(300);
+    homing.shows_for(70, DONE);
+    assert_eq!(homing.reports(), []);
+    homing.shows_for(10, DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+}
+
+#[test]
 fn a_drive_that_shows_progress_all_the_time_may_finish_before_the_axis_is_seen_to_move() {
     for method in [HomingMethod::NEGATIVE_LIMIT, HomingMethod::CURRENT_POSITION] {
         let mut homing = Dialogue::begin(method, IN_PROGRESS);

@@ -19,7 +19,7 @@ pub use outcome::{
 };
 pub(crate) use sequencer::Sequencer;
 pub use set_point::{BufferMode, MoveCommand, Parameters, Reference, SetPoint};
-pub(crate) use standstill::{Bounds, LastSeen, Standstill};
+pub(crate) use standstill::{Bounds, LastSeen, ShownFor, Standstill};
 pub use traits::{BufferSignal, HomedSignal, RelativeBase, StartBits, Traits};
 pub(crate) use traits::{Cycle, no_older};
 

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::ds402::Sample;
 
-use super::{PositionRange, Unrest, circle::Circle};
+use super::{PositionRange, Unrest, circle::Circle, no_older};
 
 /// The time between two samples counts as stood for this part of the time asked for at most. So five samples are needed at least, and the
 /// samples before and after a stall are no proof that the axis stood in between. Where frames were lost for half as long again, all time
@@ -381,6 +381,41 @@ impl Standstill {
     pub fn steady_since(&self, now: Duration, since: Duration, bounds: &Bounds) -> bool {
         let time = self.stay.time_after(nanoseconds(now), nanoseconds(since));
         time >= bounds.settle_ns
+    }
+}
+
+/// Since when each sample has shown something, as a standstill counts time: of the time between two samples no more than a quarter of
+/// what is asked for. The samples before and after a stall are no proof of what was between them.
+#[derive(Debug, Clone, Copy, Hash, Default)]
+pub(crate) struct ShownFor {
+    /// Since when, less the time in which nothing was seen; and when the last sample came.
+    span: Option<(Duration, Duration)>,
+}
+
+impl ShownFor {
+    pub const NOT: Self = Self { span: None };
+
+    /// Takes in a sample that shows it, or does not. Whether it has been shown for this time.
+    pub fn observe(&mut self, now: Duration, shown: bool, time: Duration) -> bool {
+        if !shown {
+            self.span = None;
+            return false;
+        }
+        let (since, last) = self.span.unwrap_or((now, now));
+        let unseen = now.saturating_sub(last).saturating_sub(time / GAP);
+        let since = since.saturating_add(unseen);
+        self.span = Some((since, now));
+        now.saturating_sub(since) >= time
+    }
+
+    /// Lets go of what makes no difference any more, of whoever asks for this time.
+    pub fn let_go(&mut self, now: Duration, time: Duration) {
+        if let Some((since, last)) = &mut self.span {
+            let unseen = now.saturating_sub(*last).saturating_sub(time / GAP);
+            *last = last.saturating_add(unseen);
+            *since = since.saturating_add(unseen);
+            no_older(since, *last, time);
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use crate::ds402::{Sample, Statusword};
 use super::{
     BufferMode, CommandId, Completion, Cycle, Delivery, Failure, Reference, RelativeBase, no_older,
     sequencer::{Raised, Request},
-    standstill::Bounds,
+    standstill::{Bounds, ShownFor},
 };
 
 /// So many cycles at least have to show an axis away from an end before it counts as left.
@@ -34,7 +34,8 @@ pub(super) enum Rest {
 /// The bounds of an axis that does not keep within its window, span by span: in two spans within the same bounds it is at rest.
 #[derive(Debug, Clone, Copy, Hash, Default)]
 struct Lingering {
-    span: Option<(Duration, i32, i32)>,
+    span: ShownFor,
+    bounds: Option<(i32, i32)>,
     before: Option<(i32, i32)>,
     rests: bool,
 }
@@ -42,17 +43,18 @@ struct Lingering {
 impl Lingering {
     /// Takes in a cycle with bit 10 high. Whether the axis is at rest.
     fn observe(&mut self, cycle: &Cycle<'_>) -> bool {
-        let (now, position) = (cycle.now, cycle.sample.position);
-        let (since, low, high) = self.span.unwrap_or((now, position, position));
+        let position = cycle.sample.position;
+        let (low, high) = self.bounds.unwrap_or((position, position));
         let (low, high) = (low.min(position), high.max(position));
-        self.span = Some((since, low, high));
-        if now.saturating_sub(since) >= cycle.begin {
+        self.bounds = Some((low, high));
+        if self.span.observe(cycle.now, true, cycle.begin) {
             let same = |a: i32, b: i32| a.abs_diff(b) <= cycle.bounds.position;
             self.rests = self
                 .before
                 .is_some_and(|before| same(before.0, low) && same(before.1, high));
             self.before = Some((low, high));
-            self.span = None;
+            self.span = ShownFor::default();
+            self.bounds = None;
         }
         self.rests
     }
@@ -484,9 +486,7 @@ impl Track {
         no_older(&mut self.low, now, settle);
         no_older(&mut self.rose, now, settle);
         self.passing &= now.saturating_sub(self.rose) < settle;
-        if let Some((since, ..)) = &mut self.lingering.span {
-            no_older(since, now, begin);
-        }
+        self.lingering.span.let_go(now, begin);
         if let Some(since) = &mut self.resting {
             no_older(since, now, begin);
         }
