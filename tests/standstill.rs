@@ -233,11 +233,26 @@ fn noise_of_a_count_on_606ch_holds_no_stop_up() {
 #[test]
 fn a_606ch_that_is_still_as_well_shortens_the_settle_time() {
     for (command, parts) in STOPS {
-        let mut plant = Plant::moving(40_000.0, |_| {});
+        let mut plant = Plant::moving(40_000.0, |config| {
+            config.traits.threshold_in_velocity_units = true;
+        });
         plant.noise = [0, 0];
         let id = plant.send(command);
         let stood = plant.stood_at_the_end_of(id);
         assert!((1..=20 * parts).contains(&stood), "{command:?}: {stood}");
+    }
+}
+
+#[test]
+fn a_606ch_of_an_unknown_unit_that_shows_0_shortens_nothing() {
+    for (command, _) in STOPS {
+        let mut plant = Plant::moving(40_000.0, |_| {});
+        plant.noise = [0, 0];
+        plant.velocity_unit = 1_000_000.0;
+        let id = plant.send(command);
+        // The last 10 ms of its ramp lie within the window, too.
+        let stood = plant.stood_at_the_end_of(id);
+        assert!((90..=110).contains(&stood), "{command:?}: {stood}");
     }
 }
 

@@ -105,9 +105,11 @@ impl CoreConfig {
         self.limits = self.limits_with(self.limits);
         let tolerances = &self.tolerances;
         let drive_cycle = self.traits.drive_cycle;
+        // Whoever gives a threshold knows its unit; the default is nobody's.
+        let is_known = self.traits.threshold_in_velocity_units || tolerances.velocity > 0;
         let bounds = Bounds::new(
             tolerances.position,
-            tolerances.velocity,
+            is_known.then_some(tolerances.velocity),
             tolerances.settle,
             drive_cycle,
             self.modulo,
@@ -128,9 +130,11 @@ impl CoreConfig {
 pub struct Tolerances {
     /// Position units between target and 6064h at arrival: by default the drive's position window 6067h.
     pub position: u32,
-    /// Velocity units of 606Ch up to which it shows that the axis stands, where it is mapped. 0 by default, and at most the window
-    /// in a settle time; the drive's threshold 606Fh where
-    /// [`Traits::threshold_in_velocity_units`](crate::profile_position::Traits::threshold_in_velocity_units) holds. It shortens the settle time of an axis at rest, and never replaces it. So noise at rest does no harm.
+    /// Velocity units of 606Ch up to which it shows that the axis stands, where it is mapped: at most the window in a settle time. It is the
+    /// drive's threshold 606Fh where
+    /// [`Traits::threshold_in_velocity_units`](crate::profile_position::Traits::threshold_in_velocity_units) holds. It shortens the settle time
+    /// of an axis at rest, and never replaces it. So noise at rest does no harm. 0, the default, shortens nothing on other drives: one
+    /// whose unit is coarse shows 0 in motion, too. Nor is anything shortened where the position window is less than 8 counts.
     pub velocity: u32,
     /// How long 6064h must stay within the window to count as standing, and as not on its way.
     pub settle: Duration,

@@ -265,7 +265,7 @@ mod deceleration_tests {
         at: impl Fn(f64) -> f64,
     ) -> Option<u32> {
         let settle = Duration::from_millis(100);
-        let bounds = Bounds::new(window, 0, settle, Duration::from_millis(1), turn);
+        let bounds = Bounds::new(window, None, settle, Duration::from_millis(1), turn);
         let mut deceleration = DecelerationMonitor::default();
         (0..5_000).find(|&cycle| {
             let position = at(f64::from(cycle)).round() as i64;

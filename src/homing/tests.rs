@@ -101,7 +101,7 @@ impl Dialogue {
             self.procedure.mark_sent(self.now);
         }
         let settle = Duration::from_millis(100);
-        let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), None);
+        let bounds = Bounds::new(10, Some(0), settle, Duration::from_millis(1), None);
         let sample = Sample {
             statusword: Statusword::from_bits_retain(ENABLED | bits),
             mode: Mode::Homing,

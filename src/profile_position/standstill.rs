@@ -136,7 +136,8 @@ pub(crate) struct Bounds {
     pub settle: Duration,
     /// The same in nanoseconds, like the times below.
     settle_ns: u64,
-    /// How long the position must stay where 606Ch says as well that the axis stands.
+    /// How long the position must stay where 606Ch says as well that the axis stands. Where it may not shorten that, this is the settle time,
+    /// and what follows is of the whole window.
     shorter: u64,
     /// And within which part of the window.
     shorter_window: u32,
@@ -148,10 +149,12 @@ pub(crate) struct Bounds {
 }
 
 impl Bounds {
-    /// Bounds of this window, this threshold of 606Ch and this settle time, for a drive with this cycle.
+    /// Bounds of this window, this threshold of 606Ch and this settle time, for a drive with this cycle. Without a threshold in the unit of
+    /// 606Ch that shortens nothing: a drive may show 0 at any speed below its unit. Nor does it where the window has no eighth: within a whole
+    /// count an axis may be faster than by the window.
     pub fn new(
         position: u32,
-        velocity: u32,
+        velocity: Option<u32>,
         settle: Duration,
         drive_cycle: Duration,
         turn: Option<PositionRange>,
@@ -159,14 +162,19 @@ impl Bounds {
         let drive_cycles = drive_cycle.saturating_mul(DRIVE_CYCLES);
         let settle = settle.max(drive_cycles).max(LEAST_SETTLE);
         let fastest = u128::from(position) * 1_000_000_000 / settle.as_nanos();
-        let shorter = (settle / SHORTER).max(drive_cycles);
+        let (shorter, shorter_window) = if velocity.is_some() && position >= SHORTER {
+            ((settle / SHORTER).max(drive_cycles), position / SHORTER)
+        } else {
+            (settle, position)
+        };
+        let velocity = velocity.unwrap_or(0);
         Self {
             position,
             velocity: u32::try_from(fastest).map_or(velocity, |fastest| velocity.min(fastest)),
             settle,
             settle_ns: nanoseconds(settle),
             shorter: nanoseconds(shorter),
-            shorter_window: (position / SHORTER).max(1),
+            shorter_window,
             gap: nanoseconds(settle / GAP),
             shorter_gap: nanoseconds(shorter / GAP),
             turn,
@@ -494,7 +502,7 @@ mod tests {
 
     fn bounds(turn: Option<PositionRange>) -> Bounds {
         let settle = Duration::from_millis(100);
-        Bounds::new(10, 0, settle, Duration::from_millis(1), turn)
+        Bounds::new(10, None, settle, Duration::from_millis(1), turn)
     }
 
     #[test]
@@ -540,7 +548,8 @@ mod tests {
         };
         let (mut short, mut cycles) = (0, 0);
         for life in 0..3_000 {
-            let (window, threshold) = (random(12) as u32, random(3) as u32);
+            let window = random(20) as u32;
+            let threshold = (random(4) as u32).checked_sub(1);
             let settle = Duration::from_millis(20);
             let cycle = Duration::from_millis(1);
             let bounds = Bounds::new(window, threshold, settle, cycle, turns[life % 3]);
@@ -581,7 +590,7 @@ mod tests {
     /// When an axis of one sample in a millisecond, a window of 100 counts and a settle time of 100 ms stands.
     fn stands_at(positions: impl Iterator<Item = i32>) -> Option<u64> {
         let settle = Duration::from_millis(100);
-        let bounds = Bounds::new(100, 0, settle, Duration::from_millis(1), None);
+        let bounds = Bounds::new(100, None, settle, Duration::from_millis(1), None);
         let mut axis = Standstill::default();
         (0..).zip(positions).find_map(|(ms, position)| {
             axis.observe(Duration::from_millis(ms), position, None, &bounds);
@@ -618,9 +627,37 @@ mod tests {
     }
 
     #[test]
+    fn a_606ch_that_shows_0_takes_no_axis_for_standing_that_is_faster_than_by_its_window() {
+        let settle = Duration::from_millis(100);
+        // One count in 12 ms goes further than 7 in 100 ms.
+        for (window, threshold) in [(0, Some(0)), (3, Some(0)), (7, Some(0)), (100, None)] {
+            let bounds = Bounds::new(window, threshold, settle, Duration::from_millis(1), None);
+            let way = (0..10_000).map(|ms: i32| ms * (window as i32 + 2) / 100);
+            let mut axis = Standstill::default();
+            for (ms, position) in (0..).zip(way) {
+                axis.observe(Duration::from_millis(ms), position, Some(0), &bounds);
+                assert!(!axis.is_standing(), "{window} {threshold:?}: {ms} ms");
+            }
+        }
+        // One that turns round where 606Ch may be too coarse to show its speed.
+        let bounds = Bounds::new(100, None, settle, Duration::from_millis(1), None);
+        let mut axis = Standstill::default();
+        for ms in 0..2_000_u32 {
+            let position = 400.0 * (f64::from(ms) / 20.0).cos();
+            axis.observe(
+                Duration::from_millis(ms.into()),
+                position as i32,
+                Some(0),
+                &bounds,
+            );
+            assert!(!axis.is_standing(), "{ms} ms");
+        }
+    }
+
+    #[test]
     fn after_a_long_loss_an_axis_has_to_stand_for_the_whole_time_again() {
         let settle = Duration::from_millis(100);
-        let bounds = Bounds::new(10, 0, settle, Duration::from_millis(1), None);
+        let bounds = Bounds::new(10, None, settle, Duration::from_millis(1), None);
         let stands_after = |lost: u64| {
             let mut axis = Standstill::default();
             let ms = Duration::from_millis;

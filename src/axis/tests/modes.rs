@@ -10,7 +10,9 @@ use crate::{
 
 /// In Operation enabled, in this mode, with the deadlines of every axis.
 fn enabled(mode: Mode) -> Played {
-    Played::enabled_in(mode, CoreConfig::new(FIELDS))
+    let mut config = CoreConfig::new(FIELDS);
+    config.traits.threshold_in_velocity_units = true;
+    Played::enabled_in(mode, config)
 }
 
 fn by_switch() -> Command {
