@@ -337,7 +337,7 @@ fn a_fault_is_reset_only_at_standstill_and_when_it_was_shown_for_two_drive_cycle
 
 #[test]
 fn stops_in_a_fault_reaction_are_done_when_the_axis_stands() {
-    for command in [Command::Stop, Command::Disable] {
+    for command in [Command::Stop, Command::QuickStop, Command::Disable] {
         for before in [false, true] {
             let (mut rig, _) = moving(2, false);
             rig.drive.set(0x605E, 0, 1).unwrap();

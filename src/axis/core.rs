@@ -1488,7 +1488,8 @@ impl AxisCore {
     }
 
     fn quick_stop(&mut self, now: Duration, id: CommandId) {
-        if let Some(fault) = self.fault() {
+        let reacts = self.state() == State::FaultReactionActive;
+        if let Some(fault) = self.fault().filter(|_| !reacts) {
             self.done(id, Err(fault));
         } else if self.begin_quick_stop(now) {
             self.wait_for_stop(now, id);

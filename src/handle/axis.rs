@@ -348,7 +348,7 @@ impl<U: AxisUnit> Axis<U> {
     /// Quick stop (bit 2): the set-point is gone. Gives the state in which the drive stands, which 605Ah decides.
     ///
     /// # Errors
-    /// In Fault, when the drive ignores it ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored), after two tenths of a second), when a
+    /// In Fault (in Fault reaction active it waits until the axis stands), when the drive ignores it ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored), after two tenths of a second), when a
     /// deadline passes, or the bus is lost.
     pub async fn quick_stop(&self) -> Result<State, AxisError> {
         let state = self.stop_by(Command::QuickStop).await?;
