@@ -1327,7 +1327,7 @@ impl AxisCore {
         match self.power {
             // Asked for again by those who wait for it.
             Power::Disabling { id: waiter, .. } if waiter == id => return,
-            Power::Resetting { .. } | Power::Disabling { .. } => {
+            Power::Disabling { .. } => {
                 self.done(id, Err(Failure::Busy));
                 return;
             }
@@ -1353,6 +1353,8 @@ impl AxisCore {
                     deadline,
                 };
             }
+            // A reset goes on to its own end, which is without power.
+            Power::Resetting { .. } => self.await_standstill(now, id),
             _ if is_down(state) => self.await_standstill(now, id),
             _ => {
                 self.power = Power::Disabling {
