@@ -12,7 +12,7 @@ mod plant;
 
 use frames::{Link, Random};
 use plant::{Bus, End, Habits};
-use servocrab::axis::{Command, CommandId, Completion, Failure};
+use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure, WaitingFor};
 use servocrab::profile_position::{
     BufferMode, BufferSignal, MoveCommand, Reference, RelativeBase, SetPoint,
 };
@@ -490,6 +490,90 @@ fn an_axis_that_rests_beside_its_end_and_does_not_stand_still_has_missed_it() {
         bus.finish(first).ok();
         bus.finish(second).ok();
     }
+}
+
+/// A drive that never says that a target is reached.
+fn silent() -> Bus {
+    let habits = Habits {
+        never_reached: true,
+        ..Habits::default()
+    };
+    Bus::enabled(habits, |config| {
+        config.traits.buffer_signal = BufferSignal::None;
+    })
+}
+
+fn is_unreached(result: Option<Result<Completion, Failure>>) -> bool {
+    matches!(
+        result,
+        Some(Err(Failure::Timeout {
+            waiting_for: WaitingFor::TargetReached,
+            delivery: Delivery::Accepted,
+            ..
+        }))
+    )
+}
+
+#[test]
+fn a_move_whose_drive_never_shows_bit_10_ends_when_the_axis_has_stood_at_its_target() {
+    let mut bus = silent();
+    for (target, takes) in [(5_000, 300), (5_000, 0), (5_004, 0), (-3_000, 400)] {
+        let id = bus.abs(target, SetPoint::new());
+        bus.wait_accepted(id);
+        bus.run(1_950);
+        assert_eq!(bus.outcome(id), None, "{target}");
+        bus.run(takes + 200);
+        let end = bus.outcome(id);
+        assert!(is_unreached(end), "{target}: {end:?}");
+        // The drive may hold it still.
+        assert!(bus.core.snapshot().has_set_point, "{target}");
+    }
+    // What waited behind it goes then.
+    let ids = [
+        bus.abs(0, after()),
+        bus.abs(4_000, after()),
+        bus.abs(0, after()),
+    ];
+    for id in ids {
+        bus.run_until(30_000, |bus| bus.outcome(id).is_some());
+    }
+    let stop = bus.send(Command::Stop);
+    assert!(bus.finish(stop).is_ok());
+}
+
+#[test]
+fn two_moves_whose_drive_never_shows_bit_10_end_when_the_axis_has_stood_at_the_end_of_one() {
+    let mut bus = silent();
+    let first = bus.abs(5_000, SetPoint::new());
+    bus.wait_accepted(first);
+    // So short a way that the position does not show when its turn has come.
+    let second = bus.abs(5_015, after());
+    bus.wait_accepted(second);
+    bus.run(2_000);
+    assert_eq!((bus.outcome(first), bus.outcome(second)), (None, None));
+    bus.run(500);
+    for id in [first, second] {
+        let end = bus.outcome(id);
+        assert!(is_unreached(end), "{end:?}");
+    }
+    let next = bus.abs(0, SetPoint::new());
+    assert_eq!(bus.finish(next), Err(Failure::NeedsStop));
+    let stop = bus.send(Command::Stop);
+    assert!(bus.finish(stop).is_ok());
+    bus.enable();
+}
+
+#[test]
+fn a_move_that_rests_elsewhere_with_bit_10_low_is_under_way() {
+    let habits = Habits {
+        never_reached: true,
+        droop: 60,
+        ..Habits::default()
+    };
+    let mut bus = Bus::enabled(habits, |_| {});
+    let id = bus.abs(5_000, SetPoint::new());
+    bus.run(10_000);
+    assert_eq!(bus.outcome(id), None);
 }
 
 #[test]

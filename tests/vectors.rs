@@ -159,6 +159,7 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
         },
         timeout(WaitingFor::Acknowledge, Delivery::Unknown),
         timeout(WaitingFor::AcknowledgeLow, Delivery::NotSent),
+        timeout(WaitingFor::TargetReached, Delivery::Accepted),
         Failure::BusLost {
             delivery: Delivery::Accepted,
         },

@@ -168,7 +168,8 @@ pub struct Deadlines {
     /// From bit 4 to bit 12, and for bit 12 to fall before a set-point.
     pub acknowledge: Duration,
     /// From bit 12 until an acknowledged set-point shows that it has begun: bit 10 falls, or the axis leaves where it stood. Then
-    /// [`Failure::NotBegun`](super::Failure::NotBegun). Give more where a brake or an input of the drive holds the axis back for longer.
+    /// [`Failure::NotBegun`](super::Failure::NotBegun). And from the standstill at its target until bit 10 says so: then
+    /// [`WaitingFor::TargetReached`](super::WaitingFor::TargetReached). Give more where a brake or an input of the drive holds the axis back for longer.
     pub begin: Duration,
     /// From bit 8 or bit 2 to standstill.
     pub standstill: Duration,

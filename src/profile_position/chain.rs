@@ -197,6 +197,14 @@ impl Chain {
                 };
                 let over = shown || left || rest.is_some();
                 if over && next == Next::None && !undecided {
+                    if let Some(Rest::Unreached) = rest {
+                        events.push(first.id, Event::Done(Err(first.unreached(cycle))));
+                        events.push(second.id, Event::Done(Err(second.unreached(cycle))));
+                        self.held = [None; HELD];
+                        self.last_end = None;
+                        self.not_begun = true;
+                        return;
+                    }
                     if let Some(Rest::NextNotBegun | Rest::NoneBegun) = rest {
                         let not_begun = Err(Failure::NotBegun {
                             actual: cycle.sample.position,
@@ -246,9 +254,9 @@ impl Chain {
         let [Some(track), _] = &mut self.held else {
             return false;
         };
-        track.follow(now, sample, 0, true, bounds);
+        let at_end = track.follow(now, sample, 0, true, bounds);
         track.note_limit(sample.statusword);
-        sample.statusword.contains(Statusword::TARGET_REACHED)
+        at_end || sample.statusword.contains(Statusword::TARGET_REACHED)
     }
 
     /// One cycle of the only one that is held. Whether it has ended.
@@ -314,6 +322,7 @@ impl Chain {
             let may_arrive = track.end.is_some() && !anywhere && place + 1 == last && at_rest;
             let outcome = match track.outcome(cycle) {
                 Some(Ok(completion)) if may_arrive => Ok(completion),
+                Some(Err(Failure::Timeout { .. })) => Err(Failure::PerhapsSuperseded { actual }),
                 _ if at_rest => Err(Failure::PerhapsSuperseded { actual }),
                 _ => continue,
             };

@@ -81,6 +81,8 @@ pub enum WaitingFor {
     HomingStart,
     /// A homing to end within the time that it was given. It is stopped.
     HomingEnd,
+    /// Bit 10 (target reached), of an axis that has stood at its target for [`Deadlines::begin`](crate::axis::Deadlines::begin).
+    TargetReached,
     /// The mode in 6061h.
     Mode(Mode),
     /// Standstill: a position that stays within its window for the settle time.
@@ -132,6 +134,9 @@ impl core::fmt::Display for WaitingFor {
             Self::Acknowledge => f.write_str("bit 12 (set-point acknowledge) to rise"),
             Self::HomingStart => f.write_str("the homing to begin (bits 10, 12 and 13 to fall)"),
             Self::HomingEnd => f.write_str("the homing to end"),
+            Self::TargetReached => {
+                f.write_str("bit 10 (target reached) of an axis that stands at its target")
+            }
             Self::Mode(mode) => write!(f, "mode {} in 6061h", mode.raw()),
             Self::Standstill(seen) => write!(f, "standstill: {seen}"),
         }

@@ -5,7 +5,8 @@ use core::time::Duration;
 use crate::ds402::{Sample, Statusword};
 
 use super::{
-    BufferMode, CommandId, Completion, Cycle, Delivery, Failure, Reference, RelativeBase, no_older,
+    BufferMode, CommandId, Completion, Cycle, Delivery, Failure, Reference, RelativeBase,
+    WaitingFor, no_older,
     sequencer::{Raised, Request},
     standstill::{Bounds, ShownFor},
 };
@@ -29,6 +30,8 @@ pub(super) enum Rest {
     /// The first is over, and the second has not begun in time.
     NextNotBegun,
     NoneBegun,
+    /// The axis stands at the end of one of them, and bit 10 stays low: which of them the drive has not ended is not known.
+    Unreached,
 }
 
 /// The bounds of an axis that does not keep within its window, span by span: in two spans within the same bounds it is at rest.
@@ -217,6 +220,8 @@ pub(super) struct Track {
     lingering: Lingering,
     /// With another behind it, or one in doubt before it: since when it is at rest with bit 10.
     resting: Option<Duration>,
+    /// With bit 10 low: the axis stands at its end.
+    unreached: ShownFor,
     /// The last position within the window around its end.
     arrived: Option<i32>,
     /// On which side of its end the axis was when it became active: the sign of end − position.
@@ -312,6 +317,7 @@ impl Track {
             left_place: None,
             lingering: Lingering::default(),
             resting: None,
+            unreached: ShownFor::NOT,
             arrived: None,
             side: 0,
             way: 0,
@@ -386,6 +392,7 @@ impl Track {
         self.left_place = None;
         self.lingering = Lingering::default();
         self.resting = None;
+        self.unreached = ShownFor::NOT;
         self.turn(position, cycle.bounds);
     }
 
@@ -475,6 +482,7 @@ impl Track {
         self.left_place = None;
         self.lingering = Lingering::default();
         self.resting = None;
+        self.unreached = ShownFor::NOT;
         // The halt may have carried the axis past the end, to which the drive goes back.
         self.arrived = None;
         self.resumed = true;
@@ -487,6 +495,7 @@ impl Track {
         no_older(&mut self.rose, now, settle);
         self.passing &= now.saturating_sub(self.rose) < settle;
         self.lingering.span.let_go(now, begin);
+        self.unreached.let_go(now, begin);
         if let Some(since) = &mut self.resting {
             no_older(since, now, begin);
         }
@@ -520,7 +529,8 @@ impl Track {
         self.halt_seen_over.is_none()
     }
 
-    /// As [`note`](Self::note), with nothing but what every cycle needs: `blind` cycles without inputs were before it.
+    /// As [`note`](Self::note), with nothing but what every cycle needs: `blind` cycles without inputs were before it. Whether the axis is
+    /// within the window around its end.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -529,7 +539,7 @@ impl Track {
         blind: u32,
         alone: bool,
         bounds: &Bounds,
-    ) {
+    ) -> bool {
         if !sample.statusword.contains(Statusword::TARGET_REACHED) {
             self.left_target |= self.halt_seen_over.is_none();
             self.low = now;
@@ -544,7 +554,7 @@ impl Track {
         }
         let Some(end) = self.end else {
             self.before = position;
-            return;
+            return false;
         };
         if resumed || (self.far && !self.is_far(position, bounds)) {
             self.turn(position, bounds);
@@ -558,12 +568,16 @@ impl Track {
         self.remaining = remaining;
         if remaining <= bounds.position {
             self.note_arrival(end, position, remaining, bounds);
-        } else if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
+            return true;
+        }
+        self.unreached = ShownFor::NOT;
+        if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
             // It was replaced too fast to stop at its end: it has overshot, and comes back.
             self.arrived = None;
             self.turn(position, bounds);
             self.seen_there = true;
         }
+        false
     }
 
     /// Bit 10 has risen, with the axis at this position.
@@ -775,7 +789,8 @@ impl Track {
         };
         if !(reached && (steady() || self.lingering.observe(cycle))) {
             self.resting = None;
-            return None;
+            let unreached = !reached && self.stands_unreached(next.end, cycle);
+            return unreached.then_some(Rest::Unreached);
         }
         let resting = *self.resting.get_or_insert(cycle.now);
         let (position, window) = (cycle.sample.position, cycle.bounds.position);
@@ -859,6 +874,22 @@ impl Track {
         }
     }
 
+    /// With bit 10 low: whether the axis has stood for so long at its end, or at the end of the one behind it, that the drive will hardly
+    /// show that. A drive that has paused the move elsewhere may go on at any time.
+    #[inline(never)]
+    fn stands_unreached(&mut self, behind: Option<i32>, cycle: &Cycle<'_>) -> bool {
+        let (position, window) = (cycle.sample.position, cycle.bounds.position);
+        let mut ends = [self.end, behind].into_iter().flatten();
+        let at_end = ends.any(|end| cycle.bounds.distance(end, position) <= window);
+        let stands = at_end && cycle.standstill.is_standing();
+        self.unreached.observe(cycle.now, stands, cycle.begin)
+    }
+
+    /// What is said of it then. The drive may hold it still.
+    pub fn unreached(&self, cycle: &Cycle<'_>) -> Failure {
+        cycle.timeout(WaitingFor::TargetReached, self.delivery())
+    }
+
     /// When and how it ended, as the last set-point.
     #[inline(always)]
     pub fn outcome(&mut self, cycle: &Cycle<'_>) -> Option<Result<Completion, Failure>> {
@@ -866,7 +897,8 @@ impl Track {
             if self.doubted {
                 self.resting = None;
             }
-            return None;
+            let unreached = self.stands_unreached(None, cycle);
+            return unreached.then(|| Err(self.unreached(cycle)));
         }
         self.end_shown(cycle)
     }

@@ -48,6 +48,8 @@ pub struct Habits {
     pub halt_hides_bit_10: bool,
     /// In this millisecond alone bit 10 is high, whatever the axis does.
     pub wrong_bit_10: Option<u64>,
+    /// Bit 10 is never high.
+    pub never_reached: bool,
 }
 
 impl Default for Habits {
@@ -69,6 +71,7 @@ impl Default for Habits {
             acknowledge_delay: 0,
             halt_hides_bit_10: false,
             wrong_bit_10: None,
+            never_reached: false,
         }
     }
 }
@@ -205,10 +208,11 @@ impl Drive {
         let bit = |on: bool, bit: u16| u16::from(on) << bit;
         let hidden = self.habits.halt_hides_bit_10 && self.last.word & BIT_8 != 0;
         let wrong = self.habits.wrong_bit_10 == Some(self.now);
+        let reached = self.reached && !self.habits.never_reached;
         state
             | 1 << 9
             | 1 << 4
-            | bit(self.reached && !hidden || wrong, 10)
+            | bit(reached && !hidden || wrong, 10)
             | bit(self.limited, 11)
             | bit(self.acknowledge, 12)
     }
