@@ -21,6 +21,7 @@ use crate::{
 /// assert!(matches!(axis.poll_event(), Some((CommandId(7), Event::Done(Err(_))))));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Command {
     /// To Operation enabled, from every state but Fault.
     Enable,
@@ -32,7 +33,6 @@ pub enum Command {
     SelectMode(Mode),
     /// As [`SelectMode`](Self::SelectMode), up to where 6060h may be written: for drives that get it by SDO. It ends well as
     /// [`Completion::Prepared`](super::Completion::Prepared).
-#[non_exhaustive]
     PrepareMode(Mode),
     /// A homing in homing mode, with the parameters that the drive holds.
     Home(HomingCommand),
@@ -145,6 +145,7 @@ impl<'a> Inputs<'a> {
     feature = "serde",
     serde(bound(serialize = "U::Signed: serde::Serialize"))
 )]
+#[non_exhaustive]
 pub struct Snapshot<U: AxisUnit = Counts> {
     /// How many cycles there were since the first one, with and without inputs.
     pub cycle: u64,
@@ -162,7 +163,6 @@ pub struct Snapshot<U: AxisUnit = Counts> {
     pub controlword: Controlword,
     /// Modes of operation display 6061h; [`Mode::None`] while not known.
     pub mode: Mode,
-#[non_exhaustive]
     /// Position actual value 6064h.
     pub position: U::Signed,
     /// Velocity actual value 606Ch; 0 where it is not mapped.

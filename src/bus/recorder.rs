@@ -381,6 +381,7 @@ pub struct Trigger {
 /// let capture = Capture::new(0, TriggerCondition::AnyBit(0x2000), 100, 100);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum TriggerCondition {
     /// More than this.
     Above(f64),
@@ -397,7 +398,6 @@ impl TriggerCondition {
         match self {
             Self::Above(level) => value > level,
             Self::Below(level) => value < level,
-#[non_exhaustive]
             #[expect(
                 clippy::float_cmp,
                 reason = "numbers of whole counts and states are exact"

@@ -702,6 +702,7 @@ impl fmt::Display for Step {
 
 /// What a step of a plan is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Purpose {
     /// No PDO is assigned while PDOs are changed.
     EmptyAssignment,
@@ -722,7 +723,6 @@ impl fmt::Display for Purpose {
         match self {
             Self::EmptyAssignment => f.write_str("emptying the PDO assignment"),
             Self::EmptyPdo => f.write_str("emptying the PDO"),
-#[non_exhaustive]
             Self::Map(entry) => write!(f, "mapping {entry}"),
             Self::ClosePdo => f.write_str("setting the PDO's number of entries"),
             Self::Assign(pdo) => write!(f, "assigning PDO {pdo:04X}h"),
