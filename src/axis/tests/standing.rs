@@ -1,11 +1,15 @@
 //! What counts as a standstill when a stop begins, and what is taken for none.
 
 use super::played::{
-    Brings, ENABLED, Played, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED,
+    ACKNOWLEDGED, Brings, ENABLED, FIELDS, Played, QUICK_STOP_ACTIVE, REACHED, READY,
+    SWITCH_ON_DISABLED, absolute,
 };
 use crate::{
-    axis::{Command, CommandId, Completion, CoreConfig, Failure, StopRequest},
-    ds402::{QuickStopOption, State, StopOptions},
+    axis::{AxisFields, Command, CommandId, Completion, CoreConfig, Failure, StopRequest},
+    ds402::{Mode, QuickStopOption, State, StopOptions},
+    homing::{HomingCommand, HomingMethod},
+    profile_position::SetPoint,
+    profile_velocity::JogSetPoint,
 };
 
 const HALT: u16 = 0x010F;
@@ -222,4 +226,65 @@ fn an_axis_that_is_found_enabled_is_stopped_by_whoever_asks() {
         drive.stop_lane(stop);
         assert_eq!(drive.cycles_until(0, ENABLED), 203, "{stop:?}");
     }
+}
+
+#[test]
+fn the_rest_before_a_motion_is_not_the_rest_after_it() {
+    // A jog whose velocity was sent once, and a stop: the axis may be setting off all the same.
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    drive.submit(Command::Jog(JogSetPoint::new(700)));
+    drive.shows(REACHED);
+    drive.submit(Command::Stop);
+    assert_eq!(drive.cycles_until(QUICK_STOP | 0x100, REACHED), 13);
+
+    // A homing that reports an error as it sets off.
+    let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+    let homing = drive.submit(Command::Home(HomingCommand {
+        method: HomingMethod::NEGATIVE_LIMIT,
+        offset: None,
+        until: None,
+    }));
+    drive.cycles_until(0x001F, REACHED);
+    drive.shows(REACHED);
+    let (cycles, result) = drive.cycles_to_end(homing, 0x2237);
+    let failure = Failure::HomingError { moving: false };
+    assert_eq!((cycles, result), (13, Err(failure)));
+}
+
+#[test]
+fn an_axis_that_is_found_moving_is_held_for_its_time_and_then_loses_its_power() {
+    let mut drive = Played::new(Played::config());
+    drive.velocity = 50;
+    drive.shows(ENABLED);
+    assert_eq!(drive.word(), QUICK_STOP);
+    assert_eq!(drive.cycles_until(0, ENABLED), 400);
+}
+
+#[test]
+fn an_end_velocity_is_a_motion_until_the_axis_stands() {
+    let mut drive = Played::enabled(CoreConfig {
+        fields: AxisFields {
+            target_velocity: None,
+            end_velocity: Some(7),
+            ..FIELDS
+        },
+        ..Played::config()
+    });
+    let mut command = absolute(100);
+    command.set_point = SetPoint::new().end_velocity(20);
+    let moving = drive.submit(Command::Move(command));
+    drive.shows(REACHED);
+    drive.shows(ACKNOWLEDGED);
+    drive.velocity = 20;
+    drive.shows_for(5, ENABLED);
+    drive.velocity = 0;
+    let (_, result) = drive.cycles_to_end(moving, REACHED);
+    assert!(result.is_ok(), "{result:?}");
+    // It goes on by that velocity.
+    drive.velocity = 20;
+    drive.shows_for(30, REACHED);
+    assert!(drive.core.snapshot().has_set_point);
+    drive.velocity = 0;
+    drive.shows_for(30, REACHED);
+    assert!(!drive.core.snapshot().has_set_point);
 }
