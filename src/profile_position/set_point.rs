@@ -222,6 +222,30 @@ mod tests {
         command.in_counts(&scale).map(|command| command.set_point)
     }
 
+    #[cfg(feature = "std")]
+    #[test]
+    fn what_differs_has_another_hash() {
+        use core::hash::BuildHasher;
+        let state = std::hash::RandomState::new();
+        let command = MoveCommand {
+            reference: Reference::Absolute,
+            target: 5,
+            set_point: SetPoint::new(),
+            gated: false,
+        };
+        let faster = SetPoint::new().velocity(7);
+        assert_ne!(state.hash_one(command.set_point), state.hash_one(faster));
+        let further = MoveCommand {
+            target: 6,
+            ..command
+        };
+        assert_ne!(state.hash_one(command), state.hash_one(further));
+        assert_eq!(
+            state.hash_one(command),
+            state.hash_one(MoveCommand { ..command })
+        );
+    }
+
     #[test]
     fn each_parameter_has_the_factor_of_its_quantity() {
         let set_point = SetPoint::new()
