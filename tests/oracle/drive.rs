@@ -245,8 +245,8 @@ pub struct Drive {
     flap: Option<(i8, u32)>,
     stop_requested: bool,
     homing: Option<u32>,
-    /// How many homings have come to their end.
-    pub homings: u64,
+    /// How many homings have begun, and how many have come to their end.
+    pub homings: (u64, u64),
     homed: bool,
     homing_failed: bool,
     push: f64,
@@ -308,7 +308,7 @@ impl Drive {
             flap: None,
             stop_requested: false,
             homing: None,
-            homings: 0,
+            homings: (0, 0),
             homed: false,
             homing_failed: false,
             push: 0.0,
@@ -716,6 +716,7 @@ impl Drive {
             1 => self.latch(out),
             6 => {
                 self.homing = Some(self.random.pick(&[2, 30, 100, 300]));
+                self.homings.0 += 1;
                 self.homed = false;
                 self.homing_failed = false;
             }
@@ -1041,7 +1042,7 @@ impl Drive {
                 self.homing_failed = true;
             } else {
                 self.homed = true;
-                self.homings += 1;
+                self.homings.1 += 1;
                 self.zero = self.demand;
             }
         }

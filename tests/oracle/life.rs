@@ -4,8 +4,8 @@ use core::time::Duration;
 use std::collections::VecDeque;
 
 use servocrab::axis::{
-    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, Inputs,
-    Referencing, StopRequest,
+    AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Event, Failure,
+    Inputs, Referencing, StopRequest,
 };
 use servocrab::ds402::{Controlword, Mode, QuickStopOption};
 use servocrab::homing::{HomingCommand, HomingMethod};
@@ -92,6 +92,8 @@ struct Wider {
     sound: bool,
     /// Before its end everything that was asked for comes to its own.
     patient: bool,
+    /// A sound drive homes twice at the end.
+    homes: bool,
     turn: Option<PositionRange>,
     one_way: bool,
     /// Liveness expires at times.
@@ -124,6 +126,7 @@ impl Wider {
             passes_by_bit_5: random.one_in(8),
             quick_stop: Some(random.pick(&[7, 8])).filter(|_| random.one_in(4)),
             begin: Some(Duration::from_millis(random.pick(&[400, 1000]))),
+            homes: random.one_in(4),
         }
     }
 }
@@ -164,8 +167,8 @@ struct Issued {
     since: u64,
     /// The drive had the power to move the axis when it was asked for.
     powered: bool,
-    /// How many homings the drive had ended by then.
-    homings: u64,
+    /// How many homings the drive had begun and ended by then.
+    homings: (u64, u64),
     /// The axis was halted while it was under way.
     halted: bool,
     /// Its bit 4 went out with its name.
@@ -242,8 +245,10 @@ struct Life {
     /// How many cycles a set-point that nothing is in the way of may take to go out, and one to show that it has begun.
     send_limit: u64,
     begin_limit: u64,
-    /// When something was in the way of the next set-point last.
+    /// When something was in the way of the next set-point last, and when that or a bit 12 that is high.
     hindered: u64,
+    blocked: u64,
+    acknowledge: u64,
 }
 
 /// Lives the life of this seed.
@@ -434,6 +439,7 @@ impl Life {
             ),
             ..Told::default()
         };
+        let acknowledge = cycles(deadlines.acknowledge);
         let send_limit =
             cycles(deadlines.acknowledge + deadlines.begin + 2 * tolerances.settle) + 20;
         let begin_limit =
@@ -489,6 +495,8 @@ impl Life {
             send_limit,
             begin_limit,
             hindered: 0,
+            blocked: 0,
+            acknowledge,
         }
     }
 
@@ -546,15 +554,28 @@ impl Life {
             );
         }
         let _ = id;
+        // The second one finds in bit 12 what the first has left there.
+        let home = Command::Home(HomingCommand {
+            method: HomingMethod(17),
+            offset: None,
+            until: None,
+        });
         for (command, kind) in [
             (Command::Disable, Kind::Disable),
             (Command::ResetFault, Kind::Reset),
             (Command::Enable, Kind::Enable),
+            (Command::SelectMode(Mode::Homing), Kind::Mode),
+            (home, Kind::Home),
+            (home, Kind::Home),
             (Command::SelectMode(Mode::ProfilePosition), Kind::Mode),
             (Command::Enable, Kind::Move),
             (Command::Disable, Kind::Disable),
         ] {
             if kind == Kind::Reset && self.drive.state != State::Fault {
+                continue;
+            }
+            let homes = kind == Kind::Home || command == Command::SelectMode(Mode::Homing);
+            if homes && !self.wider.homes {
                 continue;
             }
             let command = if kind == Kind::Move {
@@ -666,7 +687,7 @@ impl Life {
                     target: 0,
                     since: 0,
                     powered: false,
-                    homings: 0,
+                    homings: (0, 0),
                     halted: false,
                     sent: false,
                     accepted: false,
@@ -1209,12 +1230,16 @@ impl Life {
                     latch.goal, life.drive.demand
                 )
             });
+            // 6061h has shown homing mode before the drive was in it: it takes bit 4 for an order to go to where the axis stands.
+            let by_mistake =
+                self.sent.mode != 1 && (latch.goal - self.drive.position).abs() <= self.no_way();
             match self.issued.get_mut(name as usize) {
                 Some(issued)
                     if issued.latch.is_none() && issued.target == latch.target && issued.sent =>
                 {
                     issued.latch = Some(index);
                 }
+                _ if by_mistake => {}
                 _ => {
                     return self.broken(
                         "latched = accepted + unknown",
@@ -1234,7 +1259,9 @@ impl Life {
     /// The laws of what the core knows.
     fn judge_state(&mut self) -> Result<(), ()> {
         let drive = &self.drive;
-        if drive.demand_velocity != 0.0 || drive.holds().is_some() || self.blind {
+        // The time in which something has to begin begins anew after a halt.
+        let halted = self.sent.bit(8);
+        if drive.demand_velocity != 0.0 || drive.holds().is_some() || self.blind || halted {
             self.at_rest_since = self.cycle;
         }
         if self.sent.bit(8) {
@@ -1281,6 +1308,9 @@ impl Life {
             && !self.pending.iter().any(sent);
         if !free {
             self.hindered = self.cycle;
+        }
+        if !free || self.drive.image()[1] & 0x10 != 0 {
+            self.blocked = self.cycle;
         }
     }
 
@@ -1378,6 +1408,14 @@ impl Life {
     fn judge_accepted(&mut self, id: u32) -> Result<(), ()> {
         let issued = &mut self.issued[id as usize];
         issued.accepted = true;
+        if issued.kind == Kind::Home && issued.homings.0 == self.drive.homings.0 {
+            return self.broken(
+                "Accepted: the homing has begun",
+                format!(
+                    "{id} is accepted, and the drive has begun no homing since it was asked for"
+                ),
+            );
+        }
         if issued.kind == Kind::Move && issued.latch.is_none() && !issued.unseen {
             return self.broken(
                 "latched = accepted + unknown",
@@ -1392,7 +1430,9 @@ impl Life {
         if issued.kind == Kind::Move {
             return self.judge_move(id, issued, result);
         }
-        if matches!(result, Ok(Completion::Homed { .. })) && self.drive.homings == issued.homings {
+        if matches!(result, Ok(Completion::Homed { .. }))
+            && self.drive.homings.1 == issued.homings.1
+        {
             return self.broken(
                 "Homed: the drive has homed",
                 format!(
@@ -1456,11 +1496,11 @@ impl Life {
             let text = format!("{failure:?}");
             DOUBTS.iter().any(|name| text.starts_with(name)) && !text.contains("NotSent")
         });
-        // Of a distance within the window nothing shows whether it has been gone, or is to be gone yet.
-        let shows_nothing = issued.latch.is_some_and(|index| {
-            let latch = &self.drive.ledger[index];
-            latch.relative && f64::from(latch.target.abs()) <= self.window
-        });
+        // What a distance counts from need not be documented, and of what the axis passes while it halts the core claims nothing.
+        let shows_nothing = issued.halted
+            || issued
+                .latch
+                .is_some_and(|index| self.drive.ledger[index].relative);
         if self.wider.sound && doubts && !shows_nothing {
             return self.broken(
                 "of a drive without habits everything is known",
@@ -1485,6 +1525,18 @@ impl Life {
         result: Result<Completion, Failure>,
     ) -> Result<(), ()> {
         self.count_end(id, issued, result)?;
+        let ready = self.cycle - self.blocked.max(issued.since).min(self.cycle);
+        if let Err(Failure::Timeout {
+            delivery: Delivery::NotSent,
+            ..
+        }) = result
+            && ready > self.acknowledge / 2
+        {
+            return self.broken(
+                "what nothing is in the way of goes out, or ends",
+                format!("{id} is {result:?}, and for {ready} cycles the axis was ready for it"),
+            );
+        }
         let slack = self.no_way();
         if let (Ok(_), Some(index)) = (result, issued.latch) {
             self.drive.note_over(index, slack);
@@ -1586,8 +1638,8 @@ impl Life {
                     .and_then(|index| self.drive.ledger.get(index.checked_sub(1)?));
                 let behind_a_short_one = before.is_some_and(|before| before.way <= slack);
                 // An axis that still swings through its ends while each acknowledge takes 100 ms shows two ends as one.
-                let swings =
-                    self.habits.has(Habit::Overshoot) && self.habits.has(Habit::AckOf100Ms);
+                let swings = self.habits.has(Habit::AckOf100Ms)
+                    && (self.habits.has(Habit::Overshoot) || ahead > self.window);
                 match name {
                     // The drive may have gone on before the axis was there.
                     "MissedTarget"
