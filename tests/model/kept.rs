@@ -60,11 +60,24 @@ fn a_drive_that_was_told_to_enable_is_not_down_by_what_it_showed_before() {
 
 #[test]
 fn a_halt_that_is_over_is_no_proof_of_a_standstill() {
-    let mut way = vec![NOTHING, ask(Ask::Enable)];
-    way.extend([NOTHING; 6]);
+    let mut way = vec![NOTHING; 5];
+    way.push(ask(Ask::Enable));
+    way.extend([NOTHING; 8]);
     way.extend([ask(Ask::Halt), NOTHING, NOTHING, ask(Ask::Resume)]);
     way.push((MOVE, false));
     way.extend([(Act::Nothing, false); 4]);
     way.extend([(Act::Wrong(0x40), true), NOTHING, NOTHING, NOTHING]);
+    laws_hold_on(&way);
+}
+
+#[test]
+fn a_halt_of_a_moving_axis_ends_when_it_stands() {
+    let mut way = vec![NOTHING; 5];
+    way.push(ask(Ask::Enable));
+    way.extend([NOTHING; 8]);
+    // Its ramp takes two cycles.
+    way.extend([(MOVE, true), (Act::Ask(Ask::Halt), false)]);
+    way.push((Act::Nothing, false));
+    way.extend([NOTHING; 8]);
     laws_hold_on(&way);
 }

@@ -7,7 +7,8 @@
 //!
 //! `MODEL_COMMANDS=n` and `MODEL_DEVIATIONS=n` search every world with so many under way at most, `MODEL_WORLD=n` one world alone;
 //! `MODEL_FIRST=n` begins with that one. `MODEL_TOGETHER=n` searches each with every n kinds of deviation by themselves, `MODEL_KINDS=n` with
-//! those whose bits are set. `MODEL_SECONDS=n` ends the search early, and says so; `MODEL_THREADS=n`; `MODEL_PROGRESS=1`
+//! those whose bits are set. `MODEL_SECONDS=n` ends the search early, and says so; with
+//! `MODEL_WHOLE=1` that is a failure; `MODEL_THREADS=n`; `MODEL_PROGRESS=1`
 //! prints its progress.
 #![allow(missing_docs)]
 
@@ -35,6 +36,8 @@ fn descriptions() -> Vec<Description> {
         halt_keeps: true,
         halt_coasts: false,
         quick_stop: 2,
+        shows_voltage: false,
+        bits_first: false,
     };
     let mut all = Vec::new();
     for quick_stop in [2, 6] {
@@ -66,6 +69,18 @@ fn descriptions() -> Vec<Description> {
             ..standard
         });
     }
+    // At the end, so that the numbers of the others stay.
+    for ack in [Ack::Buffer, Ack::Handshake] {
+        all.push(Description {
+            ack,
+            bits_first: true,
+            ..standard
+        });
+    }
+    all.push(Description {
+        shows_voltage: true,
+        ..standard
+    });
     all
 }
 
@@ -82,7 +97,9 @@ struct Searches {
     deviations: usize,
     kinds: Vec<u32>,
     /// How many states each of them has at most, by its number.
-    counted: Option<[usize; 20]>,
+    counted: Option<[usize; WORLDS]>,
+    /// Whether a search that has not come to its fixpoint fails.
+    to_the_end: bool,
 }
 
 impl Searches {
@@ -132,6 +149,9 @@ impl Searches {
                     found.states
                 );
             }
+            // An axis that is never enabled has some hundred.
+            let few = found.left == 0 && found.states < 10_000;
+            assert!(!few, "world {world} is too small: {found}");
             searched += 1;
             whole += usize::from(found.left == 0);
             states += found.states;
@@ -141,6 +161,11 @@ impl Searches {
         println!(
             "{commands} commands, {deviations} deviations: {searched} of {all} worlds looked at, {whole} of them to the fixpoint, {states} states; \
              at most {way} cycles to a disabled axis, and {wait} for an answer"
+        );
+        let left = all - whole;
+        assert!(
+            !self.to_the_end || left == 0,
+            "{left} of {all} worlds were not looked at to the fixpoint"
         );
     }
 }
@@ -160,6 +185,7 @@ fn every_state_is_sound_and_leads_to_a_disabled_axis() {
         deviations: 0,
         kinds: vec![EVERY_KIND],
         counted: Some(COUNTED),
+        to_the_end: true,
     };
     searches.run();
 }
@@ -187,6 +213,7 @@ fn every_state_of_the_size_asked_for_is_sound() {
         deviations,
         kinds,
         counted: None,
+        to_the_end: number("MODEL_WHOLE").is_some(),
     };
     searches.run();
 }

@@ -76,6 +76,10 @@ pub struct Description {
     /// 605Dh = 0: bit 8 takes the axis' power, and is never to be sent.
     pub halt_coasts: bool,
     pub quick_stop: u8,
+    /// Bit 4 of the statusword shows the supply, which comes some time after Ready to switch on.
+    pub shows_voltage: bool,
+    /// Bits 5 and 9 are taken from the word before the edge.
+    pub bits_first: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -114,6 +118,8 @@ enum Kind {
 struct Asked {
     kind: Kind,
     goal: i8,
+    /// Of a move, bits 5 and 9.
+    bits: u16,
     sent: bool,
     taken: bool,
     ended: bool,
@@ -123,7 +129,7 @@ struct Asked {
 
 impl Hash for Asked {
     fn hash<H: Hasher>(&self, state: &mut H) {
-        (self.kind, i32::from(self.goal)).hash(state);
+        (self.kind, i32::from(self.goal), self.bits).hash(state);
         (
             self.sent,
             self.taken,
@@ -139,6 +145,8 @@ impl Hash for Asked {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Around {
     power: Power,
+    /// The power stage has its supply, or nothing shows whether it has.
+    voltage: bool,
     position: i8,
     moved: bool,
     ack: bool,
@@ -299,6 +307,8 @@ impl World {
             },
             halt_keeps_set_point: description.halt_keeps,
             drive_cycle: CYCLE / 2,
+            shows_voltage: description.shows_voltage,
+            start_bits_first: description.bits_first,
             ..Traits::cia402()
         };
         if description.starts == Starts::Never {
@@ -342,6 +352,7 @@ impl World {
             told: None,
             around: Around {
                 power: Power::Disabled,
+                voltage: !description.shows_voltage,
                 position: 0,
                 moved: false,
                 ack: false,
@@ -544,7 +555,7 @@ impl World {
             && snapshot.state == servocrab::ds402::State::OperationEnabled
             && self.around.power == Power::Enabled
             && (snapshot.has_set_point || self.around.moved);
-        self.submit(name, command, kind, 0)?;
+        self.submit(name, command, kind, (0, 0))?;
         let word = self.word();
         if must_stop && word & 0x100 == 0 && word & 0x04 != 0 {
             return Err(format!(
@@ -566,13 +577,25 @@ impl World {
                 .buffer_mode(buffer_mode),
             gated: false,
         });
-        self.submit(name, command, Kind::Move, goal)
+        let bits = match (self.description.starts, buffer_mode) {
+            (_, BufferMode::Buffered) | (Starts::Never, BufferMode::Aborting) => 0,
+            (Starts::Never, BufferMode::Blending) | (_, BufferMode::Aborting) => 0x020,
+            (Starts::Standard, BufferMode::Blending) => 0x200,
+        };
+        self.submit(name, command, Kind::Move, (goal, bits))
     }
 
-    fn submit(&mut self, name: u8, command: Command, kind: Kind, goal: i8) -> Broken {
+    fn submit(
+        &mut self,
+        name: u8,
+        command: Command,
+        kind: Kind,
+        (goal, bits): (i8, u16),
+    ) -> Broken {
         self.around.asked[usize::from(name) - 1] = Some(Asked {
             kind,
             goal,
+            bits,
             sent: false,
             taken: false,
             ended: false,
@@ -590,7 +613,10 @@ impl World {
 
     fn image(&self, shown: Option<u8>, mode: u8) -> [u8; INPUTS] {
         let around = &self.around;
-        let mut word = 0x0210 | u16::from(shown.unwrap_or(around.power.bits()));
+        let mut word = 0x0200 | u16::from(shown.unwrap_or(around.power.bits()));
+        if around.voltage {
+            word |= 0x0010;
+        }
         if around.reached {
             word |= 0x0400;
         }
@@ -671,6 +697,14 @@ impl World {
                         {
                             "the drive still holds a set-point"
                         }
+                        (_, Ok(Completion::Stopped { .. }))
+                            if self.around.moved && self.around.is_powered() =>
+                        {
+                            "the axis moves"
+                        }
+                        (Kind::Move, Err(Failure::MissedTarget { .. })) if was.ended => {
+                            "the drive has come to its end"
+                        }
                         (Kind::Move, Err(failure)) if was.taken && is_not_sent(failure) => {
                             "the drive has taken it"
                         }
@@ -747,6 +781,7 @@ impl Around {
         let mut print = core.clone();
         let Self {
             power,
+            voltage,
             position,
             moved,
             ack,
@@ -759,7 +794,8 @@ impl Around {
             stopping,
             wrong,
         } = self;
-        (power, i32::from(*position), moved, ack, reached, before).hash(&mut print);
+        (power, voltage, moved, ack, reached, before).hash(&mut print);
+        i32::from(*position).hash(&mut print);
         (active, pending, deviations, stopping, wrong).hash(&mut print);
         // In the order in which the core and the drive name them; then those that neither does.
         let (names, named) = print.names();
@@ -804,7 +840,7 @@ impl Around {
     /// What the drive does in a cycle.
     pub fn end(&mut self, description: &Description, seen: &Seen, prompt: bool) -> Broken {
         self.drive(description, seen, prompt && !seen.falls)?;
-        self.forget(seen);
+        self.forget(description, seen);
         for left in &mut self.deviations {
             *left = left.saturating_sub(1);
         }
@@ -820,14 +856,19 @@ impl Around {
 
     /// Of what makes no difference any more nothing is kept. A set-point that was sent and not taken may be taken as long as its
     /// bit 4 goes out, whatever was told of it.
-    fn forget(&mut self, seen: &Seen) {
+    fn forget(&mut self, description: &Description, seen: &Seen) {
         let rises = seen.next & 0x10 != 0;
         for (name, asked) in (1..).zip(&mut self.asked) {
             let may_come = rises && seen.next_velocity == fingerprint::number(name);
             *asked = asked.filter(|asked| asked.pending || (!asked.taken && may_come));
         }
         // Edges of bits 4 and 7, and whether it drove.
-        self.before = seen.word & 0x9F;
+        let bits = if description.bits_first {
+            0x9F | 0x220
+        } else {
+            0x9F
+        };
+        self.before = seen.word & bits;
         if !self.is_powered() {
             self.stopping = 0;
         }
@@ -852,10 +893,12 @@ impl Around {
         {
             self.ack = false;
         }
-        self.moved = false;
-        if enabled && prompt && word & 0x100 == 0 {
+        let moved = core::mem::take(&mut self.moved);
+        let halts = word & 0x100 != 0;
+        // A ramp: an axis that is halted may go on for some cycles.
+        if enabled && (if halts { moved && !prompt } else { prompt }) {
             self.follow();
-        } else if enabled && word & 0x100 != 0 {
+        } else if enabled && halts {
             if !description.halt_keeps && prompt {
                 self.drop_all();
             }
@@ -873,10 +916,13 @@ impl Around {
         let switch_on = word & 0x8F == 0x07;
         let enable = word & 0x8F == 0x0F;
         let power = self.power;
+        let supplied = self.voltage;
+        // The supply comes after Ready to switch on, and goes below it.
+        self.voltage = !description.shows_voltage || power != Power::Disabled;
         self.power = match power {
             Power::Disabled if shutdown => Power::Ready,
             Power::Ready | Power::SwitchedOn if disable_voltage || quick_stop => Power::Disabled,
-            Power::Ready if switch_on || enable => Power::SwitchedOn,
+            Power::Ready if (switch_on || enable) && supplied => Power::SwitchedOn,
             Power::SwitchedOn if shutdown => Power::Ready,
             Power::SwitchedOn if enable => Power::Enabled,
             Power::Enabled | Power::QuickStop if disable_voltage => Power::Disabled,
@@ -895,7 +941,18 @@ impl Around {
     }
 
     fn latch(&mut self, description: &Description, seen: &Seen) -> Broken {
-        let immediate = seen.word & 0x20 != 0 && description.starts == Starts::Standard;
+        let bits = if description.bits_first {
+            self.before
+        } else {
+            seen.word
+        };
+        let immediate = bits & 0x20 != 0 && description.starts == Starts::Standard;
+        let asked_for = self.asked_of(seen.velocity).map(|asked| asked.bits);
+        if asked_for.is_some_and(|asked_for| asked_for != bits & 0x220) {
+            return Err(format!(
+                "the drive takes a set-point with the bits {bits:04X}h"
+            ));
+        }
         // One that had no way to go is over.
         self.end_active();
         if self.pending.is_some() && !immediate {

@@ -59,19 +59,23 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         &[(2, 0, 1, 7200), (1, 2, 1, 7200), (1, 2, 2, 7200)]
     };
     for (commands, deviations, kinds, seconds) in sizes {
+        let mut environment = vec![
+            ("MODEL_COMMANDS", commands.to_string()),
+            ("MODEL_DEVIATIONS", deviations.to_string()),
+            ("MODEL_TOGETHER", kinds.to_string()),
+            ("MODEL_SECONDS", seconds.to_string()),
+            ("MODEL_FIRST", (seed / 100_000).to_string()),
+            ("MODEL_THREADS", threads.to_string()),
+            ("MODEL_PROGRESS", "1".to_owned()),
+        ];
+        if !args.quick {
+            environment.push(("MODEL_WHOLE", "1".to_owned()));
+        }
         parts.push(Part {
             target: "model",
             tests: "every_state_of_the_size",
             std: false,
-            environment: vec![
-                ("MODEL_COMMANDS", commands.to_string()),
-                ("MODEL_DEVIATIONS", deviations.to_string()),
-                ("MODEL_TOGETHER", kinds.to_string()),
-                ("MODEL_SECONDS", seconds.to_string()),
-                ("MODEL_FIRST", (seed / 100_000).to_string()),
-                ("MODEL_THREADS", threads.to_string()),
-                ("MODEL_PROGRESS", "1".to_owned()),
-            ],
+            environment,
         });
     }
     parts.push(Part {
