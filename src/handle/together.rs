@@ -135,10 +135,15 @@ impl Groups {
     /// sending: then no stop can come between the rise of one bit 4 and another.
     pub fn advance(&mut self, now: Duration, axes: &mut impl AxisSet) {
         self.signals.note_time(now);
+        // In most cycles there is no group: to see that takes less than to ask the queue for one.
         while self.waiting.len() < GROUPS
+            && !self.queues.new.is_empty()
             && let Some(group) = self.queues.new.pop()
         {
             self.waiting.push(group);
+        }
+        if self.waiting.is_empty() {
+            return;
         }
         let queues = &self.queues;
         self.waiting.retain(|group| {

@@ -15,6 +15,7 @@ use core::{
     cell::RefCell,
     fmt::Debug,
     hash::{Hash, Hasher},
+    mem,
     ops::Deref,
     time::Duration,
 };
@@ -377,7 +378,7 @@ fn is_same(now: &Snapshot, before: &before::axis::Snapshot) -> bool {
         && now.referenced == before.referenced
 }
 
-/// What this thread has compared. It is written down when the thread ends.
+/// What this thread has compared since it wrote that down.
 struct Counts {
     thread: String,
     cores: u64,
@@ -394,9 +395,19 @@ std::thread_local! {
     });
 }
 
+/// After so many calls it is written down, and when the thread ends: the process may end before that.
+const CALLS: u64 = 4096;
+
 impl Drop for Counts {
     fn drop(&mut self) {
-        let (cores, calls, events) = (self.cores, self.calls, self.events);
+        self.write_down();
+    }
+}
+
+impl Counts {
+    fn write_down(&mut self) {
+        let [cores, calls, events] =
+            [&mut self.cores, &mut self.calls, &mut self.events].map(mem::take);
         append(&format!(
             "compared\t{}\t{}\t{cores}\t{calls}\t{events}\n",
             target(),
@@ -407,7 +418,13 @@ impl Drop for Counts {
 
 fn count(add: impl FnOnce(&mut Counts)) {
     // Cores that are dropped with their thread may be called once more.
-    let _ = COUNTS.try_with(|counts| add(&mut counts.borrow_mut()));
+    let _ = COUNTS.try_with(|counts| {
+        let counts = &mut *counts.borrow_mut();
+        add(counts);
+        if counts.calls >= CALLS {
+            counts.write_down();
+        }
+    });
 }
 
 fn report(text: &str) {

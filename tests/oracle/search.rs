@@ -31,6 +31,17 @@ pub struct Search {
 /// After so many cycles it does.
 const PROGRESS: u64 = 2_000_000;
 
+/// Names the seed of a life that ends in a panic.
+struct Living(u64);
+
+impl Drop for Living {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            eprintln!("the life of seed {} panics", self.0);
+        }
+    }
+}
+
 #[derive(Default)]
 pub struct Found {
     pub from: u64,
@@ -69,7 +80,10 @@ impl Search {
                             }
                             None => next.fetch_add(1, Ordering::Relaxed),
                         };
-                        let told = live(seed, &Cut::default(), false);
+                        let told = {
+                            let _living = Living(seed);
+                            live(seed, &Cut::default(), false)
+                        };
                         let before = spent.fetch_add(told.cycles, Ordering::Relaxed);
                         if self.progress && before / PROGRESS != (before + told.cycles) / PROGRESS {
                             let million = before as f64 / 1e6;

@@ -141,6 +141,10 @@ impl Control {
     }
 
     pub fn take_watch(&self) -> Option<LivenessWatch> {
+        // In most cycles there is none: to see that takes less than to ask the queue for one.
+        if self.watches.is_empty() {
+            return None;
+        }
         self.watches.pop()
     }
 
