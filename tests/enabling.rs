@@ -6,7 +6,7 @@ mod common;
 
 use common::{Link, Rig};
 use servocrab::axis::{Command, Completion, Failure};
-use servocrab::ds402::State;
+use servocrab::ds402::{Controlword, State, Statusword};
 use servocrab::profile_position::{SetPoint, WaitingFor};
 use servocrab_sim::ds402::{self, Behaviour};
 
@@ -21,7 +21,41 @@ struct Obstacle {
     shows_voltage: bool,
     set: fn(&mut ds402::Axis),
     clear: fn(&mut ds402::Axis),
+    /// Without the words of it.
     refusal: Failure,
+}
+
+fn refused_in(state: State) -> Failure {
+    Failure::SwitchOnRefused {
+        state,
+        statusword: Statusword::empty(),
+        controlword: Controlword::empty(),
+    }
+}
+
+/// Takes the words out of such a failure.
+fn take_words(failure: &mut Failure) -> (Statusword, Controlword) {
+    let (Failure::LocalControl {
+        statusword,
+        controlword,
+    }
+    | Failure::NoVoltage {
+        statusword,
+        controlword,
+    }
+    | Failure::SwitchOnRefused {
+        statusword,
+        controlword,
+        ..
+    }) = failure
+    else {
+        panic!("{failure}");
+    };
+    let none = (Statusword::empty(), Controlword::empty());
+    (
+        core::mem::replace(statusword, none.0),
+        core::mem::replace(controlword, none.1),
+    )
 }
 
 fn obstacles() -> Vec<Obstacle> {
@@ -39,7 +73,10 @@ fn obstacles() -> Vec<Obstacle> {
             shows_voltage: false,
             set: |drive| drive.set_remote(false),
             clear: |drive| drive.set_remote(true),
-            refusal: Failure::LocalControl,
+            refusal: Failure::LocalControl {
+                statusword: Statusword::empty(),
+                controlword: Controlword::empty(),
+            },
         });
         obstacles.push(Obstacle {
             name: "safe torque off",
@@ -47,9 +84,7 @@ fn obstacles() -> Vec<Obstacle> {
             shows_voltage: false,
             set: |drive| drive.set_inhibited(true),
             clear: |drive| drive.set_inhibited(false),
-            refusal: Failure::SwitchOnRefused {
-                state: State::ReadyToSwitchOn,
-            },
+            refusal: refused_in(State::ReadyToSwitchOn),
         });
         for ready_needs_voltage in [false, true] {
             for shows_voltage in [false, true] {
@@ -68,9 +103,12 @@ fn obstacles() -> Vec<Obstacle> {
                     set: |drive| drive.set_voltage(false),
                     clear: |drive| drive.set_voltage(true),
                     refusal: if shows_voltage {
-                        Failure::NoVoltage
+                        Failure::NoVoltage {
+                            statusword: Statusword::empty(),
+                            controlword: Controlword::empty(),
+                        }
                     } else {
-                        Failure::SwitchOnRefused { state }
+                        refused_in(state)
                     },
                 });
             }
@@ -119,12 +157,21 @@ fn enable_gives_up_with_the_reason_and_does_not_come_back_to_it() {
         let mut rig = obstacle.rig();
         let id = rig.send(Command::Enable);
         rig.run(DEADLINE);
-        assert_eq!(
-            rig.outcome(id),
-            Some(Err(obstacle.refusal)),
-            "{}",
+        let Some(Err(mut failure)) = rig.outcome(id) else {
+            panic!("{}: {:?}", obstacle.name, rig.outcome(id));
+        };
+        let (seen, sent) = take_words(&mut failure);
+        assert_eq!(failure, obstacle.refusal, "{}", obstacle.name);
+        if let Failure::SwitchOnRefused { state, .. } = failure {
+            assert_eq!(seen.state(), state, "{}", obstacle.name);
+        }
+        // Shutdown or Switch on.
+        assert!(
+            matches!(sent.bits(), 0x06 | 0x07),
+            "{}: {sent}",
             obstacle.name
         );
+        assert!(seen.contains(Statusword::READY_TO_SWITCH_ON) || sent.bits() == 0x06);
         assert_eq!(rig.word(), 0, "nothing is commanded any more");
         let refused = rig.abs(5_000, SetPoint::new());
         assert!(matches!(

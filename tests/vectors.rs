@@ -182,9 +182,18 @@ fn failures_say_what_a_person_at_the_machine_must_know() {
         },
         Failure::HaltIgnored,
         Failure::QuickStopIgnored,
-        Failure::LocalControl,
+        Failure::LocalControl {
+            statusword,
+            controlword,
+        },
         Failure::SwitchOnRefused {
             state: State::ReadyToSwitchOn,
+            statusword,
+            controlword,
+        },
+        Failure::NoVoltage {
+            statusword,
+            controlword,
         },
         Failure::NeedsStop,
     ];

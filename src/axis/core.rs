@@ -889,18 +889,27 @@ impl AxisCore {
     }
 
     fn why_not_enabled(&self, sample: &Sample) -> Failure {
+        let (statusword, controlword) = (sample.statusword, self.sent.word());
         if !sample.statusword.contains(Statusword::REMOTE) {
-            Failure::LocalControl
+            Failure::LocalControl {
+                statusword,
+                controlword,
+            }
         } else if self.config.traits.shows_voltage
             && !sample.statusword.contains(Statusword::VOLTAGE_ENABLED)
         {
-            Failure::NoVoltage
+            Failure::NoVoltage {
+                statusword,
+                controlword,
+            }
         } else if matches!(
             sample.state(),
             State::SwitchOnDisabled | State::ReadyToSwitchOn
         ) {
             Failure::SwitchOnRefused {
                 state: sample.state(),
+                statusword,
+                controlword,
             }
         } else {
             self.timeout(

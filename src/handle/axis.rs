@@ -481,9 +481,11 @@ impl Handles {
         signals
             .sleep_until(signals.now().saturating_add(within))
             .await;
+        let snapshot = self.shared.snapshot();
         Err(self.shared.error(AxisErrorKind::Late {
             within,
-            statusword: self.shared.snapshot().statusword,
+            statusword: snapshot.statusword,
+            controlword: snapshot.controlword,
         }))
     }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::{
     axis::Failure,
     coe::{DriveId, ObjectAddress, SdoError},
-    ds402::Statusword,
+    ds402::{Controlword, Statusword},
     pdo_map::LayoutError,
     units::{AxisUnit, Counts, Scale, ScaleError},
 };
@@ -266,13 +266,15 @@ pub enum AxisErrorKind {
     Sdo(Arc<SdoError>),
     /// The caller waited no longer; nothing was stopped by that.
     #[error(
-        "no outcome within {within:?} (statusword {statusword}); it goes on, unless it is stopped"
+        "no outcome within {within:?} (statusword {statusword}, controlword {controlword}); it goes on, unless it is stopped"
     )]
     Late {
         /// The deadline.
         within: Duration,
         /// The last statusword seen.
         statusword: Statusword,
+        /// The controlword in the outputs.
+        controlword: Controlword,
     },
     /// A path has moves of another axis: nothing of such a move was sent.
     #[error(

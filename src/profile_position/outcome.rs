@@ -377,21 +377,40 @@ pub enum Failure {
     ResumeUnsupported,
     /// Bit 9 of the statusword is 0.
     #[error(
-        "the drive is under local control (statusword bit 9 is 0): give control to the fieldbus"
+        "the drive is under local control (statusword bit 9 is 0): give control to the fieldbus{}",
+        Words(*.statusword, *.controlword)
     )]
-    LocalControl,
+    LocalControl {
+        /// The last statusword seen.
+        statusword: Statusword,
+        /// The last controlword sent.
+        controlword: Controlword,
+    },
     /// The drive does not go on from this state although the controlword commands it: it is inhibited. DS402 has no bit that says
     /// why.
     #[error(
-        "the drive stays in {state} although Switch on is sent: look at its enable input, its safe torque off and its supply"
+        "the drive stays in {state} although Switch on is sent: look at its enable input, its safe torque off and its supply{}",
+        Words(*.statusword, *.controlword)
     )]
     SwitchOnRefused {
         /// The state in which it stays.
         state: State,
+        /// The last statusword seen.
+        statusword: Statusword,
+        /// The last controlword sent.
+        controlword: Controlword,
     },
     /// Bit 4 of the statusword is 0.
-    #[error("the power stage has no supply (statusword bit 4 is 0): switch on its supply")]
-    NoVoltage,
+    #[error(
+        "the power stage has no supply (statusword bit 4 is 0): switch on its supply{}",
+        Words(*.statusword, *.controlword)
+    )]
+    NoVoltage {
+        /// The last statusword seen.
+        statusword: Statusword,
+        /// The last controlword sent.
+        controlword: Controlword,
+    },
     /// The command needs an axis that stands without a set-point.
     #[error("the axis is moving or has a set-point: stop it first")]
     Moving,
@@ -551,6 +570,16 @@ impl core::fmt::Display for TimeoutText {
             }
             (_, delivery) => write!(f, "{}", SentText(delivery)),
         }
+    }
+}
+
+/// The last words, in brackets.
+struct Words(Statusword, Controlword);
+
+impl core::fmt::Display for Words {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self(statusword, controlword) = self;
+        write!(f, " (statusword {statusword}, controlword {controlword})")
     }
 }
 

@@ -144,7 +144,17 @@ fn a_deadline_of_the_caller_ends_the_wait_and_not_the_move() {
     let mut wait = Task::new(moved.done().within(Duration::from_millis(20)));
     let begin = machine.now;
     let late = machine.finish_task(&mut wait).unwrap_err();
-    assert!(matches!(late.kind, AxisErrorKind::Late { .. }));
+    let AxisErrorKind::Late {
+        statusword,
+        controlword,
+        ..
+    } = late.kind
+    else {
+        panic!("{late}");
+    };
+    assert_eq!(statusword, axis.status().statusword);
+    assert_eq!(controlword, axis.status().controlword);
+    assert_eq!(controlword.bits() & 0x000F, 0x000F);
     assert_eq!(machine.now - begin, Duration::from_millis(20));
     let reached = at_target(machine.finish(moved.done()).unwrap(), 10_000);
     let in_time = smol::block_on(moved.done().within(Duration::from_secs(60)));
