@@ -15,7 +15,9 @@ use std::{
 
 use servocrab::{
     axis::{Axis, Deadlines, Failure, Referencing},
-    bus::{AxisConfig, BusLoop, DriveConfig, Finding, Network, NetworkError, NetworkEvent},
+    bus::{
+        AxisConfig, BusLoop, DriveConfig, Finding, Miscounted, Network, NetworkError, NetworkEvent,
+    },
     coe::obj,
     drives,
     homing::{HomingMethod, HomingParameters},
@@ -421,12 +423,12 @@ fn a_drive_whose_working_counter_is_short_answers_and_its_failure_names_the_data
     else {
         panic!("{error}");
     };
-    // Of the other one, which is silent, nothing is expected any more.
+    // The other one counts as lost, and is missing all the same.
     assert_eq!((counter.datagram, counter.devices), (0, 2));
-    assert_eq!((counter.got, counter.expected), (5, 3));
+    assert_eq!((counter.got, counter.expected), (5, 6));
     let text = error.to_string();
     assert!(
-        text.contains("the drive answers") && text.contains("working counter 5, expected 3"),
+        text.contains("the drive answers") && text.contains("working counter 5, expected 6"),
         "{text}"
     );
     // A stop ends by what the drive shows.
@@ -448,7 +450,7 @@ fn a_drive_whose_working_counter_is_short_answers_and_its_failure_names_the_data
             break miscounted;
         }
     };
-    assert_eq!((found.counter.got, found.counter.expected), (5, 3));
+    assert_eq!((found.counter.got, found.counter.expected), (5, 6));
     let [first, second] = &found.devices[..] else {
         panic!("{found}");
     };
@@ -461,4 +463,68 @@ fn a_drive_whose_working_counter_is_short_answers_and_its_failure_names_the_data
         "{text}"
     );
     until(&mut bus, net.shutdown()).unwrap();
+}
+
+/// What is found of a line whose working counter stays one short, after a write to a register of its second device.
+fn found_after(write: Option<(u16, &[u8])>) -> Arc<Miscounted> {
+    let line = Line::new(&[]);
+    let network = Network::builder()
+        .link(line.wire())
+        .drive(0, drive("x", SECOND))
+        .drive(1, drive("z", SECOND));
+    let (starting, mut bus) = network.split().unwrap();
+    let net = until(&mut bus, starting.network()).unwrap();
+    let events = net.events();
+    if let Some((register, data)) = write {
+        line.write(1, register, data, bus.now());
+    }
+    run_for(&mut bus, 200 * MS);
+    line.short.store(true, SeqCst);
+    let found = loop {
+        let event = until(&mut bus, events.next()).unwrap();
+        if let NetworkEvent::Miscounted(miscounted) = event {
+            break miscounted;
+        }
+    };
+    line.short.store(false, SeqCst);
+    until(&mut bus, net.shutdown()).ok();
+    assert_eq!(found.counter.expected, 6, "{found}");
+    assert_eq!(found.devices.len(), 2, "{found}");
+    assert!(found.devices[0].findings.is_empty(), "{found}");
+    found
+}
+
+#[test]
+fn a_miscounting_device_that_is_not_in_op_is_found_by_its_state() {
+    let found = found_after(Some((0x0120, &[4, 0])));
+    let findings = &found.devices[1].findings;
+    assert!(matches!(findings[..], [Finding::State(_)]), "{found}");
+    let text = found.to_string();
+    assert!(
+        text.contains("it is in") && text.contains("SAFEOP"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_miscounting_device_whose_sync_manager_is_off_is_found_by_that() {
+    let found = found_after(Some((0x081E, &[0])));
+    assert_eq!(
+        found.devices[1].findings,
+        [Finding::SyncManager(3)],
+        "{found}"
+    );
+    let text = found.to_string();
+    assert!(text.contains("sync manager 3 is off"), "{text}");
+}
+
+#[test]
+fn a_miscount_that_no_register_explains_is_reported_as_such() {
+    let found = found_after(None);
+    assert!(found.devices[1].findings.is_empty(), "{found}");
+    let text = found.to_string();
+    assert!(
+        text.contains("shared by") && text.contains("the registers of none show why"),
+        "{text}"
+    );
 }

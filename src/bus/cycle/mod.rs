@@ -945,9 +945,10 @@ fn check_part(
         let drive = drives.get(share.drive);
         drive.is_some_and(|drive| drive.answer == Answer::Stale && !drive.lost)
     });
+    // To who reads it, the lost ones are missing as well.
     let miscounted = counter.filter(|_| !right).map(|got| WorkingCounter {
         datagram: part.number,
-        expected,
+        expected: part.shares.iter().map(|share| share.counts).sum(),
         got,
         devices: u16::try_from(part.shares.len()).unwrap_or(u16::MAX),
     });

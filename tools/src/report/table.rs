@@ -228,6 +228,7 @@ fn reference(clock: &ClockStatistics) -> &'static str {
         ReferenceClock::Heard => "heard",
         ReferenceClock::Silent => "silent",
         ReferenceClock::Jumped => "jumped",
+        _ => "in another state",
     }
 }
 
