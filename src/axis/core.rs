@@ -2085,6 +2085,7 @@ impl AxisCore {
         let fields = &self.config.fields;
         let checked = self
             .check_jogging(set_point.velocity)
+            .and_then(|()| set_point.check_dead_man())
             .and_then(|()| fields.complete_jog(&mut set_point, &self.config.defaults));
         match checked {
             Err(failure) => self.done(id, Err(failure)),

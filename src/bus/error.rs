@@ -135,12 +135,12 @@ pub enum NetworkError {
     },
 }
 
-/// A time that was set and is too short or too long: nothing was started.
+/// A time that was set and is too short or too long: nothing was started with it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{of}: the {setting} is set to {got:?}: set it to at least {least:?} and at most {most:?}")]
 #[non_exhaustive]
 pub struct SettingError {
-    /// Whose setting it is: the network's or an axis'.
+    /// Whose setting it is: the network's, a drive's or an axis'.
     pub of: String,
     /// The name of the setting.
     pub setting: &'static str,

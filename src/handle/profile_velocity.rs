@@ -91,12 +91,15 @@ impl<U: AxisUnit> ProfileVelocity<U> {
     /// Ramps that are given and not mapped are written by SDO and confirmed before. Dropped on the way, the jog is let go.
     ///
     /// # Errors
-    /// With the reason: the axis refuses to move (not enabled, halted, a fault, a ramp of zero, another jog held …), it was stopped
+    /// With the reason: the axis refuses to move (not enabled, halted, a fault, a ramp or a dead-man time of zero, another jog held …), it was stopped
     /// meanwhile, a ramp could not be written, or a number cannot be converted into counts.
     pub async fn jog(&self, set_point: impl Into<JogSetPoint<U>>) -> Result<Jog<U>, AxisError> {
         let set_point = set_point.into().in_counts(&self.axis.scale);
         let mut set_point = set_point.map_err(|error| self.axis.scale_error(error))?;
         let handles = &self.axis.handles;
+        if let Err(failure) = set_point.check_dead_man() {
+            return Err(handles.shared.error(AxisErrorKind::Failed(failure)));
+        }
         // A stop that comes while ramps are being written stops this jog as well.
         let asked = handles.shared.last_stop();
         let mut ramps = Parameters {

@@ -443,6 +443,14 @@ pub enum Failure {
         "the jog was let go: nobody said within its dead-man time that it is held; begin a new one to go on"
     )]
     NotHeld,
+    /// The dead-man time of a jog is none: after so long nobody is stopped in time, or at once everybody is.
+    #[error(
+        "the dead-man time of a jog is set to {got:?}: set it to at least 1 ms and at most 10 s"
+    )]
+    DeadManTime {
+        /// What was set.
+        got: core::time::Duration,
+    },
     /// An absolute move on an axis that does not know where it is.
     #[error(
         "the axis is not referenced: home it before absolute moves, or say in its settings that it has an absolute encoder or that unreferenced moves are allowed"

@@ -39,6 +39,10 @@ pub struct JogSetPoint<U: AxisUnit = Counts> {
     pub dead_man: Option<Duration>,
 }
 
+/// Dead-man times that a jog may have.
+const LEAST_DEAD_MAN: Duration = Duration::from_millis(1);
+const MOST_DEAD_MAN: Duration = Duration::from_secs(10);
+
 impl<U: AxisUnit> JogSetPoint<U> {
     /// This velocity (60FFh), with the ramps that the drive holds.
     #[must_use]
@@ -52,7 +56,8 @@ impl<U: AxisUnit> JogSetPoint<U> {
     }
 
     /// Let go by the owner of the cycle once its holder is silent for longer than this: for a holder that may freeze, or whose messages
-    /// may be late. The target velocity 60FFh is 0 in the next frame then, and the jog fails as [`Failure::NotHeld`].
+    /// may be late. The target velocity 60FFh is 0 in the next frame then, and the jog fails as [`Failure::NotHeld`]. A time of less than
+    /// a millisecond or more than ten seconds is refused as [`Failure::DeadManTime`] when the jog is asked for.
     #[must_use]
     pub const fn dead_man(mut self, time: Duration) -> Self {
         self.dead_man = Some(time);
@@ -71,6 +76,16 @@ impl<U: AxisUnit> JogSetPoint<U> {
     pub const fn deceleration(mut self, deceleration: U::Magnitude) -> Self {
         self.deceleration = Some(deceleration);
         self
+    }
+
+    /// Whether its dead-man time is one by which a hand is seen to let go.
+    pub(crate) fn check_dead_man(&self) -> Result<(), Failure> {
+        match self.dead_man {
+            Some(got) if !(LEAST_DEAD_MAN..=MOST_DEAD_MAN).contains(&got) => {
+                Err(Failure::DeadManTime { got })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The same in the drive's units.

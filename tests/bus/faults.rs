@@ -293,7 +293,7 @@ fn a_program_that_no_longer_feeds_its_liveness_halts_every_axis() {
     let line = one_drive();
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
     let _moving = start_long_move(&mut rig);
-    let live: Liveness = rig.net().liveness(50 * MS);
+    let live: Liveness = rig.net().liveness(50 * MS).unwrap();
     for _ in 0..10 {
         live.feed();
         rig.run_for(20 * MS);
@@ -310,7 +310,9 @@ fn a_new_liveness_takes_the_place_of_the_old_one() {
     let line = one_drive();
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
     let _moving = start_long_move(&mut rig);
-    let mut rules: Vec<Liveness> = (0..40).map(|_| rig.net().liveness(50 * MS)).collect();
+    let mut rules: Vec<Liveness> = (0..40)
+        .map(|_| rig.net().liveness(50 * MS).unwrap())
+        .collect();
     let last = rules.pop().unwrap();
     // Nobody feeds the others, and then they are dropped.
     for n in 0..10 {
@@ -336,7 +338,7 @@ fn an_expired_liveness_lets_nothing_start_and_everything_stop_until_it_is_over()
         let mut rig = Rig::start(builder).unwrap();
         let (pp, moved) = rig.starts_a_long_move("x");
         let (x, y) = (rig.net().axis("x").unwrap(), rig.net().axis("y").unwrap());
-        let mut live = Some(rig.net().liveness(50 * MS));
+        let mut live = Some(rig.net().liveness(50 * MS).unwrap());
         rig.run_for(20 * MS);
         assert!(!x.status().halted);
         if dropped {
@@ -367,7 +369,7 @@ fn an_expired_liveness_lets_nothing_start_and_everything_stop_until_it_is_over()
                 rig.until(x.enable()).unwrap();
                 live.end();
             }
-            None => rig.net().liveness(50 * MS).end(),
+            None => rig.net().liveness(50 * MS).unwrap().end(),
         }
         rig.run_for(200 * MS);
         rig.until(async {
@@ -386,7 +388,7 @@ fn an_axis_that_has_halted_for_liveness_goes_on_by_resume_once_it_is_fed() {
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
     let (_pp, moved) = rig.starts_a_long_move("x");
     let x = rig.net().axis("x").unwrap();
-    let live = rig.net().liveness(50 * MS);
+    let live = rig.net().liveness(50 * MS).unwrap();
     rig.run_for(500 * MS);
     live.feed();
     rig.run_for(20 * MS);

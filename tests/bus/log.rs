@@ -229,7 +229,7 @@ fn what_ends_a_halt_with_the_operation_is_the_only_line_of_its_axis_and_a_resume
 fn a_stop_from_the_stop_lane_and_an_unfed_liveness_are_logged_once() {
     let (_line, mut rig) = two_drives();
     let _moving = rig.starts_a_long_move("x");
-    let live = rig.net().liveness(50 * MS);
+    let live = rig.net().liveness(50 * MS).unwrap();
     live.feed();
     rig.run_for(20 * MS);
     let log = Log::begin();

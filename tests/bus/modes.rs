@@ -116,7 +116,7 @@ fn a_jog_ends_with_the_programs_liveness_and_does_not_come_back() {
         let jog = pv.jog(10_000).await.unwrap();
         (pv, jog)
     });
-    let live = rig.net().liveness(50 * MS);
+    let live = rig.net().liveness(50 * MS).unwrap();
     for _ in 0..10 {
         live.feed();
         rig.run_for(20 * MS);

@@ -159,7 +159,7 @@ fn every_kind_of_stop_is_in_the_next_frame() {
 #[test]
 fn a_liveness_that_runs_out_halts_all_axes_in_the_next_frame() {
     let (mut watched, _moves) = Watched::moving();
-    let live = watched.rig.net().liveness(20 * MS);
+    let live = watched.rig.net().liveness(20 * MS).unwrap();
     live.feed();
     let first = watched.rig.bus.now();
     loop {

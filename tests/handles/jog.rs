@@ -1,5 +1,7 @@
 //! Jogging: a velocity for as long as it is held, and 0 in the frame after that.
 
+use std::time::Duration;
+
 use servocrab::{
     axis::{Axis, AxisErrorKind, Delivery, Failure, Referencing},
     coe::obj,
@@ -388,6 +390,31 @@ fn a_jog_that_is_refused_writes_nothing() {
     ));
     let written = machine.stations[0].sdo.written.lock().unwrap().clone();
     assert_eq!(written, []);
+}
+
+#[test]
+fn a_dead_man_time_that_is_none_is_refused_before_anything_is_sent() {
+    let (mut machine, _axis, pv) = jogging();
+    let from = frames(&machine);
+    for (got, wrong) in [
+        (Duration::ZERO, true),
+        (Duration::from_micros(999), true),
+        (Duration::from_millis(10_001), true),
+        (Duration::MAX, true),
+        (Duration::from_millis(1), false),
+        (Duration::from_secs(10), false),
+    ] {
+        let jog = machine.finish(pv.jog(JogSetPoint::new(20_000).dead_man(got)));
+        let failure = jog.as_ref().err().and_then(|error| error.failure());
+        let refused = failure == Some(Failure::DeadManTime { got });
+        assert_eq!(refused, wrong, "{got:?}: {failure:?}");
+        if wrong {
+            machine.run(5);
+            assert_eq!(velocities(&machine, from), [0], "{got:?}");
+        }
+        drop(jog);
+        machine.run(500);
+    }
 }
 
 #[test]

@@ -8,7 +8,7 @@ use servocrab::{
     drives,
 };
 
-use crate::line;
+use crate::{line, started};
 
 const HOUR: Duration = Duration::from_secs(3600);
 
@@ -75,6 +75,36 @@ fn every_other_time_is_checked_where_it_is_declared() {
         assert_eq!(refused(line().1.cycle(time)), Some("cycle"));
         assert_eq!(refused(line().1.watchdog(time)), Some("watchdog"));
     }
+}
+
+#[test]
+fn the_cycle_of_a_drive_in_a_program_s_own_description_is_checked_where_it_is_declared() {
+    for (time, wrong) in [
+        (Duration::ZERO, true),
+        (Duration::from_micros(1), false),
+        (Duration::from_secs(1), false),
+        (Duration::from_nanos(1_000_000_001), true),
+        (Duration::MAX, true),
+    ] {
+        let mut description = drives::akd2g();
+        description.traits.drive_cycle = time;
+        let drive = DriveConfig::new(description).axis("second");
+        let expected = wrong.then_some("drive cycle of its traits");
+        assert_eq!(refused(line().1.drive(1, drive)), expected, "{time:?}");
+    }
+}
+
+#[test]
+fn the_time_of_a_liveness_is_checked_where_it_is_asked_for() {
+    let (_segment, net) = started();
+    for time in [Duration::ZERO, Duration::from_micros(999), Duration::MAX] {
+        let error = net.liveness(time).unwrap_err();
+        assert_eq!((error.setting, error.got), ("time of `liveness`", time));
+    }
+    for time in [Duration::from_millis(1), HOUR] {
+        net.liveness(time).unwrap().end();
+    }
+    smol::block_on(net.shutdown()).unwrap();
 }
 
 #[test]

@@ -381,6 +381,29 @@ const CYCLES: [Duration; 2] = [Duration::from_micros(50), Duration::from_secs(1)
 const WATCHDOGS: [Duration; 2] = [Duration::from_micros(100), Duration::from_millis(6500)];
 const DEADLINES: [Duration; 2] = [Duration::from_millis(1), Duration::from_secs(3600)];
 const SETTLING: [Duration; 2] = [Duration::ZERO, Duration::from_secs(60)];
+/// With none, every word would count as seen before the drive has it; with a huge one, none ever.
+const DRIVE_CYCLES: [Duration; 2] = [Duration::from_micros(1), Duration::from_secs(1)];
+/// After which a program that does not feed its liveness counts as hanging.
+pub(super) const LIVENESS: [Duration; 2] = [Duration::from_millis(1), Duration::from_secs(3600)];
+
+/// That a time which was set is neither too short nor too long.
+pub(super) fn within(
+    of: &str,
+    setting: &'static str,
+    got: Duration,
+    [least, most]: [Duration; 2],
+) -> Result<(), SettingError> {
+    if (least..=most).contains(&got) {
+        return Ok(());
+    }
+    Err(SettingError {
+        of: of.to_owned(),
+        setting,
+        got,
+        least,
+        most,
+    })
+}
 
 /// What the program wants of the line.
 #[derive(Debug, Clone)]
@@ -402,18 +425,6 @@ impl LinePlan {
         if self.drives.is_empty() && self.ios.is_empty() {
             return wrong("no drive was declared".into());
         }
-        let within = |of: &str, setting, got, [least, most]: [Duration; 2]| {
-            if (least..=most).contains(&got) {
-                return Ok(());
-            }
-            Err(NetworkError::Setting(SettingError {
-                of: of.to_owned(),
-                setting,
-                got,
-                least,
-                most,
-            }))
-        };
         within("the network", "cycle", self.cycle, CYCLES)?;
         if let Watchdog::Armed(Some(time)) = self.watchdog {
             // One that is not longer than a cycle expires between two of them.
@@ -448,6 +459,9 @@ impl LinePlan {
             if let Some(mistake) = drive.mistake() {
                 return wrong(format!("drive at {place}: {mistake}"));
             }
+            let drive_cycle = drive.description.traits.drive_cycle;
+            let of = format!("drive at {place}");
+            within(&of, "drive cycle of its traits", drive_cycle, DRIVE_CYCLES)?;
             if let Some(mistake) = drive.clock.and_then(|clock| clock.mistake(self.cycle)) {
                 return wrong(format!("drive at {place}: {mistake}"));
             }

@@ -31,7 +31,7 @@ use super::{
         statistics::{DriveStatistics, Statistics, Timing},
     },
     device::{io::Io, progress::Listener},
-    error::NetworkError,
+    error::{NetworkError, SettingError},
     event::{NetworkEvent, Recovered},
     expected::DevicePlace,
     recorder::{Recorder, Signal},
@@ -785,7 +785,7 @@ impl Network {
     /// # smol::block_on(async {
     /// # let net = Network::builder().link(wire).drive(0, drive).start().await?;
     /// use std::time::Duration;
-    /// let alive = net.liveness(Duration::from_millis(200));
+    /// let alive = net.liveness(Duration::from_millis(200))?;
     /// for _ in 0..3 {
     ///     alive.feed(); // once in each turn of the program's own loop
     ///     smol::Timer::after(Duration::from_millis(10)).await;
@@ -796,10 +796,19 @@ impl Network {
     /// # })
     /// # }
     /// ```
-    pub fn liveness(&self, timeout: Duration) -> Liveness {
+    ///
+    /// # Errors
+    /// When the time is less than a millisecond or more than an hour: nothing has changed then.
+    pub fn liveness(&self, timeout: Duration) -> Result<Liveness, SettingError> {
+        builder::within(
+            "the network",
+            "time of `liveness`",
+            timeout,
+            builder::LIVENESS,
+        )?;
         let (liveness, watch) = Liveness::new(timeout);
         self.view.control.add_watch(watch);
-        liveness
+        Ok(liveness)
     }
 }
 
