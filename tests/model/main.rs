@@ -97,7 +97,7 @@ struct Searches {
     deviations: usize,
     kinds: Vec<u32>,
     /// How many states each of them has at most, by its number.
-    counted: Option<[usize; WORLDS]>,
+    counted: Option<[usize; COUNTED.len()]>,
     /// Whether a search that has not come to its fixpoint fails.
     to_the_end: bool,
 }
