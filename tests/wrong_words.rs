@@ -167,7 +167,11 @@ impl Real {
                 let (mut rig, _) = moving(option, shows_velocity);
                 let stop = rig.send(Command::QuickStop);
                 rig.run(2);
-                assert_eq!(rig.drive.state(), ds402::State::QuickStopActive, "605Ah {option}");
+                assert_eq!(
+                    rig.drive.state(),
+                    ds402::State::QuickStopActive,
+                    "605Ah {option}"
+                );
                 (rig, Some(stop))
             }
             Self::FaultReaction => {

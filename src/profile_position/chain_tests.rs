@@ -37,7 +37,7 @@ impl Scene {
             traits: Traits::cia402(),
             limits: Limits::trust_drive(),
             standstill: Standstill::default(),
-            bounds: Bounds::new(10, 2, ms(100), ms(1), None),
+            bounds: Bounds::new(10, Some(2), ms(100), ms(1), None),
         }
     }
 
@@ -290,7 +290,7 @@ fn a_relative_move_beyond_a_limit_is_refused_where_its_end_is_known() {
     scene.traits.relative_base = RelativeBase::Actual;
     assert!(!check(&scene, &none, by(i32::MAX, BufferMode::Aborting)));
     let turn = PositionRange { min: 0, max: 3_599 };
-    scene.bounds = Bounds::new(10, 2, ms(100), ms(1), Some(turn));
+    scene.bounds = Bounds::new(10, Some(2), ms(100), ms(1), Some(turn));
     assert!(check(&scene, &none, by(3_600 + 700, BufferMode::Aborting)));
     assert!(!check(&scene, &none, by(3_600 + 701, BufferMode::Aborting)));
 }

@@ -66,7 +66,7 @@ impl Dialogue {
         self.now += ms(1);
         self.sequencer.mark_sent(self.now);
         let (position, now) = (self.position, self.now);
-        let bounds = Bounds::new(10, 0, ms(100), ms(1), None);
+        let bounds = Bounds::new(10, Some(0), ms(100), ms(1), None);
         self.standstill.observe(now, position, None, &bounds);
         self.does(Sequencer::step)
     }
@@ -84,7 +84,7 @@ impl Dialogue {
             now: self.now,
             sample: &sample,
             standstill: &self.standstill,
-            bounds: &Bounds::new(10, 0, ms(100), ms(1), None),
+            bounds: &Bounds::new(10, Some(0), ms(100), ms(1), None),
             last_seen: &LastSeen::default(),
             traits: &self.traits,
             limits: &Limits::trust_drive(),
@@ -108,7 +108,10 @@ impl Dialogue {
     }
 
     fn is_high(&self) -> bool {
-        self.sequencer.bits().word().contains(Controlword::NEW_SET_POINT)
+        self.sequencer
+            .bits()
+            .word()
+            .contains(Controlword::NEW_SET_POINT)
     }
 
     /// Asks for a move, and does nothing else.

@@ -745,7 +745,7 @@ mod tests {
     fn a_velocity_within_its_threshold_shows_a_standstill_earlier() {
         let stands_at = |positions: [i32; 2], velocity: i32| {
             let settle = Duration::from_millis(80);
-            let bounds = Bounds::new(80, 3, settle, Duration::from_millis(1), None);
+            let bounds = Bounds::new(80, Some(3), settle, Duration::from_millis(1), None);
             let mut axis = Standstill::default();
             (0..1_000).find(|&ms| {
                 let position = positions[ms as usize % 2];

@@ -42,7 +42,7 @@ impl Scene {
             position,
             word: Statusword::empty(),
             standstill: Standstill::default(),
-            bounds: Bounds::new(WINDOW as u32, 0, SETTLE, ms(1), None),
+            bounds: Bounds::new(WINDOW as u32, Some(0), SETTLE, ms(1), None),
             traits: Traits::cia402(),
             delivered: true,
             blind: 0,
@@ -66,7 +66,7 @@ impl Scene {
     fn turning(position: i32) -> Self {
         let turn = PositionRange { min: 0, max: 3_599 };
         Self {
-            bounds: Bounds::new(WINDOW as u32, 0, SETTLE, ms(1), Some(turn)),
+            bounds: Bounds::new(WINDOW as u32, Some(0), SETTLE, ms(1), Some(turn)),
             ..Self::at(position)
         }
     }
@@ -1259,7 +1259,8 @@ fn an_axis_that_lingers_has_moved_when_it_is_further_away_than_it_swings() {
             track.since = NOW - ms(500);
             track.lingering.rests = true;
             track.lingering.before = Some((0, 30));
-            track.lingering.span = Some((NOW, 0, 30));
+            track.lingering.span.observe(NOW, true, BEGIN);
+            track.lingering.bounds = Some((0, 30));
         });
         change(&mut track);
         shown(&Scene::rests(position, ms(50)), track)

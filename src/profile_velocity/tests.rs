@@ -55,7 +55,7 @@ impl Scene {
 
     fn step(&mut self) {
         self.now += ms(1);
-        let bounds = Bounds::new(10, 0, ms(100), ms(1), None);
+        let bounds = Bounds::new(10, Some(0), ms(100), ms(1), None);
         self.standstill
             .observe(self.now, self.position, None, &bounds);
         let sample = Sample {

@@ -405,7 +405,7 @@ fn a_dead_man_time_that_is_none_is_refused_before_anything_is_sent() {
         (Duration::from_secs(10), false),
     ] {
         let jog = machine.finish(pv.jog(JogSetPoint::new(20_000).dead_man(got)));
-        let failure = jog.as_ref().err().and_then(|error| error.failure());
+        let failure = jog.as_ref().err().and_then(servocrab::AxisError::failure);
         let refused = failure == Some(Failure::DeadManTime { got });
         assert_eq!(refused, wrong, "{got:?}: {failure:?}");
         if wrong {

@@ -392,7 +392,10 @@ impl Life {
         if wider.passes_by_bit_5 {
             config.traits.immediately = StartBits::Unsupported("it ends the active one first");
             config.traits.after_current = StartBits::Sequenced;
-            config.traits.blend = StartBits::Bits(Controlword::CHANGE_IMMEDIATELY);
+            config.traits.blend = StartBits::Bits {
+                change_set_immediately: true,
+                change_on_set_point: false,
+            };
         }
         config.modulo = wider.turn;
         if wider.halt_coasts {

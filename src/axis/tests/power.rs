@@ -9,7 +9,7 @@ use super::played::{
 };
 use crate::{
     axis::{Command, CommandId, Completion, CoreConfig, Failure, WaitingFor, power::Power},
-    ds402::{PowerCommand, QuickStopOption, State},
+    ds402::{Controlword, PowerCommand, QuickStopOption, State, Statusword},
 };
 
 const DISABLE_VOLTAGE: u16 = 0x00;
@@ -91,20 +91,36 @@ fn a_drive_that_is_enabled_before_it_was_asked_to_is_led_down_first() {
 
 #[test]
 fn a_drive_that_is_not_enabled_in_time_is_told_what_keeps_it() {
-    let refused = |state| Failure::SwitchOnRefused { state };
-    let disabled = refused(State::SwitchOnDisabled);
-    let ready = refused(State::ReadyToSwitchOn);
+    type Names = fn(Statusword, Controlword) -> Failure;
+    let local: Names = |statusword, controlword| Failure::LocalControl {
+        statusword,
+        controlword,
+    };
+    let no_voltage: Names = |statusword, controlword| Failure::NoVoltage {
+        statusword,
+        controlword,
+    };
+    let disabled: Names = |statusword, controlword| Failure::SwitchOnRefused {
+        state: State::SwitchOnDisabled,
+        statusword,
+        controlword,
+    };
+    let ready: Names = |statusword, controlword| Failure::SwitchOnRefused {
+        state: State::ReadyToSwitchOn,
+        statusword,
+        controlword,
+    };
     // With bit 9 low; with bit 4 low; with both high. Of a drive whose bit 4 shows its voltage, and of others.
     for (statusword, shows_voltage, word, failure) in [
-        (0x0050, true, SHUTDOWN, Some(Failure::LocalControl)),
-        (0x0050, false, SHUTDOWN, Some(Failure::LocalControl)),
-        (0x0240, true, SHUTDOWN, Some(Failure::NoVoltage)),
+        (0x0050, true, SHUTDOWN, Some(local)),
+        (0x0050, false, SHUTDOWN, Some(local)),
+        (0x0240, true, SHUTDOWN, Some(no_voltage)),
         (0x0240, false, SHUTDOWN, Some(disabled)),
         (0x0250, true, SHUTDOWN, Some(disabled)),
-        (0x0221, true, SHUTDOWN, Some(Failure::NoVoltage)),
+        (0x0221, true, SHUTDOWN, Some(no_voltage)),
         (0x0221, false, SWITCH_ON, Some(ready)),
         (0x0231, true, SWITCH_ON, Some(ready)),
-        (0x0223, true, ENABLE_OPERATION, Some(Failure::NoVoltage)),
+        (0x0223, true, ENABLE_OPERATION, Some(no_voltage)),
         (0x0223, false, ENABLE_OPERATION, None),
         (0x0233, true, ENABLE_OPERATION, None),
     ] {
@@ -122,7 +138,13 @@ fn a_drive_that_is_not_enabled_in_time_is_told_what_keeps_it() {
         drive.shows(statusword);
         assert_eq!(drive.word(), DISABLE_VOLTAGE, "{case}");
         match (drive.outcome(enabling), failure) {
-            (Some(Err(shown)), Some(failure)) => assert_eq!(shown, failure, "{case}"),
+            (Some(Err(shown)), Some(failure)) => {
+                let words = (
+                    Statusword::from_bits_retain(statusword),
+                    Controlword::from_bits_retain(word),
+                );
+                assert_eq!(shown, failure(words.0, words.1), "{case}");
+            }
             (Some(Err(Failure::Timeout { waiting_for, .. })), None) => {
                 assert_eq!(
                     waiting_for,
