@@ -7,7 +7,7 @@ use servocrab::axis::{
     AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Event, Failure,
     Inputs, Referencing, StopRequest,
 };
-use servocrab::ds402::{Controlword, Mode, QuickStopOption};
+use servocrab::ds402::{Mode, QuickStopOption};
 use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::{
     BufferMode, BufferSignal, MoveCommand, Parameters, PositionRange, Reference, RelativeBase,
