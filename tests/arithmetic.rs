@@ -289,7 +289,7 @@ impl Lived {
             Event::Done(Ok(Completion::Reached { .. } | Completion::Passed { .. })) => {
                 self.arrived += 1;
             }
-            Event::Halted | Event::Done(_) => {}
+            _ => {}
         }
     }
 }
