@@ -9,20 +9,25 @@ use core::{
     time::Duration,
 };
 
+use bitflags::bitflags;
+
 use crate::{
+    coe::{AnyObject, AxisOffset, ObjectAddress, obj},
     ds402::{Controlword, Mode, ModeBits, PowerCommand, PowerGoal, Sample, State, Statusword},
     homing::{HomingCommand, Procedure, Verdict},
+    pdo_map::{Direction, Layout},
     profile_position::{
         Bounds, BufferMode, CommandId, Completion, Delivery, Event, Events, Failure, LastSeen,
-        MoveCommand, Parameters, Reference, Sequencer, Standstill, StartBits, WaitingFor, no_older,
+        Limits, MoveCommand, Parameters, Reference, Sequencer, Standstill, StartBits, WaitingFor,
+        no_older,
     },
     profile_velocity::{JogSetPoint, Jogging},
+    units::{AxisUnit, Counts, Scale},
 };
 
 use super::{
-    Command, CoreConfig, Inputs, Referencing, Snapshot, StopRequest,
+    CoreConfig, Referencing,
     commanded::{CommandedMode, ComposedWord, ManufacturerBits},
-    fields::StatusKey,
     power::{Brake, Power, RESET_EDGES, RESET_PAUSE, ResetPhase},
     stopping::{Stage, Stopping, Wait},
 };
@@ -533,6 +538,578 @@ impl AxisCore {
             parameters,
         );
         fields.write_velocity(outputs, self.outgoing_velocity);
+    }
+}
+
+// What the core is asked for, what a cycle brings it, and what is known of the axis after that.
+
+/// A command to an axis. Each gives exactly one last event ([`Event::Done`]).
+///
+/// ```
+/// use core::time::Duration;
+/// use servocrab::axis::{AxisCore, AxisFields, Command, CommandId, CoreConfig, Event};
+/// let mut axis = AxisCore::new(CoreConfig::new(AxisFields::at(0, 0)));
+/// // An axis that is not enabled refuses a halt, at once.
+/// axis.submit(Duration::ZERO, CommandId(7), Command::Halt, &mut [0; 6]);
+/// assert!(matches!(axis.poll_event(), Some((CommandId(7), Event::Done(Err(_))))));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Command {
+    /// To Operation enabled, from every state but Fault.
+    Enable,
+    /// To Ready to switch on or below; a moving or halted axis is stopped by quick stop before.
+    Disable,
+    /// Out of Fault, to Switch on disabled.
+    ResetFault,
+    /// Modes of operation 6060h, confirmed in 6061h; only while no set-point is active.
+    SelectMode(Mode),
+    /// As [`SelectMode`](Self::SelectMode), up to where 6060h may be written: for drives that get it by SDO. It ends well as
+    /// [`Completion::Prepared`](super::Completion::Prepared).
+    PrepareMode(Mode),
+    /// A homing in homing mode, with the parameters that the drive holds.
+    Home(HomingCommand),
+    /// A velocity in Profile Velocity mode, until [`AxisCore::release_jog`](AxisCore::release_jog) or a stop.
+    Jog(JogSetPoint),
+    /// A move in Profile Position mode.
+    Move(MoveCommand),
+    /// Says whether such a move would be refused now, and why; nothing is sent. Parameters that are not in the process data
+    /// count as written already.
+    CheckMove(MoveCommand),
+    /// Says whether a homing would be refused now, and why; nothing is sent.
+    CheckHome,
+    /// Says whether a jog with this velocity would be refused now, and why; nothing is sent.
+    CheckJog(i32),
+    /// What moves are checked against from now on.
+    SetLimits(Limits),
+    /// Bit 8: pause, keeping the set-point.
+    Halt,
+    /// Bit 8 low: go on.
+    Resume,
+    /// Halt, then abandon the set-point by quick stop.
+    Stop,
+    /// Bit 2 low.
+    QuickStop,
+    /// Leave the mode: bit 4 low, the set-point abandoned as by `Stop`.
+    Release,
+}
+
+impl Command {
+    /// Whether it enables, starts or resumes, or asks whether that would be refused.
+    const fn sets_going(&self) -> bool {
+        match self {
+            Self::Enable
+            | Self::Resume
+            | Self::Home(_)
+            | Self::Jog(_)
+            | Self::Move(_)
+            | Self::CheckMove(_)
+            | Self::CheckHome
+            | Self::CheckJog(_) => true,
+            Self::Disable
+            | Self::ResetFault
+            | Self::SelectMode(_)
+            | Self::PrepareMode(_)
+            | Self::SetLimits(_)
+            | Self::Halt
+            | Self::Stop
+            | Self::QuickStop
+            | Self::Release => false,
+        }
+    }
+}
+
+bitflags! {
+    /// Stops asked for outside the command queue: the stop lane.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub struct StopRequest: u8 {
+        /// Pause (bit 8).
+        const HALT = 1;
+        /// Halt, then abandon the set-point by quick stop.
+        const STOP = 2;
+        /// Quick stop (bit 2).
+        const QUICK_STOP = 4;
+    }
+}
+
+/// What one cycle's exchange brought for an axis.
+///
+/// ```
+/// use servocrab::axis::Inputs;
+/// // The drive's bytes, where its datagram came back; the frame itself is lost in the second cycle.
+/// let process_data = [0x37, 0x02, 0x10, 0x27, 0, 0];
+/// let cycles = [Inputs::Fresh(&process_data), Inputs::Stale];
+/// # assert_ne!(cycles[0], cycles[1]);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Inputs<'a> {
+    /// The working counter was right: these inputs are of this cycle and the outputs were delivered.
+    Fresh(&'a [u8]),
+    /// The drive answered, but the working counter was wrong: fresh inputs, outputs perhaps not delivered.
+    Answered(&'a [u8]),
+    /// Nothing came back from the drive.
+    Stale,
+}
+
+impl<'a> Inputs<'a> {
+    /// Decides by the working counter of their datagram what inputs are worth.
+    ///
+    /// ```
+    /// use servocrab::axis::Inputs;
+    /// assert_eq!(Inputs::from_wkc(3, 3, &[0x31]), Inputs::Fresh(&[0x31]));
+    /// assert_eq!(Inputs::from_wkc(2, 3, &[0x31]), Inputs::Stale);
+    /// ```
+    #[must_use]
+    pub const fn from_wkc(working_counter: u16, expected: u16, inputs: &'a [u8]) -> Self {
+        if working_counter == expected {
+            Self::Fresh(inputs)
+        } else {
+            Self::Stale
+        }
+    }
+}
+
+/// What is known of an axis after a cycle, with position and velocity in the unit of the handle that it comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(bound(serialize = "U::Signed: serde::Serialize"))
+)]
+#[non_exhaustive]
+pub struct Snapshot<U: AxisUnit = Counts> {
+    /// How many cycles there were since the first one, with and without inputs.
+    pub cycle: u64,
+    /// Consecutive cycles that brought no inputs; 0 when the other fields are of this cycle.
+    pub age: u32,
+    /// Whether the drive answered in this cycle.
+    pub answered: bool,
+    /// Whether the drive counts as lost.
+    pub lost: bool,
+    /// Statusword 6041h.
+    pub statusword: Statusword,
+    /// The state it shows.
+    pub state: State,
+    /// The controlword 6040h in the outputs now.
+    pub controlword: Controlword,
+    /// Modes of operation display 6061h; [`Mode::None`] while not known.
+    pub mode: Mode,
+    /// Position actual value 6064h.
+    pub position: U::Signed,
+    /// Velocity actual value 606Ch; 0 where it is not mapped.
+    pub velocity: U::Signed,
+    /// Whether the axis is halted (bit 8).
+    pub halted: bool,
+    /// Whether the axis has a set-point, or may have one.
+    pub has_set_point: bool,
+    /// Whether the axis knows where it is: by [`Referencing`].
+    pub referenced: bool,
+}
+
+impl Snapshot {
+    /// The same with position and velocity in another unit.
+    #[must_use]
+    pub fn in_unit<U: AxisUnit>(&self, scale: &Scale) -> Snapshot<U> {
+        Snapshot {
+            position: scale.position_in::<U>(self.position),
+            velocity: scale.velocity_in::<U>(self.velocity),
+            cycle: self.cycle,
+            age: self.age,
+            answered: self.answered,
+            lost: self.lost,
+            statusword: self.statusword,
+            state: self.state,
+            controlword: self.controlword,
+            mode: self.mode,
+            halted: self.halted,
+            has_set_point: self.has_set_point,
+            referenced: self.referenced,
+        }
+    }
+}
+
+// Where the axis' objects lie in its drive's process data.
+
+/// How 60FFh is named to people.
+pub(crate) const TARGET_VELOCITY: &str = "target velocity 60FFh";
+
+/// Byte offsets of an axis' objects in the drive's outputs and inputs. The mandatory ones are not optional.
+///
+/// ```
+/// use servocrab::axis::AxisFields;
+/// // 6040h, 607Ah in the outputs; 6041h, 6064h in the inputs.
+/// let fields = AxisFields { target: 2, position: 2, ..AxisFields::at(0, 0) };
+/// assert_eq!(fields.controlword, 0);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AxisFields {
+    /// Controlword 6040h, 16 bits, in the outputs.
+    pub controlword: usize,
+    /// Target position 607Ah, 32 bits, in the outputs.
+    pub target: usize,
+    /// Modes of operation 6060h, 8 bits, in the outputs.
+    pub mode: Option<usize>,
+    /// Profile velocity 6081h, 32 bits, in the outputs.
+    pub velocity: Option<usize>,
+    /// End velocity 6082h, 32 bits, in the outputs.
+    pub end_velocity: Option<usize>,
+    /// Profile acceleration 6083h, 32 bits, in the outputs.
+    pub acceleration: Option<usize>,
+    /// Profile deceleration 6084h, 32 bits, in the outputs.
+    pub deceleration: Option<usize>,
+    /// Motion profile type 6086h, 16 bits, in the outputs.
+    pub profile_type: Option<usize>,
+    /// Target velocity 60FFh, 32 bits, in the outputs.
+    pub target_velocity: Option<usize>,
+    /// Statusword 6041h, 16 bits, in the inputs.
+    pub statusword: usize,
+    /// Position actual value 6064h, 32 bits, in the inputs.
+    pub position: usize,
+    /// Modes of operation display 6061h, 8 bits, in the inputs.
+    pub mode_display: Option<usize>,
+    /// Velocity actual value 606Ch, 32 bits, in the inputs.
+    pub actual_velocity: Option<usize>,
+    /// Error code 603Fh, 16 bits, in the inputs.
+    pub error_code: Option<usize>,
+}
+
+impl AxisFields {
+    /// The mandatory objects packed from these byte offsets on (controlword, target; statusword, position), no others.
+    #[must_use]
+    pub const fn at(outputs: usize, inputs: usize) -> Self {
+        Self {
+            controlword: outputs,
+            target: outputs + 2,
+            mode: None,
+            velocity: None,
+            end_velocity: None,
+            acceleration: None,
+            deceleration: None,
+            profile_type: None,
+            target_velocity: None,
+            statusword: inputs,
+            position: inputs + 2,
+            mode_display: None,
+            actual_velocity: None,
+            error_code: None,
+        }
+    }
+
+    /// The axis' objects where a mapping has put them; `offset` is that of the axis in its drive.
+    ///
+    /// ```
+    /// use servocrab::{axis::AxisFields, coe::AxisOffset, drives};
+    /// let layout = drives::akd2g().default_mapping()?.layout();
+    /// let second = AxisFields::from_layout(&layout, AxisOffset::of_axis(2))?;
+    /// assert_eq!((second.controlword, second.statusword), (19, 11));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`FieldError`] if 6040h, 607Ah, 6041h or 6064h is not mapped, or an object is not byte-aligned with its own width.
+    pub fn from_layout(layout: &Layout, offset: AxisOffset) -> Result<Self, FieldError> {
+        let find = |direction, object: AnyObject| -> Result<Option<usize>, FieldError> {
+            let object = object.offset(offset);
+            let address = object.address();
+            match layout.find(direction, address.index, address.subindex) {
+                None => Ok(None),
+                Some(place) if place.bit == 0 && place.bits == object.bits() => {
+                    Ok(Some(place.byte))
+                }
+                Some(_) => Err(FieldError::Misplaced { object: address }),
+            }
+        };
+        let output = |object| find(Direction::Outputs, object);
+        let input = |object| find(Direction::Inputs, object);
+        let must = |direction, object: AnyObject| {
+            find(direction, object)?.ok_or(FieldError::Missing {
+                object: object.offset(offset).address(),
+                direction,
+            })
+        };
+        Ok(Self {
+            controlword: must(Direction::Outputs, obj::CONTROLWORD.into())?,
+            target: must(Direction::Outputs, obj::TARGET_POSITION.into())?,
+            mode: output(obj::MODE_OF_OPERATION.into())?,
+            velocity: output(obj::PROFILE_VELOCITY.into())?,
+            end_velocity: output(obj::END_VELOCITY.into())?,
+            acceleration: output(obj::PROFILE_ACCELERATION.into())?,
+            deceleration: output(obj::PROFILE_DECELERATION.into())?,
+            profile_type: output(obj::MOTION_PROFILE_TYPE.into())?,
+            target_velocity: output(obj::TARGET_VELOCITY.into())?,
+            statusword: must(Direction::Inputs, obj::STATUSWORD.into())?,
+            position: must(Direction::Inputs, obj::POSITION_ACTUAL.into())?,
+            mode_display: input(obj::MODE_OF_OPERATION_DISPLAY.into())?,
+            actual_velocity: input(obj::VELOCITY_ACTUAL.into())?,
+            error_code: input(obj::ERROR_CODE.into())?,
+        })
+    }
+
+    /// The parameters as they go into the process data: given ones, else what the drive held.
+    pub(super) fn complete(
+        &self,
+        given: &Parameters,
+        held: &Parameters,
+    ) -> Result<Parameters, Failure> {
+        if given.end_velocity.is_some() && self.end_velocity.is_none() {
+            return Err(Failure::NotMapped("end velocity 6082h"));
+        }
+        if given.profile_type.is_some() && self.profile_type.is_none() {
+            return Err(Failure::NotMapped("motion profile type 6086h"));
+        }
+        Ok(Parameters {
+            velocity: speed(
+                self.velocity.is_some(),
+                given.velocity,
+                held.velocity,
+                "profile velocity 6081h",
+            )?,
+            acceleration: speed(
+                self.acceleration.is_some(),
+                given.acceleration,
+                held.acceleration,
+                "profile acceleration 6083h",
+            )?,
+            deceleration: speed(
+                self.deceleration.is_some(),
+                given.deceleration,
+                held.deceleration,
+                "profile deceleration 6084h",
+            )?,
+            // Left out means what the drive held, and 0 (stop at the target, linear ramps) where nobody has said.
+            end_velocity: given
+                .end_velocity
+                .or(held.end_velocity)
+                .or(self.end_velocity.map(|_| 0)),
+            profile_type: given
+                .profile_type
+                .or(held.profile_type)
+                .or(self.profile_type.map(|_| 0)),
+        })
+    }
+
+    /// Those of the parameters that go into the process data.
+    pub(super) fn mapped(&self, parameters: &Parameters) -> Parameters {
+        Parameters {
+            velocity: parameters.velocity.filter(|_| self.velocity.is_some()),
+            acceleration: parameters
+                .acceleration
+                .filter(|_| self.acceleration.is_some()),
+            deceleration: parameters
+                .deceleration
+                .filter(|_| self.deceleration.is_some()),
+            end_velocity: parameters
+                .end_velocity
+                .filter(|_| self.end_velocity.is_some()),
+            profile_type: parameters
+                .profile_type
+                .filter(|_| self.profile_type.is_some()),
+        }
+    }
+
+    /// The ramps of a jog as they go into the process data: given ones, else what the drive held.
+    pub(super) fn complete_jog(
+        &self,
+        jog: &mut JogSetPoint,
+        held: &Parameters,
+    ) -> Result<(), Failure> {
+        if self.target_velocity.is_none() {
+            return Err(Failure::NotMapped(TARGET_VELOCITY));
+        }
+        jog.acceleration = speed(
+            self.acceleration.is_some(),
+            jog.acceleration,
+            held.acceleration,
+            "profile acceleration 6083h",
+        )?;
+        jog.deceleration = speed(
+            self.deceleration.is_some(),
+            jog.deceleration,
+            held.deceleration,
+            "profile deceleration 6084h",
+        )?;
+        Ok(())
+    }
+
+    /// Reads the axis' objects out of the drive's inputs; nothing where they are too short.
+    pub(crate) fn sample(&self, inputs: &[u8], noted_mode: Mode) -> Option<Sample> {
+        let mode = match self.mode_display {
+            Some(at) => Mode::from_raw(i8::from_le_bytes(read(inputs, at)?)),
+            None => noted_mode,
+        };
+        let velocity = match self.actual_velocity {
+            Some(at) => Some(i32::from_le_bytes(read(inputs, at)?)),
+            None => None,
+        };
+        let error_code = match self.error_code {
+            Some(at) => Some(u16::from_le_bytes(read(inputs, at)?)),
+            None => None,
+        };
+        Some(Sample {
+            statusword: Statusword::from_bits_retain(u16::from_le_bytes(read(
+                inputs,
+                self.statusword,
+            )?)),
+            mode,
+            position: i32::from_le_bytes(read(inputs, self.position)?),
+            velocity,
+            error_code,
+        })
+    }
+
+    /// Controlword and target position in the drive's outputs; nothing where they are too short.
+    #[cfg(feature = "std")]
+    pub(crate) fn sent(&self, outputs: &[u8]) -> Option<(crate::ds402::Controlword, i32)> {
+        let controlword = u16::from_le_bytes(read(outputs, self.controlword)?);
+        let target = i32::from_le_bytes(read(outputs, self.target)?);
+        let controlword = crate::ds402::Controlword::from_bits_retain(controlword);
+        Some((controlword, target))
+    }
+
+    /// Whether the drive's inputs show nothing that is new beside the motion.
+    #[inline]
+    fn shows(&self, inputs: &[u8], status_key: &StatusKey) -> bool {
+        read(inputs, self.statusword) == Some(status_key.statusword)
+            && self
+                .mode_display
+                .is_none_or(|at| read(inputs, at) == Some(status_key.mode))
+            && self
+                .error_code
+                .is_none_or(|at| read(inputs, at) == Some(status_key.error_code))
+    }
+
+    /// Position and velocity out of the drive's inputs; a velocity that is not mapped is 0.
+    #[inline]
+    fn motion(&self, inputs: &[u8]) -> Option<(i32, i32)> {
+        let velocity = match self.actual_velocity {
+            Some(at) => i32::from_le_bytes(read(inputs, at)?),
+            None => 0,
+        };
+        Some((i32::from_le_bytes(read(inputs, self.position)?), velocity))
+    }
+
+    /// Writes the target position alone.
+    fn write_target(&self, outputs: &mut [u8], target: i32) {
+        put(outputs, Some(self.target), Some(target.to_le_bytes()));
+    }
+
+    /// Writes the target velocity, where it is mapped.
+    fn write_velocity(&self, outputs: &mut [u8], velocity: i32) {
+        put(outputs, self.target_velocity, Some(velocity.to_le_bytes()));
+    }
+
+    /// Writes the axis' objects into the drive's outputs. What is not known (parameters that nobody gave) stays.
+    fn write(
+        &self,
+        outputs: &mut [u8],
+        controlword: ComposedWord,
+        mode: CommandedMode,
+        target: i32,
+        parameters: &Parameters,
+    ) {
+        put(
+            outputs,
+            Some(self.controlword),
+            Some(controlword.word().bits().to_le_bytes()),
+        );
+        put(outputs, Some(self.target), Some(target.to_le_bytes()));
+        put(outputs, self.mode, Some([mode.byte()]));
+        put(
+            outputs,
+            self.velocity,
+            parameters.velocity.map(u32::to_le_bytes),
+        );
+        put(
+            outputs,
+            self.end_velocity,
+            parameters.end_velocity.map(u32::to_le_bytes),
+        );
+        put(
+            outputs,
+            self.acceleration,
+            parameters.acceleration.map(u32::to_le_bytes),
+        );
+        put(
+            outputs,
+            self.deceleration,
+            parameters.deceleration.map(u32::to_le_bytes),
+        );
+        put(
+            outputs,
+            self.profile_type,
+            parameters.profile_type.map(i16::to_le_bytes),
+        );
+    }
+}
+
+/// What inputs show beside the motion, as bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct StatusKey {
+    statusword: [u8; 2],
+    mode: [u8; 1],
+    error_code: [u8; 2],
+}
+
+impl StatusKey {
+    fn of(sample: &Sample) -> Self {
+        Self {
+            statusword: sample.statusword.bits().to_le_bytes(),
+            mode: sample.mode.raw().to_le_bytes(),
+            error_code: sample.error_code.unwrap_or(0).to_le_bytes(),
+        }
+    }
+}
+
+/// A parameter that must not be 0 as it goes into the process data, where it is mapped.
+const fn speed(
+    mapped: bool,
+    given: Option<u32>,
+    held: Option<u32>,
+    name: &'static str,
+) -> Result<Option<u32>, Failure> {
+    let value = match given {
+        None => held,
+        given => given,
+    };
+    match (mapped, given, value) {
+        (false, Some(_), _) => Err(Failure::NotMapped(name)),
+        (false, None, _) => Ok(None),
+        (true, _, None) => Err(Failure::Missing(name)),
+        (true, _, Some(0)) => Err(Failure::Zero(name)),
+        (true, _, some) => Ok(some),
+    }
+}
+
+/// A mapping that an axis cannot work with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FieldError {
+    /// An object without which no axis works is not mapped.
+    #[error("{object} is not mapped into the {direction}: an axis cannot work without it")]
+    Missing {
+        /// The object.
+        object: ObjectAddress,
+        /// Where it belongs.
+        direction: Direction,
+    },
+    /// An object of the axis does not begin at a byte, or has another width than its type.
+    #[error("{object} must be mapped with its own width, beginning at a byte")]
+    Misplaced {
+        /// The object.
+        object: ObjectAddress,
+    },
+}
+
+#[inline]
+fn read<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
+    bytes.get(at..)?.first_chunk().copied()
+}
+
+fn put<const N: usize>(bytes: &mut [u8], at: Option<usize>, value: Option<[u8; N]>) {
+    if let (Some(at), Some(value)) = (at, value)
+        && let Some(place) = bytes.get_mut(at..).and_then(<[u8]>::first_chunk_mut)
+    {
+        *place = value;
     }
 }
 
@@ -2800,5 +3377,19 @@ mod restart_tests {
             core.step(now, Inputs::Fresh(&[0x38, 0x02, 0, 0, 0, 0]), &mut outputs);
         }
         assert_eq!(u16::from_le_bytes([outputs[0], outputs[1]]), 0);
+    }
+}
+
+#[cfg(test)]
+mod inputs_tests {
+    use super::*;
+
+    #[test]
+    fn inputs_count_with_the_expected_working_counter_alone() {
+        for (counter, expected) in [(2, 3), (4, 3), (0, 1), (u16::MAX, 0)] {
+            assert_eq!(Inputs::from_wkc(counter, expected, &[1]), Inputs::Stale);
+        }
+        assert_eq!(Inputs::from_wkc(3, 3, &[1]), Inputs::Fresh(&[1]));
+        assert_eq!(Inputs::from_wkc(0, 0, &[]), Inputs::Fresh(&[]));
     }
 }

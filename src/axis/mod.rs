@@ -3,35 +3,26 @@
 //! The core joins power sequencing, the active mode and the one composer of controlwords. It is stepped once a cycle,
 //! either by the bus thread of a `Network` or by a program with a cyclic exchange of its own.
 
-mod command;
 mod commanded;
 mod config;
 mod core;
-mod fields;
 mod power;
 mod stopping;
 #[cfg(test)]
 mod tests;
 
-pub use self::core::AxisCore;
+pub use self::core::{AxisCore, AxisFields, Command, FieldError, Inputs, Snapshot, StopRequest};
 pub use crate::profile_position::{
     CommandId, Completion, Delivery, Event, Failure, Unrest, WaitingFor, WorkingCounter,
 };
-pub use command::Snapshot;
-pub use command::{Command, Inputs, StopRequest};
 pub use config::DriveSettings;
 pub use config::Referencing;
 pub use config::{CoreConfig, Deadlines, Loss, Tolerances};
-#[cfg(feature = "std")]
-pub(crate) use fields::TARGET_VELOCITY;
-pub use fields::{AxisFields, FieldError};
 
 #[cfg(feature = "std")]
 pub(crate) use self::commanded::CommandedMode;
 #[cfg(feature = "std")]
-pub(crate) use self::core::Again;
-#[cfg(feature = "std")]
-pub(crate) use self::core::SnapshotChange;
+pub(crate) use self::core::{Again, SnapshotChange, TARGET_VELOCITY};
 #[cfg(feature = "std")]
 pub use crate::handle::{
     Axis, AxisError, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,

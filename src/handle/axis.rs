@@ -126,15 +126,15 @@ use super::{
 #[derive(Clone)]
 pub struct Axis<U: AxisUnit = Counts> {
     pub(super) handles: Arc<Handles>,
-    pub(super) scale: Scale,
-    unit: PhantomData<U>,
+    pub(super) unit: HandleUnit,
+    of_unit: PhantomData<U>,
 }
 
 impl<U: AxisUnit> fmt::Debug for Axis<U> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Axis")
             .field("handles", &self.handles)
-            .field("unit", &self.handle_unit())
+            .field("unit", &self.unit)
             .finish()
     }
 }
@@ -143,8 +143,8 @@ impl Axis {
     pub(super) fn new(handles: Arc<Handles>) -> Self {
         Self {
             handles,
-            scale: Scale::COUNTS,
-            unit: PhantomData,
+            unit: HandleUnit::of::<Counts>(Scale::COUNTS),
+            of_unit: PhantomData,
         }
     }
 
@@ -198,8 +198,8 @@ impl Axis {
     fn with<U: AxisUnit>(&self, scale: Scale) -> Axis<U> {
         Axis {
             handles: Arc::clone(&self.handles),
-            scale,
-            unit: PhantomData,
+            unit: HandleUnit::of::<U>(scale),
+            of_unit: PhantomData,
         }
     }
 
@@ -262,13 +262,13 @@ impl<U: AxisUnit> Axis<U> {
     /// The latest snapshot.
     #[must_use]
     pub fn status(&self) -> Snapshot<U> {
-        self.handles.shared.snapshot().in_unit(&self.scale)
+        self.handles.shared.snapshot().in_unit(&self.unit.scale)
     }
 
     /// How many counts one of this handle's units is.
     #[must_use]
     pub const fn scale(&self) -> &Scale {
-        &self.scale
+        &self.unit.scale
     }
 
     /// What the drive held, when the axis attached, of how it stops (605Ah to 605Eh) and of when it calls the axis standing
@@ -374,7 +374,7 @@ impl<U: AxisUnit> Axis<U> {
     }
 
     fn submit(&self, command: Command) -> Result<Pending, AxisError> {
-        Pending::submit(Arc::clone(&self.handles), self.handle_unit(), command)
+        Pending::submit(Arc::clone(&self.handles), self.unit, command)
     }
 
     /// Submits what starts a motion and was asked for when this was the last stop.
@@ -383,16 +383,7 @@ impl<U: AxisUnit> Axis<U> {
         command: Command,
         asked: LastStop,
     ) -> Result<Pending, AxisError> {
-        Pending::submit_motion(
-            Arc::clone(&self.handles),
-            self.handle_unit(),
-            command,
-            asked,
-        )
-    }
-
-    pub(super) fn handle_unit(&self) -> HandleUnit {
-        HandleUnit::of::<U>(self.scale)
+        Pending::submit_motion(Arc::clone(&self.handles), self.unit, command, asked)
     }
 
     /// The error for a number that cannot be converted.

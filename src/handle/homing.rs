@@ -134,7 +134,7 @@ impl<U: AxisUnit> Homing<U> {
         until: Option<Duration>,
         keep: bool,
     ) -> Result<Homed<U>, AxisError> {
-        let scale = self.axis.scale;
+        let scale = self.axis.unit.scale;
         let parameters = parameters.in_counts(&scale);
         let parameters = parameters.map_err(|error| self.axis.scale_error(error))?;
         let asking = self.ask(parameters, until);

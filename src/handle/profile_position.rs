@@ -162,10 +162,10 @@ impl<U: AxisUnit> MoveRequest<U> {
 
     /// The same, whatever the unit. A number that cannot be converted fails it before anything is sent.
     pub(super) fn in_counts(&self) -> CountsRequest {
-        let command = self.command.in_counts(&self.axis.scale);
+        let command = self.command.in_counts(&self.axis.unit.scale);
         CountsRequest {
             handles: Arc::clone(&self.axis.handles),
-            unit: self.axis.handle_unit(),
+            unit: self.axis.unit,
             command: command.map_err(|error| self.axis.scale_error(error)),
         }
     }

@@ -94,7 +94,7 @@ impl<U: AxisUnit> ProfileVelocity<U> {
     /// With the reason: the axis refuses to move (not enabled, halted, a fault, a ramp or a dead-man time of zero, another jog held …), it was stopped
     /// meanwhile, a ramp could not be written, or a number cannot be converted into counts.
     pub async fn jog(&self, set_point: impl Into<JogSetPoint<U>>) -> Result<Jog<U>, AxisError> {
-        let set_point = set_point.into().in_counts(&self.axis.scale);
+        let set_point = set_point.into().in_counts(&self.axis.unit.scale);
         let mut set_point = set_point.map_err(|error| self.axis.scale_error(error))?;
         let handles = &self.axis.handles;
         if let Err(failure) = set_point.check_dead_man() {

@@ -2,26 +2,22 @@
 //!
 //! The types and the sequencing are pure. How a drive differs is data: [`Traits`].
 
-mod chain;
 mod circle;
-mod limits;
 mod outcome;
 mod sequencer;
 mod set_point;
 mod standstill;
-mod track;
-mod traits;
 
-pub use limits::{Limits, LimitsActive, LimitsOff, LimitsRule, PositionRange};
 pub(crate) use outcome::Events;
 pub use outcome::{
     CommandId, Completion, Delivery, Event, Failure, Unrest, WaitingFor, WorkingCounter,
 };
-pub(crate) use sequencer::Sequencer;
-pub use set_point::{BufferMode, MoveCommand, Parameters, Reference, SetPoint};
+pub(crate) use sequencer::{Cycle, Sequencer, no_older};
+pub use set_point::{
+    BufferMode, BufferSignal, HomedSignal, Limits, LimitsActive, LimitsOff, LimitsRule,
+    MoveCommand, Parameters, PositionRange, Reference, RelativeBase, SetPoint, StartBits, Traits,
+};
 pub(crate) use standstill::{Bounds, LastSeen, ShownFor, Standstill};
-pub use traits::{BufferSignal, HomedSignal, RelativeBase, StartBits, Traits};
-pub(crate) use traits::{Cycle, no_older};
 
 #[cfg(feature = "std")]
 pub use crate::handle::{

@@ -789,8 +789,8 @@ mod tests {
 
     #[test]
     fn a_standstill_counts_from_when_it_is_asked_for() {
-        let bounds = bounds(None);
         let ms = Duration::from_millis;
+        let bounds = Bounds::new(10, Some(0), ms(100), ms(1), None);
         let stood = |velocity: Option<i32>, since: u64| {
             let mut axis = Standstill::default();
             for at in 0..=200 {

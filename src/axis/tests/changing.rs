@@ -147,7 +147,11 @@ fn a_change_of_mode_says_what_is_in_its_way() {
 #[test]
 fn who_writes_6060h_by_sdo_is_told_when_and_then_waits_for_the_mode() {
     let mut drive = Played::enabled(Played::config());
-    assert_eq!(drive.answer(Command::PrepareMode(Mode::Homing)), DONE);
+    let mode = Mode::Homing;
+    assert_eq!(
+        drive.answer(Command::PrepareMode(mode)),
+        Some(Ok(Completion::Prepared { mode }))
+    );
     assert_eq!(drive.outputs[6], 1);
     drive.shows_for(100, REACHED);
     assert_eq!(

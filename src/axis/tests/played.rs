@@ -63,7 +63,7 @@ pub(super) struct Played {
 impl Played {
     /// With deadlines that are different from one another and soon over.
     pub fn config() -> CoreConfig {
-        CoreConfig {
+        let mut config = CoreConfig {
             deadlines: Deadlines {
                 enable: Duration::from_millis(300),
                 disable: Duration::from_millis(200),
@@ -75,7 +75,9 @@ impl Played {
             },
             referencing: Referencing::UnreferencedMovesAllowed,
             ..CoreConfig::new(FIELDS)
-        }
+        };
+        config.traits.threshold_in_velocity_units = true;
+        config
     }
 
     /// Before the first cycle.
