@@ -479,6 +479,8 @@ fn prepare(row: &Row, variant: &Variant) -> (Machine, Axis, Leases) {
             station
                 .core
                 .submit(now, CommandId(u32::MAX), mode, &mut station.outputs);
+            // It is written when the axis is known to stand.
+            machine.run(200);
         }
         Before::At1000 => {
             let lease = leases.plain.as_ref().unwrap();

@@ -544,6 +544,7 @@ fn a_move_whose_drive_never_shows_bit_10_ends_when_the_axis_has_stood_at_its_tar
 #[test]
 fn two_moves_whose_drive_never_shows_bit_10_end_when_the_axis_has_stood_at_the_end_of_one() {
     let mut bus = silent();
+    bus.run(200);
     let first = bus.abs(5_000, SetPoint::new());
     bus.wait_accepted(first);
     // So short a way that the position does not show when its turn has come.

@@ -1964,7 +1964,9 @@ impl Track {
             self.note_arrival(end, position, remaining, bounds);
             return true;
         }
-        self.unreached = ShownFor::NOT;
+        if alone {
+            self.unreached = ShownFor::NOT;
+        }
         if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
             // It was replaced too fast to stop at its end: it has overshot, and comes back.
             self.arrived = None;
