@@ -1,10 +1,11 @@
 //! Cycles in which nothing happens: what they leave as it is, and what they follow.
 
 use super::played::{
-    Brings, ENABLED, FAULT, Played, QUICK_STOP_ACTIVE, REACHED, SWITCH_ON_DISABLED,
+    Brings, ENABLED, FAULT, Played, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED,
+    SWITCHED_ON,
 };
 use crate::{
-    axis::{Command, CommandId, Inputs, StopRequest},
+    axis::{Command, CommandId, CoreConfig, Inputs, StopRequest},
     ds402::{Controlword, Mode},
     profile_velocity::JogSetPoint,
 };
@@ -105,6 +106,24 @@ fn an_axis_at_rest_writes_nothing_and_follows_where_no_move_is_under_way() {
 }
 
 #[test]
+fn an_axis_at_rest_that_never_was_in_a_mode_writes_nothing() {
+    let mut drive = Played::disabled(Played::config());
+    assert!(!writes(&mut drive, true, SWITCH_ON_DISABLED));
+    // In homing mode from the first cycle on.
+    let mut drive = Played::disabled(CoreConfig {
+        mode: Mode::Homing,
+        ..Played::config()
+    });
+    drive.mode = 6;
+    drive.submit(Command::Enable);
+    for statusword in [READY, SWITCHED_ON, ENABLED, ENABLED, ENABLED] {
+        drive.shows(statusword);
+    }
+    drive.shows_for(20, REACHED);
+    assert!(!writes(&mut drive, true, REACHED));
+}
+
+#[test]
 fn a_cycle_of_an_axis_with_something_under_way_is_computed_as_a_whole() {
     let enabled = || Played::enabled(Played::config());
     let mut halted = enabled();
@@ -155,6 +174,8 @@ fn a_cycle_of_an_axis_with_something_under_way_is_computed_as_a_whole() {
     drive.core.set_manufacturer_bits(Controlword::MANUFACTURER);
     assert!(writes(&mut drive, true, REACHED), "other bits");
     assert_eq!(drive.word() & 0xF800, 0xF800);
+    assert!(writes(&mut drive, true, REACHED), "they are sent");
+    assert!(!writes(&mut drive, true, REACHED));
     let mut drive = enabled();
     drive.error_code = 0x8611;
     assert!(writes(&mut drive, false, REACHED), "another error code");
