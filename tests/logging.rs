@@ -249,7 +249,7 @@ fn a_subscriber_that_blocks_keeps_no_cycle_and_no_handle_waiting_and_what_is_mis
         "the line that was waited for, what had room, and then the number"
     );
     for event in [
-        ["ERROR", "axis=\"x\"", "to=Fault ", " at="],
+        ["ERROR", "axis=\"x\"", "to=Fault", " at="],
         ["WARN", "emergency", "code=7320h", " at="],
         ["INFO", "axis=\"x\"", "to=OperationEnabled", " at="],
     ] {

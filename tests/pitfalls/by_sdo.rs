@@ -372,6 +372,10 @@ fn pitfall_19_a_move_whose_parameters_are_still_being_written_does_not_outlive_a
         let error = station.finish(moving).expect_err("it was stopped");
         assert_eq!(error.failure(), Some(why));
         assert!(station.ledger().is_empty(), "nothing moved after the stop");
+        // A stop is over when the axis is known to stand.
+        for _ in 0..200 {
+            station.cycle();
+        }
         let later = station.finish(pp.move_abs(5_000, SetPoint::new().velocity(10_000)));
         let later = later.expect("a move that is asked for after the stop is executed");
         station.finish(later.done()).expect("it arrives");

@@ -352,27 +352,6 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_of_the_bus_are_rooms_of_their_own() {
-        let text = "use super::{cycle::Cycle, Network};\nuse crate::{bus::{log, error::{A, B}}, coe::C};\n";
-        let file = read("bus/watch/mod.rs", text);
-        assert_eq!(file.room, "bus/watch");
-        let names: Vec<&str> = file.imports.iter().map(String::as_str).collect();
-        assert_eq!(
-            names,
-            ["bus/Network", "bus/cycle", "bus/error", "bus/log", "coe"]
-        );
-        assert_eq!(read("bus/mod.rs", "").room, "bus");
-        assert_eq!(read("bus/cable.rs", "").room, "bus/cable");
-    }
-
-    #[test]
-    fn the_sentences_of_the_documentation_are_counted() {
-        let text =
-            "//! One two.\n\n/// Three four five. Six\n/// seven.\n// Not this one.\nfn f() {}\n";
-        assert_eq!(read("axis/core.rs", text).sentences, [2, 3, 2]);
-    }
-
-    #[test]
     fn handles_that_a_module_shows_to_users_are_no_import_of_its_room() {
         let text = "pub use crate::handle::{Axis, Move};\npub use crate::coe::Object;\n";
         let shown = read("axis/mod.rs", text).imports;
