@@ -1,9 +1,8 @@
 //! What an axis' outputs may hold in 6040h and 6060h: [`AxisFields`](super::AxisFields) writes nothing else there.
 
-use crate::{
-    ds402::{Controlword, Mode, ModeBits, PowerCommand},
-    profile_position::Completion,
-};
+use crate::ds402::{Controlword, Mode, ModeBits, PowerCommand};
+#[cfg(feature = "std")]
+use crate::profile_position::Completion;
 
 /// A controlword 6040h that may be sent. Bits 0 to 3 and 7 are those of a power command, bits 4, 5, 6 and 9 those of the active mode, bit 8
 /// is the halt, and bits 11 to 15 are the manufacturer's. Nothing sets bit 10.

@@ -161,6 +161,7 @@ pub(crate) struct FurtherObject {
     pub required: bool,
 }
 
+#[cfg(feature = "std")]
 impl FurtherObject {
     pub fn required(object: impl Into<AnyObject>) -> Self {
         Self {
