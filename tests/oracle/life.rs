@@ -249,6 +249,8 @@ struct Life {
     hindered: u64,
     blocked: u64,
     acknowledge: u64,
+    /// After so many cycles the drive has surely seen a word.
+    seen: u64,
 }
 
 /// Lives the life of this seed.
@@ -443,6 +445,7 @@ impl Life {
             ..Told::default()
         };
         let acknowledge = cycles(deadlines.acknowledge);
+        let seen = cycles(config.traits.surely_seen());
         let send_limit =
             cycles(deadlines.acknowledge + deadlines.begin + 2 * tolerances.settle) + 20;
         let begin_limit =
@@ -500,6 +503,7 @@ impl Life {
             hindered: 0,
             blocked: 0,
             acknowledge,
+            seen,
         }
     }
 
@@ -1533,7 +1537,7 @@ impl Life {
             delivery: Delivery::NotSent,
             ..
         }) = result
-            && ready > self.acknowledge / 2
+            && ready > self.acknowledge / 2 + self.seen
         {
             return self.broken(
                 "what nothing is in the way of goes out, or ends",
