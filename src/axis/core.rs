@@ -676,7 +676,6 @@ impl<'a> Inputs<'a> {
     feature = "serde",
     serde(bound(serialize = "U::Signed: serde::Serialize"))
 )]
-#[non_exhaustive]
 pub struct Snapshot<U: AxisUnit = Counts> {
     /// How many cycles there were since the first one, with and without inputs.
     pub cycle: u64,
