@@ -62,7 +62,7 @@ impl ManufacturerBits {
     pub const NONE: Self = Self(Controlword::empty());
 
     /// These bits without the others.
-    pub const fn of(bits: Controlword) -> Self {
+    pub fn of(bits: Controlword) -> Self {
         Self(bits.intersection(Controlword::MANUFACTURER))
     }
 }
