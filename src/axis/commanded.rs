@@ -14,7 +14,7 @@ impl ComposedWord {
     pub const DISABLE_VOLTAGE: Self = Self(Controlword::DISABLE_VOLTAGE);
 
     #[inline]
-    pub const fn new(
+    pub fn new(
         command: PowerCommand,
         mode_bits: ModeBits,
         halt: bool,
@@ -36,7 +36,7 @@ impl ComposedWord {
 
     /// With the bits of the mode and bit 8 as they were sent last.
     #[inline]
-    pub const fn after(command: PowerCommand, sent: Self, manufacturer: ManufacturerBits) -> Self {
+    pub fn after(command: PowerCommand, sent: Self, manufacturer: ManufacturerBits) -> Self {
         let kept = sent.0.intersection(ModeBits::MASK.union(Controlword::HALT));
         Self(command.controlword().union(kept).union(manufacturer.0))
     }
