@@ -549,8 +549,8 @@ impl AxisCore {
 /// use core::time::Duration;
 /// use servocrab::axis::{AxisCore, AxisFields, Command, CommandId, CoreConfig, Event};
 /// let mut axis = AxisCore::new(CoreConfig::new(AxisFields::at(0, 0)));
-/// // An axis that is not enabled refuses a halt, at once.
-/// axis.submit(Duration::ZERO, CommandId(7), Command::Halt, &mut [0; 6]);
+/// // An axis that is not enabled refuses to resume, at once.
+/// axis.submit(Duration::ZERO, CommandId(7), Command::Resume, &mut [0; 6]);
 /// assert!(matches!(axis.poll_event(), Some((CommandId(7), Event::Done(Err(_))))));
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
