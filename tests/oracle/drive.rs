@@ -370,8 +370,9 @@ impl Drive {
     /// A set-point has ended for all that shows, where the drive stands within this of its end, with bit 10.
     pub fn note_over(&mut self, index: usize, within: f64) {
         let shows_reached = self.image[1] & 0x04 != 0;
+        let away = self.apart(self.ledger[index].goal, self.position);
         let latch = &mut self.ledger[index];
-        let away = (latch.goal - self.position).abs() - latch.vague;
+        let away = away - latch.vague;
         if shows_reached && self.demand_velocity == 0.0 && away <= within {
             latch.over = true;
         }
@@ -833,6 +834,18 @@ impl Drive {
             forward
         };
         from + way
+    }
+
+    /// How far two positions are apart, of a modulo axis around its turn: that is what 6064h shows.
+    pub fn apart(&self, a: f64, b: f64) -> f64 {
+        let way = (a - b).abs();
+        match self.making.turn {
+            Some((_, length)) => {
+                let rest = way.rem_euclid(length as f64);
+                rest.min(length as f64 - rest)
+            }
+            None => way,
+        }
     }
 
     /// Whether it has nothing to do, and takes set-points.

@@ -1508,7 +1508,9 @@ impl Life {
             || issued
                 .latch
                 .is_some_and(|index| self.drive.ledger[index].relative);
-        if self.wider.sound && doubts && !shows_nothing {
+        // Whether a target was missed is judged by itself: the axis may have swung around it by more than the window.
+        let judged = matches!(result, Err(Failure::MissedTarget { .. }));
+        if self.wider.sound && doubts && !shows_nothing && !judged {
             return self.broken(
                 "of a drive without habits everything is known",
                 format!("{id} is {result:?}"),
@@ -1592,9 +1594,10 @@ impl Life {
                 let index = issued.latch.unwrap_or_default();
                 let unseen = ledger[..=index].iter().rev();
                 let unseen = unseen.take_while(|latch| latch.began.is_none()).count();
+                let way = self.drive.apart(self.drive.demand, latch.goal);
                 let rests_there = unseen > 0
-                    && latch.way <= slack * unseen as f64
-                    && (self.drive.demand - latch.goal).abs() <= slack * unseen as f64;
+                    && (latch.way <= slack * unseen as f64 || making.turn.is_some())
+                    && way <= slack * unseen as f64;
                 if latch.nearest > slack + ahead_of_rest + two_ticks(&latch)
                     && !dropped
                     && !rests_there
