@@ -3,7 +3,6 @@
 //! The core joins power sequencing, the active mode and the one composer of controlwords. It is stepped once a cycle,
 //! either by the bus thread of a `Network` or by a program with a cyclic exchange of its own.
 
-mod commanded;
 mod config;
 mod core;
 mod power;
@@ -20,7 +19,7 @@ pub use config::Referencing;
 pub use config::{CoreConfig, Deadlines, Loss, Tolerances};
 
 #[cfg(feature = "std")]
-pub(crate) use self::commanded::CommandedMode;
+pub(crate) use self::core::CommandedMode;
 #[cfg(feature = "std")]
 pub(crate) use self::core::{Again, SnapshotChange, TARGET_VELOCITY};
 #[cfg(feature = "std")]

@@ -5,14 +5,13 @@
 
 mod error_code;
 mod mode;
-mod mode_bits;
 mod words;
 
 pub use error_code::describe as describe_error_code;
 pub use mode::{
     AbortConnection, Mode, QuickStopOption, StopOptions, SupportedModes, VelocityWindows,
 };
-pub(crate) use mode_bits::{ModeBits, SetPointBits};
+pub(crate) use words::mode_bits::{ModeBits, SetPointBits};
 pub use words::{
     Controlword, DigitalInputs, DigitalOutputs, PowerCommand, PowerGoal, Sample, State, Statusword,
     TouchProbeFunction, TouchProbeStatus, next_command,

@@ -196,6 +196,7 @@ impl Sequencer {
     }
 
     /// Takes a checked move in; refuses it when too many wait.
+    #[inline]
     pub fn submit(&mut self, id: CommandId, command: MoveCommand, events: &mut Events) {
         if !self.waiting.push(id, command) {
             events.push(id, Event::Done(Err(Failure::Busy)));
@@ -296,6 +297,7 @@ impl Sequencer {
     }
 
     /// One cycle with fresh inputs in Operation enabled and mode 1. Returns whether a set-point was acknowledged.
+    #[inline]
     pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         let accepted = self.follow_bit4(cycle, events);
         if !cycle.halted {
@@ -317,6 +319,7 @@ impl Sequencer {
         accepted
     }
 
+    #[inline]
     fn follow_bit4(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         self.bit_9_is_valid |= cycle.is_remote();
         let local = self.bit_9_is_valid && !cycle.is_remote();
@@ -347,6 +350,7 @@ impl Sequencer {
     }
 
     /// A set-point that was sent onto a full buffer: bit 12 falls when it has replaced all others, and there is room.
+    #[inline]
     fn follow_unconfirmed(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         let Some(raised) = self.unconfirmed else {
             return false;
@@ -643,6 +647,7 @@ impl Bit4 {
     }
 
     /// Takes in what a cycle with inputs shows of it.
+    #[inline]
     pub fn note(&mut self, cycle: &Cycle<'_>) {
         let (acknowledge, now) = (cycle.is_acknowledging(), cycle.now);
         match self {
@@ -676,6 +681,7 @@ impl Bit4 {
     }
 
     /// Whether bit 12 is low and the drive has surely seen bit 4 low: by the fall of bit 12, or by its own cycle.
+    #[inline]
     pub fn is_low_acknowledged(&self, cycle: &Cycle<'_>) -> bool {
         let &Self::Low {
             delivered: Some(_),
@@ -997,6 +1003,8 @@ impl Chain {
     }
 
     /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point.
+    // Kept out of `Sequencer::step`, which is then small enough to be part of the core's step.
+    #[inline(never)]
     pub fn follow(&mut self, cycle: &Cycle<'_>, room_shown: bool, next: Next, events: &mut Events) {
         // A single set-point, with nothing behind it, ends where the axis stands, whatever was not seen of its way.
         let alone = self.over.is_none() && self.held[1].is_none() && next == Next::None;

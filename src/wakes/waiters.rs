@@ -63,6 +63,7 @@ impl Waiters {
     }
 
     /// Rings where somebody waits on this channel; to be called after what they wait for was stored.
+    #[inline]
     pub fn announce(&self, channel: u32) {
         stored();
         self.ring(channel);

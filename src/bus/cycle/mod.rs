@@ -415,6 +415,7 @@ impl Exchange {
     }
 
     /// Takes a frame of process data that came back. True once all of this cycle are there.
+    #[inline]
     pub fn accept(&mut self, tag: Tag, answer: &[u8], counters: &Counters) -> bool {
         let Tag::Cyclic { frame: place, .. } = tag else {
             return false;
