@@ -897,6 +897,7 @@ struct CounterCheck {
 
 /// Takes the inputs of the drives that share a datagram. An answer that is not [`Answer::Fresh`] is noted with the drive, and
 /// so are other inputs than before.
+#[inline(never)]
 fn check_part(
     part: &Part,
     answer: Option<&[u8]>,
@@ -969,6 +970,8 @@ fn check_part(
 
 /// As [`check_part`], where nobody was silent in the cycle before, and the verdict on this datagram was steady: from both
 /// answers. None if its working counter is another one now.
+// A function of its own, as is `check_part`: within `Exchange::judge` its loop over the drives has too few registers.
+#[inline(never)]
 fn check_unchanged(
     part: &Part,
     answer: &[u8],
