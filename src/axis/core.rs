@@ -768,11 +768,7 @@ mod commanded {
 
         /// With the bits of the mode and bit 8 as they were sent last.
         #[inline]
-        pub fn after(
-            command: PowerCommand,
-            sent: Self,
-            manufacturer: ManufacturerBits,
-        ) -> Self {
+        pub fn after(command: PowerCommand, sent: Self, manufacturer: ManufacturerBits) -> Self {
             let kept = sent.0.intersection(ModeBits::MASK.union(Controlword::HALT));
             Self(command.controlword().union(kept).union(manufacturer.0))
         }
