@@ -1967,13 +1967,14 @@ impl Track {
             self.look_for_crossing(end, position, bounds);
         }
         self.approaching |= remaining < self.remaining;
+        let was_away = self.remaining > bounds.position;
         self.remaining = remaining;
         if remaining <= bounds.position {
+            if alone && was_away {
+                self.unreached = ShownFor::NOT;
+            }
             self.note_arrival(end, position, remaining, bounds);
             return true;
-        }
-        if alone {
-            self.unreached = ShownFor::NOT;
         }
         if alone && !self.from_rest && (self.passed(position) || self.arrived.is_some()) {
             // It was replaced too fast to stop at its end: it has overshot, and comes back.
@@ -2280,13 +2281,21 @@ impl Track {
 
     /// With bit 10 low: whether the axis has stood for so long at its end, or at the end of the one behind it, that the drive will hardly
     /// show that. A drive that has paused the move elsewhere may go on at any time.
-    #[inline(never)]
+    #[inline]
     fn stands_unreached(&mut self, behind: Option<i32>, cycle: &Cycle<'_>) -> bool {
+        if cycle.standstill.is_standing() {
+            return self.rests_unreached(behind, cycle);
+        }
+        self.unreached = ShownFor::NOT;
+        false
+    }
+
+    #[inline(never)]
+    fn rests_unreached(&mut self, behind: Option<i32>, cycle: &Cycle<'_>) -> bool {
         let (position, window) = (cycle.sample.position, cycle.bounds.position);
         let mut ends = [self.end, behind].into_iter().flatten();
         let at_end = ends.any(|end| cycle.bounds.distance(end, position) <= window);
-        let stands = at_end && cycle.standstill.is_standing();
-        self.unreached.observe(cycle.now, stands, cycle.begin)
+        self.unreached.observe(cycle.now, at_end, cycle.begin)
     }
 
     /// What is said of it then. The drive may hold it still.

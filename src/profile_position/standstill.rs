@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use crate::ds402::Sample;
 
-use super::{PositionRange, Unrest, circle::Circle, no_older};
+use super::{PositionRange, Unrest, circle::Circle};
 
 /// The time between two samples counts as stood for this part of the time asked for at most. So five samples are needed at least, and the
 /// samples before and after a stall are no proof that the axis stood in between. Where frames were lost for half as long again, all time
@@ -394,35 +394,52 @@ impl Standstill {
 
 /// Since when each sample has shown something, as a standstill counts time: of the time between two samples no more than a quarter of
 /// what is asked for. The samples before and after a stall are no proof of what was between them.
-#[derive(Debug, Clone, Copy, Hash, Default)]
+#[derive(Debug, Clone, Copy, Hash)]
 pub(crate) struct ShownFor {
-    /// Since when, less the time in which nothing was seen; and when the last sample came.
-    span: Option<(Duration, Duration)>,
+    /// Since when, less the time in which nothing was seen, in nanoseconds; [`NEVER`] if the last sample did not show it.
+    since: u64,
+    /// When the last sample came.
+    last: u64,
+}
+
+impl Default for ShownFor {
+    fn default() -> Self {
+        Self::NOT
+    }
 }
 
 impl ShownFor {
-    pub const NOT: Self = Self { span: None };
+    pub const NOT: Self = Self {
+        since: NEVER,
+        last: NEVER,
+    };
 
     /// Takes in a sample that shows it, or does not. Whether it has been shown for this time.
     pub fn observe(&mut self, now: Duration, shown: bool, time: Duration) -> bool {
         if !shown {
-            self.span = None;
+            *self = Self::NOT;
             return false;
         }
-        let (since, last) = self.span.unwrap_or((now, now));
-        let unseen = now.saturating_sub(last).saturating_sub(time / GAP);
-        let since = since.saturating_add(unseen);
-        self.span = Some((since, now));
-        now.saturating_sub(since) >= time
+        let (now, time) = (nanoseconds(now), nanoseconds(time));
+        if self.since == NEVER {
+            (self.since, self.last) = (now, now);
+        }
+        let gap = time / u64::from(GAP);
+        let unseen = now.saturating_sub(self.last).saturating_sub(gap);
+        self.since = self.since.saturating_add(unseen);
+        self.last = now;
+        now.saturating_sub(self.since) >= time
     }
 
     /// Lets go of what makes no difference any more, of whoever asks for this time.
     pub fn let_go(&mut self, now: Duration, time: Duration) {
-        if let Some((since, last)) = &mut self.span {
-            let unseen = now.saturating_sub(*last).saturating_sub(time / GAP);
-            *last = last.saturating_add(unseen);
-            *since = since.saturating_add(unseen);
-            no_older(since, *last, time);
+        if self.since != NEVER {
+            let (now, time) = (nanoseconds(now), nanoseconds(time));
+            let unseen = now.saturating_sub(self.last);
+            let unseen = unseen.saturating_sub(time / u64::from(GAP));
+            self.last = self.last.saturating_add(unseen);
+            let since = self.since.saturating_add(unseen);
+            self.since = since.max(self.last.saturating_sub(time));
         }
     }
 }
