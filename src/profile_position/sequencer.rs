@@ -1097,9 +1097,9 @@ impl Chain {
         let [Some(track), _] = &mut self.held else {
             return false;
         };
-        let at_end = track.follow(now, sample, 0, true, bounds);
         track.note_limit(sample.statusword);
-        at_end || sample.statusword.contains(Statusword::TARGET_REACHED)
+        track.follow(now, sample, 0, true, bounds)
+            || sample.statusword.contains(Statusword::TARGET_REACHED)
     }
 
     /// One cycle of the only one that is held. Whether it has ended.
@@ -1967,10 +1967,9 @@ impl Track {
             self.look_for_crossing(end, position, bounds);
         }
         self.approaching |= remaining < self.remaining;
-        let was_away = self.remaining > bounds.position;
-        self.remaining = remaining;
+        let before = core::mem::replace(&mut self.remaining, remaining);
         if remaining <= bounds.position {
-            if alone && was_away {
+            if alone && before > bounds.position {
                 self.unreached = ShownFor::NOT;
             }
             self.note_arrival(end, position, remaining, bounds);
