@@ -423,13 +423,13 @@ impl AxisCore {
 
     /// Whether the axis has come to rest from all that its drive has done, or may have done.
     const fn is_at_rest(&self) -> bool {
-        self.is_standing() || !self.brake.may_drive()
+        self.is_standing() || self.brake.is_free()
     }
 
-    /// Whether the drive has surely shown that its power stage is off, and the axis rests from what it may have been driven to. A moving one
-    /// may be driven still, whatever the statuswords show.
+    /// Whether the drive has surely shown that its power stage is off, and the axis rests from what it may have been driven to, or has had the
+    /// time to. A moving one may be driven still, whatever the statuswords show.
     const fn is_down_at_rest(&self) -> bool {
-        self.brake.is_down() && self.is_at_rest()
+        self.brake.is_down() && (self.is_standing() || !self.brake.may_drive())
     }
 
     /// Rest as before; and of an axis that is not to be enabled any more, what was sent last keeps the drive from following a set-point: a state

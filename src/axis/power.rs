@@ -143,7 +143,9 @@ enum BrakePhase {
     Unknown,
     /// It holds or drives the axis, or has done so, and the axis has not been seen to stand since.
     Driven,
-    /// It drives nothing.
+    /// It drives nothing, and the axis has not been seen to stand since it did.
+    Coasting,
+    /// It drives nothing, and moves the axis by nothing that it did before.
     Free,
 }
 
@@ -204,10 +206,12 @@ impl Brake {
         self.confirmed = shown && self.led_down.is_some_and(seen);
         if powered {
             self.stage = BrakePhase::Driven;
-        } else if standing || (self.confirmed && (self.stage == BrakePhase::Unknown || self.over)) {
+        } else if standing || (self.confirmed && self.stage == BrakePhase::Unknown) {
             self.stage = BrakePhase::Free;
+        } else if self.confirmed && self.over {
+            self.stage = BrakePhase::Coasting;
         }
-        if standing || !leading_down || self.stage == BrakePhase::Free {
+        if standing || !leading_down || !self.may_drive() {
             self.until = None;
             self.over = false;
         } else {
@@ -240,15 +244,20 @@ impl Brake {
         !standing && !self.over && self.may_drive()
     }
 
-    /// Whether the drive may be driving the axis, or the axis run on from that.
+    /// Whether the drive may be driving the axis. One that coasts has had its time to come to rest.
     pub const fn may_drive(&self) -> bool {
-        !matches!(self.stage, BrakePhase::Free)
+        !matches!(self.stage, BrakePhase::Coasting | BrakePhase::Free)
+    }
+
+    /// Whether the drive drives nothing, and the axis does not run on from what it did.
+    pub const fn is_free(&self) -> bool {
+        matches!(self.stage, BrakePhase::Free)
     }
 
     /// Whether a sample like the last one changes nothing.
     pub const fn allows_idle_path(&self, driving: bool) -> bool {
         match self.stage {
-            BrakePhase::Unknown => false,
+            BrakePhase::Unknown | BrakePhase::Coasting => false,
             BrakePhase::Driven => driving && self.down.is_none() && self.until.is_none(),
             BrakePhase::Free => self.confirmed,
         }
@@ -408,6 +417,11 @@ mod brake_tests {
         axis.brake.give_up();
         axis.cycle(State::SwitchOnDisabled, false);
         assert!(!axis.brake.may_drive());
+        // Until it has been seen to stand.
+        assert!(!axis.brake.is_free());
+        axis.cycle(State::SwitchOnDisabled, true);
+        axis.cycle(State::SwitchOnDisabled, false);
+        assert!(axis.brake.is_free());
     }
 
     #[test]

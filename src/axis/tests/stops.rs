@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use super::played::{
     ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, QUICK_STOP_ACTIVE, REACHED, READY,
-    SWITCH_ON_DISABLED,
+    SWITCH_ON_DISABLED, SWITCHED_ON,
 };
 use crate::{
     axis::{
@@ -564,6 +564,41 @@ fn whoever_stopped_an_axis_before_its_fault_is_told_when_it_stands() {
     drive.shows_for(30, FAULT);
     let code = None;
     assert_eq!(drive.outcome(stopping), Some(Err(Failure::Fault { code })));
+}
+
+#[test]
+fn a_stop_of_an_axis_that_never_stands_fails_when_its_brake_has_had_its_time() {
+    let timed_out = |drive: &mut Played, command, statusword| {
+        let stopping = drive.submit(command);
+        let (cycles, result) = drive.cycles_to_end(stopping, statusword);
+        assert_eq!(cycles, 400, "{command:?}");
+        assert_never_stood(drive, result);
+    };
+    for command in [Command::Stop, Command::QuickStop, Command::Disable] {
+        // Enabled by somebody else for one cycle; then its time to come to rest runs, with 1 to 50 ms less left than the stop has.
+        for before in [1, 2, 10, 50] {
+            for statusword in [SWITCHED_ON, SWITCH_ON_DISABLED, FAULT] {
+                match (command, statusword) {
+                    // It is refused.
+                    (Command::QuickStop, FAULT) => continue,
+                    // It leads further down, which has a deadline of its own.
+                    (Command::Disable, SWITCHED_ON) => continue,
+                    _ => {}
+                }
+                let mut drive = Played::disabled(Played::config());
+                drive.velocity = 20;
+                drive.shows(ENABLED);
+                drive.shows_for(before, statusword);
+                timed_out(&mut drive, command, statusword);
+                // So does the next: it runs on from what its drive did.
+                timed_out(&mut drive, command, statusword);
+                drive.velocity = 0;
+                let stopping = drive.submit(command);
+                let (_, result) = drive.cycles_to_end(stopping, statusword);
+                assert!(result.is_ok(), "{command:?}: {result:?}");
+            }
+        }
+    }
 }
 
 #[test]
