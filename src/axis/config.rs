@@ -100,9 +100,13 @@ impl CoreConfig {
         }
     }
 
-    /// With its turn among its limits, and the bounds within which this axis counts as standing.
+    /// With its turn among its limits, and the time that its drive needs in its deadlines; and the bounds within which this axis counts as
+    /// standing.
     pub(super) fn with_bounds(mut self) -> (Self, Bounds) {
         self.limits = self.limits_with(self.limits);
+        // Two of its cycles until it has surely seen bit 4, and as many for its answer.
+        let answer = self.traits.surely_seen().saturating_mul(2);
+        self.deadlines.acknowledge = self.deadlines.acknowledge.max(answer);
         let tolerances = &self.tolerances;
         let drive_cycle = self.traits.drive_cycle;
         // Whoever gives a threshold knows its unit; the default is nobody's.
@@ -165,7 +169,8 @@ pub struct Deadlines {
     pub enable: Duration,
     /// From `Disable` of a standing axis to Ready to switch on or below.
     pub disable: Duration,
-    /// From bit 4 to bit 12, and for bit 12 to fall before a set-point.
+    /// From bit 4 to bit 12, and for bit 12 to fall before a set-point. At least four of the drive's cycles
+    /// ([`Traits::drive_cycle`](crate::profile_position::Traits::drive_cycle)) count, however short this is: the drive needs them.
     pub acknowledge: Duration,
     /// From bit 12 until an acknowledged set-point shows that it has begun: bit 10 falls, or the axis leaves where it stood. Then
     /// [`Failure::NotBegun`](super::Failure::NotBegun). And from the standstill at its target until bit 10 says so: then

@@ -1,11 +1,15 @@
 //! Changes of the mode, and the limits and parameters that a motion is checked against.
 
+use core::time::Duration;
+
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, REACHED, SWITCH_ON_DISABLED, absolute,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, REACHED, READY, SWITCH_ON_DISABLED,
+    SWITCHED_ON, absolute,
 };
 use crate::{
     axis::{
-        AxisFields, Command, Completion, CoreConfig, Delivery, Failure, Referencing, WaitingFor,
+        AxisFields, Command, Completion, CoreConfig, Delivery, Event, Failure, Referencing,
+        WaitingFor,
     },
     ds402::{Mode, State, SupportedModes},
     homing::{HomingCommand, HomingMethod},
@@ -635,4 +639,42 @@ fn a_mode_that_was_written_fails_by_its_display_also_while_somebody_turns_the_ax
     let (cycles, result) = drive.cycles_to_end(selecting, SWITCH_ON_DISABLED);
     assert_eq!(cycles, 60);
     assert!(matches!(result, Err(Failure::Timeout { .. })), "{result:?}");
+}
+
+#[test]
+fn a_drive_whose_cycle_is_longer_than_the_deadline_of_its_acknowledge_has_its_time() {
+    let cycle = Duration::from_millis(40);
+    let mut config = Played::config();
+    assert!(config.deadlines.acknowledge < 2 * cycle);
+    config.traits.drive_cycle = cycle;
+    let mut drive = Played::new(config);
+    drive.shows_for(170, SWITCH_ON_DISABLED);
+    let enabling = drive.submit(Command::Enable);
+    for statusword in [READY, SWITCHED_ON] {
+        drive.shows(statusword);
+    }
+    let (_, enabled) = drive.cycles_to_end(enabling, ENABLED);
+    assert_eq!(enabled, Ok(Completion::Done));
+    drive.shows_for(170, REACHED);
+
+    for target in [5_000, 9_000] {
+        let moving = drive.move_to(target);
+        // Two of its cycles after the low before it was delivered.
+        assert!(drive.cycles_until(0x003F, ENABLED) <= 81, "{target}");
+        assert_eq!(drive.target(), target);
+        // The acknowledge comes within two of its cycles as well.
+        drive.shows_for(79, ENABLED);
+        drive.shows(ACKNOWLEDGED);
+        drive.shows(ENABLED);
+        assert!(drive.reports.contains(&(moving, Event::Accepted)));
+    }
+
+    // But it is not waited for without end: four of its cycles.
+    let late = drive.move_to(1_000);
+    drive.cycles_until(0x003F, ENABLED);
+    let risen = drive.now;
+    let (_, result) = drive.cycles_to_end(late, ENABLED);
+    assert!(matches!(result, Err(Failure::Timeout { .. })), "{result:?}");
+    let sent = risen + Duration::from_millis(1);
+    assert_eq!(drive.now - sent, 4 * cycle);
 }
