@@ -149,12 +149,12 @@ fn a_list_that_commands_an_axis_is_refused_before_anything_is_sent() {
 #[test]
 fn a_list_that_commands_an_axis_is_not_applied_either() {
     let line = Line::new(Segment::new().with(personality::akd2g()));
-    let rig = start(&line, akd2g()).unwrap();
+    let mut rig = start(&line, akd2g()).unwrap();
     let sdo = rig.net().sdo(0).unwrap();
     let list = StartUpList::new()
         .write(StartUpWrite::new(obj::POSITION_WINDOW, 5))
         .write(StartUpWrite::new(obj::CONTROLWORD, 0x000F));
-    let applied = smol::block_on(list.apply(&sdo, Transition::PreOpToSafeOp));
+    let applied = rig.until(list.apply(&sdo, Transition::PreOpToSafeOp));
     assert_eq!(applied.unwrap_err().fault, WriteFault::Controlword);
     assert_ne!(value(&line, 0x6067), Some(5));
 }
