@@ -269,7 +269,8 @@ fn a_hundred_thousand_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_
     let mut target = 0;
     let start = net.statistics().cycles;
     let mut moves = 0;
-    while net.statistics().cycles < start + CYCLES {
+    let cycles = cycles();
+    while net.statistics().cycles < start + cycles {
         // Now and then one answers at once.
         let is_quick = moves % 20 == 0;
         delay(0, Duration::from_millis(if is_quick { 0 } else { 1 }));
@@ -291,8 +292,14 @@ fn a_hundred_thousand_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_
         let counted = counting::so_far();
         assert_eq!(counted, 0, "allocations and frees in {cycles} cycles");
     }
-    assert!(done.transfers.get() > 5_000, "{done:?}");
-    assert!(done.refused.get() > 2_000, "{done:?}");
-    assert!(done.gone.get() > 10_000, "{done:?}");
-    assert!(done.emergencies.get() > 10_000, "{done:?}");
+    let least = |of_all: u64| of_all * cycles / CYCLES;
+    assert!(done.transfers.get() > least(5_000), "{done:?}");
+    assert!(done.refused.get() > least(2_000), "{done:?}");
+    assert!(done.gone.get() > least(10_000), "{done:?}");
+    assert!(done.emergencies.get() > least(10_000), "{done:?}");
+}
+
+fn cycles() -> u64 {
+    let cycles = std::env::var("ALLOCATION_CYCLES").ok();
+    cycles.map_or(CYCLES, |cycles| cycles.parse().unwrap())
 }

@@ -15,7 +15,7 @@ use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use self::build::Built;
 use self::judge::Executable;
@@ -24,9 +24,11 @@ use self::tree::{Sources, Tree};
 
 /// So many tests that wait in real time run beside the others: up to half a minute for what a mutant keeps from coming.
 const REAL_TIME_JOBS: usize = 2;
-const REAL_TIME: [&str; 2] = ["link", "logging"];
+const REAL_TIME: [&str; 3] = ["interop", "link", "logging"];
 /// Of these only the tests that are named run without a mutant: other masters wait in real time.
 const OTHER_MASTERS: [&str; 1] = ["interop"];
+/// So many of what took longest are named at the end.
+const SLOWEST: usize = 10;
 
 /// Puts each defect of tests/mutants.toml into a copy of the tree and demands that its tests find it.
 #[derive(clap::Args)]
@@ -71,6 +73,7 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         jobs,
         whole: args.suites,
         faults: Mutex::new(faults),
+        times: Mutex::default(),
     };
     let faults = work.all(&chosen)?;
     println!();
@@ -170,6 +173,8 @@ struct Work<'a> {
     /// Each suite passes as a whole without a mutant, not only the tests that are named.
     whole: bool,
     faults: Mutex<Vec<Fault>>,
+    /// How long each suite and each row took.
+    times: Mutex<Vec<(Duration, String)>>,
 }
 
 impl Work<'_> {
@@ -206,7 +211,25 @@ impl Work<'_> {
             self.tree.take_out(self.sources, mutant)?;
             judged?;
         }
+        self.print_slowest();
         Ok(self.faults.into_inner().unwrap_or_default())
+    }
+
+    fn took(&self, begun: Instant, what: String) {
+        if let Ok(mut times) = self.times.lock() {
+            times.push((begun.elapsed(), what));
+        }
+    }
+
+    fn print_slowest(&self) {
+        let Ok(mut times) = self.times.lock() else {
+            return;
+        };
+        times.sort_unstable_by(|one, other| other.cmp(one));
+        println!("\nmutants: the slowest");
+        for (time, what) in times.iter().take(SLOWEST) {
+            println!("{:6.1} s  {what}", time.as_secs_f64());
+        }
     }
 
     /// Builds the tree with all mutants but those that do not compile, which are faults.
@@ -309,7 +332,9 @@ impl Work<'_> {
             path,
         };
         let whole = self.whole && !OTHER_MASTERS.contains(&target.name.as_str());
-        match executable.without_mutant(&needed, whole)? {
+        let passed = executable.without_mutant(&needed, whole)?;
+        self.took(begun, format!("{target} without a mutant"));
+        match passed {
             Ok(()) => println!(
                 "{target}: passes without a mutant ({:.0} s)",
                 begun.elapsed().as_secs_f64()
@@ -337,6 +362,7 @@ impl Work<'_> {
         let number = (!single).then(|| self.mutants[mutant].number());
         let judged = executable.judge(id, number, &tests[target])?;
         let took = begun.elapsed().as_secs_f64();
+        self.took(begun, format!("{id} by {target}"));
         match judged {
             Ok(()) => println!(
                 "{id:60} {took:5.1} s  caught by {target} ({})",
@@ -354,7 +380,9 @@ impl Work<'_> {
     fn single(&self, mutant: usize) -> crate::Result<()> {
         let begun = Instant::now();
         let of = &self.mutants[mutant];
-        match self.build_packages(&of.tests.keys().collect())? {
+        let built = self.build_packages(&of.tests.keys().collect())?;
+        self.took(begun, format!("{} built by itself", of.id));
+        match built {
             Built::Executables(executables) => {
                 println!(
                     "{:60} {:5.1} s  built",

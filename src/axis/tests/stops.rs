@@ -3,8 +3,8 @@
 use core::time::Duration;
 
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, QUICK_STOP_ACTIVE, REACHED, READY,
-    SWITCH_ON_DISABLED, SWITCHED_ON,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, Played, QUICK_STOP_ACTIVE,
+    REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON,
 };
 use crate::{
     axis::{
@@ -552,6 +552,21 @@ fn an_ignored_quick_stop_is_measured_anew_after_each_other_state() {
     assert_eq!(drive.word(), QUICK_STOP);
     drive.velocity = 0;
     assert!(drive.cycles_until(0, QUICK_STOP_ACTIVE) < 20);
+}
+
+#[test]
+fn a_drive_that_leaves_its_fault_reaction_for_operation_enabled_is_stopped() {
+    for cycles in [1, 5] {
+        let (mut drive, moving) = Played::moving(Played::config(), 100_000);
+        drive.shows_for(cycles, FAULT_REACTION);
+        let failure = Failure::Fault { code: None };
+        assert_eq!(drive.outcome(moving), Some(Err(failure)), "{cycles}");
+        drive.shows(ENABLED);
+        assert_eq!(drive.word(), QUICK_STOP, "{cycles}");
+        drive.velocity = 0;
+        drive.shows_for(30, ENABLED);
+        assert_eq!(drive.word(), 0, "{cycles}");
+    }
 }
 
 #[test]

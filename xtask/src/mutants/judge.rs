@@ -66,6 +66,8 @@ impl Executable<'_> {
         // That the suites that search find nothing in all of their worlds is shown before.
         command.envs([
             ("INVARIANT_CYCLES", "20000"),
+            ("ORACLE_SHORT", "400000"),
+            ("ALLOCATION_CYCLES", "10000"),
             ("EMERGENCY_EVERY", "9"),
             ("MODEL_SECONDS", "5"),
         ]);
