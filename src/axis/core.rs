@@ -512,7 +512,12 @@ impl AxisCore {
             // During quick stop they stay as they were sent last.
             return ComposedWord::after(command, self.sent, self.manufacturer);
         }
-        ComposedWord::new(command, self.mode_bits(), self.halted, self.manufacturer)
+        // A drive that is late in its transitions would go on for a moment if bit 8 fell before it is out of Operation enabled, where a fault
+        // reaction may lead, too.
+        let obeys = matches!(state, State::OperationEnabled | State::FaultReactionActive);
+        let kept = obeys && !self.power.allows_mode_bits() && self.sent.contains(Controlword::HALT);
+        let halt = self.halted || kept;
+        ComposedWord::new(command, self.mode_bits(), halt, self.manufacturer)
     }
 
     fn write_outputs(&mut self, outputs: &mut [u8]) {

@@ -479,6 +479,26 @@ fn bits_of_the_mode_stay_as_they_were_sent_until_the_axis_stands() {
     assert_eq!(drive.word(), QUICK_STOP);
 }
 
+/// A halted drive that leaves its fault reaction with its set-point, and is late to obey, would go on for a moment without bit 8.
+#[test]
+fn bit_8_stays_with_the_disabling_word_until_the_drive_is_out_of_operation_enabled() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    drive.submit(Command::Halt);
+    drive.velocity = 0;
+    drive.shows_for(30, REACHED);
+    assert_eq!(drive.word(), HALT);
+    drive.shows_for(30, FAULT_REACTION);
+    assert_eq!(drive.word(), 0x0100);
+    drive.shows_for(30, REACHED);
+    assert_eq!(drive.word(), 0x0100);
+    // Nor does it fall when somebody enables the axis meanwhile.
+    drive.submit(Command::Enable);
+    drive.shows_for(30, REACHED);
+    assert_eq!(drive.word(), 0x0100);
+    drive.shows(SWITCH_ON_DISABLED);
+    assert_eq!(drive.word(), 0);
+}
+
 #[test]
 fn a_drive_that_switches_off_by_itself_ends_what_was_under_way() {
     let (mut drive, moving) = Played::moving(Played::config(), 100_000);
