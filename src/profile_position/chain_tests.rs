@@ -113,6 +113,7 @@ fn track(id: u32, command: MoveCommand, end: Option<i32>) -> Track {
         far_behind: false,
         behind: None,
         behind_loose: false,
+        early: false,
     };
     Scene::at(0).shows(|cycle| Track::new(&raised, true, cycle))
 }

@@ -233,7 +233,7 @@ pub enum Failure {
         actual: i32,
     },
     /// The drive went on to the next move, and nothing was seen of the axis when it was, or was not, at this one's target: inputs did
-    /// not arrive.
+    /// not arrive. Or it was seen there when the drive may have been at another move.
     #[error(
         "the drive has gone on to the next move while nothing was seen of the axis, which is at {actual}: whether it was at {target} is not known"
     )]

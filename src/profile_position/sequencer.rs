@@ -498,6 +498,7 @@ impl Sequencer {
         self.target = request.command.target;
         self.parameters = request.command.set_point.parameters;
         self.armed = None;
+        self.chain.note_next(cycle);
         // Only a distance counts from another.
         let is_relative = request.command.reference == Reference::Relative;
         let before = is_relative
@@ -519,6 +520,7 @@ impl Sequencer {
                 far_behind: before.is_some() && !cycle.is_reached(),
                 behind: before.and_then(|before| before.bases_behind(cycle.bounds)),
                 behind_loose: before.is_some_and(Track::may_end_beside),
+                early: false,
             },
             sent: false,
             delivered: None,
@@ -597,6 +599,8 @@ struct Raised {
     pub behind: Option<Bases>,
     /// Whether it is behind a distance that may end beside the place that its end was reckoned for.
     pub behind_loose: bool,
+    /// Whether the axis was within the window around its end since it was sent: the drive may have been at it already.
+    pub early: bool,
 }
 
 impl Raised {
@@ -668,6 +672,7 @@ impl Bit4 {
                 shown,
             } => {
                 raised.far_behind &= !cycle.is_reached();
+                raised.early |= !raised.stands && cycle.is_within_window_of(raised.end);
                 if cycle.delivered {
                     delivered.get_or_insert(now);
                 }
@@ -1208,6 +1213,13 @@ impl Chain {
         false
     }
 
+    /// Another goes to the drive.
+    pub fn note_next(&mut self, cycle: &Cycle<'_>) {
+        if let Some(last) = self.held.iter_mut().flatten().last() {
+            last.gave_way = last.gives_way(cycle);
+        }
+    }
+
     /// Whether the drive can take this move now.
     pub fn place_for(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Place {
         let traits = cycle.traits;
@@ -1416,6 +1428,9 @@ const fn start_bits(command: &MoveCommand, traits: &Traits) -> ModeBits {
 /// So many cycles at least have to show an axis away from an end before it counts as left.
 const AWAY_CYCLES: u8 = 3;
 
+/// Bit 12 that falls within so many times the time in which the drive has surely seen a word, after an acknowledge, falls with that.
+const AT_ONCE: u32 = 4;
+
 /// What was seen of an axis at the end of a set-point that another has followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum EndSeen {
@@ -1616,6 +1631,9 @@ struct Track {
     doubted: bool,
     /// Where the axis stood when it became active. None where it did not stand: then where it has come to rest without a word of bit 10.
     stood: Option<i32>,
+    /// Whether bit 10 was high again when the next one went to the drive, and the axis where it had stood. The drive may have been done with this
+    /// one there, and what then leads through its end is of the next.
+    gave_way: bool,
     /// With bit 10 high: since when the axis has left that place. On its way from there it is not at rest, however slowly it sets off.
     left_place: Option<Duration>,
     /// What bounds an axis that does not come to rest within its window, with bit 10 high.
@@ -1643,6 +1661,8 @@ struct Track {
     unseen: u32,
     /// Whether the axis was seen at the end, or beyond it, whatever it has done since.
     seen_there: bool,
+    /// Whether it was there before it was known to be the active one, when the drive may have been at this one already.
+    early: bool,
 
     /// With another behind it, `was_there`: the axis was at the end or beyond, and has not come back to it. `rested`: it has stood there.
     /// `astray`: how far it was on the far side of the end, seen from where the next leads. `away`: since when it has been away on the way
@@ -1674,6 +1694,7 @@ impl Track {
             far_behind,
             behind,
             behind_loose,
+            early,
         } = raised;
         let mut track = Self {
             id,
@@ -1716,6 +1737,7 @@ impl Track {
             after_unseen: false,
             doubted: false,
             stood: None,
+            gave_way: false,
             left_place: None,
             lingering: Lingering::default(),
             resting: None,
@@ -1731,6 +1753,7 @@ impl Track {
             near: false,
             unseen: u32::MAX,
             seen_there: false,
+            early,
             was_there: false,
             rested: false,
             astray: 0,
@@ -1805,6 +1828,10 @@ impl Track {
         let position = cycle.sample.position;
         let unseen = self.unseen;
         let (near, arrived) = (self.near, self.arrived);
+        // Bit 12 that stays high for longer shows when the drive goes on.
+        let at_once = cycle.now.saturating_sub(self.since)
+            <= cycle.traits.surely_seen().saturating_mul(AT_ONCE);
+        self.early &= by_room && at_once;
         self.becomes_active(cycle, position, cycle.standstill.is_standing());
         let from_rest = self.from_rest || rests;
         if rests {
@@ -2064,8 +2091,12 @@ impl Track {
             let way = cycle.bounds.distance(first.before, position);
             self.note_near(way, after, cycle.bounds);
         }
-        if active && after <= cycle.bounds.position {
-            self.note_arrival(end, position, after, cycle.bounds);
+        if after <= cycle.bounds.position {
+            if active {
+                self.note_arrival(end, position, after, cycle.bounds);
+            } else {
+                self.early = true;
+            }
         }
     }
 
@@ -2085,8 +2116,9 @@ impl Track {
         let blind = self.unseen <= fastest;
         let limit_unseen = cycle.bit_11_is_valid && !self.unlimited && !self.limited;
         match shown {
+            true if self.gave_way => EndSeen::Unseen,
             true => EndSeen::There,
-            false if blind || limit_unseen => EndSeen::Unseen,
+            false if blind || limit_unseen || self.early => EndSeen::Unseen,
             false => EndSeen::Elsewhere,
         }
     }
@@ -2094,6 +2126,14 @@ impl Track {
     /// Whether the drive may be at the one behind it already: the axis was seen at its end, however far it has swung from there since.
     pub fn may_be_over(&self, cycle: &Cycle<'_>) -> bool {
         self.end.is_none() || self.came_to_end(cycle.sample.position)
+    }
+
+    /// Whether the drive shows itself done with it, by a bit 10 that was low for it, and the axis has not left where it stood.
+    fn gives_way(&self, cycle: &Cycle<'_>) -> bool {
+        let at =
+            |place| cycle.bounds.distance(place, cycle.sample.position) <= cycle.bounds.position;
+        let own = self.left_target && !self.follows;
+        own && cycle.is_reached() && self.stood.is_some_and(at) && !self.end.is_some_and(at)
     }
 
     fn came_to_end(&self, position: i32) -> bool {
@@ -2388,7 +2428,9 @@ impl Track {
     /// may have its way still to go.
     fn surely_ends_at(&self, position: i32, bounds: &Bounds) -> bool {
         let way = self.distance.filter(|_| self.is_loose);
-        way.is_none_or(|way| self.bases.all_lead_to(position, way, bounds))
+        // Of an axis that swung when it was sent, its place alone does not say where the demand was.
+        let known = self.stood_before || self.bases.previous.is_some();
+        way.is_none_or(|way| known && self.bases.all_lead_to(position, way, bounds))
     }
 
     /// Whether it had no way to go when it was begun. A distance of which nobody knows from where it counts has none only where the last
@@ -2497,6 +2539,12 @@ impl Cycle<'_> {
     /// A wait for standstill, with what was seen instead.
     pub fn standstill(&self) -> WaitingFor {
         WaitingFor::Standstill(self.last_seen.unrest(self.bounds))
+    }
+
+    /// Whether the axis is within the window around this end, where it is known.
+    fn is_within_window_of(&self, end: Option<i32>) -> bool {
+        let bounds = self.bounds;
+        end.is_some_and(|end| bounds.distance(end, self.sample.position) <= bounds.position)
     }
 
     /// Bit 12.

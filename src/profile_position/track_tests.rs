@@ -125,6 +125,7 @@ fn begun(scene: &Scene, reference: Reference, target: i32, end: Option<i32>) -> 
         far_behind: false,
         behind: None,
         behind_loose: false,
+        early: false,
     };
     let scene = Scene {
         now: ms(1_000),

@@ -1,6 +1,7 @@
 //! An axis core against a drive that is played word by word.
 
 mod changing;
+mod held;
 mod played;
 mod power;
 mod resting;
