@@ -742,7 +742,7 @@ impl Drive {
             // Full: no document says that it is taken. One that is at its end before it begins may be over for all that shows.
             let mut held = self.active.iter().chain(&self.pending);
             let no_way = self.making.window + 2.0 + 2.0 * f64::from(self.making.dither);
-            if !held.any(|held| (held.goal - self.demand).abs() <= no_way) {
+            if !held.any(|held| self.apart(held.goal, self.demand) <= no_way) {
                 self.overrun = Some(out.velocity);
             }
             return;
