@@ -514,8 +514,9 @@ impl AxisCore {
         }
         // A drive that is late in its transitions would go on for a moment if bit 8 fell before it is out of Operation enabled, where a fault
         // reaction may lead, too.
-        let obeys = matches!(state, State::OperationEnabled | State::FaultReactionActive);
-        let kept = obeys && !self.power.allows_mode_bits() && self.sent.contains(Controlword::HALT);
+        let obeys = || matches!(state, State::OperationEnabled | State::FaultReactionActive);
+        let sent = self.sent.contains(Controlword::HALT);
+        let kept = sent && !self.power.allows_mode_bits() && obeys();
         let halt = self.halted || kept;
         ComposedWord::new(command, self.mode_bits(), halt, self.manufacturer)
     }

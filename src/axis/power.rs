@@ -91,6 +91,7 @@ impl Power {
     }
 
     /// The command that leads on from `state`.
+    #[inline]
     pub fn command(&self, state: State, sample: Option<&Sample>, traits: &Traits) -> PowerCommand {
         match self {
             Self::Off => PowerCommand::DisableVoltage,
@@ -177,6 +178,7 @@ impl Brake {
 
     /// Takes in one sample of a drive with these traits. `leading_down`: the axis is to lose its power. `patience` is how long it may
     /// take to come to rest.
+    #[inline]
     pub fn observe(
         &mut self,
         now: Duration,

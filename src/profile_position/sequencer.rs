@@ -1828,10 +1828,12 @@ impl Track {
         let position = cycle.sample.position;
         let unseen = self.unseen;
         let (near, arrived) = (self.near, self.arrived);
-        // Bit 12 that stays high for longer shows when the drive goes on.
-        let at_once = cycle.now.saturating_sub(self.since)
-            <= cycle.traits.surely_seen().saturating_mul(AT_ONCE);
-        self.early &= by_room && at_once;
+        if self.early {
+            // Bit 12 that stays high for longer shows when the drive goes on.
+            let at_once = cycle.now.saturating_sub(self.since)
+                <= cycle.traits.surely_seen().saturating_mul(AT_ONCE);
+            self.early = by_room && at_once;
+        }
         self.becomes_active(cycle, position, cycle.standstill.is_standing());
         let from_rest = self.from_rest || rests;
         if rests {
