@@ -231,7 +231,7 @@ fn no_time_and_no_setting_is_too_long_for_the_core() {
         Some(PositionRange { min: 5, max: 5 }),
     ];
     use Extreme::{Acknowledge, All, Begin, Deadlines, DriveCycle, Settle};
-    let mut lives = 0;
+    let mut scenarios = 0;
     let mut kinds = BTreeMap::<String, Lived>::new();
     for extreme in [All, Deadlines, Settle, DriveCycle, Acknowledge, Begin] {
         for &span in &times {
@@ -252,13 +252,13 @@ fn no_time_and_no_setting_is_too_long_for_the_core() {
                             let kind = format!("from {start:?}");
                             kinds.entry(kind).or_default().add(lived);
                         }
-                        lives += 1;
+                        scenarios += 1;
                     }
                 }
             }
         }
     }
-    println!("{lives} lives");
+    println!("{scenarios} scenarios");
     for (kind, lived) in &kinds {
         println!("{kind}: {lived:?}");
         assert!(lived.accepted > 0, "{kind}: no move was ever accepted");
@@ -270,7 +270,7 @@ fn no_time_and_no_setting_is_too_long_for_the_core() {
     }
 }
 
-/// What became of the moves of a life.
+/// What became of the moves of a scenario.
 #[derive(Debug, Default, Clone, Copy)]
 struct Lived {
     accepted: u32,

@@ -1,7 +1,7 @@
-//! Random lives of an axis between its three modes, with frames lost, late and miscounted and stops at any time, judged by the
+//! Random scenarios of an axis between its three modes, with frames lost, late and miscounted and stops at any time, judged by the
 //! frames sent and by the simulated drive's ledgers. Each promise of `docs/motion.md` that is checked has a name here.
 //!
-//! `MODES_SEED=n cargo test --test modes` runs one life alone.
+//! `MODES_SEED=n cargo test --test modes` runs one scenario alone.
 #![allow(missing_docs)]
 
 mod common;
@@ -41,7 +41,7 @@ struct Held {
     velocity: i32,
 }
 
-struct Life {
+struct Scenario {
     random: Random,
     rig: Rig,
     issued: Vec<Issued>,
@@ -55,7 +55,7 @@ struct Life {
     jogged: usize,
 }
 
-impl Life {
+impl Scenario {
     fn new(seed: u64) -> Self {
         let mut random = Random::new(seed);
         let latency = random.below(4) as usize;
@@ -342,10 +342,10 @@ impl Life {
         for _ in 0..QUIET {
             self.cycle(Link::Good)?;
         }
-        self.judge_life()
+        self.judge_scenario()
     }
 
-    fn judge_life(&self) -> Result<(), String> {
+    fn judge_scenario(&self) -> Result<(), String> {
         if !self.rig.drive.stands() {
             return Err("the axis moves at the end".to_owned());
         }
@@ -423,20 +423,20 @@ fn whatever_happens_homing_and_jog_keep_their_promises() {
     let seeds = alone.map_or(0..LIVES, |seed| seed..seed + 1);
     let (mut homed, mut jogged) = (0, 0);
     for seed in seeds {
-        let mut life = Life::new(seed);
-        if let Err(what) = life.live() {
-            let snapshot = life.rig.core.snapshot();
+        let mut scenario = Scenario::new(seed);
+        if let Err(what) = scenario.live() {
+            let snapshot = scenario.rig.core.snapshot();
             panic!(
                 "MODES_SEED={seed}: {what}\nat {:?}: {snapshot:?}",
-                life.rig.now
+                scenario.rig.now
             );
         }
-        homed += life.homed;
-        jogged += life.jogged;
+        homed += scenario.homed;
+        jogged += scenario.jogged;
     }
     println!("{homed} homings attained, {jogged} jogs");
     assert!(
         alone.is_some() || (homed > 60 && jogged > 200),
-        "the lives meet what they are about: {homed} homings, {jogged} jogs"
+        "the scenarios meet what they are about: {homed} homings, {jogged} jogs"
     );
 }

@@ -1,4 +1,4 @@
-//! The ordinary life of an axis: enable, moves, halt, stops, faults; judged by the drive's ledger.
+//! The ordinary scenario of an axis: enable, moves, halt, stops, faults; judged by the drive's ledger.
 #![allow(missing_docs)]
 
 mod common;

@@ -10,14 +10,14 @@
 mod callgrind;
 #[path = "../common/counted.rs"]
 mod counted;
-mod life;
+mod scenario;
 
 use std::{
     env, fs,
     path::{Path, PathBuf},
 };
 
-use life::PHASES;
+use scenario::PHASES;
 
 const AXES: [usize; 4] = [1, 8, 64, 256];
 /// Of the axes counts, those between which the costs must be linear: with one axis the cycle's own costs prevail.
@@ -26,7 +26,7 @@ const LINEAR: [usize; 2] = [8, 256];
 fn main() {
     let arguments: Vec<String> = env::args().skip(1).collect();
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        ["life", axes] => life::live(axes.parse().expect("a number of axes")),
+        ["scenario", axes] => scenario::live(axes.parse().expect("a number of axes")),
         _ => measure(),
     }
 }
@@ -63,7 +63,7 @@ fn measure() {
     let mut rows = Vec::new();
     for axes in AXES {
         let directory = target().join(format!("bench/step-{axes}"));
-        let dumps = callgrind::run(&directory, &["life", &axes.to_string()]);
+        let dumps = callgrind::run(&directory, &["scenario", &axes.to_string()]);
         assert_eq!(dumps.len(), PHASES.len(), "a dump for each phase");
         for (phase, dump) in PHASES.iter().zip(dumps) {
             let counted = dump.between("servocrab::bus::cycle::Cycle::", "Outside");

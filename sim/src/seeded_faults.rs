@@ -427,7 +427,7 @@ pub struct FaultyLine {
     /// Frames on their way back, in the order of their arrival.
     returning: Vec<(Duration, Vec<u8>)>,
     /// Nothing happens to frames.
-    calm: bool,
+    quiet: bool,
     witness: Option<Witness>,
     /// What each station has last said of objects by SDO.
     said: VecDeque<(u16, Vec<u8>)>,
@@ -485,7 +485,7 @@ impl FaultyLine {
             begin: None,
             outgoing: VecDeque::new(),
             returning: Vec::new(),
-            calm: false,
+            quiet: false,
             witness: None,
             said: VecDeque::new(),
             seen: BTreeMap::new(),
@@ -534,9 +534,9 @@ impl FaultyLine {
         &mut self.segment
     }
 
-    /// While it is calm nothing happens to frames and to the messages in them. Outages go on.
-    pub const fn set_calm(&mut self, calm: bool) {
-        self.calm = calm;
+    /// While it is quiet nothing happens to frames and to the messages in them. Outages go on.
+    pub const fn set_quiet(&mut self, quiet: bool) {
+        self.quiet = quiet;
     }
 
     /// Shows `witness` each frame that the SubDevices have seen, before anything happens to it on its way back: as it was sent, and as
@@ -904,7 +904,7 @@ impl FaultyLine {
     }
 
     fn hits(&mut self, rate: Rate, name: &'static str) -> bool {
-        let hits = !self.calm && rate.0 > 0 && self.between(999_999) < u64::from(rate.0);
+        let hits = !self.quiet && rate.0 > 0 && self.between(999_999) < u64::from(rate.0);
         if hits {
             *self.seen.entry(name).or_default() += 1;
         }
@@ -913,7 +913,7 @@ impl FaultyLine {
 
     fn later(&mut self) -> Duration {
         let most = u64::try_from(self.faults.delay.as_nanos()).unwrap_or(u64::MAX);
-        if most == 0 || self.calm {
+        if most == 0 || self.quiet {
             return Duration::ZERO;
         }
         Duration::from_nanos(self.between(most))
@@ -1197,12 +1197,12 @@ mod tests {
         });
         assert!(returned(&mut twice, 5).is_empty());
         assert_eq!(*seen.lock().unwrap(), 10);
-        let mut calm = line("loss=100%,delay=5ms,refuse=100%", 1);
-        calm.set_calm(true);
-        assert_eq!(returned(&mut calm, 5).len(), 5);
-        calm.send(&frame(), 9 * MS);
-        calm.forget();
-        assert_eq!(calm.next_arrival(), None);
+        let mut quiet = line("loss=100%,delay=5ms,refuse=100%", 1);
+        quiet.set_quiet(true);
+        assert_eq!(returned(&mut quiet, 5).len(), 5);
+        quiet.send(&frame(), 9 * MS);
+        quiet.forget();
+        assert_eq!(quiet.next_arrival(), None);
     }
 
     /// An FPRD of the mailbox of station 1000h with an answer about this object.

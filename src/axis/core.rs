@@ -14,7 +14,7 @@ use bitflags::bitflags;
 use crate::{
     coe::{AnyObject, AxisOffset, ObjectAddress, obj},
     ds402::{Controlword, Mode, ModeBits, PowerCommand, PowerGoal, Sample, State, Statusword},
-    homing::{HomingCommand, Procedure, Verdict},
+    homing::{HomingCommand, HomingVerdict, Procedure},
     pdo_map::{Direction, Layout},
     profile_position::{
         Bounds, BufferMode, CommandId, Completion, Delivery, Event, Events, Failure, LastSeen,
@@ -28,7 +28,7 @@ use crate::{
 use super::{
     CoreConfig, Referencing,
     power::{Brake, Power, RESET_EDGES, RESET_PAUSE, ResetPhase},
-    stopping::{Stage, Stopping, Wait},
+    stopping::{StopPhase, Stopping, Wait},
 };
 
 pub(crate) use commanded::CommandedMode;
@@ -49,7 +49,7 @@ macro_rules! cycle {
             delivered: $delivered,
             halted: $core.halted,
             blind: $core.blind_cycles,
-            stalled: $core.pace.stalled,
+            stalled: $core.spacing.stalled,
             bit_11_is_valid: $core.bit_11_is_valid,
             acknowledge: $core.config.deadlines.acknowledge,
             begin: $core.config.deadlines.begin,
@@ -122,7 +122,7 @@ pub struct AxisCore {
     undelivered_cycles: u32,
     /// Whether its drive is on its way into OP: until it is there, outputs that it does not take are no loss.
     awaits_op: bool,
-    pace: Pace,
+    spacing: CycleSpacing,
     /// Whether bit 11 was ever seen low in Operation enabled.
     bit_11_is_valid: bool,
     pub(crate) cycle: u64,
@@ -175,7 +175,7 @@ impl AxisCore {
             blind_cycles: 0,
             undelivered_cycles: 0,
             awaits_op: false,
-            pace: Pace::default(),
+            spacing: CycleSpacing::default(),
             bit_11_is_valid: false,
             cycle: 0,
             expired: false,
@@ -1270,7 +1270,7 @@ fn put<const N: usize>(bytes: &mut [u8], at: Option<usize>, value: Option<[u8; N
 
 /// How far apart the cycles with inputs are: a host that stalls sees as little as one whose frames are lost.
 #[derive(Debug, Clone, Copy, Default)]
-struct Pace {
+struct CycleSpacing {
     /// The last cycle with inputs that was computed as a whole.
     last: (u64, Duration),
     /// From it to the one before.
@@ -1279,9 +1279,9 @@ struct Pace {
     pub stalled: u32,
 }
 
-impl Pace {
+impl CycleSpacing {
     /// Takes in a cycle with inputs, after so many without.
-    fn observe(&mut self, now: Duration, cycle: u64, stale: u32) {
+    fn update(&mut self, now: Duration, cycle: u64, stale: u32) {
         let (last, at) = core::mem::replace(&mut self.last, (cycle, now));
         let cycles = stale.saturating_add(1);
         // Between others lie those that were not computed as a whole.
@@ -1327,7 +1327,7 @@ impl AxisCore {
         self.answered = sample.is_some();
         if self.answered {
             self.blind_cycles = self.stale_cycles;
-            self.pace.observe(now, self.cycle, self.stale_cycles);
+            self.spacing.update(now, self.cycle, self.stale_cycles);
         }
         self.stale_cycles = if self.answered {
             0
@@ -1342,7 +1342,7 @@ impl AxisCore {
         if delivered {
             self.lost = false;
         }
-        self.observe_quiet(now, delivered);
+        self.update_quiet(now, delivered);
         if let Some(sample) = sample {
             if self.begins_to_stop(now, sample.state()) {
                 self.standstill.begin_anew();
@@ -1355,15 +1355,15 @@ impl AxisCore {
                 self.standstill.note_loss(now, &self.bounds);
             }
             self.standstill
-                .observe(now, sample.position, sample.velocity, &self.bounds);
+                .update(now, sample.position, sample.velocity, &self.bounds);
             if self.awaits_standstill() {
-                self.last_seen.observe(now, &sample, &self.bounds);
+                self.last_seen.update(now, &sample, &self.bounds);
             } else {
                 self.last_seen = LastSeen::default();
             }
             let enables = self.sent.contains(Controlword::ENABLE_OPERATION);
             self.brake.note_sent(now, enables, delivered);
-            self.brake.observe(
+            self.brake.update(
                 now,
                 sample.state(),
                 self.standstill.is_standing(),
@@ -1371,7 +1371,7 @@ impl AxisCore {
                 &self.config.traits,
                 self.config.deadlines.standstill,
             );
-            self.observe(now, &sample, delivered);
+            self.update(now, &sample, delivered);
         }
         let loss = self.config.loss;
         if !self.lost
@@ -1467,18 +1467,18 @@ const SETTLES_WITHIN: u32 = 4;
 
 impl AxisCore {
     /// Takes in one cycle with fresh inputs.
-    fn observe(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+    fn update(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
         if state.is_fault() && !matches!(self.power, Power::Resetting { .. }) {
-            self.observe_fault(now);
+            self.update_fault(now);
         }
-        self.observe_mode_change(now, sample);
-        self.observe_power(now, sample, delivered);
-        self.observe_halt(now, sample, delivered);
-        self.observe_stop(now, sample, delivered);
+        self.update_mode_change(now, sample);
+        self.update_power(now, sample, delivered);
+        self.update_halt(now, sample, delivered);
+        self.update_stop(now, sample, delivered);
         if state == State::OperationEnabled && self.power.is_driving() {
             self.bit_11_is_valid |= !sample.statusword.contains(Statusword::INTERNAL_LIMIT);
-            self.observe_mode(now, sample, delivered);
+            self.update_mode(now, sample, delivered);
         } else if !self.power.is_driving() && !self.outgoing_starts() {
             self.sequencer.follow_position(sample.position);
         }
@@ -1486,15 +1486,15 @@ impl AxisCore {
 
     /// A fault ends everything; nothing here resets it. Should the drive go on by itself, the axis is led down. Who waits for a stop
     /// waits for the standstill.
-    fn observe_fault(&mut self, now: Duration) {
+    fn update_fault(&mut self, now: Duration) {
         let failure = self.fault().unwrap_or(Failure::Fault { code: None });
         self.fail_motions(failure);
-        if !matches!(self.stopping.stage, Stage::Settling { .. }) {
+        if !matches!(self.stopping.phase, StopPhase::Settling { .. }) {
             self.stopping.off = false;
-            self.stopping.stage = if self.stopping.note_fault(failure) {
+            self.stopping.phase = if self.stopping.note_fault(failure) {
                 self.settling(now)
             } else {
-                Stage::None
+                StopPhase::None
             };
         }
         self.fail_others(failure);
@@ -1502,8 +1502,8 @@ impl AxisCore {
     }
 
     /// Waiting for the standstill of an axis that is stopped already, as far as this can be.
-    pub(super) fn settling(&self, now: Duration) -> Stage {
-        Stage::Settling {
+    pub(super) fn settling(&self, now: Duration) -> StopPhase {
+        StopPhase::Settling {
             until: now.saturating_add(self.config.deadlines.standstill),
         }
     }
@@ -1524,7 +1524,7 @@ impl AxisCore {
         self.halt_delivered = None;
     }
 
-    fn observe_power(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+    fn update_power(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
         match self.power {
             Power::Off => {}
@@ -1608,12 +1608,12 @@ impl AxisCore {
                         let standstill = self.config.deadlines.standstill;
                         self.stopping.begin_quick(now.saturating_add(standstill));
                     } else {
-                        self.observe_drop(now, state);
+                        self.update_drop(now, state);
                     }
                 }
             }
             Power::Resetting { id, phase, edges } => {
-                self.observe_reset(now, id, phase, edges, state, delivered);
+                self.update_reset(now, id, phase, edges, state, delivered);
             }
         }
     }
@@ -1650,7 +1650,7 @@ impl AxisCore {
     }
 
     /// The drive has left Operation enabled by itself, or by somebody else's stop.
-    fn observe_drop(&mut self, now: Duration, state: State) {
+    fn update_drop(&mut self, now: Duration, state: State) {
         let (failure, power) = if state == State::QuickStopActive {
             (Failure::QUICK_STOPPED, Power::Holding)
         } else {
@@ -1659,15 +1659,15 @@ impl AxisCore {
         self.fail_motions(failure);
         self.fail_others(failure);
         self.stopping.off = false;
-        self.stopping.stage = if self.stopping.has_no_waiter() {
-            Stage::None
+        self.stopping.phase = if self.stopping.has_no_waiter() {
+            StopPhase::None
         } else {
             self.settling(now)
         };
         self.leave_operation(power);
     }
 
-    fn observe_reset(
+    fn update_reset(
         &mut self,
         now: Duration,
         id: CommandId,
@@ -1753,12 +1753,12 @@ impl AxisCore {
         self.done(id, result);
     }
 
-    fn observe_halt(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+    fn update_halt(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         if !self.halted {
             self.stopping.begin_halt();
             // The axis left Operation enabled before it was seen to stand: who waited for the halt waits for that all the same.
             if self.stopping.halts_become_stops() && !self.stopping.is_active() {
-                self.stopping.stage = self.settling(now);
+                self.stopping.phase = self.settling(now);
             }
             return;
         }
@@ -1767,7 +1767,7 @@ impl AxisCore {
         }
         if self.has_seen_halt(now) {
             let deceleration = &mut self.stopping.deceleration;
-            deceleration.observe(now, sample.position, &self.bounds);
+            deceleration.update(now, sample.position, &self.bounds);
         }
         if self.stands_halted(now) && !self.stopping.unanswered {
             // Of a stop under way the halt is the first part alone: no set-point is kept, and who waits gets the stop as the reason.
@@ -1821,16 +1821,16 @@ impl AxisCore {
         self.has_seen(now, self.halt_delivered)
     }
 
-    fn observe_stop(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+    fn update_stop(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
-        match self.stopping.stage {
-            Stage::None => {}
-            Stage::Halting { until, from } => {
+        match self.stopping.phase {
+            StopPhase::None => {}
+            StopPhase::Halting { until, from } => {
                 // An axis that has just come into its window may go past it before it settles.
                 let near = self.bounds.position.saturating_mul(SETTLES_WITHIN);
                 let distance = |from| self.bounds.distance(from, sample.position);
                 let from = from.filter(|&from| distance(from) <= near);
-                self.stopping.stage = Stage::Halting { until, from };
+                self.stopping.phase = StopPhase::Halting { until, from };
                 if from.is_some() && self.stands_halted(now) {
                     self.finish_without_quick_stop(state);
                     return;
@@ -1841,7 +1841,7 @@ impl AxisCore {
                     self.begin_quick_stop(now);
                 }
             }
-            Stage::Quick { until } => {
+            StopPhase::Quick { until } => {
                 // A drive that stays there although 605Ah said otherwise when it was read is believed in the end.
                 let late = until.is_none_or(|until| now >= until);
                 let holds = state == State::QuickStopActive
@@ -1856,7 +1856,7 @@ impl AxisCore {
                     self.give_waiting_up(state);
                 }
             }
-            Stage::Settling { until } => {
+            StopPhase::Settling { until } => {
                 // A disable under way leads the drive down by itself, and stops the axis if it moves after all.
                 let disables = matches!(self.power, Power::Disabling { .. });
                 let powered = matches!(state, State::OperationEnabled | State::QuickStopActive);
@@ -1870,16 +1870,16 @@ impl AxisCore {
                     self.give_waiting_up(state);
                 }
             }
-            Stage::Off { until } => {
+            StopPhase::Off { until } => {
                 if is_down(state) {
                     self.leave_operation(self.power);
                     if self.is_at_rest() || self.stopping.has_no_waiter() {
                         self.finish_stop(state);
                     } else {
-                        self.stopping.stage = self.settling(now);
+                        self.stopping.phase = self.settling(now);
                     }
                 } else if now >= until {
-                    self.stopping.stage = Stage::None;
+                    self.stopping.phase = StopPhase::None;
                     let failure = self.timeout(
                         WaitingFor::State(State::SwitchOnDisabled),
                         Delivery::NotSent,
@@ -1896,10 +1896,10 @@ impl AxisCore {
         self.fail_motions(failure);
         self.fail_commands(failure);
         if state == State::OperationEnabled {
-            self.stopping.stage = Stage::Quick { until: None };
+            self.stopping.phase = StopPhase::Quick { until: None };
             return;
         }
-        self.stopping.stage = Stage::None;
+        self.stopping.phase = StopPhase::None;
         self.stopping.off = false;
         self.leave_operation(if state == State::QuickStopActive {
             Power::Holding
@@ -1918,7 +1918,7 @@ impl AxisCore {
         self.fail_motions(failure);
         if state == State::QuickStopActive && off {
             self.leave_operation(Power::Off);
-            self.stopping.stage = Stage::Off {
+            self.stopping.phase = StopPhase::Off {
                 until: now.saturating_add(self.config.deadlines.disable),
             };
         } else {
@@ -1941,13 +1941,13 @@ impl AxisCore {
     }
 
     fn finish_stop(&mut self, state: State) {
-        self.stopping.stage = Stage::None;
+        self.stopping.phase = StopPhase::None;
         while let Some((id, failure)) = self.stopping.next_waiter() {
             self.done(id, failure.map_or(Ok(Completion::Stopped { state }), Err));
         }
     }
 
-    fn observe_moves(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+    fn update_moves(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let cycle = cycle!(self, now, sample, delivered);
         if self.sequencer.step(&cycle, &mut self.events) {
             // A set-point that the drive took while halted is kept as well: whoever asked for it gets that answer.
@@ -2251,7 +2251,7 @@ impl AxisCore {
             return;
         }
         if !self.stopping.is_active() {
-            self.stopping.stage = self.settling(now);
+            self.stopping.phase = self.settling(now);
         }
         self.wait_for_stop(now, id);
     }
@@ -2299,7 +2299,7 @@ impl AxisCore {
         }
         let disables = matches!(failure, Failure::Disabled { .. });
         if self.stopping.is_active() {
-            if disables && let Stage::Halting { from, .. } = &mut self.stopping.stage {
+            if disables && let StopPhase::Halting { from, .. } = &mut self.stopping.phase {
                 *from = None;
             }
             return true;
@@ -2325,7 +2325,7 @@ impl AxisCore {
         self.begin_halt(now);
         self.stopping.lent = from.is_some();
         let until = now.saturating_add(self.config.deadlines.standstill);
-        self.stopping.stage = Stage::Halting { until, from };
+        self.stopping.phase = StopPhase::Halting { until, from };
         true
     }
 
@@ -2420,7 +2420,7 @@ impl AxisCore {
             self.stopping.sent_since.get_or_insert(now);
         }
         let settle = self.bounds.settle;
-        let shown = self.stopping.shown.observe(now, may_end, settle);
+        let shown = self.stopping.shown.update(now, may_end, settle);
         may_end && (shown || self.has_seen(now, self.stopping.sent_since))
     }
 
@@ -2436,7 +2436,7 @@ impl AxisCore {
         }
         if self.has_seen(now, self.stopping.quick_delivered) {
             let deceleration = &mut self.stopping.quick_deceleration;
-            deceleration.observe(now, sample.position, &self.bounds);
+            deceleration.update(now, sample.position, &self.bounds);
         }
         let standstill = self.config.deadlines.standstill;
         let since = self.stopping.quick_delivered;
@@ -2452,7 +2452,7 @@ impl AxisCore {
         self.stopping.off = false;
         self.brake.give_up();
         let until = now.saturating_add(self.config.deadlines.disable);
-        self.stopping.stage = Stage::Off { until };
+        self.stopping.phase = StopPhase::Off { until };
     }
 }
 
@@ -2748,7 +2748,7 @@ impl AxisCore {
     }
 
     /// What has just been sent, of the mode's own: since when it is nothing.
-    fn observe_quiet(&mut self, now: Duration, delivered: bool) {
+    fn update_quiet(&mut self, now: Duration, delivered: bool) {
         if self.sent.word().intersects(ModeBits::MASK) || self.sent_velocity != 0 {
             self.quiet_since = None;
         } else if delivered {
@@ -2756,7 +2756,7 @@ impl AxisCore {
         }
     }
 
-    fn observe_mode_change(&mut self, now: Duration, sample: &Sample) {
+    fn update_mode_change(&mut self, now: Duration, sample: &Sample) {
         self.write_mode(now);
         let Some(change) = self
             .mode_change
@@ -2824,7 +2824,7 @@ impl AxisCore {
     }
 
     /// One cycle in Operation enabled: the active mode's machine goes on.
-    fn observe_mode(&mut self, now: Duration, sample: &Sample, delivered: bool) {
+    fn update_mode(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         if self.stopping.is_quick() {
             return;
         }
@@ -2842,7 +2842,7 @@ impl AxisCore {
             return;
         }
         if self.mode == Mode::ProfilePosition {
-            self.observe_moves(now, sample, delivered);
+            self.update_moves(now, sample, delivered);
             return;
         }
         // No move of ours is under way: whoever looks at 607Ah finds no jump, not even after a homing has moved the zero.
@@ -2850,12 +2850,12 @@ impl AxisCore {
         let cycle = cycle!(self, now, sample, delivered);
         match self.mode {
             Mode::Homing => match self.homing.step(&cycle, &mut self.events) {
-                Verdict::GoOn => {}
-                Verdict::Attained => self.homed = true,
-                Verdict::StopIt => {
+                HomingVerdict::GoOn => {}
+                HomingVerdict::Attained => self.homed = true,
+                HomingVerdict::StopIt => {
                     self.begin_quick_stop(now);
                 }
-                Verdict::EndIt => {
+                HomingVerdict::EndIt => {
                     self.begin_stop(now, Failure::QUICK_STOPPED);
                 }
             },
@@ -3048,7 +3048,7 @@ impl AxisCore {
             *before = velocity;
         }
         self.standstill
-            .observe(now, position, sample.velocity, &self.bounds);
+            .update(now, position, sample.velocity, &self.bounds);
         self.cycle = self.cycle.wrapping_add(1);
         self.change = match self.change {
             SnapshotChange::Nothing | SnapshotChange::Motion => SnapshotChange::Motion,
@@ -3155,7 +3155,7 @@ impl Power {
 impl Stopping {
     /// Whether no stop is under way and nobody waits for one.
     fn allows_idle_path(&self) -> bool {
-        self.stage == Stage::None && self.has_no_waiter()
+        self.phase == StopPhase::None && self.has_no_waiter()
     }
 }
 
@@ -3164,7 +3164,7 @@ impl Stopping {
 #[cfg(feature = "std")]
 /// What is known of the drive of an axis that begins again.
 #[derive(Debug)]
-pub(crate) enum Again {
+pub(crate) enum Reattach {
     /// Nothing yet: its outputs must be harmless, whatever comes.
     Unknown,
     /// It has kept its power, and with it what it knows.
@@ -3178,16 +3178,16 @@ impl AxisCore {
     /// Begins again as if it had just been made, for a drive that does not act on its outputs now. Everything that is pending ends
     /// as lost. No enable, set-point or velocity is left in the outputs. The axis counts as lost until its drive takes outputs
     /// again.
-    pub(crate) fn restart(&mut self, now: Duration, again: Again, outputs: &mut [u8]) {
+    pub(crate) fn restart(&mut self, now: Duration, again: Reattach, outputs: &mut [u8]) {
         if !self.lost {
             self.lose(now);
         }
         // Of a drive that answers, those who wait for a stop have waited on. What it shows from now on is of another beginning.
         self.fail_commands(self.failure_of_loss());
         match again {
-            Again::Unknown => {}
-            Again::Kept => self.homed = self.homed_before_loss,
-            Again::Anew(config) => self.attach(*config),
+            Reattach::Unknown => {}
+            Reattach::Kept => self.homed = self.homed_before_loss,
+            Reattach::Anew(config) => self.attach(*config),
         }
         // Where it may still be moving, switching off would let it coast.
         let may_move = matches!(
@@ -3248,7 +3248,7 @@ impl AxisCore {
 // What makes no difference to an axis any more, for a search over all its states.
 //
 // Times count up for ever, and numbers of cycles. Each is compared with a bound, and beyond that all values mean the same:
-// [`AxisCore::let_go`] makes them the same, and [`Hash`] differs for two cores that may do different things next.
+// [`AxisCore::canonicalize`] makes them the same, and [`Hash`] differs for two cores that may do different things next.
 
 /// A deadline that is over, as one that is over just now.
 fn not_over(until: &mut Duration, now: Duration) {
@@ -3259,15 +3259,15 @@ impl AxisCore {
     /// Lets go of what makes no difference any more, after a step at this time. Before the next bit 4 rises, what 607Ah and the
     /// parameters hold is part of that.
     #[doc(hidden)]
-    pub fn let_go(&mut self, now: Duration) {
+    pub fn canonicalize(&mut self, now: Duration) {
         let (seen, deadlines) = (self.config.traits.surely_seen(), &self.config.deadlines);
         let settle = self.bounds.settle;
-        self.standstill.let_go(now, settle);
-        self.brake.let_go(now, seen);
+        self.standstill.canonicalize(now, settle);
+        self.brake.canonicalize(now, seen);
         self.sequencer
-            .let_go(now, seen, deadlines.acknowledge, deadlines.begin, settle);
+            .canonicalize(now, seen, deadlines.acknowledge, deadlines.begin, settle);
         if !self.outgoing_starts() && !self.sent.contains(Controlword::NEW_SET_POINT) {
-            self.sequencer.let_go_of_target();
+            self.sequencer.canonicalize_target();
         }
         for (at, longest) in [
             (&mut self.quiet_since, seen),
@@ -3278,13 +3278,13 @@ impl AxisCore {
             }
         }
         let longest = deadlines.standstill.max(seen);
-        self.stopping.let_go(now, longest, settle);
+        self.stopping.canonicalize(now, longest, settle);
         match &mut self.power {
             Power::Off | Power::Ready | Power::Enabled | Power::Holding => {}
             Power::Disabling { deadline, .. } | Power::Enabling { deadline, .. } => {
                 not_over(deadline, now);
             }
-            Power::Resetting { phase, .. } => phase.let_go(now, seen),
+            Power::Resetting { phase, .. } => phase.canonicalize(now, seen),
         }
         if self.lost {
             let loss = &self.config.loss;
@@ -3296,7 +3296,7 @@ impl AxisCore {
 }
 
 impl ResetPhase {
-    fn let_go(&mut self, now: Duration, seen: Duration) {
+    fn canonicalize(&mut self, now: Duration, seen: Duration) {
         match self {
             Self::Low {
                 until,
@@ -3319,14 +3319,14 @@ impl ResetPhase {
 }
 
 impl Stopping {
-    fn let_go(&mut self, now: Duration, longest: Duration, settle: Duration) {
-        self.shown.let_go(now, settle);
-        match &mut self.stage {
-            Stage::None | Stage::Quick { until: None } => {}
-            Stage::Halting { until, .. }
-            | Stage::Quick { until: Some(until) }
-            | Stage::Settling { until }
-            | Stage::Off { until } => not_over(until, now),
+    fn canonicalize(&mut self, now: Duration, longest: Duration, settle: Duration) {
+        self.shown.canonicalize(now, settle);
+        match &mut self.phase {
+            StopPhase::None | StopPhase::Quick { until: None } => {}
+            StopPhase::Halting { until, .. }
+            | StopPhase::Quick { until: Some(until) }
+            | StopPhase::Settling { until }
+            | StopPhase::Off { until } => not_over(until, now),
         }
         if let Some(at) = &mut self.quick_delivered {
             no_older(at, now, longest);
@@ -3375,7 +3375,7 @@ impl Hash for AxisCore {
             undelivered_cycles,
             awaits_op,
             // With cycles of one length nothing ever stalls.
-            pace: _,
+            spacing: _,
             bit_11_is_valid,
             cycle: _,
             expired,
@@ -3417,18 +3417,18 @@ impl Hash for AxisCore {
 }
 
 #[cfg(test)]
-mod pace_tests {
+mod spacing_tests {
     use super::*;
 
     /// How long nothing was seen before the last of these cycles: of each its number, the time from the one before in µs, and how many
     /// without inputs there were between.
     fn stalled(cycles: &[(u64, u64, u32)]) -> u32 {
-        let (mut pace, mut now) = (Pace::default(), Duration::ZERO);
+        let (mut spacing, mut now) = (CycleSpacing::default(), Duration::ZERO);
         for &(cycle, micros, stale) in cycles {
             now += Duration::from_micros(micros);
-            pace.observe(now, cycle, stale);
+            spacing.update(now, cycle, stale);
         }
-        pace.stalled
+        spacing.stalled
     }
 
     #[test]
@@ -3479,7 +3479,7 @@ mod restart_tests {
         // Operation enabled, Quick stop active, Fault reaction active.
         for statusword in [0x0237, 0x0217, 0x023F] {
             let (mut core, mut outputs, now) = enabled_then(statusword);
-            for again in [Again::Unknown, Again::Kept] {
+            for again in [Reattach::Unknown, Reattach::Kept] {
                 core.restart(now, again, &mut outputs);
                 assert_eq!(
                     u16::from_le_bytes([outputs[0], outputs[1]]),
@@ -3509,7 +3509,7 @@ mod restart_tests {
         assert!(core.is_lost());
         core.submit(now, CommandId(2), Command::Stop, &mut outputs);
         while core.poll_event().is_some() {}
-        core.restart(now, Again::Kept, &mut outputs);
+        core.restart(now, Reattach::Kept, &mut outputs);
         let (id, event) = core.poll_event().expect("the stop has an end");
         assert_eq!(id, CommandId(2));
         assert!(matches!(event, Event::Done(Err(_))), "{event:?}");

@@ -21,10 +21,10 @@ pub use config::{CoreConfig, Deadlines, Loss, Tolerances};
 #[cfg(feature = "std")]
 pub(crate) use self::core::CommandedMode;
 #[cfg(feature = "std")]
-pub(crate) use self::core::{Again, SnapshotChange, TARGET_VELOCITY};
+pub(crate) use self::core::{Reattach, SnapshotChange, TARGET_VELOCITY};
 #[cfg(feature = "std")]
 pub use crate::handle::{
     Axis, AxisError, AxisErrorKind, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource,
     AxisStatistics, BoxFuture, Field, GroupQueue, Groups, Liveness, LivenessWatch, MotionEnd,
-    NoParameters, OutputField, ParameterAccess, StopHandle, Together, start_together,
+    NoParameters, OutputField, ParameterAccess, StartTogether, StopHandle, start_together,
 };

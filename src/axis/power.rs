@@ -153,7 +153,7 @@ enum BrakePhase {
 /// What brakes the axis before its power goes.
 #[derive(Debug, Clone, Copy, Hash, Default)]
 pub(super) struct Brake {
-    stage: BrakePhase,
+    phase: BrakePhase,
     /// Until when quick stop is sent for an axis that does not come to rest.
     until: Option<Duration>,
     /// Since when each sample has shown a state without power, and how many there were.
@@ -179,7 +179,7 @@ impl Brake {
     /// Takes in one sample of a drive with these traits. `leading_down`: the axis is to lose its power. `patience` is how long it may
     /// take to come to rest.
     #[inline]
-    pub fn observe(
+    pub fn update(
         &mut self,
         now: Duration,
         state: State,
@@ -207,11 +207,11 @@ impl Brake {
             .is_some_and(|(since, samples)| samples > 1 && seen(since));
         self.confirmed = shown && self.led_down.is_some_and(seen);
         if powered {
-            self.stage = BrakePhase::Driven;
-        } else if standing || (self.confirmed && self.stage == BrakePhase::Unknown) {
-            self.stage = BrakePhase::Free;
+            self.phase = BrakePhase::Driven;
+        } else if standing || (self.confirmed && self.phase == BrakePhase::Unknown) {
+            self.phase = BrakePhase::Free;
         } else if self.confirmed && self.over {
-            self.stage = BrakePhase::Coasting;
+            self.phase = BrakePhase::Coasting;
         }
         if standing || !leading_down || !self.may_drive() {
             self.until = None;
@@ -223,7 +223,7 @@ impl Brake {
     }
 
     /// Lets go of what makes no difference any more.
-    pub fn let_go(&mut self, now: Duration, seen: Duration) {
+    pub fn canonicalize(&mut self, now: Duration, seen: Duration) {
         if let Some((since, samples)) = &mut self.down {
             no_older(since, now, seen);
             *samples = (*samples).min(2);
@@ -248,17 +248,17 @@ impl Brake {
 
     /// Whether the drive may be driving the axis. One that coasts has had its time to come to rest.
     pub const fn may_drive(&self) -> bool {
-        !matches!(self.stage, BrakePhase::Coasting | BrakePhase::Free)
+        !matches!(self.phase, BrakePhase::Coasting | BrakePhase::Free)
     }
 
     /// Whether the drive drives nothing, and the axis does not run on from what it did.
     pub const fn is_free(&self) -> bool {
-        matches!(self.stage, BrakePhase::Free)
+        matches!(self.phase, BrakePhase::Free)
     }
 
     /// Whether a sample like the last one changes nothing.
     pub const fn allows_idle_path(&self, driving: bool) -> bool {
-        match self.stage {
+        match self.phase {
             BrakePhase::Unknown | BrakePhase::Coasting => false,
             BrakePhase::Driven => driving && self.down.is_none() && self.until.is_none(),
             BrakePhase::Free => self.confirmed,
@@ -325,7 +325,7 @@ mod brake_tests {
         fn cycle(&mut self, state: State, standing: bool) {
             self.now += CYCLE;
             self.brake.note_sent(self.now, self.enables, true);
-            self.brake.observe(
+            self.brake.update(
                 self.now,
                 state,
                 standing,

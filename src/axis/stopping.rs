@@ -9,7 +9,7 @@ const WAITERS: usize = 8;
 
 /// How far a stop is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub(super) enum Stage {
+pub(super) enum StopPhase {
     /// No stop is under way; the axis may be halted.
     #[default]
     None,
@@ -38,7 +38,7 @@ pub(super) enum Wait {
 /// The stop under way.
 #[derive(Debug, Clone, Hash, Default)]
 pub(super) struct Stopping {
-    pub stage: Stage,
+    pub phase: StopPhase,
     /// Whether the axis is to be disabled at the end.
     pub off: bool,
     /// Whether those whose set-points are kept have been informed that the axis stands.
@@ -65,11 +65,11 @@ pub(super) struct Stopping {
 
 impl Stopping {
     pub const fn is_quick(&self) -> bool {
-        matches!(self.stage, Stage::Quick { .. })
+        matches!(self.phase, StopPhase::Quick { .. })
     }
 
     pub const fn is_switching_off(&self) -> bool {
-        matches!(self.stage, Stage::Off { .. })
+        matches!(self.phase, StopPhase::Off { .. })
     }
 
     /// Bit 8 begins, or is over.
@@ -82,7 +82,7 @@ impl Stopping {
 
     /// Bit 2 falls, and the axis is to stand by then.
     pub fn begin_quick(&mut self, until: Duration) {
-        self.stage = Stage::Quick { until: Some(until) };
+        self.phase = StopPhase::Quick { until: Some(until) };
         self.sent_since = None;
         self.shown = ShownFor::NOT;
         self.measure_quick();
@@ -95,13 +95,13 @@ impl Stopping {
     }
 
     pub const fn is_active(&self) -> bool {
-        !matches!(self.stage, Stage::None)
+        !matches!(self.phase, StopPhase::None)
     }
 
     /// Somebody new waits for a quick stop whose deadline has passed: it gets a deadline again.
     pub const fn set_deadline(&mut self, until: Duration) {
-        if matches!(self.stage, Stage::Quick { until: None }) {
-            self.stage = Stage::Quick { until: Some(until) };
+        if matches!(self.phase, StopPhase::Quick { until: None }) {
+            self.phase = StopPhase::Quick { until: Some(until) };
         }
     }
 
@@ -219,7 +219,7 @@ impl DecelerationMonitor {
     }
 
     /// Takes in one cycle.
-    pub fn observe(&mut self, now: Duration, position: i32, bounds: &Bounds) {
+    pub fn update(&mut self, now: Duration, position: i32, bounds: &Bounds) {
         let begin = Span {
             since: now,
             position,
@@ -270,7 +270,7 @@ mod deceleration_tests {
         (0..5_000).find(|&cycle| {
             let position = at(f64::from(cycle)).round() as i64;
             let position = turn.map_or(position as i32, |turn| turn.wrap(position));
-            deceleration.observe(Duration::from_millis(cycle.into()), position, &bounds);
+            deceleration.update(Duration::from_millis(cycle.into()), position, &bounds);
             deceleration.ignores_stop()
         })
     }

@@ -10,7 +10,7 @@ use crate::{
     ds402::State,
     link::RawSocketError,
     parameters::StartUpError,
-    pdo_map::{ConfigureError, MappingError, Step, verify::Differences},
+    pdo_map::{ConfigureError, MappingError, MappingWrite, verify::Differences},
     sii::SiiError,
 };
 
@@ -278,7 +278,7 @@ pub enum DriveFault {
     #[error("{step}: {error}")]
     MappingRefused {
         /// The step: which entry of which PDO.
-        step: Step,
+        step: MappingWrite,
         /// The drive's reason.
         error: SdoError,
     },

@@ -198,7 +198,7 @@ impl fmt::Display for Present {
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
-pub enum Verdict {
+pub enum LineVerdict {
     /// Nothing.
     Right,
     /// The expected device is not in the line.
@@ -233,7 +233,7 @@ pub enum Verdict {
     DeclaredTwice,
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for LineVerdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Right => f.write_str("right"),
@@ -265,7 +265,7 @@ pub struct LineRow {
     /// What is there.
     pub found: Option<Present>,
     /// What is the matter.
-    pub verdict: Verdict,
+    pub verdict: LineVerdict,
 }
 
 impl LineRow {
@@ -275,7 +275,7 @@ impl LineRow {
         let Identity {
             vendor, product, ..
         } = found.id.identity;
-        let is_other = self.verdict == Verdict::Different
+        let is_other = self.verdict == LineVerdict::Different
             && expected.vendor == Some(vendor)
             && expected.product.is_some_and(|expected| expected != product);
         is_other.then_some((self, found))
@@ -356,7 +356,7 @@ pub(super) fn compare(
     let all_right = check
         .verdicts
         .iter()
-        .all(|verdict| *verdict == Some(Verdict::Right));
+        .all(|verdict| *verdict == Some(LineVerdict::Right));
     let all_expected = check.taken.iter().all(Option::is_some);
     if all_right && (all_expected || !complete) {
         return Ok(check.at.into_iter().flatten().collect());
@@ -369,7 +369,7 @@ struct Check<'a> {
     line: &'a [Present],
     /// Of each expected device: where it stands, and what is the matter with it.
     at: Vec<Option<usize>>,
-    verdicts: Vec<Option<Verdict>>,
+    verdicts: Vec<Option<LineVerdict>>,
     /// Of each device of the line: which expected one it is.
     taken: Vec<Option<usize>>,
 }
@@ -384,15 +384,15 @@ impl Check<'_> {
                 // It may stand elsewhere.
                 (DevicePlace::Position(_), [at]) if !self.is(expected, *at) => {}
                 (DevicePlace::Position(_), []) => {}
-                (_, []) => self.judge(number, Verdict::Missing),
+                (_, []) => self.judge(number, LineVerdict::Missing),
                 (_, [at]) => {
                     self.at[number] = Some(*at);
                     let verdict = if self.taken[*at].is_some() {
-                        Verdict::DeclaredTwice
+                        LineVerdict::DeclaredTwice
                     } else if self.is(expected, *at) {
-                        Verdict::Right
+                        LineVerdict::Right
                     } else {
-                        Verdict::Different
+                        LineVerdict::Different
                     };
                     // What may be anything leaves the device to whoever is looking for it.
                     if expected.says_something() {
@@ -402,7 +402,7 @@ impl Check<'_> {
                 }
                 (_, several) => {
                     let positions = several.iter().map(|at| position(*at)).collect();
-                    self.judge(number, Verdict::NotUnique { positions });
+                    self.judge(number, LineVerdict::NotUnique { positions });
                 }
             }
         }
@@ -418,14 +418,14 @@ impl Check<'_> {
                     self.take(
                         one,
                         there,
-                        Verdict::Swapped {
+                        LineVerdict::Swapped {
                             with: position(there),
                         },
                     );
                     self.take(
                         other,
                         here,
-                        Verdict::Swapped {
+                        LineVerdict::Swapped {
                             with: position(here),
                         },
                     );
@@ -444,16 +444,16 @@ impl Check<'_> {
         for &(number, _) in &open {
             let elsewhere = (0..self.line.len()).find(|at| self.could_be(number, *at));
             if let Some(at) = elsewhere {
-                self.take(number, at, Verdict::Moved { to: position(at) });
+                self.take(number, at, LineVerdict::Moved { to: position(at) });
             }
         }
         for (number, here) in open {
             if self.verdicts[number].is_none() {
                 let stranger = self.taken.get(here).is_some_and(Option::is_none);
                 let verdict = if stranger {
-                    Verdict::Different
+                    LineVerdict::Different
                 } else {
-                    Verdict::Missing
+                    LineVerdict::Missing
                 };
                 self.judge(number, verdict);
             }
@@ -467,9 +467,9 @@ impl Check<'_> {
                 continue;
             };
             let by = *taken.get_or_insert(number);
-            let both_right = [number, by].map(|one| self.verdicts[one] == Some(Verdict::Right));
+            let both_right = [number, by].map(|one| self.verdicts[one] == Some(LineVerdict::Right));
             if by != number && both_right == [true, true] {
-                self.verdicts[number] = Some(Verdict::DeclaredTwice);
+                self.verdicts[number] = Some(LineVerdict::DeclaredTwice);
             }
         }
     }
@@ -493,29 +493,33 @@ impl Check<'_> {
                 .collect();
             if expected.is_empty() {
                 let verdict = match self.taken.get(at).copied().flatten() {
-                    Some(number) => Verdict::Astray {
+                    Some(number) => LineVerdict::Astray {
                         from: self.declared_position(number).unwrap_or_default(),
                     },
-                    None if complete => Verdict::Extra,
-                    None => Verdict::NotDeclared,
+                    None if complete => LineVerdict::Extra,
+                    None => LineVerdict::NotDeclared,
                 };
                 rows.push(row(None, verdict));
             }
             rows.extend(expected.into_iter().map(|number| {
                 let verdict = self.verdicts[number].clone();
                 let expected = Some(self.expected[number].clone());
-                row(expected, verdict.unwrap_or(Verdict::Missing))
+                row(expected, verdict.unwrap_or(LineVerdict::Missing))
             }));
         }
         // Those that are looked for by something else than their position, and were not found.
         let nowhere = (0..self.expected.len()).filter(|number| {
             self.at[*number].is_none() && self.declared_position(*number).is_none()
         });
-        rows.extend(nowhere.map(|number| LineRow {
-            position: None,
-            expected: Some(self.expected[number].clone()),
-            found: None,
-            verdict: self.verdicts[number].clone().unwrap_or(Verdict::Missing),
+        rows.extend(nowhere.map(|number| {
+            LineRow {
+                position: None,
+                expected: Some(self.expected[number].clone()),
+                found: None,
+                verdict: self.verdicts[number]
+                    .clone()
+                    .unwrap_or(LineVerdict::Missing),
+            }
         }));
         rows
     }
@@ -571,13 +575,13 @@ impl Check<'_> {
         }
     }
 
-    fn take(&mut self, number: usize, at: usize, verdict: Verdict) {
+    fn take(&mut self, number: usize, at: usize, verdict: LineVerdict) {
         self.at[number] = Some(at);
         self.taken[at] = Some(number);
         self.judge(number, verdict);
     }
 
-    fn judge(&mut self, number: usize, verdict: Verdict) {
+    fn judge(&mut self, number: usize, verdict: LineVerdict) {
         self.verdicts[number] = Some(verdict);
     }
 }

@@ -31,7 +31,7 @@ use crate::{
         error::{AlError, AlState, AlStatus, BringUpStep, NetworkError},
         event::{ClockEvent, Miscounted, NetworkEvent, Recovered},
     },
-    coe::{DriveId, MailNote},
+    coe::{DriveId, MailboxRecord},
     ds402::{Controlword, State, Statusword},
     log_target::{AXIS, BUS, DRIVE},
     units::AxisScale,
@@ -146,7 +146,7 @@ pub(super) enum LogRecord {
     Drive(Arc<DriveId>, DriveChange),
     /// A drive is in OP for the first time.
     BroughtUp(Arc<DriveId>),
-    Mail(MailNote),
+    MailboxMessage(MailboxRecord),
     /// The program stopped all axes.
     StopOfAll(StopRequest),
     /// The program no longer says that it is alive.
@@ -260,7 +260,7 @@ impl LogRecord {
             | Self::Recovered(..)
             | Self::InStep { .. }
             | Self::Clock(_, ClockEvent::InStep) => Level::INFO,
-            Self::Mail(note) => note.level(),
+            Self::MailboxMessage(note) => note.level(),
             Self::Step { .. } | Self::SetUp(..) => Level::DEBUG,
             Self::StopOfAll(_)
             | Self::NotRecovered(..)
@@ -284,7 +284,7 @@ impl LogRecord {
             Self::BroughtUp(drive) => {
                 tracing::info!(target: DRIVE, drive = %format_args!("{drive:#}"), ?at, "in OP");
             }
-            Self::Mail(note) => note.write(at),
+            Self::MailboxMessage(note) => note.write(at),
             Self::StopOfAll(stop) => {
                 tracing::warn!(target: BUS, ?stop, ?at, "all axes are stopped");
             }
@@ -543,7 +543,7 @@ mod tests {
             error::{AlError, AlState, AlStatus},
             event::ClockEvent,
         },
-        coe::{DriveId, MailNote},
+        coe::{DriveId, MailboxRecord},
         ds402::{Controlword, State, Statusword},
         profile_position::WorkingCounter,
         sii::Identity,
@@ -669,7 +669,7 @@ mod tests {
             DriveChange::InOp,
         ];
         notes.extend(changes.map(|change| LogRecord::Drive(drive(), change)));
-        notes.extend(MailNote::of_each_kind(&drive()).map(LogRecord::Mail));
+        notes.extend(MailboxRecord::of_each_kind(&drive()).map(LogRecord::MailboxMessage));
         notes.extend([
             LogRecord::BroughtUp(drive()),
             LogRecord::StopOfAll(StopRequest::HALT),

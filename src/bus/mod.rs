@@ -46,7 +46,7 @@ pub use error::{
     ReferenceClock, RegisterError, SettingError, SyncManagerError, TopologyError, WatchdogState,
 };
 pub use event::{ClockEvent, DeviceFinding, Finding, Miscounted, NetworkEvent, Recovered};
-pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict};
+pub use expected::{DevicePlace, Expected, LineMismatch, LineRow, LineVerdict, Present};
 pub use network::builder::{NetworkBuilder, Starting};
 pub use network::scan::{Line, LineDevice};
 pub use network::view::{AxisView, NetworkView};

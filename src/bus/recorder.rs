@@ -9,7 +9,7 @@ use super::cycle::black_box::{CycleRecord, CycleRing, RingLook};
 use crate::{
     coe::{AnyObject, DataType, ObjectAddress, Unit, obj},
     ds402::{State, Statusword},
-    pdo_map::Place,
+    pdo_map::BitRange,
     units::AxisScale,
 };
 
@@ -184,14 +184,14 @@ pub(in crate::bus) enum SignalSource {
         device: usize,
         /// Whether it is among what the device sends, and not among what it gets.
         is_input: bool,
-        place: Place,
+        place: BitRange,
         data_type: DataType,
         scaled: Unit,
         scale: AxisScale,
     },
     State {
         device: usize,
-        place: Place,
+        place: BitRange,
     },
     Lateness,
 }
@@ -337,7 +337,7 @@ impl Recorder {
 }
 
 /// The number that these bits are.
-const fn number(bits: u64, place: Place, data_type: DataType) -> i64 {
+const fn number(bits: u64, place: BitRange, data_type: DataType) -> i64 {
     let is_signed = matches!(data_type, DataType::I8 | DataType::I16 | DataType::I32);
     if is_signed && place.bits > 0 && place.bits < 64 {
         let unused = 64 - place.bits as u32;

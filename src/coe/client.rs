@@ -2,7 +2,7 @@
 //!
 //! Transfers run one after another. A message whose reading is lost is asked for again by the repeat request. A request whose frame
 //! is lost is sent again with the same mailbox counter, by which the device knows it. A request that writes an object is never sent
-//! again, since a device that does not look at the counter would write twice: see `doubt`.
+//! again, since a device that does not look at the counter would write twice: see `unconfirmed`.
 //!
 //! Its messages have their memory from the beginning. All else that a transfer takes comes with its call (`calls`) and goes back
 //! with the answer.
@@ -28,19 +28,22 @@ use super::emergencies::{Emergencies, EmergencyQueue, Received};
 use super::emergency::Emergency;
 use super::error::AbortCode;
 use super::error::{DriveId, ErrorTexts, SdoError, SdoStep, Transfer, Unsupported};
-use super::handle::{Answer, Call, RemoteRequest, Request, SdoHandle, Served, Server, calls};
+use super::handle::{
+    Answer, Call, RemoteRequest, Request, RequestReceiver, SdoHandle, Server, calls,
+};
 use super::information::{Inquiry, Question};
 use super::mailbox::{
-    Counter, HEADER_LENGTH, Mail, MailboxError, SHORTEST_MAILBOX, information_mail, sdo_mail,
+    Counter, HEADER_LENGTH, MailboxError, MailboxMessage, SHORTEST_MAILBOX, information_message,
+    sdo_message,
 };
 use super::obj;
 use super::object::ObjectAddress;
-use super::sdo::{Download, SdoFault, Step, Upload, abort_request};
+use super::sdo::{Download, SdoFault, TransferStep, Upload, abort_request};
 use super::transport::{LinkFault, MailboxStatus, MailboxTransport};
 use crate::sii::{Mailbox, Sii};
 use crate::wakes::Waiters;
-use notes::{Excerpt, MailEvent};
-pub(crate) use notes::{MailNote, Notes};
+use notes::{Excerpt, MailboxEvent};
+pub(crate) use notes::{MailboxLog, MailboxRecord};
 
 /// Messages read in a row before deadlines and requests get their turn: a device may send without end.
 const MAILS_AT_ONCE: usize = 16;
@@ -60,14 +63,14 @@ pub struct MailboxClient<T, C> {
     clock: C,
     settings: MailboxSettings,
     drive: Arc<DriveId>,
-    calls: Served,
+    calls: RequestReceiver,
     emergencies: EmergencyQueue,
     /// Where those of all drives of a network go.
     of_network: Option<EmergencyQueue>,
     texts: Arc<ErrorTexts>,
     /// Who takes what is to be logged; nobody: then it is written at once.
-    notes: Option<Notes>,
-    signal: MailSignal,
+    notes: Option<MailboxLog>,
+    signal: MailboxSignal,
     counters: Counters,
     /// The message that is being sent.
     request: Vec<u8>,
@@ -85,14 +88,14 @@ pub struct MailboxClient<T, C> {
     sent_again: bool,
     /// An error reply that may be an earlier request's.
     refusal: Option<MailboxError>,
-    doubt: Doubt,
-    pace: Pace,
+    unconfirmed: UnconfirmedWrite,
+    poll_timing: PollTiming,
     /// Accesses that failed in a row.
     failures: u32,
 }
 
 /// What the client does next.
-enum Next {
+enum ClientAction {
     /// Serve a call; end, if there can be none any more.
     Call(Option<Call>),
     /// Look at the mailbox; whether a message is known to wait.
@@ -104,7 +107,7 @@ enum Found {
     Nothing,
     /// A message that answers nothing: an emergency, a late reply.
     Other,
-    Answer(Step),
+    Answer(TransferStep),
 }
 
 impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
@@ -141,7 +144,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             of_network: None,
             texts: Arc::default(),
             notes: None,
-            signal: MailSignal::default(),
+            signal: MailboxSignal::default(),
             counters: Counters::default(),
             request: Vec::with_capacity(settings.write_length.max(SHORTEST_MAILBOX)),
             reply: vec![0; read_length],
@@ -151,8 +154,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             owed: Vec::with_capacity(MOST_OWED),
             sent_again: false,
             refusal: None,
-            doubt: Doubt::default(),
-            pace: Pace::default(),
+            unconfirmed: UnconfirmedWrite::default(),
+            poll_timing: PollTiming::default(),
             failures: 0,
         };
         let handle = SdoHandle {
@@ -177,29 +180,30 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     }
 
     /// The same client, whose notes for the log are taken by this.
-    pub(crate) fn noting_to(mut self, notes: Notes) -> Self {
+    pub(crate) fn noting_to(mut self, notes: MailboxLog) -> Self {
         self.notes = Some(notes);
         self
     }
 
     /// By which a bus loop reports what it sees of the mailbox: then the client does not look while nothing is due.
-    pub(crate) fn signal(&self) -> MailSignal {
+    pub(crate) fn signal(&self) -> MailboxSignal {
         self.signal.clone()
     }
 
     /// Serves the handles, and collects emergencies, until the last handle is dropped.
     pub async fn run(mut self) {
         loop {
-            let next = or(async { Next::Call(self.calls.next().await) }, async {
-                Next::Due(self.something_due().await)
-            });
+            let next = or(
+                async { ClientAction::Call(self.calls.next().await) },
+                async { ClientAction::Due(self.something_due().await) },
+            );
             match next.await {
-                Next::Due(mail_waits) => self.collect(mail_waits).await,
-                Next::Call(Some(call)) => {
+                ClientAction::Due(message_waits) => self.collect(message_waits).await,
+                ClientAction::Call(Some(call)) => {
                     self.serve(call).await;
                     self.signal.forget();
                 }
-                Next::Call(None) => return,
+                ClientAction::Call(None) => return,
             }
         }
     }
@@ -207,7 +211,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Waits until the mailbox is to be looked at though nothing was asked for. Whether a message is known to wait.
     async fn something_due(&self) -> bool {
         if self.signal.is_watched() {
-            return self.signal.mail_waits().await;
+            return self.signal.message_waits().await;
         }
         let next = self.clock.now() + self.settings.idle_interval;
         self.clock.sleep_until(next).await;
@@ -256,7 +260,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     ) -> Result<(), Failure> {
         loop {
             match self.exchange(dialogue, transfer, timeout).await {
-                Ok(Step::Done) => {
+                Ok(TransferStep::Done) => {
                     self.answered(transfer);
                     return Ok(());
                 }
@@ -273,8 +277,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                         // A courtesy, so that the device drops its half of the transfer; without reply.
                         let abort = abort_request(transfer.object, code);
                         let counter = self.counters.next();
-                        sdo_mail(&mut self.request, counter, |mail| {
-                            mail.extend_from_slice(&abort);
+                        sdo_message(&mut self.request, counter, |message| {
+                            message.extend_from_slice(&abort);
                         });
                         let _ = self.send().await;
                     }
@@ -290,7 +294,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         dialogue: &mut Dialogue,
         transfer: Transfer,
         timeout: Duration,
-    ) -> Result<Step, Failure> {
+    ) -> Result<TransferStep, Failure> {
         let mut asked_at = self.clock.now();
         let deadline = asked_at + timeout;
         self.failures = 0;
@@ -301,7 +305,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         if !sent {
             let counter = self.counters.next();
             dialogue.compose(&mut self.request, counter);
-            self.note(MailEvent::Request(transfer, Excerpt::of(&self.request)));
+            self.note(MailboxEvent::Request(transfer, Excerpt::of(&self.request)));
         }
         // The mailbox was empty when it was read without a look at its state: a frame that came twice may have read it.
         let mut perhaps_read = false;
@@ -309,7 +313,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             if !sent && doubtful_from.is_none() {
                 match self.send().await {
                     // A quick device has answered by now: its message is read without a look at the state before.
-                    Ok(true) if self.pace.is_quick() => {
+                    Ok(true) if self.poll_timing.is_quick() => {
                         sent = true;
                         asked_at = self.clock.now();
                         match self.read_unasked(dialogue).await? {
@@ -321,7 +325,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     Ok(true) => {
                         sent = true;
                         asked_at = self.clock.now();
-                        let first = asked_at + self.pace.first_look();
+                        let first = asked_at + self.poll_timing.first_look();
                         self.clock.sleep_until(first.min(deadline)).await;
                     }
                     Ok(false) => {}
@@ -340,7 +344,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             for _ in 0..MAILS_AT_ONCE {
                 match self.look(Some(dialogue)).await? {
                     Found::Answer(step) => {
-                        self.pace.answered_after(self.clock.now() - asked_at);
+                        self.poll_timing.answered_after(self.clock.now() - asked_at);
                         return Ok(step);
                     }
                     Found::Other => {}
@@ -362,7 +366,9 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     None => Failure::NotTaken,
                 });
             }
-            let pause = self.pace.pause(now - asked_at, self.settings.poll_interval);
+            let pause = self
+                .poll_timing
+                .pause(now - asked_at, self.settings.poll_interval);
             self.clock.sleep_until((now + pause).min(deadline)).await;
         }
     }
@@ -370,7 +376,9 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Puts the message that is due into the device's mailbox; `false` if that is full.
     async fn send(&mut self) -> Result<bool, LinkFault> {
         self.forget_the_session_before();
-        let sent = self.access(self.transport.write_mail(&self.request)).await;
+        let sent = self
+            .access(self.transport.write_message(&self.request))
+            .await;
         match sent {
             Ok(true) => self.counters.taken(),
             Ok(false) => {}
@@ -389,9 +397,9 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         }
     }
 
-    fn note(&self, event: MailEvent) {
+    fn note(&self, event: MailboxEvent) {
         let drive = Arc::clone(&self.drive);
-        let note = MailNote { drive, event };
+        let note = MailboxRecord { drive, event };
         match &self.notes {
             Some(notes) => notes(self.clock.now(), note),
             None => note.write(self.clock.now()),
@@ -555,10 +563,10 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
 impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Reads away what waits while nothing was asked for.
-    async fn collect(&mut self, mut mail_waits: bool) {
+    async fn collect(&mut self, mut message_waits: bool) {
         self.forget_the_session_before();
         for _ in 0..MAILS_AT_ONCE {
-            let found = if core::mem::take(&mut mail_waits) {
+            let found = if core::mem::take(&mut message_waits) {
                 self.read_waiting().await
             } else {
                 self.look(None).await
@@ -567,7 +575,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 Ok(Found::Other) => {}
                 Ok(_) => break,
                 Err(fault) => {
-                    self.note(MailEvent::Unreadable(fault));
+                    self.note(MailboxEvent::Unreadable(fault));
                     break;
                 }
             }
@@ -640,13 +648,13 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
     /// Reads the mailbox; false if it is empty.
     async fn read(&mut self) -> Result<bool, LinkFault> {
-        let mut mail = core::mem::take(&mut self.reply);
-        mail.fill(0);
-        let reading = self.transport.read_mail(&mut mail);
+        let mut message = core::mem::take(&mut self.reply);
+        message.fill(0);
+        let reading = self.transport.read_message(&mut message);
         let read = self
             .access_within(self.settings.mail_timeout, reading)
             .await;
-        self.reply = mail;
+        self.reply = message;
         if read == Ok(true) {
             self.failures = 0;
         }
@@ -655,24 +663,28 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
     /// Takes the message that was read.
     fn take(&mut self, dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
-        let mail = core::mem::take(&mut self.reply);
-        let found = self.pass_on(&mail, dialogue);
-        self.reply = mail;
+        let message = core::mem::take(&mut self.reply);
+        let found = self.pass_on(&message, dialogue);
+        self.reply = message;
         found
     }
 
-    fn pass_on(&mut self, mail: &[u8], dialogue: Option<&mut Dialogue>) -> Result<Found, Failure> {
-        let (header, content) = match Mail::parse(mail) {
+    fn pass_on(
+        &mut self,
+        message: &[u8],
+        dialogue: Option<&mut Dialogue>,
+    ) -> Result<Found, Failure> {
+        let (header, content) = match MailboxMessage::parse(message) {
             Ok(parsed) => parsed,
             Err(cut) if dialogue.is_some() => return Err(Failure::Fault(cut.into())),
             Err(cut) => {
-                self.note(MailEvent::Cut(cut));
+                self.note(MailboxEvent::Cut(cut));
                 return Ok(Found::Other);
             }
         };
-        let whole = mail
+        let whole = message
             .get(..HEADER_LENGTH + usize::from(header.length))
-            .unwrap_or(mail);
+            .unwrap_or(message);
         let twice = self.repeated && header.counter != 0 && whole == self.last;
         self.repeated = false;
         if twice {
@@ -681,36 +693,39 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         self.last.clear();
         self.last.extend_from_slice(whole);
         match (content, dialogue) {
-            (Mail::Emergency(emergency), _) => {
+            (MailboxMessage::Emergency(emergency), _) => {
                 self.report(emergency);
                 Ok(Found::Other)
             }
-            (content @ (Mail::SdoReply(_) | Mail::SdoInformation(_)), Some(dialogue)) => {
-                match dialogue.feed(content, self.owed.is_empty())? {
-                    Step::Foreign => {
-                        if !self.doubt.feed(content) {
-                            self.note(MailEvent::Foreign(content.into()));
-                        }
-                        Ok(Found::Other)
+            (
+                content @ (MailboxMessage::SdoReply(_) | MailboxMessage::SdoInformation(_)),
+                Some(dialogue),
+            ) => match dialogue.feed(content, self.owed.is_empty())? {
+                TransferStep::Foreign => {
+                    if !self.unconfirmed.feed(content) {
+                        self.note(MailboxEvent::Foreign(content.into()));
                     }
-                    step => Ok(Found::Answer(step)),
+                    Ok(Found::Other)
                 }
+                step => Ok(Found::Answer(step)),
+            },
+            (MailboxMessage::Error(error), Some(_)) if self.owed.is_empty() => {
+                Err(Failure::Refused(error))
             }
-            (Mail::Error(error), Some(_)) if self.owed.is_empty() => Err(Failure::Refused(error)),
             // An error reply does not say which request it is for. If it was this one's, no other answer will come.
-            (Mail::Error(error), Some(_)) => {
+            (MailboxMessage::Error(error), Some(_)) => {
                 self.refusal = Some(error);
                 Ok(Found::Other)
             }
             (content, _) => {
-                self.note(MailEvent::Unawaited(content.into()));
+                self.note(MailboxEvent::Unawaited(content.into()));
                 Ok(Found::Other)
             }
         }
     }
 
     fn report(&self, emergency: Emergency) {
-        self.note(MailEvent::Emergency(emergency, Arc::clone(&self.texts)));
+        self.note(MailboxEvent::Emergency(emergency, Arc::clone(&self.texts)));
         let received = Received {
             drive: Arc::clone(&self.drive),
             at: self.clock.now(),
@@ -741,17 +756,17 @@ enum Settled {
 
 /// An unconfirmed write while another object is read.
 #[derive(Default)]
-struct Doubt {
+struct UnconfirmedWrite {
     /// In its place, and without its data, which were in the one message: it takes the same replies.
     write: Option<Dialogue>,
-    answer: Option<Result<Step, Failure>>,
+    answer: Option<Result<TransferStep, Failure>>,
 }
 
-impl Doubt {
+impl UnconfirmedWrite {
     /// Takes a reply that is not the other object's. False if it is not the write's either.
-    fn feed(&mut self, reply: Mail<'_>) -> bool {
+    fn feed(&mut self, reply: MailboxMessage<'_>) -> bool {
         match self.write.as_mut().map(|write| write.feed(reply, false)) {
-            None | Some(Ok(Step::Foreign)) => false,
+            None | Some(Ok(TransferStep::Foreign)) => false,
             Some(answer) => {
                 self.answer = Some(answer);
                 true
@@ -763,14 +778,14 @@ impl Doubt {
 impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Finds out whether the device has taken the write.
     async fn settle(&mut self, transfer: Transfer, timeout: Duration) -> Result<Settled, Failure> {
-        self.note(MailEvent::Doubtful(transfer));
+        self.note(MailboxEvent::Doubtful(transfer));
         let other = self.another_object(transfer);
         self.remember_owed(transfer);
         let write = Download::new(transfer.object, Vec::new(), self.settings.write_length);
-        self.doubt.write = Some(Dialogue::Download(write));
+        self.unconfirmed.write = Some(Dialogue::Download(write));
         let answered = self.read_another(other, timeout).await;
-        self.doubt.write = None;
-        match self.doubt.answer.take() {
+        self.unconfirmed.write = None;
+        match self.unconfirmed.answer.take() {
             Some(Ok(_)) => Ok(Settled::Written),
             Some(Err(failure)) => Err(failure),
             None if answered => Ok(Settled::NeverArrived),
@@ -872,35 +887,41 @@ impl Dialogue {
         }
     }
 
-    /// Makes of `mail` the one that is due.
-    fn compose(&self, mail: &mut Vec<u8>, counter: Counter) {
+    /// Makes of `message` the one that is due.
+    fn compose(&self, message: &mut Vec<u8>, counter: Counter) {
         match self {
-            Self::Upload(upload) => sdo_mail(mail, counter, |mail| {
-                mail.extend_from_slice(&upload.request());
+            Self::Upload(upload) => sdo_message(message, counter, |message| {
+                message.extend_from_slice(&upload.request());
             }),
             Self::Download(download) => {
-                sdo_mail(mail, counter, |mail| download.append_request(mail));
+                sdo_message(message, counter, |message| download.append_request(message));
             }
             Self::Inquiry(inquiry, _) => {
-                information_mail(mail, counter, |mail| inquiry.append_request(mail));
+                information_message(message, counter, |message| inquiry.append_request(message));
             }
         }
     }
 
     /// Takes a reply. `nothing_late` if no reply of an earlier request can come any more.
-    fn feed(&mut self, reply: Mail<'_>, nothing_late: bool) -> Result<Step, Failure> {
+    fn feed(
+        &mut self,
+        reply: MailboxMessage<'_>,
+        nothing_late: bool,
+    ) -> Result<TransferStep, Failure> {
         let step = match (self, reply) {
-            (Self::Upload(upload), Mail::SdoReply(reply)) => upload.feed(reply),
-            (Self::Download(download), Mail::SdoReply(reply)) => download.feed(reply),
-            (Self::Inquiry(inquiry, _), Mail::SdoInformation(reply)) => inquiry.feed(reply),
+            (Self::Upload(upload), MailboxMessage::SdoReply(reply)) => upload.feed(reply),
+            (Self::Download(download), MailboxMessage::SdoReply(reply)) => download.feed(reply),
+            (Self::Inquiry(inquiry, _), MailboxMessage::SdoInformation(reply)) => {
+                inquiry.feed(reply)
+            }
             // A device without the service may say so by an SDO abort.
-            (Self::Inquiry(..), Mail::SdoReply(&[0x80, _, _, _, c0, c1, c2, c3, ..]))
+            (Self::Inquiry(..), MailboxMessage::SdoReply(&[0x80, _, _, _, c0, c1, c2, c3, ..]))
                 if nothing_late =>
             {
                 let code = AbortCode(u32::from_le_bytes([c0, c1, c2, c3]));
                 return Err(Failure::NoService(Unsupported::Service(code)));
             }
-            _ => Ok(Step::Foreign),
+            _ => Ok(TransferStep::Foreign),
         };
         step.map_err(Failure::Fault)
     }
@@ -909,7 +930,7 @@ impl Dialogue {
     /// shows one that comes twice.
     fn writes_at_once(&self) -> bool {
         match self {
-            Self::Download(download) => !download.is_segmented() && download.fits_one_mail(),
+            Self::Download(download) => !download.is_segmented() && download.fits_one_message(),
             Self::Upload(_) | Self::Inquiry(..) => false,
         }
     }
@@ -960,7 +981,7 @@ impl Dialogue {
         let is_about_all = matches!(question, Question::Counts | Question::List(_));
         let reason = match &error {
             SdoError::Mailbox { error, .. } if error.is_about_the_service() => {
-                Unsupported::Mail(*error)
+                Unsupported::MailboxMessage(*error)
             }
             SdoError::Aborted { code, .. }
                 if is_about_all
@@ -1113,12 +1134,12 @@ const LATEST_FIRST_LOOK: Duration = Duration::from_millis(4);
 
 /// How long a device takes for its answers.
 #[derive(Debug, Default)]
-struct Pace {
+struct PollTiming {
     /// The answer before took so long.
     last: Duration,
 }
 
-impl Pace {
+impl PollTiming {
     /// Whether its answer is expected to be there as soon as the request is.
     fn is_quick(&self) -> bool {
         self.last <= AT_ONCE
@@ -1154,22 +1175,22 @@ const FULL: u8 = 2;
 /// It follows the level of the mailbox's state: a message that is not read away is seen again. Observing neither allocates
 /// nor locks.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct MailSignal(Arc<SignalledMail>);
+pub(crate) struct MailboxSignal(Arc<MailboxLevel>);
 
 #[derive(Debug, Default)]
-struct SignalledMail {
+struct MailboxLevel {
     seen: AtomicU8,
     /// The device has been in INIT since the client was at its mailbox.
     begins_anew: AtomicBool,
     client: AtomicWaker,
 }
 
-impl MailSignal {
+impl MailboxSignal {
     /// The mailbox was looked at. Frames that were sent before a message was read must have been observed before the client
     /// is polled after that reading.
-    pub fn observe(&self, mail_waits: bool) {
-        let seen = if mail_waits { FULL } else { EMPTY };
-        if self.0.seen.swap(seen, Ordering::AcqRel) != seen && mail_waits {
+    pub fn observe(&self, message_waits: bool) {
+        let seen = if message_waits { FULL } else { EMPTY };
+        if self.0.seen.swap(seen, Ordering::AcqRel) != seen && message_waits {
             self.0.client.wake();
         }
     }
@@ -1204,7 +1225,7 @@ impl MailSignal {
     }
 
     /// Resolves when a message waits (true), or nobody looks any more (false).
-    async fn mail_waits(&self) -> bool {
+    async fn message_waits(&self) -> bool {
         poll_fn(|context| {
             self.0.client.register(context.waker());
             match self.0.seen.load(Ordering::Acquire) {

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use super::mailbox::CutMail;
+use super::mailbox::CutMessage;
 use crate::ds402::describe_error_code;
 
 /// What a drive says in an emergency message.
@@ -27,15 +27,15 @@ impl Emergency {
     /// The message behind the CoE header.
     ///
     /// # Errors
-    /// [`CutMail`] if there are fewer than eight bytes.
-    pub fn parse(bytes: &[u8]) -> Result<Self, CutMail> {
+    /// [`CutMessage`] if there are fewer than eight bytes.
+    pub fn parse(bytes: &[u8]) -> Result<Self, CutMessage> {
         match *bytes {
             [c0, c1, register, d0, d1, d2, d3, d4, ..] => Ok(Self {
                 code: u16::from_le_bytes([c0, c1]),
                 register,
                 data: [d0, d1, d2, d3, d4],
             }),
-            _ => Err(CutMail {
+            _ => Err(CutMessage {
                 needed: 8,
                 got: bytes.len(),
             }),
@@ -74,7 +74,7 @@ mod tests {
         for length in 0..whole.len() {
             assert_eq!(
                 Emergency::parse(&whole[..length]),
-                Err(CutMail {
+                Err(CutMessage {
                     needed: 8,
                     got: length
                 })

@@ -9,7 +9,7 @@ use crate::{ds402::describe_error_code, sii::Identity};
 use super::{
     emergency::Emergency,
     information::{ListKind, Question},
-    mailbox::{CutMail, MailboxError},
+    mailbox::{CutMessage, MailboxError},
     object::ObjectAddress,
     sdo::SdoFault,
 };
@@ -98,7 +98,7 @@ pub enum SdoError {
         /// What was attempted.
         transfer: Transfer,
         /// The lengths.
-        cut: CutMail,
+        cut: CutMessage,
     },
     /// The device did not answer, or the link cannot send.
     #[error("{transfer}: {step} failed: {reason}")]
@@ -194,7 +194,7 @@ pub enum Unsupported {
     /// Its SII says so (CoE details); it was not asked.
     Sii,
     /// It refuses the message.
-    Mail(MailboxError),
+    MailboxMessage(MailboxError),
     /// It refuses the service.
     Service(AbortCode),
 }
@@ -203,7 +203,7 @@ impl fmt::Display for Unsupported {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Sii => f.write_str("its SII says so"),
-            Self::Mail(error) => write!(f, "it refuses the message: {error}"),
+            Self::MailboxMessage(error) => write!(f, "it refuses the message: {error}"),
             Self::Service(code) => write!(f, "it refuses: {code}"),
         }
     }

@@ -476,7 +476,10 @@ struct Calls {
 }
 
 /// The callers' end and the client's.
-pub(super) fn calls(settings: MailboxSettings, waiters: Arc<Waiters>) -> (Callers, Served) {
+pub(super) fn calls(
+    settings: MailboxSettings,
+    waiters: Arc<Waiters>,
+) -> (Callers, RequestReceiver) {
     // One is served while the others wait.
     let count = settings.request_capacity.max(1).saturating_add(1);
     let place = || CallSlot {
@@ -501,7 +504,7 @@ pub(super) fn calls(settings: MailboxSettings, waiters: Arc<Waiters>) -> (Caller
         settings,
         longest: AtomicUsize::new(USUAL_ROOM),
     });
-    (Callers(Arc::clone(&calls)), Served(calls))
+    (Callers(Arc::clone(&calls)), RequestReceiver(calls))
 }
 
 impl Calls {
@@ -536,7 +539,7 @@ impl Callers {
     async fn call_directly(&self, request: Request) -> Option<Answer> {
         let calls = &*self.0;
         let place = calls.free.1.recv().await.ok()?;
-        let seated = Seated { calls, place };
+        let seated = CallGuard { calls, place };
         let place = &seated.place;
         drop(place.answer.pop());
         let call = Call {
@@ -566,12 +569,12 @@ impl Drop for Callers {
 }
 
 /// A caller in its place.
-struct Seated<'a> {
+struct CallGuard<'a> {
     calls: &'a Calls,
     place: Arc<CallSlot>,
 }
 
-impl Drop for Seated<'_> {
+impl Drop for CallGuard<'_> {
     fn drop(&mut self) {
         self.place.caller.take();
         self.calls.leave(&self.place);
@@ -579,9 +582,9 @@ impl Drop for Seated<'_> {
 }
 
 /// The end of the client; without it all calls end.
-pub(super) struct Served(Arc<Calls>);
+pub(super) struct RequestReceiver(Arc<Calls>);
 
-impl Served {
+impl RequestReceiver {
     /// The next call; `None` if nobody can call any more.
     pub async fn next(&self) -> Option<Call> {
         let calls = &*self.0;
@@ -609,7 +612,7 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+impl Drop for RequestReceiver {
     fn drop(&mut self) {
         self.0.client_gone.store(true, Ordering::Release);
         self.0.free.0.close();
@@ -743,7 +746,7 @@ mod tests {
     use std::thread;
 
     use super::*;
-    use crate::coe::sdo::{Step, Upload};
+    use crate::coe::sdo::{TransferStep, Upload};
     use crate::coe::{AbortCode, obj, object::ObjectAddress};
     use crate::sii::{Identity, Mailbox, Protocols};
 
@@ -771,14 +774,14 @@ mod tests {
     }
 
     /// Answers each call by the index that it asks for.
-    fn answer(served: &Served, call: Call) {
+    fn answer(served: &RequestReceiver, call: Call) {
         let Call { request, place } = call;
         let [i0, i1] = request.transfer.object.index.to_le_bytes();
         let Dialogue::Upload(mut upload) = request.dialogue else {
             panic!("no upload");
         };
         let fed = upload.feed(&[0x4B, i0, i1, 0, i0, i1, 0, 0]);
-        assert_eq!(fed, Ok(Step::Done));
+        assert_eq!(fed, Ok(TransferStep::Done));
         let dialogue = Dialogue::Upload(upload);
         let result = Ok(());
         served.answer(&place, Answer { dialogue, result });

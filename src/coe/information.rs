@@ -2,7 +2,7 @@
 //! header of a message (ETG.1000.6, SDO information).
 //!
 //! One request is answered by one or several fragments. The caller sends [`Inquiry::append_request`], hands each SDO
-//! information message to [`Inquiry::feed`] until that says [`Step::Done`], and decodes [`Inquiry::into_data`].
+//! information message to [`Inquiry::feed`] until that says [`TransferStep::Done`], and decodes [`Inquiry::into_data`].
 //!
 //! An inquiry holds at most four times the bytes that came (the doubling of a growing list, and its copy) beside the buffer that it
 //! was given. It never holds more than an answer of [`LONGEST_INFORMATION`], or [`LONGEST_DESCRIPTION`] where one object is asked
@@ -15,9 +15,9 @@ use alloc::vec::Vec;
 use core::fmt;
 
 use super::error::AbortCode;
-use super::mailbox::CutMail;
+use super::mailbox::CutMessage;
 use super::object::{Mappable, ObjectAddress};
-use super::sdo::{SdoFault, Step};
+use super::sdo::{SdoFault, TransferStep};
 use super::value::TypeCode;
 
 /// Operation, reserved byte, fragments left.
@@ -158,31 +158,31 @@ impl Inquiry {
     /// # Errors
     /// [`SdoFault`]: the device refuses (`Aborted`), a fragment is missing or too many come (`Fragments`), the answer is
     /// longer than any can be (`Size`), or the message ends before its headers do (`Cut`). The inquiry is then over.
-    pub fn feed(&mut self, mail: &[u8]) -> Result<Step, SdoFault> {
-        let &[operation, _, l0, l1, ref data @ ..] = mail else {
-            return Err(cut(HEADER, mail.len()));
+    pub fn feed(&mut self, message: &[u8]) -> Result<TransferStep, SdoFault> {
+        let &[operation, _, l0, l1, ref data @ ..] = message else {
+            return Err(cut(HEADER, message.len()));
         };
         let left = u16::from_le_bytes([l0, l1]);
         let incomplete = operation & INCOMPLETE != 0;
         match operation & !INCOMPLETE {
             ERROR => {
                 let &[c0, c1, c2, c3, ..] = data else {
-                    return Err(cut(HEADER + 4, mail.len()));
+                    return Err(cut(HEADER + 4, message.len()));
                 };
                 let code = u32::from_le_bytes([c0, c1, c2, c3]);
                 return Err(SdoFault::Aborted(AbortCode(code)));
             }
             operation if operation == self.question.operation() + 1 => {}
-            _ => return Ok(Step::Foreign),
+            _ => return Ok(TransferStep::Foreign),
         }
         match self.left {
             None => {
                 let (names, length) = self.question.names();
                 let Some(named) = data.get(..length) else {
-                    return Err(cut(HEADER + length, mail.len()));
+                    return Err(cut(HEADER + length, message.len()));
                 };
                 if names.get(..length) != Some(named) {
-                    return Ok(Step::Foreign);
+                    return Ok(TransferStep::Foreign);
                 }
             }
             Some(before) => {
@@ -209,7 +209,11 @@ impl Inquiry {
         }
         self.left = Some(left);
         self.data.extend_from_slice(data);
-        Ok(if left == 0 { Step::Done } else { Step::More })
+        Ok(if left == 0 {
+            TransferStep::Done
+        } else {
+            TransferStep::More
+        })
     }
 
     /// How many bytes of the answer have come.
@@ -218,7 +222,7 @@ impl Inquiry {
         self.data.len()
     }
 
-    /// The answer, complete once [`Inquiry::feed`] said [`Step::Done`].
+    /// The answer, complete once [`Inquiry::feed`] said [`TransferStep::Done`].
     #[must_use]
     pub fn into_data(self) -> Vec<u8> {
         self.data
@@ -226,7 +230,7 @@ impl Inquiry {
 }
 
 const fn cut(needed: usize, got: usize) -> SdoFault {
-    SdoFault::Cut(CutMail { needed, got })
+    SdoFault::Cut(CutMessage { needed, got })
 }
 
 // Descriptions of objects and of their entries.
@@ -713,10 +717,10 @@ mod tests {
     /// One fragment of an answer.
     fn fragment(operation: u8, left: u16, data: &[u8]) -> Vec<u8> {
         let more = if left > 0 { INCOMPLETE } else { 0 };
-        let mut mail = vec![operation | more, 0];
-        mail.extend(left.to_le_bytes());
-        mail.extend(data);
-        mail
+        let mut message = vec![operation | more, 0];
+        message.extend(left.to_le_bytes());
+        message.extend(data);
+        message
     }
 
     fn list_of(words: &[u16]) -> Vec<u8> {
@@ -743,7 +747,7 @@ mod tests {
     fn descriptions_that_soem_read_are_understood() {
         let mut inquiry = Inquiry::new(Question::Object { index: 0x607D });
         let answer = b"\x04\0\0\0\x7D\x60\x05\x00\x02\x09Software position limit";
-        assert_eq!(inquiry.feed(answer), Ok(Step::Done));
+        assert_eq!(inquiry.feed(answer), Ok(TransferStep::Done));
         assert_eq!(
             ObjectDescription::parse(&inquiry.into_data()),
             Ok(ObjectDescription {
@@ -757,7 +761,7 @@ mod tests {
         let mut inquiry = Inquiry::new(VENDOR);
         assert_eq!(
             inquiry.feed(b"\x06\0\0\0\x18\x10\x01\x00\x07\x00\x20\x00\x07\x00Vendor"),
-            Ok(Step::Done)
+            Ok(TransferStep::Done)
         );
         let entry = EntryDescription::parse(&inquiry.into_data()).unwrap();
         assert_eq!(entry.address, ObjectAddress::new(0x1018, 1));
@@ -821,7 +825,11 @@ mod tests {
             let pieces: Vec<_> = whole.chunks(room).collect();
             for (at, piece) in pieces.iter().enumerate() {
                 let left = (pieces.len() - at - 1) as u16;
-                let due = if left == 0 { Step::Done } else { Step::More };
+                let due = if left == 0 {
+                    TransferStep::Done
+                } else {
+                    TransferStep::More
+                };
                 assert_eq!(inquiry.feed(&fragment(2, left, piece)), Ok(due));
                 assert_eq!(inquiry.is_under_way(), left > 0);
             }
@@ -845,7 +853,7 @@ mod tests {
         let start = || {
             let mut inquiry = Inquiry::new(Question::List(ListKind::All));
             let first = inquiry.feed(&fragment(2, 3, &[1, 0, 0x40, 0x60]));
-            assert_eq!(first, Ok(Step::More));
+            assert_eq!(first, Ok(TransferStep::More));
             inquiry
         };
         for got in [0, 1, 3, 4, u16::MAX] {
@@ -862,8 +870,8 @@ mod tests {
         ));
         // A device that leaves bit 7 out is understood by the number.
         let mut bare = Inquiry::new(Question::List(ListKind::All));
-        assert_eq!(bare.feed(&[2, 0, 1, 0, 1, 0]), Ok(Step::More));
-        assert_eq!(bare.feed(&[2, 0, 0, 0, 0x40, 0x60]), Ok(Step::Done));
+        assert_eq!(bare.feed(&[2, 0, 1, 0, 1, 0]), Ok(TransferStep::More));
+        assert_eq!(bare.feed(&[2, 0, 0, 0, 0x40, 0x60]), Ok(TransferStep::Done));
     }
 
     #[test]
@@ -876,10 +884,17 @@ mod tests {
             b"\x82\0\x01\0\x01\x00",
             b"\x05\0\0\0\x18\x10\x01\x07",
         ] {
-            assert_eq!(inquiry.feed(other), Ok(Step::Foreign), "{other:02X?}");
+            assert_eq!(
+                inquiry.feed(other),
+                Ok(TransferStep::Foreign),
+                "{other:02X?}"
+            );
         }
         let mut list = Inquiry::new(Question::List(ListKind::Inputs));
-        assert_eq!(list.feed(&fragment(2, 0, &[1, 0])), Ok(Step::Foreign));
+        assert_eq!(
+            list.feed(&fragment(2, 0, &[1, 0])),
+            Ok(TransferStep::Foreign)
+        );
     }
 
     #[test]
@@ -889,7 +904,7 @@ mod tests {
         let aborted = Err(SdoFault::Aborted(AbortCode::NO_SUBINDEX));
         assert_eq!(Inquiry::new(VENDOR).feed(&refusal), aborted);
         let mut list = Inquiry::new(Question::List(ListKind::All));
-        assert_eq!(list.feed(&fragment(2, 1, &[1, 0])), Ok(Step::More));
+        assert_eq!(list.feed(&fragment(2, 1, &[1, 0])), Ok(TransferStep::More));
         assert_eq!(list.feed(&refusal), aborted);
         for length in 0..refusal.len() {
             assert!(matches!(
@@ -907,7 +922,7 @@ mod tests {
         let piece = [1, 0].repeat(700);
         loop {
             match inquiry.feed(&fragment(2, left, &piece)) {
-                Ok(step) => assert_eq!(step, Step::More),
+                Ok(step) => assert_eq!(step, TransferStep::More),
                 Err(fault) => break assert!(matches!(fault, SdoFault::Size { .. })),
             }
             taken += piece.len();
@@ -925,14 +940,14 @@ mod tests {
             let mut inquiry = Inquiry::new(question);
             let (mut left, mut got) = (u16::MAX, 0);
             let fault = loop {
-                let mut mail = vec![operation | 0x80, 0];
-                mail.extend(left.to_le_bytes());
+                let mut message = vec![operation | 0x80, 0];
+                message.extend(left.to_le_bytes());
                 let (names, length) = question.names();
-                mail.extend(names.iter().take(if left == u16::MAX { length } else { 0 }));
-                mail.resize(1000, b'x');
-                got += mail.len() - 4;
-                match inquiry.feed(&mail) {
-                    Ok(step) => assert_eq!(step, Step::More),
+                message.extend(names.iter().take(if left == u16::MAX { length } else { 0 }));
+                message.resize(1000, b'x');
+                got += message.len() - 4;
+                match inquiry.feed(&message) {
+                    Ok(step) => assert_eq!(step, TransferStep::More),
                     Err(fault) => break fault,
                 }
                 left -= 1;
@@ -946,7 +961,7 @@ mod tests {
     proptest! {
         #[test]
         fn any_mails_are_decoded_without_panic_and_within_the_bound(
-            mails in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..40), 0..20),
+            messages in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..40), 0..20),
             which in 0u8..4,
         ) {
             let question = match which {
@@ -957,9 +972,9 @@ mod tests {
             };
             let mut inquiry = Inquiry::new(question);
             let mut bytes = 0;
-            for mail in mails {
-                bytes += mail.len();
-                let _ = inquiry.feed(&mail);
+            for message in messages {
+                bytes += message.len();
+                let _ = inquiry.feed(&message);
             }
             let answer = inquiry.into_data();
             prop_assert!(answer.len() <= bytes.min(LONGEST_INFORMATION));

@@ -44,18 +44,18 @@ impl Header {
     /// The header and the bytes that its length covers; what lies behind them in the mailbox is left out.
     ///
     /// # Errors
-    /// [`CutMail`] if `mail` is shorter than the header or than the header says.
-    pub fn parse(mail: &[u8]) -> Result<(Self, &[u8]), CutMail> {
-        let &[l0, l1, a0, a1, channel, kind, ref rest @ ..] = mail else {
-            return Err(CutMail {
+    /// [`CutMessage`] if `message` is shorter than the header or than the header says.
+    pub fn parse(message: &[u8]) -> Result<(Self, &[u8]), CutMessage> {
+        let &[l0, l1, a0, a1, channel, kind, ref rest @ ..] = message else {
+            return Err(CutMessage {
                 needed: HEADER_LENGTH,
-                got: mail.len(),
+                got: message.len(),
             });
         };
         let length = u16::from_le_bytes([l0, l1]);
-        let payload = rest.get(..usize::from(length)).ok_or(CutMail {
+        let payload = rest.get(..usize::from(length)).ok_or(CutMessage {
             needed: HEADER_LENGTH + usize::from(length),
-            got: mail.len(),
+            got: message.len(),
         })?;
         let header = Self {
             length,
@@ -155,7 +155,7 @@ impl Counter {
 
 /// What a message that was read from a device contains.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mail<'a> {
+pub enum MailboxMessage<'a> {
     /// The SDO server's answer: the bytes behind the CoE header.
     SdoReply(&'a [u8]),
     /// An emergency, which answers nothing.
@@ -168,18 +168,18 @@ pub enum Mail<'a> {
     Other(Protocol, u8),
 }
 
-impl<'a> Mail<'a> {
+impl<'a> MailboxMessage<'a> {
     /// Reads what the bytes from a mailbox contain.
     ///
     /// # Errors
-    /// [`CutMail`] if the message ends before its headers do, or an emergency or error reply is too short.
-    pub fn parse(mail: &'a [u8]) -> Result<(Header, Self), CutMail> {
-        let (header, payload) = Header::parse(mail)?;
+    /// [`CutMessage`] if the message ends before its headers do, or an emergency or error reply is too short.
+    pub fn parse(message: &'a [u8]) -> Result<(Header, Self), CutMessage> {
+        let (header, payload) = Header::parse(message)?;
         let content = match header.protocol {
             Protocol::Error => Self::Error(MailboxError::parse(payload)?),
             Protocol::Coe => {
                 let &[h0, h1, ref rest @ ..] = payload else {
-                    return Err(CutMail {
+                    return Err(CutMessage {
                         needed: COE_HEADER_LENGTH,
                         got: payload.len(),
                     });
@@ -202,23 +202,35 @@ impl<'a> Mail<'a> {
     }
 }
 
-/// Makes of `mail` a whole message of the master, with the SDO request that `append` appends.
-pub fn sdo_mail(mail: &mut Vec<u8>, counter: Counter, append: impl FnOnce(&mut Vec<u8>)) {
-    coe_mail(mail, counter, 2, append);
+/// Makes of `message` a whole message of the master, with the SDO request that `append` appends.
+pub fn sdo_message(message: &mut Vec<u8>, counter: Counter, append: impl FnOnce(&mut Vec<u8>)) {
+    coe_message(message, counter, 2, append);
 }
 
-/// Makes of `mail` a whole message of the master, with the SDO information request that `append` appends.
-pub fn information_mail(mail: &mut Vec<u8>, counter: Counter, append: impl FnOnce(&mut Vec<u8>)) {
-    coe_mail(mail, counter, 8, append);
+/// Makes of `message` a whole message of the master, with the SDO information request that `append` appends.
+pub fn information_message(
+    message: &mut Vec<u8>,
+    counter: Counter,
+    append: impl FnOnce(&mut Vec<u8>),
+) {
+    coe_message(message, counter, 8, append);
 }
 
-fn coe_mail(mail: &mut Vec<u8>, counter: Counter, service: u16, append: impl FnOnce(&mut Vec<u8>)) {
-    mail.clear();
-    mail.extend_from_slice(&[0; HEADER_LENGTH]);
-    mail.extend_from_slice(&(service << 12).to_le_bytes());
-    append(mail);
-    let length = u16::try_from(mail.len().saturating_sub(HEADER_LENGTH)).unwrap_or(u16::MAX);
-    for (to, from) in mail.iter_mut().zip(Header::coe(length, counter).to_bytes()) {
+fn coe_message(
+    message: &mut Vec<u8>,
+    counter: Counter,
+    service: u16,
+    append: impl FnOnce(&mut Vec<u8>),
+) {
+    message.clear();
+    message.extend_from_slice(&[0; HEADER_LENGTH]);
+    message.extend_from_slice(&(service << 12).to_le_bytes());
+    append(message);
+    let length = u16::try_from(message.len().saturating_sub(HEADER_LENGTH)).unwrap_or(u16::MAX);
+    for (to, from) in message
+        .iter_mut()
+        .zip(Header::coe(length, counter).to_bytes())
+    {
         *to = from;
     }
 }
@@ -228,10 +240,10 @@ fn coe_mail(mail: &mut Vec<u8>, counter: Counter, service: u16, append: impl FnO
 pub struct MailboxError(pub u16);
 
 impl MailboxError {
-    fn parse(payload: &[u8]) -> Result<Self, CutMail> {
+    fn parse(payload: &[u8]) -> Result<Self, CutMessage> {
         match *payload {
             [_, _, c0, c1, ..] => Ok(Self(u16::from_le_bytes([c0, c1]))),
-            _ => Err(CutMail {
+            _ => Err(CutMessage {
                 needed: 4,
                 got: payload.len(),
             }),
@@ -270,7 +282,7 @@ impl fmt::Display for MailboxError {
 /// A message that ends before it should.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("message cut: expected at least {needed} bytes, got {got}")]
-pub struct CutMail {
+pub struct CutMessage {
     /// Bytes that there should be at least.
     pub needed: usize,
     /// Bytes that there are.
@@ -300,36 +312,39 @@ mod tests {
     #[test]
     fn a_request_is_written_as_soem_writes_it_to_a_real_akd() {
         let counter = Counter::FIRST.next();
-        let mut mail = alloc::vec![0xEE; 40];
-        sdo_mail(&mut mail, counter, |mail| {
-            mail.extend_from_slice(&REQUEST[8..]);
+        let mut message = alloc::vec![0xEE; 40];
+        sdo_message(&mut message, counter, |message| {
+            message.extend_from_slice(&REQUEST[8..]);
         });
-        assert_eq!(mail, REQUEST);
+        assert_eq!(message, REQUEST);
     }
 
     #[test]
     fn a_reply_of_a_real_akd_is_an_sdo_reply_with_the_requests_counter() {
-        let (header, mail) = Mail::parse(&REPLY).unwrap();
+        let (header, message) = MailboxMessage::parse(&REPLY).unwrap();
         assert_eq!(header.counter, 2);
-        assert_eq!(mail, Mail::SdoReply(&REPLY[8..]));
+        assert_eq!(message, MailboxMessage::SdoReply(&REPLY[8..]));
     }
 
     #[test]
     fn an_abort_is_an_answer_as_request_and_as_response() {
-        assert_eq!(Mail::parse(&ABORT).unwrap().1, Mail::SdoReply(&ABORT[8..]));
+        assert_eq!(
+            MailboxMessage::parse(&ABORT).unwrap().1,
+            MailboxMessage::SdoReply(&ABORT[8..])
+        );
         let mut response = ABORT;
         response[7] = 0x30;
         assert_eq!(
-            Mail::parse(&response).unwrap().1,
-            Mail::SdoReply(&ABORT[8..])
+            MailboxMessage::parse(&response).unwrap().1,
+            MailboxMessage::SdoReply(&ABORT[8..])
         );
     }
 
     #[test]
     fn a_request_that_comes_from_a_device_answers_nothing() {
         assert_eq!(
-            Mail::parse(&REQUEST).unwrap().1,
-            Mail::Other(Protocol::Coe, 2)
+            MailboxMessage::parse(&REQUEST).unwrap().1,
+            MailboxMessage::Other(Protocol::Coe, 2)
         );
     }
 
@@ -338,8 +353,8 @@ mod tests {
         let mut mailbox = [0xEE; 64];
         mailbox[..16].copy_from_slice(&REPLY);
         assert_eq!(
-            Mail::parse(&mailbox).unwrap().1,
-            Mail::SdoReply(&REPLY[8..])
+            MailboxMessage::parse(&mailbox).unwrap().1,
+            MailboxMessage::SdoReply(&REPLY[8..])
         );
     }
 
@@ -351,18 +366,21 @@ mod tests {
             data: [1, 2, 3, 4, 5],
         };
         assert_eq!(
-            Mail::parse(&EMERGENCY).unwrap().1,
-            Mail::Emergency(expected)
+            MailboxMessage::parse(&EMERGENCY).unwrap().1,
+            MailboxMessage::Emergency(expected)
         );
-        let (_, error) = Mail::parse(&ERROR).unwrap();
-        assert_eq!(error, Mail::Error(MailboxError(5)));
+        let (_, error) = MailboxMessage::parse(&ERROR).unwrap();
+        assert_eq!(error, MailboxMessage::Error(MailboxError(5)));
     }
 
     #[test]
     fn every_truncation_is_an_error() {
         for whole in [&REPLY[..], &EMERGENCY, &ERROR] {
             for length in 0..whole.len() {
-                assert!(Mail::parse(&whole[..length]).is_err(), "{length} bytes");
+                assert!(
+                    MailboxMessage::parse(&whole[..length]).is_err(),
+                    "{length} bytes"
+                );
             }
         }
     }
@@ -372,7 +390,10 @@ mod tests {
         let mut short = EMERGENCY;
         for length in 0..10 {
             short[0] = length;
-            assert!(Mail::parse(&short).is_err(), "{length} bytes claimed");
+            assert!(
+                MailboxMessage::parse(&short).is_err(),
+                "{length} bytes claimed"
+            );
         }
     }
 
@@ -390,18 +411,18 @@ mod tests {
     proptest::proptest! {
         #[test]
         fn no_bytes_make_the_parser_panic(bytes: Vec<u8>) {
-            let _ = Mail::parse(&bytes).map(|(header, _)| header.to_bytes());
+            let _ = MailboxMessage::parse(&bytes).map(|(header, _)| header.to_bytes());
         }
 
         #[test]
         fn a_header_survives_its_bytes(length in 0u16..40, address: u16, channel: u8, kind in 0u8..0x80) {
-            let mut mail = [0u8; 46];
-            mail[..2].copy_from_slice(&length.to_le_bytes());
-            mail[2..4].copy_from_slice(&address.to_le_bytes());
-            mail[4] = channel;
-            mail[5] = kind;
-            let (header, payload) = Header::parse(&mail).unwrap();
-            proptest::prop_assert_eq!(&header.to_bytes()[..], &mail[..6]);
+            let mut message = [0u8; 46];
+            message[..2].copy_from_slice(&length.to_le_bytes());
+            message[2..4].copy_from_slice(&address.to_le_bytes());
+            message[4] = channel;
+            message[5] = kind;
+            let (header, payload) = Header::parse(&message).unwrap();
+            proptest::prop_assert_eq!(&header.to_bytes()[..], &message[..6]);
             proptest::prop_assert_eq!(payload.len(), usize::from(length));
         }
     }

@@ -25,7 +25,7 @@ pub mod value;
 #[cfg(feature = "std")]
 pub use client::{Clock, MailboxClient, MailboxSettings};
 #[cfg(feature = "std")]
-pub(crate) use client::{MailNote, MailSignal};
+pub(crate) use client::{MailboxRecord, MailboxSignal};
 #[cfg(feature = "std")]
 pub(crate) use emergencies::{CodeCounts, EmergencyQueue};
 #[cfg(feature = "std")]

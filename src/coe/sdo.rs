@@ -2,14 +2,14 @@
 //! header of a message (ETG.1000.6 and CiA 301, SDO).
 //!
 //! The caller sends [`Upload::request`] or [`Download::append_request`], hands each SDO reply to [`Upload::feed`], and repeats this
-//! while that says [`Step::More`]. Nothing that a device sends makes them panic, go on without end or grow beyond a bound. An
+//! while that says [`TransferStep::More`]. Nothing that a device sends makes them panic, go on without end or grow beyond a bound. An
 //! upload holds at most four times the bytes that came beside the buffer that it was given, whatever length they announce. It takes
 //! [`LONGEST_OBJECT`] bytes at most. Every segment must bring data. A download holds at most three times what it writes.
 
 use alloc::vec::Vec;
 
 use super::error::AbortCode;
-use super::mailbox::{COE_HEADER_LENGTH, CutMail, HEADER_LENGTH, SHORTEST_MAILBOX};
+use super::mailbox::{COE_HEADER_LENGTH, CutMessage, HEADER_LENGTH, SHORTEST_MAILBOX};
 use super::object::ObjectAddress;
 
 /// Bytes of an SDO without further data.
@@ -21,7 +21,7 @@ pub const LONGEST_OBJECT: usize = 1 << 20;
 
 /// What a reply brought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Step {
+pub enum TransferStep {
     /// The transfer goes on: send the next request.
     More,
     /// The transfer is complete.
@@ -71,7 +71,7 @@ pub enum SdoFault {
     },
     /// The reply is shorter than its kind needs.
     #[error(transparent)]
-    Cut(#[from] CutMail),
+    Cut(#[from] CutMessage),
 }
 
 impl SdoFault {
@@ -202,7 +202,7 @@ impl Upload {
     ///
     /// # Errors
     /// [`SdoFault`]: the device aborted, or the reply breaks the protocol. The transfer is then over.
-    pub fn feed(&mut self, reply: &[u8]) -> Result<Step, SdoFault> {
+    pub fn feed(&mut self, reply: &[u8]) -> Result<TransferStep, SdoFault> {
         let reply = Reply::parse(reply)?;
         if let Some(step) = reply.common(self.object)? {
             return Ok(step);
@@ -210,7 +210,7 @@ impl Upload {
         match (self.phase, reply.specifier()) {
             (Phase::Initiate, UPLOAD) if reply.names(self.object) => self.initiated(&reply),
             (Phase::Segments { toggle }, UPLOAD_SEGMENT) => self.segment(&reply, toggle),
-            _ => Ok(Step::Foreign),
+            _ => Ok(TransferStep::Foreign),
         }
     }
 
@@ -226,13 +226,13 @@ impl Upload {
         self.data.len()
     }
 
-    /// The object's bytes; complete once [`Upload::feed`] said [`Step::Done`].
+    /// The object's bytes; complete once [`Upload::feed`] said [`TransferStep::Done`].
     #[must_use]
     pub fn into_data(self) -> Vec<u8> {
         self.data
     }
 
-    fn initiated(&mut self, reply: &Reply<'_>) -> Result<Step, SdoFault> {
+    fn initiated(&mut self, reply: &Reply<'_>) -> Result<TransferStep, SdoFault> {
         let (expedited, sized) = (reply.command & 2 != 0, reply.command & 1 != 0);
         match (expedited, sized) {
             (true, sized) => {
@@ -243,7 +243,7 @@ impl Upload {
                 };
                 self.data.extend(reply.data.iter().take(length));
                 self.phase = Phase::Done;
-                Ok(Step::Done)
+                Ok(TransferStep::Done)
             }
             (false, true) => {
                 let size = usize::try_from(u32::from_le_bytes(reply.data)).unwrap_or(usize::MAX);
@@ -257,10 +257,10 @@ impl Upload {
                 self.data.extend(reply.rest.iter().take(size));
                 if self.data.len() == size {
                     self.phase = Phase::Done;
-                    return Ok(Step::Done);
+                    return Ok(TransferStep::Done);
                 }
                 self.phase = Phase::Segments { toggle: false };
-                Ok(Step::More)
+                Ok(TransferStep::More)
             }
             (false, false) => Err(SdoFault::Unexpected {
                 expected: "an upload reply that shows its size",
@@ -269,7 +269,7 @@ impl Upload {
         }
     }
 
-    fn segment(&mut self, reply: &Reply<'_>, toggle: bool) -> Result<Step, SdoFault> {
+    fn segment(&mut self, reply: &Reply<'_>, toggle: bool) -> Result<TransferStep, SdoFault> {
         reply.check_toggle(toggle)?;
         let last = reply.command & 1 != 0;
         // The number of unused bytes counts for the shortest segment only; a longer one fills its message.
@@ -295,10 +295,10 @@ impl Upload {
         self.data.extend(reply.segment_data().take(length));
         if last {
             self.phase = Phase::Done;
-            return Ok(Step::Done);
+            return Ok(TransferStep::Done);
         }
         self.phase = Phase::Segments { toggle: !toggle };
-        Ok(Step::More)
+        Ok(TransferStep::More)
     }
 }
 
@@ -352,7 +352,7 @@ impl Download {
 
     /// Whether the first request carries all data, so that the device writes the object when it takes that one.
     #[must_use]
-    pub fn fits_one_mail(&self) -> bool {
+    pub fn fits_one_message(&self) -> bool {
         self.is_expedited() || self.data.len() + SDO_LENGTH <= self.room
     }
 
@@ -389,7 +389,7 @@ impl Download {
     ///
     /// # Errors
     /// [`SdoFault`]: the device aborted, or the reply breaks the protocol. The transfer is then over.
-    pub fn feed(&mut self, reply: &[u8]) -> Result<Step, SdoFault> {
+    pub fn feed(&mut self, reply: &[u8]) -> Result<TransferStep, SdoFault> {
         let reply = Reply::parse(reply)?;
         if let Some(step) = reply.common(self.object)? {
             return Ok(step);
@@ -400,15 +400,15 @@ impl Download {
                 reply.check_toggle(toggle)?;
                 !toggle
             }
-            _ => return Ok(Step::Foreign),
+            _ => return Ok(TransferStep::Foreign),
         };
         self.sent += self.part().len();
         if self.sent == self.data.len() {
             self.phase = Phase::Done;
-            return Ok(Step::Done);
+            return Ok(TransferStep::Done);
         }
         self.phase = Phase::Segments { toggle: next };
-        Ok(Step::More)
+        Ok(TransferStep::More)
     }
 
     /// Whether segments follow the first reply.
@@ -452,7 +452,7 @@ struct Reply<'a> {
 }
 
 impl<'a> Reply<'a> {
-    fn parse(reply: &'a [u8]) -> Result<Self, CutMail> {
+    fn parse(reply: &'a [u8]) -> Result<Self, CutMessage> {
         match *reply {
             [command, i0, i1, subindex, d0, d1, d2, d3, ref rest @ ..] => Ok(Self {
                 command,
@@ -460,7 +460,7 @@ impl<'a> Reply<'a> {
                 data: [d0, d1, d2, d3],
                 rest,
             }),
-            _ => Err(CutMail {
+            _ => Err(CutMessage {
                 needed: SDO_LENGTH,
                 got: reply.len(),
             }),
@@ -476,12 +476,12 @@ impl<'a> Reply<'a> {
     }
 
     /// What every phase does alike: aborts, which name their object, and commands that answer nothing.
-    fn common(&self, object: ObjectAddress) -> Result<Option<Step>, SdoFault> {
+    fn common(&self, object: ObjectAddress) -> Result<Option<TransferStep>, SdoFault> {
         match self.specifier() {
             ABORT if self.names(object) => {
                 Err(SdoFault::Aborted(AbortCode(u32::from_le_bytes(self.data))))
             }
-            ABORT => Ok(Some(Step::Foreign)),
+            ABORT => Ok(Some(TransferStep::Foreign)),
             UPLOAD_SEGMENT..=DOWNLOAD => Ok(None),
             _ => Err(SdoFault::Unexpected {
                 expected: "an SDO reply",
@@ -549,7 +549,7 @@ mod tests {
         let mut sent = first;
         let mut step = upload.feed(&normal(object, data.len() as u32, &data[..first]))?;
         let mut toggle = 0;
-        while step == Step::More {
+        while step == TransferStep::More {
             assert_eq!(upload.request(), [0x60 | toggle << 4, 0, 0, 0, 0, 0, 0, 0]);
             let part = (data.len() - sent).min(mailbox - 9);
             let last = u8::from(sent + part == data.len());
@@ -561,7 +561,7 @@ mod tests {
             sent += part;
             toggle ^= 1;
         }
-        assert_eq!(step, Step::Done);
+        assert_eq!(step, TransferStep::Done);
         Ok(upload.into_data())
     }
 
@@ -587,7 +587,7 @@ mod tests {
             .feed(&[0x60, i0, i1, object.subindex, 0, 0, 0, 0])
             .unwrap();
         let mut toggle = 0;
-        while step == Step::More {
+        while step == TransferStep::More {
             let request = request_of(&download);
             assert!((8..=mailbox - 8).contains(&request.len()));
             assert_eq!(request[0] & 0xF0, toggle << 4);
@@ -600,7 +600,7 @@ mod tests {
             step = download
                 .feed(&[0x20 | toggle << 4, 0, 0, 0, 0, 0, 0, 0])
                 .unwrap();
-            assert_eq!(step == Step::Done, request[0] & 1 == 1);
+            assert_eq!(step == TransferStep::Done, request[0] & 1 == 1);
             toggle ^= 1;
         }
         got
@@ -628,7 +628,7 @@ mod tests {
         ] {
             let mut upload = Upload::new(address);
             assert_eq!(upload.request()[..4], [0x40, reply[1], reply[2], reply[3]]);
-            assert_eq!(upload.feed(&reply), Ok(Step::Done));
+            assert_eq!(upload.feed(&reply), Ok(TransferStep::Done));
             assert_eq!(upload.into_data(), expected);
         }
     }
@@ -638,7 +638,7 @@ mod tests {
         let mut upload = Upload::new(NAME);
         assert_eq!(
             upload.feed(&normal(NAME, 6, b"PP-SIM")),
-            Ok(Step::Done),
+            Ok(TransferStep::Done),
             "a device name as a simulated drive sent it to SOEM"
         );
         assert_eq!(upload.into_data(), b"PP-SIM");
@@ -649,7 +649,7 @@ mod tests {
         let mut upload = Upload::new(object(0x6041, 0)).width(2);
         assert_eq!(
             upload.feed(&[0x42, 0x41, 0x60, 0, 0x37, 0x16, 0xEE, 0xEE]),
-            Ok(Step::Done)
+            Ok(TransferStep::Done)
         );
         assert_eq!(upload.into_data(), [0x37, 0x16]);
     }
@@ -680,21 +680,27 @@ mod tests {
         assert_eq!(first.len(), 120);
         assert_eq!(
             download.feed(&[0x60, 0x01, 0x20, 0, 0, 0, 0, 0]),
-            Ok(Step::More)
+            Ok(TransferStep::More)
         );
         let second = request_of(&download);
         assert_eq!((second[0], second.len()), (0x00, 120));
-        assert_eq!(download.feed(&[0x20, 0, 0, 0, 0, 0, 0, 0]), Ok(Step::More));
+        assert_eq!(
+            download.feed(&[0x20, 0, 0, 0, 0, 0, 0, 0]),
+            Ok(TransferStep::More)
+        );
         let third = request_of(&download);
         assert_eq!((third[0], third.len()), (0x11, 70));
-        assert_eq!(download.feed(&[0x30, 0, 0, 0, 0, 0, 0, 0]), Ok(Step::Done));
+        assert_eq!(
+            download.feed(&[0x30, 0, 0, 0, 0, 0, 0, 0]),
+            Ok(TransferStep::Done)
+        );
     }
 
     #[test]
     fn downloads_at_the_boundaries_of_a_mailbox_have_the_stated_bytes() {
         // ETG.1000.6, download SDO segment request: bit 4 toggle, bits 1 to 3 unused bytes of seven, bit 0 last. Through a
         // mailbox of 128 go 112 bytes in the first message and 119 in each segment. Of each further message: command, length.
-        for (length, mails) in [
+        for (length, messages) in [
             (111usize, &[][..]),
             (112, &[]),
             (113, &[(0x0Du8, 8usize)]),
@@ -715,8 +721,8 @@ mod tests {
             assert_eq!(first[8..], data[..length.min(112)]);
             let mut step = download.feed(&[0x60, 0x01, 0x20, 0, 0, 0, 0, 0]).unwrap();
             let mut sent = first.len() - 8;
-            for (at, (command, bytes)) in mails.iter().enumerate() {
-                assert_eq!(step, Step::More);
+            for (at, (command, bytes)) in messages.iter().enumerate() {
+                assert_eq!(step, TransferStep::More);
                 let segment = request_of(&download);
                 assert_eq!((segment[0], segment.len()), (*command, *bytes), "{length}");
                 let part = (length - sent).min(119);
@@ -726,7 +732,7 @@ mod tests {
                 let confirmation = [0x20 | (at as u8 & 1) << 4, 0, 0, 0, 0, 0, 0, 0];
                 step = download.feed(&confirmation).unwrap();
             }
-            assert_eq!((step, sent), (Step::Done, length));
+            assert_eq!((step, sent), (TransferStep::Done, length));
         }
     }
 
@@ -741,11 +747,11 @@ mod tests {
             let data: Vec<u8> = (0..length).collect();
             let mut upload = Upload::new(NAME);
             let first = normal(NAME, u32::from(length), &data[..112]);
-            assert_eq!(upload.feed(&first), Ok(Step::More));
+            assert_eq!(upload.feed(&first), Ok(TransferStep::More));
             assert_eq!(upload.request(), [0x60, 0, 0, 0, 0, 0, 0, 0]);
             let mut segment = [&[command], &data[112..]].concat();
             segment.resize(bytes, 0);
-            assert_eq!(upload.feed(&segment), Ok(Step::Done), "{length}");
+            assert_eq!(upload.feed(&segment), Ok(TransferStep::Done), "{length}");
             assert_eq!(upload.into_data(), data);
         }
     }
@@ -756,16 +762,16 @@ mod tests {
         let mut upload = Upload::new(object(0x2001, 0));
         assert_eq!(
             upload.feed(&[0x41, 0x01, 0x20, 0, 0x2C, 1, 0, 0]),
-            Ok(Step::More)
+            Ok(TransferStep::More)
         );
         let segment = |command: u8, length: usize| {
             let mut segment = vec![b'z'; length + 1];
             segment[0] = command;
             segment
         };
-        assert_eq!(upload.feed(&segment(0x00, 119)), Ok(Step::More));
-        assert_eq!(upload.feed(&segment(0x10, 119)), Ok(Step::More));
-        assert_eq!(upload.feed(&segment(0x01, 62)), Ok(Step::Done));
+        assert_eq!(upload.feed(&segment(0x00, 119)), Ok(TransferStep::More));
+        assert_eq!(upload.feed(&segment(0x10, 119)), Ok(TransferStep::More));
+        assert_eq!(upload.feed(&segment(0x01, 62)), Ok(TransferStep::Done));
         assert_eq!(upload.into_data().len(), 300);
     }
 
@@ -775,10 +781,10 @@ mod tests {
         let mut upload = Upload::new(object(0x2000, 0));
         assert_eq!(
             upload.feed(&normal(object(0x2000, 0), 12, b"")),
-            Ok(Step::More)
+            Ok(TransferStep::More)
         );
-        assert_eq!(upload.feed(b"\x000123456"), Ok(Step::More));
-        assert_eq!(upload.feed(b"\x1556789\0\0"), Ok(Step::Done));
+        assert_eq!(upload.feed(b"\x000123456"), Ok(TransferStep::More));
+        assert_eq!(upload.feed(b"\x1556789\0\0"), Ok(TransferStep::Done));
         assert_eq!(upload.into_data(), b"012345656789");
     }
 
@@ -845,11 +851,11 @@ mod tests {
             [0x01, 1, 2, 3, 4, 5, 6, 7],
             [0x20, 0, 0, 0, 0, 0, 0, 0],
         ] {
-            assert_eq!(upload.feed(&late), Ok(Step::Foreign), "{late:02X?}");
+            assert_eq!(upload.feed(&late), Ok(TransferStep::Foreign), "{late:02X?}");
         }
         assert_eq!(
             upload.feed(&[0x4B, 0x41, 0x60, 0, 0x37, 2, 0, 0]),
-            Ok(Step::Done),
+            Ok(TransferStep::Done),
             "the transfer is unharmed"
         );
         let mut download = Download::new(object(0x6060, 0), vec![1], 128);
@@ -857,14 +863,18 @@ mod tests {
             [0x4F, 0x60, 0x60, 0, 1, 0, 0, 0],
             [0x60, 0x81, 0x60, 0, 0, 0, 0, 0],
         ] {
-            assert_eq!(download.feed(&late), Ok(Step::Foreign), "{late:02X?}");
+            assert_eq!(
+                download.feed(&late),
+                Ok(TransferStep::Foreign),
+                "{late:02X?}"
+            );
         }
     }
 
     #[test]
     fn a_wrong_toggle_bit_is_an_error_in_both_directions() {
         let mut upload = Upload::new(NAME);
-        assert_eq!(upload.feed(&normal(NAME, 20, b"")), Ok(Step::More));
+        assert_eq!(upload.feed(&normal(NAME, 20, b"")), Ok(TransferStep::More));
         let wrong = SdoFault::Toggle {
             expected: 0,
             got: 1,
@@ -875,9 +885,12 @@ mod tests {
         let mut download = Download::new(NAME, vec![0; 20], 16);
         assert_eq!(
             download.feed(&[0x60, 0x08, 0x10, 0, 0, 0, 0, 0]),
-            Ok(Step::More)
+            Ok(TransferStep::More)
         );
-        assert_eq!(download.feed(&[0x20, 0, 0, 0, 0, 0, 0, 0]), Ok(Step::More));
+        assert_eq!(
+            download.feed(&[0x20, 0, 0, 0, 0, 0, 0, 0]),
+            Ok(TransferStep::More)
+        );
         assert_eq!(
             download.feed(&[0x20, 0, 0, 0, 0, 0, 0, 0]),
             Err(SdoFault::Toggle {
@@ -890,7 +903,7 @@ mod tests {
     #[test]
     fn lengths_that_are_not_as_announced_are_errors() {
         let mut short = Upload::new(NAME);
-        assert_eq!(short.feed(&normal(NAME, 20, b"")), Ok(Step::More));
+        assert_eq!(short.feed(&normal(NAME, 20, b"")), Ok(TransferStep::More));
         assert_eq!(
             short.feed(b"\x010123456"),
             Err(SdoFault::Size {
@@ -899,7 +912,7 @@ mod tests {
             })
         );
         let mut long = Upload::new(NAME);
-        assert_eq!(long.feed(&normal(NAME, 5, b"")), Ok(Step::More));
+        assert_eq!(long.feed(&normal(NAME, 5, b"")), Ok(TransferStep::More));
         assert_eq!(
             long.feed(b"\x000123456"),
             Err(SdoFault::Size {
@@ -917,7 +930,7 @@ mod tests {
     #[test]
     fn empty_segments_without_end_are_refused() {
         let mut upload = Upload::new(NAME);
-        assert_eq!(upload.feed(&normal(NAME, 5, b"")), Ok(Step::More));
+        assert_eq!(upload.feed(&normal(NAME, 5, b"")), Ok(TransferStep::More));
         assert!(matches!(
             upload.feed(&[0x0E, 0, 0, 0, 0, 0, 0, 0]),
             Err(SdoFault::Unexpected { got: 0x0E, .. })
@@ -934,7 +947,7 @@ mod tests {
             [0x01, 1, 2, 3, 4, 5, 6, 7],
         ] {
             for got in 0..whole.len() {
-                let cut = Err(SdoFault::Cut(CutMail { needed: 8, got }));
+                let cut = Err(SdoFault::Cut(CutMessage { needed: 8, got }));
                 assert_eq!(Upload::new(object(0x6041, 0)).feed(&whole[..got]), cut);
                 assert_eq!(
                     Download::new(object(0x6041, 0), vec![1], 64).feed(&whole[..got]),

@@ -9,7 +9,7 @@ use std::task::{Poll, Waker};
 use std::time::Duration;
 
 use super::{
-    Clock, DriveId, Emergencies, LinkFault, MailSignal, MailboxClient, MailboxSettings,
+    Clock, DriveId, Emergencies, LinkFault, MailboxClient, MailboxSettings, MailboxSignal,
     MailboxStatus, MailboxTransport, SdoHandle,
 };
 use crate::sii::{Identity, Mailbox, Protocols};
@@ -163,7 +163,7 @@ pub(crate) fn rig_with(
 pub(crate) struct Rig {
     pub clock: VirtualClock,
     /// Tells the client what a bus loop sees of the mailbox.
-    pub signal: MailSignal,
+    pub signal: MailboxSignal,
     executor: smol::LocalExecutor<'static>,
 }
 
@@ -197,10 +197,10 @@ impl Device {
     }
 
     /// Puts a message into the queue of those to be read.
-    pub fn post(&self, mail: &[u8]) {
+    pub fn post(&self, message: &[u8]) {
         let mut state = self.0.borrow_mut();
         let now = state.clock.now();
-        state.outbox.push_back((now, mail.to_vec()));
+        state.outbox.push_back((now, message.to_vec()));
     }
 
     async fn access<R>(&self, act: impl Fn(&mut DeviceState) -> R) -> Result<R, LinkFault> {
@@ -226,20 +226,20 @@ impl Device {
 }
 
 impl MailboxTransport for Device {
-    async fn write_mail(&self, mail: &[u8]) -> Result<bool, LinkFault> {
-        assert!(mail.len() <= MAILBOX);
-        match self.access(|state| state.accept(mail)).await {
+    async fn write_message(&self, message: &[u8]) -> Result<bool, LinkFault> {
+        assert!(message.len() <= MAILBOX);
+        match self.access(|state| state.accept(message)).await {
             Err(LinkFault::NotAnswered) => Ok(false),
             taken => taken,
         }
     }
 
-    async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
+    async fn read_message(&self, message: &mut [u8]) -> Result<bool, LinkFault> {
         let read = match self.access(DeviceState::fetch).await {
             Err(LinkFault::NotAnswered) => None,
             read => read?,
         };
-        for (to, from) in mail.iter_mut().zip(read.iter().flatten()) {
+        for (to, from) in message.iter_mut().zip(read.iter().flatten()) {
             *to = *from;
         }
         Ok(read.is_some())
@@ -294,25 +294,25 @@ impl DeviceState {
         self.repeat = false;
     }
 
-    fn accept(&mut self, mail: &[u8]) -> bool {
+    fn accept(&mut self, message: &[u8]) -> bool {
         self.work();
         if self.request.is_some() {
             return false;
         }
-        self.request = Some(mail.to_vec());
+        self.request = Some(message.to_vec());
         true
     }
 
     fn fetch(&mut self) -> Option<Vec<u8>> {
-        if let Some(mail) = &self.flood {
-            return Some(mail.clone());
+        if let Some(message) = &self.flood {
+            return Some(message.clone());
         }
         self.work();
         let now = self.clock.now();
         self.outbox.front().filter(|(ready, _)| *ready <= now)?;
-        let (_, mail) = self.outbox.pop_front()?;
-        self.last_read = Some(mail.clone());
-        Some(mail)
+        let (_, message) = self.outbox.pop_front()?;
+        self.last_read = Some(message.clone());
+        Some(message)
     }
 
     pub fn status(&mut self) -> MailboxStatus {
@@ -332,8 +332,8 @@ impl DeviceState {
         if toggle != self.repeat {
             self.repeat = toggle;
             let now = self.clock.now();
-            if let Some(mail) = self.last_read.clone() {
-                self.outbox.push_front((now, mail));
+            if let Some(message) = self.last_read.clone() {
+                self.outbox.push_front((now, message));
             }
         }
     }
@@ -344,22 +344,22 @@ impl DeviceState {
         if now < self.takes_from {
             return;
         }
-        let Some(mail) = self.request.take() else {
+        let Some(message) = self.request.take() else {
             return;
         };
-        let counter = mail[5] >> 4;
+        let counter = message[5] >> 4;
         if counter == self.last_counter && !self.ignores_counter {
             return;
         }
         self.last_counter = counter;
         self.served += 1;
-        if mail[7] >> 4 == 8 {
+        if message[7] >> 4 == 8 {
             return self.inform();
         }
-        let length = usize::from(u16::from_le_bytes([mail[0], mail[1]]));
-        let reply = self.serve(&mail[8..6 + length]);
-        for mail in std::mem::take(&mut self.before_reply) {
-            self.outbox.push_back((now, mail));
+        let length = usize::from(u16::from_le_bytes([message[0], message[1]]));
+        let reply = self.serve(&message[8..6 + length]);
+        for message in std::mem::take(&mut self.before_reply) {
+            self.outbox.push_back((now, message));
         }
         let Some(sdo) = reply else { return };
         if self.swallow > 0 {
@@ -368,12 +368,12 @@ impl DeviceState {
         }
         self.reply_counter = self.reply_counter % 7 + 1;
         let ready = now + self.delays.pop_front().unwrap_or_default();
-        let mut mail = ((sdo.len() + 2) as u16).to_le_bytes().to_vec();
+        let mut message = ((sdo.len() + 2) as u16).to_le_bytes().to_vec();
         // An abort travels as an SDO request.
         let service = if sdo[0] == 0x80 { 0x20 } else { 0x30 };
-        mail.extend([0, 0, 0, 3 | self.reply_counter << 4, 0, service]);
-        mail.extend(sdo);
-        self.outbox.push_back((ready, mail));
+        message.extend([0, 0, 0, 3 | self.reply_counter << 4, 0, service]);
+        message.extend(sdo);
+        self.outbox.push_back((ready, message));
     }
 
     /// Puts the scripted answer to a question, or a mailbox error: service not supported.
@@ -386,10 +386,10 @@ impl DeviceState {
         };
         for fragment in fragments {
             self.reply_counter = self.reply_counter % 7 + 1;
-            let mut mail = ((fragment.len() + 2) as u16).to_le_bytes().to_vec();
-            mail.extend([0, 0, 0, 3 | self.reply_counter << 4, 0, 0x80]);
-            mail.extend(fragment);
-            self.outbox.push_back((ready, mail));
+            let mut message = ((fragment.len() + 2) as u16).to_le_bytes().to_vec();
+            message.extend([0, 0, 0, 3 | self.reply_counter << 4, 0, 0x80]);
+            message.extend(fragment);
+            self.outbox.push_back((ready, message));
         }
     }
 

@@ -16,11 +16,11 @@ const SYNC_MANAGER_1_ACTIVATE: u16 = 0x080E;
 ///
 /// None has a deadline of its own: the client drops a future that takes too long.
 pub trait MailboxTransport {
-    /// Writes `mail`, padded to the mailbox's whole length; `false` if the mailbox did not take it (it is full).
-    fn write_mail(&self, mail: &[u8]) -> impl Future<Output = Result<bool, LinkFault>>;
+    /// Writes `message`, padded to the mailbox's whole length; `false` if the mailbox did not take it (it is full).
+    fn write_message(&self, message: &[u8]) -> impl Future<Output = Result<bool, LinkFault>>;
 
-    /// Reads the whole mailbox of the device into `mail`; `false` if it was empty.
-    fn read_mail(&self, mail: &mut [u8]) -> impl Future<Output = Result<bool, LinkFault>>;
+    /// Reads the whole mailbox of the device into `message`; `false` if it was empty.
+    fn read_message(&self, message: &mut [u8]) -> impl Future<Output = Result<bool, LinkFault>>;
 
     /// Reads the state of both mailboxes.
     fn status(&self) -> impl Future<Output = Result<MailboxStatus, LinkFault>>;
@@ -150,16 +150,16 @@ impl<'m> EthercrabMailbox<'m> {
 }
 
 impl MailboxTransport for EthercrabMailbox<'_> {
-    async fn write_mail(&self, mail: &[u8]) -> Result<bool, LinkFault> {
+    async fn write_message(&self, message: &[u8]) -> Result<bool, LinkFault> {
         let whole = Padded {
-            mail,
+            message,
             length: usize::from(self.mailbox.receive_length),
         };
         taken(self.write(self.mailbox.receive_offset, whole).await)
     }
 
-    async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
-        taken(self.read(self.mailbox.send_offset, mail).await)
+    async fn read_message(&self, message: &mut [u8]) -> Result<bool, LinkFault> {
+        taken(self.read(self.mailbox.send_offset, message).await)
     }
 
     async fn status(&self) -> Result<MailboxStatus, LinkFault> {
@@ -176,15 +176,15 @@ impl MailboxTransport for EthercrabMailbox<'_> {
 
 /// A message as long as its mailbox: only a write of the last byte hands the mailbox over to the device.
 struct Padded<'a> {
-    mail: &'a [u8],
+    message: &'a [u8],
     length: usize,
 }
 
 impl EtherCrabWireWrite for Padded<'_> {
     fn pack_to_slice_unchecked<'buf>(&self, buf: &'buf mut [u8]) -> &'buf [u8] {
         let whole = buf.get_mut(..self.length).unwrap_or_default();
-        let (mail, rest) = whole.split_at_mut(self.mail.len().min(whole.len()));
-        for (to, from) in mail.iter_mut().zip(self.mail) {
+        let (message, rest) = whole.split_at_mut(self.message.len().min(whole.len()));
+        for (to, from) in message.iter_mut().zip(self.message) {
             *to = *from;
         }
         rest.fill(0);

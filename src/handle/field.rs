@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::{
     coe::{Number, Object, ObjectAddress, Readable, Writable},
-    pdo_map::{self, Direction, LayoutError, Place},
+    pdo_map::{self, BitRange, Direction, LayoutError},
     units::AxisUnit,
 };
 
@@ -90,7 +90,7 @@ impl<T: Number> Field<T> {
     pub fn get(&self) -> T {
         let place = self.field.place();
         let bytes = self.shared.status.inputs(place.byte);
-        let at_start = pdo_map::Field::new(Place { byte: 0, ..place });
+        let at_start = pdo_map::Field::new(BitRange { byte: 0, ..place });
         at_start
             .and_then(|field| field.read(&bytes))
             .unwrap_or(T::from_raw(0))

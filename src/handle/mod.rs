@@ -18,9 +18,9 @@ mod profile_position;
 mod profile_velocity;
 mod queue;
 mod setup;
+mod start_together;
 mod status;
 mod stops;
-mod together;
 
 // The owner of the cycle logs what an axis does; handles log who asked for it, at DEBUG.
 use crate::log_target::AXIS as LOG;
@@ -37,6 +37,6 @@ pub use profile_position::{Done, Move, MoveRequest, Outcome, ProfilePosition};
 pub use profile_velocity::{Jog, ProfileVelocity};
 pub use queue::{AxisPort, AxisStatistics, MotionEnd};
 pub use setup::{AxisSetup, AxisSource, BoxFuture, NoParameters, ParameterAccess};
+pub use start_together::{AxisSet, GroupQueue, Groups, StartTogether, start_together};
 pub use stops::StopHandle;
 pub use stops::{Liveness, LivenessWatch};
-pub use together::{AxisSet, GroupQueue, Groups, Together, start_together};

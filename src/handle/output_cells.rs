@@ -2,7 +2,7 @@
 
 use crate::{
     coe::{Number, ObjectAddress},
-    pdo_map::{Direction, Field, Layout, Place},
+    pdo_map::{BitRange, Direction, Field, Layout},
     sync::{AtomicU64, Ordering},
 };
 
@@ -18,7 +18,7 @@ pub(super) struct OutputCells(Box<[OutputCell]>);
 #[derive(Debug)]
 struct OutputCell {
     object: ObjectAddress,
-    place: Place,
+    place: BitRange,
     value: AtomicU64,
 }
 
@@ -78,6 +78,6 @@ impl OutputCells {
 }
 
 /// An image that is too short is the exchange's error, and shows there.
-fn write<T: Number>(place: Place, value: T, outputs: &mut [u8]) {
+fn write<T: Number>(place: BitRange, value: T, outputs: &mut [u8]) {
     let _ = Field::new(place).is_some_and(|field| field.write(outputs, value));
 }

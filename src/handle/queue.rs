@@ -17,8 +17,8 @@ use crossbeam_queue::ArrayQueue;
 
 use crate::{
     axis::{
-        Again, AxisCore, Command, CommandId, Completion, CoreConfig, Delivery, DriveSettings,
-        Event, Failure, Snapshot, SnapshotChange, StopRequest, WorkingCounter,
+        AxisCore, Command, CommandId, Completion, CoreConfig, Delivery, DriveSettings, Event,
+        Failure, Reattach, Snapshot, SnapshotChange, StopRequest, WorkingCounter,
     },
     coe::{CodeCounts, ObjectAddress},
     ds402::{Controlword, Mode, State},
@@ -549,7 +549,7 @@ impl Slot {
     }
 
     /// A jog is let go.
-    pub fn let_go(&self) {
+    pub fn release(&self) {
         self.demand.store(0, Ordering::Release);
     }
 
@@ -802,7 +802,7 @@ impl Shared {
     /// Lets go of a jog: it is in the next frame, whatever is queued.
     pub fn release_jog(&self, id: CommandId) {
         if let Some(slot) = self.slots.of(id) {
-            slot.let_go();
+            slot.release();
             self.ask();
         }
     }
@@ -1395,12 +1395,12 @@ impl AxisPort {
         &mut self,
         core: &mut AxisCore,
         now: Duration,
-        again: Again,
+        again: Reattach,
         outputs: &mut [u8],
     ) {
         let anew = match &again {
-            Again::Anew(config) => Some(DriveSettings::of(config)),
-            Again::Unknown | Again::Kept => None,
+            Reattach::Anew(config) => Some(DriveSettings::of(config)),
+            Reattach::Unknown | Reattach::Kept => None,
         };
         self.shared.restart(anew);
         self.manufacturer = Controlword::empty();

@@ -9,7 +9,7 @@ mod tests;
 
 pub use parameters::HomingMethod;
 pub use parameters::{HomingCommand, HomingParameters};
-pub(crate) use procedure::{Procedure, Verdict};
+pub(crate) use procedure::{HomingVerdict, Procedure};
 
 #[cfg(feature = "std")]
 pub use crate::handle::{Home, Homed, Homing};

@@ -44,7 +44,7 @@ const LOW: HomingPhase = HomingPhase::Low {
 
 /// What the axis core must do after a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Verdict {
+pub(crate) enum HomingVerdict {
     /// Nothing.
     GoOn,
     /// The axis knows where it is.
@@ -188,7 +188,7 @@ impl Procedure {
     }
 
     /// One cycle with fresh inputs in Operation enabled and mode 6.
-    pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> Verdict {
+    pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> HomingVerdict {
         match &mut self.stage {
             HomingPhase::Low { delivered, waiting } => {
                 let low = !cycle.controlword.contains(Controlword::HOMING_START);
@@ -216,7 +216,7 @@ impl Procedure {
                 {
                     self.stage = HomingPhase::High(Run::new(id, command, cycle));
                 }
-                Verdict::GoOn
+                HomingVerdict::GoOn
             }
             HomingPhase::High(run) if run.sent => {
                 let was_begun = run.begun;
@@ -231,11 +231,11 @@ impl Procedure {
                     events.push(id, Event::Accepted);
                 }
                 match end {
-                    None => Verdict::GoOn,
+                    None => HomingVerdict::GoOn,
                     Some(result) => self.end(id, result, events),
                 }
             }
-            _ => Verdict::GoOn,
+            _ => HomingVerdict::GoOn,
         }
     }
 
@@ -244,27 +244,27 @@ impl Procedure {
         id: CommandId,
         result: Result<Completion, Failure>,
         events: &mut Events,
-    ) -> Verdict {
+    ) -> HomingVerdict {
         events.push(id, Event::Done(result));
         self.stage = LOW;
         match result {
-            Ok(_) => Verdict::Attained,
+            Ok(_) => HomingVerdict::Attained,
             Err(Failure::HomingError { moving: true }) => {
                 self.stage = HomingPhase::Abandoned;
-                Verdict::StopIt
+                HomingVerdict::StopIt
             }
             Err(Failure::Timeout {
                 waiting_for: WaitingFor::HomingEnd,
                 ..
             }) => {
                 self.stage = HomingPhase::Abandoned;
-                Verdict::EndIt
+                HomingVerdict::EndIt
             }
             Err(Failure::Timeout { .. }) => {
                 self.stage = HomingPhase::Unknown;
-                Verdict::GoOn
+                HomingVerdict::GoOn
             }
-            Err(_) => Verdict::GoOn,
+            Err(_) => HomingVerdict::GoOn,
         }
     }
 
@@ -389,14 +389,14 @@ impl Run {
         }
         let done = attained && at_rest && !error;
         let (now, settle) = (cycle.now, cycle.bounds.settle);
-        let held = self.done.observe(now, done, settle);
+        let held = self.done.update(now, done, settle);
         // So long that a drive that is at work on this one would show it.
         let long = settle.max(cycle.traits.surely_seen().saturating_mul(2));
         let told = self.delivered.is_some();
-        let proven = self.done_after.observe(now, done && told, long);
+        let proven = self.done_after.update(now, done && told, long);
         let mine = attained && !error && self.is_mine(cycle, proven);
         let stands = cycle.standstill.is_standing();
-        let rested = self.attained.observe(now, mine && stands, cycle.begin);
+        let rested = self.attained.update(now, mine && stands, cycle.begin);
         let is_over = self.begun && !progress && !error;
         self.over_since = is_over.then(|| self.over_since.unwrap_or(now));
         let over = |since: Duration| now.saturating_sub(since) >= standstill;

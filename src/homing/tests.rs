@@ -3,7 +3,7 @@
 use alloc::vec::Vec;
 use core::time::Duration;
 
-use super::{HomingCommand, HomingMethod, Procedure, Verdict};
+use super::{HomingCommand, HomingMethod, HomingVerdict, Procedure};
 use crate::{
     ds402::{Controlword, Mode, ModeBits, Sample, Statusword},
     profile_position::{
@@ -38,7 +38,7 @@ struct Dialogue {
     sent: Controlword,
     /// What is sent besides: bit 4, as another mode has left it.
     besides: Controlword,
-    verdict: Verdict,
+    verdict: HomingVerdict,
 }
 
 impl Dialogue {
@@ -72,7 +72,7 @@ impl Dialogue {
             sends: true,
             sent: Controlword::empty(),
             besides: Controlword::empty(),
-            verdict: Verdict::GoOn,
+            verdict: HomingVerdict::GoOn,
         };
         this.procedure.submit(
             ID,
@@ -110,7 +110,7 @@ impl Dialogue {
             error_code: None,
         };
         self.standstill
-            .observe(self.now, sample.position, sample.velocity, &bounds);
+            .update(self.now, sample.position, sample.velocity, &bounds);
         let cycle = Cycle {
             now: self.now,
             sample: &sample,
@@ -188,11 +188,11 @@ fn bit_4_stays_high_from_the_start_until_the_homing_is_attained_and_at_rest() {
     homing.velocity = 0;
     homing.position = 500;
     for _ in 0..20 {
-        if homing.verdict != Verdict::Attained {
+        if homing.verdict != HomingVerdict::Attained {
             homing.shows(DONE);
         }
     }
-    assert_eq!(homing.verdict, Verdict::Attained);
+    assert_eq!(homing.verdict, HomingVerdict::Attained);
     assert!(!homing.is_high());
     assert_eq!(homing.reports(), [homed()]);
     assert!(homing.procedure.is_idle());
@@ -343,7 +343,7 @@ fn a_homing_that_the_drive_is_no_longer_at_work_on_ends_in_time() {
             homing.shows(bits[(cycle % 2) as usize]);
         }
         homing.ends_by_its_time();
-        assert_eq!(homing.verdict, Verdict::EndIt);
+        assert_eq!(homing.verdict, HomingVerdict::EndIt);
         assert!(homing.is_high(), "until it is stopped");
     }
 }
@@ -410,7 +410,7 @@ fn an_error_is_reported_at_rest_and_an_axis_that_does_not_come_to_rest_is_stoppe
     let error = |moving| Event::Done(Err(Failure::HomingError { moving }));
     assert_eq!(homing.reports(), [error(false)]);
     assert!(!homing.is_high());
-    assert_eq!(homing.verdict, Verdict::GoOn);
+    assert_eq!(homing.verdict, HomingVerdict::GoOn);
 
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
     homing.velocity = -50;
@@ -418,7 +418,7 @@ fn an_error_is_reported_at_rest_and_an_axis_that_does_not_come_to_rest_is_stoppe
         .shows_for(10, IN_PROGRESS)
         .shows_for(1001, ERROR_MOVING);
     assert_eq!(homing.reports(), [Event::Accepted, error(true)]);
-    assert_eq!(homing.verdict, Verdict::StopIt);
+    assert_eq!(homing.verdict, HomingVerdict::StopIt);
     assert!(homing.is_high(), "until the quick stop is over");
 }
 
@@ -522,11 +522,11 @@ fn the_time_of_a_halted_one_that_does_not_come_to_rest_goes_on() {
     homing.halted = true;
     while homing.now + Duration::from_millis(1) < until {
         homing.shows(IN_PROGRESS);
-        assert_eq!(homing.verdict, Verdict::GoOn);
+        assert_eq!(homing.verdict, HomingVerdict::GoOn);
     }
     assert_eq!(homing.reports(), [Event::Accepted]);
     homing.shows(IN_PROGRESS);
-    assert_eq!(homing.verdict, Verdict::EndIt);
+    assert_eq!(homing.verdict, HomingVerdict::EndIt);
     homing.ends_by_its_time();
     assert!(homing.is_high(), "the stop ends it");
 }
@@ -742,7 +742,7 @@ fn a_restless_axis_is_homed_when_all_three_bits_have_said_so_for_the_settle_time
     let position = 540;
     let homed = Completion::Homed { position };
     assert_eq!(homing.reports(), [Event::Done(Ok(homed))]);
-    assert_eq!(homing.verdict, Verdict::Attained);
+    assert_eq!(homing.verdict, HomingVerdict::Attained);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 use super::layout::Layout;
 use super::mapping::{Direction, Mapping};
 use super::mapping::{Entry, Pdo};
-use super::mapping::{Plan, Step};
+use super::mapping::{MappingWrite, Plan};
 use super::offer::FixedPdo;
 use super::verify::{self, Differences};
 use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoHandle};
@@ -196,7 +196,7 @@ pub enum ConfigureError {
     #[error("{step}: {error}")]
     Refused {
         /// The step.
-        step: Step,
+        step: MappingWrite,
         /// The drive and its reason.
         error: Box<DriveError>,
     },
@@ -275,7 +275,7 @@ mod tests {
         assert!(matches!(
             result,
             Err(ConfigureError::Refused {
-                step: Step {
+                step: MappingWrite {
                     purpose: Purpose::EmptyPdo,
                     ..
                 },

@@ -30,7 +30,7 @@ impl Layout {
 
     /// Where `index:subindex` lies; `None` if it is not mapped in this direction.
     #[must_use]
-    pub fn find(&self, direction: Direction, index: u16, subindex: u8) -> Option<Place> {
+    pub fn find(&self, direction: Direction, index: u16, subindex: u8) -> Option<BitRange> {
         let address = ObjectAddress::new(index, subindex);
         let (_, place) = self
             .objects(direction)
@@ -39,7 +39,7 @@ impl Layout {
     }
 
     /// All objects mapped in this direction with their places, without padding.
-    pub fn objects(&self, direction: Direction) -> impl Iterator<Item = (ObjectAddress, Place)> {
+    pub fn objects(&self, direction: Direction) -> impl Iterator<Item = (ObjectAddress, BitRange)> {
         let entries = match direction {
             Direction::Outputs => &self.outputs,
             Direction::Inputs => &self.inputs,
@@ -47,7 +47,7 @@ impl Layout {
         entries
             .iter()
             .filter(|(entry, _)| !entry.is_padding())
-            .map(|(entry, bit)| (entry.address(), Place::at(*bit, entry.bits)))
+            .map(|(entry, bit)| (entry.address(), BitRange::at(*bit, entry.bits)))
     }
 
     /// The field of an object that the master writes.
@@ -116,7 +116,7 @@ fn places(mapping: &Mapping, direction: Direction) -> (Vec<(Entry, usize)>, usiz
 
 /// Where an object lies in a drive's outputs or inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Place {
+pub struct BitRange {
     /// The byte of its lowest bit.
     pub byte: usize,
     /// The place of its lowest bit in that byte, 0 to 7.
@@ -125,7 +125,7 @@ pub struct Place {
     pub bits: u8,
 }
 
-impl Place {
+impl BitRange {
     const fn at(first_bit: usize, bits: u8) -> Self {
         Self {
             byte: first_bit / 8,
@@ -195,14 +195,14 @@ impl Place {
 /// ```
 #[derive(Debug)]
 pub struct Field<T> {
-    place: Place,
+    place: BitRange,
     kind: PhantomData<fn() -> T>,
 }
 
 impl<T: Number> Field<T> {
     /// The field at `place`; `None` if that is not as wide as the type.
     #[must_use]
-    pub const fn new(place: Place) -> Option<Self> {
+    pub const fn new(place: BitRange) -> Option<Self> {
         if place.bits != T::BITS || place.bit > 7 {
             return None;
         }
@@ -214,7 +214,7 @@ impl<T: Number> Field<T> {
 
     /// Where it lies.
     #[must_use]
-    pub const fn place(&self) -> Place {
+    pub const fn place(&self) -> BitRange {
         self.place
     }
 
@@ -312,7 +312,7 @@ mod tests {
         fn bits_survive_at_any_place_and_leave_their_neighbours(
             value: u64, byte in 0usize..4, bit in 0u8..8, bits in 0u8..=57, fill: [u8; 16],
         ) {
-            let place = Place { byte, bit, bits };
+            let place = BitRange { byte, bit, bits };
             let mut image = fill;
             prop_assert!(place.write(&mut image, value));
             prop_assert_eq!(place.read(&image), Some(value & ((1 << bits) - 1)));
@@ -327,7 +327,7 @@ mod tests {
 
     #[test]
     fn bits_that_end_behind_the_image_or_behind_eight_bytes_are_none() {
-        let place = |byte, bit, bits| Place { byte, bit, bits };
+        let place = |byte, bit, bits| BitRange { byte, bit, bits };
         let mut image = [0xFF; 9];
         assert_eq!(place(0, 0, 64).read(&image), Some(u64::MAX));
         for place in [
@@ -356,7 +356,7 @@ mod tests {
         let layout = Mapping::from_pdos(alloc::vec![pdo], Vec::new()).layout();
         assert_eq!(
             layout.find(Direction::Outputs, 0x6040, 0),
-            Some(Place {
+            Some(BitRange {
                 byte: 0,
                 bit: 4,
                 bits: 16
@@ -389,7 +389,7 @@ mod tests {
 
     #[test]
     fn a_short_image_is_refused_and_left_alone() {
-        let place = Place {
+        let place = BitRange {
             byte: 2,
             bit: 1,
             bits: 16,
@@ -404,7 +404,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_value_survives_at_any_place_and_leaves_its_neighbours(value: i32, byte in 0usize..4, bit in 0u8..8, fill: [u8; 12]) {
-            let field = Field::<i32>::new(Place { byte, bit, bits: 32 }).unwrap();
+            let field = Field::<i32>::new(BitRange { byte, bit, bits: 32 }).unwrap();
             let mut image = fill;
             prop_assert!(field.write(&mut image, value));
             prop_assert_eq!(field.read(&image), Some(value));
@@ -414,11 +414,11 @@ mod tests {
 
         #[test]
         fn bytes_and_words_survive_at_any_place(value: i16, byte in 0usize..4, bit in 0u8..8, fill: [u8; 8]) {
-            let word = Field::<i16>::new(Place { byte, bit, bits: 16 }).unwrap();
+            let word = Field::<i16>::new(BitRange { byte, bit, bits: 16 }).unwrap();
             let mut image = fill;
             prop_assert!(word.write(&mut image, value));
             prop_assert_eq!(word.read(&image), Some(value));
-            let small = Field::<i8>::new(Place { byte, bit, bits: 8 }).unwrap();
+            let small = Field::<i8>::new(BitRange { byte, bit, bits: 8 }).unwrap();
             prop_assert_eq!(small.read(&image), Some(value as i8));
         }
     }

@@ -597,7 +597,7 @@ impl Pdo {
 /// stays. PDOs with a content of the drive's own are assigned and not filled.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Plan {
-    steps: Vec<Step>,
+    steps: Vec<MappingWrite>,
 }
 
 impl Plan {
@@ -619,7 +619,7 @@ impl Plan {
         let mut steps = Vec::new();
         let assignment = direction.assignment();
         let pdos = mapping.pdos(direction);
-        steps.push(Step::count(assignment, 0, Purpose::EmptyAssignment));
+        steps.push(MappingWrite::count(assignment, 0, Purpose::EmptyAssignment));
         for pdo in pdos {
             if is_filled(pdo.index) && !mapping.is_fixed(pdo.index) {
                 steps.extend(fill(pdo));
@@ -627,7 +627,7 @@ impl Plan {
         }
         for (subindex, pdo) in (1..=u8::MAX).zip(pdos) {
             let [low, high] = pdo.index.to_le_bytes();
-            steps.push(Step {
+            steps.push(MappingWrite {
                 object: ObjectAddress::new(assignment, subindex),
                 value: Bytes::new(&[low, high]),
                 purpose: Purpose::Assign(pdo.index),
@@ -635,36 +635,40 @@ impl Plan {
         }
         let count = u8::try_from(pdos.len()).unwrap_or(u8::MAX);
         if count != 0 {
-            steps.push(Step::count(assignment, count, Purpose::CloseAssignment));
+            steps.push(MappingWrite::count(
+                assignment,
+                count,
+                Purpose::CloseAssignment,
+            ));
         }
         Self { steps }
     }
 
     /// The writes, in order.
     #[must_use]
-    pub fn steps(&self) -> &[Step] {
+    pub fn steps(&self) -> &[MappingWrite] {
         &self.steps
     }
 }
 
-fn fill(pdo: &Pdo) -> impl Iterator<Item = Step> + '_ {
+fn fill(pdo: &Pdo) -> impl Iterator<Item = MappingWrite> + '_ {
     let entries = (1..=u8::MAX)
         .zip(&pdo.entries)
-        .map(|(subindex, entry)| Step {
+        .map(|(subindex, entry)| MappingWrite {
             object: ObjectAddress::new(pdo.index, subindex),
             value: Bytes::new(&entry.raw().to_le_bytes()),
             purpose: Purpose::Map(*entry),
         });
     let count = u8::try_from(pdo.entries.len()).unwrap_or(u8::MAX);
-    let close = (count != 0).then(|| Step::count(pdo.index, count, Purpose::ClosePdo));
-    core::iter::once(Step::count(pdo.index, 0, Purpose::EmptyPdo))
+    let close = (count != 0).then(|| MappingWrite::count(pdo.index, count, Purpose::ClosePdo));
+    core::iter::once(MappingWrite::count(pdo.index, 0, Purpose::EmptyPdo))
         .chain(entries)
         .chain(close)
 }
 
 /// One SDO write of a [`Plan`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Step {
+pub struct MappingWrite {
     /// The object that is written.
     pub object: ObjectAddress,
     value: Bytes,
@@ -672,7 +676,7 @@ pub struct Step {
     pub purpose: Purpose,
 }
 
-impl Step {
+impl MappingWrite {
     const fn count(index: u16, count: u8, purpose: Purpose) -> Self {
         Self {
             object: ObjectAddress::new(index, 0),
@@ -694,7 +698,7 @@ impl Step {
     }
 }
 
-impl fmt::Display for Step {
+impl fmt::Display for MappingWrite {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} ({})", self.purpose, self.object)
     }

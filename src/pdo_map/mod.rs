@@ -13,8 +13,9 @@ pub mod verify;
 
 #[cfg(feature = "std")]
 pub use execute::{ConfigureError, configure, execute, read_assigned, read_back, read_offered};
-pub use layout::{Field, Layout, LayoutError, Place};
+pub use layout::{BitRange, Field, Layout, LayoutError};
 pub use mapping::{
-    Direction, Entry, Limits, Mapping, MappingBuilder, MappingError, Pdo, Plan, Purpose, Step,
+    Direction, Entry, Limits, Mapping, MappingBuilder, MappingError, MappingWrite, Pdo, Plan,
+    Purpose,
 };
 pub use offer::{Demand, FixedPdo, choose};

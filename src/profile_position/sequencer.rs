@@ -22,8 +22,8 @@ pub(crate) struct Sequencer {
     ahead: Ahead,
     target: i32,
     parameters: Parameters,
-    waiting: Waiting,
-    chain: Chain,
+    pending: PendingMoves,
+    drive_buffer: DriveBuffer,
     /// Sent onto a full buffer and not acknowledged; bit 4 is low again. The fall of bit 12 will be its acknowledge.
     unconfirmed: Option<Raised>,
     unknown: bool,
@@ -51,8 +51,8 @@ impl Sequencer {
             ahead: Ahead::Fell,
             target: 0,
             parameters,
-            waiting: Waiting::default(),
-            chain: Chain::default(),
+            pending: PendingMoves::default(),
+            drive_buffer: DriveBuffer::default(),
             unconfirmed: None,
             unknown: false,
             anywhere: false,
@@ -91,11 +91,11 @@ impl Sequencer {
     /// The same in another mode, which may lead the axis anywhere.
     pub const fn follow_other_mode(&mut self, position: i32) {
         self.target = position;
-        self.chain.leave_base();
+        self.drive_buffer.leave_base();
     }
 
     /// Lets go of what makes no difference any more.
-    pub fn let_go(
+    pub fn canonicalize(
         &mut self,
         now: Duration,
         seen: Duration,
@@ -103,19 +103,19 @@ impl Sequencer {
         begin: Duration,
         settle: Duration,
     ) {
-        self.bit4.let_go(now, seen, acknowledge);
+        self.bit4.canonicalize(now, seen, acknowledge);
         if let Ahead::Delivered(at) = &mut self.ahead {
             no_older(at, now, seen);
         }
-        self.waiting.let_go(now, acknowledge);
-        self.chain.let_go(now, begin, settle);
+        self.pending.canonicalize(now, acknowledge);
+        self.drive_buffer.canonicalize(now, begin, settle);
         if let Some(raised) = &mut self.unconfirmed {
-            raised.let_go(now, acknowledge);
+            raised.canonicalize(now, acknowledge);
         }
     }
 
     /// Lets go of what 607Ah and the parameters hold, before bit 4 rises again.
-    pub fn let_go_of_target(&mut self) {
+    pub fn canonicalize_target(&mut self) {
         self.target = 0;
         self.parameters = Parameters {
             end_velocity: self.parameters.end_velocity,
@@ -128,8 +128,8 @@ impl Sequencer {
     pub fn has_set_point(&self) -> bool {
         self.unknown
             || self.unconfirmed.is_some()
-            || !self.chain.is_empty()
-            || self.chain.is_unproven()
+            || !self.drive_buffer.is_empty()
+            || self.drive_buffer.is_unproven()
             || matches!(self.bit4, Bit4::High { sent: true, .. } | Bit4::Abandoned)
     }
 
@@ -140,7 +140,7 @@ impl Sequencer {
 
     /// Whether no move waits or is under way.
     pub fn is_idle(&self) -> bool {
-        !self.has_set_point() && self.waiting.is_empty() && self.bit4.is_low()
+        !self.has_set_point() && self.pending.is_empty() && self.bit4.is_low()
     }
 
     /// Whether a cycle like the last one changes nothing but how far the one set-point has come that the drive may hold.
@@ -150,27 +150,29 @@ impl Sequencer {
             Bit4::Low { delivered, .. } => delivered.is_some() || !in_mode,
             Bit4::High { .. } | Bit4::Abandoned => false,
         };
-        low && self.waiting.is_empty()
+        low && self.pending.is_empty()
             && self.unconfirmed.is_none()
             && !(self.unknown && self.holds_any())
             && self.armed.is_none()
-            && self.chain.allows_idle_path()
+            && self.drive_buffer.allows_idle_path()
     }
 
     /// Whether the drive holds a set-point that it has acknowledged.
     pub fn holds_any(&self) -> bool {
-        !self.chain.is_empty()
+        !self.drive_buffer.is_empty()
     }
 
     /// One cycle of an axis on the idle path with a set-point under way: whether that may have ended. [`Sequencer::end`] reports it then.
     #[inline(always)]
     pub fn follow(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) -> bool {
-        self.chain.note_active(now, sample, bounds)
+        self.drive_buffer.note_active(now, sample, bounds)
     }
 
     /// Whether the set-point under way ends with the cycle that [`Sequencer::follow`] has taken in.
     pub fn end(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
-        let ended = self.chain.end_active(cycle, Next::None, false, events);
+        let ended = self
+            .drive_buffer
+            .end_active(cycle, Unacknowledged::None, false, events);
         if ended {
             self.note_not_begun(events);
         }
@@ -180,7 +182,7 @@ impl Sequencer {
     /// A set-point that the drive has acknowledged and not begun is one that it may begin at any time: nothing more is sent before a
     /// stop.
     fn note_not_begun(&mut self, events: &mut Events) {
-        if self.chain.take_not_begun() {
+        if self.drive_buffer.take_not_begun() {
             self.unknown = true;
             self.withdraw_unsent(Failure::NeedsStop, events);
         }
@@ -188,7 +190,7 @@ impl Sequencer {
 
     /// The motion profile type 6086h of the move that a new one would follow; none where it would follow none.
     pub fn last_profile_type(&self) -> Option<i16> {
-        match self.waiting.last() {
+        match self.pending.last() {
             Some(request) => request.command.set_point.parameters.profile_type,
             None if self.is_idle() => None,
             None => self.parameters.profile_type,
@@ -198,10 +200,10 @@ impl Sequencer {
     /// Takes a checked move in; refuses it when too many wait.
     #[inline]
     pub fn submit(&mut self, id: CommandId, command: MoveCommand, events: &mut Events) {
-        if !self.waiting.push(id, command) {
+        if !self.pending.push(id, command) {
             events.push(id, Event::Done(Err(Failure::Busy)));
         }
-        if self.waiting.first().map(|first| first.id) != self.armed {
+        if self.pending.first().map(|first| first.id) != self.armed {
             // Overtaken: it is not its turn any more.
             self.armed = None;
         }
@@ -212,7 +214,7 @@ impl Sequencer {
         if self.bit4.unsent() == Some(id) {
             self.drop_unsent(failure, events);
             true
-        } else if self.waiting.remove(id) {
+        } else if self.pending.remove(id) {
             self.armed = None;
             self.take_start_bits_back();
             events.push(id, Event::Done(Err(failure)));
@@ -225,7 +227,7 @@ impl Sequencer {
     /// A stop takes over: moves that wait fail, and a rise of bit 4 that is not sent yet does not happen.
     pub fn withdraw_unsent(&mut self, failure: Failure, events: &mut Events) {
         self.armed = None;
-        while let Some(request) = self.waiting.pop() {
+        while let Some(request) = self.pending.pop() {
             events.push(request.id, Event::Done(Err(failure)));
         }
         self.take_start_bits_back();
@@ -250,14 +252,14 @@ impl Sequencer {
         if let Some(raised) = self.unconfirmed.take() {
             events.push(raised.request.id, Event::Done(Err(unknown)));
         }
-        self.chain.fail_all(failure, events);
+        self.drive_buffer.fail_all(failure, events);
     }
 
     /// Bit 4 goes low and nothing is held any more: the axis is out of Operation enabled and the drive has dropped
     /// its set-points.
     pub fn lower(&mut self) {
         self.unconfirmed = None;
-        self.chain.forget();
+        self.drive_buffer.forget();
         self.take_start_bits_back();
         if !self.bit4.is_low() {
             self.bit4 = Bit4::LOW;
@@ -269,12 +271,12 @@ impl Sequencer {
 
     /// The axis stands halted: reports it for each set-point that the drive keeps.
     pub fn report_halted(&mut self, events: &mut Events) {
-        self.chain.report_halted(events);
+        self.drive_buffer.report_halted(events);
     }
 
     /// Bit 8 falls, and the axis goes on from where it stands, or from its way to standstill.
     pub fn resumed(&mut self, now: Duration, from_rest: bool) {
-        self.chain.resumed(now, from_rest);
+        self.drive_buffer.resumed(now, from_rest);
     }
 
     /// Whether this gated move has everything it needs but its release.
@@ -290,7 +292,7 @@ impl Sequencer {
     /// Releases a gated, armed move: bit 4 rises.
     pub fn fire(&mut self, id: CommandId, cycle: &Cycle<'_>, events: &mut Events) {
         if self.armed == Some(id)
-            && let Some(request) = self.waiting.first()
+            && let Some(request) = self.pending.first()
         {
             self.raise(request, cycle, events);
         }
@@ -304,15 +306,15 @@ impl Sequencer {
             let room_shown = self.bit4.is_low_acknowledged(cycle);
             let on_its_way = self.bit4.on_its_way().or(self.unconfirmed.as_ref());
             let next = match on_its_way {
-                _ if self.unknown => Next::Perhaps {
+                _ if self.unknown => Unacknowledged::Perhaps {
                     anywhere: self.anywhere,
                 },
-                Some(raised) => Next::Comes {
+                Some(raised) => Unacknowledged::Comes {
                     replaces: raised.replaces(),
                 },
-                None => Next::None,
+                None => Unacknowledged::None,
             };
-            self.chain.follow(cycle, room_shown, next, events);
+            self.drive_buffer.follow(cycle, room_shown, next, events);
             self.note_not_begun(events);
             self.start_next(cycle, events);
         }
@@ -376,11 +378,11 @@ impl Sequencer {
         events: &mut Events,
     ) {
         // The one before it may have come to its end meanwhile.
-        let before = self.chain.before(&raised.request.command);
+        let before = self.drive_buffer.before(&raised.request.command);
         raised.far_behind &= before.is_some_and(|before| !before.may_be_over(cycle));
-        let track = Track::new(&raised, confirmed, cycle);
-        events.push(track.id, Event::Accepted);
-        self.chain.push(track, events);
+        let monitor = SetPointMonitor::new(&raised, confirmed, cycle);
+        events.push(monitor.id, Event::Accepted);
+        self.drive_buffer.push(monitor, events);
     }
 
     /// A set-point of which it is not known whether the drive has taken it. Nothing more is sent before a stop has made
@@ -398,29 +400,31 @@ impl Sequencer {
         self.anywhere = raised.replaces()
             && raised
                 .end
-                .is_none_or(|end| self.chain.ends_near(end, cycle.bounds));
+                .is_none_or(|end| self.drive_buffer.ends_near(end, cycle.bounds));
         self.withdraw_unsent(Failure::NeedsStop, events);
     }
 
     /// The move whose turn it is starts, if all that it needs is there.
     pub fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
         self.armed = None;
-        let Some(request) = self.waiting.first() else {
+        let Some(request) = self.pending.first() else {
             return;
         };
         if !self.bit4.is_low() || self.unconfirmed.is_some() {
             return;
         }
-        let ready = match self.chain.place_for(&request.command, cycle) {
-            Place::Free => self.bit4.is_low_acknowledged(cycle),
-            Place::Full => self.bit4.is_low_acknowledged(cycle) || self.bit4.is_low_seen(cycle),
-            Place::Later => {
-                self.waiting.first_is_free();
+        let ready = match self.drive_buffer.place_for(&request.command, cycle) {
+            BufferRoom::Free => self.bit4.is_low_acknowledged(cycle),
+            BufferRoom::Full => {
+                self.bit4.is_low_acknowledged(cycle) || self.bit4.is_low_seen(cycle)
+            }
+            BufferRoom::Later => {
+                self.pending.first_is_free();
                 return;
             }
-            Place::Never(reason) => {
+            BufferRoom::Never(reason) => {
                 let buffer_mode = request.command.set_point.buffer_mode;
-                self.waiting.remove(request.id);
+                self.pending.remove(request.id);
                 self.take_start_bits_back();
                 events.push(
                     request.id,
@@ -434,12 +438,12 @@ impl Sequencer {
         };
         let shown = self.send_start_bits(&request.command, cycle);
         if ready {
-            self.waiting.first_is_free();
+            self.pending.first_is_free();
             if !cycle.delivered || !shown {
                 return;
             }
-            if let Err(failure) = self.chain.check_limits(&request.command, cycle) {
-                self.waiting.remove(request.id);
+            if let Err(failure) = self.drive_buffer.check_limits(&request.command, cycle) {
+                self.pending.remove(request.id);
                 self.take_start_bits_back();
                 events.push(request.id, Event::Done(Err(failure)));
                 return;
@@ -449,8 +453,8 @@ impl Sequencer {
             } else {
                 self.raise(request, cycle, events);
             }
-        } else if cycle.is_late(self.waiting.first_blocked_since(cycle.now)) {
-            self.waiting.remove(request.id);
+        } else if cycle.is_late(self.pending.first_blocked_since(cycle.now)) {
+            self.pending.remove(request.id);
             self.take_start_bits_back();
             let failure = cycle.timeout(WaitingFor::AcknowledgeLow, Delivery::NotSent);
             events.push(request.id, Event::Done(Err(failure)));
@@ -490,36 +494,38 @@ impl Sequencer {
     }
 
     fn raise(&mut self, request: Request, cycle: &Cycle<'_>, events: &mut Events) {
-        while let Some(overtaken) = self.waiting.pop_overtaken() {
+        while let Some(overtaken) = self.pending.pop_overtaken() {
             events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
         }
-        self.waiting.pop();
+        self.pending.pop();
         self.bits = start_bits(&request.command, cycle.traits).with_new_set_point();
         self.target = request.command.target;
         self.parameters = request.command.set_point.parameters;
         self.armed = None;
-        self.chain.note_next(cycle);
+        self.drive_buffer.note_next(cycle);
         // Only a distance counts from another.
         let is_relative = request.command.reference == Reference::Relative;
         let before = is_relative
-            .then(|| self.chain.before(&request.command))
+            .then(|| self.drive_buffer.before(&request.command))
             .flatten();
-        let previous = is_relative.then(|| self.chain.previous_end()).flatten();
+        let previous = is_relative
+            .then(|| self.drive_buffer.previous_end())
+            .flatten();
         self.bit4 = Bit4::High {
             raised: Raised {
                 request,
                 since: cycle.now,
-                begin: self.chain.begin_of(&request.command, cycle),
+                begin: self.drive_buffer.begin_of(&request.command, cycle),
                 at: cycle.sample.position,
-                end: self.chain.end_of(&request.command, cycle),
-                goal: self.chain.goal_of(&request.command, cycle),
+                end: self.drive_buffer.end_of(&request.command, cycle),
+                goal: self.drive_buffer.goal_of(&request.command, cycle),
                 previous,
-                from_rest: self.chain.begins_at_rest(&request.command, cycle),
-                stands: self.chain.stands(cycle),
-                at_base: self.chain.is_at_base(),
+                from_rest: self.drive_buffer.begins_at_rest(&request.command, cycle),
+                stands: self.drive_buffer.stands(cycle),
+                at_base: self.drive_buffer.is_at_base(),
                 far_behind: before.is_some() && !cycle.is_reached(),
                 behind: before.and_then(|before| before.bases_behind(cycle.bounds)),
-                behind_loose: before.is_some_and(Track::may_end_beside),
+                behind_loose: before.is_some_and(SetPointMonitor::may_end_beside),
                 early: false,
             },
             sent: false,
@@ -604,7 +610,7 @@ struct Raised {
 }
 
 impl Raised {
-    pub fn let_go(&mut self, now: Duration, acknowledge: Duration) {
+    pub fn canonicalize(&mut self, now: Duration, acknowledge: Duration) {
         no_older(&mut self.since, now, acknowledge);
         self.request.blocked_since = None;
     }
@@ -623,7 +629,7 @@ impl Bit4 {
     };
 
     /// Lets go of what makes no difference any more.
-    pub fn let_go(&mut self, now: Duration, seen: Duration, acknowledge: Duration) {
+    pub fn canonicalize(&mut self, now: Duration, seen: Duration, acknowledge: Duration) {
         match self {
             Self::Low { delivered, .. } => {
                 if let Some(at) = delivered {
@@ -636,7 +642,7 @@ impl Bit4 {
                 shown,
                 ..
             } => {
-                raised.let_go(now, acknowledge);
+                raised.canonicalize(now, acknowledge);
                 if let Some(at) = delivered {
                     no_older(at, now, seen);
                 }
@@ -753,11 +759,11 @@ struct Request {
 
 /// A queue of fixed size.
 #[derive(Debug, Clone, Hash, Default)]
-struct Waiting {
+struct PendingMoves {
     places: [Option<Request>; PLACES],
 }
 
-impl Waiting {
+impl PendingMoves {
     pub fn is_empty(&self) -> bool {
         self.places[0].is_none()
     }
@@ -804,7 +810,7 @@ impl Waiting {
     }
 
     /// Lets go of what makes no difference any more.
-    pub fn let_go(&mut self, now: Duration, acknowledge: Duration) {
+    pub fn canonicalize(&mut self, now: Duration, acknowledge: Duration) {
         for request in self.places.iter_mut().flatten() {
             if let Some(since) = &mut request.blocked_since {
                 no_older(since, now, acknowledge);
@@ -860,7 +866,7 @@ impl Waiting {
 const HELD: usize = 2;
 
 /// Whether the drive can take a move.
-enum Place {
+enum BufferRoom {
     Free,
     /// Its buffer is full; if bit 12 shows that, whatever is known of the drive, a set-point that replaces everything is
     /// taken without an edge of it.
@@ -871,7 +877,7 @@ enum Place {
 
 /// Whether there may be a set-point that the drive has taken and not acknowledged: what the position shows may be its way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Next {
+enum Unacknowledged {
     None,
     /// Its acknowledge is still to come. `replaces`: when it comes, the others have been replaced, and what shows before that may be its
     /// way past their ends.
@@ -887,8 +893,8 @@ enum Next {
 
 /// The set-points that the drive has acknowledged and not ended, in order.
 #[derive(Debug, Clone, Hash, Default)]
-struct Chain {
-    held: [Option<Track>; HELD],
+struct DriveBuffer {
+    held: [Option<SetPointMonitor>; HELD],
     /// One that is over by the drive's word, bit 12, and whose end the axis has not been seen at.
     over: Option<Over>,
     /// The end of the last set-point, where the axis has arrived.
@@ -910,14 +916,14 @@ struct Chain {
 /// A set-point whose place the next one has taken.
 #[derive(Debug, Clone, Hash)]
 struct Over {
-    track: Track,
+    monitor: SetPointMonitor,
     /// How the next one was started, and when it was seen to have taken over, from where.
     next: BufferMode,
     since: Duration,
     position: i32,
 }
 
-impl Chain {
+impl DriveBuffer {
     /// Whether one has just ended that the drive may still begin.
     pub const fn take_not_begun(&mut self) -> bool {
         core::mem::replace(&mut self.not_begun, false)
@@ -943,42 +949,42 @@ impl Chain {
         let [first, rest @ ..] = &self.held;
         self.over.is_none()
             && rest.iter().all(Option::is_none)
-            && first.as_ref().is_none_or(Track::allows_idle_path)
+            && first.as_ref().is_none_or(SetPointMonitor::allows_idle_path)
     }
 
     /// Takes in a set-point that the drive has acknowledged; with `Aborting` it is the only one from now on.
-    pub fn push(&mut self, mut track: Track, events: &mut Events) {
+    pub fn push(&mut self, mut monitor: SetPointMonitor, events: &mut Events) {
         self.at_base = false;
-        if track.buffer_mode == BufferMode::Aborting {
+        if monitor.buffer_mode == BufferMode::Aborting {
             self.fail_all(Failure::Superseded, events);
             self.unproven = false;
         } else if self.is_empty() && (self.unseen || self.unproven) {
-            track.comes_after_doubt(self.unproven);
+            monitor.comes_after_doubt(self.unproven);
         }
         if let Some(place) = self.held.iter_mut().find(|place| place.is_none()) {
-            *place = Some(track);
+            *place = Some(monitor);
         }
     }
 
     /// Ends all of them, with the axis anywhere.
     pub fn fail_all(&mut self, failure: Failure, events: &mut Events) {
-        let over = self.over.take().map(|over| over.track);
+        let over = self.over.take().map(|over| over.monitor);
         let held = self.held.iter_mut().filter_map(Option::take);
-        for track in over.into_iter().chain(held) {
-            let failure = failure.with_delivery(track.delivery());
-            events.push(track.id, Event::Done(Err(failure)));
+        for monitor in over.into_iter().chain(held) {
+            let failure = failure.with_delivery(monitor.delivery());
+            events.push(monitor.id, Event::Done(Err(failure)));
         }
         self.last_end = None;
         self.unseen = false;
     }
 
     /// Lets go of what makes no difference any more.
-    pub fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration) {
-        for track in self.held.iter_mut().flatten() {
-            track.let_go(now, begin, settle);
+    pub fn canonicalize(&mut self, now: Duration, begin: Duration, settle: Duration) {
+        for monitor in self.held.iter_mut().flatten() {
+            monitor.canonicalize(now, begin, settle);
         }
         if let Some(over) = &mut self.over {
-            over.track.let_go(now, begin, settle);
+            over.monitor.canonicalize(now, begin, settle);
             no_older(&mut over.since, now, settle);
         }
         no_older(&mut self.ended, now, settle);
@@ -986,21 +992,21 @@ impl Chain {
 
     /// The axis stands halted: reports it for each of them, once for each halt.
     pub fn report_halted(&mut self, events: &mut Events) {
-        for track in self
+        for monitor in self
             .held
             .iter_mut()
             .flatten()
-            .filter(|track| !track.halt_told)
+            .filter(|monitor| !monitor.halt_told)
         {
-            track.halt_told = true;
-            events.push(track.id, Event::Halted);
+            monitor.halt_told = true;
+            events.push(monitor.id, Event::Halted);
         }
     }
 
     /// Bit 8 falls.
     pub fn resumed(&mut self, now: Duration, from_rest: bool) {
-        for (place, track) in self.held.iter_mut().flatten().enumerate() {
-            track.goes_on(now, from_rest, place == 0);
+        for (place, monitor) in self.held.iter_mut().flatten().enumerate() {
+            monitor.goes_on(now, from_rest, place == 0);
         }
         if let Some(over) = &mut self.over {
             over.since = now;
@@ -1010,9 +1016,15 @@ impl Chain {
     /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point.
     // Kept out of `Sequencer::step`, which is then small enough to be part of the core's step.
     #[inline(never)]
-    pub fn follow(&mut self, cycle: &Cycle<'_>, room_shown: bool, next: Next, events: &mut Events) {
+    pub fn follow(
+        &mut self,
+        cycle: &Cycle<'_>,
+        room_shown: bool,
+        next: Unacknowledged,
+        events: &mut Events,
+    ) {
         // A single set-point, with nothing behind it, ends where the axis stands, whatever was not seen of its way.
-        let alone = self.over.is_none() && self.held[1].is_none() && next == Next::None;
+        let alone = self.over.is_none() && self.held[1].is_none() && next == Unacknowledged::None;
         let stalled;
         let cycle = if alone {
             cycle
@@ -1021,7 +1033,7 @@ impl Chain {
             &stalled
         };
         let undecided = self.follow_over(cycle, events);
-        if let Next::Perhaps { anywhere } = next
+        if let Unacknowledged::Perhaps { anywhere } = next
             && !undecided
         {
             self.follow_doubtful(anywhere, cycle, events);
@@ -1044,7 +1056,7 @@ impl Chain {
                     first.rests_with(second, cycle)
                 };
                 let over = shown || left || rest.is_some();
-                if over && next == Next::None && !undecided {
+                if over && next == Unacknowledged::None && !undecided {
                     if let Some(Rest::Unreached) = rest {
                         events.push(first.id, Event::Done(Err(first.unreached(cycle))));
                         events.push(second.id, Event::Done(Err(second.unreached(cycle))));
@@ -1070,7 +1082,7 @@ impl Chain {
                     }
                     if shown && !first.is_seen_at_end(cycle) {
                         self.over = Some(Over {
-                            track: *first,
+                            monitor: *first,
                             next: second.buffer_mode,
                             since: cycle.now,
                             position: cycle.sample.position,
@@ -1099,11 +1111,11 @@ impl Chain {
     /// Takes in one cycle of the only one that is held, where no cycle before it was without inputs. Whether it may end with it.
     #[inline(always)]
     pub fn note_active(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) -> bool {
-        let [Some(track), _] = &mut self.held else {
+        let [Some(monitor), _] = &mut self.held else {
             return false;
         };
-        track.note_limit(sample.statusword);
-        track.follow(now, sample, 0, true, bounds)
+        monitor.note_limit(sample.statusword);
+        monitor.follow(now, sample, 0, true, bounds)
             || sample.statusword.contains(Statusword::TARGET_REACHED)
     }
 
@@ -1111,15 +1123,15 @@ impl Chain {
     fn follow_active(
         &mut self,
         cycle: &Cycle<'_>,
-        next: Next,
+        next: Unacknowledged,
         undecided: bool,
         events: &mut Events,
     ) -> bool {
-        let [Some(track), _] = &mut self.held else {
+        let [Some(monitor), _] = &mut self.held else {
             return false;
         };
-        track.note(cycle, true);
-        track.note_limit(cycle.sample.statusword);
+        monitor.note(cycle, true);
+        monitor.note_limit(cycle.sample.statusword);
         self.end_active(cycle, next, undecided, events)
     }
 
@@ -1127,30 +1139,30 @@ impl Chain {
     pub fn end_active(
         &mut self,
         cycle: &Cycle<'_>,
-        next: Next,
+        next: Unacknowledged,
         undecided: bool,
         events: &mut Events,
     ) -> bool {
-        let [Some(track), _] = &mut self.held else {
+        let [Some(monitor), _] = &mut self.held else {
             return false;
         };
         // What one shows that is taken and not acknowledged yet is not the end of this one; its own end, where that is
         // known, is, unless the other has replaced it.
-        let known = track.end.is_some() && next != (Next::Comes { replaces: true });
-        let outcome = track
+        let known = monitor.end.is_some() && next != (Unacknowledged::Comes { replaces: true });
+        let outcome = monitor
             .outcome(cycle)
-            .filter(|outcome| next == Next::None || (known && outcome.is_ok()));
+            .filter(|outcome| next == Unacknowledged::None || (known && outcome.is_ok()));
         match outcome {
             Some(outcome) if !undecided => {
-                self.last_end = if outcome.is_ok() { track.end } else { None };
-                let begun = track.has_begun(cycle);
+                self.last_end = if outcome.is_ok() { monitor.end } else { None };
+                let begun = monitor.has_begun(cycle);
                 self.unseen = outcome.is_ok() && !begun;
-                let proven = begun && track.end.is_some();
+                let proven = begun && monitor.end.is_some();
                 self.unproven = outcome.is_err() || (self.unproven && !proven);
                 self.at_base = outcome.is_ok();
                 self.ended = cycle.now;
                 self.not_begun |= matches!(outcome, Err(Failure::NotBegun { .. }));
-                events.push(track.id, Event::Done(outcome));
+                events.push(monitor.id, Event::Done(outcome));
                 self.held[0] = None;
                 true
             }
@@ -1164,17 +1176,17 @@ impl Chain {
         let actual = cycle.sample.position;
         let last = self.held.iter().flatten().count();
         for (place, held) in self.held.iter_mut().enumerate() {
-            let Some(track) = held else { continue };
-            track.note(cycle, false);
-            let at_rest = track.is_at_rest(cycle);
-            let may_arrive = track.end.is_some() && !anywhere && place + 1 == last && at_rest;
-            let outcome = match track.outcome(cycle) {
+            let Some(monitor) = held else { continue };
+            monitor.note(cycle, false);
+            let at_rest = monitor.is_at_rest(cycle);
+            let may_arrive = monitor.end.is_some() && !anywhere && place + 1 == last && at_rest;
+            let outcome = match monitor.outcome(cycle) {
                 Some(Ok(completion)) if may_arrive => Ok(completion),
                 Some(Err(Failure::Timeout { .. })) => Err(Failure::PerhapsSuperseded { actual }),
                 _ if at_rest => Err(Failure::PerhapsSuperseded { actual }),
                 _ => continue,
             };
-            events.push(track.id, Event::Done(outcome));
+            events.push(monitor.id, Event::Done(outcome));
             *held = None;
         }
         if self.held[0].is_none() {
@@ -1189,15 +1201,15 @@ impl Chain {
         let Some(over) = &mut self.over else {
             return false;
         };
-        over.track.note(cycle, false);
+        over.monitor.note(cycle, false);
         let waited = cycle.now.saturating_sub(over.since) >= cycle.bounds.settle;
-        if !waited && !over.track.is_seen_at_end(cycle) {
+        if !waited && !over.monitor.is_seen_at_end(cycle) {
             return true;
         }
         if let Some(next) = &mut self.held[0] {
-            next.came_to_end_of(&over.track, cycle);
+            next.came_to_end_of(&over.monitor, cycle);
         }
-        let outcome = match over.track.ended_into(over.next, cycle) {
+        let outcome = match over.monitor.ended_into(over.next, cycle) {
             Err(Failure::MissedTarget { target, .. }) => Err(Failure::MissedTarget {
                 target,
                 actual: over.position,
@@ -1208,7 +1220,7 @@ impl Chain {
             }),
             outcome => outcome,
         };
-        events.push(over.track.id, Event::Done(outcome));
+        events.push(over.monitor.id, Event::Done(outcome));
         self.over = None;
         false
     }
@@ -1221,39 +1233,39 @@ impl Chain {
     }
 
     /// Whether the drive can take this move now.
-    pub fn place_for(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> Place {
+    pub fn place_for(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> BufferRoom {
         let traits = cycle.traits;
         let buffer_mode = command.set_point.buffer_mode;
         let bits = traits.bits(buffer_mode);
         let [Some(active), next] = &self.held else {
-            return Place::Free;
+            return BufferRoom::Free;
         };
         let full = next.is_some() || (self.unproven && buffer_mode != BufferMode::Aborting);
         let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
         match buffer_mode {
             BufferMode::Aborting if full => match (command.reference, traits.buffer_signal) {
                 // A bit 12 that is still high is not that of the buffer.
-                (_, BufferSignal::None) => Place::Free,
-                (Reference::Absolute, _) => Place::Full,
-                (Reference::Relative, BufferSignal::Acknowledge) => Place::Never(
+                (_, BufferSignal::None) => BufferRoom::Free,
+                (Reference::Absolute, _) => BufferRoom::Full,
+                (Reference::Relative, BufferSignal::Acknowledge) => BufferRoom::Never(
                     "its buffer is full and acknowledges nothing, and where a distance taken once too little or too often \
                      would end cannot be seen: use an absolute move, or stop",
                 ),
-                (Reference::Relative, BufferSignal::Unknown) => Place::Free,
+                (Reference::Relative, BufferSignal::Unknown) => BufferRoom::Free,
             },
-            BufferMode::Aborting => Place::Free,
-            _ if bits == StartBits::Sequenced || full => Place::Later,
-            _ if shown_by_bit_12 => Place::Free,
+            BufferMode::Aborting => BufferRoom::Free,
+            _ if bits == StartBits::Sequenced || full => BufferRoom::Later,
+            _ if shown_by_bit_12 => BufferRoom::Free,
             // Before it the drive may hold another one yet.
-            _ if !active.is_surely_first(cycle) => Place::Later,
-            BufferMode::Buffered if active.shows_its_stop() => Place::Free,
-            BufferMode::Blending if active.shows_its_passing() => Place::Free,
-            BufferMode::Blending if active.end.is_none() || active.turns => Place::Never(
+            _ if !active.is_surely_first(cycle) => BufferRoom::Later,
+            BufferMode::Buffered if active.shows_its_stop() => BufferRoom::Free,
+            BufferMode::Blending if active.shows_its_passing() => BufferRoom::Free,
+            BufferMode::Blending if active.end.is_none() || active.turns => BufferRoom::Never(
                 "the end of the active move shows neither in bit 12 nor in the position: \
                  use Buffered, or an absolute move before it",
             ),
             // Sent when the axis is on its way to the end, or has arrived there.
-            BufferMode::Buffered | BufferMode::Blending => Place::Later,
+            BufferMode::Buffered | BufferMode::Blending => BufferRoom::Later,
         }
     }
 
@@ -1302,7 +1314,7 @@ impl Chain {
     }
 
     /// The one that a move is to follow.
-    pub fn before(&self, command: &MoveCommand) -> Option<&Track> {
+    pub fn before(&self, command: &MoveCommand) -> Option<&SetPointMonitor> {
         let queues = command.set_point.buffer_mode != BufferMode::Aborting;
         self.held.iter().flatten().last().filter(|_| queues)
     }
@@ -1313,7 +1325,7 @@ impl Chain {
         self.held
             .iter()
             .flatten()
-            .any(|track| track.end.is_some_and(near) || track.may_end_at(position, bounds))
+            .any(|monitor| monitor.end.is_some_and(near) || monitor.may_end_at(position, bounds))
     }
 
     /// Where a move will end, where the documents and the position show it.
@@ -1462,12 +1474,12 @@ struct Lingering {
 
 impl Lingering {
     /// Takes in a cycle with bit 10 high. Whether the axis is at rest.
-    fn observe(&mut self, cycle: &Cycle<'_>) -> bool {
+    fn update(&mut self, cycle: &Cycle<'_>) -> bool {
         let position = cycle.sample.position;
         let (low, high) = self.bounds.unwrap_or((position, position));
         let (low, high) = (low.min(position), high.max(position));
         self.bounds = Some((low, high));
-        if self.span.observe(cycle.now, true, cycle.begin) {
+        if self.span.update(cycle.now, true, cycle.begin) {
             let same = |a: i32, b: i32| a.abs_diff(b) <= cycle.bounds.position;
             self.rests = self
                 .before
@@ -1567,7 +1579,7 @@ const fn lag_of(way: i32) -> u32 {
 
 /// A set-point that the drive has acknowledged.
 #[derive(Debug, Clone, Copy, Hash)]
-struct Track {
+struct SetPointMonitor {
     pub id: CommandId,
     /// How it was started: the end of the set-point before it is `Reached` or `Passed` by this.
     pub buffer_mode: BufferMode,
@@ -1678,7 +1690,7 @@ struct Track {
     resumed: bool,
 }
 
-impl Track {
+impl SetPointMonitor {
     pub fn new(raised: &Raised, confirmed: bool, cycle: &Cycle<'_>) -> Self {
         let &Raised {
             request: Request { id, command, .. },
@@ -1696,7 +1708,7 @@ impl Track {
             behind_loose,
             early,
         } = raised;
-        let mut track = Self {
+        let mut monitor = Self {
             id,
             buffer_mode: command.set_point.buffer_mode,
             end,
@@ -1762,9 +1774,9 @@ impl Track {
             length: 0,
             resumed: false,
         };
-        track.is_loose = track.is_loose_on(far_behind, cycle);
-        track.becomes_active(cycle, begin, stands);
-        track
+        monitor.is_loose = monitor.is_loose_on(far_behind, cycle);
+        monitor.becomes_active(cycle, begin, stands);
+        monitor
     }
 
     /// Whether what is known of where it counts from may be beside that. Behind another, only where that is over already, for all that
@@ -1920,13 +1932,13 @@ impl Track {
     }
 
     /// Lets go of what makes no difference any more.
-    pub fn let_go(&mut self, now: Duration, begin: Duration, settle: Duration) {
+    pub fn canonicalize(&mut self, now: Duration, begin: Duration, settle: Duration) {
         no_older(&mut self.since, now, begin.max(settle));
         no_older(&mut self.low, now, settle);
         no_older(&mut self.rose, now, settle);
         self.passing &= now.saturating_sub(self.rose) < settle;
-        self.lingering.span.let_go(now, begin);
-        self.unreached.let_go(now, begin);
+        self.lingering.span.canonicalize(now, begin);
+        self.unreached.canonicalize(now, begin);
         if let Some(since) = &mut self.resting {
             no_older(since, now, begin);
         }
@@ -2233,7 +2245,7 @@ impl Track {
             let standstill = cycle.standstill;
             standstill.steady_since(cycle.now, next.since.max(self.low), cycle.bounds)
         };
-        if !(reached && (steady() || self.lingering.observe(cycle))) {
+        if !(reached && (steady() || self.lingering.update(cycle))) {
             self.resting = None;
             let unreached = !reached && self.stands_unreached(next.end, cycle);
             return unreached.then_some(Rest::Unreached);
@@ -2265,7 +2277,7 @@ impl Track {
 
     /// Whether the axis has stood with bit 10 for the settle time: nothing that the drive holds is under way.
     pub fn is_at_rest(&mut self, cycle: &Cycle<'_>) -> bool {
-        cycle.is_reached() && (self.is_settled(cycle) || self.lingering.observe(cycle))
+        cycle.is_reached() && (self.is_settled(cycle) || self.lingering.update(cycle))
     }
 
     /// Whether the axis has stood since bit 10 was low last. Before that it may have been about to set off.
@@ -2336,7 +2348,7 @@ impl Track {
         let (position, window) = (cycle.sample.position, cycle.bounds.position);
         let mut ends = [self.end, behind].into_iter().flatten();
         let at_end = ends.any(|end| cycle.bounds.distance(end, position) <= window);
-        self.unreached.observe(cycle.now, at_end, cycle.begin)
+        self.unreached.update(cycle.now, at_end, cycle.begin)
     }
 
     /// What is said of it then. The drive may hold it still.
@@ -2379,7 +2391,7 @@ impl Track {
             return reached;
         }
         let steady = self.is_settled(cycle);
-        let lingers = !steady && self.lingering.observe(cycle);
+        let lingers = !steady && self.lingering.update(cycle);
         if !(steady || lingers) {
             self.resting = None;
             return None;
@@ -2591,11 +2603,11 @@ pub(crate) fn no_older(at: &mut Duration, now: Duration, than: Duration) {
 }
 
 #[cfg(test)]
-#[path = "chain_tests.rs"]
-mod chain_tests;
+#[path = "drive_buffer_tests.rs"]
+mod drive_buffer_tests;
+#[cfg(test)]
+#[path = "monitor_tests.rs"]
+mod monitor_tests;
 #[cfg(test)]
 #[path = "sequencer_tests.rs"]
 mod tests;
-#[cfg(test)]
-#[path = "track_tests.rs"]
-mod track_tests;

@@ -67,7 +67,7 @@ impl Dialogue {
         self.sequencer.mark_sent(self.now);
         let (position, now) = (self.position, self.now);
         let bounds = Bounds::new(10, Some(0), ms(100), ms(1), None);
-        self.standstill.observe(now, position, None, &bounds);
+        self.standstill.update(now, position, None, &bounds);
         self.does(Sequencer::step)
     }
 
@@ -180,33 +180,34 @@ fn failed(id: CommandId, failure: Failure) -> (CommandId, Event) {
 
 #[test]
 fn moves_wait_in_order_and_one_that_replaces_all_overtakes() {
-    let mut waiting = Waiting::default();
-    assert!(waiting.is_empty() && waiting.first().is_none() && waiting.last().is_none());
+    let mut pending = PendingMoves::default();
+    assert!(pending.is_empty() && pending.first().is_none() && pending.last().is_none());
     let buffered = to(1, BufferMode::Buffered);
     for id in 1..=3 {
-        assert!(waiting.push(CommandId(id), buffered));
+        assert!(pending.push(CommandId(id), buffered));
     }
-    assert!(waiting.push(CommandId(4), to(1, BufferMode::Aborting)));
-    assert!(!waiting.push(CommandId(5), buffered), "four wait at most");
-    let first = |waiting: &Waiting| waiting.first().map(|request| request.id.0);
-    let last = |waiting: &Waiting| waiting.last().map(|request| request.id.0);
-    assert_eq!((first(&waiting), last(&waiting)), (Some(4), Some(4)));
+    assert!(pending.push(CommandId(4), to(1, BufferMode::Aborting)));
+    assert!(!pending.push(CommandId(5), buffered), "four wait at most");
+    let first = |pending: &PendingMoves| pending.first().map(|request| request.id.0);
+    let last = |pending: &PendingMoves| pending.last().map(|request| request.id.0);
+    assert_eq!((first(&pending), last(&pending)), (Some(4), Some(4)));
     // Those before it are taken out one by one, and then none.
-    let overtaken = |waiting: &mut Waiting| waiting.pop_overtaken().map(|request| request.id.0);
-    assert_eq!(overtaken(&mut waiting), Some(1));
-    assert_eq!(last(&waiting), Some(4));
-    assert_eq!(overtaken(&mut waiting), Some(2));
-    assert_eq!(overtaken(&mut waiting), Some(3));
-    assert_eq!(overtaken(&mut waiting), None);
-    assert_eq!(waiting.pop().map(|request| request.id.0), Some(4));
-    assert!(waiting.is_empty() && waiting.pop().is_none());
+    let overtaken =
+        |pending: &mut PendingMoves| pending.pop_overtaken().map(|request| request.id.0);
+    assert_eq!(overtaken(&mut pending), Some(1));
+    assert_eq!(last(&pending), Some(4));
+    assert_eq!(overtaken(&mut pending), Some(2));
+    assert_eq!(overtaken(&mut pending), Some(3));
+    assert_eq!(overtaken(&mut pending), None);
+    assert_eq!(pending.pop().map(|request| request.id.0), Some(4));
+    assert!(pending.is_empty() && pending.pop().is_none());
 
     for id in 1..=4 {
-        assert!(waiting.push(CommandId(id), buffered));
+        assert!(pending.push(CommandId(id), buffered));
     }
-    assert!(!waiting.remove(CommandId(5)));
-    assert!(waiting.remove(CommandId(2)) && !waiting.remove(CommandId(2)));
-    let left = core::iter::from_fn(|| waiting.pop().map(|request| request.id.0));
+    assert!(!pending.remove(CommandId(5)));
+    assert!(pending.remove(CommandId(2)) && !pending.remove(CommandId(2)));
+    let left = core::iter::from_fn(|| pending.pop().map(|request| request.id.0));
     assert_eq!(left.collect::<Vec<_>>(), [1, 3, 4]);
 }
 
@@ -680,13 +681,13 @@ fn a_wait_is_let_go_of_beyond_its_deadline_alone() {
         (latest, latest),
         (now - ms(7), now - ms(7)),
     ] {
-        let mut waiting = Waiting::default();
-        waiting.push(CommandId(1), to(1, BufferMode::Buffered));
-        assert_eq!(waiting.first_blocked_since(since), since);
-        waiting.let_go(now, acknowledge);
-        assert_eq!(waiting.first_blocked_since(now), kept);
-        waiting.first_is_free();
-        assert_eq!(waiting.first_blocked_since(now), now);
+        let mut pending = PendingMoves::default();
+        pending.push(CommandId(1), to(1, BufferMode::Buffered));
+        assert_eq!(pending.first_blocked_since(since), since);
+        pending.canonicalize(now, acknowledge);
+        assert_eq!(pending.first_blocked_since(now), kept);
+        pending.first_is_free();
+        assert_eq!(pending.first_blocked_since(now), now);
     }
 }
 
@@ -700,7 +701,7 @@ fn what_is_let_go_of_a_set_point_is_no_more_than_what_the_next_one_brings() {
         set_point,
         ..to(1_000, BufferMode::Aborting)
     });
-    dialogue.sequencer.let_go_of_target();
+    dialogue.sequencer.canonicalize_target();
     assert!(dialogue.sequencer.has_end_velocity());
     assert_eq!(dialogue.sequencer.last_profile_type(), Some(7));
     assert_eq!(dialogue.sequencer.target(), 0);
@@ -711,13 +712,16 @@ fn what_is_let_go_of_a_set_point_is_no_more_than_what_the_next_one_brings() {
 fn the_target_follows_the_axis_where_no_set_point_is_active() {
     let mut sequencer = Sequencer::new(Parameters::default());
     sequencer.lower();
-    assert!(sequencer.chain.is_at_base());
+    assert!(sequencer.drive_buffer.is_at_base());
     sequencer.follow_position(77);
     assert_eq!(sequencer.target(), 77);
-    assert!(sequencer.chain.is_at_base());
+    assert!(sequencer.drive_buffer.is_at_base());
     sequencer.follow_other_mode(-78);
     assert_eq!(sequencer.target(), -78);
-    assert!(!sequencer.chain.is_at_base(), "another mode leads anywhere");
+    assert!(
+        !sequencer.drive_buffer.is_at_base(),
+        "another mode leads anywhere"
+    );
 }
 
 /// A start that the drive's buffer does not take waits for the end of the one before, and bit 12 is not what it waits for.

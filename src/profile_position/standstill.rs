@@ -76,7 +76,7 @@ impl Stay {
 
     /// Goes on with this sample, or begins with it where it is further away than that. Whether it goes on.
     #[inline]
-    fn observe(&mut self, now: u64, position: i32, within: u32, bounds: &Bounds) -> bool {
+    fn update(&mut self, now: u64, position: i32, within: u32, bounds: &Bounds) -> bool {
         let goes_on = self.since != NEVER && bounds.distance(self.position, position) <= within;
         if !goes_on {
             *self = Self {
@@ -221,13 +221,7 @@ impl Bounds {
 impl Standstill {
     /// Takes in one cycle with inputs.
     #[inline(always)]
-    pub fn observe(
-        &mut self,
-        now: Duration,
-        position: i32,
-        velocity: Option<i32>,
-        bounds: &Bounds,
-    ) {
+    pub fn update(&mut self, now: Duration, position: i32, velocity: Option<i32>, bounds: &Bounds) {
         let now = nanoseconds(now);
         // Most axes of a line stand, and dither.
         if let Some(rest) = &self.rest
@@ -256,7 +250,7 @@ impl Standstill {
         let quiet = match velocity {
             Some(velocity) if velocity.unsigned_abs() <= bounds.velocity => {
                 let within = bounds.shorter_window;
-                self.quiet.observe(now, position, within, bounds)
+                self.quiet.update(now, position, within, bounds)
             }
             _ => {
                 self.quiet.since = NEVER;
@@ -264,7 +258,7 @@ impl Standstill {
             }
         };
         let was_seen = self.stay.since != NEVER;
-        let stays = self.stay.observe(now, position, bounds.position, bounds);
+        let stays = self.stay.update(now, position, bounds.position, bounds);
         // What has just begun has stayed for no time.
         self.stands = (stays && (self.stands || self.stay.time_after(now, 0) >= bounds.settle_ns))
             || (quiet && self.quiet.time_after(now, 0) >= bounds.shorter);
@@ -349,7 +343,7 @@ impl Standstill {
     }
 
     /// Lets go of what makes no difference any more.
-    pub fn let_go(&mut self, now: Duration, settle: Duration) {
+    pub fn canonicalize(&mut self, now: Duration, settle: Duration) {
         let (now, settle) = (nanoseconds(now), nanoseconds(settle));
         let last = self.last.max(now.saturating_sub(settle));
         let stays = [&mut self.stay, &mut self.quiet];
@@ -415,7 +409,7 @@ impl ShownFor {
     };
 
     /// Takes in a sample that shows it, or does not. Whether it has been shown for this time.
-    pub fn observe(&mut self, now: Duration, shown: bool, time: Duration) -> bool {
+    pub fn update(&mut self, now: Duration, shown: bool, time: Duration) -> bool {
         if !shown {
             *self = Self::NOT;
             return false;
@@ -432,7 +426,7 @@ impl ShownFor {
     }
 
     /// Lets go of what makes no difference any more, of whoever asks for this time.
-    pub fn let_go(&mut self, now: Duration, time: Duration) {
+    pub fn canonicalize(&mut self, now: Duration, time: Duration) {
         if self.since != NEVER {
             let (now, time) = (nanoseconds(now), nanoseconds(time));
             let unseen = now.saturating_sub(self.last);
@@ -446,11 +440,11 @@ impl ShownFor {
 
 /// What was seen of an axis lately, for whoever waits for its standstill in vain.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct LastSeen(Option<Seen>);
+pub(crate) struct LastSeen(Option<RecentExtremes>);
 
 /// The last two settle times, the second of which is not over.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct RecentExtremes {
     since: Duration,
     now: Extremes,
     before: Extremes,
@@ -484,14 +478,14 @@ impl Extremes {
 }
 
 impl LastSeen {
-    pub fn observe(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) {
+    pub fn update(&mut self, now: Duration, sample: &Sample, bounds: &Bounds) {
         let new = Extremes::of(sample);
         match &mut self.0 {
             Some(seen) if now.saturating_sub(seen.since) < bounds.settle => {
                 seen.now = seen.now.with(new);
             }
             last => {
-                *last = Some(Seen {
+                *last = Some(RecentExtremes {
                     since: now,
                     now: new,
                     before: last.map_or(new, |seen| seen.now),
@@ -581,8 +575,8 @@ mod tests {
                 let mut whole = Standstill { rest: None, ..axis };
                 short += u32::from(axis.rest.is_some_and(|rest| rest.contain(position)));
                 cycles += 1;
-                axis.observe(now, position, velocity, &bounds);
-                whole.observe(now, position, velocity, &bounds);
+                axis.update(now, position, velocity, &bounds);
+                whole.update(now, position, velocity, &bounds);
                 assert_eq!(axis.is_standing(), whole.is_standing());
                 let said = |axis: &Standstill| {
                     [0, 2, 5, 20].map(|ms| {
@@ -610,7 +604,7 @@ mod tests {
         let bounds = Bounds::new(100, None, settle, Duration::from_millis(1), None);
         let mut axis = Standstill::default();
         (0..).zip(positions).find_map(|(ms, position)| {
-            axis.observe(Duration::from_millis(ms), position, None, &bounds);
+            axis.update(Duration::from_millis(ms), position, None, &bounds);
             axis.is_standing().then_some(ms)
         })
     }
@@ -652,7 +646,7 @@ mod tests {
             let way = (0..10_000).map(|ms: i32| ms * (window as i32 + 2) / 100);
             let mut axis = Standstill::default();
             for (ms, position) in (0..).zip(way) {
-                axis.observe(Duration::from_millis(ms), position, Some(0), &bounds);
+                axis.update(Duration::from_millis(ms), position, Some(0), &bounds);
                 assert!(!axis.is_standing(), "{window} {threshold:?}: {ms} ms");
             }
         }
@@ -661,7 +655,7 @@ mod tests {
         let mut axis = Standstill::default();
         for ms in 0..2_000_u32 {
             let position = 400.0 * (f64::from(ms) / 20.0).cos();
-            axis.observe(
+            axis.update(
                 Duration::from_millis(ms.into()),
                 position as i32,
                 Some(0),
@@ -679,14 +673,14 @@ mod tests {
             let mut axis = Standstill::default();
             let ms = Duration::from_millis;
             for at in 0..90 {
-                axis.observe(ms(at), 0, None, &bounds);
+                axis.update(ms(at), 0, None, &bounds);
             }
             for at in 90..90 + lost {
                 axis.note_loss(ms(at), &bounds);
             }
             let mut after = 90 + lost..1_000;
             after.find(|&at| {
-                axis.observe(ms(at), 0, None, &bounds);
+                axis.update(ms(at), 0, None, &bounds);
                 axis.is_standing()
             })
         };
@@ -703,12 +697,12 @@ mod tests {
         let stands_after = |loss: Duration| {
             let mut axis = Standstill::default();
             for at in 0..=50 {
-                axis.observe(us(1_000 * at), 0, None, &bounds);
+                axis.update(us(1_000 * at), 0, None, &bounds);
             }
             let back = us(50_000) + loss;
             axis.note_loss(back, &bounds);
             (0..200_000).step_by(500).find(|&later| {
-                axis.observe(back + us(later), 0, None, &bounds);
+                axis.update(back + us(later), 0, None, &bounds);
                 axis.is_standing()
             })
         };
@@ -719,7 +713,7 @@ mod tests {
         // Of an axis that stands, none is long.
         let mut axis = Standstill::default();
         for at in 0..=100 {
-            axis.observe(us(1_000 * at), 0, None, &bounds);
+            axis.update(us(1_000 * at), 0, None, &bounds);
         }
         axis.note_loss(us(300_000), &bounds);
         assert!(axis.is_standing() && axis.stands_since(us(300_000), us(200_000), &bounds));
@@ -766,7 +760,7 @@ mod tests {
             let mut axis = Standstill::default();
             (0..1_000).find(|&ms| {
                 let position = positions[ms as usize % 2];
-                axis.observe(Duration::from_millis(ms), position, Some(velocity), &bounds);
+                axis.update(Duration::from_millis(ms), position, Some(velocity), &bounds);
                 axis.is_standing()
             })
         };
@@ -785,7 +779,7 @@ mod tests {
         let mut axis = Standstill::default();
         let mut ms = 0;
         let mut at = |axis: &mut Standstill, position: i32| {
-            axis.observe(Duration::from_millis(ms), position, None, &bounds);
+            axis.update(Duration::from_millis(ms), position, None, &bounds);
             ms += 1;
             axis.is_under_way()
         };
@@ -811,7 +805,7 @@ mod tests {
         let stood = |velocity: Option<i32>, since: u64| {
             let mut axis = Standstill::default();
             for at in 0..=200 {
-                axis.observe(ms(at), 0, velocity, &bounds);
+                axis.update(ms(at), 0, velocity, &bounds);
             }
             let (now, since) = (ms(200), ms(since));
             (
@@ -847,7 +841,7 @@ mod tests {
                 velocity,
                 error_code: None,
             };
-            seen.observe(Duration::from_millis(ms), &sample, &bounds);
+            seen.update(Duration::from_millis(ms), &sample, &bounds);
             let unrest = seen.unrest(&bounds);
             (unrest.positions, unrest.velocities)
         };

@@ -57,7 +57,7 @@ impl Scene {
         self.now += ms(1);
         let bounds = Bounds::new(10, Some(0), ms(100), ms(1), None);
         self.standstill
-            .observe(self.now, self.position, None, &bounds);
+            .update(self.now, self.position, None, &bounds);
         let sample = Sample {
             statusword: Statusword::empty(),
             mode: Mode::ProfileVelocity,

@@ -25,7 +25,7 @@ use std::{borrow::ToOwned, boxed::Box, env, format, fs::File, io::Write, string:
 use servocrab_before as before;
 
 #[cfg(feature = "std")]
-use super::core::{Again, SnapshotChange};
+use super::core::{Reattach, SnapshotChange};
 use super::{Command, CommandId, CoreConfig, Event, Inputs, Referencing, Snapshot, StopRequest};
 use crate::{
     ds402::{Controlword, Mode},
@@ -199,11 +199,11 @@ impl AxisCore {
         );
     }
 
-    pub fn let_go(&mut self, now: Duration) {
+    pub fn canonicalize(&mut self, now: Duration) {
         self.both(
-            || format!("let_go at {now:?}"),
+            || format!("canonicalize at {now:?}"),
             &mut [],
-            |core, _| core.let_go(now),
+            |core, _| core.canonicalize(now),
             |core, _| core.let_go(now),
         );
     }
@@ -293,11 +293,11 @@ impl AxisCore {
         );
     }
 
-    pub(crate) fn restart(&mut self, now: Duration, again: Again, outputs: &mut [u8]) {
+    pub(crate) fn restart(&mut self, now: Duration, again: Reattach, outputs: &mut [u8]) {
         let again_before = match &again {
-            Again::Unknown => before::axis::Again::Unknown,
-            Again::Kept => before::axis::Again::Kept,
-            Again::Anew(config) => before::axis::Again::Anew(Box::new(core_config(config))),
+            Reattach::Unknown => before::axis::Again::Unknown,
+            Reattach::Kept => before::axis::Again::Kept,
+            Reattach::Anew(config) => before::axis::Again::Anew(Box::new(core_config(config))),
         };
         self.both(
             || format!("restart at {now:?}"),

@@ -6,7 +6,7 @@ use std::sync::{
 };
 
 use servocrab::{
-    bus::{DevicePlace, DriveConfig, Expected, Network, NetworkBuilder, NetworkError, Verdict},
+    bus::{DevicePlace, DriveConfig, Expected, LineVerdict, Network, NetworkBuilder, NetworkError},
     coe::obj,
     drives,
     link::Wire,
@@ -62,7 +62,7 @@ fn with_alias(alias: u16) -> Device {
 fn verdicts(
     devices: impl IntoIterator<Item = Device>,
     declare: impl FnOnce(NetworkBuilder) -> NetworkBuilder,
-) -> Vec<Verdict> {
+) -> Vec<LineVerdict> {
     let (line, wire, asked) = line(devices);
     let error = Rig::start(declare(Network::builder().link(wire))).err();
     let Some(NetworkError::WrongLine(mismatch)) = error else {
@@ -79,7 +79,7 @@ fn verdicts(
     mismatch.0.into_iter().map(|row| row.verdict).collect()
 }
 
-use Verdict::{Different, Extra, Missing, NotDeclared, Right};
+use LineVerdict::{Different, Extra, Missing, NotDeclared, Right};
 
 #[test]
 fn drives_are_found_by_position_by_alias_and_by_identity() {
@@ -143,7 +143,7 @@ fn two_drives_at_each_others_place_are_swapped() {
             personality::generic(),
         ]
     };
-    let swapped = |with| Verdict::Swapped { with };
+    let swapped = |with| LineVerdict::Swapped { with };
     assert_eq!(
         verdicts(devices(2, 1), declare),
         [Right, swapped(2), swapped(1), Right]
@@ -152,7 +152,7 @@ fn two_drives_at_each_others_place_are_swapped() {
     let anything = |net: NetworkBuilder| net.drive(0, drive("x")).expect(1, Expected::any());
     assert_eq!(
         verdicts([personality::generic(), akd(0)], anything),
-        [Verdict::Moved { to: 1 }, Right]
+        [LineVerdict::Moved { to: 1 }, Right]
     );
     // Different kinds need no serial numbers for it.
     let kinds = [personality::generic(), akd(0)];
@@ -175,7 +175,7 @@ fn a_missing_drive_moves_those_behind_it_and_is_told_apart_from_them() {
         personality::generic(),
         personality::io_terminal(),
     ];
-    let moved = |to| Verdict::Moved { to };
+    let moved = |to| LineVerdict::Moved { to };
     assert_eq!(
         verdicts(devices, declare),
         [Right, Missing, moved(1), moved(2)]
@@ -192,10 +192,10 @@ fn a_missing_drive_moves_those_behind_it_and_is_told_apart_from_them() {
 fn a_device_in_between_moves_those_behind_it() {
     let declare = |net: NetworkBuilder| net.expect(0, COUPLER).drive(1, drive("x"));
     let devices = || [personality::coupler(), personality::io_terminal(), akd(1)];
-    let moved = Verdict::Moved { to: 2 };
+    let moved = LineVerdict::Moved { to: 2 };
     assert_eq!(
         verdicts(devices(), declare),
-        [Right, moved, Verdict::Astray { from: 1 }]
+        [Right, moved, LineVerdict::Astray { from: 1 }]
     );
 }
 
@@ -236,7 +236,7 @@ fn one_more_device_is_extra_only_in_a_line_that_is_complete() {
 
 #[test]
 fn an_alias_or_an_identity_means_one_device() {
-    let twice = |positions: &[u16]| Verdict::NotUnique {
+    let twice = |positions: &[u16]| LineVerdict::NotUnique {
         positions: positions.to_vec(),
     };
     let devices = || [with_alias(7), personality::coupler(), with_alias(7)];
@@ -267,7 +267,7 @@ fn two_declarations_of_one_device_are_refused() {
         verdicts([with_alias(7)], |net| net
             .drive(0, drive("x"))
             .drive(DevicePlace::Alias(7), drive("y"))),
-        [Right, Verdict::DeclaredTwice]
+        [Right, LineVerdict::DeclaredTwice]
     );
     // Also where one of them may be anything.
     let any = |axis| DriveConfig::new(drives::generic()).axis(axis);
@@ -275,13 +275,13 @@ fn two_declarations_of_one_device_are_refused() {
         verdicts([with_alias(7)], |net| net
             .drive(0, any("x"))
             .drive(DevicePlace::Alias(7), drive("y"))),
-        [Verdict::DeclaredTwice, Right]
+        [LineVerdict::DeclaredTwice, Right]
     );
     assert_eq!(
         verdicts([with_alias(7)], |net| net
             .drive(0, any("x"))
             .drive(DevicePlace::Alias(7), any("y"))),
-        [Right, Verdict::DeclaredTwice]
+        [Right, LineVerdict::DeclaredTwice]
     );
     for (declared, expected) in [
         (

@@ -37,7 +37,7 @@ fn config() -> DriveConfig {
 enum Asked {
     /// An SDO request: the object, and whether it is written.
     Sdo(ObjectAddress, bool),
-    Mail,
+    MailboxMessage,
     Al(u16),
 }
 
@@ -104,7 +104,7 @@ fn requests(frame: &[u8], (start, length): (u16, u16)) -> Vec<Asked> {
                 let object = ObjectAddress::new(word(data + 9), frame[data + 11]);
                 Asked::Sdo(object, frame[data + 8] >> 5 == 1)
             } else {
-                Asked::Mail
+                Asked::MailboxMessage
             });
         }
         at = data + usize::from(size & 0x07FF) + 2;

@@ -7,7 +7,7 @@ use servocrab::{
     bus::{AxisConfig, BringUpStep, DriveConfig, DriveFault, Network, NetworkError},
     coe::obj,
     drives::{self, DriveDescription},
-    pdo_map::{Direction, Entry, FixedPdo, MappingError, Step, read_offered},
+    pdo_map::{Direction, Entry, FixedPdo, MappingError, MappingWrite, read_offered},
 };
 use servocrab_sim::{Abort, AlState, Device, Segment, ds402::ReachedPolicy, personality::Servo};
 
@@ -300,7 +300,7 @@ fn another_order() -> DriveDescription {
 }
 
 /// The value that a step writes.
-fn value(step: &Step) -> u32 {
+fn value(step: &MappingWrite) -> u32 {
     let bytes = step.value().iter().rev();
     bytes.fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
@@ -308,14 +308,14 @@ fn value(step: &Step) -> u32 {
 #[test]
 fn a_mapping_that_the_drive_has_already_is_read_and_not_written() {
     let plan = drives::generic().default_mapping().unwrap().plan();
-    let refusing = |servo: Servo, step: &Step| {
+    let refusing = |servo: Servo, step: &MappingWrite| {
         let (index, subindex) = (step.object.index, step.object.subindex);
         servo.refuses_pdo_write(index, subindex, value(step), Abort::State)
     };
     let unwritten = plan.steps().iter().fold(Servo::generic(), refusing);
     moves(unwritten.build(), config(drives::generic()), &["x"]);
     // Of a drive with other inputs only these are written.
-    let outputs = |step: &&Step| step.object.index == 0x1C12 || step.object.index < 0x1A00;
+    let outputs = |step: &&MappingWrite| step.object.index == 0x1C12 || step.object.index < 0x1A00;
     let outputs = plan.steps().iter().filter(outputs);
     let unwritten = outputs.fold(Servo::generic(), refusing);
     let mut description = drives::generic();

@@ -11,7 +11,7 @@ use crate::{with_device, with_drive};
 const NOTE: u16 = 0x5F00;
 
 /// Lengths around every boundary of transfers through a mailbox of `mailbox` bytes: what fits the command, the first
-/// mail, and each number of segments.
+/// message, and each number of segments.
 fn lengths(mailbox: usize) -> BTreeSet<usize> {
     let (first, segment) = (mailbox - 16, mailbox - 9);
     let whole = (0..).map(|count| first + count * segment);

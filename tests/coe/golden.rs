@@ -61,7 +61,7 @@ fn session() -> Vec<Exchange> {
     session
 }
 
-/// A device that knows the session by heart, and fails the test at any other mail.
+/// A device that knows the session by heart, and fails the test at any other message.
 #[derive(Clone)]
 struct Script(Rc<RefCell<State>>);
 
@@ -71,18 +71,18 @@ struct State {
 }
 
 impl MailboxTransport for Script {
-    async fn write_mail(&self, mail: &[u8]) -> Result<bool, LinkFault> {
+    async fn write_message(&self, message: &[u8]) -> Result<bool, LinkFault> {
         let mut state = self.0.borrow_mut();
-        let exchange = state.due.pop_front().expect("a mail of the session");
-        assert_eq!(mail, exchange.request, "{}", exchange.operation);
+        let exchange = state.due.pop_front().expect("a message of the session");
+        assert_eq!(message, exchange.request, "{}", exchange.operation);
         assert!(state.answers.is_empty(), "{}", exchange.operation);
         state.answers.extend(exchange.replies);
         Ok(true)
     }
 
-    async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
+    async fn read_message(&self, message: &mut [u8]) -> Result<bool, LinkFault> {
         let answer = self.0.borrow_mut().answers.pop_front();
-        for (to, from) in mail.iter_mut().zip(answer.iter().flatten()) {
+        for (to, from) in message.iter_mut().zip(answer.iter().flatten()) {
             *to = *from;
         }
         Ok(answer.is_some())
@@ -216,12 +216,12 @@ fn replay(request: impl Fn(&Exchange) -> &[u8]) -> usize {
     wire.pre_op(&mailbox);
     let mut sent = 0;
     for (number, exchange) in session().iter().enumerate() {
-        let mut mail = request(exchange).to_vec();
-        if mail.is_empty() {
+        let mut message = request(exchange).to_vec();
+        if message.is_empty() {
             continue;
         }
-        mail.resize(usize::from(MAILBOX), 0);
-        assert!(wire.datagram(APWR, mailbox.receive_offset, &mail).1);
+        message.resize(usize::from(MAILBOX), 0);
+        assert!(wire.datagram(APWR, mailbox.receive_offset, &message).1);
         sent += 1;
         for reply in &exchange.replies {
             let what = format!("request {number}, {}", exchange.operation);

@@ -1,4 +1,4 @@
-//! Transfers with drives of bad habits: one that answers a mail late, and one that sends emergencies around every reply.
+//! Transfers with drives of bad habits: one that answers a message late, and one that sends emergencies around every reply.
 
 use std::time::Duration;
 
@@ -157,7 +157,7 @@ fn mails(kind: Kind) -> u64 {
     })
 }
 
-/// A transfer of which the drive answers one mail after it was given up.
+/// A transfer of which the drive answers one message after it was given up.
 async fn given_up(wire: &Wire, sdo: &SdoHandle, kind: Kind, late: u64) {
     let habits = Habits {
         late: Some((late, 50 * MS)),
@@ -168,7 +168,7 @@ async fn given_up(wire: &Wire, sdo: &SdoHandle, kind: Kind, late: u64) {
     let error = kind.run(&impatient, kind.value(1)).await.unwrap_err().error;
     assert!(
         matches!(error, SdoError::Timeout { .. }),
-        "{kind:?}, mail {late}: {error}"
+        "{kind:?}, message {late}: {error}"
     );
 }
 
@@ -179,7 +179,7 @@ fn no_late_answer_is_taken_for_that_of_the_next_transfer_whichever_both_are() {
         for late in 0..mails(first) {
             for second in KINDS {
                 with_objects(async |wire, sdo| {
-                    let what = format!("{second:?} behind mail {late} of {first:?}");
+                    let what = format!("{second:?} behind message {late} of {first:?}");
                     given_up(&wire, &sdo, first, late).await;
                     let got = second.run(&sdo, second.value(2)).await;
                     let got = got.unwrap_or_else(|error| panic!("{what}: {error}"));
@@ -206,7 +206,7 @@ fn no_late_answer_is_taken_for_that_of_the_next_transfer_whichever_both_are() {
                     given_up(&wire, &sdo, first, late).await;
                     let got = second.run(&sdo, value).await.map_err(|error| error.error);
                     let got = got.expect_err("a write that the drive refuses is not confirmed");
-                    let what = format!("{second:?} behind mail {late} of {first:?}: {got}");
+                    let what = format!("{second:?} behind message {late} of {first:?}: {got}");
                     assert_eq!(got.abort_code(), Some(code), "{what}");
                 });
                 refused += 1;

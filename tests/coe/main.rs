@@ -32,8 +32,8 @@ struct Frames {
 }
 
 impl MailboxTransport for Frames {
-    async fn write_mail(&self, mail: &[u8]) -> Result<bool, LinkFault> {
-        let mut whole = mail.to_vec();
+    async fn write_message(&self, message: &[u8]) -> Result<bool, LinkFault> {
+        let mut whole = message.to_vec();
         whole.resize(usize::from(self.mailbox.receive_length), 0);
         let (_, acted) = self
             .wire
@@ -41,9 +41,9 @@ impl MailboxTransport for Frames {
         Ok(acted)
     }
 
-    async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
-        let (data, acted) = self.wire.datagram(APRD, self.mailbox.send_offset, mail);
-        mail.copy_from_slice(&data);
+    async fn read_message(&self, message: &mut [u8]) -> Result<bool, LinkFault> {
+        let (data, acted) = self.wire.datagram(APRD, self.mailbox.send_offset, message);
+        message.copy_from_slice(&data);
         Ok(acted)
     }
 

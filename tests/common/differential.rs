@@ -55,7 +55,7 @@ impl CorePair {
             Way::Whole => core.step(now, inputs, outputs),
             Way::Forgetful => {
                 core.step(now, inputs, outputs);
-                core.let_go(now);
+                core.canonicalize(now);
             }
         });
         self.idle_cycles += usize::from(kept);

@@ -97,7 +97,7 @@ fn holds(name: &str, cases: u32) {
 
 #[test]
 fn mails_and_emergencies_hold() {
-    holds("mail", 2000);
+    holds("message", 2000);
 }
 
 #[test]

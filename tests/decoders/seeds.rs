@@ -6,9 +6,9 @@ use super::targets::{script, sdo, segment};
 /// The inputs for a target.
 pub fn of(target: &str) -> Vec<Vec<u8>> {
     let mails = mails();
-    let payloads = || mails.iter().filter_map(|mail| mail.get(8..));
+    let payloads = || mails.iter().filter_map(|message| message.get(8..));
     match target {
-        "mail" => {
+        "message" => {
             let mut seeds = mails;
             seeds.push([&[10, 0, 0, 0, 0, 0x13, 0, 0x10][..], &[0x11, 0x86, 0x21, 1, 2, 3, 4, 5]].concat());
             seeds.push(vec![4, 0, 0, 0, 0, 0x20, 1, 0, 4, 0]);
@@ -54,8 +54,8 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         ],
         "segment" => {
             let mut seeds = vec![script(&[], [])];
-            for mail in mails.iter().take(20) {
-                seeds.push([&[15][..], &script(&[], [mail.as_slice()])].concat());
+            for message in mails.iter().take(20) {
+                seeds.push([&[15][..], &script(&[], [message.as_slice()])].concat());
             }
             let frame = segment::frame(7, 0, 0x0130, &[0; 2]);
             seeds.push([&[0][..], &script(&[], [frame.as_slice()])].concat());
@@ -76,7 +76,7 @@ fn mails() -> Vec<Vec<u8>> {
     };
     columns(include_str!("../vectors/akd_sdo_mails.txt"), 2)
         .chain(columns(include_str!("../vectors/pp_drive_mails.txt"), 1))
-        .filter(|mail| mail.len() <= 255)
+        .filter(|message| message.len() <= 255)
         .collect()
 }
 

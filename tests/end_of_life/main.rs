@@ -48,7 +48,7 @@ enum Doing {
 
 /// What is wrong when the end comes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Trouble {
+enum Incident {
     None,
     /// The drive reacts to a fault of its own.
     Fault,
@@ -67,17 +67,17 @@ enum Trouble {
     Miscounted,
 }
 
-const TROUBLES: [Trouble; 10] = [
-    Trouble::None,
-    Trouble::Fault,
-    Trouble::SlowRamp,
-    Trouble::TooSlow,
-    Trouble::Lost,
-    Trouble::LostMeanwhile,
-    Trouble::DeafToHalt,
-    Trouble::DeafToQuickStop,
-    Trouble::DeafToBoth,
-    Trouble::Miscounted,
+const TROUBLES: [Incident; 10] = [
+    Incident::None,
+    Incident::Fault,
+    Incident::SlowRamp,
+    Incident::TooSlow,
+    Incident::Lost,
+    Incident::LostMeanwhile,
+    Incident::DeafToHalt,
+    Incident::DeafToQuickStop,
+    Incident::DeafToBoth,
+    Incident::Miscounted,
 ];
 
 /// Two drives in one datagram, of which the first one moves.
@@ -250,17 +250,17 @@ struct Ended {
 }
 
 /// None if the drive is not taken with these options.
-fn live(doing: Doing, trouble: Trouble, options: &[(u16, i64)]) -> Option<Ended> {
+fn live(doing: Doing, trouble: Incident, options: &[(u16, i64)]) -> Option<Ended> {
     let mut all = options.to_vec();
     // As fast as an axis stops, unless it is to take long.
     all.push((0x6085, 3_000_000));
-    let slow = matches!(trouble, Trouble::SlowRamp | Trouble::TooSlow);
+    let slow = matches!(trouble, Incident::SlowRamp | Incident::TooSlow);
     if slow {
         all.push((0x6085, i64::from(SPEED) / 25));
         all.push((0x605A, 2));
         all.push((0x605D, 2));
     }
-    let standstill = if trouble == Trouble::TooSlow { 2 } else { 60 };
+    let standstill = if trouble == Incident::TooSlow { 2 } else { 60 };
     let standstill = u32::from(standstill as u8) * SECOND;
     let line = Line::new(&all);
     let network = Network::builder()
@@ -293,22 +293,23 @@ fn live(doing: Doing, trouble: Trouble, options: &[(u16, i64)]) -> Option<Ended>
         let mut segment = line.segment.lock().unwrap();
         let drive = segment.axis_mut(0, 0).unwrap();
         let deaf = drive.disturbances();
-        deaf.deaf_to_halt = matches!(trouble, Trouble::DeafToHalt | Trouble::DeafToBoth);
-        deaf.deaf_to_quick_stop = matches!(trouble, Trouble::DeafToQuickStop | Trouble::DeafToBoth);
-        if trouble == Trouble::Fault {
+        deaf.deaf_to_halt = matches!(trouble, Incident::DeafToHalt | Incident::DeafToBoth);
+        deaf.deaf_to_quick_stop =
+            matches!(trouble, Incident::DeafToQuickStop | Incident::DeafToBoth);
+        if trouble == Incident::Fault {
             drive.inject_fault(0x8611);
         }
     }
     match trouble {
-        Trouble::Fault => run_for(&mut bus, 5 * MS),
-        Trouble::Lost => {
+        Incident::Fault => run_for(&mut bus, 5 * MS),
+        Incident::Lost => {
             line.short.store(1, SeqCst);
             run_for(&mut bus, 155 * MS);
             assert!(x.status().lost && x.status().answered, "{:?}", x.status());
         }
-        Trouble::LostMeanwhile => line.short.store(1, SeqCst),
+        Incident::LostMeanwhile => line.short.store(1, SeqCst),
         // FMMU 1, of the inputs.
-        Trouble::Miscounted => line.write(1, 0x061C, &[0], bus.now()),
+        Incident::Miscounted => line.write(1, 0x061C, &[0], bus.now()),
         _ => {}
     }
     let begun = bus.now();
@@ -323,7 +324,7 @@ fn live(doing: Doing, trouble: Trouble, options: &[(u16, i64)]) -> Option<Ended>
     })
 }
 
-fn judge(doing: Doing, trouble: Trouble, options: &[(u16, i64)]) -> bool {
+fn judge(doing: Doing, trouble: Incident, options: &[(u16, i64)]) -> bool {
     let Some(ended) = live(doing, trouble, options) else {
         return false;
     };
@@ -337,9 +338,9 @@ fn judge(doing: Doing, trouble: Trouble, options: &[(u16, i64)]) -> bool {
         }
         Err(error) => panic!("{case}: {error}"),
     }
-    let too_slow = trouble == Trouble::TooSlow && ended.speed >= STANDS;
+    let too_slow = trouble == Incident::TooSlow && ended.speed >= STANDS;
     assert_eq!(ended.result.is_err(), too_slow, "{case}");
-    let standstill = if trouble == Trouble::TooSlow { 2 } else { 60 };
+    let standstill = if trouble == Incident::TooSlow { 2 } else { 60 };
     let bound = 2 * standstill * SECOND + Deadlines::default().disable + DOWN;
     assert!(ended.took <= bound, "{case}: {:?}", ended.took);
     true
@@ -380,10 +381,10 @@ fn whatever_the_drive_does_by_its_option_codes() {
     for (object, values) in codes {
         for value in values {
             for doing in [Doing::Positions, Doing::Jogs, Doing::Homes] {
-                let troubles: &[Trouble] = if object == 0x605E {
-                    &[Trouble::Fault]
+                let troubles: &[Incident] = if object == 0x605E {
+                    &[Incident::Fault]
                 } else {
-                    &[Trouble::None, Trouble::Lost]
+                    &[Incident::None, Incident::Lost]
                 };
                 for trouble in troubles {
                     lived += u32::from(judge(doing, *trouble, &[(object, *value)]));

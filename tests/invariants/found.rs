@@ -461,7 +461,7 @@ fn a_move_that_an_unacknowledged_one_may_have_replaced_has_not_passed_its_end() 
         assert_eq!(end, Err(Failure::PerhapsSuperseded { actual }));
     }
     let (mut world, [first, second], _) = perhaps_replaced(false);
-    // It has, but nothing tells it from the other life before the axis stands.
+    // It has, but nothing tells it from the other scenario before the axis stands.
     let actual = 60_000;
     assert_eq!(
         finish(&mut world, first),

@@ -2,7 +2,7 @@
 //! virtual time, judged by the drive's ledger and by the words that went over the wire.
 //!
 //! Invariants 1 to 9 are here. The tenth (watchdog, liveness) is about the bus and is tested there.
-//! `INVARIANT_SEED=n` lives one life only, `INVARIANT_CYCLES=n` changes how long is searched,
+//! `INVARIANT_SEED=n` scenarios one scenario only, `INVARIANT_CYCLES=n` changes how long is searched,
 //! `INVARIANT_FROM=n` with which of the new seeds it begins.
 #![allow(missing_docs)]
 
@@ -22,7 +22,7 @@ mod world;
 use std::collections::BTreeMap;
 
 use rarer::rarer;
-use scenario::{Life, Names, OTHER_DRIVES, ideal, live};
+use scenario::{Names, OTHER_DRIVES, Scenario, ideal, live};
 use wider::wider;
 
 /// Bus cycles for each invariant at least.
@@ -31,7 +31,7 @@ const CYCLES: usize = 200_000;
 /// Seeds that once failed come first, for every invariant.
 const KEPT: &str = include_str!("seeds.txt");
 
-type Check = fn(&Life) -> Result<(), String>;
+type Check = fn(&Scenario) -> Result<(), String>;
 
 #[test]
 fn invariant_1_a_set_point_is_executed_once_or_reported_as_not_executed() {
@@ -78,19 +78,19 @@ fn invariant_9_every_command_ends_once_and_in_time() {
     search(9, Names::Unique, reports::everything_ends);
 }
 
-/// Every life is lived by differential: one core that steps as cheaply as it can, and one that computes each cycle as a whole. They
+/// Every scenario is lived by differential: one core that steps as cheaply as it can, and one that computes each cycle as a whole. They
 /// are compared in words, reports and snapshots whenever anything happens. Here it is shown that they do differ in how.
 #[test]
 fn the_idle_path_comes_to_the_same_as_the_whole_step() {
     let (mut cycles, mut idle, mut moving) = (0, 0, 0);
-    // In the wider lives something happens all the time, in the rarer ones often nothing moves, on a plant every count is another.
+    // In the wider scenarios something happens all the time, in the rarer ones often nothing moves, on a plant every count is another.
     let plain = |&seed: &u64| ![wider, rarer].iter().any(|other| seed == other(seed));
     for seed in seeds(10).filter(plain).map(ideal) {
         let _name = OnPanic(seed);
-        let life = live(seed, Names::Unique);
-        cycles += life.world.frames.len();
-        idle += life.world.core.idle_cycles;
-        moving += life.world.core.idle_moving;
+        let scenario = live(seed, Names::Unique);
+        cycles += scenario.world.frames.len();
+        idle += scenario.world.core.idle_cycles;
+        moving += scenario.world.core.idle_moving;
         if cycles >= CYCLES {
             break;
         }
@@ -102,21 +102,21 @@ fn the_idle_path_comes_to_the_same_as_the_whole_step() {
     );
 }
 
-/// What happens in the lives that are searched: a search where nothing happens finds nothing.
+/// What happens in the scenarios that are searched: a search where nothing happens finds nothing.
 #[test]
 fn the_lives_see_every_command_and_every_way_to_end() {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
-    let lives = seeds_from(1, 0).take(120);
-    for seed in lives.flat_map(|seed| [seed, ideal(seed)]) {
-        let life = live(seed, Names::Unique);
+    let scenarios = seeds_from(1, 0).take(120);
+    for seed in scenarios.flat_map(|seed| [seed, ideal(seed)]) {
+        let scenario = live(seed, Names::Unique);
         let mut count = |what: String| *seen.entry(what).or_default() += 1;
-        for issued in &life.world.issued {
+        for issued in &scenario.world.issued {
             let name = |text: String| {
                 let end = text.find([' ', '(', '{']).unwrap_or(text.len());
                 text[..end].to_owned()
             };
             let command = name(format!("{:?}", issued.command));
-            match life.world.done(issued.id) {
+            match scenario.world.done(issued.id) {
                 Some((_, Ok(completion))) => {
                     count(format!("{command}: {}", name(format!("{completion:?}"))));
                 }
@@ -126,10 +126,10 @@ fn the_lives_see_every_command_and_every_way_to_end() {
                 None => count(format!("{command}: nothing")),
             }
         }
-        for line in life.world.ledger() {
+        for line in scenario.world.ledger() {
             count(format!("ledger: {:?}", line.outcome));
         }
-        for frame in &life.world.frames {
+        for frame in &scenario.world.frames {
             count(format!("frame: {:?}", frame.got));
         }
     }
@@ -137,7 +137,10 @@ fn the_lives_see_every_command_and_every_way_to_end() {
         println!("{times:7} {what}");
     }
     for what in OUTCOMES {
-        assert!(seen.contains_key(*what), "no life saw {what}: {seen:#?}");
+        assert!(
+            seen.contains_key(*what),
+            "no scenario saw {what}: {seen:#?}"
+        );
     }
 }
 
@@ -187,29 +190,29 @@ const OUTCOMES: &[&str] = &[
     "ledger: Replaced",
 ];
 
-/// Lives lives until enough cycles have passed; the first that fails the check ends it.
+/// Lives scenarios until enough cycles have passed; the first that fails the check ends it.
 fn search(invariant: u64, names: Names, check: Check) {
     let cycles = number("INVARIANT_CYCLES").map_or(CYCLES, |cycles: u64| cycles as usize);
     let seeds: Box<dyn Iterator<Item = u64>> = match number("INVARIANT_SEED") {
         Some(seed) => Box::new(core::iter::once(seed)),
         None => Box::new(seeds(invariant)),
     };
-    let (mut lived, mut lives, mut executed) = (0, 0, 0);
+    let (mut lived, mut scenarios, mut executed) = (0, 0, 0);
     for seed in seeds {
         let _name = OnPanic(seed);
-        let life = live(seed, names);
-        if let Err(what) = check(&life) {
+        let scenario = live(seed, names);
+        if let Err(what) = check(&scenario) {
             panic!("invariant {invariant}: {what}\nrun it alone with INVARIANT_SEED={seed}");
         }
-        lived += life.world.frames.len();
-        executed += life.world.ledger().len();
-        lives += 1;
+        lived += scenario.world.frames.len();
+        executed += scenario.world.ledger().len();
+        scenarios += 1;
         if lived >= cycles {
             break;
         }
     }
     println!(
-        "invariant {invariant}: {lived} cycles, {lives} lives, {executed} set-points executed"
+        "invariant {invariant}: {lived} cycles, {scenarios} scenarios, {executed} set-points executed"
     );
 }
 
@@ -228,7 +231,7 @@ fn seeds_from(invariant: u64, from: u64) -> impl Iterator<Item = u64> {
             .next()
             .and_then(|seed| seed.trim().parse().ok())
     });
-    // Half of the lives with the drives of whose bits 5, 9 and 12 other documents speak; each life also as a wider and as a rarer one;
+    // Half of the scenarios with the drives of whose bits 5, 9 and 12 other documents speak; each scenario also as a wider and as a rarer one;
     // all of them on a plant.
     let fresh = (from..).flat_map(move |n| {
         let seed = (n % 4 % 3) << OTHER_DRIVES | invariant << 32 | n;
@@ -237,7 +240,7 @@ fn seeds_from(invariant: u64, from: u64) -> impl Iterator<Item = u64> {
     kept.chain(fresh)
 }
 
-/// Says the seed when a life ends in a panic.
+/// Says the seed when a scenario ends in a panic.
 struct OnPanic(u64);
 
 impl Drop for OnPanic {
@@ -248,18 +251,18 @@ impl Drop for OnPanic {
     }
 }
 
-/// `INVARIANT_SEED=n cargo test --test invariants print_a_life -- --ignored --nocapture`: for whoever looks into a seed.
+/// `INVARIANT_SEED=n cargo test --test invariants print_a_scenario -- --ignored --nocapture`: for whoever looks into a seed.
 #[test]
-#[ignore = "prints one life for a person to read"]
-fn print_a_life() {
+#[ignore = "prints one scenario for a person to read"]
+fn print_a_scenario() {
     let seed = std::env::var("INVARIANT_SEED").expect("a seed");
     let names = if seed.parse::<u64>().expect("a number") >> 32 & 0xFF == 6 {
         Names::Equal
     } else {
         Names::Unique
     };
-    let life = live(seed.parse().expect("a number"), names);
-    let world = &life.world;
+    let scenario = live(seed.parse().expect("a number"), names);
+    let world = &scenario.world;
     println!("{:?}\n{:?}", world.config, world.period);
     let mut last = (0, 0);
     for (at, frame) in world.frames.iter().enumerate() {

@@ -7,12 +7,12 @@ use servocrab::axis::{Command, CommandId, Completion, Delivery, Failure, StopReq
 use servocrab::profile_position::{BufferMode, MoveCommand, Reference};
 use servocrab_sim::ds402::Executed;
 
-use super::scenario::{Life, RAMP, Starts};
+use super::scenario::{RAMP, Scenario, Starts};
 use super::world::{Frame, Issued, World};
 
 /// Invariant 1.
-pub fn once_or_not_at_all(life: &Life) -> Result<(), String> {
-    let world = &life.world;
+pub fn once_or_not_at_all(scenario: &Scenario) -> Result<(), String> {
+    let world = &scenario.world;
     for (issued, command, done) in world.moves() {
         let name = command.set_point.parameters.velocity;
         let lines: Vec<_> = lines_of(world.ledger(), name).collect();
@@ -20,12 +20,12 @@ pub fn once_or_not_at_all(life: &Life) -> Result<(), String> {
             return Err(format!("{issued:?} was executed twice: {lines:#?}"));
         }
         if let [line] = lines[..]
-            && !belongs(line, &command, life.starts)
+            && !belongs(line, &command, scenario.starts)
         {
             return Err(format!("{line:?} is not what {command:?} asked for"));
         }
         let accepted = world.accepted(issued.id).is_some();
-        if by_an_edge(world, issued.id) && lines.is_empty() && !life.lies.ack {
+        if by_an_edge(world, issued.id) && lines.is_empty() && !scenario.lies.ack {
             return Err(format!("{issued:?} was accepted and never executed"));
         }
         let sent = world
@@ -65,8 +65,8 @@ fn by_an_edge(world: &World, id: CommandId) -> bool {
 }
 
 /// Invariant 6: by number, for moves that cannot be told apart.
-pub fn equal_moves_all_count(life: &Life) -> Result<(), String> {
-    let world = &life.world;
+pub fn equal_moves_all_count(scenario: &Scenario) -> Result<(), String> {
+    let world = &scenario.world;
     let mut executed: BTreeMap<_, usize> = BTreeMap::new();
     for line in world.ledger() {
         let key = (line.value, line.relative, line.bit_5, line.bit_9);
@@ -74,7 +74,8 @@ pub fn equal_moves_all_count(life: &Life) -> Result<(), String> {
     }
     let mut asked: BTreeMap<_, (usize, usize)> = BTreeMap::new();
     for (issued, command, done) in world.moves() {
-        let Some((bit_5, bit_9)) = start_bits(life.starts, command.set_point.buffer_mode) else {
+        let Some((bit_5, bit_9)) = start_bits(scenario.starts, command.set_point.buffer_mode)
+        else {
             continue;
         };
         let relative = command.reference == Reference::Relative;
@@ -97,7 +98,7 @@ pub fn equal_moves_all_count(life: &Life) -> Result<(), String> {
     }
     for (key, &(sure, _)) in &asked {
         let count = executed.get(key).copied().unwrap_or_default();
-        if count < sure && !life.lies.ack {
+        if count < sure && !scenario.lies.ack {
             return Err(format!(
                 "{key:?} executed {count} times and acknowledged {sure} times"
             ));
@@ -107,13 +108,13 @@ pub fn equal_moves_all_count(life: &Life) -> Result<(), String> {
 }
 
 /// Invariant 2: a motion begins only with a set-point whose move nobody has stopped, or that was resumed in words.
-pub fn no_motion_unasked(life: &Life) -> Result<(), String> {
-    if life.lies.blocked || life.lies.deaf {
+pub fn no_motion_unasked(scenario: &Scenario) -> Result<(), String> {
+    if scenario.lies.blocked || scenario.lies.deaf {
         return Ok(());
     }
-    let world = &life.world;
+    let world = &scenario.world;
     let frames = &world.frames;
-    let lag = Duration::from_millis(life.lag_cycles as u64 + 1);
+    let lag = Duration::from_millis(scenario.lag_cycles as u64 + 1);
     for at in 1..frames.len() {
         // The shaft of an axis that stands is pushed by loads; what the drive asks of it is its demand.
         let (Some((before, was)), Some((after, is))) = (frames[at - 1].demand, frames[at].demand)
@@ -143,7 +144,7 @@ pub fn no_motion_unasked(life: &Life) -> Result<(), String> {
                 .filter(|(_, command, _)| {
                     command.set_point.parameters.velocity == Some(line.velocity)
                 })
-                .any(|(issued, ..)| !life_is_over(life, &issued, at))
+                .any(|(issued, ..)| !scenario_is_over(scenario, &issued, at))
         });
         if !asked && (begins || was == 0.0) {
             return Err(format!(
@@ -157,9 +158,9 @@ pub fn no_motion_unasked(life: &Life) -> Result<(), String> {
 
 /// Whether, when the axis moves after frame `at`, this move had been stopped, with the stop delivered before and no
 /// resume after it, or had been reported as ended for good.
-fn life_is_over(life: &Life, issued: &Issued, at: usize) -> bool {
-    let world = &life.world;
-    let late = Duration::from_millis(life.lag_cycles as u64 + 2);
+fn scenario_is_over(scenario: &Scenario, issued: &Issued, at: usize) -> bool {
+    let world = &scenario.world;
+    let late = Duration::from_millis(scenario.lag_cycles as u64 + 2);
     let slack = late.div_duration_f64(world.period).ceil() as usize;
     let delivered_since = |from: usize| {
         world.frames[from..at.saturating_sub(slack).max(from)]
@@ -182,14 +183,14 @@ fn life_is_over(life: &Life, issued: &Issued, at: usize) -> bool {
                     .is_some_and(|(_, result)| result == Ok(Completion::Done))
         })
     };
-    stops(life)
+    stops(scenario)
         .filter(|(frame, _)| *frame > issued.frame && delivered_since(*frame))
         .any(|(frame, pauses)| !(pauses && resumed_after(frame)))
 }
 
 /// The frames with a stop request that was not refused, and whether it only pauses.
-fn stops(life: &Life) -> impl Iterator<Item = (usize, bool)> + '_ {
-    let world = &life.world;
+fn stops(scenario: &Scenario) -> impl Iterator<Item = (usize, bool)> + '_ {
+    let world = &scenario.world;
     let lanes = world
         .frames
         .iter()

@@ -6,15 +6,15 @@ use servocrab_sim::ds402::{Axis, Behaviour};
 
 use crate::frames::Random;
 
-/// Set in the seeds of such lives.
+/// Set in the seeds of such scenarios.
 const RARER: u32 = 49;
 
-/// The seed of such a life.
+/// The seed of such a scenario.
 pub const fn rarer(seed: u64) -> u64 {
     seed | 1 << RARER
 }
 
-/// What is chosen for such a life beside what is chosen for every life.
+/// What is chosen for such a scenario beside what is chosen for every scenario.
 pub struct Rarer {
     random: Random,
     /// One cycle in motion in so many begins a time in which the drive does not obey a stop; 0 for none.
@@ -27,7 +27,7 @@ pub struct Rarer {
 }
 
 impl Rarer {
-    /// How many times as far as in other lives some of the moves go: only an axis that is under way for long can be seen to run on.
+    /// How many times as far as in other scenarios some of the moves go: only an axis that is under way for long can be seen to run on.
     pub const FAR: i32 = 20;
 
     pub fn of(seed: u64) -> Option<Self> {

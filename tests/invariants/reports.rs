@@ -7,13 +7,13 @@ use servocrab::profile_position::{BufferSignal, Reference};
 use servocrab_sim::ds402::{Cause, Outcome};
 
 use super::orders::lines_of;
-use super::scenario::Life;
+use super::scenario::Scenario;
 use super::words::{enabled, in_fault};
 use super::world::{Got, Phase};
 
 /// Invariant 4.
-pub fn reached_is_true(life: &Life) -> Result<(), String> {
-    let world = &life.world;
+pub fn reached_is_true(scenario: &Scenario) -> Result<(), String> {
+    let world = &scenario.world;
     let tolerance = world.config.tolerances.position;
     for (issued, command, _) in world.moves() {
         let Some((report, result)) = world.done(issued.id) else {
@@ -50,12 +50,12 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                     return fail("on a halted axis");
                 }
                 let Some(line) = line else {
-                    if life.lies.ack {
+                    if scenario.lies.ack {
                         continue;
                     }
                     return fail("without being executed");
                 };
-                if told && life.lies.ack {
+                if told && scenario.lies.ack {
                     continue;
                 }
                 let there =
@@ -96,7 +96,7 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                 let asked = i64::from(command.target);
                 // A blocked shaft is where it was asked to be, and the drive says target reached: that its demand has gone
                 // to a limit of its own elsewhere shows in nothing.
-                let held_there = life.lies.blocked && frame.velocity == 0.0 && there(asked);
+                let held_there = scenario.lies.blocked && frame.velocity == 0.0 && there(asked);
                 let elsewhere = line
                     .target
                     .is_none_or(|end| end.abs_diff(asked) > u64::from(tolerance));
@@ -134,7 +134,7 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
                     line.ended_at.is_some_and(|ended| ended <= report.now)
                         && line.end_position.is_some_and(there)
                 });
-                if !(stood || over || ended_there || told && life.lies.ack) {
+                if !(stood || over || ended_there || told && scenario.lies.ack) {
                     return fail("while it moved");
                 }
             }
@@ -145,8 +145,8 @@ pub fn reached_is_true(life: &Life) -> Result<(), String> {
 }
 
 /// Invariant 7.
-pub fn stale_advances_nothing(life: &Life) -> Result<(), String> {
-    let world = &life.world;
+pub fn stale_advances_nothing(scenario: &Scenario) -> Result<(), String> {
+    let world = &scenario.world;
     let loss = world.config.loss;
     let (mut stale, mut undelivered) = (0, 0);
     let mut was_lost = false;
@@ -236,7 +236,7 @@ pub fn stale_advances_nothing(life: &Life) -> Result<(), String> {
                 && frame.sent.word & 0x000F == 0x000F
                 && next.sent.word & 0x0006 == 0x0006
                 && frame.sample.is_none()
-                && !was_in_fault(life, at)
+                && !was_in_fault(scenario, at)
             {
                 return Err(format!(
                     "frame {at}: a lost drive is commanded on with {:04X}",
@@ -249,8 +249,8 @@ pub fn stale_advances_nothing(life: &Life) -> Result<(), String> {
 }
 
 /// Whether the last inputs up to this frame's showed a fault.
-fn was_in_fault(life: &Life, at: usize) -> bool {
-    let sample = life.world.frames[..=at]
+fn was_in_fault(scenario: &Scenario, at: usize) -> bool {
+    let sample = scenario.world.frames[..=at]
         .iter()
         .rev()
         .find_map(|frame| frame.sample);
@@ -258,8 +258,8 @@ fn was_in_fault(life: &Life, at: usize) -> bool {
 }
 
 /// Invariant 9.
-pub fn everything_ends(life: &Life) -> Result<(), String> {
-    let world = &life.world;
+pub fn everything_ends(scenario: &Scenario) -> Result<(), String> {
+    let world = &scenario.world;
     let deadlines = world.config.deadlines;
     for issued in &world.issued {
         let told: Vec<_> = world
@@ -312,12 +312,12 @@ pub fn everything_ends(life: &Life) -> Result<(), String> {
         }
         let halted = world
             .frames
-            .get(life.last_stop)
+            .get(scenario.last_stop)
             .is_some_and(|frame| frame.before.bit(8));
-        if report.frame >= life.last_stop && issued.frame < life.last_stop && !halted {
+        if report.frame >= scenario.last_stop && issued.frame < scenario.last_stop && !halted {
             return Err(format!(
                 "{issued:?} does not end although nothing disturbs it ({told:?}, quiet from frame {}, to {})",
-                life.quiet_from, life.last_stop
+                scenario.quiet_from, scenario.last_stop
             ));
         }
         if let (

@@ -1,4 +1,4 @@
-//! A random life of an axis, made from one number: drive, timing, commands, stops, lost frames, disturbances.
+//! A random scenario of an axis, made from one number: drive, timing, commands, stops, lost frames, disturbances.
 //!
 //! The plant and the crystal of the drive come from the seeded faults of `servocrab-sim`. What else goes wrong here cannot: those
 //! faults meet frames, devices and mailboxes, and this world has bytes and one axis. Its losses are drawn for each cycle,
@@ -33,7 +33,7 @@ pub struct Lies {
 
 /// The bits of a seed that choose another drive begin here.
 pub const OTHER_DRIVES: u32 = 40;
-/// Set for a life whose shaft is where the demand is; else it is on a plant, another one for each seed.
+/// Set for a scenario whose shaft is where the demand is; else it is on a plant, another one for each seed.
 const IDEAL: u64 = 1 << 44;
 
 pub const fn ideal(seed: u64) -> u64 {
@@ -67,7 +67,7 @@ pub enum Starts {
     Ax2000,
 }
 
-pub struct Life {
+pub struct Scenario {
     pub world: World,
     pub starts: Starts,
     /// Drive cycles by which the actual position is late.
@@ -79,8 +79,8 @@ pub struct Life {
     pub last_stop: usize,
 }
 
-/// Lives the life of this seed: the same one on a plant and without.
-pub fn live(seed: u64, names: Names) -> Life {
+/// Lives the scenario of this seed: the same one on a plant and without.
+pub fn live(seed: u64, names: Names) -> Scenario {
     let (is_ideal, seed) = (seed & IDEAL != 0, seed & !IDEAL);
     let mut random = Random::new(seed);
     let lag_cycles = random.pick(&[0, 0, 2, 6]);
@@ -287,11 +287,11 @@ struct Player {
     slow: bool,
     burst: Option<(Link, u64)>,
     /// What is to be undone, and when.
-    troubles: Vec<(usize, Trouble)>,
+    troubles: Vec<(usize, Incident)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Trouble {
+enum Incident {
     AckDelay,
     AckNever,
     AckStuck,
@@ -481,57 +481,57 @@ impl Player {
             return;
         }
         let trouble = self.random.pick(&[
-            Trouble::AckDelay,
-            Trouble::AckNever,
-            Trouble::AckStuck,
-            Trouble::StaleReached,
-            Trouble::StaleReached,
-            Trouble::Deaf,
-            Trouble::Blocked,
-            Trouble::Fault,
-            Trouble::Fault,
-            Trouble::LastingFault,
-            Trouble::Voltage,
-            Trouble::Remote,
-            Trouble::Inhibit,
-            Trouble::OwnStop,
-            Trouble::Warning,
-            Trouble::Limits,
+            Incident::AckDelay,
+            Incident::AckNever,
+            Incident::AckStuck,
+            Incident::StaleReached,
+            Incident::StaleReached,
+            Incident::Deaf,
+            Incident::Blocked,
+            Incident::Fault,
+            Incident::Fault,
+            Incident::LastingFault,
+            Incident::Voltage,
+            Incident::Remote,
+            Incident::Inhibit,
+            Incident::OwnStop,
+            Incident::Warning,
+            Incident::Limits,
         ]);
         let until = at + self.random.pick(&[1, 20, 100, 1500]);
         self.troubles.push((until, trouble));
         let drive = &mut self.world.drive;
         match trouble {
-            Trouble::AckDelay => {
+            Incident::AckDelay => {
                 drive.disturbances().ack_delay_cycles = self.random.pick(&[3, 20, 60]);
             }
-            Trouble::AckNever => {
+            Incident::AckNever => {
                 self.lies.ack = true;
                 drive.disturbances().ack = AckFault::Never;
             }
-            Trouble::AckStuck => {
+            Incident::AckStuck => {
                 self.lies.ack = true;
                 drive.disturbances().ack = AckFault::StuckHigh;
             }
-            Trouble::StaleReached => {
+            Incident::StaleReached => {
                 drive.disturbances().stale_reached_cycles = self.random.pick(&[2, 8]);
             }
-            Trouble::Deaf => drive.disturbances().deaf_to_bit_4 = true,
-            Trouble::Blocked => {
+            Incident::Deaf => drive.disturbances().deaf_to_bit_4 = true,
+            Incident::Blocked => {
                 self.lies.blocked = true;
                 drive.disturbances().blocked = true;
             }
-            Trouble::Fault => drive.inject_fault(0x7305),
-            Trouble::LastingFault => drive.inject_lasting_fault(0x4310),
-            Trouble::Voltage => drive.set_voltage(false),
-            Trouble::Remote => drive.set_remote(false),
-            Trouble::Inhibit => drive.set_inhibited(true),
-            Trouble::OwnStop => {
+            Incident::Fault => drive.inject_fault(0x7305),
+            Incident::LastingFault => drive.inject_lasting_fault(0x4310),
+            Incident::Voltage => drive.set_voltage(false),
+            Incident::Remote => drive.set_remote(false),
+            Incident::Inhibit => drive.set_inhibited(true),
+            Incident::OwnStop => {
                 drive.connection_lost();
                 drive.connection_restored();
             }
-            Trouble::Warning => drive.set_warning(true),
-            Trouble::Limits => {
+            Incident::Warning => drive.set_warning(true),
+            Incident::Limits => {
                 for (subindex, limit) in [(1, -500), (2, 500)] {
                     drive.set(0x607D, subindex, limit).expect("a limit");
                 }
@@ -539,33 +539,33 @@ impl Player {
         }
     }
 
-    fn undo(&mut self, trouble: Trouble) {
+    fn undo(&mut self, trouble: Incident) {
         let drive = &mut self.world.drive;
         match trouble {
-            Trouble::AckDelay => {
+            Incident::AckDelay => {
                 let late = self.wider.as_ref().map_or(0, Wider::late);
                 drive.disturbances().ack_delay_cycles = late;
             }
-            Trouble::AckNever | Trouble::AckStuck => drive.disturbances().ack = AckFault::None,
-            Trouble::StaleReached => drive.disturbances().stale_reached_cycles = 0,
-            Trouble::Deaf => drive.disturbances().deaf_to_bit_4 = false,
-            Trouble::Blocked => drive.disturbances().blocked = false,
-            Trouble::LastingFault => drive.clear_cause(),
-            Trouble::Voltage => drive.set_voltage(true),
-            Trouble::Remote => drive.set_remote(true),
-            Trouble::Inhibit => drive.set_inhibited(false),
-            Trouble::Warning => drive.set_warning(false),
-            Trouble::Limits => {
+            Incident::AckNever | Incident::AckStuck => drive.disturbances().ack = AckFault::None,
+            Incident::StaleReached => drive.disturbances().stale_reached_cycles = 0,
+            Incident::Deaf => drive.disturbances().deaf_to_bit_4 = false,
+            Incident::Blocked => drive.disturbances().blocked = false,
+            Incident::LastingFault => drive.clear_cause(),
+            Incident::Voltage => drive.set_voltage(true),
+            Incident::Remote => drive.set_remote(true),
+            Incident::Inhibit => drive.set_inhibited(false),
+            Incident::Warning => drive.set_warning(false),
+            Incident::Limits => {
                 for subindex in [1, 2] {
                     drive.set(0x607D, subindex, 0).expect("a limit");
                 }
             }
-            Trouble::Fault | Trouble::OwnStop => {}
+            Incident::Fault | Incident::OwnStop => {}
         }
     }
 
     /// Everything in order and no command until each move is over, then a quick stop for what is left.
-    fn end(mut self) -> Life {
+    fn end(mut self) -> Scenario {
         for (_, trouble) in core::mem::take(&mut self.troubles) {
             self.undo(trouble);
         }
@@ -589,7 +589,7 @@ impl Player {
                 break;
             }
         }
-        Life {
+        Scenario {
             world: self.world,
             starts: self.starts,
             lag_cycles: self.lag_cycles,

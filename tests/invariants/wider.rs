@@ -13,15 +13,15 @@ use super::world::World;
 use crate::frames::Link;
 use crate::frames::Random;
 
-/// Set in the seeds of such lives.
+/// Set in the seeds of such scenarios.
 const WIDER: u32 = 48;
 
-/// The seed of such a life.
+/// The seed of such a scenario.
 pub const fn wider(seed: u64) -> u64 {
     seed | 1 << WIDER
 }
 
-/// What is chosen for such a life beside what is chosen for every life.
+/// What is chosen for such a scenario beside what is chosen for every scenario.
 pub struct Wider {
     random: Random,
     /// Positioning option code 60F2h of a drive whose relative moves count from what that says.

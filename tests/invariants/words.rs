@@ -6,15 +6,15 @@ use servocrab::axis::{Command, Completion, StopRequest};
 use servocrab::profile_position::{MoveCommand, Reference};
 
 use super::orders::start_bits;
-use super::scenario::{Life, RAMP, Starts};
+use super::scenario::{RAMP, Scenario, Starts};
 use super::world::{DRIVE_CYCLE, Got, Outputs, Sample, World};
 
 const OPERATION_ENABLED: u16 = 0x0027;
 const OF_STATE: u16 = 0x006F;
 
 /// Moves that are acknowledged and have no outcome yet when frame `at` is sent.
-fn accepted_and_open(life: &Life, at: usize) -> usize {
-    let world = &life.world;
+fn accepted_and_open(scenario: &Scenario, at: usize) -> usize {
+    let world = &scenario.world;
     world
         .moves()
         .filter(|(issued, ..)| world.accepted(issued.id).is_some_and(|r| r.frame < at))
@@ -23,8 +23,8 @@ fn accepted_and_open(life: &Life, at: usize) -> usize {
 }
 
 /// Invariant 3.
-pub fn bit_4_rises_by_the_rules(life: &Life) -> Result<(), String> {
-    let frames = &life.world.frames;
+pub fn bit_4_rises_by_the_rules(scenario: &Scenario) -> Result<(), String> {
+    let frames = &scenario.world.frames;
     // Since when bit 4 is known to have been delivered low, and whether bit 12 was high then.
     let mut low: Option<(Duration, bool)> = None;
     let mut last_seen: Option<Sample> = None;
@@ -46,8 +46,8 @@ pub fn bit_4_rises_by_the_rules(life: &Life) -> Result<(), String> {
             // over and its outcome still open.
             let full = sent.bit(5)
                 && !sent.bit(6)
-                && life.starts != Starts::Ax2000
-                && accepted_and_open(life, at) >= 2;
+                && scenario.starts != Starts::Ax2000
+                && accepted_and_open(scenario, at) >= 2;
             if !enabled(&shown) || shown.mode != 1 || (shown.bit(12) && !full) {
                 return Err(format!("frame {at}: bit 4 rises on {shown:?}"));
             }
@@ -62,12 +62,12 @@ pub fn bit_4_rises_by_the_rules(life: &Life) -> Result<(), String> {
             if sent.word & 0x018F != 0x000F || sent.mode != 1 {
                 return Err(format!("frame {at}: bit 4 rises in {sent:?}"));
             }
-            let asked = life.world.moves().any(|(issued, command, _)| {
-                let alive = life
+            let asked = scenario.world.moves().any(|(issued, command, _)| {
+                let alive = scenario
                     .world
                     .done(issued.id)
                     .is_none_or(|(r, _)| r.frame >= at);
-                issued.frame <= at && alive && belongs(&sent, &command, life.starts)
+                issued.frame <= at && alive && belongs(&sent, &command, scenario.starts)
             });
             if !asked {
                 return Err(format!("frame {at}: nobody asks for {sent:?}"));
@@ -113,8 +113,8 @@ fn belongs(sent: &Outputs, command: &MoveCommand, starts: Starts) -> bool {
 }
 
 /// Invariant 5.
-pub fn no_bit_outlives(life: &Life) -> Result<(), String> {
-    let world = &life.world;
+pub fn no_bit_outlives(scenario: &Scenario) -> Result<(), String> {
+    let world = &scenario.world;
     let frames = &world.frames;
     let mut last_seen: Option<Sample> = None;
     let mut rises_of_7 = 0;
@@ -214,8 +214,8 @@ fn is_lent(world: &World, at: usize) -> bool {
 }
 
 /// Invariant 8.
-pub fn stops_come_first(life: &Life) -> Result<(), String> {
-    let world = &life.world;
+pub fn stops_come_first(scenario: &Scenario) -> Result<(), String> {
+    let world = &scenario.world;
     let frames = &world.frames;
     let mut last_seen: Option<Sample> = None;
     for at in 1..frames.len() {

@@ -11,7 +11,7 @@ use std::{
 use servocrab::link::Link;
 use servocrab_sim::{Faults, FaultyLine, Rate, Segment};
 
-use crate::mails;
+use crate::messages;
 
 /// How long a frame takes to come back where nothing delays it.
 const LATENCY: Duration = Duration::from_micros(10);
@@ -22,7 +22,7 @@ const US: Duration = Duration::from_micros(1);
 pub struct Wired {
     line: Arc<Mutex<FaultyLine>>,
     /// Of what was sent to mailboxes.
-    mails: Arc<Mutex<mails::Watch>>,
+    messages: Arc<Mutex<messages::Watch>>,
     now: Arc<Mutex<Duration>>,
     /// Whether what devices say can reach the program as something else, with nobody able to tell.
     pub lies: bool,
@@ -31,14 +31,14 @@ pub struct Wired {
 impl Wired {
     pub fn new(segment: Segment, faults: &Faults) -> Self {
         let mut line = FaultyLine::new(segment, faults).expect("no outage is asked for");
-        line.set_calm(true);
-        let mails = Arc::new(Mutex::new(mails::Watch::default()));
-        let watch = Arc::clone(&mails);
+        line.set_quiet(true);
+        let messages = Arc::new(Mutex::new(messages::Watch::default()));
+        let watch = Arc::clone(&messages);
         line.watch(move |sent, answer| watch.lock().unwrap().see(sent, answer));
         let never = Rate::default();
         Self {
             line: Arc::new(Mutex::new(line)),
-            mails,
+            messages,
             now: Arc::default(),
             lies: faults.flip_data != never || faults.mail_garbage != never,
         }
@@ -48,8 +48,8 @@ impl Wired {
         self.line.lock().unwrap()
     }
 
-    pub fn mails(&self) -> MutexGuard<'_, mails::Watch> {
-        self.mails.lock().unwrap()
+    pub fn messages(&self) -> MutexGuard<'_, messages::Watch> {
+        self.messages.lock().unwrap()
     }
 
     /// The time of the cable.

@@ -57,7 +57,7 @@ impl Judge {
         this
     }
 
-    /// Looks what the drives hold now: mails are served between two cycles of theirs.
+    /// Looks what the drives hold now: messages are served between two cycles of theirs.
     pub fn look(&self, segment: &Segment, now: Duration) {
         let mut seen = self.seen.lock().unwrap();
         let drives = segment.devices().iter();

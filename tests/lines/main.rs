@@ -1,25 +1,25 @@
 //! Whole lines, from INIT to INIT, on a cable and with devices that do whatever a bad cable and bad devices can: searched by
-//! random lives in virtual time for anything that hangs, panics, moves unasked, is taken for something else, or stays broken.
+//! random scenarios in virtual time for anything that hangs, panics, moves unasked, is taken for something else, or stays broken.
 //!
-//! `LINE_SEED=n` lives one life only, `LINE_LIVES=n` changes how many are lived, `LINE_FROM=n` with which of the new seeds it
+//! `LINE_SEED=n` scenarios one scenario only, `LINE_LIVES=n` changes how many are lived, `LINE_FROM=n` with which of the new seeds it
 //! begins. `LINE_LOG=1` shows all that the library logs.
 #![cfg(feature = "std")]
 #![allow(missing_docs)]
 
 mod cable;
 mod clerks;
+mod faults_of_line;
 mod judge;
-mod life;
 mod line;
-mod mails;
+mod messages;
 mod program;
 mod random;
+mod scenario;
 mod tasks;
-mod trouble;
 
 use std::collections::BTreeMap;
 
-/// New lives of each run.
+/// New scenarios of each run.
 const LIVES: u64 = 50;
 
 /// Seeds that once failed come first.
@@ -35,7 +35,7 @@ fn whatever_happens_on_the_line_nothing_hangs_moves_unasked_or_stays_broken() {
             .with_writer(std::io::stderr)
             .init();
     }
-    let (from, lives) = (
+    let (from, scenarios) = (
         number("LINE_FROM").unwrap_or(0),
         number("LINE_LIVES").unwrap_or(LIVES),
     );
@@ -44,12 +44,12 @@ fn whatever_happens_on_the_line_nothing_hangs_moves_unasked_or_stays_broken() {
         .filter_map(|line| line.split('#').next()?.trim().parse().ok());
     let seeds: Vec<u64> = match only {
         Some(seed) => vec![seed],
-        None => kept.chain(from..from + lives).collect(),
+        None => kept.chain(from..from + scenarios).collect(),
     };
     let mut story: BTreeMap<String, u64> = BTreeMap::new();
     for seed in seeds {
         let _name = OnPanic(seed);
-        match life::live(seed) {
+        match scenario::live(seed) {
             Ok(lived) => {
                 for (what, times) in lived {
                     *story.entry(what).or_default() += times;
@@ -67,7 +67,7 @@ fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
 }
 
-/// Says the seed when a life ends in a panic.
+/// Says the seed when a scenario ends in a panic.
 struct OnPanic(u64);
 
 impl Drop for OnPanic {

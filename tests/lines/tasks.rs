@@ -76,7 +76,7 @@ struct Task<'a> {
     woken: Arc<Flag>,
 }
 
-/// What the programs of a life do at the same time.
+/// What the programs of a scenario do at the same time.
 #[derive(Default)]
 pub struct Tasks<'a>(Vec<Task<'a>>);
 

@@ -147,7 +147,7 @@ impl Searches {
                 assert!(
                     found.states <= counted,
                     "world {world} has {} states, and {counted} were counted. Two states that cannot differ later have to be one: what \
-                     the core keeps has to be let go of in its `let_go` once it makes no difference. Where a change of the core makes \
+                     the core keeps has to be let go of in its `canonicalize` once it makes no difference. Where a change of the core makes \
                      more states on purpose, put the new number into `COUNTED`, and the sum of them into docs/verification.md",
                     found.states
                 );

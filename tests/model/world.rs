@@ -518,7 +518,7 @@ impl World {
             .step_kept(self.now, inputs, false, &mut self.outputs);
         self.drain()?;
         if self.forgets {
-            self.core.let_go(self.now);
+            self.core.canonicalize(self.now);
         }
         Ok(Seen {
             // What the drive does with the frame shows in the next.

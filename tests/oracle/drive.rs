@@ -113,7 +113,7 @@ pub enum Base {
     Actual,
 }
 
-/// How one life's drive is made.
+/// How one scenario's drive is made.
 #[derive(Debug, Clone)]
 pub struct Making {
     pub ack: Ack,
@@ -143,7 +143,7 @@ pub struct Making {
     pub dither: i32,
     pub velocity_noise: i32,
     /// One disturbance in so many ticks, on average.
-    pub calm: u64,
+    pub cycles_between_incidents: u64,
 }
 
 /// How a set-point that was taken ended.
@@ -252,12 +252,12 @@ pub struct Drive {
     push: f64,
     /// The set-point that ended last.
     recent: Option<usize>,
-    next_trouble: u64,
+    next_incident: u64,
     image: [u8; INPUT_BYTES],
     pub ledger: Vec<Latch>,
     /// An edge with bit 5 low came onto a full buffer, of none of which the end was where the axis stood.
     pub overrun: Option<u32>,
-    /// Habits end with the disturbed part of a life.
+    /// Habits end with the disturbed part of a scenario.
     pub healed: bool,
 }
 
@@ -265,7 +265,7 @@ const MS_100: f64 = 0.1;
 
 impl Drive {
     pub fn new(making: Making, habits: Habits, mut random: Random) -> Self {
-        let next_trouble = random.below(making.calm * 2) + 1;
+        let next_incident = random.below(making.cycles_between_incidents * 2) + 1;
         let mut drive = Self {
             making,
             habits,
@@ -313,7 +313,7 @@ impl Drive {
             homing_failed: false,
             push: 0.0,
             recent: None,
-            next_trouble,
+            next_incident,
             image: [0; INPUT_BYTES],
             ledger: Vec::new(),
             overrun: None,
@@ -415,8 +415,9 @@ impl Drive {
     /// One of its own cycles.
     pub fn cycle(&mut self) {
         self.now += 1;
-        if self.now >= self.next_trouble && !self.healed {
-            self.next_trouble = self.now + 1 + self.random.below(self.making.calm * 2);
+        if self.now >= self.next_incident && !self.healed {
+            self.next_incident =
+                self.now + 1 + self.random.below(self.making.cycles_between_incidents * 2);
             self.trouble();
         }
         if self.hold_outputs > 0 {

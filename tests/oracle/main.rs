@@ -1,17 +1,17 @@
 //! A second oracle: a drive that does anything that CiA 402 permits, and programs that ask for anything, judged by
 //! conservation laws alone.
 //!
-//! Seeds from 10¹⁵ on are of all kinds of lives, those below of fewer ([`life::WIDER`]).
+//! Seeds from 10¹⁵ on are of all kinds of scenarios, those below of fewer ([`scenario::WIDER`]).
 //!
-//! `ORACLE_SEED=n` lives one life and prints it; `ORACLE_CYCLES=n` says how many cycles are searched, `ORACLE_FROM=n` with which
+//! `ORACLE_SEED=n` scenarios one scenario and prints it; `ORACLE_CYCLES=n` says how many cycles are searched, `ORACLE_FROM=n` with which
 //! seed that begins, `ORACLE_THREADS=n` on how many processors, `ORACLE_KEEP=n` after how many violations it
 //! ends, `ORACLE_PROGRESS=1` prints its progress. `ORACLE_SHORT=n` says how many cycles each of the short searches has.
 #![allow(missing_docs)]
 
 mod drive;
 mod habits;
-mod life;
 mod random;
+mod scenario;
 mod search;
 
 use search::{Search, number};
@@ -32,7 +32,10 @@ fn lives_that_once_failed_do_so_no_more() {
         progress: false,
     };
     let found = search.run();
-    assert!(found.lives > 0 && found.violations.is_empty(), "{found}");
+    assert!(
+        found.scenarios > 0 && found.violations.is_empty(),
+        "{found}"
+    );
 }
 
 /// A core that says of every move that nobody knows breaks no law but this.
@@ -40,7 +43,7 @@ fn lives_that_once_failed_do_so_no_more() {
 fn a_core_that_doubts_most_moves_fails() {
     let found = |arrived, doubtful| {
         let mut found = search::Found::default();
-        found.ends.add(life::Ends {
+        found.ends.add(scenario::Ends {
             arrived,
             doubtful,
             ended: 1_000,
@@ -55,7 +58,7 @@ fn a_core_that_doubts_most_moves_fails() {
 #[test]
 fn the_laws_hold_in_a_short_search() {
     let cycles = number("ORACLE_SHORT").unwrap_or(4_000_000);
-    for from in [1, life::WIDER] {
+    for from in [1, scenario::WIDER] {
         let search = Search {
             kept: Vec::new(),
             from,
@@ -83,7 +86,7 @@ fn the_laws_hold() {
     }
     let search = Search {
         kept: kept(),
-        from: number("ORACLE_FROM").unwrap_or(life::WIDER),
+        from: number("ORACLE_FROM").unwrap_or(scenario::WIDER),
         cycles: number("ORACLE_CYCLES").unwrap_or(400_000),
         seconds: number("ORACLE_SECONDS").unwrap_or(u64::MAX),
         threads: number("ORACLE_THREADS").unwrap_or(1),

@@ -17,7 +17,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// A stream of its own, so that what one part of a life draws changes nothing for the others.
+    /// A stream of its own, so that what one part of a scenario draws changes nothing for the others.
     pub const fn fork(&mut self) -> Self {
         Self(self.next())
     }

@@ -9,7 +9,7 @@ use std::sync::{
 use std::time::Instant;
 
 use crate::habits::{ALL, Habit, Habits, Hits};
-use crate::life::{Cut, Ends, Told, Violation, live};
+use crate::scenario::{Cut, Ends, Told, Violation, live};
 
 pub fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
@@ -31,13 +31,13 @@ pub struct Search {
 /// After so many cycles it does.
 const PROGRESS: u64 = 2_000_000;
 
-/// Names the seed of a life that ends in a panic.
+/// Names the seed of a scenario that ends in a panic.
 struct Living(u64);
 
 impl Drop for Living {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            eprintln!("the life of seed {} panics", self.0);
+            eprintln!("the scenario of seed {} panics", self.0);
         }
     }
 }
@@ -46,7 +46,7 @@ impl Drop for Living {
 pub struct Found {
     pub from: u64,
     pub cycles: u64,
-    pub lives: u64,
+    pub scenarios: u64,
     pub set_points: u64,
     pub hits: Hits,
     pub ends: Ends,
@@ -91,7 +91,7 @@ impl Search {
                             eprint!("\r{million:.0} million cycles, {broken} violations   ");
                         }
                         mine.cycles += told.cycles;
-                        mine.lives += 1;
+                        mine.scenarios += 1;
                         mine.set_points += told.set_points;
                         mine.hits.add(&told.hits);
                         mine.ends.add(told.ends);
@@ -106,7 +106,7 @@ impl Search {
                     }
                     let mut found = found.lock().expect("no panic in here");
                     found.cycles += mine.cycles;
-                    found.lives += mine.lives;
+                    found.scenarios += mine.scenarios;
                     found.set_points += mine.set_points;
                     found.hits.add(&mine.hits);
                     found.ends.add(mine.ends);
@@ -147,9 +147,9 @@ impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "oracle: {} axis-cycles in {} lives from seed {} on, {} set-points taken, {} violations, {:.1} s, {:.2} million cycles a second",
+            "oracle: {} axis-cycles in {} scenarios from seed {} on, {} set-points taken, {} violations, {:.1} s, {:.2} million cycles a second",
             self.cycles,
-            self.lives,
+            self.scenarios,
             self.from,
             self.set_points,
             self.violations.len(),
@@ -202,7 +202,7 @@ impl fmt::Display for Found {
     }
 }
 
-/// Leaves out of a life what the same law is broken without.
+/// Leaves out of a scenario what the same law is broken without.
 pub fn shrink(seed: u64, law: &str) -> Cut {
     let breaks = |cut: &Cut| {
         let told = live(seed, cut, false);
@@ -272,7 +272,7 @@ fn text(seed: u64, told: &Told, cut: &Cut) -> String {
     text
 }
 
-/// Lives the life of a seed for a person to read.
+/// Lives the scenario of a seed for a person to read.
 pub fn print(seed: u64) {
     let told = live(seed, &Cut::default(), true);
     match &told.violation {

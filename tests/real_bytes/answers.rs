@@ -1,4 +1,4 @@
-//! The simulated drive asked what SOEM asked a real one, mail by mail.
+//! The simulated drive asked what SOEM asked a real one, message by message.
 
 use std::time::Duration;
 
@@ -112,7 +112,7 @@ fn the_simulated_akd2g_differs_from_the_real_akd_only_in_what_it_maps() {
         let (index, subindex) = object(exchange.what);
         let mut expected = exchange.reply.clone();
         if matches!(index, 0x1601..=0x1603 | 0x1A01..=0x1A03) {
-            // An abort is an SDO request by its service, in the same mail.
+            // An abort is an SDO request by its service, in the same message.
             expected[7] = 0x20;
             expected[8] = 0x80;
             expected[12..16].copy_from_slice(&NO_OBJECT);
@@ -152,8 +152,8 @@ fn the_simulated_akd2g_answers_soems_requests_of_every_kind_with_the_stated_byte
     let exchanges = simulated_exchanges();
     for exchange in &exchanges {
         let answer = drive.ask(&exchange.request);
-        let (mail, behind) = answer.split_at(exchange.reply.len());
-        assert_eq!(mail, exchange.reply, "{}", exchange.what);
+        let (message, behind) = answer.split_at(exchange.reply.len());
+        assert_eq!(message, exchange.reply, "{}", exchange.what);
         assert!(behind.iter().all(|byte| *byte == 0), "{}", exchange.what);
     }
     assert_eq!(exchanges.len(), 30);
@@ -162,9 +162,9 @@ fn the_simulated_akd2g_answers_soems_requests_of_every_kind_with_the_stated_byte
 #[test]
 fn those_answers_have_the_structure_of_another_slaves() {
     // CoE service, and the SDO's command specifier or the operation of SDO information.
-    let structure = |mail: &[u8]| match mail[7] >> 4 {
-        8 => (8, mail[8]),
-        service => (service, mail[8] >> 5),
+    let structure = |message: &[u8]| match message[7] >> 4 {
+        8 => (8, message[8]),
+        service => (service, message[8] >> 5),
     };
     let theirs = pp_drive_exchanges();
     let mut compared = 0;

@@ -1,4 +1,4 @@
-//! A simulated drive in PREOP and its mailbox, mail by mail.
+//! A simulated drive in PREOP and its mailbox, message by message.
 
 use std::cell::Cell;
 
@@ -11,7 +11,7 @@ use crate::datagrams::{APWR, Wire};
 pub(crate) struct Drive {
     wire: Wire,
     mailbox: Mailbox,
-    /// Of the mails that are composed here.
+    /// Of the messages that are composed here.
     counter: Cell<Counter>,
 }
 
@@ -28,17 +28,19 @@ impl Drive {
         }
     }
 
-    /// Writes a mail as SOEM does, all bytes of the mailbox, waits for the answer, and gives the mailbox that was read.
+    /// Writes a message as SOEM does, all bytes of the mailbox, waits for the answer, and gives the mailbox that was read.
     pub(crate) fn ask(&self, request: &[u8]) -> Vec<u8> {
-        let mut mail = request.to_vec();
-        mail.resize(usize::from(self.mailbox.receive_length), 0);
-        let (_, acted) = self.wire.datagram(APWR, self.mailbox.receive_offset, &mail);
+        let mut message = request.to_vec();
+        message.resize(usize::from(self.mailbox.receive_length), 0);
+        let (_, acted) = self
+            .wire
+            .datagram(APWR, self.mailbox.receive_offset, &message);
         assert!(acted, "the mailbox is full");
         self.next_mail()
             .unwrap_or_else(|| panic!("no answer to {request:02X?}"))
     }
 
-    /// The next mail, if there is one soon.
+    /// The next message, if there is one soon.
     pub(crate) fn next_mail(&self) -> Option<Vec<u8>> {
         let length = usize::from(self.mailbox.send_length);
         for _ in 0..1_000 {
@@ -52,22 +54,22 @@ impl Drive {
 
     /// The list of all objects by SDO information, with the fragments checked.
     pub(crate) fn objects(&self) -> Vec<u16> {
-        let mut mail = self.ask(&self.information_request(1, &[1, 0]));
+        let mut message = self.ask(&self.information_request(1, &[1, 0]));
         let mut objects = Vec::new();
-        let mut left = u16::from_le_bytes([mail[10], mail[11]]);
+        let mut left = u16::from_le_bytes([message[10], message[11]]);
         loop {
-            let length = usize::from(u16::from_le_bytes([mail[0], mail[1]]));
+            let length = usize::from(u16::from_le_bytes([message[0], message[1]]));
             // SDO information; operation 2, bit 7 while more follow; how many follow.
             let more = if left > 0 { 0x80 } else { 0 };
-            assert_eq!(mail[6..10], [0x00, 0x80, 0x02 | more, 0x00]);
-            assert_eq!(mail[10..12], left.to_le_bytes());
-            let pairs = mail[12..6 + length].chunks(2);
+            assert_eq!(message[6..10], [0x00, 0x80, 0x02 | more, 0x00]);
+            assert_eq!(message[10..12], left.to_le_bytes());
+            let pairs = message[12..6 + length].chunks(2);
             objects.extend(pairs.map(|pair| u16::from_le_bytes([pair[0], pair[1]])));
             if left == 0 {
                 break;
             }
             left -= 1;
-            mail = self.next_mail().expect("the next part");
+            message = self.next_mail().expect("the next part");
         }
         assert_eq!(
             objects.remove(0),
@@ -87,9 +89,9 @@ impl Drive {
 
     /// Operation 3 or 5 of SDO information: the bytes of the reply behind what it shares with the request.
     fn information(&self, operation: u8, asked: &[u8]) -> Option<Vec<u8>> {
-        let mail = self.ask(&self.information_request(operation, asked));
-        let length = usize::from(u16::from_le_bytes([mail[0], mail[1]]));
-        (mail[8] == operation + 1).then(|| mail[12 + asked.len()..6 + length].to_vec())
+        let message = self.ask(&self.information_request(operation, asked));
+        let length = usize::from(u16::from_le_bytes([message[0], message[1]]));
+        (message[8] == operation + 1).then(|| message[12 + asked.len()..6 + length].to_vec())
     }
 
     /// The highest subindex of an object, by its description.

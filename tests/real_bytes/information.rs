@@ -1,11 +1,11 @@
-//! The library's SDO information on mails that SOEM exchanged with a drive of others, and with the simulated AKD2G.
+//! The library's SDO information on messages that SOEM exchanged with a drive of others, and with the simulated AKD2G.
 
 use servocrab::coe::TypeCode;
 use servocrab::coe::information::{
     EntryDescription, Inquiry, ListKind, ObjectCode, ObjectDescription, Question, object_list,
 };
-use servocrab::coe::mailbox::{Counter, Mail, information_mail};
-use servocrab::coe::sdo::Step;
+use servocrab::coe::mailbox::{Counter, MailboxMessage, information_message};
+use servocrab::coe::sdo::TransferStep;
 
 use crate::vectors::{Exchange, number, object, pp_drive_exchanges, simulated_exchanges};
 
@@ -27,9 +27,9 @@ fn question(what: &str) -> Option<Question> {
     })
 }
 
-fn counter_of(mail: &[u8]) -> Counter {
+fn counter_of(message: &[u8]) -> Counter {
     let mut counter = Counter::FIRST;
-    while counter.get() != mail[5] >> 4 {
+    while counter.get() != message[5] >> 4 {
         counter = counter.next();
     }
     counter
@@ -38,18 +38,24 @@ fn counter_of(mail: &[u8]) -> Counter {
 /// The answer in a row's reply, once its request was encoded as SOEM encoded it.
 fn answer(row: &Exchange, question: Question) -> Vec<u8> {
     let mut inquiry = Inquiry::new(question);
-    let mut mail = Vec::new();
-    information_mail(&mut mail, counter_of(&row.request), |mail| {
-        inquiry.append_request(mail);
+    let mut message = Vec::new();
+    information_message(&mut message, counter_of(&row.request), |message| {
+        inquiry.append_request(message);
     });
-    assert_eq!(mail, row.request, "{}", row.what);
-    let (_, Mail::SdoInformation(mail)) = Mail::parse(&row.reply).unwrap() else {
+    assert_eq!(message, row.request, "{}", row.what);
+    let (_, MailboxMessage::SdoInformation(message)) = MailboxMessage::parse(&row.reply).unwrap()
+    else {
         panic!("{} is answered by another service", row.what);
     };
     for length in 0..4 {
-        assert!(Inquiry::new(question).feed(&mail[..length]).is_err());
+        assert!(Inquiry::new(question).feed(&message[..length]).is_err());
     }
-    assert_eq!(inquiry.feed(mail), Ok(Step::Done), "{}", row.what);
+    assert_eq!(
+        inquiry.feed(message),
+        Ok(TransferStep::Done),
+        "{}",
+        row.what
+    );
     inquiry.into_data()
 }
 

@@ -9,7 +9,7 @@ mod datagrams;
 mod dictionary;
 mod drive;
 mod information;
-mod mails;
+mod messages;
 mod registers;
 mod sii;
 mod vectors;

@@ -36,7 +36,7 @@ pub(crate) fn bytes(text: &str) -> Vec<u8> {
         .collect()
 }
 
-/// One request and what answered it, as whole mails.
+/// One request and what answered it, as whole messages.
 pub(crate) struct Exchange {
     /// The object that is read or written, or what else is asked.
     pub(crate) what: &'static str,

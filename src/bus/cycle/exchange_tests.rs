@@ -304,7 +304,7 @@ fn a_drive_that_has_left_op_and_closes_its_outputs_does_not_hold_up_the_others()
         [Answer::Answered; 2]
     );
     exchange.drives[1].operational = false;
-    exchange.drives[1].fallen = true;
+    exchange.drives[1].not_in_op = true;
     assert_eq!(cycle(&mut exchange, &counters, closed)[0], Answer::Fresh);
     assert!(matches!(judged(&exchange, 1), Inputs::Answered(_)));
     assert_eq!(cycle(&mut exchange, &counters, both)[0], Answer::Fresh);
@@ -640,8 +640,8 @@ proptest! {
                     && let Some(drive) = exchange.drives.get_mut(place)
                 {
                     match seen {
-                        ShownByDrive::InOp => (drive.operational, drive.fallen) = (true, false),
-                        ShownByDrive::Fallen => (drive.operational, drive.fallen) = (false, true),
+                        ShownByDrive::InOp => (drive.operational, drive.not_in_op) = (true, false),
+                        ShownByDrive::Fallen => (drive.operational, drive.not_in_op) = (false, true),
                         ShownByDrive::PutBack => drive.put_back(),
                         ShownByDrive::Away => exchange.drives.take_away(place),
                     }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::reference_clock::{self, Distribution, Slot};
-use crate::{coe::MailSignal, esc, profile_position::WorkingCounter};
+use crate::{coe::MailboxSignal, esc, profile_position::WorkingCounter};
 
 /// Bytes of the Ethernet header.
 pub(in crate::bus) const ETHERNET_HEADER: usize = 14;
@@ -247,8 +247,8 @@ const fn repeated(command: u8) -> u64 {
 const MEMORY: u16 = 0x1000;
 
 /// Whether the frame reads or writes memory of a SubDevice by its address, which is how a mailbox is reached. A reading
-/// empties one: a second reading would bring the next mail, and nobody would miss the first. A writing fills one: the
-/// device may have taken the mail already, and take a second one for a further request.
+/// empties one: a second reading would bring the next message, and nobody would miss the first. A writing fills one: the
+/// device may have taken the message already, and take a second one for a further request.
 pub(in crate::bus) fn reaches_memory(frame: &[u8]) -> bool {
     datagrams(frame).flatten().any(|datagram| {
         let [_, _, low, high] = datagram.address;
@@ -603,7 +603,7 @@ fn push_mailbox_states(frames: &mut [Composer], mailboxes: usize) -> Vec<StatusS
         .collect()
 }
 
-// Which mailboxes hold a mail, seen within the cycle's frames: a few datagrams that read the state of one mailbox each, and
+// Which mailboxes hold a message, seen within the cycle's frames: a few datagrams that read the state of one mailbox each, and
 // go round over the drives.
 
 /// Bit 3 of the status: the mailbox is full.
@@ -624,7 +624,7 @@ pub(in crate::bus) struct Watched {
     /// The drive's station address.
     pub station: u16,
     /// Tells its client.
-    pub signal: MailSignal,
+    pub signal: MailboxSignal,
 }
 
 /// How many datagrams read mailbox states, in this many frames.

@@ -623,7 +623,7 @@ pub(in crate::bus) struct DriveData {
     /// Whether it is in OP, so that it acts on its outputs.
     pub operational: bool,
     /// Whether it was seen to have left OP: it may close its outputs then, and counts for its inputs alone.
-    pub fallen: bool,
+    pub not_in_op: bool,
     /// With which AL status code it has.
     pub left_op: Option<u16>,
     /// Whether it is being set up anew: it counts as lost, and what it adds to a working counter meanwhile is nobody's loss.
@@ -741,7 +741,7 @@ impl DriveData {
             lost: false,
             miscounted: None,
             operational: false,
-            fallen: false,
+            not_in_op: false,
             left_op: None,
             away: false,
             stale_cycles: 0,
@@ -753,7 +753,7 @@ impl DriveData {
     /// It is set up, and not yet in OP.
     pub const fn put_back(&mut self) {
         self.away = false;
-        self.fallen = true;
+        self.not_in_op = true;
     }
 
     /// The outputs, where they were written since this was asked last.
@@ -801,7 +801,7 @@ impl DriveData {
             return false;
         }
         let there = counter.is_some_and(|counter| counter != 0);
-        if !there && !self.fallen {
+        if !there && !self.not_in_op {
             self.answer = Answer::Stale;
         }
         there
@@ -1022,7 +1022,7 @@ fn is_right_with_closed_outputs(
         if drive.away {
             return Some(share.counts);
         }
-        let is_closed = share.outputs.is_some() && drive.fallen && !drive.lost;
+        let is_closed = share.outputs.is_some() && drive.not_in_op && !drive.lost;
         is_closed.then(|| share.counts - u16::from(share.inputs.is_some()))
     });
     let closed: u16 = closed.sum();

@@ -13,7 +13,7 @@ use crate::{
     },
     coe::{DataType, DriveId, Number},
     parameters::StartUpList,
-    pdo_map::{Direction, Place},
+    pdo_map::{BitRange, Direction},
 };
 
 /// A device of the line whose process data the program uses: an I/O terminal, a valve island, a sensor.
@@ -200,7 +200,7 @@ impl Io {
         name: PointName<'_>,
         fits: impl Fn(u8) -> bool,
         expected: u8,
-    ) -> Result<(usize, Place), IoError> {
+    ) -> Result<(usize, BitRange), IoError> {
         let of_direction = || {
             let points = self.shared.points.iter().enumerate();
             points.filter(|(_, point)| point.direction == direction)
@@ -283,7 +283,7 @@ impl From<Head> for IoStatus {
 /// An input of a device.
 pub struct IoInput<T> {
     shared: Arc<Shared>,
-    place: Place,
+    place: BitRange,
     kind: PhantomData<fn() -> T>,
 }
 

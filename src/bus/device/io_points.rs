@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::{
     coe::ObjectAddress,
-    pdo_map::{Direction, Mapping, Place},
+    pdo_map::{BitRange, Direction, Mapping},
     sii::{self, Sii, SyncManagerUsage},
 };
 
@@ -19,7 +19,7 @@ pub struct IoPoint {
     /// The names of its PDO and of its entry, with a dot between: `Channel 1.Input`. Empty where the SII names neither.
     pub name: String,
     /// Where it lies.
-    pub place: Place,
+    pub place: BitRange,
 }
 
 impl fmt::Display for IoPoint {
@@ -198,7 +198,7 @@ impl Image {
                             direction,
                             object: entry.object,
                             name: joined(pdo.name, entry.name),
-                            place: Place {
+                            place: BitRange {
                                 byte: before + bit / 8,
                                 bit: (bit % 8) as u8,
                                 bits: entry.bits,

@@ -21,7 +21,7 @@ use super::{
         AlError, AlState, AtStep, BringUpStep, DriveFault, NetworkError, OfDevice, StepError,
         SyncManagerError,
     },
-    expected::{DevicePlace, Verdict},
+    expected::{DevicePlace, LineVerdict},
     line::{self, Found},
     log::LogRecord,
     requests::{
@@ -33,8 +33,8 @@ use super::{
 };
 use crate::{
     coe::{
-        AbortCode, Clock, Emergencies, ErrorTexts, EthercrabMailbox, MailSignal, MailboxClient,
-        MailboxSettings, SdoHandle,
+        AbortCode, Clock, Emergencies, ErrorTexts, EthercrabMailbox, MailboxClient,
+        MailboxSettings, MailboxSignal, SdoHandle,
     },
     parameters::{StartUpList, Transition},
     pdo_map::{self, ConfigureError, Direction, Mapping, Pdo},
@@ -245,7 +245,7 @@ impl Device {
             .write(*station, crate::esc::STATION_ADDRESS, &[0; 2])
             .await;
         let other = Some((id.position.into(), identity));
-        Err(line::mismatch(id, other, Verdict::Different))
+        Err(line::mismatch(id, other, LineVerdict::Different))
     }
 
     /// In PREOP: start-up lists, PDOs, and of a drive's parameters those that its outputs will overwrite.
@@ -511,7 +511,7 @@ async fn assigned(direction: Direction, sdo: &SdoHandle) -> Result<Vec<Pdo>, Ste
 pub(in crate::bus) struct Mailbox {
     pub sdo: SdoHandle,
     pub emergencies: Emergencies,
-    pub signal: MailSignal,
+    pub signal: MailboxSignal,
 }
 
 /// Begins to serve a SubDevice's mailbox; none if it has no CoE.
@@ -536,7 +536,7 @@ pub(in crate::bus) fn serve_mailbox(
         .with_error_texts(error_texts)
         .reporting_to(context.emergencies.0.clone())
         .noting_to(Arc::new(move |at, note| {
-            log.record(at, LogRecord::Mail(note));
+            log.record(at, LogRecord::MailboxMessage(note));
         }));
     let signal = client.signal();
     context.spawn(client.run())?.detach();

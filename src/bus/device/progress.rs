@@ -1,7 +1,7 @@
 //! How far the bring-up of a line is, for whoever shows it.
 //!
 //! What the program does with a report may take its time, and must not stop the cycles with it. The bus thread therefore only
-//! queues what is done ([`Progress`]); the future that waits for its end reports to the program ([`Listener::tell_until`]).
+//! queues what is done ([`Progress`]); the future that waits for its end reports to the program ([`Listener::report_until`]).
 
 use std::{
     cell::Cell,
@@ -57,11 +57,11 @@ pub(in crate::bus) struct StepDone {
     total: usize,
 }
 
-type Told = dyn Fn(&BringUpProgress<'_>) + Send + Sync;
+type ProgressListener = dyn Fn(&BringUpProgress<'_>) + Send + Sync;
 
 /// Where the program wants reports of progress.
 #[derive(Clone)]
-pub(in crate::bus) struct Listener(Option<Arc<Told>>);
+pub(in crate::bus) struct Listener(Option<Arc<ProgressListener>>);
 
 impl Listener {
     pub const NOBODY: Self = Self(None);
@@ -71,25 +71,25 @@ impl Listener {
     }
 
     /// Tells of each step, until it is over: of all that were done by then.
-    pub async fn tell_until<T>(
+    pub async fn report_until<T>(
         &self,
         steps: Receiver<StepDone>,
         over: impl Future<Output = T>,
     ) -> T {
         let telling = async {
             while let Ok(step) = steps.recv().await {
-                self.tell(&step);
+                self.report(&step);
             }
             pending().await
         };
         let result = or(telling, over).await;
         while let Ok(step) = steps.try_recv() {
-            self.tell(&step);
+            self.report(&step);
         }
         result
     }
 
-    fn tell(&self, step: &StepDone) {
+    fn report(&self, step: &StepDone) {
         if let Some(listener) = &self.0 {
             listener(&BringUpProgress {
                 drive: &step.drive,

@@ -9,7 +9,7 @@ use super::{
         AlError, AlState, AlStatus, AtStep, BringUpStep, DriveFault, NetworkError, OfDevice,
         RegisterError, StepError,
     },
-    expected::{DevicePlace, Expected, LineMismatch, LineRow, Present, Verdict},
+    expected::{DevicePlace, Expected, LineMismatch, LineRow, LineVerdict, Present},
     log::LogRecord,
     requests::{
         Context,
@@ -430,12 +430,16 @@ fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, N
             let at = behind.next_back().map_or(0, |(at, _)| at + 1);
             match seen.get(at) {
                 Some(FoundAs::Nameless(identity)) if *identity != wanted.identity => {
-                    return Err(mismatch(wanted, Some((at, *identity)), Verdict::Different));
+                    return Err(mismatch(
+                        wanted,
+                        Some((at, *identity)),
+                        LineVerdict::Different,
+                    ));
                 }
-                _ => Verdict::Missing,
+                _ => LineVerdict::Missing,
             }
         }
-        several => Verdict::NotUnique {
+        several => LineVerdict::NotUnique {
             positions: several.iter().map(|(at, _)| to_position(*at)).collect(),
         },
     };
@@ -446,7 +450,7 @@ fn choose(line: &[DriveId], wanted: &DriveId, seen: &[FoundAs]) -> Result<u16, N
 pub(super) fn mismatch(
     wanted: &DriveId,
     found: Option<(usize, Identity)>,
-    verdict: Verdict,
+    verdict: LineVerdict,
 ) -> NetworkError {
     let Identity {
         vendor,

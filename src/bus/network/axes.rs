@@ -4,8 +4,8 @@ use std::{cell::RefCell, rc::Rc, sync::Arc, time::Duration};
 
 use crate::{
     axis::{
-        Again, AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, Command,
-        CommandId, Failure, GroupQueue, Groups, Inputs, LivenessWatch, StopRequest,
+        AxisCore, AxisIdentity, AxisPort, AxisSet, AxisSetup, AxisSource, Command, CommandId,
+        Failure, GroupQueue, Groups, Inputs, LivenessWatch, Reattach, StopRequest,
     },
     bus::{
         cycle::{
@@ -120,7 +120,7 @@ impl Axes {
         &mut self,
         now: Duration,
         place: usize,
-        mut again: impl FnMut(usize) -> Again,
+        mut again: impl FnMut(usize) -> Reattach,
         drives: &mut Drives,
     ) {
         let Some(outputs) = drives.outputs_mut(place) else {

@@ -350,7 +350,7 @@ impl Starting {
     /// As [`NetworkBuilder::start`].
     pub async fn network(self) -> Result<Network, NetworkError> {
         let waiters = self.guard.waiters();
-        let started = self.listener.tell_until(self.steps, self.started.recv());
+        let started = self.listener.report_until(self.steps, self.started.recv());
         let ended = || NetworkError::Thread("it ended before the drives were in OP".into());
         let started = waiters
             .relay(started)

@@ -355,7 +355,7 @@ impl Network {
             })?;
         let (to_tell, steps) = unbounded();
         let asked = self.ask(|reply| Question::Recover(index, to_tell, reply));
-        let told = self.listener.tell_until(steps, asked);
+        let told = self.listener.report_until(steps, asked);
         self.view.control.waiters.relay(told).await?
     }
 

@@ -18,7 +18,7 @@ use super::{
     bring_up::{EXCHANGE_LIMIT, Ready},
 };
 use crate::{
-    axis::Again,
+    axis::Reattach,
     bus::{
         clocks,
         cycle::{Answer, Cycle, DriveData},
@@ -121,7 +121,7 @@ impl Recovery {
                 Ok(Recovered::WasInOp)
             }
             AlState::Op | AlState::SafeOp if !half_way => {
-                self.lead_back(place, member, device, steps).await?;
+                self.return_to_op(place, member, device, steps).await?;
                 Ok(Recovered::FromSafeOp { from })
             }
             _ => {
@@ -204,16 +204,16 @@ impl Recovery {
         }
         let axes = device.as_drive().map_or(&[][..], |drive| &drive.axes);
         let again = |number: usize| match axes.get(number) {
-            Some(axis) => Again::Anew(Box::new(axis.config.clone())),
-            None => Again::Unknown,
+            Some(axis) => Reattach::Anew(Box::new(axis.config.clone())),
+            None => Reattach::Unknown,
         };
-        self.lead_into_op(place, member, device, again).await?;
+        self.bring_into_op(place, member, device, again).await?;
         device.done(BringUpStep::State(AlState::Op));
         Ok(())
     }
 
     /// From SAFEOP, with the error that has led there.
-    async fn lead_back(
+    async fn return_to_op(
         &self,
         place: usize,
         member: &Member,
@@ -224,26 +224,26 @@ impl Recovery {
         let safe_op = BringUpStep::State(AlState::SafeOp);
         let progress = Progress::of_one(&self.context, steps, 2);
         member.phase.set(ReturnPhase::FromSafeOp);
-        self.begin_again(place, |_| Again::Unknown);
+        self.reattach(place, |_| Reattach::Unknown);
         let registers = &self.context.registers;
         registers::request(registers, *station, AlState::SafeOp, SAFE_OP_LIMIT)
             .await
             .at(safe_op)
             .of(id)?;
         progress.step(id, safe_op);
-        self.lead_into_op(place, member, device, |_| Again::Kept)
+        self.bring_into_op(place, member, device, |_| Reattach::Kept)
             .await?;
         progress.step(id, BringUpStep::State(AlState::Op));
         Ok(())
     }
 
     /// From SAFEOP into OP, once it has been given outputs that do nothing.
-    async fn lead_into_op(
+    async fn bring_into_op(
         &self,
         place: usize,
         member: &Member,
         device: &Device,
-        again: impl FnMut(usize) -> Again,
+        again: impl FnMut(usize) -> Reattach,
     ) -> Result<(), NetworkError> {
         let id = &device.found.id;
         if device.clocks().is_some() {
@@ -252,7 +252,7 @@ impl Recovery {
         }
         // The targets are where the drive stands.
         self.until(|this| this.has_answered(place)).await.of(id)?;
-        self.begin_again(place, again);
+        self.reattach(place, again);
         self.two_cycles().await;
         device.enter_op(&self.context).await.of(id)?;
         let status = AlStatus {
@@ -270,7 +270,7 @@ impl Recovery {
     }
 
     /// From now on what goes out to the device does nothing.
-    fn begin_again(&self, place: usize, again: impl FnMut(usize) -> Again) {
+    fn reattach(&self, place: usize, again: impl FnMut(usize) -> Reattach) {
         let now = self.context.time.now();
         self.ports.borrow_mut().hold(place);
         let mut cycle = self.context.cycle.borrow_mut();
@@ -326,7 +326,7 @@ impl Recovery {
 
     /// From now on nothing of the device is taken, and what goes out to it does nothing.
     fn cut_off(&self, place: usize) {
-        self.begin_again(place, |_| Again::Unknown);
+        self.reattach(place, |_| Reattach::Unknown);
         if let Some(cycle) = self.context.cycle.borrow_mut().as_mut() {
             cycle.exchange.drives.take_away(place);
         }

@@ -6,7 +6,7 @@
 //!
 //! ethercrab matches a reply by datagram index and command alone, so that it can give a late one to a later request.
 //! Therefore each frame gets a number of its own in its tag, and all its datagrams are compared.
-//! What reads or writes a mailbox is sent once, in frames of its own: a second reading would bring the next mail in the place
+//! What reads or writes a mailbox is sent once, in frames of its own: a second reading would bring the next message in the place
 //! of the lost one, and a second writing might be carried out twice. The mailbox client knows what to do about either.
 
 use std::{
@@ -60,8 +60,8 @@ pub(in crate::bus) struct Acyclic {
     number: u32,
     /// How many requests there were.
     requests: u32,
-    away: Vec<Away>,
-    spare: Vec<Away>,
+    in_flight: Vec<FrameInFlight>,
+    spare: Vec<FrameInFlight>,
     /// An answer to one request, as ethercrab takes it.
     single: Vec<u8>,
     /// Until when the wire is busy with what was sent.
@@ -85,7 +85,7 @@ impl Wake for DirtyFlag {
 
 /// A frame with the requests that share it.
 #[derive(Default)]
-struct Away {
+struct FrameInFlight {
     number: u32,
     /// The number of its first request.
     first: u32,
@@ -117,8 +117,10 @@ impl Acyclic {
             dirty,
             number: 0,
             requests: 0,
-            away: Vec::with_capacity(slots),
-            spare: (0..slots).map(|_| Away::with_room(slots)).collect(),
+            in_flight: Vec::with_capacity(slots),
+            spare: (0..slots)
+                .map(|_| FrameInFlight::with_room(slots))
+                .collect(),
             single: Vec::with_capacity(LONGEST_FRAME),
             busy_until: Duration::ZERO,
             held: false,
@@ -147,20 +149,20 @@ impl Acyclic {
         self.busy_until = window.map_or(now, |_| self.busy_until.max(now));
         let mut all = self.collect(now, window);
         let mut refused = false;
-        for away in &mut self.away {
-            let overdue = now >= away.sent_at.saturating_add(RESEND_AFTER);
-            if away.sendings == 0 || overdue && away.sendings < away.most_sendings {
+        for in_flight in &mut self.in_flight {
+            let overdue = now >= in_flight.sent_at.saturating_add(RESEND_AFTER);
+            if in_flight.sendings == 0 || overdue && in_flight.sendings < in_flight.most_sendings {
                 if overdue {
-                    let takes = time_on_cable(away.frame.len());
+                    let takes = time_on_cable(in_flight.frame.len());
                     if window.is_some_and(|window| !window.has_room(now, self.busy_until, takes)) {
                         all = false;
                         continue;
                     }
                     self.busy_until += takes;
                 }
-                if link.send(&away.frame).is_err() {
-                    if !away.refused {
-                        away.refused = true;
+                if link.send(&in_flight.frame).is_err() {
+                    if !in_flight.refused {
+                        in_flight.refused = true;
                         counters.not_sent.add();
                     }
                     if !overdue {
@@ -168,22 +170,22 @@ impl Acyclic {
                         continue;
                     }
                 }
-                away.sent_at = now;
-                away.sendings += 1;
+                in_flight.sent_at = now;
+                in_flight.sendings += 1;
             }
         }
         let mut place = 0;
-        while let Some(away) = self.away.get(place) {
-            let again = (1..away.most_sendings).contains(&away.sendings);
-            if again || now < away.sent_at.saturating_add(RESEND_AFTER) {
+        while let Some(in_flight) = self.in_flight.get(place) {
+            let again = (1..in_flight.most_sendings).contains(&in_flight.sendings);
+            if again || now < in_flight.sent_at.saturating_add(RESEND_AFTER) {
                 place += 1;
                 continue;
             }
-            let mut away = self.away.swap_remove(place);
-            for part in &away.parts {
-                give_up(part, &mut away.frame, &mut self.single, &mut self.rx);
+            let mut in_flight = self.in_flight.swap_remove(place);
+            for part in &in_flight.parts {
+                give_up(part, &mut in_flight.frame, &mut self.single, &mut self.rx);
             }
-            self.spare.push(away);
+            self.spare.push(in_flight);
         }
         self.held = !all || refused;
         all
@@ -207,14 +209,14 @@ impl Acyclic {
                 };
                 let once = frame::reaches_memory(bytes);
                 let most_sendings = if once { 1 } else { SENDINGS };
-                let open = self.away.iter().position(|away| {
-                    away.sendings == 0
-                        && away.most_sendings == most_sendings
-                        && away.frame.len() + datagrams.len() <= LONGEST_FRAME
+                let open = self.in_flight.iter().position(|in_flight| {
+                    in_flight.sendings == 0
+                        && in_flight.most_sendings == most_sendings
+                        && in_flight.frame.len() + datagrams.len() <= LONGEST_FRAME
                 });
-                let more = match open.and_then(|place| self.away.get(place)) {
-                    Some(away) => {
-                        let length = away.frame.len();
+                let more = match open.and_then(|place| self.in_flight.get(place)) {
+                    Some(in_flight) => {
+                        let length = in_flight.frame.len();
                         time_on_cable(length + datagrams.len()) - time_on_cable(length)
                     }
                     None => time_on_cable(BEHIND_TAG + datagrams.len()),
@@ -226,14 +228,14 @@ impl Acyclic {
                 self.requests = self.requests.wrapping_add(1);
                 let place = open.unwrap_or_else(|| {
                     self.number = self.number.wrapping_add(1);
-                    let mut away = self.spare.pop().unwrap_or_default();
-                    away.begin(self.number, self.requests, now);
-                    away.most_sendings = most_sendings;
-                    self.away.push(away);
-                    self.away.len() - 1
+                    let mut in_flight = self.spare.pop().unwrap_or_default();
+                    in_flight.begin(self.number, self.requests, now);
+                    in_flight.most_sendings = most_sendings;
+                    self.in_flight.push(in_flight);
+                    self.in_flight.len() - 1
                 });
-                if let Some(away) = self.away.get_mut(place) {
-                    away.add(datagrams);
+                if let Some(in_flight) = self.in_flight.get_mut(place) {
+                    in_flight.add(datagrams);
                 }
                 Ok(bytes.len())
             });
@@ -249,9 +251,9 @@ impl Acyclic {
     /// ethercrab finds the request of an answer by the datagram's index alone, and goes round its 256 indices: of two
     /// requests under way with the same one, either might get the other's answer.
     pub fn is_ahead(&self) -> bool {
-        self.away
+        self.in_flight
             .iter()
-            .any(|away| self.requests.wrapping_sub(away.first) >= AHEAD)
+            .any(|in_flight| self.requests.wrapping_sub(in_flight.first) >= AHEAD)
     }
 
     /// When the next frame is overdue. None while something is held: that ends with the next cycle.
@@ -259,7 +261,7 @@ impl Acyclic {
         if self.held {
             return None;
         }
-        self.away
+        self.in_flight
             .iter()
             .map(|a| a.sent_at.saturating_add(RESEND_AFTER))
             .min()
@@ -274,23 +276,23 @@ impl Acyclic {
         cycle: Option<Duration>,
         counters: &Counters,
     ) {
-        let Some(place) = self.away.iter().position(|a| a.number == number) else {
+        let Some(place) = self.in_flight.iter().position(|a| a.number == number) else {
             counters.late.add();
             return;
         };
         let fits = self
-            .away
+            .in_flight
             .get(place)
-            .is_some_and(|away| frame::is_answer_to(answer, &away.frame));
+            .is_some_and(|in_flight| frame::is_answer_to(answer, &in_flight.frame));
         if !fits {
             counters.damaged.add();
             return;
         }
-        let away = self.away.swap_remove(place);
-        if cycle.is_some_and(|cycle| cycle > away.sent_at) {
+        let in_flight = self.in_flight.swap_remove(place);
+        if cycle.is_some_and(|cycle| cycle > in_flight.sent_at) {
             counters.acyclic_in_cycle.add();
         }
-        for part in &away.parts {
+        for part in &in_flight.parts {
             // An error means that the request's future was dropped meanwhile: nobody waits for the answer.
             if !part.take_out(answer, &mut self.single)
                 || self.rx.receive_frame(&self.single).is_err()
@@ -298,11 +300,11 @@ impl Acyclic {
                 counters.late.add();
             }
         }
-        self.spare.push(away);
+        self.spare.push(in_flight);
     }
 }
 
-impl Away {
+impl FrameInFlight {
     /// One that takes this many requests without growing.
     fn with_room(requests: usize) -> Self {
         Self {

@@ -282,7 +282,7 @@ pub(super) async fn read_state(
             if let Some(data) = data_of(&mut cycle, place)
                 && data.inputs.is_empty()
             {
-                data.fallen = false;
+                data.not_in_op = false;
             }
         }
         Err(_) => {}
@@ -318,11 +318,11 @@ pub(super) fn note_state(
         return;
     };
     // One that was lost is not operational, and may come back fallen.
-    if data.operational == in_op && data.fallen != in_op {
+    if data.operational == in_op && data.not_in_op != in_op {
         return;
     }
     data.operational = in_op;
-    data.fallen = !in_op;
+    data.not_in_op = !in_op;
     let change = if in_op {
         DriveChange::InOp
     } else {

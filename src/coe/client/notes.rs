@@ -9,24 +9,24 @@ use tracing::Level;
 use super::Failure;
 use crate::coe::emergency::Emergency;
 use crate::coe::error::{DriveId, ErrorTexts, Transfer};
-use crate::coe::mailbox::{CutMail, Mail, MailboxError, Protocol};
+use crate::coe::mailbox::{CutMessage, MailboxError, MailboxMessage, Protocol};
 
 /// Where notes go, each with its time.
-pub(crate) type Notes = Arc<dyn Fn(Duration, MailNote) + Send + Sync>;
+pub(crate) type MailboxLog = Arc<dyn Fn(Duration, MailboxRecord) + Send + Sync>;
 
 /// One event to be logged.
 #[derive(Debug, Clone)]
-pub(crate) struct MailNote {
+pub(crate) struct MailboxRecord {
     pub(super) drive: Arc<DriveId>,
-    pub(super) event: MailEvent,
+    pub(super) event: MailboxEvent,
 }
 
 #[derive(Debug, Clone)]
-pub(super) enum MailEvent {
+pub(super) enum MailboxEvent {
     Request(Transfer, Excerpt),
     /// The mailbox could not be read while nothing was asked for.
     Unreadable(Failure),
-    Cut(CutMail),
+    Cut(CutMessage),
     Unawaited(Content),
     /// A reply that no request under way has.
     Foreign(Content),
@@ -90,38 +90,38 @@ impl fmt::Display for Content {
     }
 }
 
-impl From<Mail<'_>> for Content {
-    fn from(mail: Mail<'_>) -> Self {
-        match mail {
-            Mail::SdoReply(reply) => Self::SdoReply(Excerpt::of(reply)),
-            Mail::Emergency(emergency) => Self::Emergency(emergency),
-            Mail::Error(error) => Self::Error(error),
-            Mail::SdoInformation(reply) => Self::SdoInformation(Excerpt::of(reply)),
-            Mail::Other(protocol, service) => Self::Other(protocol, service),
+impl From<MailboxMessage<'_>> for Content {
+    fn from(message: MailboxMessage<'_>) -> Self {
+        match message {
+            MailboxMessage::SdoReply(reply) => Self::SdoReply(Excerpt::of(reply)),
+            MailboxMessage::Emergency(emergency) => Self::Emergency(emergency),
+            MailboxMessage::Error(error) => Self::Error(error),
+            MailboxMessage::SdoInformation(reply) => Self::SdoInformation(Excerpt::of(reply)),
+            MailboxMessage::Other(protocol, service) => Self::Other(protocol, service),
         }
     }
 }
 
 #[cfg(test)]
-impl MailNote {
+impl MailboxRecord {
     /// For the tests of those that take records.
     pub fn of_each_kind(drive: &Arc<DriveId>) -> impl Iterator<Item = Self> {
         let object = crate::coe::obj::CONTROLWORD.address();
         let transfer = Transfer::read(object);
-        let cut = CutMail { needed: 6, got: 2 };
+        let cut = CutMessage { needed: 6, got: 2 };
         let emergency = Emergency {
             code: 0x7320,
             register: 0x21,
             data: [0; 5],
         };
         let events = [
-            MailEvent::Request(transfer, Excerpt::of(&[1; 16])),
-            MailEvent::Unreadable(Failure::NoReply),
-            MailEvent::Cut(cut),
-            MailEvent::Unawaited(Content::Emergency(emergency)),
-            MailEvent::Foreign(Content::SdoReply(Excerpt::of(&[2; 8]))),
-            MailEvent::Doubtful(transfer),
-            MailEvent::Emergency(emergency, Arc::default()),
+            MailboxEvent::Request(transfer, Excerpt::of(&[1; 16])),
+            MailboxEvent::Unreadable(Failure::NoReply),
+            MailboxEvent::Cut(cut),
+            MailboxEvent::Unawaited(Content::Emergency(emergency)),
+            MailboxEvent::Foreign(Content::SdoReply(Excerpt::of(&[2; 8]))),
+            MailboxEvent::Doubtful(transfer),
+            MailboxEvent::Emergency(emergency, Arc::default()),
         ];
         let drive = Arc::clone(drive);
         events.into_iter().map(move |event| Self {
@@ -131,16 +131,16 @@ impl MailNote {
     }
 }
 
-impl MailNote {
+impl MailboxRecord {
     /// The level of the event that [`write`](Self::write) makes of it.
     pub fn level(&self) -> Level {
         match self.event {
-            MailEvent::Request(..) => Level::TRACE,
-            MailEvent::Unreadable(_)
-            | MailEvent::Unawaited(_)
-            | MailEvent::Foreign(_)
-            | MailEvent::Doubtful(_) => Level::DEBUG,
-            MailEvent::Cut(_) | MailEvent::Emergency(..) => Level::WARN,
+            MailboxEvent::Request(..) => Level::TRACE,
+            MailboxEvent::Unreadable(_)
+            | MailboxEvent::Unawaited(_)
+            | MailboxEvent::Foreign(_)
+            | MailboxEvent::Doubtful(_) => Level::DEBUG,
+            MailboxEvent::Cut(_) | MailboxEvent::Emergency(..) => Level::WARN,
         }
     }
 
@@ -148,22 +148,22 @@ impl MailNote {
     pub fn write(&self, at: Duration) {
         let drive = &self.drive;
         match &self.event {
-            MailEvent::Request(transfer, mail) => {
-                tracing::trace!(target: crate::log_target::DRIVE, %drive, %transfer, %mail, ?at, "request");
+            MailboxEvent::Request(transfer, message) => {
+                tracing::trace!(target: crate::log_target::DRIVE, %drive, %transfer, %message, ?at, "request");
             }
-            MailEvent::Unreadable(fault) => {
+            MailboxEvent::Unreadable(fault) => {
                 tracing::debug!(target: crate::log_target::DRIVE, %drive, ?fault, ?at, "mailbox could not be read");
             }
-            MailEvent::Cut(cut) => {
+            MailboxEvent::Cut(cut) => {
                 tracing::warn!(target: crate::log_target::DRIVE, %drive, %cut, ?at, "message dropped");
             }
-            MailEvent::Unawaited(content) => {
+            MailboxEvent::Unawaited(content) => {
                 tracing::debug!(target: crate::log_target::DRIVE, %drive, %content, ?at, "message that no call waits for dropped");
             }
-            MailEvent::Foreign(reply) => {
+            MailboxEvent::Foreign(reply) => {
                 tracing::debug!(target: crate::log_target::DRIVE, %drive, %reply, ?at, "reply of another request dropped");
             }
-            MailEvent::Doubtful(transfer) => {
+            MailboxEvent::Doubtful(transfer) => {
                 tracing::debug!(
                     target: crate::log_target::DRIVE,
                     %drive,
@@ -172,7 +172,7 @@ impl MailNote {
                     "its frame is lost: whether it has arrived is being found out"
                 );
             }
-            MailEvent::Emergency(emergency, texts) => tracing::warn!(
+            MailboxEvent::Emergency(emergency, texts) => tracing::warn!(
                 target: crate::log_target::DRIVE,
                 %drive,
                 code = %format_args!("{:04X}h", emergency.code),
@@ -207,11 +207,23 @@ mod tests {
             register: 0x21,
             data: [0x10, 0, 0, 0, 0xFF],
         };
-        let shown = |mail| Content::from(mail).to_string();
-        assert_eq!(shown(Mail::Emergency(emergency)), emergency.to_string());
+        let shown = |message| Content::from(message).to_string();
+        assert_eq!(
+            shown(MailboxMessage::Emergency(emergency)),
+            emergency.to_string()
+        );
         assert!(emergency.to_string().contains("7320h"), "{emergency}");
-        assert_eq!(shown(Mail::SdoReply(&[0x4F, 0x41])), "SDO reply [4F, 41]");
-        assert_eq!(shown(Mail::SdoInformation(&[0x82])), "SDO information [82]");
-        assert_eq!(shown(Mail::Other(Protocol::Foe, 3)), "Foe, service 3");
+        assert_eq!(
+            shown(MailboxMessage::SdoReply(&[0x4F, 0x41])),
+            "SDO reply [4F, 41]"
+        );
+        assert_eq!(
+            shown(MailboxMessage::SdoInformation(&[0x82])),
+            "SDO information [82]"
+        );
+        assert_eq!(
+            shown(MailboxMessage::Other(Protocol::Foe, 3)),
+            "Foe, service 3"
+        );
     }
 }

@@ -505,9 +505,9 @@ fn a_request_after_the_client_has_gone_is_refused_and_does_not_hang() {
 
 proptest! {
     #[test]
-    fn no_mails_make_the_client_panic_or_hang(mails in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..32), 0..8)) {
+    fn no_mails_make_the_client_panic_or_hang(messages in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..32), 0..8)) {
         let (rig, device, handle, _) = device_with_statusword();
-        device.0.borrow_mut().before_reply = mails;
+        device.0.borrow_mut().before_reply = messages;
         let _ = read_statusword(&rig, &handle);
         rig.pass(Duration::from_millis(100));
         prop_assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
@@ -519,9 +519,9 @@ proptest! {
         device.0.borrow_mut().before_reply = kinds
             .into_iter()
             .map(|(kind, service, payload)| {
-                let mut mail = vec![12, 0, 0, 0, 0, kind, 0, service];
-                mail.extend(payload);
-                mail
+                let mut message = vec![12, 0, 0, 0, 0, kind, 0, service];
+                message.extend(payload);
+                message
             })
             .collect();
         let _ = read_statusword(&rig, &handle);
@@ -790,7 +790,7 @@ fn a_device_without_the_service_says_so_and_goes_on() {
         }
         other => panic!("{other:?}"),
     };
-    assert_eq!(reason(&rig), Unsupported::Mail(MailboxError(4)));
+    assert_eq!(reason(&rig), Unsupported::MailboxMessage(MailboxError(4)));
     device.0.borrow_mut().information = VecDeque::from([refused(0x0504_0001)]);
     assert_eq!(reason(&rig), Unsupported::Service(AbortCode::COMMAND));
     assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
@@ -893,20 +893,20 @@ fn emergencies_and_sdo_replies_between_the_fragments_do_no_harm() {
     device.0.borrow_mut().information = VecDeque::from([vec![list().swap_remove(0)]]);
     // The rest of the list comes behind an emergency and a foreign SDO reply.
     let later = handle.clone();
-    let mails = device.clone();
+    let messages = device.clone();
     let clock = rig.clock.clone();
     let result = rig.run(async move {
         let posting = async {
             clock.sleep_until(Duration::from_millis(5)).await;
-            mails.post(&emergency(0x7320));
-            mails.post(&[
+            messages.post(&emergency(0x7320));
+            messages.post(&[
                 10, 0, 0, 0, 0, 0x63, 0, 0x30, 0x4B, 0x41, 0x60, 0, 1, 2, 0, 0,
             ]);
             for fragment in &list()[1..] {
                 let length = (fragment.len() + 2) as u8;
-                let mut mail = vec![length, 0, 0, 0, 0, 0x03, 0, 0x80];
-                mail.extend(fragment);
-                mails.post(&mail);
+                let mut message = vec![length, 0, 0, 0, 0, 0x03, 0, 0x80];
+                message.extend(fragment);
+                messages.post(&message);
             }
         };
         smol::future::zip(later.object_list(ListKind::All), posting)
@@ -984,23 +984,23 @@ const MS: Duration = Duration::from_millis(1);
 
 #[test]
 fn the_first_look_comes_before_the_answer_is_expected_and_never_late() {
-    let mut pace = Pace::default();
-    assert!(pace.is_quick());
-    pace.answered_after(2 * MS);
-    assert!(!pace.is_quick());
-    assert_eq!(pace.first_look(), MS * 3 / 2);
-    pace.answered_after(Duration::from_secs(3));
-    assert_eq!(pace.first_look(), 4 * MS);
+    let mut poll_timing = PollTiming::default();
+    assert!(poll_timing.is_quick());
+    poll_timing.answered_after(2 * MS);
+    assert!(!poll_timing.is_quick());
+    assert_eq!(poll_timing.first_look(), MS * 3 / 2);
+    poll_timing.answered_after(Duration::from_secs(3));
+    assert_eq!(poll_timing.first_look(), 4 * MS);
 }
 
 #[test]
 fn a_device_that_becomes_quick_is_soon_found_out() {
-    let mut pace = Pace::default();
-    pace.answered_after(2 * MS);
+    let mut poll_timing = PollTiming::default();
+    poll_timing.answered_after(2 * MS);
     let mut answers = 0;
-    while !pace.is_quick() {
+    while !poll_timing.is_quick() {
         // It has answered by the first look.
-        pace.answered_after(pace.first_look());
+        poll_timing.answered_after(poll_timing.first_look());
         answers += 1;
     }
     assert!(answers <= 12, "{answers}");
@@ -1008,9 +1008,9 @@ fn a_device_that_becomes_quick_is_soon_found_out() {
 
 #[test]
 fn pauses_grow_with_the_time_waited_up_to_the_longest() {
-    let pace = Pace::default();
+    let poll_timing = PollTiming::default();
     let longest = MS / 4;
-    assert_eq!(pace.pause(Duration::ZERO, longest), SHORTEST_PAUSE);
-    assert_eq!(pace.pause(2 * MS, longest), MS / 8);
-    assert_eq!(pace.pause(100 * MS, longest), longest);
+    assert_eq!(poll_timing.pause(Duration::ZERO, longest), SHORTEST_PAUSE);
+    assert_eq!(poll_timing.pause(2 * MS, longest), MS / 8);
+    assert_eq!(poll_timing.pause(100 * MS, longest), longest);
 }

@@ -1,7 +1,7 @@
 //! Devices that have lost their station address, in lines of which others are missing, or have changed.
 
 use servocrab::{
-    bus::{Network, NetworkError, Recovered, Verdict},
+    bus::{LineVerdict, Network, NetworkError, Recovered},
     drives,
 };
 use servocrab_sim::{AlState, Device, Segment, personality, personality::Servo};
@@ -49,7 +49,7 @@ fn on(line: &Line, rig: &mut Rig, positions: &[usize]) {
 }
 
 /// The verdict of the table that the error shows.
-fn verdict(error: NetworkError) -> Verdict {
+fn verdict(error: NetworkError) -> LineVerdict {
     let text = error.to_string();
     match error {
         NetworkError::WrongLine(table) => table.0[0].verdict.clone(),
@@ -67,7 +67,7 @@ fn behind_others_that_are_missing_it_is_found_where_it_is_now() {
         from: None,
     };
     assert_eq!(rig.recover(3).unwrap(), expected);
-    assert_eq!(verdict(rig.recover(1).unwrap_err()), Verdict::Missing);
+    assert_eq!(verdict(rig.recover(1).unwrap_err()), LineVerdict::Missing);
     on(&line, &mut rig, &[1, 2]);
     for position in [2, 1] {
         let expected = Recovered::BroughtUp {
@@ -92,7 +92,10 @@ fn one_that_may_be_either_of_two_that_are_alike_is_not_taken_for_one_of_them() {
     off(&line, &mut rig, &[1, 2, 3]);
     on(&line, &mut rig, &[3]);
     let unclear = verdict(rig.recover(3).unwrap_err());
-    assert!(matches!(unclear, Verdict::NotUnique { .. }), "{unclear}");
+    assert!(
+        matches!(unclear, LineVerdict::NotUnique { .. }),
+        "{unclear}"
+    );
     assert_eq!(line.segment().devices()[3].al_state(), AlState::Init);
     // All together are told apart by their order.
     on(&line, &mut rig, &[1, 2]);
@@ -114,7 +117,7 @@ fn another_device_in_its_place_is_named_and_left_alone() {
         let error = rig.recover(3).unwrap_err();
         let text = error.to_string();
         assert!(text.contains("serial 00000003h"), "{text}");
-        assert_eq!(verdict(error), Verdict::Different, "{text}");
+        assert_eq!(verdict(error), LineVerdict::Different, "{text}");
         assert_eq!(line.segment().devices()[3].al_state(), AlState::Init);
         rig.moved("a", 1_000);
         rig.shutdown();

@@ -43,14 +43,14 @@ impl Scripted<'_> {
 }
 
 impl MailboxTransport for Scripted<'_> {
-    async fn write_mail(&self, mail: &[u8]) -> Result<bool, LinkFault> {
-        assert!(mail.len() <= usize::from(MAILBOX));
+    async fn write_message(&self, message: &[u8]) -> Result<bool, LinkFault> {
+        assert!(message.len() <= usize::from(MAILBOX));
         Ok(self.fate().await? != 1)
     }
 
-    async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
+    async fn read_message(&self, message: &mut [u8]) -> Result<bool, LinkFault> {
         let fate = self.fate().await?;
-        // A whole mail, or the content of a CoE mail of one of its services.
+        // A whole message, or the content of a CoE message of one of its services.
         let service = match fate {
             1 => None,
             2..=15 => Some(u16::from(fate)),
@@ -65,7 +65,7 @@ impl MailboxTransport for Scripted<'_> {
             let [s0, s1] = (service << 12).to_le_bytes();
             bytes = [&[l0, l1, 0, 0, 0, 3 | counter << 4, s0, s1], part].concat();
         }
-        for (to, from) in mail.iter_mut().zip(bytes) {
+        for (to, from) in message.iter_mut().zip(bytes) {
             *to = from;
         }
         Ok(true)
@@ -171,12 +171,12 @@ pub fn run(data: &[u8]) {
 struct Borrowed<'a, 'b>(&'a Scripted<'b>);
 
 impl MailboxTransport for Borrowed<'_, '_> {
-    async fn write_mail(&self, mail: &[u8]) -> Result<bool, LinkFault> {
-        self.0.write_mail(mail).await
+    async fn write_message(&self, message: &[u8]) -> Result<bool, LinkFault> {
+        self.0.write_message(message).await
     }
 
-    async fn read_mail(&self, mail: &mut [u8]) -> Result<bool, LinkFault> {
-        self.0.read_mail(mail).await
+    async fn read_message(&self, message: &mut [u8]) -> Result<bool, LinkFault> {
+        self.0.read_message(message).await
     }
 
     async fn status(&self) -> Result<MailboxStatus, LinkFault> {

@@ -3,7 +3,7 @@
 use servocrab::coe::information::{
     EntryDescription, Inquiry, ListKind, ObjectDescription, Question, object_counts, object_list,
 };
-use servocrab::coe::sdo::Step;
+use servocrab::coe::sdo::TransferStep;
 
 use super::Script;
 use super::memory::within;
@@ -37,12 +37,12 @@ pub fn run(data: &[u8]) {
         inquiry.append_request(&mut request);
         assert!(request.len() >= 6);
         let mut fragments = 0;
-        for mail in script {
+        for message in script {
             fragments += 1;
-            match inquiry.feed(mail) {
-                Ok(Step::More) => assert!(inquiry.is_under_way()),
-                Ok(Step::Foreign) => fragments -= 1,
-                Ok(Step::Done) => {
+            match inquiry.feed(message) {
+                Ok(TransferStep::More) => assert!(inquiry.is_under_way()),
+                Ok(TransferStep::Foreign) => fragments -= 1,
+                Ok(TransferStep::Done) => {
                     assert!(fragments <= 0x1_0000);
                     return inquiry.into_data();
                 }

@@ -5,8 +5,8 @@ pub mod bus;
 pub mod client;
 pub mod esi;
 pub mod information;
-pub mod mail;
 pub mod memory;
+pub mod message;
 pub mod sdo;
 pub mod segment;
 pub mod sii;
@@ -17,7 +17,7 @@ pub type Target = (&'static str, fn(&[u8]));
 
 /// All targets.
 pub const ALL: [Target; 9] = [
-    ("mail", mail::run),
+    ("message", message::run),
     ("sdo", sdo::run),
     ("information", information::run),
     ("client", client::run),

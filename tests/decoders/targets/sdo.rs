@@ -2,7 +2,7 @@
 
 use servocrab::coe::ObjectAddress;
 use servocrab::coe::mailbox::SHORTEST_MAILBOX;
-use servocrab::coe::sdo::{Download, LONGEST_OBJECT, Step, Upload};
+use servocrab::coe::sdo::{Download, LONGEST_OBJECT, TransferStep, Upload};
 
 use super::Script;
 use super::memory::within;
@@ -37,9 +37,9 @@ fn upload(kind: u8, mut script: Script<'_>) {
             let request = upload.request();
             match upload.feed(reply) {
                 _ if over => {}
-                Ok(Step::More) => more += 1,
-                Ok(Step::Foreign) => assert_eq!(upload.request(), request),
-                Ok(Step::Done) => over = true,
+                Ok(TransferStep::More) => more += 1,
+                Ok(TransferStep::Foreign) => assert_eq!(upload.request(), request),
+                Ok(TransferStep::Done) => over = true,
                 Err(fault) => {
                     let _ = fault.abort_code();
                     over = true;
@@ -71,9 +71,9 @@ fn download(kind: u8, mut script: Script<'_>) {
             assert!((8..=room).contains(&request.len()), "{}", request.len());
             match download.feed(reply) {
                 _ if over => {}
-                Ok(Step::More) => more += 1,
-                Ok(Step::Foreign) => assert_eq!(request_of(&download), request),
-                Ok(Step::Done) | Err(_) => over = true,
+                Ok(TransferStep::More) => more += 1,
+                Ok(TransferStep::Foreign) => assert_eq!(request_of(&download), request),
+                Ok(TransferStep::Done) | Err(_) => over = true,
             }
         }
         assert!(more <= 1 + length, "{more} replies for {length} bytes");

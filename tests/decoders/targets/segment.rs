@@ -59,7 +59,7 @@ pub fn frame(command: u8, address: u16, register: u16, data: &[u8]) -> Vec<u8> {
 }
 
 /// A step of the script is a byte and a part: 0 a whole frame, 1 to 14 a datagram of that command whose address and register
-/// come first, 15 a mail, 16 its content, 17 time that passes. The segment holds at most 1 MiB more than before.
+/// come first, 15 a message, 16 its content, 17 time that passes. The segment holds at most 1 MiB more than before.
 pub fn run(data: &[u8]) {
     within(1 << 20, || {
         let mut segment = Segment::new();
@@ -81,14 +81,14 @@ pub fn run(data: &[u8]) {
                     let (address, register) = (script.word(), script.word());
                     segment.process(&mut frame(command, address, register, script.part()), now);
                 }
-                15 => mail(&mut segment, now, script.part()),
+                15 => message(&mut segment, now, script.part()),
                 16 => {
                     counter = counter % 7 + 1;
                     let part = script.part();
                     let mut whole = (part.len() as u16).to_le_bytes().to_vec();
                     whole.extend([0, 0, 0, 3 | counter << 4]);
                     whole.extend(part);
-                    mail(&mut segment, now, &whole);
+                    message(&mut segment, now, &whole);
                 }
                 _ => {
                     now += Duration::from_micros(100 * u64::from(script.byte()));
@@ -102,8 +102,8 @@ pub fn run(data: &[u8]) {
     });
 }
 
-/// Writes a mail and reads what answers it: each answer keeps within the mailbox, and they end.
-fn mail(segment: &mut Segment, now: Duration, bytes: &[u8]) {
+/// Writes a message and reads what answers it: each answer keeps within the mailbox, and they end.
+fn message(segment: &mut Segment, now: Duration, bytes: &[u8]) {
     let mut whole = bytes.to_vec();
     whole.resize(usize::from(MAILBOX), 0);
     segment.process(&mut frame(5, STATION, 0x1800, &whole), now);

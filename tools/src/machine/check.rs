@@ -34,14 +34,14 @@ pub(crate) struct Arguments {
 
 /// What a row of the page says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Verdict {
+enum LineVerdict {
     Good,
     Wrong,
     /// To be looked at; it does not fail the check.
     Note,
 }
 
-impl Verdict {
+impl LineVerdict {
     const fn name(self) -> &'static str {
         match self {
             Self::Good => "good",
@@ -53,7 +53,7 @@ impl Verdict {
 
 /// A row of the page.
 struct Row {
-    verdict: Verdict,
+    verdict: LineVerdict,
     what: String,
     check: &'static str,
     found: String,
@@ -68,7 +68,7 @@ struct Page {
 
 impl Page {
     fn good(&mut self, what: &str, check: &'static str, found: impl Into<String>) {
-        self.row(Verdict::Good, what, check, found.into(), None);
+        self.row(LineVerdict::Good, what, check, found.into(), None);
     }
 
     fn wrong(
@@ -79,7 +79,7 @@ impl Page {
         change: impl Into<String>,
     ) {
         self.row(
-            Verdict::Wrong,
+            LineVerdict::Wrong,
             what,
             check,
             found.into(),
@@ -95,7 +95,7 @@ impl Page {
         change: impl Into<String>,
     ) {
         self.row(
-            Verdict::Note,
+            LineVerdict::Note,
             what,
             check,
             found.into(),
@@ -105,7 +105,7 @@ impl Page {
 
     fn row(
         &mut self,
-        verdict: Verdict,
+        verdict: LineVerdict,
         what: &str,
         check: &'static str,
         found: String,
@@ -121,7 +121,9 @@ impl Page {
     }
 
     fn passed(&self) -> bool {
-        self.rows.iter().all(|row| row.verdict != Verdict::Wrong)
+        self.rows
+            .iter()
+            .all(|row| row.verdict != LineVerdict::Wrong)
     }
 
     fn show(&self, tool: &Tool, arguments: &Arguments) -> Result<(), Failure> {
@@ -154,7 +156,10 @@ impl Page {
             env!("CARGO_PKG_VERSION")
         );
         text += &table(["", "device or axis", "check", "found"], &cells);
-        for (verdict, heading) in [(Verdict::Wrong, "To change"), (Verdict::Note, "To look at")] {
+        for (verdict, heading) in [
+            (LineVerdict::Wrong, "To change"),
+            (LineVerdict::Note, "To look at"),
+        ] {
             let rows = self.rows.iter().filter(|row| row.verdict == verdict);
             for (place, row) in rows.enumerate() {
                 if place == 0 {
@@ -167,7 +172,7 @@ impl Page {
         let wrong = self
             .rows
             .iter()
-            .filter(|row| row.verdict == Verdict::Wrong)
+            .filter(|row| row.verdict == LineVerdict::Wrong)
             .count();
         text += &match wrong {
             0 => format!("\nPassed: {} checks.\n", self.rows.len()),

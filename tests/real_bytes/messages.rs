@@ -1,7 +1,7 @@
-//! The library's SDO codec on mails that SOEM and drives of others exchanged.
+//! The library's SDO codec on messages that SOEM and drives of others exchanged.
 
-use servocrab::coe::mailbox::{Counter, Mail, sdo_mail};
-use servocrab::coe::sdo::{Download, SdoFault, Step, Upload};
+use servocrab::coe::mailbox::{Counter, MailboxMessage, sdo_message};
+use servocrab::coe::sdo::{Download, SdoFault, TransferStep, Upload};
 use servocrab::coe::{AbortCode, ObjectAddress};
 use servocrab::pdo_map::{Entry, Mapping, Pdo};
 
@@ -17,10 +17,10 @@ fn address(what: &str) -> ObjectAddress {
     ObjectAddress::new(index, subindex)
 }
 
-/// The SDO in a reply, and the counter of its mail.
-fn sdo_reply(mail: &[u8]) -> (u8, &[u8]) {
-    match Mail::parse(mail).unwrap() {
-        (header, Mail::SdoReply(sdo)) => (header.counter, sdo),
+/// The SDO in a reply, and the counter of its message.
+fn sdo_reply(message: &[u8]) -> (u8, &[u8]) {
+    match MailboxMessage::parse(message).unwrap() {
+        (header, MailboxMessage::SdoReply(sdo)) => (header.counter, sdo),
         (_, other) => panic!("{other:?}"),
     }
 }
@@ -36,14 +36,19 @@ fn every_mail_of_a_session_with_a_real_akd_is_encoded_and_decoded_alike() {
     let mut counter = Counter::FIRST;
     for exchange in akd_exchanges() {
         let mut upload = Upload::new(address(exchange.what));
-        let mut mail = Vec::new();
-        sdo_mail(&mut mail, counter, |mail| {
-            mail.extend_from_slice(&upload.request());
+        let mut message = Vec::new();
+        sdo_message(&mut message, counter, |message| {
+            message.extend_from_slice(&upload.request());
         });
-        assert_eq!(mail, exchange.request, "{}", exchange.what);
+        assert_eq!(message, exchange.request, "{}", exchange.what);
         let (answered, sdo) = sdo_reply(&exchange.reply);
         assert_eq!(answered, counter.get(), "{}", exchange.what);
-        assert_eq!(upload.feed(sdo), Ok(Step::Done), "{}", exchange.what);
+        assert_eq!(
+            upload.feed(sdo),
+            Ok(TransferStep::Done),
+            "{}",
+            exchange.what
+        );
         assert_eq!(upload.into_data(), exchange.value, "{}", exchange.what);
         counter = counter.next();
     }
@@ -54,11 +59,16 @@ fn every_mail_of_a_session_with_a_real_akd_is_encoded_and_decoded_alike() {
 fn every_reply_of_a_real_akd_is_refused_when_cut_and_foreign_to_another_object() {
     for exchange in akd_exchanges() {
         for length in 0..exchange.reply.len() {
-            assert!(Mail::parse(&exchange.reply[..length]).is_err());
+            assert!(MailboxMessage::parse(&exchange.reply[..length]).is_err());
         }
         let (_, sdo) = sdo_reply(&exchange.reply);
         let mut other = Upload::new(ObjectAddress::new(0x6041, 0));
-        assert_eq!(other.feed(sdo), Ok(Step::Foreign), "{}", exchange.what);
+        assert_eq!(
+            other.feed(sdo),
+            Ok(TransferStep::Foreign),
+            "{}",
+            exchange.what
+        );
     }
 }
 
@@ -141,9 +151,9 @@ fn upload(what: &str) -> Vec<u8> {
         }
         assert_eq!(upload.request()[..], expected, "{what}, request {at}");
         let step = if at + 1 == rows.len() {
-            Step::Done
+            TransferStep::Done
         } else {
-            Step::More
+            TransferStep::More
         };
         assert_eq!(
             upload.feed(sdo_reply(&row.reply).1),
@@ -188,9 +198,9 @@ fn a_download_in_segments_is_cut_into_mails_as_soem_cuts_it() {
             whole.truncate(8);
         }
         let step = if at + 1 == rows.len() {
-            Step::Done
+            TransferStep::Done
         } else {
-            Step::More
+            TransferStep::More
         };
         assert_eq!(download.feed(&whole), Ok(step), "reply {at}");
     }
@@ -204,7 +214,10 @@ fn an_expedited_download_is_encoded_as_by_soem() {
     let value = 200_000u32.to_le_bytes().to_vec();
     let mut download = Download::new(address("6081h:0"), value, PP_DRIVE_MAILBOX);
     assert_eq!(request_of(&download), row.request[HEADERS..]);
-    assert_eq!(download.feed(sdo_reply(&row.reply).1), Ok(Step::Done));
+    assert_eq!(
+        download.feed(sdo_reply(&row.reply).1),
+        Ok(TransferStep::Done)
+    );
 }
 
 #[test]
@@ -216,7 +229,10 @@ fn refusals_are_understood_with_a_requests_bits_left_in_their_command_too() {
             .rfind(|exchange| exchange.what == what)
             .unwrap();
         assert_eq!(request, &row.request[HEADERS..], "{what}");
-        (row, Err::<Step, _>(SdoFault::Aborted(AbortCode(code))))
+        (
+            row,
+            Err::<TransferStep, _>(SdoFault::Aborted(AbortCode(code))),
+        )
     };
     for (what, code) in [("5555h:0", 0x0602_0000), ("1018h:9", 0x0609_0011)] {
         let mut upload = Upload::new(address(what));
@@ -240,8 +256,11 @@ fn sdo_information_is_told_apart_from_sdo_replies() {
     });
     let mut seen = 0;
     for exchange in information {
-        let (_, mail) = Mail::parse(&exchange.reply).unwrap();
-        assert_eq!(mail, Mail::SdoInformation(&exchange.reply[HEADERS..]));
+        let (_, message) = MailboxMessage::parse(&exchange.reply).unwrap();
+        assert_eq!(
+            message,
+            MailboxMessage::SdoInformation(&exchange.reply[HEADERS..])
+        );
         seen += 1;
     }
     assert_eq!(seen, 11);
@@ -259,13 +278,17 @@ fn the_simulated_drives_answers_are_understood() {
             .collect();
         (fed, upload.into_data())
     };
-    let done = |value: &[u8]| (vec![Ok(Step::Done)], value.to_vec());
+    let done = |value: &[u8]| (vec![Ok(TransferStep::Done)], value.to_vec());
     assert_eq!(read("upload 1000h:0"), done(&0x0002_0192u32.to_le_bytes()));
     assert_eq!(read("upload 1008h:0"), done(b"AKD2G EtherCAT Drive (CoE)"));
     assert_eq!(
         read("upload 5F00h:0"),
         (
-            vec![Ok(Step::More), Ok(Step::More), Ok(Step::Done)],
+            vec![
+                Ok(TransferStep::More),
+                Ok(TransferStep::More),
+                Ok(TransferStep::Done)
+            ],
             vec![b'z'; 300]
         )
     );

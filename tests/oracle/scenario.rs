@@ -1,4 +1,4 @@
-//! One life: a core, a cable, a drive of some habits and a program, all from one seed, judged in every cycle.
+//! One scenario: a core, a cable, a drive of some habits and a program, all from one seed, judged in every cycle.
 
 use core::time::Duration;
 use std::collections::VecDeque;
@@ -21,7 +21,7 @@ use crate::drive::{
 use crate::habits::{ALL, Habit, Habits, Hits};
 use crate::random::Random;
 
-/// What is left out of a life, to find what matters in it.
+/// What is left out of a scenario, to find what matters in it.
 #[derive(Debug, Clone, Default)]
 pub struct Cut {
     pub habits: Habits,
@@ -36,7 +36,7 @@ pub struct Violation {
     pub cycle: u64,
 }
 
-/// What came of a life.
+/// What came of a scenario.
 #[derive(Debug, Default)]
 pub struct Told {
     pub cycles: u64,
@@ -47,7 +47,7 @@ pub struct Told {
     pub ends: Ends,
     pub violation: Option<Violation>,
     pub transcript: VecDeque<String>,
-    /// How the life is made, for a reader.
+    /// How the scenario is made, for a reader.
     pub making: String,
 }
 
@@ -85,7 +85,7 @@ const DOUBTS: [&str; 7] = [
 /// below are as they were when a seed of them was kept.
 pub const WIDER: u64 = 1_000_000_000_000_000;
 
-/// What a life of a wider kind has, apart from habits.
+/// What a scenario of a wider kind has, apart from habits.
 #[derive(Debug, Clone, Copy, Default)]
 struct Wider {
     /// No habits at all.
@@ -191,7 +191,7 @@ struct Out {
     shown: bool,
 }
 
-struct Life {
+struct Scenario {
     core: AxisCore,
     kept: bool,
     drive: Drive,
@@ -253,27 +253,28 @@ struct Life {
     seen: u64,
 }
 
-/// Lives the life of this seed.
+/// Lives the scenario of this seed.
 pub fn live(seed: u64, cut: &Cut, verbose: bool) -> Told {
-    let mut life = Life::new(seed, cut.clone(), verbose);
-    if life.run().is_err() {
-        life.told.transcript.push_back(format!(
+    let mut scenario = Scenario::new(seed, cut.clone(), verbose);
+    if scenario.run().is_err() {
+        scenario.told.transcript.push_back(format!(
             "VIOLATION {:?}",
-            life.told
+            scenario
+                .told
                 .violation
                 .as_ref()
                 .map(|violation| &violation.what)
         ));
     }
-    life.told.cycles = life.cycle;
-    life.told.set_points = life.drive.ledger.len() as u64;
-    life.told.commands = life.issued.len() as u32;
-    life.told.hits.add(&life.drive.hits);
-    life.told.habits = life.habits;
-    life.told
+    scenario.told.cycles = scenario.cycle;
+    scenario.told.set_points = scenario.drive.ledger.len() as u64;
+    scenario.told.commands = scenario.issued.len() as u32;
+    scenario.told.hits.add(&scenario.drive.hits);
+    scenario.told.habits = scenario.habits;
+    scenario.told
 }
 
-impl Life {
+impl Scenario {
     fn new(seed: u64, cut: Cut, verbose: bool) -> Self {
         let mut random = Random::new(seed);
         let mut habits = Habits::default();
@@ -362,7 +363,7 @@ impl Life {
             } else {
                 0
             },
-            calm: random.pick(&[60, 250, 900]),
+            cycles_between_incidents: random.pick(&[60, 250, 900]),
         };
         let shows_velocity = random.one_in(2);
         let mut config = CoreConfig::new(fields(shows_velocity));
@@ -527,7 +528,7 @@ impl Life {
             .habits
             .without(Habit::FramesLost)
             .without(Habit::FramesMiscounted);
-        let cycles = |life: &Self, ms: u64| ms * 1000 / life.period.as_micros() as u64;
+        let cycles = |scenario: &Self, ms: u64| ms * 1000 / scenario.period.as_micros() as u64;
         self.wider.expires = false;
         self.expired = false;
         self.core.set_expired(false);
@@ -639,15 +640,15 @@ impl Life {
     }
 
     fn broken(&mut self, law: &'static str, what: String) -> Result<(), ()> {
-        self.say(|life| {
-            let word = u16::from_le_bytes([life.outputs[0], life.outputs[1]]);
+        self.say(|scenario| {
+            let word = u16::from_le_bytes([scenario.outputs[0], scenario.outputs[1]]);
             format!(
                 "next word {word:04X}, sent {:?}, drive {:?}, at {:.0} v {:.0}, {:?}",
-                life.sent,
-                life.drive.state,
-                life.drive.position,
-                life.drive.velocity,
-                life.core.snapshot()
+                scenario.sent,
+                scenario.drive.state,
+                scenario.drive.position,
+                scenario.drive.velocity,
+                scenario.core.snapshot()
             )
         });
         self.told.violation = Some(Violation {
@@ -961,7 +962,7 @@ impl Life {
     fn step(&mut self, lane: StopRequest) -> Result<(), ()> {
         if self.wider.expires && self.program.one_in(if self.expired { 100 } else { 800 }) {
             self.expired = !self.expired;
-            self.say(|life| format!("expired {}", life.expired));
+            self.say(|scenario| format!("expired {}", scenario.expired));
             self.core.set_expired(self.expired);
             if self.expired {
                 let halt = StopRequest::HALT;
@@ -1084,18 +1085,18 @@ impl Life {
         if self.shown != (self.sent.word, status) || !kind.is_empty() || moves {
             self.shown = (self.sent.word, status);
             let position = i32::from_le_bytes([image[3], image[4], image[5], image[6]]);
-            self.say(|life| {
+            self.say(|scenario| {
                 format!(
                     "{:04X} -> {status:04X}{kind} mode {} target {} shows {position} demand {:.0} at {:.0} v {:.0} {:?} core {:?} {}",
-                    life.sent.word,
+                    scenario.sent.word,
                     image[2],
-                    life.sent.target,
-                    life.drive.demand,
-                    life.drive.position,
-                    life.drive.velocity,
-                    life.drive.state,
-                    life.core.snapshot().state,
-                    if life.core.snapshot().has_set_point { "holds" } else { "" }
+                    scenario.sent.target,
+                    scenario.drive.demand,
+                    scenario.drive.position,
+                    scenario.drive.velocity,
+                    scenario.drive.state,
+                    scenario.core.snapshot().state,
+                    if scenario.core.snapshot().has_set_point { "holds" } else { "" }
                 )
             });
         }
@@ -1231,10 +1232,10 @@ impl Life {
             let index = self.ledger_seen;
             self.ledger_seen += 1;
             let name = latch.velocity.wrapping_sub(self.speed as u32);
-            self.say(|life| {
+            self.say(|scenario| {
                 format!(
                     "drive takes {name}, to {:.0} (it counts from {:.0})",
-                    latch.goal, life.drive.demand
+                    latch.goal, scenario.drive.demand
                 )
             });
             // 6061h has shown homing mode before the drive was in it: it takes bit 4 for an order to go to where the axis stands.

@@ -196,9 +196,9 @@ impl Group {
 /// Moves that start together: an array or a `Vec` of moves in one unit, a tuple of moves in any.
 ///
 /// Sealed: no other type can be one.
-pub trait Together: sealed::Requests {}
+pub trait StartTogether: sealed::Requests {}
 
-impl<T: sealed::Requests> Together for T {}
+impl<T: sealed::Requests> StartTogether for T {}
 
 mod sealed {
     use super::{AxisError, AxisErrorKind, AxisUnit, CountsRequest, Move, MoveRequest, Pending};
@@ -309,7 +309,7 @@ mod sealed {
 /// # Errors
 /// The first reason. [`AxisErrorKind::NotAllStarted`] where the bits had risen: then the error names the axes whose drives have
 /// acknowledged their moves, which are under way. By any other error no drive has seen anything of the moves.
-pub async fn start_together<R: Together>(requests: R) -> Result<R::Moves, AxisError> {
+pub async fn start_together<R: StartTogether>(requests: R) -> Result<R::Moves, AxisError> {
     let pending = start(&requests.in_counts()).await?;
     requests.under_way(pending)
 }

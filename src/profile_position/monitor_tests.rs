@@ -56,8 +56,7 @@ impl Scene {
         this.word = Statusword::TARGET_REACHED;
         let first = (NOW - time).as_millis() as u64;
         for at in first..=NOW.as_millis() as u64 {
-            this.standstill
-                .observe(ms(at), position, None, &this.bounds);
+            this.standstill.update(ms(at), position, None, &this.bounds);
         }
         this
     }
@@ -101,7 +100,7 @@ impl Scene {
 }
 
 /// A set-point that an axis at rest at 0 has begun a second after the clock began.
-fn begun(scene: &Scene, reference: Reference, target: i32, end: Option<i32>) -> Track {
+fn begun(scene: &Scene, reference: Reference, target: i32, end: Option<i32>) -> SetPointMonitor {
     let raised = Raised {
         request: Request {
             id: CommandId(1),
@@ -133,21 +132,21 @@ fn begun(scene: &Scene, reference: Reference, target: i32, end: Option<i32>) -> 
         standstill: Standstill::default(),
         ..*scene
     };
-    let mut track = scene.shows(|cycle| Track::new(&raised, true, cycle));
-    track.unlimited = true;
-    track
+    let mut monitor = scene.shows(|cycle| SetPointMonitor::new(&raised, true, cycle));
+    monitor.unlimited = true;
+    monitor
 }
 
 /// The same to this position.
-fn to(end: i32) -> Track {
+fn to(end: i32) -> SetPointMonitor {
     begun(&Scene::at(0), Reference::Absolute, end, Some(end))
 }
 
 /// A distance that leads nobody knows where, from a base that is not known better than this.
-fn distance(way: i32, bases: Bases) -> Track {
-    let mut track = begun(&Scene::at(0), Reference::Relative, way, None);
-    track.bases = bases;
-    track
+fn distance(way: i32, bases: Bases) -> SetPointMonitor {
+    let mut monitor = begun(&Scene::at(0), Reference::Relative, way, None);
+    monitor.bases = bases;
+    monitor
 }
 
 /// The base is at this position, for all that is known.
@@ -160,9 +159,12 @@ const fn base(position: i32) -> Bases {
     }
 }
 
-fn changed(mut track: Track, change: impl FnOnce(&mut Track)) -> Track {
-    change(&mut track);
-    track
+fn changed(
+    mut monitor: SetPointMonitor,
+    change: impl FnOnce(&mut SetPointMonitor),
+) -> SetPointMonitor {
+    change(&mut monitor);
+    monitor
 }
 
 #[test]
@@ -173,7 +175,7 @@ fn an_axis_lingers_once_two_spans_have_the_same_bounds() {
             let (low, high) = if at <= 1_000 { first } else { second };
             let mut scene = Scene::at(if at % 2 == 0 { low } else { high });
             scene.now = ms(at);
-            scene.shows(|cycle| lingering.observe(cycle))
+            scene.shows(|cycle| lingering.update(cycle))
         });
         (since, lingering.width())
     };
@@ -300,24 +302,25 @@ fn a_distance_is_loose_unless_its_base_is_documented_or_the_axis_is_far_from_the
         let mut scene = Scene::at(0);
         scene.traits.relative_base = relative_base;
         // A quarter of the way is what it may lag behind.
-        let mut track = distance(400, bases);
-        track.end = Some(400);
-        let is_loose = |track: &Track| scene.shows(|cycle| track.is_loose_on(far_behind, cycle));
-        assert_eq!(is_loose(&track), loose, "{relative_base:?} {far_behind}");
-        track.end = None;
-        assert!(is_loose(&track));
-        track.distance = None;
-        assert!(!is_loose(&track), "a position");
+        let mut monitor = distance(400, bases);
+        monitor.end = Some(400);
+        let is_loose =
+            |monitor: &SetPointMonitor| scene.shows(|cycle| monitor.is_loose_on(far_behind, cycle));
+        assert_eq!(is_loose(&monitor), loose, "{relative_base:?} {far_behind}");
+        monitor.end = None;
+        assert!(is_loose(&monitor));
+        monitor.distance = None;
+        assert!(!is_loose(&monitor), "a position");
     }
 }
 
 #[test]
 fn one_that_is_loose_or_behind_such_a_one_may_end_beside() {
     for (is_loose, is_vague) in [(false, false), (false, true), (true, false)] {
-        let track = changed(to(100), |track| {
-            (track.is_loose, track.is_vague) = (is_loose, is_vague);
+        let monitor = changed(to(100), |monitor| {
+            (monitor.is_loose, monitor.is_vague) = (is_loose, is_vague);
         });
-        assert_eq!(track.may_end_beside(), is_loose || is_vague);
+        assert_eq!(monitor.may_end_beside(), is_loose || is_vague);
     }
 }
 
@@ -326,49 +329,51 @@ fn what_one_behind_it_counts_from_is_known_of_a_distance_without_an_end() {
     let bounds = Scene::at(0).bounds;
     let behind = distance(400, base(5)).bases_behind(&bounds);
     assert_eq!(behind.map(|bases| bases.position), Some(405));
-    let known = changed(distance(400, base(5)), |track| track.end = Some(405));
+    let known = changed(distance(400, base(5)), |monitor| monitor.end = Some(405));
     assert!(known.bases_behind(&bounds).is_none());
 }
 
 #[test]
 fn a_set_point_has_begun_when_it_moved_the_axis_or_bit_10_was_low_for_it() {
-    let begun = |position: i32, change: fn(&mut Track)| {
-        let track = changed(to(1_000), change);
-        Scene::at(position).shows(|cycle| track.has_begun(cycle))
+    let begun = |position: i32, change: fn(&mut SetPointMonitor)| {
+        let monitor = changed(to(1_000), change);
+        Scene::at(position).shows(|cycle| monitor.has_begun(cycle))
     };
     assert!(!begun(10, |_| ()));
     assert!(begun(11, |_| ()));
     assert!(begun(12, |_| ()));
-    assert!(begun(0, |track| track.left_target = true));
-    assert!(!begun(0, |track| {
-        (track.left_target, track.follows) = (true, true);
+    assert!(begun(0, |monitor| monitor.left_target = true));
+    assert!(!begun(0, |monitor| {
+        (monitor.left_target, monitor.follows) = (true, true);
     }));
     // Where it was not seen to stand, it has begun in motion; but not one that was to begin at rest, nor one whose motion may be that
     // of another.
-    assert!(begun(0, |track| (track.stood, track.from_rest) = (None, false)));
-    assert!(!begun(0, |track| (track.stood, track.from_rest) = (None, true)));
-    assert!(!begun(0, |track| {
-        (track.stood, track.from_rest, track.doubted) = (None, false, true);
+    assert!(begun(0, |monitor| (monitor.stood, monitor.from_rest) =
+        (None, false)));
+    assert!(!begun(0, |monitor| (monitor.stood, monitor.from_rest) =
+        (None, true)));
+    assert!(!begun(0, |monitor| {
+        (monitor.stood, monitor.from_rest, monitor.doubted) = (None, false, true);
     }));
-    assert!(!begun(0, |track| {
-        (track.stood, track.from_rest) = (None, false);
-        (track.by_room, track.short) = (true, true);
+    assert!(!begun(0, |monitor| {
+        (monitor.stood, monitor.from_rest) = (None, false);
+        (monitor.by_room, monitor.short) = (true, true);
     }));
-    assert!(begun(0, |track| {
-        (track.stood, track.from_rest) = (None, false);
-        (track.by_room, track.short) = (true, false);
+    assert!(begun(0, |monitor| {
+        (monitor.stood, monitor.from_rest) = (None, false);
+        (monitor.by_room, monitor.short) = (true, false);
     }));
-    assert!(begun(0, |track| {
-        (track.stood, track.from_rest) = (None, false);
-        (track.by_room, track.short) = (false, true);
+    assert!(begun(0, |monitor| {
+        (monitor.stood, monitor.from_rest) = (None, false);
+        (monitor.by_room, monitor.short) = (false, true);
     }));
 }
 
 #[test]
 fn behind_one_that_may_begin_yet_a_set_point_is_the_first_once_it_has_begun() {
     let first = |position: i32, after_unseen| {
-        let track = changed(to(1_000), |track| track.after_unseen = after_unseen);
-        Scene::at(position).shows(|cycle| track.is_surely_first(cycle))
+        let monitor = changed(to(1_000), |monitor| monitor.after_unseen = after_unseen);
+        Scene::at(position).shows(|cycle| monitor.is_surely_first(cycle))
     };
     assert!(first(0, false));
     assert!(!first(0, true));
@@ -378,8 +383,8 @@ fn behind_one_that_may_begin_yet_a_set_point_is_the_first_once_it_has_begun() {
 #[test]
 fn one_that_comes_to_its_end_late_was_no_motion_of_the_next() {
     let came = |seen_there, stood| {
-        let before = changed(to(100), |track| track.seen_there = seen_there);
-        let mut next = changed(to(1_000), |track| track.stood = stood);
+        let before = changed(to(100), |monitor| monitor.seen_there = seen_there);
+        let mut next = changed(to(1_000), |monitor| monitor.stood = stood);
         Scene::at(50).shows(|cycle| next.came_to_end_of(&before, cycle));
         (next.stood, next.length)
     };
@@ -391,14 +396,14 @@ fn one_that_comes_to_its_end_late_was_no_motion_of_the_next() {
 #[test]
 fn the_next_begins_where_the_one_before_was_seen_to_end() {
     let taken_over = |seen_there, loose, rests| {
-        let before = changed(to(100), |track| {
-            (track.seen_there, track.is_loose) = (seen_there, loose);
-            track.fastest = 77;
+        let before = changed(to(100), |monitor| {
+            (monitor.seen_there, monitor.is_loose) = (seen_there, loose);
+            monitor.fastest = 77;
         });
-        let mut next = changed(to(1_000), |track| {
-            track.from_rest = false;
-            track.swings = true;
-            (track.near, track.arrived, track.unseen) = (true, Some(995), 55);
+        let mut next = changed(to(1_000), |monitor| {
+            monitor.from_rest = false;
+            monitor.swings = true;
+            (monitor.near, monitor.arrived, monitor.unseen) = (true, Some(995), 55);
         });
         Scene::at(50).shows(|cycle| next.takes_over(&before, true, rests, cycle));
         assert!(next.follows && next.by_room && !next.swings);
@@ -413,7 +418,7 @@ fn the_next_begins_where_the_one_before_was_seen_to_end() {
     assert_eq!(taken_over(false, false, true), (Some(50), 950));
     assert_eq!(taken_over(false, false, false), (None, 950));
     // One that begins at rest stood there.
-    let before = changed(to(100), |track| track.seen_there = true);
+    let before = changed(to(100), |monitor| monitor.seen_there = true);
     let mut next = to(1_000);
     Scene::at(50).shows(|cycle| next.takes_over(&before, true, false, cycle));
     assert_eq!(next.stood, Some(100));
@@ -426,108 +431,108 @@ fn a_set_point_that_begins_at_rest_on_an_axis_that_stands_stood_there() {
         (true, false, None),
         (false, true, None),
     ] {
-        let mut track = changed(to(1_000), |track| track.from_rest = from_rest);
-        Scene::at(7).shows(|cycle| track.becomes_active(cycle, 7, stands));
-        assert_eq!(track.stood, stood);
+        let mut monitor = changed(to(1_000), |monitor| monitor.from_rest = from_rest);
+        Scene::at(7).shows(|cycle| monitor.becomes_active(cycle, 7, stands));
+        assert_eq!(monitor.stood, stood);
     }
 }
 
 #[test]
 fn a_resumed_set_point_begins_where_the_axis_is_then() {
-    let mut track = changed(to(1_000), |track| {
-        track.left_target = true;
-        track.halt_told = true;
-        track.arrived = Some(1_000);
-        track.resting = Some(NOW);
-        track.left_place = Some(NOW);
+    let mut monitor = changed(to(1_000), |monitor| {
+        monitor.left_target = true;
+        monitor.halt_told = true;
+        monitor.arrived = Some(1_000);
+        monitor.resting = Some(NOW);
+        monitor.left_place = Some(NOW);
     });
-    track.goes_on(NOW, false, true);
-    assert!(!track.from_rest && track.overshoots);
-    assert!(!track.left_target && !track.halt_told);
+    monitor.goes_on(NOW, false, true);
+    assert!(!monitor.from_rest && monitor.overshoots);
+    assert!(!monitor.left_target && !monitor.halt_told);
     assert_eq!(
-        (track.arrived, track.resting, track.left_place),
+        (monitor.arrived, monitor.resting, monitor.left_place),
         (None, None, None)
     );
-    track.goes_on(NOW, true, true);
-    assert!(track.from_rest && !track.overshoots);
+    monitor.goes_on(NOW, true, true);
+    assert!(monitor.from_rest && !monitor.overshoots);
     // One behind it begins as it was to.
-    track.goes_on(NOW, false, false);
-    assert!(track.from_rest && !track.overshoots);
+    monitor.goes_on(NOW, false, false);
+    assert!(monitor.from_rest && !monitor.overshoots);
     // Bit 10 counts from when the drive has surely seen the low of bit 8.
-    assert!(!track.allows_idle_path());
+    assert!(!monitor.allows_idle_path());
     let mut scene = Scene::at(1_700);
     scene.delivered = false;
-    scene.shows(|cycle| track.note(cycle, true));
-    assert!(!track.left_target);
+    scene.shows(|cycle| monitor.note(cycle, true));
+    assert!(!monitor.left_target);
     assert_eq!(
-        (track.stood, track.side, track.length),
+        (monitor.stood, monitor.side, monitor.length),
         (Some(1_700), -1, 700)
     );
     // Not for as long as nothing was delivered.
     scene.now += ms(50);
-    scene.shows(|cycle| track.note(cycle, true));
+    scene.shows(|cycle| monitor.note(cycle, true));
     scene.delivered = true;
-    scene.shows(|cycle| track.note(cycle, true));
+    scene.shows(|cycle| monitor.note(cycle, true));
     scene.now += ms(1);
-    scene.shows(|cycle| track.note(cycle, true));
-    assert!(!track.allows_idle_path());
+    scene.shows(|cycle| monitor.note(cycle, true));
+    assert!(!monitor.allows_idle_path());
     scene.now += ms(1);
-    scene.shows(|cycle| track.note(cycle, true));
-    assert!(track.allows_idle_path() && !track.left_target);
-    scene.shows(|cycle| track.note(cycle, true));
-    assert!(track.left_target);
+    scene.shows(|cycle| monitor.note(cycle, true));
+    assert!(monitor.allows_idle_path() && !monitor.left_target);
+    scene.shows(|cycle| monitor.note(cycle, true));
+    assert!(monitor.left_target);
 }
 
 #[test]
 fn bit_11_is_taken_in_high_and_low() {
-    let mut track = changed(to(1_000), |track| track.unlimited = false);
-    track.note_limit(Statusword::INTERNAL_LIMIT);
-    assert_eq!((track.unlimited, track.limited), (false, true));
-    track.note_limit(Statusword::empty());
-    assert_eq!((track.unlimited, track.limited), (true, true));
-    track.note_limit(Statusword::INTERNAL_LIMIT);
-    assert_eq!((track.unlimited, track.limited), (true, true));
+    let mut monitor = changed(to(1_000), |monitor| monitor.unlimited = false);
+    monitor.note_limit(Statusword::INTERNAL_LIMIT);
+    assert_eq!((monitor.unlimited, monitor.limited), (false, true));
+    monitor.note_limit(Statusword::empty());
+    assert_eq!((monitor.unlimited, monitor.limited), (true, true));
+    monitor.note_limit(Statusword::INTERNAL_LIMIT);
+    assert_eq!((monitor.unlimited, monitor.limited), (true, true));
 }
 
 /// Bit 10 that rises while the axis goes on further than its window in a cycle may be wrong for a cycle.
 #[test]
 fn a_rise_of_bit_10_at_speed_is_passing() {
     for (position, passing) in [(110, false), (111, true)] {
-        let mut track = changed(to(1_000), |track| {
-            (track.before, track.rose, track.low) = (100, ms(1_000), ms(2_000));
+        let mut monitor = changed(to(1_000), |monitor| {
+            (monitor.before, monitor.rose, monitor.low) = (100, ms(1_000), ms(2_000));
         });
         let mut scene = Scene::at(position);
         scene.word = Statusword::TARGET_REACHED;
-        scene.shows(|cycle| track.note(cycle, true));
-        assert_eq!((track.passing, track.rose), (passing, NOW));
+        scene.shows(|cycle| monitor.note(cycle, true));
+        assert_eq!((monitor.passing, monitor.rose), (passing, NOW));
         // It rises once.
         scene.now += ms(1);
         scene.position += 11;
-        scene.shows(|cycle| track.note(cycle, true));
-        assert_eq!((track.passing, track.rose), (passing, NOW));
-        assert_eq!(track.before, position + 11);
+        scene.shows(|cycle| monitor.note(cycle, true));
+        assert_eq!((monitor.passing, monitor.rose), (passing, NOW));
+        assert_eq!(monitor.before, position + 11);
     }
 }
 
 /// A bit 10 that was high when the set-point became active has not risen since.
 #[test]
 fn a_bit_10_that_was_never_low_does_not_rise() {
-    let mut track = to(1_000);
+    let mut monitor = to(1_000);
     let mut scene = Scene::at(500);
     scene.word = Statusword::TARGET_REACHED;
-    scene.shows(|cycle| track.note(cycle, true));
-    assert_eq!((track.passing, track.rose), (false, ms(1_000)));
+    scene.shows(|cycle| monitor.note(cycle, true));
+    assert_eq!((monitor.passing, monitor.rose), (false, ms(1_000)));
 }
 
 #[test]
 fn a_target_beyond_half_the_circle_shows_its_way_once_the_axis_is_nearer() {
-    let mut track = to(i32::MAX);
-    track.turn(-1, &Scene::at(0).bounds);
-    let length = track.length;
-    Scene::at(-2).shows(|cycle| track.note(cycle, true));
-    assert_eq!((track.far, track.length), (true, length));
-    Scene::at(5).shows(|cycle| track.note(cycle, true));
-    assert_eq!((track.far, track.length), (false, i32::MAX as u32 - 5));
+    let mut monitor = to(i32::MAX);
+    monitor.turn(-1, &Scene::at(0).bounds);
+    let length = monitor.length;
+    Scene::at(-2).shows(|cycle| monitor.note(cycle, true));
+    assert_eq!((monitor.far, monitor.length), (true, length));
+    Scene::at(5).shows(|cycle| monitor.note(cycle, true));
+    assert_eq!((monitor.far, monitor.length), (false, i32::MAX as u32 - 5));
 }
 
 #[test]
@@ -535,34 +540,34 @@ fn an_axis_leaves_its_place_once_when_it_is_further_away_than_its_window() {
     for (position, left) in [(10, None), (-10, None), (11, Some(NOW)), (-11, Some(NOW))] {
         let mut scene = Scene::at(position);
         scene.word = Statusword::TARGET_REACHED;
-        let mut track = to(1_000);
-        scene.shows(|cycle| track.outcome(cycle));
-        assert_eq!(track.left_place, left, "{position}");
-        track.left_place = Some(ms(5));
-        scene.shows(|cycle| track.outcome(cycle));
-        assert_eq!(track.left_place, Some(ms(5)));
+        let mut monitor = to(1_000);
+        scene.shows(|cycle| monitor.outcome(cycle));
+        assert_eq!(monitor.left_place, left, "{position}");
+        monitor.left_place = Some(ms(5));
+        scene.shows(|cycle| monitor.outcome(cycle));
+        assert_eq!(monitor.left_place, Some(ms(5)));
     }
     // Where it did not stand it has no place.
-    let mut track = changed(to(1_000), |track| track.stood = None);
+    let mut monitor = changed(to(1_000), |monitor| monitor.stood = None);
     let mut scene = Scene::at(500);
     scene.word = Statusword::TARGET_REACHED;
-    scene.shows(|cycle| track.outcome(cycle));
-    assert_eq!(track.left_place, None);
+    scene.shows(|cycle| monitor.outcome(cycle));
+    assert_eq!(monitor.left_place, None);
 }
 
 #[test]
 fn one_behind_a_set_point_in_doubt_is_in_doubt() {
     for unproven in [false, true] {
-        let mut track = to(1_000);
-        track.comes_after_doubt(unproven);
-        assert!(track.follows && track.after_unseen);
-        assert_eq!(track.doubted, unproven);
+        let mut monitor = to(1_000);
+        monitor.comes_after_doubt(unproven);
+        assert!(monitor.follows && monitor.after_unseen);
+        assert_eq!(monitor.doubted, unproven);
     }
 }
 
 #[test]
 fn an_axis_comes_nearer_and_is_nearest_where_it_arrived() {
-    let mut track = to(1_000);
+    let mut monitor = to(1_000);
     for (position, approaching, arrived) in [
         (0, false, None),
         (-1, false, None),
@@ -574,8 +579,8 @@ fn an_axis_comes_nearer_and_is_nearest_where_it_arrived() {
         (997, true, Some(997)),
         (996, true, Some(997)),
     ] {
-        Scene::at(position).shows(|cycle| track.note(cycle, true));
-        let seen = (track.approaching, track.arrived);
+        Scene::at(position).shows(|cycle| monitor.note(cycle, true));
+        let seen = (monitor.approaching, monitor.arrived);
         assert_eq!(seen, (approaching, arrived), "{position}");
     }
 }
@@ -584,11 +589,11 @@ fn an_axis_comes_nearer_and_is_nearest_where_it_arrived() {
 #[test]
 fn one_that_was_not_begun_at_rest_overshoots_and_comes_back() {
     let beyond = |from_rest, alone, arrived, position: i32| {
-        let mut track = changed(to(1_000), |track| {
-            (track.from_rest, track.arrived, track.before) = (from_rest, arrived, position);
+        let mut monitor = changed(to(1_000), |monitor| {
+            (monitor.from_rest, monitor.arrived, monitor.before) = (from_rest, arrived, position);
         });
-        Scene::at(position).shows(|cycle| track.note(cycle, alone));
-        (track.seen_there, track.side)
+        Scene::at(position).shows(|cycle| monitor.note(cycle, alone));
+        (monitor.seen_there, monitor.side)
     };
     assert_eq!(beyond(false, true, None, 1_011), (true, -1));
     assert_eq!(beyond(false, true, None, 989), (false, 1));
@@ -600,9 +605,9 @@ fn one_that_was_not_begun_at_rest_overshoots_and_comes_back() {
 #[test]
 fn a_cycle_that_leads_further_than_the_window_may_have_led_to_the_end() {
     let near = |from: i32, position: i32| {
-        let mut track = changed(to(1_000), |track| track.before = from);
-        Scene::at(position).shows(|cycle| track.note(cycle, false));
-        track.near
+        let mut monitor = changed(to(1_000), |monitor| monitor.before = from);
+        Scene::at(position).shows(|cycle| monitor.note(cycle, false));
+        monitor.near
     };
     // A way of the window itself is seen where it ends.
     assert!(!near(979, 989) && near(980, 990));
@@ -622,13 +627,13 @@ fn a_cycle_that_leads_further_than_the_window_may_have_led_to_the_end() {
 fn what_was_not_seen_may_have_been_the_end_at_four_times_the_fastest() {
     // 300 counts to the end and 300 back, in three cycles.
     let seen = |blind, fastest| {
-        let mut track = changed(to(1_000), |track| {
-            (track.remaining, track.before, track.fastest) = (300, 700, fastest);
+        let mut monitor = changed(to(1_000), |monitor| {
+            (monitor.remaining, monitor.before, monitor.fastest) = (300, 700, fastest);
         });
         let mut scene = Scene::at(700);
         scene.blind = blind;
-        scene.shows(|cycle| track.note(cycle, false));
-        scene.shows(|cycle| track.end_seen(cycle))
+        scene.shows(|cycle| monitor.note(cycle, false));
+        scene.shows(|cycle| monitor.end_seen(cycle))
     };
     assert_eq!(seen(2, 50), EndSeen::Unseen);
     assert_eq!(seen(2, 49), EndSeen::Elsewhere);
@@ -641,12 +646,12 @@ fn what_was_not_seen_may_have_been_the_end_at_four_times_the_fastest() {
 fn an_axis_that_turns_crosses_its_end_where_it_is_near() {
     let crossed = |end: i32, from: i32, position: i32| {
         let mut scene = Scene::turning(from);
-        let mut track = begun(&scene, Reference::Absolute, end, Some(end));
-        track.way = scene.bounds.way(from, end);
-        track.before = from;
+        let mut monitor = begun(&scene, Reference::Absolute, end, Some(end));
+        monitor.way = scene.bounds.way(from, end);
+        monitor.before = from;
         scene.position = position;
-        scene.shows(|cycle| track.note(cycle, false));
-        track.crossed
+        scene.shows(|cycle| monitor.note(cycle, false));
+        monitor.crossed
     };
     assert!(crossed(100, 60, 140));
     assert!(crossed(100, 140, 60));
@@ -660,21 +665,21 @@ fn an_axis_that_turns_crosses_its_end_where_it_is_near() {
     assert!(!crossed(1_800, 1_800 - 50, 1_800 + 900));
     assert!(!crossed(1_800, 1_800 - 1_790, 3_590 + 5), "the far side");
     // Once crossed, it is.
-    let mut track = changed(
+    let mut monitor = changed(
         begun(&Scene::turning(0), Reference::Absolute, 100, Some(100)),
-        |track| {
-            track.crossed = true;
+        |monitor| {
+            monitor.crossed = true;
         },
     );
-    Scene::turning(60).shows(|cycle| track.note(cycle, false));
-    assert!(track.crossed);
+    Scene::turning(60).shows(|cycle| monitor.note(cycle, false));
+    assert!(monitor.crossed);
 }
 
 /// What a cycle shows is of the one behind as well, where bit 12 shows that the drive is at it, or where nothing was seen.
 #[test]
 fn the_one_behind_may_have_been_at_its_end_meanwhile() {
     let noted = |blind, active, position: i32| {
-        let first = changed(to(500), |track| track.before = 890);
+        let first = changed(to(500), |monitor| monitor.before = 890);
         let mut next = to(1_000);
         let mut scene = Scene::at(position);
         scene.blind = blind;
@@ -693,16 +698,23 @@ fn the_one_behind_may_have_been_at_its_end_meanwhile() {
 /// Where bit 11 may be high for a limit, only the position says that the axis is there.
 #[test]
 fn the_end_is_seen_by_the_way_where_no_limit_was_active_and_else_by_the_position() {
-    let seen = |position: i32, valid, change: fn(&mut Track)| {
-        let track = changed(to(1_000), change);
+    let seen = |position: i32, valid, change: fn(&mut SetPointMonitor)| {
+        let monitor = changed(to(1_000), change);
         let mut scene = Scene::at(position);
         scene.bit_11_is_valid = valid;
-        scene.shows(|cycle| track.end_seen(cycle))
+        scene.shows(|cycle| monitor.end_seen(cycle))
     };
-    let limited = |track: &mut Track| (track.unlimited, track.limited) = (false, true);
-    let unknown = |track: &mut Track| (track.unlimited, track.limited) = (false, false);
+    let limited =
+        |monitor: &mut SetPointMonitor| (monitor.unlimited, monitor.limited) = (false, true);
+    let unknown =
+        |monitor: &mut SetPointMonitor| (monitor.unlimited, monitor.limited) = (false, false);
     for (position, valid, change, expected) in [
-        (1_500, true, (|_| ()) as fn(&mut Track), EndSeen::There),
+        (
+            1_500,
+            true,
+            (|_| ()) as fn(&mut SetPointMonitor),
+            EndSeen::There,
+        ),
         (500, true, |_| (), EndSeen::Elsewhere),
         (1_500, true, limited, EndSeen::Elsewhere),
         (1_010, true, limited, EndSeen::There),
@@ -724,23 +736,23 @@ fn the_end_is_seen_by_the_way_where_no_limit_was_active_and_else_by_the_position
 
 #[test]
 fn each_of_four_signs_shows_that_the_axis_came_to_the_end() {
-    let over = |change: fn(&mut Track)| {
-        let track = changed(to(1_000), change);
-        Scene::at(500).shows(|cycle| track.may_be_over(cycle))
+    let over = |change: fn(&mut SetPointMonitor)| {
+        let monitor = changed(to(1_000), change);
+        Scene::at(500).shows(|cycle| monitor.may_be_over(cycle))
     };
     assert!(!over(|_| ()));
-    assert!(over(|track| track.near = true));
-    assert!(over(|track| track.arrived = Some(1_000)));
-    assert!(over(|track| track.seen_there = true));
-    assert!(over(|track| track.side = -1));
-    assert!(over(|track| track.end = None));
+    assert!(over(|monitor| monitor.near = true));
+    assert!(over(|monitor| monitor.arrived = Some(1_000)));
+    assert!(over(|monitor| monitor.seen_there = true));
+    assert!(over(|monitor| monitor.side = -1));
+    assert!(over(|monitor| monitor.end = None));
 }
 
 #[test]
 fn a_distance_without_an_end_is_seen_at_its_end_once_the_axis_has_left() {
     let seen = |way, position: i32| {
-        let track = distance(way, base(0));
-        Scene::at(position).shows(|cycle| track.is_seen_at_end(cycle))
+        let monitor = distance(way, base(0));
+        Scene::at(position).shows(|cycle| monitor.is_seen_at_end(cycle))
     };
     assert!(!seen(21, 10) && !seen(-21, -10));
     assert!(seen(21, 11));
@@ -748,28 +760,28 @@ fn a_distance_without_an_end_is_seen_at_its_end_once_the_axis_has_left() {
     let known = to(1_000);
     assert!(!Scene::at(500).shows(|cycle| known.is_seen_at_end(cycle)));
     assert!(Scene::at(1_001).shows(|cycle| known.is_seen_at_end(cycle)));
-    let moving = changed(distance(400, base(0)), |track| track.stood = None);
+    let moving = changed(distance(400, base(0)), |monitor| monitor.stood = None);
     assert!(Scene::at(0).shows(|cycle| moving.is_seen_at_end(cycle)));
 }
 
 #[test]
 fn the_position_shows_a_stop_or_a_passing_where_it_is_beyond_doubt() {
-    let shows = |change: fn(&mut Track)| {
-        let track = changed(to(1_000), change);
-        (track.shows_its_stop(), track.shows_its_passing())
+    let shows = |change: fn(&mut SetPointMonitor)| {
+        let monitor = changed(to(1_000), change);
+        (monitor.shows_its_stop(), monitor.shows_its_passing())
     };
     assert_eq!(shows(|_| ()), (true, true));
-    assert_eq!(shows(|track| track.from_rest = false), (false, false));
+    assert_eq!(shows(|monitor| monitor.from_rest = false), (false, false));
     assert_eq!(
-        shows(|track| (track.from_rest, track.approaching) = (false, true)),
+        shows(|monitor| (monitor.from_rest, monitor.approaching) = (false, true)),
         (false, true)
     );
-    let doubts: [fn(&mut Track); 5] = [
-        |track| track.end = None,
-        |track| track.turns = true,
-        |track| track.far = true,
-        |track| track.short = true,
-        |track| track.unlimited = false,
+    let doubts: [fn(&mut SetPointMonitor); 5] = [
+        |monitor| monitor.end = None,
+        |monitor| monitor.turns = true,
+        |monitor| monitor.far = true,
+        |monitor| monitor.short = true,
+        |monitor| monitor.unlimited = false,
     ];
     for doubt in doubts {
         assert_eq!(shows(doubt), (false, false));
@@ -777,11 +789,15 @@ fn the_position_shows_a_stop_or_a_passing_where_it_is_beyond_doubt() {
 }
 
 /// A set-point that ends at 0, reached, and one behind it to 1000 whose way an axis has gone to here.
-fn left_behind(scene: &Scene, goal: i32, change: impl FnOnce(&mut Track)) -> (bool, Track) {
-    let mut first = changed(to(0), |track| {
-        track.arrived = Some(0);
-        (track.since, track.length) = (ms(1_000), 1_000);
-        track.short = false;
+fn left_behind(
+    scene: &Scene,
+    goal: i32,
+    change: impl FnOnce(&mut SetPointMonitor),
+) -> (bool, SetPointMonitor) {
+    let mut first = changed(to(0), |monitor| {
+        monitor.arrived = Some(0);
+        (monitor.since, monitor.length) = (ms(1_000), 1_000);
+        monitor.short = false;
     });
     change(&mut first);
     let next = to(goal);
@@ -791,38 +807,48 @@ fn left_behind(scene: &Scene, goal: i32, change: impl FnOnce(&mut Track)) -> (bo
 
 #[test]
 fn a_set_point_is_left_behind_half_way_to_the_next_end() {
-    let left = |position: i32, goal: i32, change: fn(&mut Track)| {
+    let left = |position: i32, goal: i32, change: fn(&mut SetPointMonitor)| {
         left_behind(&Scene::at(position), goal, change).0
     };
     assert!(left(500, 1_000, |_| ()) && !left(499, 1_000, |_| ()));
     assert!(left(-500, -1_000, |_| ()) && !left(-499, -1_000, |_| ()));
     // A way of three windows shows nothing.
-    let short = |track: &mut Track| track.length = 0;
+    let short = |monitor: &mut SetPointMonitor| monitor.length = 0;
     assert!(left(15, 31, short) && !left(15, 30, short));
     assert!(left(-15, -31, short) && !left(-15, -30, short));
     // Half as far as its own way was.
-    assert!(left(500, 1_000, |track| track.length = 1_001));
-    assert!(!left(500, 1_000, |track| track.length = 1_002));
+    assert!(left(500, 1_000, |monitor| monitor.length = 1_001));
+    assert!(!left(500, 1_000, |monitor| monitor.length = 1_002));
     // One that swung when it set off, one that went further before, one that was as far on the other side.
-    assert!(!left(500, 1_000, |track| track.swings = true));
-    assert!(left(500, 1_000, |track| track.farthest = 500));
-    assert!(!left(500, 1_000, |track| track.farthest = 501));
-    assert!(left(500, 1_000, |track| track.astray = 499));
-    assert!(!left(500, 1_000, |track| track.astray = 500));
+    assert!(!left(500, 1_000, |monitor| monitor.swings = true));
+    assert!(left(500, 1_000, |monitor| monitor.farthest = 500));
+    assert!(!left(500, 1_000, |monitor| monitor.farthest = 501));
+    assert!(left(500, 1_000, |monitor| monitor.astray = 499));
+    assert!(!left(500, 1_000, |monitor| monitor.astray = 500));
     // It was not there.
-    assert!(!left(500, 1_000, |track| track.arrived = None));
-    assert!(!left(500, 1_000, |track| (track.arrived, track.side) = (None, -1)));
-    assert!(left(500, 1_000, |track| (track.arrived, track.side) = (None, 1)));
+    assert!(!left(500, 1_000, |monitor| monitor.arrived = None));
+    assert!(!left(500, 1_000, |monitor| (
+        monitor.arrived,
+        monitor.side
+    ) = (None, -1)));
+    assert!(left(500, 1_000, |monitor| (
+        monitor.arrived,
+        monitor.side
+    ) = (None, 1)));
     // One that may come back to its end is not over beyond it.
-    assert!(!left(500, 1_000, |track| (track.overshoots, track.side) =
-        (true, 1)));
-    assert!(left(500, 1_000, |track| (track.overshoots, track.side) =
-        (true, 0)));
+    assert!(!left(500, 1_000, |monitor| (
+        monitor.overshoots,
+        monitor.side
+    ) = (true, 1)));
+    assert!(left(500, 1_000, |monitor| (
+        monitor.overshoots,
+        monitor.side
+    ) = (true, 0)));
     for doubt in [
-        (|track| track.short = true) as fn(&mut Track),
-        |track| track.turns = true,
-        |track| track.far = true,
-        |track| track.end = None,
+        (|monitor| monitor.short = true) as fn(&mut SetPointMonitor),
+        |monitor| monitor.turns = true,
+        |monitor| monitor.far = true,
+        |monitor| monitor.end = None,
     ] {
         assert!(!left(500, 1_000, doubt));
     }
@@ -831,7 +857,8 @@ fn a_set_point_is_left_behind_half_way_to_the_next_end() {
 #[test]
 fn one_that_has_stood_at_its_end_is_left_three_windows_from_there() {
     let left = |position: i32, goal: i32| {
-        let rested = |track: &mut Track| (track.rested, track.length) = (true, 4_000);
+        let rested =
+            |monitor: &mut SetPointMonitor| (monitor.rested, monitor.length) = (true, 4_000);
         left_behind(&Scene::at(position), goal, rested).0
     };
     assert!(left(30, 1_000) && !left(29, 1_000));
@@ -841,9 +868,9 @@ fn one_that_has_stood_at_its_end_is_left_three_windows_from_there() {
 #[test]
 fn one_that_stays_away_for_the_settle_time_is_left_behind_half_way() {
     let left = |position: i32, since: Duration, cycles| {
-        left_behind(&Scene::at(position), 1_000, |track| {
-            track.swings = true;
-            track.away = Some((since, cycles));
+        left_behind(&Scene::at(position), 1_000, |monitor| {
+            monitor.swings = true;
+            monitor.away = Some((since, cycles));
         })
     };
     assert!(left(500, NOW - SETTLE, 2).0);
@@ -856,7 +883,7 @@ fn one_that_stays_away_for_the_settle_time_is_left_behind_half_way() {
 
 #[test]
 fn at_its_end_an_axis_stands_or_swings_to_the_other_side() {
-    let at = |scene: &Scene, change: fn(&mut Track)| {
+    let at = |scene: &Scene, change: fn(&mut SetPointMonitor)| {
         let (left, first) = left_behind(scene, 1_000, change);
         assert!(!left);
         first
@@ -865,69 +892,79 @@ fn at_its_end_an_axis_stands_or_swings_to_the_other_side() {
     assert!(stood(10, ms(150)) && stood(-10, ms(150)));
     assert!(!stood(-11, ms(150)));
     assert!(!stood(0, ms(50)));
-    assert!(at(&Scene::at(0), |track| track.rested = true).rested);
+    assert!(at(&Scene::at(0), |monitor| monitor.rested = true).rested);
     assert_eq!(at(&Scene::at(-40), |_| ()).astray, 40);
-    assert_eq!(at(&Scene::at(-40), |track| track.astray = 50).astray, 50);
-    assert_eq!(at(&Scene::at(-40), |track| track.arrived = None).astray, 0);
+    assert_eq!(
+        at(&Scene::at(-40), |monitor| monitor.astray = 50).astray,
+        50
+    );
+    assert_eq!(
+        at(&Scene::at(-40), |monitor| monitor.arrived = None).astray,
+        0
+    );
     assert!(at(&Scene::at(0), |_| ()).seen_there);
-    assert!(!at(&Scene::at(0), |track| track.arrived = None).seen_there);
+    assert!(!at(&Scene::at(0), |monitor| monitor.arrived = None).seen_there);
 }
 
 /// What an axis at rest at 2000 shows of a set-point to 1000, with one to `next` behind it.
-fn at_rest(next: Option<i32>, change: impl FnOnce(&mut Track)) -> Option<Rest> {
-    let mut first = changed(to(1_000), |track| track.side = 0);
+fn at_rest(next: Option<i32>, change: impl FnOnce(&mut SetPointMonitor)) -> Option<Rest> {
+    let mut first = changed(to(1_000), |monitor| monitor.side = 0);
     change(&mut first);
-    let next = changed(to(0), |track| track.end = next);
+    let next = changed(to(0), |monitor| monitor.end = next);
     Scene::rests(2_000, ms(200)).shows(|cycle| first.rests_with(&next, cycle))
 }
 
 #[test]
 fn two_set_points_are_over_with_an_axis_at_rest_at_the_end_of_the_second() {
-    let rests = |change: fn(&mut Track)| at_rest(Some(2_010), change);
-    assert_eq!(rests(|track| track.stood = None), None, "nothing has begun");
+    let rests = |change: fn(&mut SetPointMonitor)| at_rest(Some(2_010), change);
+    assert_eq!(
+        rests(|monitor| monitor.stood = None),
+        None,
+        "nothing has begun"
+    );
     let over = Some(Rest::BothOver);
     assert_eq!(
-        rests(|track| (track.stood, track.left_target) = (None, true)),
+        rests(|monitor| (monitor.stood, monitor.left_target) = (None, true)),
         over
     );
     assert_eq!(
-        rests(|track| {
-            (track.stood, track.left_target, track.after_unseen) = (None, true, true);
+        rests(|monitor| {
+            (monitor.stood, monitor.left_target, monitor.after_unseen) = (None, true, true);
         }),
         None
     );
     // It has moved, and come to rest away from where it stood.
     let away = Some(ms(2_000));
     assert_eq!(
-        at_rest(Some(2_000), |track| (track.stood, track.left_place) =
+        at_rest(Some(2_000), |monitor| (monitor.stood, monitor.left_place) =
             (Some(0), away)),
         over
     );
     assert_eq!(
-        at_rest(Some(2_000), |track| (track.stood, track.left_place) =
+        at_rest(Some(2_000), |monitor| (monitor.stood, monitor.left_place) =
             (Some(1_989), away)),
         over
     );
     assert_eq!(
-        at_rest(Some(2_000), |track| (track.stood, track.left_place) =
+        at_rest(Some(2_000), |monitor| (monitor.stood, monitor.left_place) =
             (Some(1_990), away)),
         None
     );
     assert_eq!(
-        at_rest(Some(2_000), |track| track.stood = Some(0)),
+        at_rest(Some(2_000), |monitor| monitor.stood = Some(0)),
         None,
         "just now"
     );
     assert_eq!(
-        at_rest(Some(2_000), |track| {
-            (track.stood, track.left_place, track.doubted) = (Some(0), away, true);
+        at_rest(Some(2_000), |monitor| {
+            (monitor.stood, monitor.left_place, monitor.doubted) = (Some(0), away, true);
         }),
         None
     );
     // It was at its end.
     let there = Some(1_000);
     assert_eq!(
-        rests(|track| (track.stood, track.arrived) = (None, Some(1_000))),
+        rests(|monitor| (monitor.stood, monitor.arrived) = (None, Some(1_000))),
         over
     );
     for (by_room, short, stood, expected) in [
@@ -936,20 +973,23 @@ fn two_set_points_are_over_with_an_axis_at_rest_at_the_end_of_the_second() {
         (true, false, Some(2_000), over),
         (false, true, None, over),
     ] {
-        let rest = at_rest(Some(2_010), |track| {
-            (track.arrived, track.by_room, track.short) = (there, by_room, short);
-            track.stood = stood;
+        let rest = at_rest(Some(2_010), |monitor| {
+            (monitor.arrived, monitor.by_room, monitor.short) = (there, by_room, short);
+            monitor.stood = stood;
         });
         assert_eq!(rest, expected, "{by_room} {short} {stood:?}");
     }
-    assert_eq!(rests(|track| (track.stood, track.end) = (None, None)), None);
+    assert_eq!(
+        rests(|monitor| (monitor.stood, monitor.end) = (None, None)),
+        None
+    );
     // It had no way to go.
     assert_eq!(
-        rests(|track| (track.stood, track.remaining) = (None, 10)),
+        rests(|monitor| (monitor.stood, monitor.remaining) = (None, 10)),
         over
     );
     assert_eq!(
-        rests(|track| (track.stood, track.remaining) = (None, 11)),
+        rests(|monitor| (monitor.stood, monitor.remaining) = (None, 11)),
         None
     );
 }
@@ -957,9 +997,9 @@ fn two_set_points_are_over_with_an_axis_at_rest_at_the_end_of_the_second() {
 #[test]
 fn the_second_may_end_where_a_distance_leads_once_the_first_is_proven() {
     let rest = |proven: bool, base_at: i32| {
-        let mut first = changed(to(1_000), |track| {
-            (track.stood, track.remaining) = (None, if proven { 5_000 } else { 0 });
-            (track.left_target, track.side) = (proven, 0);
+        let mut first = changed(to(1_000), |monitor| {
+            (monitor.stood, monitor.remaining) = (None, if proven { 5_000 } else { 0 });
+            (monitor.left_target, monitor.side) = (proven, 0);
         });
         let next = distance(400, base(base_at));
         Scene::rests(2_000, ms(200)).shows(|cycle| first.rests_with(&next, cycle))
@@ -971,35 +1011,38 @@ fn the_second_may_end_where_a_distance_leads_once_the_first_is_proven() {
 
 #[test]
 fn an_axis_at_rest_elsewhere_is_given_the_time_to_begin() {
-    let rests = |resting: Duration, change: fn(&mut Track)| {
-        at_rest(Some(5_000), |track| {
-            track.stood = None;
-            track.resting = Some(resting);
-            change(track);
+    let rests = |resting: Duration, change: fn(&mut SetPointMonitor)| {
+        at_rest(Some(5_000), |monitor| {
+            monitor.stood = None;
+            monitor.resting = Some(resting);
+            change(monitor);
         })
     };
     let late = NOW - BEGIN;
     let next = Some(Rest::NextNotBegun);
-    assert_eq!(rests(late, |track| track.left_target = true), next);
-    assert_eq!(rests(late + ms(1), |track| track.left_target = true), None);
+    assert_eq!(rests(late, |monitor| monitor.left_target = true), next);
+    assert_eq!(
+        rests(late + ms(1), |monitor| monitor.left_target = true),
+        None
+    );
     assert_eq!(rests(late, |_| ()), Some(Rest::NoneBegun));
     // Of a distance without an end: where it may end, it has.
-    let lost = |track: &mut Track| {
-        *track = changed(distance(400, base(0)), |track| {
-            (track.left_target, track.stood) = (true, None);
-            track.resting = Some(NOW - BEGIN);
+    let lost = |monitor: &mut SetPointMonitor| {
+        *monitor = changed(distance(400, base(0)), |monitor| {
+            (monitor.left_target, monitor.stood) = (true, None);
+            monitor.resting = Some(NOW - BEGIN);
         });
     };
     assert_eq!(rests(late, lost), Some(Rest::NoneBegun));
-    let led_here = |track: &mut Track| {
-        *track = changed(distance(400, base(1_600)), |track| {
-            (track.left_target, track.stood) = (true, None);
-            track.resting = Some(NOW - BEGIN);
+    let led_here = |monitor: &mut SetPointMonitor| {
+        *monitor = changed(distance(400, base(1_600)), |monitor| {
+            (monitor.left_target, monitor.stood) = (true, None);
+            monitor.resting = Some(NOW - BEGIN);
         });
     };
     assert_eq!(rests(late, led_here), next);
     // Still in motion, or with bit 10 low: from the beginning.
-    let mut first = changed(to(1_000), |track| track.resting = Some(late));
+    let mut first = changed(to(1_000), |monitor| monitor.resting = Some(late));
     let behind = to(5_000);
     let moving = Scene::rests(2_000, ms(50));
     assert_eq!(moving.shows(|cycle| first.rests_with(&behind, cycle)), None);
@@ -1018,24 +1061,25 @@ fn an_axis_at_rest_elsewhere_is_given_the_time_to_begin() {
 
 #[test]
 fn bit_10_on_an_axis_that_has_stood_since_it_was_low_is_a_rest() {
-    let rests = |time: Duration, change: fn(&mut Scene, &mut Track)| {
+    let rests = |time: Duration, change: fn(&mut Scene, &mut SetPointMonitor)| {
         let mut scene = Scene::rests(500, time);
-        let mut track = to(1_000);
-        change(&mut scene, &mut track);
-        scene.shows(|cycle| track.is_at_rest(cycle))
+        let mut monitor = to(1_000);
+        change(&mut scene, &mut monitor);
+        scene.shows(|cycle| monitor.is_at_rest(cycle))
     };
     assert!(rests(ms(100), |_, _| ()));
     assert!(!rests(ms(99), |_, _| ()));
     assert!(!rests(ms(200), |scene, _| scene.word = Statusword::empty()));
-    assert!(!rests(ms(200), |_, track| track.low = NOW - ms(99)));
-    assert!(!rests(ms(200), |_, track| track.since = NOW - ms(99)));
-    assert!(rests(ms(50), |_, track| track.lingering.rests = true));
+    assert!(!rests(ms(200), |_, monitor| monitor.low = NOW - ms(99)));
+    assert!(!rests(ms(200), |_, monitor| monitor.since = NOW - ms(99)));
+    assert!(rests(ms(50), |_, monitor| monitor.lingering.rests = true));
 }
 
 #[test]
 fn how_one_ended_that_another_has_followed() {
-    let ended =
-        |scene: &Scene, track: &Track, next| scene.shows(|cycle| track.ended_into(next, cycle));
+    let ended = |scene: &Scene, monitor: &SetPointMonitor, next| {
+        scene.shows(|cycle| monitor.ended_into(next, cycle))
+    };
     let scene = Scene::at(1_500);
     let position = 1_500;
     let passed = Ok(Completion::Passed { position });
@@ -1043,7 +1087,7 @@ fn how_one_ended_that_another_has_followed() {
     assert_eq!(ended(&scene, &first, BufferMode::Blending), passed);
     let reached = Ok(Completion::Reached { position });
     assert_eq!(ended(&scene, &first, BufferMode::Buffered), reached);
-    let arrived = changed(to(1_000), |track| track.arrived = Some(1_003));
+    let arrived = changed(to(1_000), |monitor| monitor.arrived = Some(1_003));
     let nearest = Ok(Completion::Reached { position: 1_003 });
     assert_eq!(ended(&scene, &arrived, BufferMode::Buffered), nearest);
     let missed = Failure::MissedTarget {
@@ -1054,7 +1098,7 @@ fn how_one_ended_that_another_has_followed() {
         ended(&Scene::at(500), &first, BufferMode::Buffered),
         Err(missed)
     );
-    let blind = changed(to(1_000), |track| track.unseen = 0);
+    let blind = changed(to(1_000), |monitor| monitor.unseen = 0);
     let unseen = Failure::Unseen {
         target: 1_000,
         actual: 500,
@@ -1074,8 +1118,8 @@ fn how_one_ended_that_another_has_followed() {
 }
 
 /// What an axis that shows this says of the last set-point.
-fn shown(scene: &Scene, mut track: Track) -> Option<Result<Completion, Failure>> {
-    scene.shows(|cycle| track.outcome(cycle))
+fn shown(scene: &Scene, mut monitor: SetPointMonitor) -> Option<Result<Completion, Failure>> {
+    scene.shows(|cycle| monitor.outcome(cycle))
 }
 
 fn reached(position: i32) -> Option<Result<Completion, Failure>> {
@@ -1084,55 +1128,58 @@ fn reached(position: i32) -> Option<Result<Completion, Failure>> {
 
 #[test]
 fn bit_10_that_was_low_is_the_end_within_the_window() {
-    let left = |position: i32, change: fn(&mut Track)| {
+    let left = |position: i32, change: fn(&mut SetPointMonitor)| {
         let mut scene = Scene::at(position);
         scene.word = Statusword::TARGET_REACHED;
-        let track = changed(to(1_000), |track| track.left_target = true);
-        shown(&scene, changed(track, change))
+        let monitor = changed(to(1_000), |monitor| monitor.left_target = true);
+        shown(&scene, changed(monitor, change))
     };
     assert_eq!(left(1_010, |_| ()), reached(1_010));
     assert_eq!(left(1_011, |_| ()), None);
     assert_eq!(left(990, |_| ()), reached(990));
-    assert_eq!(left(1_010, |track| track.left_target = false), None);
+    assert_eq!(left(1_010, |monitor| monitor.left_target = false), None);
     // A bit 10 that rose at speed may be wrong until the drive has shown another.
-    let passing = |track: &mut Track| (track.passing, track.rose) = (true, NOW - ms(1));
+    let passing =
+        |monitor: &mut SetPointMonitor| (monitor.passing, monitor.rose) = (true, NOW - ms(1));
     assert_eq!(left(1_010, passing), None);
-    let over = |track: &mut Track| (track.passing, track.rose) = (true, NOW - ms(2));
+    let over =
+        |monitor: &mut SetPointMonitor| (monitor.passing, monitor.rose) = (true, NOW - ms(2));
     assert_eq!(left(1_010, over), reached(1_010));
-    let slow = |track: &mut Track| (track.passing, track.rose) = (false, NOW - ms(1));
+    let slow =
+        |monitor: &mut SetPointMonitor| (monitor.passing, monitor.rose) = (false, NOW - ms(1));
     assert_eq!(left(1_010, slow), reached(1_010));
 }
 
 #[test]
 fn with_bit_10_low_nothing_has_ended_and_one_in_doubt_waits_anew() {
     for (doubted, resting) in [(true, None), (false, Some(ms(5)))] {
-        let mut track = changed(to(1_000), |track| {
-            (track.doubted, track.resting) = (doubted, Some(ms(5)));
+        let mut monitor = changed(to(1_000), |monitor| {
+            (monitor.doubted, monitor.resting) = (doubted, Some(ms(5)));
         });
-        let outcome = Scene::at(1_000).shows(|cycle| track.outcome(cycle));
-        assert_eq!((outcome, track.resting), (None, resting));
+        let outcome = Scene::at(1_000).shows(|cycle| monitor.outcome(cycle));
+        assert_eq!((outcome, monitor.resting), (None, resting));
     }
 }
 
 #[test]
 fn a_distance_ends_where_it_may_lead_unless_one_before_it_is_in_doubt() {
-    let left = |change: fn(&mut Track)| {
+    let left = |change: fn(&mut SetPointMonitor)| {
         let mut scene = Scene::at(400);
         scene.word = Statusword::TARGET_REACHED;
-        let track = changed(distance(400, base(0)), |track| track.left_target = true);
-        shown(&scene, changed(track, change))
+        let monitor = changed(distance(400, base(0)), |monitor| monitor.left_target = true);
+        shown(&scene, changed(monitor, change))
     };
     assert_eq!(left(|_| ()), reached(400));
-    assert_eq!(left(|track| track.doubted = true), None);
-    assert_eq!(left(|track| track.bases.position = 100), None);
-    assert_eq!(left(|track| track.left_target = false), None);
+    assert_eq!(left(|monitor| monitor.doubted = true), None);
+    assert_eq!(left(|monitor| monitor.bases.position = 100), None);
+    assert_eq!(left(|monitor| monitor.left_target = false), None);
     // One whose end is reckoned from a base that may be beside it.
     assert_eq!(
-        left(|track| (track.end, track.doubted) = (Some(500), true)),
+        left(|monitor| (monitor.end, monitor.doubted) = (Some(500), true)),
         reached(400)
     );
     assert_eq!(
-        left(|track| (track.end, track.is_loose) = (Some(500), false)),
+        left(|monitor| (monitor.end, monitor.is_loose) = (Some(500), false)),
         None
     );
 }
@@ -1144,11 +1191,11 @@ fn an_axis_at_rest_at_the_end_is_there_without_a_word_of_bit_10() {
     assert_eq!(at(1_010, ms(99)), None);
     // A distance that may count from elsewhere may have its way still to go.
     let loose = |base_at: i32| {
-        let track = changed(distance(400, base(base_at)), |track| {
-            (track.end, track.goal) = (Some(400), Some(400));
-            track.since = NOW - ms(500);
+        let monitor = changed(distance(400, base(base_at)), |monitor| {
+            (monitor.end, monitor.goal) = (Some(400), Some(400));
+            monitor.since = NOW - ms(500);
         });
-        shown(&Scene::rests(405, ms(100)), track)
+        shown(&Scene::rests(405, ms(100)), monitor)
     };
     assert_eq!(loose(0), reached(405));
     assert_eq!(loose(-6), None);
@@ -1156,25 +1203,25 @@ fn an_axis_at_rest_at_the_end_is_there_without_a_word_of_bit_10() {
 
 #[test]
 fn a_distance_that_is_no_way_ends_where_the_last_one_ended_well() {
-    let at = |way: i32, change: fn(&mut Track)| {
-        let track = changed(distance(way, base(500)), change);
-        shown(&Scene::rests(0, ms(100)), track)
+    let at = |way: i32, change: fn(&mut SetPointMonitor)| {
+        let monitor = changed(distance(way, base(500)), change);
+        shown(&Scene::rests(0, ms(100)), monitor)
     };
     assert_eq!(at(10, |_| ()), reached(0));
     assert_eq!(at(-10, |_| ()), reached(0));
     assert_ne!(at(11, |_| ()), reached(0));
-    assert_ne!(at(10, |track| track.at_base = false), reached(0));
-    assert_ne!(at(10, |track| track.doubted = true), reached(0));
+    assert_ne!(at(10, |monitor| monitor.at_base = false), reached(0));
+    assert_ne!(at(10, |monitor| monitor.doubted = true), reached(0));
 }
 
 #[test]
 fn an_axis_that_has_come_to_rest_elsewhere_has_missed_its_target() {
-    let elsewhere = |position: i32, change: fn(&mut Track)| {
-        let track = changed(to(1_000), |track| {
-            track.since = NOW - ms(500);
-            (track.stood, track.left_place) = (Some(0), Some(NOW - ms(150)));
+    let elsewhere = |position: i32, change: fn(&mut SetPointMonitor)| {
+        let monitor = changed(to(1_000), |monitor| {
+            monitor.since = NOW - ms(500);
+            (monitor.stood, monitor.left_place) = (Some(0), Some(NOW - ms(150)));
         });
-        shown(&Scene::rests(position, ms(200)), changed(track, change))
+        shown(&Scene::rests(position, ms(200)), changed(monitor, change))
     };
     let missed = |actual: i32| {
         Some(Err(Failure::MissedTarget {
@@ -1186,33 +1233,38 @@ fn an_axis_that_has_come_to_rest_elsewhere_has_missed_its_target() {
     assert_eq!(elsewhere(10, |_| ()), None);
     assert_eq!(elsewhere(12, |_| ()), missed(12));
     assert_eq!(
-        elsewhere(11, |track| track.left_place = Some(NOW - ms(50))),
+        elsewhere(11, |monitor| monitor.left_place = Some(NOW - ms(50))),
         None
     );
-    assert_eq!(elsewhere(0, |track| track.left_target = true), missed(0));
     assert_eq!(
-        elsewhere(0, |track| (track.left_target, track.follows) = (true, true)),
+        elsewhere(0, |monitor| monitor.left_target = true),
+        missed(0)
+    );
+    assert_eq!(
+        elsewhere(0, |monitor| (monitor.left_target, monitor.follows) =
+            (true, true)),
         None
     );
     // One before it in doubt may have moved the axis: this one has its time first.
-    assert_eq!(elsewhere(11, |track| track.doubted = true), None);
-    let late = |track: &mut Track| {
-        (track.doubted, track.resting) = (true, Some(NOW - BEGIN));
+    assert_eq!(elsewhere(11, |monitor| monitor.doubted = true), None);
+    let late = |monitor: &mut SetPointMonitor| {
+        (monitor.doubted, monitor.resting) = (true, Some(NOW - BEGIN));
     };
     assert_eq!(elsewhere(11, late), missed(11));
-    let not_late = |track: &mut Track| {
-        (track.doubted, track.resting) = (true, Some(NOW - BEGIN + ms(1)));
+    let not_late = |monitor: &mut SetPointMonitor| {
+        (monitor.doubted, monitor.resting) = (true, Some(NOW - BEGIN + ms(1)));
     };
     assert_eq!(elsewhere(11, not_late), None);
     // Wherever it led: a distance without an end.
     assert_eq!(
-        elsewhere(500, |track| (track.end, track.distance) = (None, Some(400))),
+        elsewhere(500, |monitor| (monitor.end, monitor.distance) =
+            (None, Some(400))),
         Some(Err(Failure::EndNotKnown { actual: 500 }))
     );
     assert_eq!(
-        elsewhere(400, |track| {
+        elsewhere(400, |monitor| {
             let bases = base(0);
-            *track = Track {
+            *monitor = SetPointMonitor {
                 stood: Some(0),
                 left_place: Some(ms(2_000)),
                 ..distance(400, bases)
@@ -1224,17 +1276,17 @@ fn an_axis_that_has_come_to_rest_elsewhere_has_missed_its_target() {
 
 #[test]
 fn an_axis_that_stays_for_the_time_to_begin_has_not_begun() {
-    let stays = |since: Duration, change: fn(&mut Track)| {
-        let track = changed(to(1_000), |track| track.since = since);
-        shown(&Scene::rests(0, ms(2_000)), changed(track, change))
+    let stays = |since: Duration, change: fn(&mut SetPointMonitor)| {
+        let monitor = changed(to(1_000), |monitor| monitor.since = since);
+        shown(&Scene::rests(0, ms(2_000)), changed(monitor, change))
     };
     let not_begun = Some(Err(Failure::NotBegun { actual: 0 }));
     assert_eq!(stays(NOW - BEGIN, |_| ()), not_begun);
     assert_eq!(stays(NOW - BEGIN + ms(1), |_| ()), None);
     // So long after bit 10 was low, it was low for this one.
-    let beside = |track: &mut Track| {
-        track.begins_beside = true;
-        (track.left_target, track.follows) = (true, true);
+    let beside = |monitor: &mut SetPointMonitor| {
+        monitor.begins_beside = true;
+        (monitor.left_target, monitor.follows) = (true, true);
     };
     let missed = Failure::MissedTarget {
         target: 1_000,
@@ -1242,12 +1294,14 @@ fn an_axis_that_stays_for_the_time_to_begin_has_not_begun() {
     };
     assert_eq!(stays(NOW - BEGIN, beside), Some(Err(missed)));
     assert_eq!(
-        stays(NOW - BEGIN, |track| track.begins_beside = true),
+        stays(NOW - BEGIN, |monitor| monitor.begins_beside = true),
         not_begun
     );
     assert_eq!(
-        stays(NOW - BEGIN, |track| (track.left_target, track.follows) =
-            (true, true)),
+        stays(NOW - BEGIN, |monitor| (
+            monitor.left_target,
+            monitor.follows
+        ) = (true, true)),
         not_begun
     );
 }
@@ -1255,16 +1309,16 @@ fn an_axis_that_stays_for_the_time_to_begin_has_not_begun() {
 /// An axis that never comes to rest within its window has to have gone further than it swings.
 #[test]
 fn an_axis_that_lingers_has_moved_when_it_is_further_away_than_it_swings() {
-    let lingers = |position: i32, change: fn(&mut Track)| {
-        let mut track = changed(to(1_000), |track| {
-            track.since = NOW - ms(500);
-            track.lingering.rests = true;
-            track.lingering.before = Some((0, 30));
-            track.lingering.span.observe(NOW, true, BEGIN);
-            track.lingering.bounds = Some((0, 30));
+    let lingers = |position: i32, change: fn(&mut SetPointMonitor)| {
+        let mut monitor = changed(to(1_000), |monitor| {
+            monitor.since = NOW - ms(500);
+            monitor.lingering.rests = true;
+            monitor.lingering.before = Some((0, 30));
+            monitor.lingering.span.update(NOW, true, BEGIN);
+            monitor.lingering.bounds = Some((0, 30));
         });
-        change(&mut track);
-        shown(&Scene::rests(position, ms(50)), track)
+        change(&mut monitor);
+        shown(&Scene::rests(position, ms(50)), monitor)
     };
     let missed = Some(Err(Failure::MissedTarget {
         target: 1_000,
@@ -1272,65 +1326,67 @@ fn an_axis_that_lingers_has_moved_when_it_is_further_away_than_it_swings() {
     }));
     assert_eq!(lingers(41, |_| ()), missed);
     assert_eq!(lingers(40, |_| ()), None);
-    assert_eq!(lingers(41, |track| track.lingering.rests = false), None);
+    assert_eq!(lingers(41, |monitor| monitor.lingering.rests = false), None);
 }
 
 #[test]
 fn a_distance_may_end_within_its_lag_behind_one_that_ended_beside() {
     let bounds = Scene::at(0).bounds;
-    let behind = changed(distance(400, base(5_000)), |track| track.goal = Some(1_000));
+    let behind = changed(distance(400, base(5_000)), |monitor| {
+        monitor.goal = Some(1_000)
+    });
     assert!(behind.may_end_at(1_100, &bounds) && !behind.may_end_at(1_101, &bounds));
     assert!(behind.may_end_at(900, &bounds) && !behind.may_end_at(899, &bounds));
-    let of_base = changed(behind, |track| track.end = Some(1_000));
+    let of_base = changed(behind, |monitor| monitor.end = Some(1_000));
     assert!(!of_base.may_end_at(1_000, &bounds) && of_base.may_end_at(5_400, &bounds));
-    let known = changed(behind, |track| track.is_loose = false);
+    let known = changed(behind, |monitor| monitor.is_loose = false);
     assert!(!known.may_end_at(1_000, &bounds));
     assert!(!to(1_000).may_end_at(1_000, &bounds), "a position");
 }
 
 #[test]
 fn a_miss_says_what_is_known_of_the_end() {
-    let missed = |change: fn(&mut Track)| changed(to(1_000), change).missed(1_000, 7);
+    let missed = |change: fn(&mut SetPointMonitor)| changed(to(1_000), change).missed(1_000, 7);
     let (target, actual) = (1_000, 7);
     let unknown = Failure::EndNotKnown { actual };
     let miss = Failure::MissedTarget { target, actual };
     assert_eq!(missed(|_| ()), miss);
     assert_eq!(
-        missed(|track| track.confirmed = false),
+        missed(|monitor| monitor.confirmed = false),
         Failure::Unconfirmed { target, actual }
     );
-    assert_eq!(missed(|track| track.is_vague = true), unknown);
+    assert_eq!(missed(|monitor| monitor.is_vague = true), unknown);
     assert_eq!(
-        missed(|track| (track.is_loose, track.stood_before) = (true, false)),
+        missed(|monitor| (monitor.is_loose, monitor.stood_before) = (true, false)),
         unknown
     );
     assert_eq!(
-        missed(|track| (track.is_loose, track.stood_before) = (true, true)),
+        missed(|monitor| (monitor.is_loose, monitor.stood_before) = (true, true)),
         miss
     );
-    assert_eq!(missed(|track| track.stood_before = false), miss);
+    assert_eq!(missed(|monitor| monitor.stood_before = false), miss);
 }
 
 #[test]
 fn a_way_of_three_windows_is_short_and_one_of_half_the_circle_far() {
-    let turned = |end: i32, change: fn(&mut Track)| {
-        let mut track = changed(to(end), change);
-        track.turn(0, &Scene::at(0).bounds);
-        (track.short, track.far)
+    let turned = |end: i32, change: fn(&mut SetPointMonitor)| {
+        let mut monitor = changed(to(end), change);
+        monitor.turn(0, &Scene::at(0).bounds);
+        (monitor.short, monitor.far)
     };
     assert_eq!(turned(30, |_| ()), (true, false));
     assert_eq!(turned(-31, |_| ()), (false, false));
-    let mut track = to(i32::MAX);
+    let mut monitor = to(i32::MAX);
     let bounds = Scene::at(0).bounds;
     for (from, far) in [(0, false), (-1, true), (1, false), (i32::MIN, true)] {
-        track.turn(from, &bounds);
-        assert_eq!(track.far, far, "{from}");
+        monitor.turn(from, &bounds);
+        assert_eq!(monitor.far, far, "{from}");
     }
-    let far = |change: fn(&mut Track)| changed(to(i32::MAX), change).is_far(-1, &bounds);
+    let far = |change: fn(&mut SetPointMonitor)| changed(to(i32::MAX), change).is_far(-1, &bounds);
     assert!(far(|_| ()));
-    assert!(!far(|track| track.absolute = false));
-    assert!(!far(|track| track.turns = true));
-    assert!(!far(|track| track.end = None));
+    assert!(!far(|monitor| monitor.absolute = false));
+    assert!(!far(|monitor| monitor.turns = true));
+    assert!(!far(|monitor| monitor.end = None));
 }
 
 #[test]
@@ -1345,14 +1401,14 @@ fn an_axis_has_passed_its_end_on_the_side_that_it_did_not_come_from() {
         (0, 1_000, false),
         (0, 1_001, false),
     ] {
-        let mut track = changed(to(1_000), |track| track.side = side);
-        assert_eq!(track.passed(position), passed, "{side} {position}");
-        track.far = true;
-        assert!(!track.passed(position));
-        (track.turns, track.crossed) = (true, false);
-        assert!(!track.passed(position));
-        track.crossed = true;
-        assert!(track.passed(position));
+        let mut monitor = changed(to(1_000), |monitor| monitor.side = side);
+        assert_eq!(monitor.passed(position), passed, "{side} {position}");
+        monitor.far = true;
+        assert!(!monitor.passed(position));
+        (monitor.turns, monitor.crossed) = (true, false);
+        assert!(!monitor.passed(position));
+        monitor.crossed = true;
+        assert!(monitor.passed(position));
     }
 }
 
@@ -1360,13 +1416,13 @@ fn an_axis_has_passed_its_end_on_the_side_that_it_did_not_come_from() {
 #[test]
 fn a_rise_at_speed_is_remembered_for_the_settle_time() {
     for (rose, passing) in [(NOW - SETTLE, false), (NOW - SETTLE + ms(1), true)] {
-        let mut track = changed(to(1_000), |track| {
-            (track.passing, track.rose) = (true, rose);
+        let mut monitor = changed(to(1_000), |monitor| {
+            (monitor.passing, monitor.rose) = (true, rose);
         });
-        track.let_go(NOW, BEGIN, SETTLE);
-        assert_eq!(track.passing, passing);
-        let mut slow = changed(to(1_000), |track| track.rose = rose);
-        slow.let_go(NOW, BEGIN, SETTLE);
+        monitor.canonicalize(NOW, BEGIN, SETTLE);
+        assert_eq!(monitor.passing, passing);
+        let mut slow = changed(to(1_000), |monitor| monitor.rose = rose);
+        slow.canonicalize(NOW, BEGIN, SETTLE);
         assert!(!slow.passing);
     }
 }

@@ -1,4 +1,4 @@
-//! The mails in frames: which writes a device took.
+//! The messages in frames: which writes a device took.
 
 use std::{collections::BTreeMap, ops::Range};
 

@@ -1,4 +1,4 @@
-//! What happens to the devices of a line in the course of a life.
+//! What happens to the devices of a line in the course of a scenario.
 
 use std::{collections::BTreeMap, rc::Rc, time::Duration};
 
@@ -14,7 +14,7 @@ use crate::{
 const CODES: [u16; 4] = [0x0001, 0x001B, 0x001A, 0x8001];
 
 /// Makes trouble until it is told to end.
-pub struct Troublemaker {
+pub struct FaultDriver {
     random: Random,
     wired: Wired,
     /// What the drives' numbers are, by their position.
@@ -40,7 +40,7 @@ pub fn faults(random: &mut Random, seed: u64) -> Faults {
         let millionths = random.between(1, often) as u32;
         Rate::per_million(if chosen { millionths } else { 0 })
     };
-    // What lies makes other checks impossible: it is in one life of four.
+    // What lies makes other checks impossible: it is in one scenario of four.
     let (flip_data, mail_garbage) = (rate(8), rate(8));
     let mut faults = Faults {
         seed,
@@ -69,7 +69,7 @@ pub fn faults(random: &mut Random, seed: u64) -> Faults {
     faults
 }
 
-impl Troublemaker {
+impl FaultDriver {
     pub fn new(seed: u64, wired: &Wired, drives: BTreeMap<usize, usize>, common: &Common) -> Self {
         let mut random = Random::new(seed ^ 0x7472_6F75);
         Self {
@@ -96,8 +96,8 @@ impl Troublemaker {
         self.undo(now);
         if now >= self.weather_until {
             self.weather_until = now + self.ms(400);
-            let calm = self.random.once_in(3);
-            self.wired.line().set_calm(calm);
+            let quiet = self.random.once_in(3);
+            self.wired.line().set_quiet(quiet);
         }
         if now < self.next {
             return;
@@ -233,6 +233,6 @@ impl Troublemaker {
             device.set_habits(Habits::default());
             device.set_mailbox_delay(Duration::ZERO);
         }
-        line.set_calm(true);
+        line.set_quiet(true);
     }
 }

@@ -1,13 +1,13 @@
 //! Whole mails: mailbox header, CoE header, emergencies, error replies.
 
 use servocrab::coe::Emergency;
-use servocrab::coe::mailbox::{HEADER_LENGTH, Mail};
+use servocrab::coe::mailbox::{HEADER_LENGTH, MailboxMessage};
 
 use super::memory::within;
 
-/// Reads one mail. The parser keeps nothing: what it gives points into the mail.
+/// Reads one message. The parser keeps nothing: what it gives points into the message.
 pub fn run(data: &[u8]) {
-    let parsed = within(0, || Mail::parse(data));
+    let parsed = within(0, || MailboxMessage::parse(data));
     match parsed {
         Ok((header, content)) => {
             assert!(data.len() >= HEADER_LENGTH + usize::from(header.length));
@@ -17,8 +17,8 @@ pub fn run(data: &[u8]) {
             head[5] &= 0x7F;
             assert_eq!(header.to_bytes(), head);
             within(256, || match content {
-                Mail::Emergency(emergency) => emergency.to_string(),
-                Mail::Error(error) => error.to_string(),
+                MailboxMessage::Emergency(emergency) => emergency.to_string(),
+                MailboxMessage::Error(error) => error.to_string(),
                 _ => String::new(),
             });
         }

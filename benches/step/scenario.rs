@@ -23,7 +23,7 @@ use servocrab_sim::{Segment, personality};
 
 use crate::counted::{Outside, counted, poll, until};
 
-/// A part of the life that is counted by itself.
+/// A part of the scenario that is counted by itself.
 pub(crate) struct Phase {
     pub(crate) name: &'static str,
     pub(crate) cycles: usize,

@@ -1,4 +1,4 @@
-//! A life: a line is brought up, works, suffers, is led back, and ends.
+//! A scenario: a line is brought up, works, suffers, is led back, and ends.
 
 use std::{
     collections::BTreeMap,
@@ -19,12 +19,12 @@ use servocrab_sim::{AlState, Segment, ds402::Plant, ds402::State, personality};
 use crate::{
     cable::{Cable, Wired},
     clerks::{self, Desk},
+    faults_of_line::{FaultDriver, faults},
     judge::Judge,
     line::{Member, member},
     program::{self, Common, MS, RECOVER_LIMIT, SDO_LIMIT, tells_where, variant},
     random::Random,
     tasks::{Clock, Tasks},
-    trouble::{Troublemaker, faults},
 };
 
 /// Longer than any bring-up, well or not.
@@ -35,7 +35,7 @@ const END_LIMIT: Duration = Duration::from_secs(40);
 /// No answer is later than that.
 const LATE: Duration = Duration::from_millis(1_500);
 
-struct Life {
+struct Scenario {
     random: Random,
     wired: Wired,
     members: Vec<Member>,
@@ -48,41 +48,46 @@ struct Life {
 /// What happened in it, how often.
 pub type Story = BTreeMap<String, u64>;
 
-/// Lives one life.
+/// Lives one scenario.
 pub fn live(seed: u64) -> Result<Story, String> {
-    let mut life = Life::new(seed);
+    let mut scenario = Scenario::new(seed);
     if std::env::var("LINE_LOG").is_ok() {
-        eprintln!("{:?} each {:?}", life.wired.line(), life.cycle);
+        eprintln!("{:?} each {:?}", scenario.wired.line(), scenario.cycle);
     }
-    let mut trouble = Troublemaker::new(seed, &life.wired, life.drives.clone(), &life.common);
-    // Of half of the lives the begin is hard too.
-    let hard = life.random.once_in(2);
-    let mut begun = life.start(hard.then_some(&mut trouble));
+    let mut faults_of_line = FaultDriver::new(
+        seed,
+        &scenario.wired,
+        scenario.drives.clone(),
+        &scenario.common,
+    );
+    // Of half of the scenarios the begin is hard too.
+    let hard = scenario.random.once_in(2);
+    let mut begun = scenario.start(hard.then_some(&mut faults_of_line));
     if let Err(error) = &begun {
         tells_where(error, None);
-        life.common.count(format!("start: {}", variant(error)));
-        trouble.end(life.now());
-        begun = life.start(None);
+        scenario.common.count(format!("start: {}", variant(error)));
+        faults_of_line.end(scenario.now());
+        begun = scenario.start(None);
     }
     let (net, mut bus) = begun.map_err(|error| format!("on a healthy line: {error}"))?;
-    life.common.count("start: ok");
-    let works = life.works(&net, &mut bus, &mut trouble);
-    works.and_then(|()| life.is_well_again(&net, &mut bus))?;
-    life.ends(&net, bus)?;
-    life.common.judge.verdict()?;
-    life.writes_are_made_once()?;
-    let mut story = life.common.outcomes.take();
-    let line = life.wired.line();
+    scenario.common.count("start: ok");
+    let works = scenario.works(&net, &mut bus, &mut faults_of_line);
+    works.and_then(|()| scenario.is_well_again(&net, &mut bus))?;
+    scenario.ends(&net, bus)?;
+    scenario.common.judge.verdict()?;
+    scenario.writes_are_made_once()?;
+    let mut story = scenario.common.outcomes.take();
+    let line = scenario.wired.line();
     let cable = line.seen().iter();
     story.extend(cable.map(|(what, times)| (format!("cable: {what}"), *times)));
-    let devices = trouble.seen.iter();
+    let devices = faults_of_line.seen.iter();
     story.extend(devices.map(|(what, times)| (format!("device: {what}"), *times)));
-    let now = life.wired.now().as_millis() as u64;
+    let now = scenario.wired.now().as_millis() as u64;
     story.insert("milliseconds".to_owned(), now);
     Ok(story)
 }
 
-impl Life {
+impl Scenario {
     fn new(seed: u64) -> Self {
         let mut random = Random::new(seed);
         let mut segment = Segment::new();
@@ -140,7 +145,7 @@ impl Life {
 
     fn start(
         &mut self,
-        mut trouble: Option<&mut Troublemaker>,
+        mut faults_of_line: Option<&mut FaultDriver>,
     ) -> Result<(Network, BusLoop), NetworkError> {
         let (starting, mut bus) = self.builder().split()?;
         let clock = self.common.clock.clone();
@@ -148,8 +153,8 @@ impl Life {
         let started = turn(&mut bus, START_LIMIT, starting.network(), |now| {
             clock.set(now);
             judge.look(wired.line().segment(), now);
-            if let Some(trouble) = trouble.as_deref_mut() {
-                trouble.act(now);
+            if let Some(faults_of_line) = faults_of_line.as_deref_mut() {
+                faults_of_line.act(now);
             }
         });
         let net = started.ok_or_else(|| NetworkError::Declaration("no end".into()))??;
@@ -161,7 +166,7 @@ impl Life {
         &mut self,
         net: &Network,
         bus: &mut BusLoop,
-        trouble: &mut Troublemaker,
+        faults_of_line: &mut FaultDriver,
     ) -> Result<(), String> {
         let common = &self.common;
         let mut tasks = Tasks::default();
@@ -203,11 +208,11 @@ impl Life {
             common.judge.look(self.wired.line().segment(), now);
             match over {
                 None if now >= end => {
-                    trouble.end(now);
+                    faults_of_line.end(now);
                     common.ending.set(true);
                     over = Some(now + RECOVER_LIMIT + SDO_LIMIT);
                 }
-                None => trouble.act(now),
+                None => faults_of_line.act(now),
                 Some(_) if tasks.are_over() => return Ok(()),
                 Some(limit) if now >= limit => {
                     return Err(format!("these have no end: {:?}", tasks.names()));
@@ -338,7 +343,7 @@ impl Life {
         if lies.iter().any(|lie| line.seen().contains_key(lie)) {
             return Ok(());
         }
-        for ((station, object, value), times) in &self.wired.mails().written {
+        for ((station, object, value), times) in &self.wired.messages().written {
             if object.0 == crate::judge::WRITTEN && *times > 1 && *value >= 1_100_000 {
                 return Err(format!(
                     "{value} was written {times} times to {object:04X?} of {station:04X}h"

@@ -94,7 +94,7 @@ fn by(distance: i32, buffer_mode: BufferMode) -> MoveCommand {
 }
 
 /// One that the drive has taken from an axis at rest at 0.
-fn track(id: u32, command: MoveCommand, end: Option<i32>) -> Track {
+fn monitor(id: u32, command: MoveCommand, end: Option<i32>) -> SetPointMonitor {
     let raised = Raised {
         request: Request {
             id: CommandId(id),
@@ -115,34 +115,34 @@ fn track(id: u32, command: MoveCommand, end: Option<i32>) -> Track {
         behind_loose: false,
         early: false,
     };
-    Scene::at(0).shows(|cycle| Track::new(&raised, true, cycle))
+    Scene::at(0).shows(|cycle| SetPointMonitor::new(&raised, true, cycle))
 }
 
-fn held(tracks: [Option<Track>; 2]) -> Chain {
-    Chain {
-        held: tracks,
-        ..Chain::default()
+fn held(monitors: [Option<SetPointMonitor>; 2]) -> DriveBuffer {
+    DriveBuffer {
+        held: monitors,
+        ..DriveBuffer::default()
     }
 }
 
 /// One under way to 1000.
-fn one() -> Chain {
+fn one() -> DriveBuffer {
     let first = to(1_000, BufferMode::Aborting);
-    held([Some(track(1, first, Some(1_000))), None])
+    held([Some(monitor(1, first, Some(1_000))), None])
 }
 
 /// And one behind it to 2000.
-fn two() -> Chain {
+fn two() -> DriveBuffer {
     let second = to(2_000, BufferMode::Buffered);
-    let mut chain = one();
-    chain.held[1] = Some(track(2, second, Some(2_000)));
-    chain
+    let mut drive_buffer = one();
+    drive_buffer.held[1] = Some(monitor(2, second, Some(2_000)));
+    drive_buffer
 }
 
-fn after(last_end: Option<i32>) -> Chain {
-    Chain {
+fn after(last_end: Option<i32>) -> DriveBuffer {
+    DriveBuffer {
         last_end,
-        ..Chain::default()
+        ..DriveBuffer::default()
     }
 }
 
@@ -154,12 +154,12 @@ fn reports(mut events: Events) -> alloc::vec::Vec<(u32, Event)> {
 
 #[test]
 fn a_chain_says_what_it_holds_and_whether_a_cycle_may_be_cheap() {
-    for (chain, empty, cheap) in [
-        (Chain::default(), true, true),
+    for (drive_buffer, empty, cheap) in [
+        (DriveBuffer::default(), true, true),
         (one(), false, true),
         (two(), false, false),
     ] {
-        let said = (chain.is_empty(), chain.allows_idle_path());
+        let said = (drive_buffer.is_empty(), drive_buffer.allows_idle_path());
         assert_eq!(said, (empty, cheap));
     }
     let mut resumed = one();
@@ -168,9 +168,9 @@ fn a_chain_says_what_it_holds_and_whether_a_cycle_may_be_cheap() {
         !resumed.allows_idle_path(),
         "bit 10 may be that of the halt"
     );
-    let over = Chain {
+    let over = DriveBuffer {
         over: Some(Over {
-            track: track(7, to(500, BufferMode::Aborting), Some(500)),
+            monitor: monitor(7, to(500, BufferMode::Aborting), Some(500)),
             next: BufferMode::Buffered,
             since: NOW,
             position: 400,
@@ -178,7 +178,7 @@ fn a_chain_says_what_it_holds_and_whether_a_cycle_may_be_cheap() {
         ..one()
     };
     assert!(!over.allows_idle_path(), "an end is open");
-    let mut given_up = Chain {
+    let mut given_up = DriveBuffer {
         not_begun: true,
         ..one()
     };
@@ -189,10 +189,10 @@ fn a_chain_says_what_it_holds_and_whether_a_cycle_may_be_cheap() {
 fn a_relative_move_counts_from_the_documented_base() {
     use BufferMode::{Aborting, Blending, Buffered};
     use RelativeBase::{Actual, Demand, PositioningOption, PreviousTarget, Undocumented};
-    let base = |chain: &Chain, of: RelativeBase, buffer_mode, position: i32| {
+    let base = |drive_buffer: &DriveBuffer, of: RelativeBase, buffer_mode, position: i32| {
         let mut scene = Scene::base(of);
         scene.position = position;
-        scene.shows(|cycle| chain.base_of(&by(5, buffer_mode), cycle))
+        scene.shows(|cycle| drive_buffer.base_of(&by(5, buffer_mode), cycle))
     };
     // Behind another at the end of that.
     for of in [
@@ -219,9 +219,9 @@ fn a_relative_move_counts_from_the_documented_base() {
         assert_eq!(base(&after(None), of, Aborting, 1_000), None);
     }
     // Behind one that the drive may hold yet nobody knows; one that replaces it counts as ever.
-    let unproven = |chain| Chain {
+    let unproven = |drive_buffer| DriveBuffer {
         unproven: true,
-        ..chain
+        ..drive_buffer
     };
     assert_eq!(base(&unproven(after(None)), Actual, Buffered, 300), None);
     assert_eq!(
@@ -235,12 +235,12 @@ fn a_relative_move_counts_from_the_documented_base() {
 fn where_a_move_begins_leads_and_ends() {
     use BufferMode::{Aborting, Blending, Buffered};
     let scene = Scene::base(RelativeBase::Actual);
-    let of = |chain: &Chain, command: MoveCommand| {
+    let of = |drive_buffer: &DriveBuffer, command: MoveCommand| {
         scene.shows(|cycle| {
             (
-                chain.begin_of(&command, cycle),
-                chain.goal_of(&command, cycle),
-                chain.end_of(&command, cycle),
+                drive_buffer.begin_of(&command, cycle),
+                drive_buffer.goal_of(&command, cycle),
+                drive_buffer.end_of(&command, cycle),
             )
         })
     };
@@ -260,7 +260,7 @@ fn where_a_move_begins_leads_and_ends() {
     assert_eq!(two().previous_end(), Some(2_000));
     assert_eq!(after(Some(-7)).previous_end(), Some(-7));
     assert!(two().before(&to(70, Aborting)).is_none());
-    let before = two().before(&to(70, Buffered)).map(|track| track.id);
+    let before = two().before(&to(70, Buffered)).map(|monitor| monitor.id);
     assert_eq!(before, Some(CommandId(2)));
 }
 
@@ -272,8 +272,8 @@ fn a_relative_move_beyond_a_limit_is_refused_where_its_end_is_known() {
         min: -1_000,
         max: 1_000,
     });
-    let check = |scene: &Scene, chain: &Chain, command: MoveCommand| {
-        scene.shows(|cycle| chain.check_limits(&command, cycle).is_ok())
+    let check = |scene: &Scene, drive_buffer: &DriveBuffer, command: MoveCommand| {
+        scene.shows(|cycle| drive_buffer.check_limits(&command, cycle).is_ok())
     };
     let none = after(None);
     assert!(check(&scene, &none, by(700, BufferMode::Aborting)));
@@ -304,17 +304,17 @@ fn an_axis_that_is_near_an_end_may_have_been_led_by_either() {
     }
     assert!(two().ends_near(2_000, &bounds) && !after(Some(5)).ends_near(5, &bounds));
     // A distance may end where it leads from a base that nobody knows.
-    let distance = track(1, by(400, BufferMode::Aborting), None);
+    let distance = monitor(1, by(400, BufferMode::Aborting), None);
     let loose = held([Some(distance), None]);
     assert!(loose.ends_near(400, &bounds) && !loose.ends_near(500, &bounds));
 }
 
 #[test]
 fn an_axis_stands_at_the_last_end_by_606ch_or_by_its_own_time() {
-    let stands = |chain: &Chain, position: i32, velocity: Option<i32>| {
+    let stands = |drive_buffer: &DriveBuffer, position: i32, velocity: Option<i32>| {
         let mut scene = Scene::at(position);
         scene.velocity = velocity;
-        scene.shows(|cycle| chain.stands(cycle))
+        scene.shows(|cycle| drive_buffer.stands(cycle))
     };
     let ended = after(Some(1_000));
     assert!(stands(&ended, 1_010, Some(2)) && stands(&ended, 990, Some(-2)));
@@ -326,26 +326,26 @@ fn an_axis_stands_at_the_last_end_by_606ch_or_by_its_own_time() {
     // For the settle time since the last one has ended.
     let mut scene = Scene::at(7);
     for at in 19_000..=20_000 {
-        scene.standstill.observe(ms(at), 7, None, &scene.bounds);
+        scene.standstill.update(ms(at), 7, None, &scene.bounds);
     }
     let since = |ended: u64| {
-        let chain = Chain {
+        let drive_buffer = DriveBuffer {
             ended: ms(ended),
-            ..Chain::default()
+            ..DriveBuffer::default()
         };
-        scene.shows(|cycle| chain.stands(cycle))
+        scene.shows(|cycle| drive_buffer.stands(cycle))
     };
     assert!(since(19_900) && !since(19_901));
-    let chain = one();
-    assert!(!scene.shows(|cycle| chain.stands(cycle)));
+    let drive_buffer = one();
+    assert!(!scene.shows(|cycle| drive_buffer.stands(cycle)));
     // A move that is queued begins at rest in any case.
-    let rests = |scene: &Scene, chain: &Chain, buffer_mode| {
-        scene.shows(|cycle| chain.begins_at_rest(&to(5, buffer_mode), cycle))
+    let rests = |scene: &Scene, drive_buffer: &DriveBuffer, buffer_mode| {
+        scene.shows(|cycle| drive_buffer.begins_at_rest(&to(5, buffer_mode), cycle))
     };
-    assert!(rests(&scene, &chain, BufferMode::Buffered));
-    assert!(!rests(&scene, &chain, BufferMode::Blending));
-    assert!(!rests(&scene, &chain, BufferMode::Aborting));
-    assert!(rests(&scene, &Chain::default(), BufferMode::Aborting));
+    assert!(rests(&scene, &drive_buffer, BufferMode::Buffered));
+    assert!(!rests(&scene, &drive_buffer, BufferMode::Blending));
+    assert!(!rests(&scene, &drive_buffer, BufferMode::Aborting));
+    assert!(rests(&scene, &DriveBuffer::default(), BufferMode::Aborting));
 }
 
 /// Behind one that the drive may hold yet there is no second place, but for a move that replaces both.
@@ -353,45 +353,46 @@ fn an_axis_stands_at_the_last_end_by_606ch_or_by_its_own_time() {
 fn behind_one_in_doubt_only_what_replaces_it_has_a_place() {
     let mut scene = Scene::at(500);
     scene.traits.buffer_signal = BufferSignal::Acknowledge;
-    let place = |chain: &Chain, command: MoveCommand| {
-        scene.shows(|cycle| match chain.place_for(&command, cycle) {
-            Place::Free => "free",
-            Place::Full => "full",
-            Place::Later => "later",
-            Place::Never(_) => "never",
+    let place = |drive_buffer: &DriveBuffer, command: MoveCommand| {
+        scene.shows(|cycle| match drive_buffer.place_for(&command, cycle) {
+            BufferRoom::Free => "free",
+            BufferRoom::Full => "full",
+            BufferRoom::Later => "later",
+            BufferRoom::Never(_) => "never",
         })
     };
-    let unproven = Chain {
+    let unproven = DriveBuffer {
         unproven: true,
         ..one()
     };
-    for (chain, buffered, absolute, relative) in [
-        (Chain::default(), "free", "free", "free"),
+    for (drive_buffer, buffered, absolute, relative) in [
+        (DriveBuffer::default(), "free", "free", "free"),
         (one(), "free", "free", "free"),
         (unproven, "later", "free", "free"),
         (two(), "later", "full", "never"),
     ] {
-        assert_eq!(place(&chain, to(70, BufferMode::Buffered)), buffered);
-        assert_eq!(place(&chain, to(70, BufferMode::Blending)), buffered);
-        assert_eq!(place(&chain, to(70, BufferMode::Aborting)), absolute);
-        assert_eq!(place(&chain, by(70, BufferMode::Aborting)), relative);
+        assert_eq!(place(&drive_buffer, to(70, BufferMode::Buffered)), buffered);
+        assert_eq!(place(&drive_buffer, to(70, BufferMode::Blending)), buffered);
+        assert_eq!(place(&drive_buffer, to(70, BufferMode::Aborting)), absolute);
+        assert_eq!(place(&drive_buffer, by(70, BufferMode::Aborting)), relative);
     }
 }
 
 /// Without a word of bit 12 the position has to show that the active one has ended.
 #[test]
 fn a_place_that_bit_12_does_not_show_is_free_where_the_position_will_show_the_end() {
-    let place_at = |position, signal, chain: &Chain, command: MoveCommand| {
+    let place_at = |position, signal, drive_buffer: &DriveBuffer, command: MoveCommand| {
         let mut scene = Scene::at(position);
         scene.traits.buffer_signal = signal;
-        scene.shows(|cycle| match chain.place_for(&command, cycle) {
-            Place::Free => "free",
-            Place::Full => "full",
-            Place::Later => "later",
-            Place::Never(_) => "never",
+        scene.shows(|cycle| match drive_buffer.place_for(&command, cycle) {
+            BufferRoom::Free => "free",
+            BufferRoom::Full => "full",
+            BufferRoom::Later => "later",
+            BufferRoom::Never(_) => "never",
         })
     };
-    let place = |signal, chain: &Chain, command| place_at(500, signal, chain, command);
+    let place =
+        |signal, drive_buffer: &DriveBuffer, command| place_at(500, signal, drive_buffer, command);
     use BufferMode::{Aborting, Blending, Buffered};
     for signal in [BufferSignal::None, BufferSignal::Unknown] {
         // Bit 11 was not seen low: the drive may have limited the move.
@@ -401,17 +402,17 @@ fn a_place_that_bit_12_does_not_show_is_free_where_the_position_will_show_the_en
         seen.held
             .iter_mut()
             .flatten()
-            .for_each(|track| track.note_limit(Statusword::empty()));
+            .for_each(|monitor| monitor.note_limit(Statusword::empty()));
         assert_eq!(place(signal, &seen, to(70, Buffered)), "free");
         assert_eq!(place(signal, &seen, to(70, Blending)), "free");
         // One that follows another that may begin yet has not moved the axis.
         let mut doubtful = seen.clone();
-        let tracks = doubtful.held.iter_mut().flatten();
-        tracks.for_each(|track| track.comes_after_doubt(false));
+        let monitors = doubtful.held.iter_mut().flatten();
+        monitors.for_each(|monitor| monitor.comes_after_doubt(false));
         assert_eq!(place(signal, &doubtful, to(70, Buffered)), "free");
         assert_eq!(place_at(10, signal, &doubtful, to(70, Buffered)), "later");
         // An end that neither shows, and one that the position shows many times.
-        let nowhere = held([Some(track(1, by(400, Aborting), None)), None]);
+        let nowhere = held([Some(monitor(1, by(400, Aborting), None)), None]);
         assert_eq!(place(signal, &nowhere, to(70, Blending)), "never");
         assert_eq!(place(signal, &nowhere, to(70, Buffered)), "later");
         let mut turning = one();
@@ -419,7 +420,7 @@ fn a_place_that_bit_12_does_not_show_is_free_where_the_position_will_show_the_en
             .held
             .iter_mut()
             .flatten()
-            .for_each(|track| track.turns = true);
+            .for_each(|monitor| monitor.turns = true);
         assert_eq!(place(signal, &turning, to(70, Blending)), "never");
         assert_eq!(place(signal, &turning, to(70, Buffered)), "later");
     }
@@ -440,24 +441,29 @@ fn a_place_that_bit_12_does_not_show_is_free_where_the_position_will_show_the_en
 #[test]
 fn what_replaces_all_ends_them_and_what_follows_one_in_doubt_is_in_doubt() {
     let mut events = Events::new();
-    let mut chain = Chain {
+    let mut drive_buffer = DriveBuffer {
         unproven: true,
         at_base: true,
         last_end: Some(5),
         unseen: true,
         ..two()
     };
-    chain.push(track(3, to(7, BufferMode::Aborting), Some(7)), &mut events);
+    drive_buffer.push(
+        monitor(3, to(7, BufferMode::Aborting), Some(7)),
+        &mut events,
+    );
     let superseded = Event::Done(Err(Failure::Superseded));
     assert_eq!(reports(events), [(1, superseded), (2, superseded)]);
-    assert!(!chain.is_unproven() && !chain.is_at_base());
-    assert_eq!(chain.last_end, None);
-    let ids = chain.held.map(|track| track.map(|track| track.id.0));
+    assert!(!drive_buffer.is_unproven() && !drive_buffer.is_at_base());
+    assert_eq!(drive_buffer.last_end, None);
+    let ids = drive_buffer
+        .held
+        .map(|monitor| monitor.map(|monitor| monitor.id.0));
     assert_eq!(ids, [Some(3), None]);
 
-    let first_of = |chain: &Chain| {
-        let track = chain.held[0].expect("one is held");
-        Scene::at(0).shows(|cycle| track.is_surely_first(cycle))
+    let first_of = |drive_buffer: &DriveBuffer| {
+        let monitor = drive_buffer.held[0].expect("one is held");
+        Scene::at(0).shows(|cycle| monitor.is_surely_first(cycle))
     };
     for (unseen, unproven, buffer_mode, first) in [
         (false, false, BufferMode::Buffered, true),
@@ -465,15 +471,15 @@ fn what_replaces_all_ends_them_and_what_follows_one_in_doubt_is_in_doubt() {
         (false, true, BufferMode::Buffered, false),
         (true, true, BufferMode::Aborting, true),
     ] {
-        let mut chain = Chain {
+        let mut drive_buffer = DriveBuffer {
             unseen,
             unproven,
-            ..Chain::default()
+            ..DriveBuffer::default()
         };
-        let track = track(3, to(1_000, buffer_mode), Some(1_000));
-        chain.push(track, &mut Events::new());
+        let monitor = monitor(3, to(1_000, buffer_mode), Some(1_000));
+        drive_buffer.push(monitor, &mut Events::new());
         assert_eq!(
-            first_of(&chain),
+            first_of(&drive_buffer),
             first,
             "{unseen} {unproven} {buffer_mode:?}"
         );
@@ -483,47 +489,66 @@ fn what_replaces_all_ends_them_and_what_follows_one_in_doubt_is_in_doubt() {
 #[test]
 fn each_of_them_is_told_once_that_it_is_halted() {
     let mut events = Events::new();
-    let mut chain = two();
-    chain.report_halted(&mut events);
-    chain.report_halted(&mut events);
+    let mut drive_buffer = two();
+    drive_buffer.report_halted(&mut events);
+    drive_buffer.report_halted(&mut events);
     let told = [(1, Event::Halted), (2, Event::Halted)];
     assert_eq!(reports(events), told);
     // Only the active one begins where the axis was when it was resumed.
-    chain.resumed(NOW, false);
-    let from_rest = chain.held.map(|track| track.map(|track| track.from_rest));
+    drive_buffer.resumed(NOW, false);
+    let from_rest = drive_buffer
+        .held
+        .map(|monitor| monitor.map(|monitor| monitor.from_rest));
     assert_eq!(from_rest, [Some(false), Some(true)]);
     let mut events = Events::new();
-    chain.report_halted(&mut events);
+    drive_buffer.report_halted(&mut events);
     assert_eq!(reports(events), told, "by the next halt");
 }
 
 /// The last one ends by bit 10 alone; with another one on its way only where its own end is known, and that has not replaced it.
 #[test]
 fn what_shows_with_another_on_its_way_is_the_end_where_that_is_known() {
-    let ended = |mut chain: Chain, next: Next, undecided: bool| {
+    let ended = |mut drive_buffer: DriveBuffer, next: Unacknowledged, undecided: bool| {
         let mut scene = Scene::at(1_000);
-        scene.shows(|cycle| chain.follow_active(cycle, Next::None, false, &mut Events::new()));
+        scene.shows(|cycle| {
+            drive_buffer.follow_active(cycle, Unacknowledged::None, false, &mut Events::new())
+        });
         scene.word = Statusword::TARGET_REACHED;
         let mut events = Events::new();
-        let over = scene.shows(|cycle| chain.follow_active(cycle, next, undecided, &mut events));
-        assert_eq!(over, chain.is_empty());
+        let over =
+            scene.shows(|cycle| drive_buffer.follow_active(cycle, next, undecided, &mut events));
+        assert_eq!(over, drive_buffer.is_empty());
         assert_eq!(over, !reports(events).is_empty());
-        (over, chain.last_end, chain.is_at_base())
+        (over, drive_buffer.last_end, drive_buffer.is_at_base())
     };
     let over = (true, Some(1_000), true);
     let open = (false, None, false);
-    assert_eq!(ended(one(), Next::None, false), over);
+    assert_eq!(ended(one(), Unacknowledged::None, false), over);
     assert_eq!(
-        ended(one(), Next::None, true),
+        ended(one(), Unacknowledged::None, true),
         open,
         "the one before is open"
     );
-    assert_eq!(ended(one(), Next::Comes { replaces: false }, false), over);
-    assert_eq!(ended(one(), Next::Comes { replaces: true }, false), open);
-    let distance = || held([Some(track(1, by(1_000, BufferMode::Aborting), None)), None]);
-    assert_eq!(ended(distance(), Next::None, false), (true, None, true));
     assert_eq!(
-        ended(distance(), Next::Comes { replaces: false }, false),
+        ended(one(), Unacknowledged::Comes { replaces: false }, false),
+        over
+    );
+    assert_eq!(
+        ended(one(), Unacknowledged::Comes { replaces: true }, false),
+        open
+    );
+    let distance = || {
+        held([
+            Some(monitor(1, by(1_000, BufferMode::Aborting), None)),
+            None,
+        ])
+    };
+    assert_eq!(
+        ended(distance(), Unacknowledged::None, false),
+        (true, None, true)
+    );
+    assert_eq!(
+        ended(distance(), Unacknowledged::Comes { replaces: false }, false),
         open
     );
 }
@@ -532,21 +557,21 @@ fn what_shows_with_another_on_its_way_is_the_end_where_that_is_known() {
 #[test]
 fn an_end_that_bit_12_has_shown_is_waited_for_until_the_settle_time_is_over() {
     let after = |waited: u64, position: i32| {
-        let first = track(1, to(1_000, BufferMode::Aborting), Some(1_000));
-        let mut over = track(2, to(2_000, BufferMode::Buffered), Some(2_000));
+        let first = monitor(1, to(1_000, BufferMode::Aborting), Some(1_000));
+        let mut over = monitor(2, to(2_000, BufferMode::Buffered), Some(2_000));
         over.note_limit(Statusword::empty());
-        let mut chain = held([Some(over), None]);
+        let mut drive_buffer = held([Some(over), None]);
         let mut first = first;
         first.note_limit(Statusword::empty());
-        chain.over = Some(Over {
-            track: first,
+        drive_buffer.over = Some(Over {
+            monitor: first,
             next: BufferMode::Buffered,
             since: NOW - ms(waited),
             position: 600,
         });
         let mut events = Events::new();
-        let open = Scene::at(position).shows(|cycle| chain.follow_over(cycle, &mut events));
-        assert_eq!(open, chain.over.is_some());
+        let open = Scene::at(position).shows(|cycle| drive_buffer.follow_over(cycle, &mut events));
+        assert_eq!(open, drive_buffer.over.is_some());
         (open, reports(events))
     };
     assert_eq!(after(99, 300), (true, alloc::vec![]));
