@@ -1333,7 +1333,7 @@ fn an_axis_that_lingers_has_moved_when_it_is_further_away_than_it_swings() {
 fn a_distance_may_end_within_its_lag_behind_one_that_ended_beside() {
     let bounds = Scene::at(0).bounds;
     let behind = changed(distance(400, base(5_000)), |monitor| {
-        monitor.goal = Some(1_000)
+        monitor.goal = Some(1_000);
     });
     assert!(behind.may_end_at(1_100, &bounds) && !behind.may_end_at(1_101, &bounds));
     assert!(behind.may_end_at(900, &bounds) && !behind.may_end_at(899, &bounds));
