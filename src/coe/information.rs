@@ -98,14 +98,14 @@ impl Question {
 /// One question and its answer.
 ///
 /// ```
-/// use servocrab::coe::{information::{Inquiry, ObjectDescription, Question}, sdo::Step};
+/// use servocrab::coe::{information::{Inquiry, ObjectDescription, Question}, sdo::TransferStep};
 ///
 /// let mut inquiry = Inquiry::new(Question::Object { index: 0x1000 });
 /// let mut request = Vec::new();
 /// inquiry.append_request(&mut request);
 /// assert_eq!(request, [3, 0, 0, 0, 0x00, 0x10]);
 /// let step = inquiry.feed(b"\x04\0\0\0\x00\x10\x07\x00\x00\x07Device type")?;
-/// assert_eq!(step, Step::Done);
+/// assert_eq!(step, TransferStep::Done);
 /// let object = ObjectDescription::parse(&inquiry.into_data())?;
 /// assert_eq!((object.index, object.name.as_str()), (0x1000, "Device type"));
 /// # Ok::<(), servocrab::coe::sdo::SdoFault>(())

@@ -109,12 +109,12 @@ enum Phase {
 /// The reading of one object.
 ///
 /// ```
-/// use servocrab::coe::{ObjectAddress, sdo::{Step, Upload}};
+/// use servocrab::coe::{ObjectAddress, sdo::{TransferStep, Upload}};
 ///
 /// let mut upload = Upload::new(ObjectAddress::new(0x6041, 0));
 /// assert_eq!(upload.request(), [0x40, 0x41, 0x60, 0, 0, 0, 0, 0]);
 /// let step = upload.feed(&[0x4B, 0x41, 0x60, 0, 0x37, 0x16, 0, 0])?;
-/// assert_eq!((step, upload.into_data()), (Step::Done, vec![0x37, 0x16]));
+/// assert_eq!((step, upload.into_data()), (TransferStep::Done, vec![0x37, 0x16]));
 /// # Ok::<(), servocrab::coe::sdo::SdoFault>(())
 /// ```
 #[derive(Debug, Clone)]
@@ -307,13 +307,13 @@ impl Upload {
 /// The writing of one object.
 ///
 /// ```
-/// use servocrab::coe::{ObjectAddress, sdo::{Download, Step}};
+/// use servocrab::coe::{ObjectAddress, sdo::{Download, TransferStep}};
 ///
 /// let mut download = Download::new(ObjectAddress::new(0x6068, 0), vec![10, 0], 128);
 /// let mut request = Vec::new();
 /// download.append_request(&mut request);
 /// assert_eq!(request, [0x2B, 0x68, 0x60, 0, 10, 0, 0, 0]);
-/// assert_eq!(download.feed(&[0x60, 0x68, 0x60, 0, 0, 0, 0, 0])?, Step::Done);
+/// assert_eq!(download.feed(&[0x60, 0x68, 0x60, 0, 0, 0, 0, 0])?, TransferStep::Done);
 /// # Ok::<(), servocrab::coe::sdo::SdoFault>(())
 /// ```
 #[derive(Debug, Clone)]

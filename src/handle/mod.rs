@@ -2,7 +2,7 @@
 //!
 //! Handles put commands into a bounded queue and stops beside it. The owner of the cycle takes them to the axis core and brings its
 //! reports and snapshots back (`queue`, with both its ends). It takes no lock and allocates nothing. Each handle is a thin layer over
-//! that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `together`.
+//! that: `axis`, `profile_position`, `follow`, `homing`, `profile_velocity`, `start_together`.
 //!
 //! This room imports the pure ones and `wakes`; of those that need `std`, only `bus` imports it. The modules of the public interface
 //! re-export from here what belongs to them.

@@ -80,7 +80,7 @@ impl Default for Limits {
 ///
 /// ```
 /// use servocrab::coe::obj;
-/// use servocrab::pdo_map::{Direction, Mapping, Place};
+/// use servocrab::pdo_map::{BitRange, Direction, Mapping};
 ///
 /// let mapping = Mapping::builder()
 ///     .axis(2)
@@ -92,7 +92,7 @@ impl Default for Limits {
 ///     .build()?;
 /// let layout = mapping.layout();
 /// assert_eq!((layout.output_bytes(), layout.input_bytes()), (6, 2));
-/// assert_eq!(layout.find(Direction::Outputs, 0x687A, 0), Some(Place { byte: 2, bit: 0, bits: 32 }));
+/// assert_eq!(layout.find(Direction::Outputs, 0x687A, 0), Some(BitRange { byte: 2, bit: 0, bits: 32 }));
 /// # Ok::<(), servocrab::pdo_map::MappingError>(())
 /// ```
 ///
