@@ -24,7 +24,7 @@ mod ds402 {
 }
 
 mod pdo_map {
-    pub(crate) use servocrab::pdo_map::{Direction, Field, Layout, Place};
+    pub(crate) use servocrab::pdo_map::{BitRange, Direction, Field, Layout};
 }
 
 fn main() {
