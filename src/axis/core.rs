@@ -566,7 +566,7 @@ impl AxisCore {
 pub enum Command {
     /// To Operation enabled, from every state but Fault.
     Enable,
-    /// To Ready to switch on or below; a moving or halted axis is stopped by quick stop before.
+    /// To Ready to switch on or below; a moving or halted axis is stopped before, by halt and quick stop.
     Disable,
     /// Out of Fault, to Switch on disabled.
     ResetFault,
@@ -1425,7 +1425,7 @@ impl AxisCore {
     /// quick stop. Of one that answers, those who wait for a stop wait for what it shows.
     fn lose(&mut self, now: Duration) {
         self.lost = true;
-        self.homed_before_loss = self.homed;
+        self.homed_before_loss |= self.homed;
         self.homed = false;
         let driven = self.power.is_driving();
         if self.has_motion() {
@@ -2915,6 +2915,7 @@ impl AxisCore {
         if self.homing.mark_sent(now) {
             // From now on the drive's positions are between two meanings.
             self.homed = false;
+            self.homed_before_loss = false;
         }
     }
 
@@ -3186,7 +3187,7 @@ impl AxisCore {
         self.fail_commands(self.failure_of_loss());
         match again {
             Reattach::Unknown => {}
-            Reattach::Kept => self.homed = self.homed_before_loss,
+            Reattach::Kept => self.recall_homing(),
             Reattach::Anew(config) => self.attach(*config),
         }
         // Where it may still be moving, switching off would let it coast.
@@ -3222,6 +3223,13 @@ impl AxisCore {
         }
         // Seen with other windows.
         self.standstill = Standstill::default();
+        self.idle_path = IdlePath::No;
+        self.change = SnapshotChange::Anything;
+    }
+
+    /// The drive has kept its power: where it was homed before it counted as lost, it still is.
+    pub(crate) const fn recall_homing(&mut self) {
+        self.homed |= self.homed_before_loss;
         self.idle_path = IdlePath::No;
         self.change = SnapshotChange::Anything;
     }

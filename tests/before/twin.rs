@@ -326,6 +326,11 @@ impl AxisCore {
         );
     }
 
+    /// The other core has no such call; where it keeps no homing, that is a difference.
+    pub(crate) fn recall_homing(&mut self) {
+        self.now.recall_homing();
+    }
+
     pub(crate) fn take_change(&mut self) -> SnapshotChange {
         self.now.take_change()
     }

@@ -236,7 +236,7 @@ async fn run(
             work(&net, &axis).await
         })
         .await;
-    // Stops the axis by quick stop where it is moving, then disables it.
+    // Stops the axis where it is moving, by halt and quick stop, then disables it.
     let disabled = axis.disable().await;
     let status = axis.status();
     while let Some(report) = emergencies.try_next() {

@@ -141,6 +141,12 @@ impl Axes {
         axes.for_each(|axis| axis.core.forget());
     }
 
+    /// The drive at this place has kept its power.
+    pub fn recall_homing(&mut self, place: usize) {
+        let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
+        axes.for_each(|axis| axis.core.recall_homing());
+    }
+
     /// All drives are in OP.
     pub fn in_op(&mut self) {
         for axis in &mut self.axes {
@@ -164,7 +170,7 @@ impl Axes {
             .all(|axis| !axis.lost && axis.state != State::OperationEnabled)
     }
 
-    /// Disables all axes for good; moving ones are stopped by quick stop before.
+    /// Disables all axes for good; moving ones are stopped before, by halt and quick stop.
     pub const fn disable(&mut self, cause: Failure) {
         self.disable_asked = Some(cause);
     }

@@ -118,6 +118,7 @@ impl Recovery {
                 is_served.await.of(&device.found.id)?;
                 // An attempt before may have failed while it was cut off.
                 self.ports.borrow_mut().release(place);
+                self.axes.borrow_mut().recall_homing(place);
                 Ok(Recovered::WasInOp)
             }
             AlState::Op | AlState::SafeOp if !half_way => {

@@ -114,6 +114,34 @@ fn what_was_homed_is_still_where_it_was() {
 }
 
 #[test]
+fn what_was_homed_is_known_again_after_frames_were_lost_and_after_a_second_loss() {
+    let drive = DriveConfig::new(drives::akd2g())
+        .axis(AxisConfig::new("z").referencing(Referencing::ByHoming));
+    let mut yard = Yard::new(personality::akd2g(), drive);
+    let z = yard.is_homed_here("z", 700);
+    // The watchdog of the drive has not run out by then: it stays in OP.
+    let is_cut_off = |yard: &mut Yard| {
+        yard.line.segment().unplug(MIDDLE);
+        yard.rig.run_for(60 * MS);
+        yard.line.segment().plug();
+        yard.rig.run_for(40 * MS);
+        assert_eq!(yard.state(MIDDLE), AlState::Op);
+        assert!(!z.status().lost && !z.status().referenced);
+    };
+    is_cut_off(&mut yard);
+    assert_eq!(yard.recover(1).unwrap(), Recovered::WasInOp);
+    yard.rig.run_for(2 * MS);
+    assert!(z.status().referenced, "it was in OP all the while");
+    is_cut_off(&mut yard);
+    yard.falls(0x001B);
+    let recovered = yard.recover(1).unwrap();
+    assert_eq!(recovered, Recovered::FromSafeOp { from: FALLEN });
+    yard.rig.run_for(2 * MS);
+    assert!(z.status().referenced, "it has kept its power through both");
+    yard.ends();
+}
+
+#[test]
 fn a_drive_that_falls_again_on_the_way_says_why_and_can_be_led_back_later() {
     let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
     let (mode, motion) = yard.start("z");
