@@ -153,6 +153,25 @@ fn reports(mut events: Events) -> alloc::vec::Vec<(u32, Event)> {
 }
 
 #[test]
+fn what_may_still_begin_is_gone_with_the_others_out_of_operation_enabled() {
+    let after = |forgets: bool| {
+        let mut drive_buffer = DriveBuffer {
+            unseen: true,
+            ..DriveBuffer::default()
+        };
+        if forgets {
+            drive_buffer.forget();
+        }
+        let next = monitor(1, to(1_000, BufferMode::Buffered), Some(1_000));
+        drive_buffer.push(next, &mut Events::new());
+        let [first, _] = drive_buffer.held;
+        first.is_some_and(|first| first.after_unseen)
+    };
+    assert!(after(false));
+    assert!(!after(true));
+}
+
+#[test]
 fn a_chain_says_what_it_holds_and_whether_a_cycle_may_be_cheap() {
     for (drive_buffer, empty, cheap) in [
         (DriveBuffer::default(), true, true),

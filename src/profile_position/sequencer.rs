@@ -936,6 +936,7 @@ impl DriveBuffer {
 
     /// The drive has dropped all of them, out of Operation enabled: when it is enabled again it begins where the axis then is.
     pub const fn forget(&mut self) {
+        self.unseen = false;
         self.unproven = false;
         self.at_base = true;
     }
