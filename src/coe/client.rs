@@ -592,7 +592,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 return Ok(Found::Nothing);
             }
         };
-        if !status.mail_waiting {
+        if !status.message_waiting {
             self.failures = 0;
             return Ok(Found::Nothing);
         }

@@ -320,7 +320,7 @@ impl DeviceState {
         let now = self.clock.now();
         MailboxStatus {
             request_pending: self.request.is_some(),
-            mail_waiting: self.flood.is_some()
+            message_waiting: self.flood.is_some()
                 || self.outbox.front().is_some_and(|(ready, _)| *ready <= now),
             repeat_requested: self.repeat,
             repeat_done: self.repeat,

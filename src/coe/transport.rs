@@ -35,7 +35,7 @@ pub struct MailboxStatus {
     /// The device has not yet taken the last request.
     pub request_pending: bool,
     /// A message of the device waits to be read.
-    pub mail_waiting: bool,
+    pub message_waiting: bool,
     /// The repeat request as the master set it last.
     pub repeat_requested: bool,
     /// The repeat request that the device has followed.
@@ -48,7 +48,7 @@ impl MailboxStatus {
     pub fn from_registers(registers: &[u8]) -> Option<Self> {
         Some(Self {
             request_pending: registers.get(0x5)? & 0x08 != 0,
-            mail_waiting: registers.get(0xD)? & 0x08 != 0,
+            message_waiting: registers.get(0xD)? & 0x08 != 0,
             repeat_requested: registers.get(0xE)? & 0x02 != 0,
             repeat_done: registers.get(0xF)? & 0x02 != 0,
         })
@@ -229,7 +229,7 @@ mod tests {
             MailboxStatus::from_registers(&registers),
             Some(MailboxStatus {
                 request_pending: false,
-                mail_waiting: true,
+                message_waiting: true,
                 repeat_requested: true,
                 repeat_done: true
             })

@@ -558,12 +558,12 @@ mod tests {
             number % below
         };
         let (mut short, mut cycles) = (0, 0);
-        for life in 0..3_000 {
+        for scenario in 0..3_000 {
             let window = random(20) as u32;
             let threshold = (random(4) as u32).checked_sub(1);
             let settle = Duration::from_millis(20);
             let cycle = Duration::from_millis(1);
-            let bounds = Bounds::new(window, threshold, settle, cycle, turns[life % 3]);
+            let bounds = Bounds::new(window, threshold, settle, cycle, turns[scenario % 3]);
             let (mut axis, mut now) = (Standstill::default(), Duration::ZERO);
             let mut position = [0, 3_600, i32::MAX, i32::MIN][random(4) as usize];
             let measured = random(2) == 0;
@@ -587,12 +587,12 @@ mod tests {
                         )
                     })
                 };
-                assert_eq!(said(&axis), said(&whole), "life {life}");
+                assert_eq!(said(&axis), said(&whole), "scenario {scenario}");
                 let state = |axis: &Standstill| {
                     let stay = |stay: Stay| (stay.since, stay.position);
                     (stay(axis.stay), stay(axis.quiet), axis.last)
                 };
-                assert_eq!(state(&axis), state(&whole), "life {life}");
+                assert_eq!(state(&axis), state(&whole), "scenario {scenario}");
             }
         }
         assert!(short > cycles / 10, "{short} of {cycles}");

@@ -91,7 +91,7 @@ impl MailboxTransport for Script {
     async fn status(&self) -> Result<MailboxStatus, LinkFault> {
         Ok(MailboxStatus {
             request_pending: false,
-            mail_waiting: !self.0.borrow().answers.is_empty(),
+            message_waiting: !self.0.borrow().answers.is_empty(),
             repeat_requested: false,
             repeat_done: false,
         })

@@ -2,7 +2,7 @@
 //! virtual time, judged by the drive's ledger and by the words that went over the wire.
 //!
 //! Invariants 1 to 9 are here. The tenth (watchdog, liveness) is about the bus and is tested there.
-//! `INVARIANT_SEED=n` scenarios one scenario only, `INVARIANT_CYCLES=n` changes how long is searched,
+//! `INVARIANT_SEED=n` runs one scenario only, `INVARIANT_CYCLES=n` changes how long is searched,
 //! `INVARIANT_FROM=n` with which of the new seeds it begins.
 #![allow(missing_docs)]
 
@@ -78,7 +78,7 @@ fn invariant_9_every_command_ends_once_and_in_time() {
     search(9, Names::Unique, reports::everything_ends);
 }
 
-/// Every scenario is lived by differential: one core that steps as cheaply as it can, and one that computes each cycle as a whole. They
+/// Every scenario is run by a differential test: one core that steps as cheaply as it can, and one that computes each cycle as a whole. They
 /// are compared in words, reports and snapshots whenever anything happens. Here it is shown that they do differ in how.
 #[test]
 fn the_idle_path_comes_to_the_same_as_the_whole_step() {

@@ -1,7 +1,7 @@
 //! Whole lines, from INIT to INIT, on a cable and with devices that do whatever a bad cable and bad devices can: searched by
 //! random scenarios in virtual time for anything that hangs, panics, moves unasked, is taken for something else, or stays broken.
 //!
-//! `LINE_SEED=n` scenarios one scenario only, `LINE_LIVES=n` changes how many are lived, `LINE_FROM=n` with which of the new seeds it
+//! `LINE_SEED=n` runs one scenario only, `LINE_LIVES=n` changes how many are run, `LINE_FROM=n` with which of the new seeds it
 //! begins. `LINE_LOG=1` shows all that the library logs.
 #![cfg(feature = "std")]
 #![allow(missing_docs)]

@@ -3,7 +3,7 @@
 //!
 //! Seeds from 10¹⁵ on are of all kinds of scenarios, those below of fewer ([`scenario::WIDER`]).
 //!
-//! `ORACLE_SEED=n` scenarios one scenario and prints it; `ORACLE_CYCLES=n` says how many cycles are searched, `ORACLE_FROM=n` with which
+//! `ORACLE_SEED=n` runs one scenario and prints it; `ORACLE_CYCLES=n` says how many cycles are searched, `ORACLE_FROM=n` with which
 //! seed that begins, `ORACLE_THREADS=n` on how many processors, `ORACLE_KEEP=n` after how many violations it
 //! ends, `ORACLE_PROGRESS=1` prints its progress. `ORACLE_SHORT=n` says how many cycles each of the short searches has.
 #![allow(missing_docs)]
@@ -16,7 +16,7 @@ mod search;
 
 use search::{Search, number};
 
-/// Seeds that once failed: each is lived by every run.
+/// Seeds that once failed: every run repeats each.
 const KEPT: &str = include_str!("seeds.txt");
 
 /// What was found once and mended.

@@ -184,7 +184,7 @@ fn a_mail_that_was_seen_is_delivered_once_though_its_reading_is_lost() {
             device.post(&counted);
             device.0.borrow_mut().faults = VecDeque::from([Some(fault)]);
             for _ in 0..300 {
-                let waits = device.0.borrow_mut().status().mail_waiting;
+                let waits = device.0.borrow_mut().status().message_waiting;
                 rig.signal.observe(waits);
                 rig.pass(Duration::from_millis(1));
             }
