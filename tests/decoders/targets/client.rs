@@ -75,7 +75,7 @@ impl MailboxTransport for Scripted<'_> {
         let bits = self.fate().await?;
         Ok(MailboxStatus {
             request_pending: bits & 1 != 0,
-            mail_waiting: bits & 2 != 0,
+            message_waiting: bits & 2 != 0,
             repeat_requested: bits & 4 != 0,
             repeat_done: bits & 8 != 0,
         })
