@@ -3542,6 +3542,52 @@ mod restart_tests {
 }
 
 #[cfg(test)]
+mod canonical_tests {
+    use super::*;
+
+    const fn ms(time: u64) -> Duration {
+        Duration::from_millis(time)
+    }
+
+    #[test]
+    fn a_deadline_that_is_over_is_as_one_that_is_over_just_now() {
+        for (until, now, kept) in [(3, 10, 10), (10, 10, 10), (17, 10, 17)] {
+            let mut until = ms(until);
+            not_over(&mut until, ms(now));
+            assert_eq!(until, ms(kept));
+        }
+    }
+
+    #[test]
+    fn times_of_a_reset_count_no_longer_than_they_are_compared_with() {
+        let (now, seen) = (ms(1_000), ms(20));
+        let low = |until, reaction, shown| ResetPhase::Low {
+            until: ms(until),
+            reaction: ms(reaction),
+            shown: Some(ms(shown)),
+        };
+        let gone = |since, until| ResetPhase::Gone {
+            since: ms(since),
+            until: ms(until),
+        };
+        let high = |until| ResetPhase::High { until: ms(until) };
+        for (phase, kept) in [
+            (low(1, 2, 3), low(1_000, 1_000, 980)),
+            (low(1_500, 1_600, 990), low(1_500, 1_600, 990)),
+            (high(1), high(1_000)),
+            (high(1_500), high(1_500)),
+            (gone(1, 2), gone(980, 1_000)),
+            (gone(990, 1_500), gone(990, 1_500)),
+        ] {
+            let mut phase = phase;
+            phase.canonicalize(now, seen);
+            // A phase has no equality but that of the search.
+            assert_eq!(format!("{phase:?}"), format!("{kept:?}"));
+        }
+    }
+}
+
+#[cfg(test)]
 mod inputs_tests {
     use super::*;
 

@@ -95,7 +95,13 @@ fn by(distance: i32, buffer_mode: BufferMode) -> MoveCommand {
 
 /// One that the drive has taken from an axis at rest at 0.
 fn monitor(id: u32, command: MoveCommand, end: Option<i32>) -> SetPointMonitor {
-    let raised = Raised {
+    let raised = raised(id, command, end);
+    Scene::at(0).shows(|cycle| SetPointMonitor::new(&raised, true, cycle))
+}
+
+/// One whose bit 4 has risen on an axis at rest at 0.
+fn raised(id: u32, command: MoveCommand, end: Option<i32>) -> Raised {
+    Raised {
         request: Request {
             id: CommandId(id),
             command,
@@ -114,8 +120,19 @@ fn monitor(id: u32, command: MoveCommand, end: Option<i32>) -> SetPointMonitor {
         behind: None,
         behind_loose: false,
         early: false,
-    };
-    Scene::at(0).shows(|cycle| SetPointMonitor::new(&raised, true, cycle))
+    }
+}
+
+#[test]
+fn a_set_point_that_waits_for_its_acknowledge_for_longer_than_its_deadline_has_waited_for_that() {
+    let now = ms(10_000);
+    for (since, kept) in [(ms(3), ms(9_500)), (ms(9_900), ms(9_900))] {
+        let mut raised = raised(1, to(1_000, BufferMode::Aborting), Some(1_000));
+        raised.since = since;
+        raised.request.blocked_since = Some(ms(7));
+        raised.canonicalize(now, ms(500));
+        assert_eq!((raised.since, raised.request.blocked_since), (kept, None));
+    }
 }
 
 fn held(monitors: [Option<SetPointMonitor>; 2]) -> DriveBuffer {

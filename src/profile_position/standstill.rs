@@ -516,6 +516,24 @@ mod tests {
         Bounds::new(10, None, settle, Duration::from_millis(1), turn)
     }
 
+    /// Of the time after the last sample no more than a quarter counts, and of all no more than is asked for.
+    #[test]
+    fn what_was_shown_counts_no_longer_than_is_asked_for() {
+        let (ms, time) = (Duration::from_millis, Duration::from_millis(100));
+        let after = |first, last, now| {
+            let mut shown = ShownFor::NOT;
+            for at in [first, last] {
+                shown.update(ms(at), true, time);
+            }
+            shown.canonicalize(ms(now), time);
+            (shown.since / 1_000_000, shown.last / 1_000_000)
+        };
+        assert_eq!(after(1, 1, 1), (1, 1));
+        assert_eq!(after(1, 11, 11), (1, 11));
+        assert_eq!(after(1, 11, 36), (1, 11), "a quarter has passed");
+        assert_eq!(after(1, 11, 1_036), (1_001, 1_011));
+    }
+
     #[test]
     fn the_shorter_way_goes_around_the_turn() {
         let degrees = bounds(Some(PositionRange { min: 0, max: 3_599 }));

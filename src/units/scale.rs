@@ -798,6 +798,13 @@ mod tests {
     use super::{example as mm, *};
 
     #[test]
+    fn a_greatest_common_divisor_divides_both() {
+        for (a, b, divisor) in [(12, 18, 6), (18, 12, 6), (7, 0, 7), (5, 7, 1)] {
+            assert_eq!(greatest_common_divisor(a, b), divisor);
+        }
+    }
+
+    #[test]
     fn each_quantity_has_its_own_factor() {
         assert_eq!(mm().position(-1.5), Ok(-1500));
         assert_eq!(mm().velocity_of(13), 1.3);

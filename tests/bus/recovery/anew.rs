@@ -71,6 +71,11 @@ fn what_was_homed_is_not_known_any_more_and_what_an_absolute_encoder_tells_is() 
         yard.loses_power(300 * MS);
         yard.recover(1).unwrap();
         assert_eq!(z.status().referenced, known);
+        // Nor does a drive that keeps its power later bring back what one without power has lost.
+        yard.falls(0x001B);
+        yard.recover(1).unwrap();
+        yard.rig.run_for(2 * MS);
+        assert_eq!(z.status().referenced, known);
         if !known {
             let refused = yard.rig.until(async {
                 z.enable().await.unwrap();

@@ -355,7 +355,7 @@ fn judge(root: &Path, left: &[&Named], args: &Args, results: &Results) -> crate:
         let (mutant, begun) = (&mutants[place], Instant::now());
         tree.put(&sources, place)?;
         let verdict = match build::everything(&tree, &args.suites)? {
-            Everything::Executables(_) => suites.judge(mutant)?,
+            Everything::Executables(_) => suites.judge_alone(mutant)?,
             Everything::Errors { .. } => Verdict::Unviable,
         };
         tree.take_out(&sources, place)?;
@@ -440,11 +440,16 @@ impl<'a> Suites<'a> {
 
     /// Runs the suites that run the mutant's code; first those that take the least time for each mutant that they catch.
     fn judge(&self, mutant: &Mutant) -> crate::Result<Verdict> {
-        let mut suites: Vec<&Suite> = self
-            .suites
-            .iter()
-            .filter(|suite| suite.reached.contains(&mutant.number()))
-            .collect();
+        self.judge_by(mutant, |suite| suite.reached.contains(&mutant.number()))
+    }
+
+    /// The same of a mutant that is built by itself: no suite has said whether it runs its code.
+    fn judge_alone(&self, mutant: &Mutant) -> crate::Result<Verdict> {
+        self.judge_by(mutant, |_| true)
+    }
+
+    fn judge_by(&self, mutant: &Mutant, runs: impl Fn(&Suite) -> bool) -> crate::Result<Verdict> {
+        let mut suites: Vec<&Suite> = self.suites.iter().filter(|suite| runs(suite)).collect();
         suites.sort_by_key(|suite| suite.cost());
         let mut hung = 0;
         for suite in suites {
