@@ -3582,7 +3582,7 @@ mod canonical_tests {
             let mut phase = phase;
             phase.canonicalize(now, seen);
             // A phase has no equality but that of the search.
-            assert_eq!(format!("{phase:?}"), format!("{kept:?}"));
+            assert_eq!(alloc::format!("{phase:?}"), alloc::format!("{kept:?}"));
         }
     }
 }
