@@ -10,7 +10,8 @@ mod stopping;
 #[cfg(test)]
 mod tests;
 
-pub use self::core::{AxisCore, AxisFields, Command, FieldError, Inputs, Snapshot, StopRequest};
+pub use self::core::AxisCore;
+pub use self::core::{AxisFields, Command, FieldError, Inputs, Snapshot, StopRequest};
 pub use crate::profile_position::{
     CommandId, Completion, Delivery, Event, Failure, Unrest, WaitingFor, WorkingCounter,
 };

@@ -609,9 +609,13 @@ fn limits_of(limits: Limits) -> before::profile_position::Limits {
 fn start_bits(bits: StartBits) -> before::profile_position::StartBits {
     use before::profile_position::StartBits as Before;
     match bits {
-        StartBits::Bits(bits) => {
-            Before::Bits(before::ds402::Controlword::from_bits_retain(bits.bits()))
-        }
+        StartBits::Bits {
+            change_set_immediately,
+            change_on_set_point,
+        } => Before::Bits {
+            change_set_immediately,
+            change_on_set_point,
+        },
         StartBits::Sequenced => Before::Sequenced,
         StartBits::Unsupported(why) => Before::Unsupported(why),
     }

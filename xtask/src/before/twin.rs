@@ -430,6 +430,13 @@ impl Judged {
 mod tests {
     use super::*;
 
+    #[test]
+    fn the_twin_takes_the_place_of_the_core_in_the_tree_as_it_is() {
+        let module = std::fs::read_to_string(crate::root().join("src/axis/mod.rs")).unwrap();
+        let module = with_twin(&module).unwrap();
+        assert!(module.contains("mod twin;") && !module.contains("core::AxisCore;"));
+    }
+
     const COMPARED: &str = "compared\tmoves\ta_move\t1\t20\t2\n";
     const DIFFERS: &str =
         "differs\tmoves\ta_move\tevent Done(Ok(Reached)), before none\\nfirst difference\n";
