@@ -461,7 +461,7 @@ impl Run {
         let offset = self.command.offset.unwrap_or(0);
         [offset, offset.wrapping_neg()]
             .into_iter()
-            .any(|home| cycle.bounds.distance(home, cycle.sample.position) <= cycle.bounds.position)
+            .any(|home| cycle.bounds.is_within_window(home, cycle.sample.position))
     }
 
     fn error(

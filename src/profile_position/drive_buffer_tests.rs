@@ -100,7 +100,7 @@ fn monitor(id: u32, command: MoveCommand, end: Option<i32>) -> SetPointMonitor {
 }
 
 /// One whose bit 4 has risen on an axis at rest at 0.
-fn raised(id: u32, command: MoveCommand, end: Option<i32>) -> Raised {
+pub(super) fn raised(id: u32, command: MoveCommand, end: Option<i32>) -> Raised {
     Raised {
         request: Request {
             id: CommandId(id),

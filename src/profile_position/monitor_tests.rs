@@ -9,7 +9,7 @@ use crate::{
     },
 };
 
-use super::*;
+use super::{drive_buffer_tests::raised, *};
 
 const WINDOW: i32 = 10;
 const SETTLE: Duration = ms(100);
@@ -101,31 +101,13 @@ impl Scene {
 
 /// A set-point that an axis at rest at 0 has begun a second after the clock began.
 fn begun(scene: &Scene, reference: Reference, target: i32, end: Option<i32>) -> SetPointMonitor {
-    let raised = Raised {
-        request: Request {
-            id: CommandId(1),
-            command: MoveCommand {
-                reference,
-                target,
-                set_point: SetPoint::new(),
-                gated: false,
-            },
-            blocked_since: None,
-        },
-        since: ms(1_000),
-        begin: 0,
-        at: 0,
-        end,
-        goal: end,
-        previous: None,
-        from_rest: true,
-        stands: true,
-        at_base: true,
-        far_behind: false,
-        behind: None,
-        behind_loose: false,
-        early: false,
+    let command = MoveCommand {
+        reference,
+        target,
+        set_point: SetPoint::new(),
+        gated: false,
     };
+    let raised = raised(1, command, end);
     let scene = Scene {
         now: ms(1_000),
         position: 0,

@@ -1304,7 +1304,7 @@ impl DriveBuffer {
         cycle.sample.velocity.is_some_and(slow)
             && self
                 .last_end
-                .is_some_and(|end| bounds.distance(end, position) <= bounds.position)
+                .is_some_and(|end| bounds.is_within_window(end, position))
     }
 
     /// Where a move begins: behind another at the end of that, where it is known; else where the axis is.
@@ -1408,7 +1408,7 @@ impl DriveBuffer {
                 | RelativeBase::Undocumented
                 | RelativeBase::PositioningOption => self
                     .last_end
-                    .filter(|&end| cycle.bounds.distance(end, position) <= cycle.bounds.position),
+                    .filter(|&end| cycle.bounds.is_within_window(end, position)),
             },
         }
     }
@@ -2124,7 +2124,7 @@ impl SetPointMonitor {
         let shown = if self.unlimited || !cycle.bit_11_is_valid {
             self.came_to_end(position)
         } else {
-            cycle.bounds.distance(end, position) <= cycle.bounds.position
+            cycle.bounds.is_within_window(end, position)
         };
         // The fastest that was seen need not be the fastest that there was.
         let fastest = self.fastest.max(cycle.bounds.position).saturating_mul(4);
@@ -2145,10 +2145,10 @@ impl SetPointMonitor {
 
     /// Whether the drive shows itself done with it, by a bit 10 that was low for it, and the axis has not left where it stood.
     fn gives_way(&self, cycle: &Cycle<'_>) -> bool {
-        let at =
-            |place| cycle.bounds.distance(place, cycle.sample.position) <= cycle.bounds.position;
         let own = self.left_target && !self.follows;
-        own && cycle.is_reached() && self.stood.is_some_and(at) && !self.end.is_some_and(at)
+        own && cycle.is_reached()
+            && cycle.is_within_window_of(self.stood)
+            && !cycle.is_within_window_of(self.end)
     }
 
     fn came_to_end(&self, position: i32) -> bool {
@@ -2297,9 +2297,7 @@ impl SetPointMonitor {
     }
 
     fn has_left_place(&self, cycle: &Cycle<'_>) -> bool {
-        let window = cycle.bounds.position;
-        let at = |stood| cycle.bounds.distance(stood, cycle.sample.position) <= window;
-        self.stood.is_some_and(|stood| !at(stood))
+        self.stood.is_some() && !cycle.is_within_window_of(self.stood)
     }
 
     /// Whether the axis has come to rest since it left the place where it stood: what stayed around it before was still that.
@@ -2556,10 +2554,10 @@ impl Cycle<'_> {
         WaitingFor::Standstill(self.last_seen.unrest(self.bounds))
     }
 
-    /// Whether the axis is within the window around this end, where it is known.
-    fn is_within_window_of(&self, end: Option<i32>) -> bool {
-        let bounds = self.bounds;
-        end.is_some_and(|end| bounds.distance(end, self.sample.position) <= bounds.position)
+    /// Whether the axis is within the window around this place, where it is known.
+    fn is_within_window_of(&self, place: Option<i32>) -> bool {
+        let position = self.sample.position;
+        place.is_some_and(|place| self.bounds.is_within_window(place, position))
     }
 
     /// Bit 12.

@@ -198,6 +198,12 @@ impl Bounds {
         }
     }
 
+    /// Whether two positions are no further apart than the window.
+    #[inline]
+    pub fn is_within_window(&self, a: i32, b: i32) -> bool {
+        self.distance(a, b) <= self.position
+    }
+
     /// Kept out of the way of axes without a turn: the divisions take many registers.
     #[inline(never)]
     fn distance_around(&self, a: i32, b: i32) -> u32 {
@@ -418,19 +424,23 @@ impl ShownFor {
         if self.since == NEVER {
             (self.since, self.last) = (now, now);
         }
-        let gap = time / u64::from(GAP);
-        let unseen = now.saturating_sub(self.last).saturating_sub(gap);
-        self.since = self.since.saturating_add(unseen);
+        self.since = self.since.saturating_add(self.unseen(now, time));
         self.last = now;
         now.saturating_sub(self.since) >= time
+    }
+
+    /// What does not count of the time since the last sample.
+    #[inline]
+    fn unseen(&self, now: u64, time: u64) -> u64 {
+        let gap = time / u64::from(GAP);
+        now.saturating_sub(self.last).saturating_sub(gap)
     }
 
     /// Lets go of what makes no difference any more, of whoever asks for this time.
     pub fn canonicalize(&mut self, now: Duration, time: Duration) {
         if self.since != NEVER {
             let (now, time) = (nanoseconds(now), nanoseconds(time));
-            let unseen = now.saturating_sub(self.last);
-            let unseen = unseen.saturating_sub(time / u64::from(GAP));
+            let unseen = self.unseen(now, time);
             self.last = self.last.saturating_add(unseen);
             let since = self.since.saturating_add(unseen);
             self.since = since.max(self.last.saturating_sub(time));
