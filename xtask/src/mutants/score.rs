@@ -331,7 +331,7 @@ fn judge(root: &Path, left: &[&Named], args: &Args, results: &Results) -> crate:
             scope.spawn(|| {
                 while let Some((number, mutant)) = next() {
                     let begun = Instant::now();
-                    let judged = suites.judge(mutant);
+                    let judged = suites.judge(mutant, false);
                     let judged = judged.and_then(|verdict| {
                         let took = begun.elapsed();
                         println!(
@@ -355,7 +355,7 @@ fn judge(root: &Path, left: &[&Named], args: &Args, results: &Results) -> crate:
         let (mutant, begun) = (&mutants[place], Instant::now());
         tree.put(&sources, place)?;
         let verdict = match build::everything(&tree, &args.suites)? {
-            Everything::Executables(_) => suites.judge_alone(mutant)?,
+            Everything::Executables(_) => suites.judge(mutant, true)?,
             Everything::Errors { .. } => Verdict::Unviable,
         };
         tree.take_out(&sources, place)?;
@@ -439,17 +439,13 @@ impl<'a> Suites<'a> {
     }
 
     /// Runs the suites that run the mutant's code; first those that take the least time for each mutant that they catch.
-    fn judge(&self, mutant: &Mutant) -> crate::Result<Verdict> {
-        self.judge_by(mutant, |suite| suite.reached.contains(&mutant.number()))
-    }
-
-    /// The same of a mutant that is built by itself: no suite has said whether it runs its code.
-    fn judge_alone(&self, mutant: &Mutant) -> crate::Result<Verdict> {
-        self.judge_by(mutant, |_| true)
-    }
-
-    fn judge_by(&self, mutant: &Mutant, runs: impl Fn(&Suite) -> bool) -> crate::Result<Verdict> {
-        let mut suites: Vec<&Suite> = self.suites.iter().filter(|suite| runs(suite)).collect();
+    /// Of a mutant that is built `alone` no suite has said whether it runs its code: all are run.
+    fn judge(&self, mutant: &Mutant, alone: bool) -> crate::Result<Verdict> {
+        let mut suites: Vec<&Suite> = self
+            .suites
+            .iter()
+            .filter(|suite| alone || suite.reached.contains(&mutant.number()))
+            .collect();
         suites.sort_by_key(|suite| suite.cost());
         let mut hung = 0;
         for suite in suites {
