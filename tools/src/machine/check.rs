@@ -34,14 +34,14 @@ pub(crate) struct Arguments {
 
 /// What a row of the page says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum LineVerdict {
+enum CheckVerdict {
     Good,
     Wrong,
     /// To be looked at; it does not fail the check.
     Note,
 }
 
-impl LineVerdict {
+impl CheckVerdict {
     const fn name(self) -> &'static str {
         match self {
             Self::Good => "good",
@@ -53,7 +53,7 @@ impl LineVerdict {
 
 /// A row of the page.
 struct Row {
-    verdict: LineVerdict,
+    verdict: CheckVerdict,
     what: String,
     check: &'static str,
     found: String,
@@ -68,7 +68,7 @@ struct Page {
 
 impl Page {
     fn good(&mut self, what: &str, check: &'static str, found: impl Into<String>) {
-        self.row(LineVerdict::Good, what, check, found.into(), None);
+        self.row(CheckVerdict::Good, what, check, found.into(), None);
     }
 
     fn wrong(
@@ -79,7 +79,7 @@ impl Page {
         change: impl Into<String>,
     ) {
         self.row(
-            LineVerdict::Wrong,
+            CheckVerdict::Wrong,
             what,
             check,
             found.into(),
@@ -95,7 +95,7 @@ impl Page {
         change: impl Into<String>,
     ) {
         self.row(
-            LineVerdict::Note,
+            CheckVerdict::Note,
             what,
             check,
             found.into(),
@@ -105,7 +105,7 @@ impl Page {
 
     fn row(
         &mut self,
-        verdict: LineVerdict,
+        verdict: CheckVerdict,
         what: &str,
         check: &'static str,
         found: String,
@@ -123,7 +123,7 @@ impl Page {
     fn passed(&self) -> bool {
         self.rows
             .iter()
-            .all(|row| row.verdict != LineVerdict::Wrong)
+            .all(|row| row.verdict != CheckVerdict::Wrong)
     }
 
     fn show(&self, tool: &Tool, arguments: &Arguments) -> Result<(), Failure> {
@@ -157,8 +157,8 @@ impl Page {
         );
         text += &table(["", "device or axis", "check", "found"], &cells);
         for (verdict, heading) in [
-            (LineVerdict::Wrong, "To change"),
-            (LineVerdict::Note, "To look at"),
+            (CheckVerdict::Wrong, "To change"),
+            (CheckVerdict::Note, "To look at"),
         ] {
             let rows = self.rows.iter().filter(|row| row.verdict == verdict);
             for (place, row) in rows.enumerate() {
@@ -172,7 +172,7 @@ impl Page {
         let wrong = self
             .rows
             .iter()
-            .filter(|row| row.verdict == LineVerdict::Wrong)
+            .filter(|row| row.verdict == CheckVerdict::Wrong)
             .count();
         text += &match wrong {
             0 => format!("\nPassed: {} checks.\n", self.rows.len()),
