@@ -128,8 +128,7 @@ impl Axes {
         };
         // As at the beginning: also what no axis writes is 0 until it is set.
         outputs.fill(0);
-        let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
-        for (number, axis) in axes.enumerate() {
+        for (number, axis) in self.of_drive(place).enumerate() {
             axis.port
                 .restart(&mut axis.core, now, again(number), outputs);
         }
@@ -137,14 +136,18 @@ impl Axes {
 
     /// The drive at this place was without power: its axes do not know where they are.
     pub fn forget(&mut self, place: usize) {
-        let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
-        axes.for_each(|axis| axis.core.forget());
+        self.of_drive(place).for_each(|axis| axis.core.forget());
     }
 
     /// The drive at this place has kept its power.
     pub fn recall_homing(&mut self, place: usize) {
-        let axes = self.axes.iter_mut().filter(|axis| axis.drive == place);
-        axes.for_each(|axis| axis.core.recall_homing());
+        self.of_drive(place)
+            .for_each(|axis| axis.core.recall_homing());
+    }
+
+    /// The axes of the drive at this place, in its order.
+    fn of_drive(&mut self, place: usize) -> impl Iterator<Item = &mut RunningAxis> {
+        self.axes.iter_mut().filter(move |axis| axis.drive == place)
     }
 
     /// All drives are in OP.
