@@ -294,7 +294,7 @@ fn whatever_happens_on_a_table_what_is_reached_has_been_gone() {
     }
 }
 
-/// Lives on a table; how many moves were reached.
+/// Runs moves on a table; how many moves were reached.
 fn live(seed: u64, behaviour: Behaviour) -> Result<usize, String> {
     let mut number = seed;
     let mut below = move |n: u64| {

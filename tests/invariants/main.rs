@@ -190,7 +190,7 @@ const OUTCOMES: &[&str] = &[
     "ledger: Replaced",
 ];
 
-/// Lives scenarios until enough cycles have passed; the first that fails the check ends it.
+/// Runs scenarios until enough cycles have passed; the first that fails the check ends it.
 fn search(invariant: u64, names: Names, check: Check) {
     let cycles = number("INVARIANT_CYCLES").map_or(CYCLES, |cycles: u64| cycles as usize);
     let seeds: Box<dyn Iterator<Item = u64>> = match number("INVARIANT_SEED") {

@@ -1,4 +1,4 @@
-//! Lives with drives that are seldom met: deaf for a while to bit 8 or to bit 2, without an error code 603Fh, with the bits of a
+//! Scenarios with drives that are seldom met: deaf for a while to bit 8 or to bit 2, without an error code 603Fh, with the bits of a
 //! homing under way before it has begun.
 
 use servocrab::axis::{Command, CoreConfig};

@@ -79,7 +79,7 @@ pub struct Scenario {
     pub last_stop: usize,
 }
 
-/// Lives the scenario of this seed: the same one on a plant and without.
+/// Runs the scenario of this seed: the same one on a plant and without.
 pub fn live(seed: u64, names: Names) -> Scenario {
     let (is_ideal, seed) = (seed & IDEAL != 0, seed & !IDEAL);
     let mut random = Random::new(seed);

@@ -1,4 +1,4 @@
-//! Lives that the first ones do not see: drives of whose buffer nothing is documented, that overwrite what waits, that answer
+//! Scenarios that the first ones do not see: drives of whose buffer nothing is documented, that overwrite what waits, that answer
 //! late; frames that are lost exactly where bits 4 and 12 change, with the drive in another state when it is heard again;
 //! many commands in one cycle.
 

@@ -1,4 +1,4 @@
-//! A scenario: a line is brought up, works, suffers, is led back, and ends.
+//! A scenario: a line is brought up, works, has faults, is brought back into OP, and ends.
 
 use std::{
     collections::BTreeMap,
@@ -48,7 +48,7 @@ struct Scenario {
 /// What happened in it, how often.
 pub type Story = BTreeMap<String, u64>;
 
-/// Lives one scenario.
+/// Runs one scenario.
 pub fn live(seed: u64) -> Result<Story, String> {
     let mut scenario = Scenario::new(seed);
     if std::env::var("LINE_LOG").is_ok() {

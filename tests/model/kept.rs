@@ -7,7 +7,7 @@ use crate::{
     world::{ACTS, Act, Ask, EVERY_KIND, Size, World},
 };
 
-/// Lives through this, where the drive does what it can at once or (`false`) not, in every world.
+/// Runs this, where the drive does what it can at once or (`false`) not, in every world.
 fn laws_hold_on(way: &[(Act, bool)]) {
     let size = Size {
         commands: 2,

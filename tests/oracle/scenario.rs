@@ -81,7 +81,7 @@ const DOUBTS: [&str; 7] = [
     "Timeout",
 ];
 
-/// Lives from this seed on are of more kinds: modulo axes, liveness, drives whose bits have other meanings, and drives without habits. Those
+/// Scenarios from this seed on are of more kinds: modulo axes, liveness, drives whose bits have other meanings, and drives without habits. Those
 /// below are as they were when a seed of them was kept.
 pub const WIDER: u64 = 1_000_000_000_000_000;
 
@@ -253,7 +253,7 @@ struct Scenario {
     seen: u64,
 }
 
-/// Lives the scenario of this seed.
+/// Runs the scenario of this seed.
 pub fn live(seed: u64, cut: &Cut, verbose: bool) -> Told {
     let mut scenario = Scenario::new(seed, cut.clone(), verbose);
     if scenario.run().is_err() {

@@ -272,7 +272,7 @@ fn text(seed: u64, told: &Told, cut: &Cut) -> String {
     text
 }
 
-/// Lives the scenario of a seed for a person to read.
+/// Runs the scenario of a seed for a person to read.
 pub fn print(seed: u64) {
     let told = live(seed, &Cut::default(), true);
     match &told.violation {
