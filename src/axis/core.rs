@@ -2092,10 +2092,12 @@ impl AxisCore {
                     deadline,
                 };
             }
-            // A reset goes on to its own end, which is without power.
-            Power::Resetting { .. } => self.await_standstill(now, id),
             _ if is_down(state) => self.await_standstill(now, id),
             _ => {
+                // The fault is gone, and the reset of it leads to the same.
+                if let Some(reset) = self.power.take_waiter() {
+                    self.done(reset, Err(Failure::Disabled { state }));
+                }
                 self.power = Power::Disabling {
                     id,
                     goal: PowerGoal::Off,

@@ -589,6 +589,59 @@ fn what_shows_with_another_on_its_way_is_the_end_where_that_is_known() {
     );
 }
 
+/// Bit 12 and an end that is open show together that the drive is at the second one: then it arrives, else it is there too early.
+#[test]
+fn the_second_one_arrives_where_bit_12_shows_the_drive_at_it_and_the_first_is_open() {
+    let second_at_its_end = |room_shown: bool, open: bool| {
+        let mut scene = Scene::at(2_000);
+        scene.traits.buffer_signal = BufferSignal::Acknowledge;
+        let mut drive_buffer = two();
+        drive_buffer.over = open.then(|| Over {
+            monitor: monitor(7, to(500, BufferMode::Aborting), Some(500)),
+            next: BufferMode::Buffered,
+            since: NOW,
+            position: 400,
+        });
+        let mut events = Events::new();
+        scene.shows(|cycle| {
+            drive_buffer.follow(cycle, room_shown, Unacknowledged::None, &mut events);
+        });
+        let seen = drive_buffer.held.iter().flatten().last();
+        seen.and_then(|second| second.arrived)
+    };
+    assert_eq!(second_at_its_end(true, true), Some(2_000));
+    assert_eq!(second_at_its_end(true, false), None);
+    assert_eq!(second_at_its_end(false, true), None);
+    assert_eq!(second_at_its_end(false, false), None);
+}
+
+/// An axis that stands at its end without bit 10 is not at rest for all that bit 10 says, and waits no longer than the time to begin.
+#[test]
+fn one_in_doubt_that_never_shows_bit_10_is_perhaps_superseded() {
+    let after = |stood: Duration| {
+        let mut scene = Scene::at(1_000);
+        for at in 19_000..=20_000 {
+            scene.standstill.update(ms(at), 1_000, None, &scene.bounds);
+        }
+        let mut drive_buffer = one();
+        let monitors = drive_buffer.held.iter_mut().flatten();
+        monitors.for_each(|monitor| {
+            for quarters in (0..=4).rev() {
+                let at = NOW - stood / 4 * quarters;
+                monitor.unreached.update(at, true, ms(1_000));
+            }
+        });
+        let next = Unacknowledged::Perhaps { anywhere: false };
+        let mut events = Events::new();
+        scene.shows(|cycle| drive_buffer.follow(cycle, false, next, &mut events));
+        (reports(events), drive_buffer.is_empty())
+    };
+    let superseded = Failure::PerhapsSuperseded { actual: 1_000 };
+    let done = Event::Done(Err(superseded));
+    assert_eq!(after(ms(1_000)), (alloc::vec![(1, done)], true));
+    assert_eq!(after(ms(999)), (alloc::vec![], false));
+}
+
 /// Where bit 12 has shown that the next one has taken over, the axis has the settle time to show itself at the end.
 #[test]
 fn an_end_that_bit_12_has_shown_is_waited_for_until_the_settle_time_is_over() {

@@ -567,6 +567,24 @@ fn an_axis_comes_nearer_and_is_nearest_where_it_arrived() {
     }
 }
 
+#[test]
+fn bit_10_has_its_time_from_when_the_axis_has_come_back_to_its_end() {
+    let late = |remaining: u32, alone: bool| {
+        let mut monitor = changed(to(1_000), |monitor| {
+            monitor.remaining = remaining;
+            for quarters in (0..=4).rev() {
+                let at = NOW - BEGIN / 4 * quarters;
+                monitor.unreached.update(at, true, BEGIN);
+            }
+        });
+        Scene::at(1_000).shows(|cycle| monitor.note(cycle, alone));
+        monitor.unreached.update(NOW, true, BEGIN)
+    };
+    assert!(late(10, true), "it was there already");
+    assert!(!late(11, true) && !late(30, true));
+    assert!(late(11, false), "with another behind it the rest decides");
+}
+
 /// One that was replaced too fast to stop at its end is there, and comes back.
 #[test]
 fn one_that_was_not_begun_at_rest_overshoots_and_comes_back() {

@@ -678,6 +678,32 @@ mod resetting {
     }
 
     #[test]
+    fn a_disable_of_a_drive_whose_fault_is_gone_ends_the_reset_and_waits_for_a_state_without_power()
+    {
+        for (statusword, state) in [
+            (SWITCHED_ON, State::SwitchedOn),
+            (ENABLED, State::OperationEnabled),
+        ] {
+            let (mut drive, id) = reset_once();
+            drive.shows(statusword);
+            let disabling = drive.submit(Command::Disable);
+            let disabled = Failure::Disabled { state };
+            assert_eq!(drive.outcome(id), Some(Err(disabled)), "{state:?}");
+            drive.shows_for(30, statusword);
+            assert_eq!((drive.outcome(disabling), drive.word()), (None, LOW));
+            drive.shows(SWITCH_ON_DISABLED);
+            assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
+        }
+        // Where it is without power, the reset goes on to its end.
+        let (mut drive, id) = reset_once();
+        drive.shows(SWITCH_ON_DISABLED);
+        let down = stopped(State::SwitchOnDisabled);
+        assert_eq!(drive.answer(Command::Disable), down);
+        drive.shows_for(2, SWITCH_ON_DISABLED);
+        assert_eq!(drive.outcome(id), down);
+    }
+
+    #[test]
     fn without_a_fault_there_is_nothing_to_reset_and_one_reset_goes_on_at_a_time() {
         let mut drive = Played::enabled(Played::config());
         let state = State::OperationEnabled;

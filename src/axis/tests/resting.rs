@@ -211,6 +211,28 @@ fn an_axis_that_does_not_stand_is_looked_at_until_it_does() {
     assert!(stands(&drive));
 }
 
+/// 606Ch shortens the settle time of 100 ms by a threshold that somebody has given, or where the drive's own is of its unit.
+#[test]
+fn a_threshold_of_606ch_counts_where_its_unit_is_known() {
+    let stands_after = |own_unit: bool, threshold: u32| {
+        let mut config = Played::config();
+        config.traits.threshold_in_velocity_units = own_unit;
+        config.tolerances.velocity = threshold;
+        let mut drive = Played::enabled(config);
+        drive.shows_for(200, REACHED);
+        drive.position = 500;
+        let mut cycles = 0;
+        while cycles == 0 || !stands(&drive) {
+            drive.shows(REACHED);
+            cycles += 1;
+        }
+        cycles
+    };
+    assert_eq!(stands_after(true, 0), 14);
+    assert_eq!(stands_after(false, 1), 14);
+    assert_eq!(stands_after(false, 0), 101);
+}
+
 #[test]
 fn a_fault_and_a_held_quick_stop_at_rest_stay_what_they_are() {
     let mut config = Played::config();
