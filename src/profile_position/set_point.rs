@@ -547,7 +547,7 @@ impl LimitsRule {
 ///     .axis("x") // what the drive holds
 ///     .axis(AxisConfig::new("y").limits(limits)); // what the program says
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     /// Software position limits 607Dh, as the drive holds them.
     pub software: Option<PositionRange>,
