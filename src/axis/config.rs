@@ -104,9 +104,12 @@ impl CoreConfig {
     /// standing.
     pub(super) fn with_bounds(mut self) -> (Self, Bounds) {
         self.limits = self.limits_with(self.limits);
-        // Two of its cycles until it has surely seen bit 4, and as many for its answer.
+        // Two of its cycles until it has surely seen a bit, and as many for its answer.
         let answer = self.traits.surely_seen().saturating_mul(2);
-        self.deadlines.acknowledge = self.deadlines.acknowledge.max(answer);
+        let deadlines = &mut self.deadlines;
+        deadlines.acknowledge = deadlines.acknowledge.max(answer);
+        deadlines.begin = deadlines.begin.max(answer);
+        deadlines.fault_reset = deadlines.fault_reset.max(answer);
         let tolerances = &self.tolerances;
         let drive_cycle = self.traits.drive_cycle;
         // Whoever gives a threshold knows its unit; the default is nobody's.
@@ -175,12 +178,13 @@ pub struct Deadlines {
     /// From bit 12 until an acknowledged set-point shows that it has begun: bit 10 falls, or the axis leaves where it stood. Then
     /// [`Failure::NotBegun`](super::Failure::NotBegun). And from the standstill at its target until bit 10 says so: then
     /// [`WaitingFor::TargetReached`](super::WaitingFor::TargetReached). Give more where a brake or an input of the drive holds the axis back for longer.
+    /// At least four of the drive's cycles count.
     pub begin: Duration,
     /// From bit 8 or bit 2 to standstill.
     pub standstill: Duration,
     /// From 6060h to 6061h.
     pub mode: Duration,
-    /// One edge of bit 7; three are tried.
+    /// One edge of bit 7; three are tried. At least four of the drive's cycles count.
     pub fault_reset: Duration,
 }
 

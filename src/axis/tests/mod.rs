@@ -563,6 +563,17 @@ mod resetting {
     }
 
     #[test]
+    fn an_edge_is_high_for_four_cycles_of_the_drive_however_short_its_deadline_is() {
+        let mut config = Played::config();
+        config.traits.drive_cycle = Duration::from_millis(8);
+        let mut drive = Played::new(config);
+        drive.shows_for(20, FAULT);
+        drive.submit(Command::ResetFault);
+        drive.cycles_until(RESET, FAULT);
+        assert_eq!(drive.cycles_until(LOW, FAULT), 32);
+    }
+
+    #[test]
     fn an_edge_comes_only_when_the_low_is_known_to_be_delivered() {
         let (mut drive, _) = resetting(Played::config());
         drive.cycles(20, Brings::Answered, FAULT);
