@@ -108,7 +108,6 @@ impl CoreConfig {
         let answer = self.traits.surely_seen().saturating_mul(2);
         let deadlines = &mut self.deadlines;
         deadlines.acknowledge = deadlines.acknowledge.max(answer);
-        deadlines.begin = deadlines.begin.max(answer);
         deadlines.fault_reset = deadlines.fault_reset.max(answer);
         let tolerances = &self.tolerances;
         let drive_cycle = self.traits.drive_cycle;
@@ -178,7 +177,6 @@ pub struct Deadlines {
     /// From bit 12 until an acknowledged set-point shows that it has begun: bit 10 falls, or the axis leaves where it stood. Then
     /// [`Failure::NotBegun`](super::Failure::NotBegun). And from the standstill at its target until bit 10 says so: then
     /// [`WaitingFor::TargetReached`](super::WaitingFor::TargetReached). Give more where a brake or an input of the drive holds the axis back for longer.
-    /// At least four of the drive's cycles count.
     pub begin: Duration,
     /// From bit 8 or bit 2 to standstill.
     pub standstill: Duration,

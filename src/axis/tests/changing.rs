@@ -678,28 +678,3 @@ fn a_drive_whose_cycle_is_longer_than_the_deadline_of_its_acknowledge_has_its_ti
     let sent = risen + Duration::from_millis(1);
     assert_eq!(drive.now - sent, 4 * cycle);
 }
-
-#[test]
-fn a_drive_whose_cycle_is_longer_than_the_time_to_begin_has_its_time() {
-    let mut config = Played::config();
-    config.traits.drive_cycle = Duration::from_millis(40);
-    let mut drive = Played::new(config);
-    drive.shows_for(170, SWITCH_ON_DISABLED);
-    let enabling = drive.submit(Command::Enable);
-    for statusword in [READY, SWITCHED_ON] {
-        drive.shows(statusword);
-    }
-    drive
-        .cycles_to_end(enabling, ENABLED)
-        .1
-        .expect("it is enabled");
-    drive.shows_for(170, REACHED);
-    let moving = drive.move_to(5_000);
-    drive.cycles_until(0x003F, REACHED);
-    drive.shows_for(40, REACHED);
-    drive.shows(ACKNOWLEDGED | REACHED);
-    // Four of its cycles, in place of 90 ms.
-    let (cycles, result) = drive.cycles_to_end(moving, REACHED);
-    assert_eq!(result, Err(Failure::NotBegun { actual: 0 }));
-    assert_eq!(cycles, 160);
-}
