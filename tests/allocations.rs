@@ -1,6 +1,6 @@
 //! The bus loop in steady state allocates and frees nothing: it is turned 100 000 cycles long in virtual time under a counting
 //! allocator, with moves under way, SDO transfers of all kinds on several drives and from several tasks, emergencies,
-//! and frames of mails lost now and then, while statistics are read. What the program itself allocates is not counted.
+//! and frames of messages lost now and then, while statistics are read. What the program itself allocates is not counted.
 #![allow(missing_docs, unsafe_code)]
 
 #[path = "common/counting.rs"]
@@ -35,7 +35,7 @@ const CYCLES: u64 = 100_000;
 const DRIVES: u16 = 3;
 /// The drive that sends emergencies around its answers.
 const TALKATIVE: u16 = 2;
-/// One of so many frames with mails is lost.
+/// One of so many frames with messages is lost.
 const LOST: u64 = 1_000;
 
 /// The loop, and what the program does beside it: polled when it was woken.
@@ -183,21 +183,21 @@ async fn listener(emergencies: Emergencies, done: Rc<Done>) {
 }
 
 /// Whether a frame's first datagram behind the tag reads or writes a mailbox: FPRD or FPWR from 1000h on.
-fn carries_mail(frame: &[u8]) -> bool {
+fn carries_message(frame: &[u8]) -> bool {
     matches!(frame[32], 4 | 5) && u16::from_le_bytes([frame[36], frame[37]]) >= 0x1000
 }
 
-/// A wire to the segment, on which every thousandth frame with mails is lost, on its way out and back in turns.
+/// A wire to the segment, on which every thousandth frame with messages is lost, on its way out and back in turns.
 fn wire(segment: Arc<Mutex<Segment>>) -> Wire {
-    let mut mails = 0;
+    let mut messages = 0;
     Wire::in_virtual_time(Duration::from_micros(10), move |frame: &mut [u8], now| {
         uncounted(|| segment.lock().unwrap().process(frame, now))
     })
     .with_plan(move |_, frame| {
-        mails += u64::from(carries_mail(frame));
-        match mails % (2 * LOST) {
-            LOST if carries_mail(frame) => Fate::LoseRequest,
-            0 if carries_mail(frame) => Fate::LoseAnswer,
+        messages += u64::from(carries_message(frame));
+        match messages % (2 * LOST) {
+            LOST if carries_message(frame) => Fate::LoseRequest,
+            0 if carries_message(frame) => Fate::LoseAnswer,
             _ => Fate::Deliver,
         }
     })

@@ -120,7 +120,7 @@ fn measure() {
     }
     println!(
         "milliseconds from power-on to OP, and of this library to the first enabled axis: median (least to most) of up to {ROUNDS} starts, taken in turns; accesses to \
-         the SII and mails of one drive\n"
+         the SII and messages of one drive\n"
     );
     let mut rows: Vec<Row> = Vec::new();
     for (sii_ms, mailbox_ms) in DELAYS {
@@ -145,7 +145,7 @@ fn measure() {
             }
             print!("{drives:>6}  ");
             let results = MASTERS.into_iter().zip(times).zip(accesses);
-            for ((master, mut times), (sii, mails)) in results {
+            for ((master, mut times), (sii, messages)) in results {
                 times.sort_by(f64::total_cmp);
                 let row = Row {
                     master,
@@ -155,7 +155,7 @@ fn measure() {
                     times,
                 };
                 let spread = format!(
-                    "{:.1} ({:.1} to {:.1}) {sii:>5} {mails:>4}",
+                    "{:.1} ({:.1} to {:.1}) {sii:>5} {messages:>4}",
                     row.median(),
                     row.times[0],
                     row.times[row.times.len() - 1]
@@ -248,9 +248,9 @@ fn asked(mut line: Process) -> Asked {
     says.read_to_string(&mut said).expect("text");
     let numbers = said.lines().filter_map(|line| {
         let (_, accesses) = line.split_once(": ")?;
-        let (sii, mails) = accesses.split_once(" accesses to the SII, ")?;
-        let mails = mails.strip_suffix(" mails")?;
-        Some((sii.parse().ok()?, mails.parse().ok()?))
+        let (sii, messages) = accesses.split_once(" accesses to the SII, ")?;
+        let messages = messages.strip_suffix(" messages")?;
+        Some((sii.parse().ok()?, messages.parse().ok()?))
     });
     numbers
         .max()

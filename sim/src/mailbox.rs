@@ -436,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn a_repeat_request_brings_the_last_mail_again_before_the_next() {
+    fn a_repeat_request_brings_the_last_message_again_before_the_next() {
         let mut talk = Dialogue::new();
         talk.send(&[1, 0, 0, 0, 0, 0x13, 0xAA]);
         let first = talk.read().unwrap();
@@ -507,7 +507,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_mails_are_answered_with_their_error() {
+    fn wrong_messages_are_answered_with_their_error() {
         let mut talk = Dialogue::new();
         talk.send(&[1, 0, 0, 0, 0, 0x14, 0]);
         assert_eq!(talk.read().unwrap()[6..], [1, 0, 2, 0]);

@@ -150,8 +150,8 @@ fn it_runs_for_the_time_asked_for_and_traces_without_frames_or_says_what_right_i
         "listening on lo: 2 SubDevice(s)\n\
          0: Coupler, vendor 00000000h, product 434F5550h, revision 1, serial 0, axes: 0\n\
          1: AKD2G EtherCAT Drive (CoE), vendor 0000006Ah, product 414B4432h, revision 1, serial 0, axes: 2\n\
-         0: 0 accesses to the SII, 0 mails\n\
-         1: 0 accesses to the SII, 0 mails\n"
+         0: 0 accesses to the SII, 0 messages\n\
+         1: 0 accesses to the SII, 0 messages\n"
     );
     let text = std::fs::read_to_string(trace).unwrap();
     assert!(text.starts_with(

@@ -436,7 +436,7 @@ pub struct MailboxSettings {
     pub frame_timeout: Duration,
     /// After this the reading of a message counts as lost, and the message is asked for again by the repeat request. Shorter
     /// than the time for a frame, because the link must not send this one again: that would read the next message.
-    pub mail_timeout: Duration,
+    pub read_timeout: Duration,
     /// After this a request without reply has failed; counted anew for each segment.
     pub reply_timeout: Duration,
     /// The longest time between two looks at a mailbox while a reply is due; the first ones follow each other sooner.
@@ -473,7 +473,7 @@ impl MailboxSettings {
             write_length: usize::from(mailbox.receive_length),
             read_length: usize::from(mailbox.send_length),
             frame_timeout: Duration::from_millis(150),
-            mail_timeout: Duration::from_millis(40),
+            read_timeout: Duration::from_millis(40),
             reply_timeout: Duration::from_secs(1),
             poll_interval: Duration::from_micros(250),
             idle_interval: Duration::from_millis(10),
@@ -652,7 +652,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         message.fill(0);
         let reading = self.transport.read_message(&mut message);
         let read = self
-            .access_within(self.settings.mail_timeout, reading)
+            .access_within(self.settings.read_timeout, reading)
             .await;
         self.reply = message;
         if read == Ok(true) {

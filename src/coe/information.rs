@@ -960,7 +960,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_mails_are_decoded_without_panic_and_within_the_bound(
+        fn any_messages_are_decoded_without_panic_and_within_the_bound(
             messages in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..40), 0..20),
             which in 0u8..4,
         ) {

@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_behind_the_mail_are_no_part_of_it() {
+    fn bytes_behind_the_message_are_no_part_of_it() {
         let mut mailbox = [0xEE; 64];
         mailbox[..16].copy_from_slice(&REPLY);
         assert_eq!(
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mail_that_claims_less_than_its_content_needs_is_cut() {
+    fn a_message_that_claims_less_than_its_content_needs_is_cut() {
         let mut short = EMERGENCY;
         for length in 0..10 {
             short[0] = length;

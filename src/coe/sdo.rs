@@ -634,7 +634,7 @@ mod tests {
     }
 
     #[test]
-    fn a_normal_upload_in_one_mail_is_complete_at_once() {
+    fn a_normal_upload_in_one_message_is_complete_at_once() {
         let mut upload = Upload::new(NAME);
         assert_eq!(
             upload.feed(&normal(NAME, 6, b"PP-SIM")),

@@ -673,7 +673,7 @@ fn a_set_point_with_an_end_velocity_was_to_end_in_motion() {
 
 /// A wait that has lasted for longer than its deadline is as one that has lasted for just that: a halted axis goes on with it.
 #[test]
-fn a_wait_is_let_go_of_beyond_its_deadline_alone() {
+fn a_wait_is_made_canonical_beyond_its_deadline_alone() {
     let (now, acknowledge) = (ms(10_000), ms(LATE));
     let latest = now - acknowledge;
     for (since, kept) in [
@@ -693,7 +693,7 @@ fn a_wait_is_let_go_of_beyond_its_deadline_alone() {
 
 /// What is let go of is what the next set-point brings anew; what the one before it was is compared with the next.
 #[test]
-fn what_is_let_go_of_a_set_point_is_no_more_than_what_the_next_one_brings() {
+fn what_canonicalize_drops_of_a_set_point_is_no_more_than_what_the_next_one_brings() {
     let mut dialogue = Dialogue::begin(Traits::cia402());
     dialogue.word -= REACHED;
     let set_point = SetPoint::new().velocity(3).end_velocity(5).profile_type(7);

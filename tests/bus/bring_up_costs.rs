@@ -1,4 +1,4 @@
-//! What a bring-up costs: accesses to the SII and mails of one drive, the time of a whole line of slow ones, and what is read when.
+//! What a bring-up costs: accesses to the SII and messages of one drive, the time of a whole line of slow ones, and what is read when.
 
 use std::{
     sync::{Arc, Mutex},
@@ -20,13 +20,13 @@ use crate::rig::{Line, Rig, akd2g, datagrams};
 const SII: Duration = Duration::from_millis(1);
 const MAILBOX: Duration = Duration::from_millis(2);
 
-/// Virtual time to OP and to the end of the start; accesses to the SII and mails of the first drive, of these what it took before OP.
+/// Virtual time to OP and to the end of the start; accesses to the SII and messages of the first drive, of these what it took before OP.
 struct Cost {
     to_op: Duration,
     in_all: Duration,
     sii: u32,
     mails_to_op: u32,
-    mails: u32,
+    messages: u32,
 }
 
 /// Brings up a line of two-axis drives with slow EEPROMs and mailboxes.
@@ -47,8 +47,8 @@ fn bring_up(count: u16) -> Cost {
         let comes_back = segment.process(frame, now);
         let mut devices = segment.devices().iter();
         if devices.all(|device| device.al_state() == AlState::Op) {
-            let mails = segment.devices()[0].mails_taken();
-            noted.lock().unwrap().get_or_insert((now, mails));
+            let messages = segment.devices()[0].messages_taken();
+            noted.lock().unwrap().get_or_insert((now, messages));
         }
         comes_back
     });
@@ -69,7 +69,7 @@ fn bring_up(count: u16) -> Cost {
         in_all: rig.bus.now(),
         sii: number(device.sii_accesses()),
         mails_to_op: number(mails_to_op),
-        mails: number(device.mails_taken()),
+        messages: number(device.messages_taken()),
     }
 }
 
@@ -84,8 +84,8 @@ fn a_line_of_slow_drives_takes_hardly_longer_than_one_drives_own_accesses() {
         let Cost { to_op, in_all, .. } = cost;
         println!("{count} drives: {to_op:?} to OP, {in_all:?} in all");
         assert_eq!(
-            (cost.sii, cost.mails_to_op, cost.mails),
-            (alone.sii, alone.mails_to_op, alone.mails)
+            (cost.sii, cost.mails_to_op, cost.messages),
+            (alone.sii, alone.mails_to_op, alone.messages)
         );
         // The devices are counted for 20 ms, the first cycles take some more.
         let own = SII * cost.sii + MAILBOX * cost.mails_to_op;
@@ -93,13 +93,13 @@ fn a_line_of_slow_drives_takes_hardly_longer_than_one_drives_own_accesses() {
             to_op <= own.mul_f64(1.15) + Duration::from_millis(25),
             "{count} drives: {to_op:?} to OP, one's own accesses {own:?}"
         );
-        // From then on all drives' mails share what the cycles leave of the cable.
-        let behind = cost.mails - cost.mails_to_op;
+        // From then on all drives' messages share what the cycles leave of the cable.
+        let behind = cost.messages - cost.mails_to_op;
         let rest = (MAILBOX * behind).max(ON_CABLE * behind * u32::from(count));
         let rest_takes = in_all - to_op;
         assert!(
             rest_takes <= rest.mul_f64(1.5),
-            "{count} drives: {rest_takes:?} in OP, {rest:?} of mails"
+            "{count} drives: {rest_takes:?} in OP, {rest:?} of messages"
         );
     }
     // Both assignments and four PDOs, each with its number of entries: what is right already is not written. Of each axis the three
@@ -109,7 +109,7 @@ fn a_line_of_slow_drives_takes_hardly_longer_than_one_drives_own_accesses() {
     let mapping = 2 * (1 + 2) + 2 * (1 + 6) + 2 * (1 + 4);
     assert_eq!(alone.mails_to_op, mapping + 2 * 3);
     let of_motion = 1 + 5 + 4 + 1 + 1 + 6 + 1 + 3;
-    assert_eq!(alone.mails - alone.mails_to_op, 2 * of_motion);
+    assert_eq!(alone.messages - alone.mails_to_op, 2 * of_motion);
 }
 
 #[test]

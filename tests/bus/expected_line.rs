@@ -73,7 +73,12 @@ fn verdicts(
         "a device was led out of PREOP"
     );
     for device in line.segment().devices() {
-        assert_eq!(device.mails_taken(), 0, "{:?}", device.description().name);
+        assert_eq!(
+            device.messages_taken(),
+            0,
+            "{:?}",
+            device.description().name
+        );
         assert!(device.al_state() <= AlState::PreOp);
     }
     mismatch.0.into_iter().map(|row| row.verdict).collect()

@@ -74,8 +74,8 @@ impl Bench {
         self.asked.lock().unwrap().clone()
     }
 
-    /// The mails among it.
-    fn mails(&self) -> Vec<Asked> {
+    /// The messages among it.
+    fn messages(&self) -> Vec<Asked> {
         let mut asked = self.asked();
         asked.retain(|asked| !matches!(asked, Asked::Al(_)));
         asked
@@ -138,10 +138,10 @@ fn refused(result: Result<Rig, NetworkError>) -> (String, BringUpStep, DriveFaul
 }
 
 /// Every mail of a bring-up that nothing disturbs.
-fn mails_of_a_bring_up() -> Vec<Asked> {
+fn messages_of_a_bring_up() -> Vec<Asked> {
     let bench = Bench::new(personality::generic(), Habits::default());
     bench.start().unwrap().shutdown();
-    bench.mails()
+    bench.messages()
 }
 
 fn is_of_the_mapping(object: ObjectAddress) -> bool {
@@ -164,7 +164,7 @@ fn a_drive_without_sdo_information_comes_up_and_moves_and_says_so_in_op() {
 
 #[test]
 fn each_request_of_a_bring_up_that_the_drive_aborts_is_named_and_nothing_is_written_behind_it() {
-    let all = mails_of_a_bring_up();
+    let all = messages_of_a_bring_up();
     let is_write =
         |asked: &Asked| matches!(asked, Asked::Sdo(object, true) if is_of_the_mapping(*object));
     let first_write = all.iter().position(is_write).unwrap();
@@ -208,9 +208,9 @@ fn each_request_of_a_bring_up_that_the_drive_aborts_is_named_and_nothing_is_writ
         if is_of_the_mapping(object) {
             *(if written { &mut writes } else { &mut reads }) += 1;
         }
-        let mails = bench.mails();
-        assert_eq!(mails[..=number], all[..=number], "{text}");
-        let behind = &mails[number + 1..];
+        let messages = bench.messages();
+        assert_eq!(messages[..=number], all[..=number], "{text}");
+        let behind = &messages[number + 1..];
         assert!(
             !behind
                 .iter()
@@ -232,8 +232,8 @@ fn each_request_of_a_bring_up_that_the_drive_aborts_is_named_and_nothing_is_writ
 }
 
 #[test]
-fn each_mail_of_a_bring_up_may_come_late_and_one_that_comes_too_late_is_named() {
-    let all = mails_of_a_bring_up();
+fn each_message_of_a_bring_up_may_come_late_and_one_that_comes_too_late_is_named() {
+    let all = messages_of_a_bring_up();
     for (number, asked) in all.iter().enumerate() {
         let late = |time| Habits {
             late: Some((number as u64, time)),
@@ -244,7 +244,11 @@ fn each_mail_of_a_bring_up_may_come_late_and_one_that_comes_too_late_is_named() 
         let rig = bench.start();
         rig.unwrap_or_else(|error| panic!("{asked:?}: {error}"))
             .shutdown();
-        assert_eq!(bench.mails()[..all.len()], all, "nothing was asked again");
+        assert_eq!(
+            bench.messages()[..all.len()],
+            all,
+            "nothing was asked again"
+        );
 
         // Every fourth of them: a second is long, even in virtual time.
         if number % 4 != 0 {
@@ -261,7 +265,7 @@ fn each_mail_of_a_bring_up_may_come_late_and_one_that_comes_too_late_is_named() 
         );
         assert!(text.contains("1s"), "{text}");
         assert_eq!(
-            bench.mails().len(),
+            bench.messages().len(),
             number + 1,
             "nothing is asked behind it: {text}"
         );
@@ -284,7 +288,10 @@ fn emergencies_around_every_reply_of_a_bring_up_and_a_move_harm_neither() {
     let rig = bench.start().unwrap();
     moves(&bench, rig);
     let sent = bench.line.segment().devices()[0].habitual_emergencies();
-    assert!(sent as usize >= 2 * mails_of_a_bring_up().len(), "{sent}");
+    assert!(
+        sent as usize >= 2 * messages_of_a_bring_up().len(),
+        "{sent}"
+    );
 }
 
 /// A code of the maker's, with no other meaning.

@@ -39,7 +39,7 @@ fn line() -> (Line, Arc<AtomicUsize>, Otherwise) {
 #[test]
 fn frames_that_are_never_taken_end_the_bring_up_with_an_error() {
     let (_line, longest, link) = line();
-    // What empties the FMMUs is longer, and so are mails.
+    // What empties the FMMUs is longer, and so are messages.
     longest.store(100, Relaxed);
     let error = Rig::start(Network::builder().link(link).drive(0, akd2g())).err();
     let error = error.expect("there was no way to configure the drive");
@@ -92,7 +92,7 @@ fn a_frame_that_is_taken_at_the_second_attempt_is_sent_once() {
     let sdo = rig.net().sdo(0).unwrap();
     rig.until(sdo.write_bytes(0x6081, 0, 1_000_u32.to_le_bytes().to_vec()))
         .unwrap();
-    let mails = line.segment().devices()[0].mails_taken();
+    let messages = line.segment().devices()[0].messages_taken();
     let before = rig.net().statistics();
     let mut write = std::pin::pin!(sdo.write_bytes(0x6081, 0, 2_000_u32.to_le_bytes().to_vec()));
     longest.store(0, Relaxed);
@@ -101,7 +101,7 @@ fn a_frame_that_is_taken_at_the_second_attempt_is_sent_once() {
     rig.run_for(5 * MS);
     longest.store(usize::MAX, Relaxed);
     turn_until(&mut rig.bus, write).unwrap();
-    assert_eq!(line.segment().devices()[0].mails_taken(), mails + 1);
+    assert_eq!(line.segment().devices()[0].messages_taken(), messages + 1);
     let after = rig.net().statistics();
     // Those of five cycles, and the mail.
     let not_sent = after.not_sent - before.not_sent;

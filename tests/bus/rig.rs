@@ -103,7 +103,7 @@ pub(crate) fn is_write_to(datagram: &[u8], register: u16) -> bool {
 }
 
 /// Whether a datagram reads or writes a mailbox: memory of one SubDevice by its address.
-pub(crate) fn is_mail(datagram: &[u8]) -> bool {
+pub(crate) fn is_message(datagram: &[u8]) -> bool {
     matches!(datagram[0], 4 | 5) && u16::from_le_bytes([datagram[4], datagram[5]]) >= 0x1000
 }
 

@@ -16,13 +16,13 @@ use servocrab::{
 use servocrab_sim::{Segment, personality::Servo};
 
 use crate::{
-    rig::{Line, Rig, TAG, TAG_BYTES, datagrams, is_cyclic, is_mail},
+    rig::{Line, Rig, TAG, TAG_BYTES, datagrams, is_cyclic, is_message},
     sdo::all,
 };
 
 const DRIVES: u16 = 8;
 
-/// Drives whose mails are short enough to share a frame.
+/// Drives whose messages are short enough to share a frame.
 fn line() -> Line {
     Line::new((0..DRIVES).fold(Segment::new(), |segment, _| {
         segment.with(Servo::akd2g().mailbox_bytes(128).build())
@@ -58,7 +58,7 @@ struct Seen {
     datagrams: usize,
     most: usize,
     /// How often the frame with a number was sent, of those that reach a mailbox.
-    mails: HashMap<u32, usize>,
+    messages: HashMap<u32, usize>,
     sent_again: usize,
     mixed: usize,
 }
@@ -69,13 +69,13 @@ impl Seen {
         let mut all = datagrams(&mut copy);
         let tag = all.remove(0);
         let number = u32::from_le_bytes([tag[2], tag[3], tag[4], tag[5]]);
-        let mails = all.iter().filter(|datagram| is_mail(datagram)).count();
+        let messages = all.iter().filter(|datagram| is_message(datagram)).count();
         self.frames += 1;
         self.datagrams += all.len();
         self.most = self.most.max(all.len());
-        if mails != 0 {
-            self.mixed += usize::from(mails != all.len());
-            let sent = self.mails.entry(number).or_default();
+        if messages != 0 {
+            self.mixed += usize::from(messages != all.len());
+            let sent = self.messages.entry(number).or_default();
             *sent += 1;
             self.sent_again += usize::from(*sent > 1);
         }
@@ -202,7 +202,7 @@ fn what_reaches_a_mailbox_is_sent_once_and_apart_from_what_is_sent_again() {
             assert_eq!(number, Ok(position), "one of {nth} frames lost");
         }
         let seen = seen.lock().unwrap();
-        assert!(seen.mails.len() > 100, "{}", seen.mails.len());
+        assert!(seen.messages.len() > 100, "{}", seen.messages.len());
         assert_eq!((seen.sent_again, seen.mixed), (0, 0));
     }
 }

@@ -105,7 +105,7 @@ fn acyclic_frames_are_back_before_the_next_cycle_starts() {
 }
 
 #[test]
-fn cycles_start_on_the_same_beat_for_ever() {
+fn cycles_start_on_the_same_grid_for_ever() {
     for wait_strategy in ALL {
         let (frames, mut rig) = rig(wait_strategy, |_| true);
         frames.lock().unwrap().clear();

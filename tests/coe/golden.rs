@@ -1,5 +1,5 @@
 //! The session of `tests/vectors/sdo_session.txt`, byte for byte and on both sides alone: the client against those replies, the
-//! simulated drive against those requests. `tests/interop` records that SOEM and the drive exchange the same mails.
+//! simulated drive against those requests. `tests/interop` records that SOEM and the drive exchange the same messages.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -18,7 +18,7 @@ use crate::datagrams::{APWR, Wire};
 /// Of the session.
 const MAILBOX: u16 = 32;
 
-/// One request and the mails that answer it.
+/// One request and the messages that answer it.
 struct Exchange {
     operation: &'static str,
     value: Vec<u8>,

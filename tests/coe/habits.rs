@@ -45,7 +45,7 @@ fn short(state: u8) -> Vec<u8> {
     vec![state, 0, 1, 0]
 }
 
-/// In four mails.
+/// In four messages.
 fn long(state: u8) -> Vec<u8> {
     vec![b'a' + state; 60]
 }
@@ -147,10 +147,10 @@ fn with_objects<R>(work: impl AsyncFnOnce(Wire, SdoHandle) -> R) -> R {
     })
 }
 
-/// How many mails a drive takes for a transfer of each kind.
-fn mails(kind: Kind) -> u64 {
+/// How many messages a drive takes for a transfer of each kind.
+fn messages(kind: Kind) -> u64 {
     with_objects(async |wire, sdo| {
-        let taken = || wire.segment().device(0).unwrap().mails_taken();
+        let taken = || wire.segment().device(0).unwrap().messages_taken();
         let before = taken();
         kind.run(&sdo, kind.value(1)).await.unwrap();
         taken() - before
@@ -176,7 +176,7 @@ async fn given_up(wire: &Wire, sdo: &SdoHandle, kind: Kind, late: u64) {
 fn no_late_answer_is_taken_for_that_of_the_next_transfer_whichever_both_are() {
     let (mut pairs, mut refused) = (0, 0);
     for first in KINDS {
-        for late in 0..mails(first) {
+        for late in 0..messages(first) {
             for second in KINDS {
                 with_objects(async |wire, sdo| {
                     let what = format!("{second:?} behind message {late} of {first:?}");

@@ -96,7 +96,7 @@ fn holds(name: &str, cases: u32) {
 }
 
 #[test]
-fn mails_and_emergencies_hold() {
+fn messages_and_emergencies_hold() {
     holds("message", 2000);
 }
 

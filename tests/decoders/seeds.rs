@@ -5,11 +5,11 @@ use super::targets::{script, sdo, segment};
 
 /// The inputs for a target.
 pub fn of(target: &str) -> Vec<Vec<u8>> {
-    let mails = mails();
-    let payloads = || mails.iter().filter_map(|message| message.get(8..));
+    let messages = messages();
+    let payloads = || messages.iter().filter_map(|message| message.get(8..));
     match target {
         "message" => {
-            let mut seeds = mails;
+            let mut seeds = messages;
             seeds.push([&[10, 0, 0, 0, 0, 0x13, 0, 0x10][..], &[0x11, 0x86, 0x21, 1, 2, 3, 4, 5]].concat());
             seeds.push(vec![4, 0, 0, 0, 0, 0x20, 1, 0, 4, 0]);
             seeds
@@ -54,7 +54,7 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         ],
         "segment" => {
             let mut seeds = vec![script(&[], [])];
-            for message in mails.iter().take(20) {
+            for message in messages.iter().take(20) {
                 seeds.push([&[15][..], &script(&[], [message.as_slice()])].concat());
             }
             let frame = segment::frame(7, 0, 0x0130, &[0; 2]);
@@ -67,7 +67,7 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
 }
 
 /// Both directions of the recorded dialogues.
-fn mails() -> Vec<Vec<u8>> {
+fn messages() -> Vec<Vec<u8>> {
     let columns = |table: &'static str, from: usize| {
         table
             .lines()

@@ -66,7 +66,7 @@ const SOEM: [&str; 31] = [
 const LINE: [&str; 4] = ["line_scan", "line_map", "line_clock", "line_operational"];
 
 /// The checks of `soem/transfers.py`, in order.
-const TRANSFERS: [&str; 4] = ["scan", "all_sizes", "complete_sizes", "pinned_mails"];
+const TRANSFERS: [&str; 4] = ["scan", "all_sizes", "complete_sizes", "pinned_messages"];
 
 /// The checks of `etherage/`, in order.
 const ETHERAGE: [&str; 17] = [

@@ -104,7 +104,7 @@ fn the_idle_path_comes_to_the_same_as_the_whole_step() {
 
 /// What happens in the scenarios that are searched: a search where nothing happens finds nothing.
 #[test]
-fn the_lives_see_every_command_and_every_way_to_end() {
+fn the_scenarios_see_every_command_and_every_way_to_end() {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     let scenarios = seeds_from(1, 0).take(120);
     for seed in scenarios.flat_map(|seed| [seed, ideal(seed)]) {

@@ -21,7 +21,7 @@ const KEPT: &str = include_str!("seeds.txt");
 
 /// What was found once and mended.
 #[test]
-fn lives_that_once_failed_do_so_no_more() {
+fn scenarios_that_once_failed_do_so_no_more() {
     let search = Search {
         kept: kept(),
         from: 0,

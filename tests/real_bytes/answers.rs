@@ -190,7 +190,7 @@ fn those_answers_have_the_structure_of_another_slaves() {
 }
 
 #[test]
-fn the_list_of_objects_comes_in_as_many_mails_as_it_needs() {
+fn the_list_of_objects_comes_in_as_many_messages_as_it_needs() {
     let objects = Drive::new(talkative()).objects();
     assert!(objects.is_sorted());
     for object in [

@@ -36,12 +36,12 @@ impl Drive {
             .wire
             .datagram(APWR, self.mailbox.receive_offset, &message);
         assert!(acted, "the mailbox is full");
-        self.next_mail()
+        self.next_message()
             .unwrap_or_else(|| panic!("no answer to {request:02X?}"))
     }
 
     /// The next message, if there is one soon.
-    pub(crate) fn next_mail(&self) -> Option<Vec<u8>> {
+    pub(crate) fn next_message(&self) -> Option<Vec<u8>> {
         let length = usize::from(self.mailbox.send_length);
         for _ in 0..1_000 {
             // Sync manager 1's status, bit 3: full.
@@ -69,7 +69,7 @@ impl Drive {
                 break;
             }
             left -= 1;
-            message = self.next_mail().expect("the next part");
+            message = self.next_message().expect("the next part");
         }
         assert_eq!(
             objects.remove(0),

@@ -32,7 +32,7 @@ fn request_of(download: &Download) -> Vec<u8> {
 }
 
 #[test]
-fn every_mail_of_a_session_with_a_real_akd_is_encoded_and_decoded_alike() {
+fn every_message_of_a_session_with_a_real_akd_is_encoded_and_decoded_alike() {
     let mut counter = Counter::FIRST;
     for exchange in akd_exchanges() {
         let mut upload = Upload::new(address(exchange.what));
@@ -177,7 +177,7 @@ fn uploads_of_every_kind_are_asked_for_as_soem_does_and_understood() {
 }
 
 #[test]
-fn a_download_in_segments_is_cut_into_mails_as_soem_cuts_it() {
+fn a_download_in_segments_is_cut_into_messages_as_soem_cuts_it() {
     let exchanges = pp_drive_exchanges();
     let object = address("2001h:0");
     let mut download = Download::new(object, vec![b'z'; 300], PP_DRIVE_MAILBOX);

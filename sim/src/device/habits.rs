@@ -36,15 +36,15 @@ pub struct Habits {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Practice {
     pub(super) habits: Habits,
-    mails: u64,
+    messages: u64,
     emergencies: u32,
 }
 
 impl Practice {
     /// A reply in place of what the device would answer, to the next message.
     pub(super) fn refuse(&mut self, payload: &[u8]) -> Option<Vec<u8>> {
-        let number = self.mails;
-        self.mails += 1;
+        let number = self.messages;
+        self.messages += 1;
         let (refused, abort) = self.habits.refuses?;
         (refused == number).then(|| refusal(payload, abort))?
     }

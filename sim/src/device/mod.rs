@@ -188,7 +188,7 @@ impl Device {
 
     /// Number of messages that wait behind the one in the sync manager.
     #[must_use]
-    pub fn queued_mails(&self) -> usize {
+    pub fn queued_messages(&self) -> usize {
         self.mailbox.queued()
     }
 
@@ -240,8 +240,8 @@ impl Device {
 
     /// How many messages the device has taken since power-up.
     #[must_use]
-    pub fn mails_taken(&self) -> u64 {
-        self.esc.mails_taken
+    pub fn messages_taken(&self) -> u64 {
+        self.esc.messages_taken
     }
 
     /// Makes the device fall to SAFEOP, or stay below it, with an error, as after a fault of its own.

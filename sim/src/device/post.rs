@@ -12,19 +12,19 @@ pub(super) struct SyncManagers<'a> {
 
 impl Post for SyncManagers<'_> {
     fn take(&mut self) -> Option<Vec<u8>> {
-        self.esc.take_mail(self.out)
+        self.esc.take_message(self.out)
     }
 
     fn waits(&self) -> bool {
-        self.esc.mail_waits(self.input)
+        self.esc.message_waits(self.input)
     }
 
     fn put(&mut self, mail: &[u8]) -> bool {
-        self.esc.put_mail(self.input, mail)
+        self.esc.put_message(self.input, mail)
     }
 
     fn withdraw(&mut self) {
-        self.esc.withdraw_mail(self.input);
+        self.esc.withdraw_message(self.input);
     }
 
     fn repeat_is_requested(&self) -> bool {

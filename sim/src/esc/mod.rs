@@ -42,7 +42,7 @@ pub(crate) struct Esc {
     sii_busy_until: Option<Duration>,
     pub(crate) sii_accesses: u64,
     /// Messages that the device has taken.
-    pub(crate) mails_taken: u64,
+    pub(crate) messages_taken: u64,
     clock: Clock,
     watchdog: Watchdog,
     place: Place,
@@ -84,7 +84,7 @@ impl Esc {
             sii_delay: Duration::ZERO,
             sii_busy_until: None,
             sii_accesses: 0,
-            mails_taken: 0,
+            messages_taken: 0,
             clock: Clock::new(clock_start),
             watchdog: Watchdog::default(),
             place: Place::default(),

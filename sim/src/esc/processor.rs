@@ -41,14 +41,14 @@ impl Esc {
     }
 
     /// The processor takes the message that the MainDevice wrote.
-    pub(crate) fn take_mail(&mut self, index: usize) -> Option<Vec<u8>> {
+    pub(crate) fn take_message(&mut self, index: usize) -> Option<Vec<u8>> {
         let settings = self.sync_manager(index);
         let sm = self.sync_managers.get_mut(index)?;
         if !(settings.enabled && sm.full) {
             return None;
         }
         sm.full = false;
-        self.mails_taken += 1;
+        self.messages_taken += 1;
         let start = usize::from(settings.start);
         self.memory
             .get(start..start + usize::from(settings.length))
@@ -56,8 +56,8 @@ impl Esc {
     }
 
     /// The processor puts a message; `false` when the mailbox is off, still full or too small for it.
-    pub(crate) fn put_mail(&mut self, index: usize, mail: &[u8]) -> bool {
-        if !self.mail_fits(index, mail.len()) {
+    pub(crate) fn put_message(&mut self, index: usize, mail: &[u8]) -> bool {
+        if !self.message_fits(index, mail.len()) {
             return false;
         }
         let settings = self.sync_manager(index);
@@ -80,18 +80,18 @@ impl Esc {
     }
 
     /// Whether a message of this length could be put now.
-    fn mail_fits(&self, index: usize, length: usize) -> bool {
+    fn message_fits(&self, index: usize, length: usize) -> bool {
         let settings = self.sync_manager(index);
-        settings.enabled && !self.mail_waits(index) && length <= usize::from(settings.length)
+        settings.enabled && !self.message_waits(index) && length <= usize::from(settings.length)
     }
 
     /// Whether a message lies in the mailbox.
-    pub(crate) fn mail_waits(&self, index: usize) -> bool {
+    pub(crate) fn message_waits(&self, index: usize) -> bool {
         self.sync_managers.get(index).is_some_and(|sm| sm.full)
     }
 
     /// The processor takes back a message that was not read.
-    pub(crate) fn withdraw_mail(&mut self, index: usize) {
+    pub(crate) fn withdraw_message(&mut self, index: usize) {
         if let Some(sm) = self.sync_managers.get_mut(index) {
             sm.full = false;
         }

@@ -146,12 +146,12 @@ impl Esc {
 
     /// AL event request and ECAT event request: mailboxes with a message in bits 8 and up, AL control in bit 0.
     pub(super) fn refresh_events(&mut self) {
-        let mut mails: u16 = 0;
+        let mut messages: u16 = 0;
         for (index, sm) in self.sync_managers.iter().enumerate() {
-            mails |= u16::from(sm.full) << (8 + index.min(7));
+            messages |= u16::from(sm.full) << (8 + index.min(7));
         }
-        self.set_word(reg::ECAT_EVENT, mails);
-        self.set_word(reg::AL_EVENT, mails | u16::from(self.al_control_written));
+        self.set_word(reg::ECAT_EVENT, messages);
+        self.set_word(reg::AL_EVENT, messages | u16::from(self.al_control_written));
     }
 
     /// The local copy of the system time as a frame that left the MainDevice at `now` passes port 0.

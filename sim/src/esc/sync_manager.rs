@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mail_counts_only_with_its_last_byte() {
+    fn a_message_counts_only_with_its_last_byte() {
         let mut sm = SyncManager::default();
         assert_eq!(
             sm.access(MAILBOX_OUT, true, 0, 15),

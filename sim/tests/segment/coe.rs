@@ -62,7 +62,7 @@ fn an_expedited_download_is_confirmed_and_read_back() {
 }
 
 #[test]
-fn a_normal_download_that_fits_one_mail_needs_no_segment() {
+fn a_normal_download_that_fits_one_message_needs_no_segment() {
     let mut master = preop();
     let mut data = 12u32.to_le_bytes().to_vec();
     data.extend(b"twelve bytes");
@@ -196,7 +196,7 @@ fn a_last_segment_of_less_than_seven_bytes_says_how_many_are_unused() {
 }
 
 #[test]
-fn a_long_text_fills_many_mails_both_ways() {
+fn a_long_text_fills_many_messages_both_ways() {
     let mut master = preop();
     let text: Vec<u8> = (0..4096u32).map(|at| (at % 251) as u8).collect();
     // A mailbox of 1024 bytes: 1008 in the first mail, 1015 in each segment.
@@ -268,7 +268,7 @@ fn the_communication_objects_tell_what_the_drive_is() {
 }
 
 #[test]
-fn mails_of_other_protocols_are_answered_with_a_mailbox_error() {
+fn messages_of_other_protocols_are_answered_with_a_mailbox_error() {
     let mut master = preop();
     // Servo over EtherCAT, which the AKD2G's SII does not have.
     master.post(5, &[0; 10]);
@@ -314,7 +314,7 @@ fn requests_that_nobody_reads_the_answers_of_stay_in_the_mailbox() {
 }
 
 #[test]
-fn an_error_mail_of_the_main_device_is_not_answered() {
+fn an_error_message_of_the_main_device_is_not_answered() {
     let mut master = preop();
     master.post(0, &[1, 0, 1, 0]);
     assert_eq!(master.fetch(), None);
@@ -332,7 +332,7 @@ fn a_lost_reply_is_repeated_on_request() {
 }
 
 #[test]
-fn an_injected_emergency_is_the_next_mail() {
+fn an_injected_emergency_is_the_next_message() {
     let mut master = preop();
     let device = master.segment.device_mut(0).unwrap();
     device.inject_emergency(0x7320, 0x21, [1, 2, 3, 4, 5], Duration::ZERO);
@@ -367,7 +367,7 @@ fn an_emergency_that_comes_late_overtakes_the_replies_that_still_wait() {
     master.post(3, &request(0x40, 0x1001, 0, &[]));
     let device = master.segment.device_mut(0).unwrap();
     device.inject_emergency(0x7320, 0x21, [0; 5], Duration::ZERO);
-    assert_eq!(device.queued_mails(), 2);
+    assert_eq!(device.queued_messages(), 2);
     let services: Vec<u8> = core::iter::from_fn(|| master.fetch())
         .map(|(_, mail)| mail[1] >> 4)
         .collect();

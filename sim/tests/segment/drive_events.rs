@@ -66,15 +66,15 @@ fn a_device_that_falls_by_itself_shows_the_given_code() {
 }
 
 #[test]
-fn init_forgets_the_mails_that_wait() {
+fn init_forgets_the_messages_that_wait() {
     let mut master = in_op(0x24);
     let device = master.segment.device_mut(0).unwrap();
     for _ in 0..3 {
         device.inject_emergency(0x1000, 1, [0; 5], Duration::from_secs(1));
     }
-    assert_eq!(device.queued_mails(), 2);
+    assert_eq!(device.queued_messages(), 2);
     assert_eq!(master.request(0x1001, 1), (1, 0));
-    assert_eq!(master.segment.device(0).unwrap().queued_mails(), 0);
+    assert_eq!(master.segment.device(0).unwrap().queued_messages(), 0);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Frames and mails that are cut, that lie about their length or that are plain noise: never a panic, never a wrong effect.
+//! Frames and messages that are cut, that lie about their length or that are plain noise: never a panic, never a wrong effect.
 
 use core::time::Duration;
 
@@ -75,8 +75,8 @@ fn a_datagram_that_claims_more_than_the_frame_holds_is_not_executed() {
 }
 
 #[test]
-fn every_truncation_and_every_false_length_of_a_mail_is_survived() {
-    let mails: [&[u8]; 5] = [
+fn every_truncation_and_every_false_length_of_a_message_is_survived() {
+    let messages: [&[u8]; 5] = [
         &[0x00, 0x20, 0x40, 0x18, 0x10, 0x01, 0, 0, 0, 0],
         &[0x00, 0x20, 0x2F, 0x60, 0x60, 0x00, 1, 0, 0, 0],
         &[0x00, 0x20, 0x21, 0x00, 0x5F, 0x00, 20, 0, 0, 0, 1, 2, 3],
@@ -84,7 +84,7 @@ fn every_truncation_and_every_false_length_of_a_mail_is_survived() {
         &[0x00, 0x20, 0x60, 0, 0, 0, 0, 0, 0, 0],
     ];
     let mut master = preop();
-    for mail in mails {
+    for mail in messages {
         for length in 0..=mail.len() {
             master.post(3, &mail[..length]);
             let (_, reply) = master.fetch().expect("every mail is answered");
@@ -243,9 +243,9 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_mail_upsets_the_drive(
+    fn no_message_upsets_the_drive(
         mailbox in prop_oneof![Just(1024u16), Just(64), Just(24), Just(16)],
-        mails in vec((any::<u8>(), payload(), proptest::option::weighted(0.1, any::<u16>())), 1..40),
+        messages in vec((any::<u8>(), payload(), proptest::option::weighted(0.1, any::<u16>())), 1..40),
     ) {
         let drive = Servo::akd2g()
             .with_complete_access()
@@ -255,7 +255,7 @@ proptest! {
         let mut master = Master::new(Segment::new().with(drive));
         master.mailbox = usize::from(mailbox);
         master.bring_to_preop();
-        for (kind, payload, false_length) in mails {
+        for (kind, payload, false_length) in messages {
             // Mostly CoE.
             let kind = if kind & 0x0F < 12 { kind & 0xF0 | 3 } else { kind };
             let length = false_length.unwrap_or(payload.len() as u16);

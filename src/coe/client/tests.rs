@@ -144,7 +144,7 @@ fn emergencies_are_collected_while_nothing_is_asked() {
 }
 
 #[test]
-fn a_watched_mailbox_is_left_alone_until_a_mail_is_seen_in_it() {
+fn a_watched_mailbox_is_left_alone_until_a_message_is_seen_in_it() {
     let (rig, device, handle, emergencies) = device_with_statusword();
     rig.signal.observe(false);
     rig.pass(Duration::from_millis(20));
@@ -173,7 +173,7 @@ fn a_watched_mailbox_is_left_alone_until_a_mail_is_seen_in_it() {
 }
 
 #[test]
-fn a_mail_that_was_seen_is_delivered_once_though_its_reading_is_lost() {
+fn a_message_that_was_seen_is_delivered_once_though_its_reading_is_lost() {
     for fault in [Fault::LostAfter, Fault::LostBefore, Fault::Twice] {
         let (rig, device, _handle, emergencies) = rig();
         rig.signal.observe(false);
@@ -338,7 +338,7 @@ fn a_reply_whose_reading_was_lost_is_asked_for_again() {
 }
 
 #[test]
-fn an_emergency_is_delivered_once_though_its_mail_was_repeated() {
+fn an_emergency_is_delivered_once_though_its_message_was_repeated() {
     let (rig, device, handle, emergencies) = device_with_statusword();
     let mut counted = emergency(0x7320);
     counted[5] |= 0x50;
@@ -505,7 +505,7 @@ fn a_request_after_the_client_has_gone_is_refused_and_does_not_hang() {
 
 proptest! {
     #[test]
-    fn no_mails_make_the_client_panic_or_hang(messages in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..32), 0..8)) {
+    fn no_messages_make_the_client_panic_or_hang(messages in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..32), 0..8)) {
         let (rig, device, handle, _) = device_with_statusword();
         device.0.borrow_mut().before_reply = messages;
         let _ = read_statusword(&rig, &handle);
@@ -514,7 +514,7 @@ proptest! {
     }
 
     #[test]
-    fn headed_mails_of_any_content_do_no_harm(kinds in prop::collection::vec((0u8..16, any::<u8>(), any::<[u8; 10]>()), 0..6)) {
+    fn headed_messages_of_any_content_do_no_harm(kinds in prop::collection::vec((0u8..16, any::<u8>(), any::<[u8; 10]>()), 0..6)) {
         let (rig, device, handle, _) = device_with_statusword();
         device.0.borrow_mut().before_reply = kinds
             .into_iter()
@@ -943,7 +943,7 @@ fn given(counters: &mut Counters) -> u8 {
 }
 
 #[test]
-fn counters_go_round_while_mails_are_taken() {
+fn counters_go_round_while_messages_are_taken() {
     let mut counters = Counters::default();
     let all = (0..9).map(|_| {
         let next = given(&mut counters);
@@ -954,7 +954,7 @@ fn counters_go_round_while_mails_are_taken() {
 }
 
 #[test]
-fn the_counter_of_the_last_mail_taken_is_passed_over() {
+fn the_counter_of_the_last_message_taken_is_passed_over() {
     let mut counters = Counters::default();
     given(&mut counters);
     counters.taken();
@@ -963,7 +963,7 @@ fn the_counter_of_the_last_mail_taken_is_passed_over() {
 }
 
 #[test]
-fn so_are_those_of_mails_that_may_have_been_taken() {
+fn so_are_those_of_messages_that_may_have_been_taken() {
     let mut counters = Counters::default();
     for perhaps in [1, 2, 3] {
         assert_eq!(given(&mut counters), perhaps);

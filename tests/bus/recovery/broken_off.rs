@@ -147,7 +147,7 @@ fn the_end_of_the_network_is_not_held_up_and_whoever_waits_is_told() {
 }
 
 #[test]
-fn each_mail_on_the_way_may_be_refused_and_the_next_attempt_gets_through() {
+fn each_message_on_the_way_may_be_refused_and_the_next_attempt_gets_through() {
     // Another mapping than the drive has at power-up.
     let drive = unhomed(drives::generic(), &["z"])
         .change_axis("z", |axis| axis.map_output(obj::QUICK_STOP_DECELERATION))
@@ -156,9 +156,9 @@ fn each_mail_on_the_way_may_be_refused_and_the_next_attempt_gets_through() {
     yard.loses_power(150 * MS);
     yard.recover(1).unwrap();
     // Since it has its power again.
-    let mails = yard.line.segment().device(MIDDLE).unwrap().mails_taken();
+    let messages = yard.line.segment().device(MIDDLE).unwrap().messages_taken();
     let mut refused = 0;
-    for number in (0..mails).step_by(2) {
+    for number in (0..messages).step_by(2) {
         yard.loses_power(150 * MS);
         {
             let mut segment = yard.line.segment();

@@ -236,7 +236,7 @@ fn a_move_that_was_still_writing_its_parameters_when_its_drive_fell_does_not_sta
         z.profile_position().await.unwrap()
     });
     let line = yard.line.clone();
-    let taken = move || line.segment().device(MIDDLE).unwrap().mails_taken();
+    let taken = move || line.segment().device(MIDDLE).unwrap().messages_taken();
     let before = taken();
     // Each of its answers takes half a second.
     let mut segment = yard.line.segment();

@@ -1,4 +1,4 @@
-//! The mailbox client: any mails, and any fate of each access, while every kind of transfer is asked of it, in virtual time.
+//! The mailbox client: any messages, and any fate of each access, while every kind of transfer is asked of it, in virtual time.
 
 use std::cell::{Cell, RefCell};
 use std::future::{Future, pending, poll_fn};
@@ -20,7 +20,7 @@ const MAILBOX: u16 = 64;
 /// Every wait that the client can be in, with room.
 const REPLY: Duration = Duration::from_millis(5);
 
-/// The device and the link to it, out of a script: a byte for each access, and the mails.
+/// The device and the link to it, out of a script: a byte for each access, and the messages.
 struct Scripted<'a> {
     script: RefCell<Script<'a>>,
     counter: Cell<u8>,
@@ -131,7 +131,7 @@ pub fn run(data: &[u8]) {
     };
     let settings = MailboxSettings {
         frame_timeout: Duration::from_millis(1),
-        mail_timeout: Duration::from_micros(500),
+        read_timeout: Duration::from_micros(500),
         reply_timeout: REPLY,
         poll_interval: Duration::from_millis(1),
         emergency_capacity: 4,

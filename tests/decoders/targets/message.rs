@@ -1,4 +1,4 @@
-//! Whole mails: mailbox header, CoE header, emergencies, error replies.
+//! Whole messages: mailbox header, CoE header, emergencies, error replies.
 
 use servocrab::coe::Emergency;
 use servocrab::coe::mailbox::{HEADER_LENGTH, MailboxMessage};

@@ -1,4 +1,4 @@
-//! The simulated segment: any frames, datagrams and mails.
+//! The simulated segment: any frames, datagrams and messages.
 
 use std::sync::OnceLock;
 use std::time::Duration;

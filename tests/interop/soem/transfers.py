@@ -147,7 +147,7 @@ def perform(bench, operation, value, reply):
         expect(operation, action(), value)
 
 
-def pinned_mails(bench, session):
+def pinned_messages(bench, session):
     words = mailbox(bench)
     if words[1] != SESSION_MAILBOX:
         return f"not offered: the session is that of mailboxes of {SESSION_MAILBOX} bytes"
@@ -189,8 +189,8 @@ def main():
     interface, table, name, session = sys.argv[1:]
     with open(table) as file:
         bench = Bench(interface, Drive(json.load(file)[name]))
-    pinned = functools.partial(pinned_mails, session=session)
-    pinned.__name__ = pinned_mails.__name__
+    pinned = functools.partial(pinned_messages, session=session)
+    pinned.__name__ = pinned_messages.__name__
     return report(bench, (scan, all_sizes, complete_sizes, pinned))
 
 

@@ -255,8 +255,8 @@ fn farewell(line: &FaultyLine) -> String {
         .iter()
         .enumerate()
         .map(|(place, device)| {
-            let (sii, mails) = (device.sii_accesses(), device.mails_taken());
-            format!("{place}: {sii} accesses to the SII, {mails} mails\n")
+            let (sii, messages) = (device.sii_accesses(), device.messages_taken());
+            format!("{place}: {sii} accesses to the SII, {messages} messages\n")
         });
     let faults = line.seen().iter();
     let faults = faults.map(|(name, times)| format!("fault {name}: {times} times\n"));
