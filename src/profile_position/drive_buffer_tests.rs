@@ -642,6 +642,36 @@ fn one_in_doubt_that_never_shows_bit_10_is_perhaps_superseded() {
     assert_eq!(after(ms(999)), (alloc::vec![], false));
 }
 
+#[test]
+fn one_that_ends_well_and_was_not_seen_to_begin_may_begin_yet() {
+    let unseen = |left_target: bool, position: i32| {
+        let mut drive_buffer = one();
+        let monitors = drive_buffer.held.iter_mut().flatten();
+        monitors.for_each(|monitor| {
+            monitor.left_target = left_target;
+            (monitor.before, monitor.stood) = (position, Some(position));
+            (monitor.since, monitor.low) = (ms(1_000), ms(1_000));
+        });
+        let mut scene = Scene::at(position);
+        scene.word = Statusword::TARGET_REACHED;
+        for at in 19_000..=20_000 {
+            scene
+                .standstill
+                .update(ms(at), position, None, &scene.bounds);
+        }
+        let mut events = Events::new();
+        let next = Unacknowledged::None;
+        scene.shows(|cycle| drive_buffer.follow_active(cycle, next, false, &mut events));
+        let [(_, Event::Done(outcome))] = reports(events)[..] else {
+            panic!("it has not ended");
+        };
+        (outcome.is_ok(), drive_buffer.unseen)
+    };
+    assert_eq!(unseen(true, 1_000), (true, false));
+    assert_eq!(unseen(false, 1_000), (true, true));
+    assert_eq!(unseen(false, 0), (false, false));
+}
+
 /// Where bit 12 has shown that the next one has taken over, the axis has the settle time to show itself at the end.
 #[test]
 fn an_end_that_bit_12_has_shown_is_waited_for_until_the_settle_time_is_over() {

@@ -674,3 +674,24 @@ impl Events {
         Some(event)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use alloc::format;
+
+    use super::*;
+
+    #[test]
+    fn the_reports_that_wait_are_shown_in_their_order_round_the_ring() {
+        let mut events = Events::new();
+        for number in 0..CAPACITY as u32 + 1 {
+            events.push(CommandId(number), Event::Accepted);
+            if number + 2 < CAPACITY as u32 {
+                events.pop();
+            }
+        }
+        let shown = [CAPACITY as u32 - 2, CAPACITY as u32 - 1, CAPACITY as u32]
+            .map(|number| (CommandId(number), Event::Accepted));
+        assert_eq!(format!("{events:?}"), format!("{shown:?}"));
+    }
+}

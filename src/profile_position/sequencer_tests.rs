@@ -746,3 +746,28 @@ fn a_move_that_is_sequenced_here_waits_without_a_deadline() {
     assert_eq!(dialogue.reports(), [(first, reached)]);
     assert!(dialogue.is_high());
 }
+
+#[test]
+fn a_distance_behind_a_move_on_its_way_begins_far_from_where_it_counts() {
+    let far_behind = |follows: bool, word: Statusword| {
+        let mut dialogue = Dialogue::buffered();
+        if follows {
+            dialogue.accept(to(10_000, BufferMode::Aborting));
+            dialogue.word = Statusword::empty();
+            dialogue.frames(5);
+        }
+        dialogue.word = word;
+        dialogue.ask(MoveCommand {
+            reference: Reference::Relative,
+            ..to(5_000, BufferMode::Buffered)
+        });
+        dialogue.frame();
+        match &dialogue.sequencer.bit4 {
+            Bit4::High { raised, .. } => raised.far_behind,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert!(far_behind(true, Statusword::empty()));
+    assert!(!far_behind(true, REACHED), "it may be over");
+    assert!(!far_behind(false, Statusword::empty()) && !far_behind(false, REACHED));
+}

@@ -198,6 +198,22 @@ fn a_cycle_of_an_axis_with_something_under_way_is_computed_as_a_whole() {
     );
 }
 
+#[cfg(feature = "std")]
+#[test]
+fn a_step_is_left_out_at_rest_once_everything_was_taken_in() {
+    let mut drive = Played::enabled(Played::config());
+    let same = drive.inputs(REACHED);
+    assert!(!drive.core.rests_at(&Inputs::Fresh(&same)), "not taken yet");
+    drive.core.take_change();
+    assert!(drive.core.rests_at(&Inputs::Fresh(&same)));
+    assert!(!drive.core.rests_at(&Inputs::Answered(&same)));
+    assert!(!drive.core.rests_at(&Inputs::Stale));
+    // Asked for something, it does not rest.
+    drive.move_to(1_000);
+    drive.core.take_change();
+    assert!(!drive.core.rests_at(&Inputs::Fresh(&same)));
+}
+
 #[test]
 fn an_axis_that_does_not_stand_is_looked_at_until_it_does() {
     let mut drive = Played::enabled(Played::config());
