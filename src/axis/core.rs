@@ -1469,8 +1469,13 @@ impl AxisCore {
     /// Takes in one cycle with fresh inputs.
     fn update(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
-        if state.is_fault() && !matches!(self.power, Power::Resetting { .. }) {
-            self.update_fault(now);
+        if state.is_fault() {
+            if !matches!(self.power, Power::Resetting { .. }) {
+                self.update_fault(now);
+            } else if self.stopping.is_quick() {
+                // It was asked for, or went on, by a state that was shown between two faults.
+                self.settle_in_fault(now);
+            }
         }
         self.update_mode_change(now, sample);
         self.update_power(now, sample, delivered);
@@ -1490,15 +1495,21 @@ impl AxisCore {
         let failure = self.fault().unwrap_or(Failure::Fault { code: None });
         self.fail_motions(failure);
         if !matches!(self.stopping.phase, StopPhase::Settling { .. }) {
-            self.stopping.off = false;
-            self.stopping.phase = if self.stopping.note_fault(failure) {
-                self.settling(now)
-            } else {
-                StopPhase::None
-            };
+            self.settle_in_fault(now);
         }
         self.fail_others(failure);
         self.leave_operation(Power::Off);
+    }
+
+    /// A fault has overtaken the stop that is under way.
+    fn settle_in_fault(&mut self, now: Duration) {
+        let failure = self.fault().unwrap_or(Failure::Fault { code: None });
+        self.stopping.off = false;
+        self.stopping.phase = if self.stopping.note_fault(failure) {
+            self.settling(now)
+        } else {
+            StopPhase::None
+        };
     }
 
     /// Waiting for the standstill of an axis that is stopped already, as far as this can be.
@@ -1527,7 +1538,13 @@ impl AxisCore {
     fn update_power(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
         match self.power {
-            Power::Off => {}
+            Power::Off => {
+                // What was left of a motion for which nobody waits any more.
+                let left = self.stopping.has_no_waiter() && (self.halted || self.has_motion());
+                if left && self.is_down_at_rest() {
+                    self.leave_operation(Power::Off);
+                }
+            }
             Power::Holding => {
                 if self.is_down_at_rest() {
                     self.power = Power::Off;
@@ -1942,6 +1959,7 @@ impl AxisCore {
 
     fn finish_stop(&mut self, state: State) {
         self.stopping.phase = StopPhase::None;
+        self.stopping.off = false;
         while let Some((id, failure)) = self.stopping.next_waiter() {
             self.done(id, failure.map_or(Ok(Completion::Stopped { state }), Err));
         }
@@ -2074,10 +2092,11 @@ impl AxisCore {
         }
         let state = self.state();
         if state.is_fault() {
-            self.await_standstill(now, id);
+            self.await_standstill_without_power(now, id);
             return;
         }
         self.cancel_enabling(Failure::Disabled { state });
+        self.fail_resume(Failure::Disabled { state });
         if self.begin_stop(now, Failure::Disabled { state }) {
             self.stopping.off = !self.stopping.is_switching_off();
             self.wait_for_stop(now, id);
@@ -2092,7 +2111,7 @@ impl AxisCore {
                     deadline,
                 };
             }
-            _ if is_down(state) => self.await_standstill(now, id),
+            _ if is_down(state) => self.await_standstill_without_power(now, id),
             _ => {
                 // The fault is gone, and the reset of it leads to the same.
                 if let Some(reset) = self.power.take_waiter() {
@@ -2205,6 +2224,7 @@ impl AxisCore {
             return;
         };
         if let Some(from_rest) = from_rest {
+            self.halt_delivered = None;
             self.sequencer.resumed(now, from_rest);
             while let Some((waiter, _)) = self.stopping.next_waiter() {
                 self.done(waiter, Err(Failure::Superseded));
@@ -2256,6 +2276,12 @@ impl AxisCore {
             self.stopping.phase = self.settling(now);
         }
         self.wait_for_stop(now, id);
+    }
+
+    /// The same. A drive that enables the axis meanwhile is led down after its stop.
+    fn await_standstill_without_power(&mut self, now: Duration, id: CommandId) {
+        self.await_standstill(now, id);
+        self.stopping.off = self.stopping.is_active();
     }
 
     fn wait_for_stop(&mut self, now: Duration, id: CommandId) {
@@ -2902,7 +2928,12 @@ impl AxisCore {
         self.sequencer.has_set_point()
             || self.homing.has_motion()
             || self.jogging.has_motion()
-            || (self.sequencer.has_end_velocity() && self.power.is_driving() && !self.is_standing())
+            || (self.sequencer.has_end_velocity() && self.power.is_driving() && self.may_run_on())
+    }
+
+    /// Whether a set-point that has ended in motion may lead the axis on: it moves, or is held by bit 8 alone.
+    const fn may_run_on(&self) -> bool {
+        !self.is_standing() || self.halted || self.resuming.is_some()
     }
 
     /// Whether nothing waits and nothing is under way, in any mode.
@@ -2932,6 +2963,10 @@ impl AxisCore {
     fn withdraw_unsent(&mut self, failure: Failure) {
         self.sequencer.withdraw_unsent(failure, &mut self.events);
         self.homing.withdraw_unsent(failure, &mut self.events);
+        if self.jogging.has_motion() {
+            // Its drive may set off just now.
+            self.standstill.begin_anew();
+        }
         self.jogging.end(failure, &mut self.events);
     }
 

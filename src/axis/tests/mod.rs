@@ -2,6 +2,7 @@
 
 mod changing;
 mod held;
+mod overtaken;
 mod played;
 mod power;
 mod resting;
@@ -970,12 +971,12 @@ mod standing {
 
     #[test]
     fn the_rest_before_a_motion_is_not_the_rest_after_it() {
-        // A jog whose velocity was sent once, and a stop: the axis may be setting off all the same.
+        // A jog whose velocity was sent once, and a stop: the axis may be setting off all the same, until the drive has taken the stop in.
         let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
         drive.submit(Command::Jog(JogSetPoint::new(700)));
         drive.shows(REACHED);
         drive.submit(Command::Stop);
-        assert_eq!(drive.cycles_until(QUICK_STOP | 0x100, REACHED), 13);
+        assert_eq!(drive.cycles_until(QUICK_STOP | 0x100, REACHED), 14);
 
         // A homing that reports an error as it sets off.
         let mut drive = Played::enabled_in(Mode::Homing, Played::config());
