@@ -1877,11 +1877,12 @@ impl AxisCore {
                 // A disable under way leads the drive down by itself, and stops the axis if it moves after all.
                 let disables = matches!(self.power, Power::Disabling { .. });
                 let powered = matches!(state, State::OperationEnabled | State::QuickStopActive);
+                let has_no_power = is_down(state) || state.is_fault();
                 if powered && !disables {
                     self.cancel_enabling(Failure::QUICK_STOPPED);
                     let standstill = self.config.deadlines.standstill;
                     self.stopping.begin_quick(now.saturating_add(standstill));
-                } else if self.is_at_rest_for_good() {
+                } else if self.is_at_rest_for_good() && (!self.stopping.off || has_no_power) {
                     self.finish_stop(state);
                 } else if now >= until {
                     self.give_waiting_up(state);

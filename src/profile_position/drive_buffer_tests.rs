@@ -589,7 +589,7 @@ fn what_shows_with_another_on_its_way_is_the_end_where_that_is_known() {
     );
 }
 
-/// Bit 12 and an end that is open show together that the drive is at the second one: then it arrives, else it is there too early.
+/// Bit 12 and an open end show together that the drive is at the second one. Then it arrives. Else it is there too early.
 #[test]
 fn the_second_one_arrives_where_bit_12_shows_the_drive_at_it_and_the_first_is_open() {
     let second_at_its_end = |room_shown: bool, open: bool| {
@@ -615,7 +615,7 @@ fn the_second_one_arrives_where_bit_12_shows_the_drive_at_it_and_the_first_is_op
     assert_eq!(second_at_its_end(false, false), None);
 }
 
-/// An axis that stands at its end without bit 10 is not at rest for all that bit 10 says, and waits no longer than the time to begin.
+/// Without bit 10 it is not at rest. It waits no longer than the time to begin.
 #[test]
 fn one_in_doubt_that_never_shows_bit_10_is_perhaps_superseded() {
     let after = |stood: Duration| {

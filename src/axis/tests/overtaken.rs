@@ -2,7 +2,7 @@
 
 use super::played::{
     ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, Played, QUICK_STOP_ACTIVE,
-    REACHED, READY, SWITCH_ON_DISABLED, absolute,
+    REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, absolute,
 };
 use crate::{
     axis::{AxisFields, Command, Completion, CoreConfig, Failure},
@@ -48,6 +48,20 @@ fn a_disable_that_waits_for_standstill_does_not_end_in_quick_stop_active() {
         let end = stopped(State::SwitchOnDisabled);
         assert_eq!(drive.outcome(disabling), end, "{first:04X}");
     }
+}
+
+/// The same where the drive then shows Switched on.
+#[test]
+fn a_disable_that_waits_for_standstill_is_not_done_in_switched_on() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    drive.shows_for(3, READY);
+    let disabling = drive.submit(Command::Disable);
+    drive.velocity = 0;
+    drive.shows_for(60, SWITCHED_ON);
+    assert_eq!((drive.outcome(disabling), drive.word()), (None, 0));
+    drive.shows(SWITCH_ON_DISABLED);
+    let end = stopped(State::SwitchOnDisabled);
+    assert_eq!(drive.outcome(disabling), end);
 }
 
 /// One statusword that says Operation enabled while a fault is being reset.
