@@ -7,7 +7,7 @@ use servocrab::axis::{
     AxisCore, AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Event, Failure,
     Inputs, Referencing, StopRequest,
 };
-use servocrab::ds402::{Mode, QuickStopOption};
+use servocrab::ds402::{self, Mode, QuickStopOption};
 use servocrab::homing::{HomingCommand, HomingMethod};
 use servocrab::profile_position::{
     BufferMode, BufferSignal, MoveCommand, Parameters, PositionRange, Reference, RelativeBase,
@@ -542,12 +542,12 @@ impl Scenario {
                 self.step(StopRequest::empty())?;
             }
         }
-        let command = if self.program.one_in(2) {
-            Command::Disable
+        let (command, kind) = if self.program.one_in(2) {
+            (Command::Disable, Kind::Disable)
         } else {
-            Command::Stop
+            (Command::Stop, Kind::Stop)
         };
-        let id = self.submit(command, Kind::Disable, 0)?;
+        let id = self.submit(command, kind, 0)?;
         let until = self.cycle + cycles(self, 4_000);
         while self.cycle < until && !self.pending.is_empty() {
             self.step(StopRequest::empty())?;
@@ -911,7 +911,7 @@ impl Scenario {
         let snapshot = self.core.snapshot();
         self.sent.word & 0x8F == 0x0F
             && snapshot.controlword.bits() & 0xF == 0xF
-            && snapshot.state == servocrab::ds402::State::OperationEnabled
+            && snapshot.state == ds402::State::OperationEnabled
             && self.drive.state == State::Enabled
             && (snapshot.has_set_point
                 || (self.drive.mode == 1 && self.drive.demand_velocity != 0.0 && self.is_moving()))
@@ -1310,7 +1310,7 @@ impl Scenario {
         };
         let free = self.drive.is_free()
             && !self.blind
-            && snapshot.state == servocrab::ds402::State::OperationEnabled
+            && snapshot.state == ds402::State::OperationEnabled
             && snapshot.mode == Mode::ProfilePosition
             && !snapshot.halted
             && !self.pending.iter().any(sent);
@@ -1446,6 +1446,21 @@ impl Scenario {
                 format!(
                     "{id} is {result:?}, and the drive has ended no homing since it was asked for"
                 ),
+            );
+        }
+        if let (Kind::Disable, Ok(Completion::Stopped { state })) = (issued.kind, result)
+            && shows_power(state)
+        {
+            return self.broken(
+                "a disable ends without power",
+                format!("{id} is done in {state:?}"),
+            );
+        }
+        if issued.kind == Kind::Resume && result.is_ok() && self.sent.word & 0x100 != 0 {
+            let word = self.sent.word;
+            return self.broken(
+                "a resume is done when bit 8 was sent low",
+                format!("{id} is done, and the word is {word:04X}h"),
             );
         }
         let stopped = matches!(result, Ok(Completion::Stopped { .. }));
@@ -1680,6 +1695,14 @@ impl Scenario {
             }
         }
     }
+}
+
+/// Whether a drive in this state may have power.
+const fn shows_power(state: ds402::State) -> bool {
+    matches!(
+        state,
+        ds402::State::SwitchedOn | ds402::State::OperationEnabled | ds402::State::QuickStopActive
+    )
 }
 
 fn fields(velocity: bool) -> AxisFields {
