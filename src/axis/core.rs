@@ -2641,6 +2641,19 @@ enum ModeStep {
     Written,
     /// Whoever writes 6060h by SDO has been asked to: until the mode is awaited, the drive may show either.
     BySdo,
+    /// 6060h was in the outputs, and is what it was before. A drive may come to a mode late, and take bit 4 for its own: for the time that it
+    /// has for that, nothing begins. Somebody may wait for that time to be over.
+    TakenBack { awaited: bool },
+}
+
+impl ModeStep {
+    /// Whether somebody waits for it.
+    const fn is_awaited(self) -> bool {
+        matches!(
+            self,
+            Self::Quiet { .. } | Self::Written | Self::TakenBack { awaited: true }
+        )
+    }
 }
 
 impl AxisCore {
@@ -2731,9 +2744,15 @@ impl AxisCore {
         } else if self.stopping.is_active()
             || self
                 .mode_change
-                .is_some_and(|change| change.step != ModeStep::BySdo)
+                .is_some_and(|change| change.step.is_awaited())
         {
             self.done(id, Err(Failure::Busy));
+        } else if let Some(change) = &mut self.mode_change
+            && matches!(change.step, ModeStep::TakenBack { .. })
+            && to == self.mode
+        {
+            change.id = id;
+            change.step = ModeStep::TakenBack { awaited: true };
         } else {
             let change = ModeChange {
                 id,
@@ -2793,12 +2812,13 @@ impl AxisCore {
         else {
             return;
         };
-        if change.step == ModeStep::Written && sample.mode == change.to {
+        if let ModeStep::TakenBack { awaited } = change.step {
+            self.update_taken_back(now, change, awaited);
+        } else if change.step == ModeStep::Written && sample.mode == change.to {
             self.mode_change = None;
             self.done(change.id, Ok(Completion::Done));
         } else if now >= change.deadline {
-            self.mode_change = None;
-            self.mode = change.before;
+            self.take_mode_back(change);
             let moves = matches!(change.step, ModeStep::Quiet { .. }) && !self.is_standing();
             let failure = if moves {
                 Failure::Moving
@@ -2812,7 +2832,7 @@ impl AxisCore {
     /// Gives up the change of mode with this id: nobody waits for it. The mode before is in the outputs again.
     fn withdraw_mode_change(&mut self, id: CommandId) -> bool {
         let mut of_id = self.mode_change.iter().filter(|change| change.id == id);
-        let is_pending = of_id.any(|change| change.step != ModeStep::BySdo);
+        let is_pending = of_id.any(|change| change.step.is_awaited());
         if is_pending {
             self.fail_mode_change(Failure::Withdrawn);
         }
@@ -2820,13 +2840,49 @@ impl AxisCore {
     }
 
     fn fail_mode_change(&mut self, failure: Failure) {
-        if let Some(change) = self
-            .mode_change
-            .take_if(|change| change.step != ModeStep::BySdo)
-        {
-            self.mode = change.before;
+        if let Some(change) = self.mode_change.filter(|change| change.step.is_awaited()) {
+            self.take_mode_back(change);
             self.done(change.id, Err(failure));
         }
+    }
+
+    /// The mode before is in the outputs again.
+    fn take_mode_back(&mut self, change: ModeChange) {
+        self.mode = change.before;
+        let is_mapped = self.config.fields.mode.is_some();
+        let deadline = match change.step {
+            ModeStep::Written if is_mapped && change.to != change.before => Duration::MAX,
+            ModeStep::TakenBack { .. } => change.deadline,
+            ModeStep::Quiet { .. } | ModeStep::Written | ModeStep::BySdo => {
+                self.mode_change = None;
+                return;
+            }
+        };
+        self.mode_change = Some(ModeChange {
+            step: ModeStep::TakenBack { awaited: false },
+            deadline,
+            ..change
+        });
+    }
+
+    /// A mode that was taken back is not come to any more after the time that a drive has to show a mode. Whoever waits for that selects the
+    /// mode before as any other.
+    fn update_taken_back(&mut self, now: Duration, mut change: ModeChange, awaited: bool) {
+        let later = now.saturating_add(self.config.deadlines.mode);
+        if change.deadline == Duration::MAX {
+            change.deadline = later;
+        }
+        self.mode_change = if now < change.deadline {
+            Some(change)
+        } else {
+            awaited.then_some(ModeChange {
+                id: change.id,
+                to: self.mode,
+                before: self.mode,
+                deadline: later,
+                step: ModeStep::Quiet { by_sdo: false },
+            })
+        };
     }
 
     fn start_homing(&mut self, id: CommandId, command: HomingCommand) {

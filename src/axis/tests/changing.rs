@@ -80,6 +80,64 @@ fn a_mode_that_is_not_shown_in_time_is_taken_back() {
     );
 }
 
+/// Bit 4 starts a homing in homing mode. A drive that is late to change its mode may be there when the mode before is commanded again.
+#[test]
+fn nothing_begins_while_the_drive_may_come_to_a_mode_that_was_taken_back() {
+    let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
+    let withdrawn = || {
+        let mut drive = Played::enabled(Played::config());
+        let selecting = drive.submit(TO_HOMING);
+        drive.shows_for(3, REACHED);
+        assert_eq!(drive.outputs[6], 6);
+        assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+        assert_eq!(drive.outputs[6], 1);
+        drive.drain();
+        assert_eq!(drive.outcome(selecting), refused(Failure::Withdrawn));
+        drive
+    };
+    let mut drive = withdrawn();
+    for _ in 0..60 {
+        assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
+        drive.shows(REACHED);
+    }
+    drive.shows(REACHED);
+    assert_eq!(drive.answer(Command::Move(absolute(50))), None);
+    assert_eq!(drive.word(), 0x003F);
+
+    // Who selects the mode before waits for that, and no longer.
+    let mut drive = withdrawn();
+    let back = drive.submit(Command::SelectMode(Mode::ProfilePosition));
+    let other = drive.answer(Command::SelectMode(Mode::ProfileVelocity));
+    assert_eq!(other, refused(Failure::Busy));
+    drive.shows_for(61, REACHED);
+    assert_eq!(drive.outcome(back), None);
+    drive.shows(REACHED);
+    assert_eq!(drive.outcome(back), Some(Ok(Completion::Done)));
+    // Or goes away again.
+    let mut drive = withdrawn();
+    let back = drive.submit(Command::SelectMode(Mode::ProfilePosition));
+    assert!(drive.core.withdraw(back, &mut drive.outputs));
+    assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
+
+    // Another change of mode need not wait.
+    let mut drive = withdrawn();
+    let again = drive.submit(TO_HOMING);
+    drive.mode = 6;
+    drive.shows_for(4, REACHED);
+    assert_eq!(drive.outcome(again), Some(Ok(Completion::Done)));
+
+    // A change that was not written yet leaves nothing to wait for.
+    let mut drive = Played::enabled(Played::config());
+    drive.velocity = 30;
+    drive.shows_for(3, ENABLED);
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows(ENABLED);
+    drive.core.withdraw(selecting, &mut drive.outputs);
+    drive.velocity = 0;
+    drive.shows_for(30, REACHED);
+    assert_eq!(drive.answer(Command::Move(absolute(50))), None);
+}
+
 #[test]
 fn a_mode_is_not_written_while_the_axis_moves_or_bits_of_the_last_may_be_seen() {
     // It moves without a set-point.
