@@ -1232,6 +1232,8 @@ fn an_axis_that_has_come_to_rest_elsewhere_has_missed_its_target() {
     assert_eq!(elsewhere(11, |_| ()), missed(11));
     assert_eq!(elsewhere(10, |_| ()), None);
     assert_eq!(elsewhere(12, |_| ()), missed(12));
+    // A load has moved it away from its end: the drive may begin yet.
+    assert_eq!(elsewhere(-11, |_| ()), None);
     assert_eq!(
         elsewhere(11, |monitor| monitor.left_place = Some(NOW - ms(50))),
         None

@@ -2409,7 +2409,11 @@ impl SetPointMonitor {
         };
         let late = cycle.now.saturating_sub(since) >= cycle.begin;
         let rests = lingers || self.rests_away(cycle);
-        let moved = gone > window.saturating_add(slack) && rests && (!self.doubted || late);
+        // Away from an absolute target leads a load alone.
+        let apart = |from| self.end.map(|end| cycle.bounds.distance(end, from));
+        let nearer = self.distance.is_some() || apart(position) < apart(stood);
+        let moved =
+            gone > window.saturating_add(slack) && nearer && rests && (!self.doubted || late);
         if moved || (self.left_target && !self.follows) {
             return match self.end {
                 _ if may_end_here => reached,

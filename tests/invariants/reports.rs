@@ -294,7 +294,8 @@ pub fn everything_ends(scenario: &Scenario) -> Result<(), String> {
             Command::ResetFault => {
                 3 * (deadlines.fault_reset + Duration::from_millis(100)) + deadlines.standstill
             }
-            Command::SelectMode(_) | Command::PrepareMode(_) => deadlines.mode,
+            // Behind one that was taken back it waits for that first.
+            Command::SelectMode(_) | Command::PrepareMode(_) => deadlines.mode.saturating_mul(2),
             Command::Resume => Duration::ZERO,
             Command::Halt | Command::QuickStop => deadlines.standstill + deadlines.disable,
             Command::Stop | Command::Release => 2 * deadlines.standstill + deadlines.disable,
