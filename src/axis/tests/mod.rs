@@ -12,7 +12,7 @@ mod loss {
     //! Drives that do not answer, or do not take their outputs; and programs that are not alive.
 
     use super::played::{
-        ACKNOWLEDGED, Brings, ENABLED, Played, REACHED, SWITCH_ON_DISABLED, absolute,
+        ACKNOWLEDGED, Brings, ENABLED, Played, QUICK_STOP, REACHED, SWITCH_ON_DISABLED, absolute,
     };
     use crate::{
         axis::{Command, Completion, Delivery, Event, Failure, Inputs},
@@ -21,8 +21,6 @@ mod loss {
         profile_position::Limits,
         profile_velocity::JogSetPoint,
     };
-
-    const QUICK_STOP: u16 = 0x000B;
 
     const NOT_SENT: Delivery = Delivery::NotSent;
     const BUS_LOST: Failure = Failure::BusLost { delivery: NOT_SENT };
@@ -507,7 +505,7 @@ mod resetting {
 
     use super::played::{
         Brings, ENABLED, FAULT, FAULT_REACTION, NOT_READY, Played, QUICK_STOP_ACTIVE, READY,
-        SWITCH_ON_DISABLED, SWITCHED_ON,
+        SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
     };
     use crate::{
         axis::{Command, CommandId, Completion, CoreConfig, Failure, WaitingFor},
@@ -532,10 +530,6 @@ mod resetting {
         let (mut drive, id) = resetting(Played::config());
         assert_eq!(drive.cycles_until(RESET, FAULT), 3);
         (drive, id)
-    }
-
-    fn stopped(state: State) -> Option<Result<Completion, Failure>> {
-        Some(Ok(Completion::Stopped { state }))
     }
 
     #[track_caller]
@@ -742,24 +736,15 @@ mod standing {
     //! What counts as a standstill when a stop begins, and what is taken for none.
 
     use super::played::{
-        ACKNOWLEDGED, Brings, ENABLED, FIELDS, Played, QUICK_STOP_ACTIVE, REACHED, READY,
-        SWITCH_ON_DISABLED, absolute,
+        Brings, ENABLED, GO, HALT, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY,
+        SWITCH_ON_DISABLED, stopped,
     };
     use crate::{
-        axis::{AxisFields, Command, CommandId, Completion, CoreConfig, Failure, StopRequest},
-        ds402::{Mode, QuickStopOption, State, StopOptions},
+        axis::{Command, CommandId, CoreConfig, Failure, StopRequest},
+        ds402::{Mode, State, StopOptions},
         homing::{HomingCommand, HomingMethod},
-        profile_position::SetPoint,
         profile_velocity::JogSetPoint,
     };
-
-    const HALT: u16 = 0x010F;
-    const GO: u16 = 0x000F;
-    const QUICK_STOP: u16 = 0x000B;
-
-    fn stopped(state: State) -> Option<Result<Completion, Failure>> {
-        Some(Ok(Completion::Stopped { state }))
-    }
 
     /// Without a set-point, in Operation enabled, and just come to this position.
     fn shifted(by: i32) -> Played {
@@ -772,22 +757,9 @@ mod standing {
     /// Halted at rest, with a set-point.
     fn halted(config: CoreConfig) -> Played {
         let (mut drive, _) = Played::moving(config, 100_000);
-        let halting = drive.submit(Command::Halt);
-        // It gets slower: an axis that freezes at once may be at work unseen.
-        for velocity in [20, 10, 0] {
-            drive.velocity = velocity;
-            drive.shows(ENABLED);
-        }
-        assert!(drive.cycles_to_end(halting, ENABLED).1.is_ok());
+        drive.halt_to_rest();
         drive.shows_for(20, ENABLED);
         drive
-    }
-
-    fn staying() -> CoreConfig {
-        CoreConfig {
-            quick_stop: QuickStopOption(6),
-            ..Played::config()
-        }
     }
 
     /// Whether a quick stop follows the bit 8 of this command, and what the word is when the axis has stood for a while.
@@ -897,7 +869,7 @@ mod standing {
         let mut drive = halted(Played::config());
         let id = drive.submit(Command::QuickStop);
         assert_eq!(drive.cycles_to_end(id, SWITCH_ON_DISABLED).0, 3);
-        let mut drive = halted(staying());
+        let mut drive = halted(Played::staying());
         let id = drive.submit(Command::QuickStop);
         assert_eq!(drive.cycles_to_end(id, QUICK_STOP_ACTIVE).0, 3);
         // Where nobody knows what arrives, after the settle time.
@@ -929,14 +901,14 @@ mod standing {
             (QUICK_STOP_ACTIVE, State::QuickStopActive),
             (SWITCH_ON_DISABLED, State::SwitchOnDisabled),
         ] {
-            let mut drive = halted(staying());
+            let mut drive = halted(Played::staying());
             drive.shows(statusword);
             let id = drive.submit(Command::Stop);
             assert_eq!(drive.outcome(id), None, "{state:?}");
             let (cycles, result) = drive.cycles_to_end(id, statusword);
             assert_eq!((cycles, Some(result)), (13, stopped(state)));
             // An axis without a set-point has nothing to come to rest from.
-            let mut drive = Played::enabled(staying());
+            let mut drive = Played::enabled(Played::staying());
             drive.shows(statusword);
             drive.shows(statusword);
             assert_eq!(drive.answer(Command::Stop), stopped(state));
@@ -1003,27 +975,7 @@ mod standing {
 
     #[test]
     fn an_end_velocity_is_a_motion_until_the_axis_stands() {
-        let mut drive = Played::enabled(CoreConfig {
-            fields: AxisFields {
-                target_velocity: None,
-                end_velocity: Some(7),
-                ..FIELDS
-            },
-            ..Played::config()
-        });
-        let mut command = absolute(100);
-        command.set_point = SetPoint::new().end_velocity(20);
-        let moving = drive.submit(Command::Move(command));
-        drive.shows(REACHED);
-        drive.shows(ACKNOWLEDGED);
-        drive.velocity = 20;
-        drive.shows_for(5, ENABLED);
-        drive.velocity = 0;
-        let (_, result) = drive.cycles_to_end(moving, REACHED);
-        assert!(result.is_ok(), "{result:?}");
-        // It goes on by that velocity.
-        drive.velocity = 20;
-        drive.shows_for(30, REACHED);
+        let mut drive = Played::at_end_velocity();
         assert!(drive.core.snapshot().has_set_point);
         drive.velocity = 0;
         drive.shows_for(30, REACHED);

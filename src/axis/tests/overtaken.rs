@@ -1,36 +1,20 @@
 //! What overtakes a command that waits: a wrong word, a motion that begins, another command.
 
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, Played, QUICK_STOP_ACTIVE,
-    REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, absolute,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, GO, HALT, Played, QUICK_STOP,
+    QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
-    axis::{AxisFields, Command, Completion, CoreConfig, Failure},
-    ds402::{Mode, QuickStopOption, State},
-    profile_position::SetPoint,
+    axis::{Command, Completion, Failure},
+    ds402::{Mode, State},
     profile_velocity::JogSetPoint,
 };
-
-const HALT: u16 = 0x010F;
-const GO: u16 = 0x000F;
-const QUICK_STOP: u16 = 0x000B;
-
-fn stopped(state: State) -> Option<Result<Completion, Failure>> {
-    Some(Ok(Completion::Stopped { state }))
-}
-
-fn staying() -> CoreConfig {
-    CoreConfig {
-        quick_stop: QuickStopOption(6),
-        ..Played::config()
-    }
-}
 
 /// It waits in a fault or in a state without power, and the drive then shows Operation enabled: the quick stop that follows ends without power.
 #[test]
 fn a_disable_that_waits_for_standstill_does_not_end_in_quick_stop_active() {
     for first in [FAULT_REACTION, FAULT, SWITCH_ON_DISABLED, READY] {
-        let (mut drive, _) = Played::moving(staying(), 100_000);
+        let (mut drive, _) = Played::moving(Played::staying(), 100_000);
         drive.shows_for(3, first);
         let disabling = drive.submit(Command::Disable);
         assert_eq!(drive.outcome(disabling), None, "{first:04X}");
@@ -101,74 +85,58 @@ fn a_quick_stop_between_two_faults_of_a_reset_ends_at_standstill() {
     assert_eq!(drive.outcome(resetting), None);
 }
 
-/// The drive has held the axis at rest since the jog was sent, and it sets off as it is halted.
-#[test]
-fn the_rest_before_a_jogged_axis_sets_off_is_not_that_of_its_halt() {
+/// The drive has held the axis at rest since it was asked to move, and it sets off as it is stopped.
+fn sets_off_as_it_is_stopped(asked: impl Fn() -> Played) {
     for command in [
         Command::Halt,
         Command::Stop,
         Command::QuickStop,
         Command::Disable,
     ] {
-        let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
-        drive.submit(Command::Jog(JogSetPoint::new(700)));
-        drive.shows_for(30, REACHED);
+        let mut drive = asked();
         let id = drive.submit(command);
+        let shown = |drive: &Played, after: u16| {
+            let is_quick = drive.word() & 4 == 0;
+            if is_quick { after } else { ENABLED }
+        };
         for velocity in [1, 2, 2, 2] {
             drive.velocity = velocity;
-            let quick = drive.word() & 4 == 0;
-            drive.shows(if quick { QUICK_STOP_ACTIVE } else { ENABLED });
+            drive.shows(shown(&drive, QUICK_STOP_ACTIVE));
         }
-        drive.shows(if drive.word() & 4 == 0 {
-            SWITCH_ON_DISABLED
-        } else {
-            ENABLED
-        });
+        drive.shows(shown(&drive, SWITCH_ON_DISABLED));
         assert_eq!(drive.outcome(id), None, "{command:?}");
     }
 }
 
-/// The same of a move.
+#[test]
+fn the_rest_before_a_jogged_axis_sets_off_is_not_that_of_its_halt() {
+    sets_off_as_it_is_stopped(|| {
+        let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+        drive.submit(Command::Jog(JogSetPoint::new(700)));
+        drive.shows_for(30, REACHED);
+        drive
+    });
+}
+
 #[test]
 fn the_rest_before_a_move_sets_off_is_not_that_of_its_halt() {
-    for command in [
-        Command::Halt,
-        Command::Stop,
-        Command::QuickStop,
-        Command::Disable,
-    ] {
+    sets_off_as_it_is_stopped(|| {
         let mut drive = Played::enabled(Played::config());
         drive.move_to(100_000);
         drive.shows(REACHED);
         drive.shows(ACKNOWLEDGED);
         drive.shows_for(30, ENABLED);
-        let id = drive.submit(command);
-        for velocity in [1, 2, 2, 2] {
-            drive.velocity = velocity;
-            let quick = drive.word() & 4 == 0;
-            drive.shows(if quick { QUICK_STOP_ACTIVE } else { ENABLED });
-        }
-        drive.shows(if drive.word() & 4 == 0 {
-            SWITCH_ON_DISABLED
-        } else {
-            ENABLED
-        });
-        assert_eq!(drive.outcome(id), None, "{command:?}");
-    }
+        drive
+    });
 }
 
 /// An earlier halt that was resumed is no proof that the axis stands.
 #[test]
 fn the_rest_after_a_resume_is_not_that_of_a_later_quick_stop() {
     for resumed in [false, true] {
-        let (mut drive, _) = Played::moving(staying(), 100_000);
+        let (mut drive, _) = Played::moving(Played::staying(), 100_000);
         if resumed {
-            let halting = drive.submit(Command::Halt);
-            for velocity in [20, 10, 0] {
-                drive.velocity = velocity;
-                drive.shows(ENABLED);
-            }
-            assert!(drive.cycles_to_end(halting, ENABLED).1.is_ok());
+            drive.halt_to_rest();
             let resuming = drive.submit(Command::Resume);
             drive.shows(ENABLED);
             assert_eq!(drive.outcome(resuming), Some(Ok(Completion::Done)));
@@ -220,20 +188,23 @@ fn bit_8_falls_outside_operation_enabled_where_its_disable_has_failed() {
     }
 }
 
-#[test]
-fn nothing_is_left_of_a_motion_whose_drive_has_left_operation_enabled_late() {
-    let (mut drive, _) = Played::moving(Played::config(), 1_000_000);
-    drive.submit(Command::QuickStop);
-    drive.shows_for(451, ENABLED);
+/// It ignores its stop for so long, comes to rest all the same, and leaves Operation enabled at last.
+fn nothing_is_left_of(mut drive: Played, ignores_for: u32) {
+    drive.shows_for(ignores_for, ENABLED);
     drive.velocity = 0;
     drive.shows_for(300, ENABLED);
     drive.shows_for(300, SWITCH_ON_DISABLED);
     let snapshot = drive.core.snapshot();
     assert!(!snapshot.has_set_point && !snapshot.halted, "{snapshot:?}");
-    assert_eq!(
-        drive.answer(Command::SelectMode(Mode::ProfileVelocity)),
-        None
-    );
+    let selecting = drive.answer(Command::SelectMode(Mode::ProfileVelocity));
+    assert_eq!(selecting, None);
+}
+
+#[test]
+fn nothing_is_left_of_a_motion_whose_drive_has_left_operation_enabled_late() {
+    let (mut drive, _) = Played::moving(Played::config(), 1_000_000);
+    drive.submit(Command::QuickStop);
+    nothing_is_left_of(drive, 451);
 }
 
 #[test]
@@ -242,46 +213,13 @@ fn nothing_is_left_of_a_halted_motion_whose_drive_has_left_operation_enabled_lat
     drive.move_to(50_000);
     drive.shows(ENABLED);
     drive.submit(Command::Stop);
-    drive.shows_for(1_000, ENABLED);
-    drive.velocity = 0;
-    drive.shows_for(300, ENABLED);
-    drive.shows_for(300, SWITCH_ON_DISABLED);
-    let snapshot = drive.core.snapshot();
-    assert!(!snapshot.has_set_point && !snapshot.halted, "{snapshot:?}");
-    assert_eq!(
-        drive.answer(Command::SelectMode(Mode::ProfileVelocity)),
-        None
-    );
+    nothing_is_left_of(drive, 1_000);
 }
 
 /// Halted on its way at an end velocity: it goes on with that when bit 8 falls.
 fn halted_at_end_velocity() -> Played {
-    let mut drive = Played::enabled(CoreConfig {
-        fields: AxisFields {
-            target_velocity: None,
-            end_velocity: Some(7),
-            ..FIELDS
-        },
-        ..Played::config()
-    });
-    let mut command = absolute(100);
-    command.set_point = SetPoint::new().end_velocity(20);
-    let moving = drive.submit(Command::Move(command));
-    drive.shows(REACHED);
-    drive.shows(ACKNOWLEDGED);
-    drive.velocity = 20;
-    drive.shows_for(5, ENABLED);
-    drive.velocity = 0;
-    let (_, result) = drive.cycles_to_end(moving, REACHED);
-    assert!(result.is_ok(), "{result:?}");
-    drive.velocity = 20;
-    drive.shows_for(30, REACHED);
-    let halting = drive.submit(Command::Halt);
-    for velocity in [20, 10, 0] {
-        drive.velocity = velocity;
-        drive.shows(ENABLED);
-    }
-    assert!(drive.cycles_to_end(halting, ENABLED).1.is_ok());
+    let mut drive = Played::at_end_velocity();
+    drive.halt_to_rest();
     drive
 }
 

@@ -8,7 +8,7 @@ use crate::axis::{
     Inputs, Referencing, StopRequest,
 };
 use crate::{
-    ds402::Mode,
+    ds402::{Mode, QuickStopOption, State},
     profile_position::{MoveCommand, Reference, SetPoint},
 };
 
@@ -26,6 +26,11 @@ pub(super) const ACKNOWLEDGED: u16 = 0x1237;
 pub(super) const QUICK_STOP_ACTIVE: u16 = 0x0217;
 pub(super) const FAULT_REACTION: u16 = 0x023F;
 pub(super) const FAULT: u16 = 0x0238;
+
+/// Controlwords: enabled, the same with bit 8, and with bit 2 low.
+pub(super) const GO: u16 = 0x000F;
+pub(super) const HALT: u16 = 0x010F;
+pub(super) const QUICK_STOP: u16 = 0x000B;
 
 /// Outputs: 6040h, 607Ah, 6060h, 60FFh. Inputs: 6041h, 6064h, 6061h, 606Ch, 603Fh.
 pub(super) const FIELDS: AxisFields = AxisFields {
@@ -78,6 +83,14 @@ impl Played {
         };
         config.traits.threshold_in_velocity_units = true;
         config
+    }
+
+    /// Its drive stays in Quick stop active.
+    pub fn staying() -> CoreConfig {
+        CoreConfig {
+            quick_stop: QuickStopOption(6),
+            ..Self::config()
+        }
     }
 
     /// Before the first cycle.
@@ -136,6 +149,41 @@ impl Played {
         this.shows_for(5, ENABLED);
         assert!(this.reports.contains(&(id, Event::Accepted)));
         (this, id)
+    }
+
+    /// Gone on at the end velocity of a move that has ended.
+    pub fn at_end_velocity() -> Self {
+        let mut this = Self::enabled(CoreConfig {
+            fields: AxisFields {
+                target_velocity: None,
+                end_velocity: Some(7),
+                ..FIELDS
+            },
+            ..Self::config()
+        });
+        let mut command = absolute(100);
+        command.set_point = SetPoint::new().end_velocity(20);
+        let id = this.submit(Command::Move(command));
+        this.shows(REACHED);
+        this.shows(ACKNOWLEDGED);
+        this.velocity = 20;
+        this.shows_for(5, ENABLED);
+        this.velocity = 0;
+        let (_, result) = this.cycles_to_end(id, REACHED);
+        assert!(result.is_ok(), "{result:?}");
+        this.velocity = 20;
+        this.shows_for(30, REACHED);
+        this
+    }
+
+    /// Halts it, and it comes to rest. It gets slower: an axis that freezes at once may be at work unseen.
+    pub fn halt_to_rest(&mut self) {
+        let halting = self.submit(Command::Halt);
+        for velocity in [20, 10, 0] {
+            self.velocity = velocity;
+            self.shows(ENABLED);
+        }
+        assert!(self.cycles_to_end(halting, ENABLED).1.is_ok());
     }
 
     pub fn submit(&mut self, command: Command) -> CommandId {
@@ -263,6 +311,11 @@ impl Played {
         self.reports
             .extend(core::iter::from_fn(|| self.core.poll_event()));
     }
+}
+
+/// The answer to who waits for a stop, in this state.
+pub(super) fn stopped(state: State) -> Option<Result<Completion, Failure>> {
+    Some(Ok(Completion::Stopped { state }))
 }
 
 pub(super) fn absolute(target: i32) -> MoveCommand {

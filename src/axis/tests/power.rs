@@ -4,8 +4,8 @@ use alloc::format;
 use core::time::Duration;
 
 use super::played::{
-    Brings, ENABLED, FAULT, Played, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED,
-    SWITCHED_ON,
+    Brings, ENABLED, FAULT, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY,
+    SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
     axis::{Command, CommandId, Completion, CoreConfig, Failure, WaitingFor, power::Power},
@@ -16,13 +16,8 @@ const DISABLE_VOLTAGE: u16 = 0x00;
 const SHUTDOWN: u16 = 0x06;
 const SWITCH_ON: u16 = 0x07;
 const ENABLE_OPERATION: u16 = 0x0F;
-const QUICK_STOP: u16 = 0x0B;
 
 const DONE: Option<Result<Completion, Failure>> = Some(Ok(Completion::Done));
-
-fn stopped(state: State) -> Option<Result<Completion, Failure>> {
-    Some(Ok(Completion::Stopped { state }))
-}
 
 /// Led up to the word that enables it, with Switched on shown.
 fn led_up(config: CoreConfig) -> (Played, CommandId) {

@@ -3,26 +3,18 @@
 use core::time::Duration;
 
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, Played, QUICK_STOP_ACTIVE,
-    REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, GO, HALT, Played, QUICK_STOP,
+    QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
     axis::{
-        AxisFields, Command, CommandId, Completion, CoreConfig, Delivery, Event, Failure, Inputs,
-        StopRequest, WaitingFor,
+        AxisFields, Command, CommandId, Completion, Delivery, Event, Failure, Inputs, StopRequest,
+        WaitingFor,
     },
-    ds402::{Mode, QuickStopOption, State},
+    ds402::{Mode, State},
     homing::{HomingCommand, HomingMethod},
     profile_velocity::JogSetPoint,
 };
-
-const HALT: u16 = 0x010F;
-const GO: u16 = 0x000F;
-const QUICK_STOP: u16 = 0x000B;
-
-fn stopped(state: State) -> Option<Result<Completion, Failure>> {
-    Some(Ok(Completion::Stopped { state }))
-}
 
 /// It was waited for in vain, and where the axis is now was seen last.
 #[track_caller]
@@ -37,17 +29,9 @@ fn assert_never_stood(drive: &Played, result: Result<Completion, Failure>) {
     assert_eq!(seen.positions.1, drive.position, "{seen:?}");
 }
 
-/// Stays in Quick stop active.
-fn staying() -> CoreConfig {
-    CoreConfig {
-        quick_stop: QuickStopOption(6),
-        ..Played::config()
-    }
-}
-
 /// Of an axis that was moving: after its quick stop, it is being switched off.
 fn switching_off() -> (Played, CommandId) {
-    let (mut drive, _) = Played::moving(staying(), 100_000);
+    let (mut drive, _) = Played::moving(Played::staying(), 100_000);
     let disabling = drive.submit(Command::Disable);
     assert_eq!(drive.word(), HALT);
     drive.velocity = 0;
@@ -180,7 +164,7 @@ fn an_axis_that_is_not_switched_off_in_time_fails_whoever_waits_for_it() {
 
 #[test]
 fn a_stop_of_a_drive_that_stays_in_quick_stop_active_leaves_it_there() {
-    let (mut drive, moving) = Played::moving(staying(), 100_000);
+    let (mut drive, moving) = Played::moving(Played::staying(), 100_000);
     let stopping = drive.submit(Command::QuickStop);
     assert_eq!(drive.word(), QUICK_STOP);
     drive.velocity = 0;
