@@ -204,7 +204,7 @@ impl AxisCore {
             || format!("canonicalize at {now:?}"),
             &mut [],
             |core, _| core.canonicalize(now),
-            |core, _| core.let_go(now),
+            |core, _| core.canonicalize(now),
         );
     }
 
@@ -295,9 +295,9 @@ impl AxisCore {
 
     pub(crate) fn restart(&mut self, now: Duration, again: Reattach, outputs: &mut [u8]) {
         let again_before = match &again {
-            Reattach::Unknown => before::axis::Again::Unknown,
-            Reattach::Kept => before::axis::Again::Kept,
-            Reattach::Anew(config) => before::axis::Again::Anew(Box::new(core_config(config))),
+            Reattach::Unknown => before::axis::Reattach::Unknown,
+            Reattach::Kept => before::axis::Reattach::Kept,
+            Reattach::Anew(config) => before::axis::Reattach::Anew(Box::new(core_config(config))),
         };
         self.both(
             || format!("restart at {now:?}"),
@@ -326,9 +326,13 @@ impl AxisCore {
         );
     }
 
-    /// The other core has no such call; where it keeps no homing, that is a difference.
     pub(crate) fn recall_homing(&mut self) {
-        self.now.recall_homing();
+        self.both(
+            || "recall_homing".into(),
+            &mut [],
+            |core, _| core.recall_homing(),
+            |core, _| core.recall_homing(),
+        );
     }
 
     pub(crate) fn take_change(&mut self) -> SnapshotChange {
