@@ -1470,12 +1470,7 @@ impl AxisCore {
     fn update(&mut self, now: Duration, sample: &Sample, delivered: bool) {
         let state = sample.state();
         if state.is_fault() {
-            if !matches!(self.power, Power::Resetting { .. }) {
-                self.update_fault(now);
-            } else if self.stopping.is_quick() {
-                // It was asked for, or went on, by a state that was shown between two faults.
-                self.settle_in_fault(now);
-            }
+            self.update_fault(now);
         }
         self.update_mode_change(now, sample);
         self.update_power(now, sample, delivered);
@@ -1493,23 +1488,20 @@ impl AxisCore {
     /// waits for the standstill.
     fn update_fault(&mut self, now: Duration) {
         let failure = self.fault().unwrap_or(Failure::Fault { code: None });
-        self.fail_motions(failure);
         if !matches!(self.stopping.phase, StopPhase::Settling { .. }) {
-            self.settle_in_fault(now);
+            self.stopping.off = false;
+            self.stopping.phase = if self.stopping.note_fault(failure) {
+                self.settling(now)
+            } else {
+                StopPhase::None
+            };
         }
-        self.fail_others(failure);
-        self.leave_operation(Power::Off);
-    }
-
-    /// A fault has overtaken the stop that is under way.
-    fn settle_in_fault(&mut self, now: Duration) {
-        let failure = self.fault().unwrap_or(Failure::Fault { code: None });
-        self.stopping.off = false;
-        self.stopping.phase = if self.stopping.note_fault(failure) {
-            self.settling(now)
-        } else {
-            StopPhase::None
-        };
+        // A reset that is under way goes on to its own end, also where another state was shown between two faults.
+        if !matches!(self.power, Power::Resetting { .. }) {
+            self.fail_motions(failure);
+            self.fail_others(failure);
+            self.leave_operation(Power::Off);
+        }
     }
 
     /// Waiting for the standstill of an axis that is stopped already, as far as this can be.

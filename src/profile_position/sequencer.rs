@@ -1553,7 +1553,7 @@ impl Bases {
         let window = bounds.position;
         // An axis that is where it was has gone no distance, however vague the base is.
         let stays = self.is_own
-            && bounds.distance(self.position, position) <= window
+            && bounds.is_within_window(self.position, position)
             && distance.unsigned_abs() > window.saturating_mul(2);
         if stays {
             return false;
@@ -2163,9 +2163,10 @@ impl SetPointMonitor {
     /// Whether a distance whose end is not known has not led the axis away from where it stood.
     fn has_not_left(&self, cycle: &Cycle<'_>) -> bool {
         let window = cycle.bounds.position;
-        let at = |stood| cycle.bounds.distance(stood, cycle.sample.position) <= window;
         let far = |way: i32| way.unsigned_abs() > window.saturating_mul(2);
-        self.end.is_none() && self.distance.is_some_and(far) && self.stood.is_some_and(at)
+        self.end.is_none()
+            && self.distance.is_some_and(far)
+            && cycle.is_within_window_of(self.stood)
     }
 
     /// Whether a set-point that stops at this one's end may be queued behind it: the position will show without doubt
@@ -2252,10 +2253,9 @@ impl SetPointMonitor {
             return unreached.then_some(Rest::Unreached);
         }
         let resting = *self.resting.get_or_insert(cycle.now);
-        let (position, window) = (cycle.sample.position, cycle.bounds.position);
-        let at = |end: i32| cycle.bounds.distance(end, position) <= window;
+        let position = cycle.sample.position;
         let left = self.left_target && !self.after_unseen;
-        let moved = self.stood.is_some_and(|stood| !at(stood)) && self.rests_away(cycle);
+        let moved = self.has_left_place(cycle) && self.rests_away(cycle);
         // What is left of the motion before leads there as well, on a short way or where the axis had not come to that end.
         let own = !self.by_room || (!self.short && self.stood.is_some());
         let was_there = own && self.end.is_some() && self.end_seen(cycle) == EndSeen::There;
@@ -2263,7 +2263,8 @@ impl SetPointMonitor {
         let proven = left || gone;
         let begun = proven || self.has_no_way(cycle);
         // A distance from nobody knows where seems to end wherever the axis waits for the one before it.
-        let over = next.end.is_some_and(at) || (proven && next.may_end_at(position, cycle.bounds));
+        let over = cycle.is_within_window_of(next.end)
+            || (proven && next.may_end_at(position, cycle.bounds));
         if begun && over {
             return Some(Rest::BothOver);
         }
@@ -2344,9 +2345,7 @@ impl SetPointMonitor {
 
     #[inline(never)]
     fn rests_unreached(&mut self, behind: Option<i32>, cycle: &Cycle<'_>) -> bool {
-        let (position, window) = (cycle.sample.position, cycle.bounds.position);
-        let mut ends = [self.end, behind].into_iter().flatten();
-        let at_end = ends.any(|end| cycle.bounds.distance(end, position) <= window);
+        let at_end = cycle.is_within_window_of(self.end) || cycle.is_within_window_of(behind);
         self.unreached.update(cycle.now, at_end, cycle.begin)
     }
 
@@ -2380,9 +2379,7 @@ impl SetPointMonitor {
             return None;
         }
         let reached = Some(Ok(Completion::Reached { position }));
-        let within = self
-            .end
-            .is_some_and(|end| cycle.bounds.distance(end, position) <= window);
+        let within = cycle.is_within_window_of(self.end);
         let may_end_here = self.may_end_at(position, cycle.bounds);
         // Where the one before it has led, or leads, a distance seems to end, too.
         let certain = self.end.is_some() || !self.doubted;
