@@ -643,14 +643,18 @@ fn slow() -> Habits {
 
 #[test]
 fn an_axis_that_still_settles_when_the_next_move_is_taken_has_not_missed_that() {
-    for start in [BufferMode::Buffered, BufferMode::Aborting] {
+    // It settles towards the next target, and away from it.
+    for (start, target) in [BufferMode::Buffered, BufferMode::Aborting]
+        .into_iter()
+        .flat_map(|start| [(start, 5_000), (start, 1_000)])
+    {
         let mut bus = Bus::enabled(slow(), |config| config.tolerances.position = 50);
         let first = bus.abs(3_000, SetPoint::new());
         assert!(bus.finish(first).is_ok());
         let at = bus.drive.actual;
         // The drive waits with bit 10 high, and the axis goes on to the end before.
         bus.drive.habits.start_delay = 900;
-        let second = bus.abs(5_000, SetPoint::new().buffer_mode(start));
+        let second = bus.abs(target, SetPoint::new().buffer_mode(start));
         bus.wait_accepted(second);
         let mut furthest: f64 = 0.0;
         for _ in 0..850 {
@@ -658,11 +662,11 @@ fn an_axis_that_still_settles_when_the_next_move_is_taken_has_not_missed_that() 
             furthest = furthest.max((bus.drive.actual - at).abs());
         }
         assert!(furthest > 60.0, "it moves by {furthest}");
-        assert_eq!(bus.outcome(second), None, "{start:?}");
+        assert_eq!(bus.outcome(second), None, "{start:?} {target}");
         let end = bus.finish(second);
         assert!(
             matches!(end, Ok(Completion::Reached { .. })),
-            "{start:?}: {end:?}"
+            "{start:?} {target}: {end:?}"
         );
     }
 }
