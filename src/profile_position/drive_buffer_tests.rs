@@ -704,3 +704,69 @@ fn an_end_that_bit_12_has_shown_is_waited_for_until_the_settle_time_is_over() {
     let reached = Event::Done(Ok(Completion::Reached { position }));
     assert_eq!(after(0, 1_005), (false, alloc::vec![(1, reached)]));
 }
+
+/// What is reported of two, of which the axis has stood for the time to begin where `position` says, and what is held then.
+fn at_rest_with_two(
+    position: i32,
+    left_target: bool,
+    bit_12_has_fallen: bool,
+) -> (alloc::vec::Vec<(u32, Event)>, DriveBuffer) {
+    let mut scene = Scene::at(position);
+    for at in 18_000..=20_000 {
+        scene
+            .standstill
+            .update(ms(at), position, None, &scene.bounds);
+    }
+    let mut drive_buffer = two();
+    let first = drive_buffer.held[0].as_mut().expect("one is held");
+    (first.since, first.low, first.left_target) = (ms(1_000), ms(1_000), left_target);
+    if bit_12_has_fallen {
+        scene.traits.buffer_signal = BufferSignal::Acknowledge;
+        for at in [19_000, 19_250, 19_500, 19_750, 20_000] {
+            first.unreached.update(ms(at), true, ms(1_000));
+        }
+    } else {
+        scene.word = Statusword::TARGET_REACHED;
+        first.resting = Some(NOW - ms(1_000));
+    }
+    let mut events = Events::new();
+    let none = Unacknowledged::None;
+    scene.shows(|cycle| drive_buffer.follow(cycle, bit_12_has_fallen, none, &mut events));
+    (reports(events), drive_buffer)
+}
+
+#[test]
+fn two_that_have_come_to_rest_at_the_end_of_the_second_leave_nothing_in_doubt() {
+    let (reported, drive_buffer) = at_rest_with_two(2_000, true, false);
+    let reached = Event::Done(Ok(Completion::Reached { position: 2_000 }));
+    assert_eq!(reported, [(1, reached)]);
+    assert!(!drive_buffer.is_unproven());
+    let [Some(second), None] = &drive_buffer.held else {
+        panic!("the second is not the active one");
+    };
+    assert!(second.id == CommandId(2) && !second.doubted);
+}
+
+#[test]
+fn of_two_at_rest_at_the_end_of_the_first_the_second_has_not_begun() {
+    let reached = Event::Done(Ok(Completion::Reached { position: 1_000 }));
+    let not_begun = |actual| Event::Done(Err(Failure::NotBegun { actual }));
+    for (position, left_target, first) in [(1_000, true, reached), (0, false, not_begun(0))] {
+        let (reported, mut drive_buffer) = at_rest_with_two(position, left_target, false);
+        assert_eq!(reported, [(1, first), (2, not_begun(position))]);
+        assert!(drive_buffer.is_empty() && drive_buffer.take_not_begun());
+    }
+}
+
+/// Bit 12 has fallen: whatever bit 10 says of the time before, only the first is over.
+#[test]
+fn of_two_at_rest_only_the_first_is_over_where_bit_12_shows_that() {
+    let (reported, mut drive_buffer) = at_rest_with_two(1_000, true, true);
+    let reached = Event::Done(Ok(Completion::Reached { position: 1_000 }));
+    assert_eq!(reported, [(1, reached)]);
+    assert!(!drive_buffer.take_not_begun());
+    let held = drive_buffer
+        .held
+        .map(|monitor| monitor.map(|monitor| monitor.id.0));
+    assert_eq!(held, [Some(2), None]);
+}

@@ -325,16 +325,11 @@ pub enum Failure {
         state: State,
     },
     /// Moves need the mode that they belong to.
-    #[error(
-        "mode {} is not active, 6061h shows {}: select it first{}",
-        .expected.raw(),
-        .shown.raw(),
-        SentText(*.delivery)
-    )]
+    #[error("{}{}", ModeText(*.expected, *.shown), SentText(*.delivery))]
     WrongMode {
         /// The mode that the command needs.
         expected: Mode,
-        /// The mode display.
+        /// The mode display. It may show the mode that is needed, while a change from it to another one has not ended.
         shown: Mode,
         /// How far the set-point came: a drive may leave the mode while it executes one.
         delivery: Delivery,
@@ -523,6 +518,28 @@ impl core::fmt::Display for WorkingCounter {
     }
 }
 
+/// What keeps a command from its mode.
+struct ModeText(Mode, Mode);
+
+impl core::fmt::Display for ModeText {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self(expected, shown) = self;
+        if shown == expected {
+            return write!(
+                f,
+                "mode {} is shown, but a change of mode is under way: wait until it has ended, at most `Deadlines::mode`",
+                shown.raw()
+            );
+        }
+        write!(
+            f,
+            "mode {} is not active, 6061h shows {}: select it first",
+            expected.raw(),
+            shown.raw()
+        )
+    }
+}
+
 /// What is the matter with a drive that has left OP with this code (ETG.1020).
 struct AlCodeText(u16);
 
@@ -680,6 +697,25 @@ mod tests {
     use alloc::format;
 
     use super::*;
+
+    /// The drive has not left the mode yet, or has been told to come back to it.
+    #[test]
+    fn a_command_behind_a_change_of_mode_is_told_to_wait_for_that() {
+        let text = |shown| {
+            let expected = Mode::ProfilePosition;
+            let delivery = Delivery::NotSent;
+            let failure = Failure::WrongMode {
+                expected,
+                shown,
+                delivery,
+            };
+            format!("{failure}")
+        };
+        let other = "mode 1 is not active, 6061h shows 6: select it first";
+        assert_eq!(text(Mode::Homing), other);
+        let same = text(Mode::ProfilePosition);
+        assert!(same.contains("a change of mode is under way"), "{same}");
+    }
 
     #[test]
     fn the_reports_that_wait_are_shown_in_their_order_round_the_ring() {

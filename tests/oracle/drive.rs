@@ -250,6 +250,9 @@ pub struct Drive {
     homed: bool,
     homing_failed: bool,
     push: f64,
+    /// For so many ticks an input holds the axis.
+    held: u32,
+    next_hold: u64,
     /// The set-point that ended last.
     recent: Option<usize>,
     next_incident: u64,
@@ -312,6 +315,8 @@ impl Drive {
             homed: false,
             homing_failed: false,
             push: 0.0,
+            held: 0,
+            next_hold: 0,
             recent: None,
             next_incident,
             image: [0; INPUT_BYTES],
@@ -395,6 +400,7 @@ impl Drive {
         self.power_wait = 0;
         self.mode_wait = 0;
         self.push = 0.0;
+        self.held = 0;
         if self.state == State::FaultReaction {
             self.reaction_until = self.now;
         }
@@ -420,6 +426,7 @@ impl Drive {
                 self.now + 1 + self.random.below(self.making.cycles_between_incidents * 2);
             self.trouble();
         }
+        self.step_hold();
         if self.hold_outputs > 0 {
             self.hold_outputs -= 1;
         } else {
@@ -560,6 +567,34 @@ impl Drive {
             _ => return,
         }
         self.hits.hit(habit);
+    }
+
+    /// Its input holds what it has begun, and lets it go on.
+    fn step_hold(&mut self) {
+        self.held = self.held.saturating_sub(1);
+        if self.held > 0 || !self.habits.has(Habit::Held) {
+            return;
+        }
+        let goes = match self.mode {
+            1 => self.active.is_some(),
+            3 => self.out.target_velocity != 0,
+            6 => self.homing.is_some(),
+            _ => false,
+        };
+        if self.state != State::Enabled || !goes {
+            self.next_hold = 0;
+            return;
+        }
+        if self.next_hold == 0 {
+            self.next_hold = self.now + 1 + self.random.below(u64::from(self.ticks(0.15)));
+        } else if self.now >= self.next_hold {
+            self.next_hold = 0;
+            let seconds = self.random.pick(&[0.005, 0.05, 0.2, 0.6]);
+            self.held = self.ticks(seconds);
+            // What bit 10 shows afterwards is of the motion.
+            self.show_reached_while_waiting = false;
+            self.hits.hit(Habit::Held);
+        }
     }
 
     /// What it does by itself lasts so long that somebody who looks sees it.
@@ -862,7 +897,8 @@ impl Drive {
         self.reached_since = 0;
         if self.demand_velocity == 0.0 {
             self.show_reached_while_waiting = false;
-            if self.has(Habit::StartDelayShownReached) {
+            // One that is held does not set off, and bit 10 is low.
+            if self.held == 0 && self.has(Habit::StartDelayShownReached) {
                 self.wait = self.random.below(u64::from(self.ticks(0.3))) as u32;
                 self.show_reached_while_waiting = true;
             } else if self.has(Habit::StartDelay) {
@@ -892,7 +928,7 @@ impl Drive {
                 match self.mode {
                     1 => self.position_mode(halted, dt),
                     3 => {
-                        let wanted = if halted {
+                        let wanted = if halted || self.held > 0 {
                             0.0
                         } else {
                             f64::from(out.target_velocity)
@@ -943,6 +979,10 @@ impl Drive {
             }
             return;
         }
+        if let Some(active) = self.active.filter(|_| self.held > 0) {
+            self.approach_velocity(0.0, active.deceleration, dt);
+            return;
+        }
         if self.wait > 0 {
             self.wait -= 1;
             return;
@@ -984,7 +1024,7 @@ impl Drive {
             if let Some(next) = self.pending.take() {
                 self.active = Some(next);
                 self.show_reached_while_waiting = false;
-                if self.has(Habit::Dwell) {
+                if self.held == 0 && self.has(Habit::Dwell) {
                     self.wait = self.random.below(u64::from(self.ticks(0.3))) as u32;
                     self.show_reached_while_waiting = true;
                 }
@@ -1042,6 +1082,10 @@ impl Drive {
             if !out.bit(4) && self.demand_velocity == 0.0 {
                 self.homing = None;
             }
+            return;
+        }
+        if self.held > 0 {
+            self.approach_velocity(0.0, 300_000.0, dt);
             return;
         }
         if left > 0 {
@@ -1146,6 +1190,8 @@ impl Drive {
         let waits = goes && (self.wait > 0 || short) && self.show_reached_while_waiting && at_rest;
         let now = if halted && self.state == State::Enabled {
             at_rest && !(self.habits.has(Habit::HaltWithoutBit10) && self.mode == 1)
+        } else if goes && self.held > 0 {
+            false
         } else if waits {
             true
         } else if self.habits.has(Habit::Bit10ByWindow) {

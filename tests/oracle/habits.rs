@@ -96,7 +96,12 @@ habits! {
     ModeLate,
     /// Takes its time in each transition.
     PowerLate,
+    /// An input of its own holds the axis on its way, with bit 10 low, and lets it go on.
+    Held,
 }
+
+/// Those of the first scenarios. What a kept seed draws stays the same.
+pub const FIRST: &[Habit] = ALL.split_at(Habit::Held as usize).0;
 
 /// Some of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

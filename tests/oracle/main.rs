@@ -1,7 +1,7 @@
 //! A second oracle: a drive that does anything that CiA 402 permits, and programs that ask for anything, judged by
 //! conservation laws alone.
 //!
-//! Seeds from 10¹⁵ on are of all kinds of scenarios, those below of fewer ([`scenario::WIDER`]).
+//! Seeds from 2·10¹⁵ on are of all kinds of scenarios, those below of fewer ([`scenario::WIDER`], [`scenario::ALL_HABITS`]).
 //!
 //! `ORACLE_SEED=n` runs one scenario and prints it; `ORACLE_CYCLES=n` says how many cycles are searched, `ORACLE_FROM=n` with which
 //! seed that begins, `ORACLE_THREADS=n` on how many processors, `ORACLE_KEEP=n` after how many violations it
@@ -58,7 +58,7 @@ fn a_core_that_doubts_most_moves_fails() {
 #[test]
 fn the_laws_hold_in_a_short_search() {
     let cycles = number("ORACLE_SHORT").unwrap_or(4_000_000);
-    for from in [1, scenario::WIDER] {
+    for from in [1, scenario::WIDER, scenario::ALL_HABITS] {
         let search = Search {
             kept: Vec::new(),
             from,
@@ -86,7 +86,7 @@ fn the_laws_hold() {
     }
     let search = Search {
         kept: kept(),
-        from: number("ORACLE_FROM").unwrap_or(scenario::WIDER),
+        from: number("ORACLE_FROM").unwrap_or(scenario::ALL_HABITS),
         cycles: number("ORACLE_CYCLES").unwrap_or(400_000),
         seconds: number("ORACLE_SECONDS").unwrap_or(u64::MAX),
         threads: number("ORACLE_THREADS").unwrap_or(1),

@@ -18,7 +18,7 @@ use servocrab::profile_velocity::JogSetPoint;
 use crate::drive::{
     Ack, Base, Drive, End, INPUT_BYTES, Latch, Making, OUTPUT_BYTES, Outputs, State,
 };
-use crate::habits::{ALL, Habit, Habits, Hits};
+use crate::habits::{ALL, FIRST, Habit, Habits, Hits};
 use crate::random::Random;
 
 /// What is left out of a scenario, to find what matters in it.
@@ -84,6 +84,9 @@ const DOUBTS: [&str; 7] = [
 /// Scenarios from this seed on are of more kinds: modulo axes, liveness, drives whose bits have other meanings, and drives without habits. Those
 /// below are as they were when a seed of them was kept.
 pub const WIDER: u64 = 1_000_000_000_000_000;
+
+/// From this seed on there are drives with all habits, below it with the first ones.
+pub const ALL_HABITS: u64 = 2 * WIDER;
 
 /// What a scenario of a wider kind has, apart from habits.
 #[derive(Debug, Clone, Copy, Default)]
@@ -278,12 +281,13 @@ impl Scenario {
     fn new(seed: u64, cut: Cut, verbose: bool) -> Self {
         let mut random = Random::new(seed);
         let mut habits = Habits::default();
+        let of = if seed < ALL_HABITS { FIRST } else { ALL };
         let single = random.one_in(4);
         if single {
-            habits = habits.with(random.pick(ALL));
+            habits = habits.with(random.pick(of));
         }
         let density = random.pick(&[4, 8, 16]);
-        for &habit in ALL {
+        for &habit in of {
             let has = random.one_in(density);
             // Those with which little else can be judged come seldom.
             let rare = matches!(habit, Habit::QuickStopIgnored | Habit::HaltIgnored);

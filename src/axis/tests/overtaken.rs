@@ -118,6 +118,18 @@ fn the_rest_before_a_jogged_axis_sets_off_is_not_that_of_its_halt() {
     });
 }
 
+/// Its velocity was in the outputs for one cycle.
+#[test]
+fn the_rest_before_an_axis_that_was_jogged_for_one_cycle_is_not_that_of_its_halt() {
+    sets_off_as_it_is_stopped(|| {
+        let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+        drive.shows_for(200, REACHED);
+        drive.submit(Command::Jog(JogSetPoint::new(700)));
+        drive.shows(REACHED);
+        drive
+    });
+}
+
 #[test]
 fn the_rest_before_a_move_sets_off_is_not_that_of_its_halt() {
     sets_off_as_it_is_stopped(|| {

@@ -653,3 +653,21 @@ fn an_axis_that_freezes_with_its_halt_is_not_taken_for_one_at_rest() {
     assert_eq!(cycles, 400);
     assert_never_stood(&drive, result);
 }
+
+/// What a search over all states may take for one. The axis stands in Quick stop active for longer than anything is waited for.
+#[test]
+fn how_long_ago_a_quick_stop_was_delivered_makes_no_difference_in_the_end() {
+    let after = |cycles: u32, canonicalizes: bool| {
+        let mut drive = Played::enabled(Played::staying());
+        drive.shows_for(3_000 - cycles, REACHED);
+        let stopping = drive.submit(Command::QuickStop);
+        drive.shows_for(cycles, QUICK_STOP_ACTIVE);
+        assert!(drive.outcome(stopping).is_some());
+        if canonicalizes {
+            drive.core.canonicalize(drive.now);
+        }
+        drive.fingerprint()
+    };
+    assert_ne!(after(1_000, false), after(2_000, false));
+    assert_eq!(after(1_000, true), after(2_000, true));
+}
