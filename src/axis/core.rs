@@ -3422,8 +3422,10 @@ impl Stopping {
             | StopPhase::Settling { until }
             | StopPhase::Off { until } => not_over(until, now),
         }
-        if let Some(at) = &mut self.quick_delivered {
-            no_older(at, now, longest);
+        for at in [&mut self.quick_delivered, &mut self.sent_since] {
+            if let Some(at) = at {
+                no_older(at, now, longest);
+            }
         }
     }
 }

@@ -718,10 +718,16 @@ fn at_rest_with_two(
             .update(ms(at), position, None, &scene.bounds);
     }
     let mut drive_buffer = two();
+    for monitor in drive_buffer.held.iter_mut().flatten() {
+        (monitor.since, monitor.low) = (ms(1_000), ms(1_000));
+    }
     let first = drive_buffer.held[0].as_mut().expect("one is held");
-    (first.since, first.low, first.left_target) = (ms(1_000), ms(1_000), left_target);
+    first.left_target = left_target;
+    first.arrived = left_target.then_some(1_000);
+    first.note_limit(Statusword::empty());
+    // Then only rest and bit 12 say that the first is over.
+    scene.traits.buffer_signal = BufferSignal::Acknowledge;
     if bit_12_has_fallen {
-        scene.traits.buffer_signal = BufferSignal::Acknowledge;
         for at in [19_000, 19_250, 19_500, 19_750, 20_000] {
             first.unreached.update(ms(at), true, ms(1_000));
         }
@@ -738,7 +744,7 @@ fn at_rest_with_two(
 #[test]
 fn two_that_have_come_to_rest_at_the_end_of_the_second_leave_nothing_in_doubt() {
     let (reported, drive_buffer) = at_rest_with_two(2_000, true, false);
-    let reached = Event::Done(Ok(Completion::Reached { position: 2_000 }));
+    let reached = Event::Done(Ok(Completion::Reached { position: 1_000 }));
     assert_eq!(reported, [(1, reached)]);
     assert!(!drive_buffer.is_unproven());
     let [Some(second), None] = &drive_buffer.held else {

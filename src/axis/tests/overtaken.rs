@@ -118,16 +118,27 @@ fn the_rest_before_a_jogged_axis_sets_off_is_not_that_of_its_halt() {
     });
 }
 
-/// Its velocity was in the outputs for one cycle.
+/// Its velocity was in the outputs for one cycle, and it sets off as its drive leaves the mode. That ends the jog by a quick stop.
 #[test]
-fn the_rest_before_an_axis_that_was_jogged_for_one_cycle_is_not_that_of_its_halt() {
-    sets_off_as_it_is_stopped(|| {
-        let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
-        drive.shows_for(200, REACHED);
-        drive.submit(Command::Jog(JogSetPoint::new(700)));
-        drive.shows(REACHED);
-        drive
-    });
+fn the_rest_before_an_axis_was_jogged_is_not_that_of_the_quick_stop_that_ends_the_jog() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::staying());
+    drive.shows_for(200, REACHED);
+    let jog = drive.submit(Command::Jog(JogSetPoint::new(700)));
+    drive.shows(REACHED);
+    drive.core.set_jog(jog, 0, &mut drive.outputs);
+    drive.shows(REACHED);
+    drive.mode = 1;
+    drive.shows(ENABLED);
+    assert_eq!(drive.word(), QUICK_STOP);
+    let stopping = drive.submit(Command::Stop);
+    for velocity in [1, 2, 2, 2, 2] {
+        drive.velocity = velocity;
+        drive.shows(QUICK_STOP_ACTIVE);
+    }
+    assert_eq!(drive.outcome(stopping), None);
+    drive.velocity = 0;
+    let (cycles, result) = drive.cycles_to_end(stopping, QUICK_STOP_ACTIVE);
+    assert!(cycles > 10 && result.is_ok(), "{cycles}: {result:?}");
 }
 
 #[test]

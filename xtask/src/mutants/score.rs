@@ -404,8 +404,8 @@ impl<'a> Suites<'a> {
     fn measured(tree: &'a Tree, executables: BTreeMap<Target, PathBuf>) -> crate::Result<Self> {
         let mut suites = Vec::new();
         for (target, path) in executables {
-            if target.package == "servocrab-sim" || target.name == "interop" {
-                // They run the simulated drives alone, which share nothing with the library.
+            if target.package == "servocrab-sim" {
+                // It runs the simulated drives alone, which share nothing with the library.
                 continue;
             }
             let mut suite = Suite {
