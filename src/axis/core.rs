@@ -3422,10 +3422,9 @@ impl Stopping {
             | StopPhase::Settling { until }
             | StopPhase::Off { until } => not_over(until, now),
         }
-        for at in [&mut self.quick_delivered, &mut self.sent_since] {
-            if let Some(at) = at {
-                no_older(at, now, longest);
-            }
+        let delivered = [&mut self.quick_delivered, &mut self.sent_since];
+        for at in delivered.into_iter().flatten() {
+            no_older(at, now, longest);
         }
     }
 }
