@@ -2977,12 +2977,8 @@ impl AxisCore {
         self.sequencer.has_set_point()
             || self.homing.has_motion()
             || self.jogging.has_motion()
-            || (self.sequencer.has_end_velocity() && self.power.is_driving() && self.may_run_on())
-    }
-
-    /// Whether a set-point that has ended in motion may lead the axis on: it moves, or is held by bit 8 alone.
-    const fn may_run_on(&self) -> bool {
-        !self.is_standing() || self.halted || self.resuming.is_some()
+            // One that stands may be held by an input of its drive, and goes on when that lets it.
+            || (self.sequencer.has_end_velocity() && self.power.is_driving())
     }
 
     /// Whether nothing waits and nothing is under way, in any mode.

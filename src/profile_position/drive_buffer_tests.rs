@@ -776,3 +776,67 @@ fn of_two_at_rest_only_the_first_is_over_where_bit_12_shows_that() {
         .map(|monitor| monitor.map(|monitor| monitor.id.0));
     assert_eq!(held, [Some(2), None]);
 }
+
+/// Behind one that ends in motion the axis is elsewhere when the drive takes the next, and does not begin at rest.
+#[test]
+fn what_follows_one_that_ends_in_motion_begins_in_motion() {
+    let mut passing = one();
+    let monitors = passing.held.iter_mut().flatten();
+    monitors.for_each(|monitor| monitor.ends_in_motion = true);
+    let passed = DriveBuffer {
+        runs_on: true,
+        ..after(Some(1_000))
+    };
+    for buffer_mode in [BufferMode::Aborting, BufferMode::Buffered] {
+        for drive_buffer in [&passing, &passed] {
+            for (of, base) in [
+                (RelativeBase::Actual, None),
+                (RelativeBase::Demand, None),
+                (RelativeBase::Undocumented, None),
+                (RelativeBase::PreviousTarget, Some(1_000)),
+            ] {
+                let mut scene = Scene::base(of);
+                scene.position = 1_005;
+                let command = by(5, buffer_mode);
+                scene.shows(|cycle| {
+                    assert_eq!(drive_buffer.base_of(&command, cycle), base, "{of:?}");
+                    assert!(!drive_buffer.begins_at_rest(&command, cycle));
+                });
+            }
+        }
+    }
+    // Where an input of its drive holds it, it stands.
+    let mut scene = Scene::at(7);
+    for at in 19_000..=20_000 {
+        scene.standstill.update(ms(at), 7, None, &scene.bounds);
+    }
+    let stands = |cycle: &Cycle<'_>| passed.begins_at_rest(&to(5, BufferMode::Buffered), cycle);
+    assert!(scene.shows(stands));
+}
+
+#[test]
+fn one_that_ends_in_motion_runs_on_until_another_is_taken() {
+    let ended = |ends_in_motion: bool| {
+        let mut drive_buffer = one();
+        let monitors = drive_buffer.held.iter_mut().flatten();
+        monitors.for_each(|monitor| {
+            (monitor.left_target, monitor.ends_in_motion) = (true, ends_in_motion);
+        });
+        let mut scene = Scene::at(1_005);
+        scene.word = Statusword::TARGET_REACHED;
+        let next = Unacknowledged::None;
+        let over =
+            scene.shows(|cycle| drive_buffer.follow_active(cycle, next, false, &mut Events::new()));
+        assert!(over);
+        drive_buffer
+    };
+    assert!(!ended(false).runs_on && ended(false).is_at_base());
+    let mut passed = ended(true);
+    assert!(passed.runs_on && !passed.is_at_base());
+    let next = monitor(2, to(7, BufferMode::Buffered), Some(7));
+    passed.push(next, &mut Events::new());
+    assert!(!passed.runs_on);
+    let mut passed = ended(true);
+    passed.forget();
+    assert!(!passed.runs_on);
+}

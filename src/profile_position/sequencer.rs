@@ -22,6 +22,8 @@ pub(crate) struct Sequencer {
     ahead: Ahead,
     target: i32,
     parameters: Parameters,
+    /// Whether the set-point that the drive has acknowledged last ends in motion.
+    has_end_velocity: bool,
     pending: PendingMoves,
     drive_buffer: DriveBuffer,
     /// Sent onto a full buffer and not acknowledged; bit 4 is low again. The fall of bit 12 will be its acknowledge.
@@ -51,6 +53,7 @@ impl Sequencer {
             ahead: Ahead::Fell,
             target: 0,
             parameters,
+            has_end_velocity: false,
             pending: PendingMoves::default(),
             drive_buffer: DriveBuffer::default(),
             unconfirmed: None,
@@ -76,11 +79,9 @@ impl Sequencer {
         &self.parameters
     }
 
-    /// Whether the last set-point was to end in motion.
-    pub fn has_end_velocity(&self) -> bool {
-        self.parameters
-            .end_velocity
-            .is_some_and(|velocity| velocity != 0)
+    /// Whether the drive goes on at an end velocity when the last set-point that it has taken has ended.
+    pub const fn has_end_velocity(&self) -> bool {
+        self.has_end_velocity
     }
 
     /// The target follows the axis while no set-point can be active: whoever looks at it later finds no jump.
@@ -118,7 +119,6 @@ impl Sequencer {
     pub fn canonicalize_target(&mut self) {
         self.target = 0;
         self.parameters = Parameters {
-            end_velocity: self.parameters.end_velocity,
             profile_type: self.parameters.profile_type,
             ..Parameters::default()
         };
@@ -267,6 +267,7 @@ impl Sequencer {
         self.bits = ModeBits::NONE;
         self.unknown = false;
         self.anywhere = false;
+        self.has_end_velocity = false;
     }
 
     /// The axis stands halted: reports it for each set-point that the drive keeps.
@@ -382,6 +383,7 @@ impl Sequencer {
         raised.far_behind &= before.is_some_and(|before| !before.may_be_over(cycle));
         let monitor = SetPointMonitor::new(&raised, confirmed, cycle);
         events.push(monitor.id, Event::Accepted);
+        self.has_end_velocity = raised.has_end_velocity();
         self.drive_buffer.push(monitor, events);
     }
 
@@ -618,6 +620,14 @@ impl Raised {
     /// Whether it replaces the others.
     pub fn replaces(&self) -> bool {
         self.request.command.set_point.buffer_mode == BufferMode::Aborting
+    }
+
+    /// Whether it ends in motion.
+    pub fn has_end_velocity(&self) -> bool {
+        let parameters = &self.request.command.set_point.parameters;
+        parameters
+            .end_velocity
+            .is_some_and(|velocity| velocity != 0)
     }
 }
 
@@ -907,6 +917,8 @@ struct DriveBuffer {
     /// Whether the axis is where the last set-point has ended well, or where it was enabled: there a distance counts from, whatever the
     /// drive counts from.
     at_base: bool,
+    /// Whether the last one has ended in motion, and nothing has replaced it.
+    runs_on: bool,
     /// When the last one has ended.
     ended: Duration,
     /// Whether the drive has been given up on beginning one that it has acknowledged: it may still do so.
@@ -938,6 +950,7 @@ impl DriveBuffer {
     pub const fn forget(&mut self) {
         self.unseen = false;
         self.unproven = false;
+        self.runs_on = false;
         self.at_base = true;
     }
 
@@ -956,6 +969,7 @@ impl DriveBuffer {
     /// Takes in a set-point that the drive has acknowledged; with `Aborting` it is the only one from now on.
     pub fn push(&mut self, mut monitor: SetPointMonitor, events: &mut Events) {
         self.at_base = false;
+        self.runs_on = false;
         if monitor.buffer_mode == BufferMode::Aborting {
             self.fail_all(Failure::Superseded, events);
             self.unproven = false;
@@ -1160,7 +1174,8 @@ impl DriveBuffer {
                 self.unseen = outcome.is_ok() && !begun;
                 let proven = begun && monitor.end.is_some();
                 self.unproven = outcome.is_err() || (self.unproven && !proven);
-                self.at_base = outcome.is_ok();
+                self.runs_on = monitor.ends_in_motion;
+                self.at_base = outcome.is_ok() && !self.runs_on;
                 self.ended = cycle.now;
                 self.not_begun |= matches!(outcome, Err(Failure::NotBegun { .. }));
                 events.push(monitor.id, Event::Done(outcome));
@@ -1273,9 +1288,15 @@ impl DriveBuffer {
     /// Whether a move would begin at rest.
     pub fn begins_at_rest(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> bool {
         match command.set_point.buffer_mode {
-            BufferMode::Buffered => true,
+            BufferMode::Buffered => !self.ends_in_motion() || self.stands(cycle),
             BufferMode::Blending | BufferMode::Aborting => self.stands(cycle),
         }
+    }
+
+    /// Whether the last one ends in motion, or has done so.
+    fn ends_in_motion(&self) -> bool {
+        let last = self.held.iter().flatten().last();
+        last.map_or(self.runs_on, |last| last.ends_in_motion)
     }
 
     /// Whether the axis stands, with no set-point that the drive holds.
@@ -1387,20 +1408,21 @@ impl DriveBuffer {
             // Behind one that the drive may hold.
             return None;
         }
-        match (
-            self.held.iter().flatten().last(),
-            command.set_point.buffer_mode,
-        ) {
+        let queues = command.set_point.buffer_mode != BufferMode::Aborting;
+        match self.held.iter().flatten().last() {
+            // An axis in motion is elsewhere when the drive takes it.
+            _ if self.ends_in_motion() || !(queues || self.is_empty()) => {
+                match traits.relative_base {
+                    RelativeBase::PreviousTarget => self.previous_end(),
+                    RelativeBase::Demand
+                    | RelativeBase::Actual
+                    | RelativeBase::PositioningOption
+                    | RelativeBase::Undocumented => None,
+                }
+            }
             // At the end of the move before it all bases are the same, or nearly so: see `end_of`.
-            (Some(before), BufferMode::Buffered | BufferMode::Blending) => before.end,
-            (Some(before), BufferMode::Aborting) => match traits.relative_base {
-                RelativeBase::PreviousTarget => before.end,
-                RelativeBase::Demand
-                | RelativeBase::Actual
-                | RelativeBase::PositioningOption
-                | RelativeBase::Undocumented => None,
-            },
-            (None, _) => match traits.relative_base {
+            Some(before) => before.end,
+            None => match traits.relative_base {
                 RelativeBase::Actual | RelativeBase::Demand => Some(position),
                 // An axis that is not there any more has been homed, jogged or moved by hand since: what the drive takes for
                 // its previous target then, no document says.
@@ -1609,6 +1631,8 @@ struct SetPointMonitor {
     /// Whether it is one of a modulo axis: the position alone does not say which way round it goes to its end, and how often.
     pub turns: bool,
     absolute: bool,
+    /// Whether the drive passes its end, with its end velocity, and goes on.
+    pub ends_in_motion: bool,
     /// Whether the way to an absolute target is longer than half the circle of 32 bits: then the position does not say which
     /// way the drive goes there.
     far: bool,
@@ -1730,11 +1754,12 @@ impl SetPointMonitor {
                 Bases::of(at, previous, from_rest || is_absolute, cycle)
             }),
             from_rest,
-            overshoots: !from_rest && command.set_point.buffer_mode == BufferMode::Aborting,
+            overshoots: !from_rest && command.set_point.buffer_mode != BufferMode::Blending,
             confirmed,
             halt_told: false,
             turns: cycle.bounds.turn_length().is_some(),
             absolute: command.reference == Reference::Absolute,
+            ends_in_motion: raised.has_end_velocity(),
             far: false,
             short: false,
             unlimited: false,
@@ -2386,6 +2411,13 @@ impl SetPointMonitor {
         if self.left_target && (within || (may_end_here && certain)) {
             return reached;
         }
+        if self.ends_in_motion && self.has_passed_end(cycle) {
+            let position = self.arrived.unwrap_or(position);
+            return Some(match self.end {
+                Some(_) => Ok(Completion::Reached { position }),
+                None => Err(Failure::EndNotKnown { actual: position }),
+            });
+        }
         let steady = self.is_settled(cycle);
         let lingers = !steady && self.lingering.update(cycle);
         if !(steady || lingers) {
@@ -2423,6 +2455,16 @@ impl SetPointMonitor {
             Some(target) if self.begins_beside && self.left_target => self.missed(target, position),
             _ => Failure::NotBegun { actual: position },
         }))
+    }
+
+    /// With bit 10 high for it: whether the axis has been at its end, from where it goes on.
+    fn has_passed_end(&self, cycle: &Cycle<'_>) -> bool {
+        let begun = self.left_target || (self.stood.is_some() && self.has_begun(cycle));
+        let there = match self.end {
+            Some(_) => self.came_to_end(cycle.sample.position),
+            None => !self.doubted,
+        };
+        begun && there
     }
 
     /// Whether this distance may lead to this position, from a place beside the one that its end was reckoned from, or where that is not

@@ -663,11 +663,14 @@ fn the_profile_type_before_a_move_is_that_of_the_last_one_that_waits_or_was_sent
 #[test]
 fn a_set_point_with_an_end_velocity_was_to_end_in_motion() {
     for (end_velocity, moves) in [(None, false), (Some(0), false), (Some(5), true)] {
-        let parameters = Parameters {
-            end_velocity,
-            ..Parameters::default()
-        };
-        assert_eq!(Sequencer::new(parameters).has_end_velocity(), moves);
+        let mut dialogue = Dialogue::begin(Traits::cia402());
+        dialogue.word -= REACHED;
+        let mut command = to(1_000, BufferMode::Aborting);
+        command.set_point.parameters.end_velocity = end_velocity;
+        dialogue.accept(command);
+        assert_eq!(dialogue.sequencer.has_end_velocity(), moves);
+        dialogue.sequencer.lower();
+        assert!(!dialogue.sequencer.has_end_velocity());
     }
 }
 

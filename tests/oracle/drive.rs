@@ -16,9 +16,10 @@ pub struct Outputs {
     pub acceleration: u32,
     pub deceleration: u32,
     pub target_velocity: i32,
+    pub end_velocity: u32,
 }
 
-pub const OUTPUT_BYTES: usize = 23;
+pub const OUTPUT_BYTES: usize = 27;
 pub const INPUT_BYTES: usize = 13;
 
 impl Outputs {
@@ -34,6 +35,7 @@ impl Outputs {
             acceleration: long(11),
             deceleration: long(15),
             target_velocity: long(19).cast_signed(),
+            end_velocity: long(23),
         }
     }
 
@@ -194,6 +196,8 @@ struct SetPoint {
     velocity: f64,
     acceleration: f64,
     deceleration: f64,
+    /// 6082h: how fast it passes its end.
+    end_velocity: f64,
     blend: bool,
 }
 
@@ -218,6 +222,8 @@ pub struct Drive {
     before: u16,
     active: Option<SetPoint>,
     pending: Option<SetPoint>,
+    /// It has passed its end, and goes on at this velocity.
+    runs_on: Option<f64>,
     last_target: f64,
     /// The demand.
     pub demand: f64,
@@ -289,6 +295,7 @@ impl Drive {
             before: 0,
             active: None,
             pending: None,
+            runs_on: None,
             last_target: 0.0,
             demand: 0.0,
             demand_velocity: 0.0,
@@ -345,6 +352,7 @@ impl Drive {
             return None;
         }
         match self.mode {
+            1 if self.runs_on.is_some() => Some(f64::INFINITY),
             1 => self.active.map(|active| {
                 let latch = &self.ledger[active.index];
                 let way = (active.goal - self.demand).abs();
@@ -576,7 +584,7 @@ impl Drive {
             return;
         }
         let goes = match self.mode {
-            1 => self.active.is_some(),
+            1 => self.active.is_some() || self.runs_on.is_some(),
             3 => self.out.target_velocity != 0,
             6 => self.homing.is_some(),
             _ => false,
@@ -711,6 +719,7 @@ impl Drive {
         for set_point in self.active.take().into_iter().chain(self.pending.take()) {
             self.end(set_point.index, End::Dropped);
         }
+        self.runs_on = None;
         self.wait = 0;
         self.homing = None;
         self.ack_due = None;
@@ -825,6 +834,7 @@ impl Drive {
             velocity: f64::from(out.velocity.max(1)),
             acceleration: f64::from(out.acceleration.max(1)),
             deceleration: f64::from(out.deceleration.max(1)),
+            end_velocity: f64::from(out.end_velocity),
             blend,
         };
         self.last_target = goal;
@@ -894,6 +904,7 @@ impl Drive {
 
     fn begin(&mut self, set_point: SetPoint) {
         self.active = Some(set_point);
+        self.runs_on = None;
         self.reached_since = 0;
         if self.demand_velocity == 0.0 {
             self.show_reached_while_waiting = false;
@@ -973,14 +984,16 @@ impl Drive {
                 .active
                 .map_or(self.making.quick_ramp, |active| active.deceleration);
             self.approach_velocity(0.0, ramp, dt);
-            if self.demand_velocity == 0.0 && self.active.is_some() && self.has(Habit::HaltForgets)
-            {
+            let goes = self.active.is_some() || self.runs_on.is_some();
+            if self.demand_velocity == 0.0 && goes && self.has(Habit::HaltForgets) {
                 self.drop_all();
             }
             return;
         }
-        if let Some(active) = self.active.filter(|_| self.held > 0) {
-            self.approach_velocity(0.0, active.deceleration, dt);
+        if self.held > 0 {
+            let ramp = self.making.quick_ramp;
+            let ramp = self.active.map_or(ramp, |active| active.deceleration);
+            self.approach_velocity(0.0, ramp, dt);
             return;
         }
         if self.wait > 0 {
@@ -990,7 +1003,8 @@ impl Drive {
         if self.active.is_some() {
             self.follow(dt);
         } else {
-            self.approach_velocity(0.0, self.making.quick_ramp, dt);
+            let velocity = self.runs_on.unwrap_or(0.0);
+            self.approach_velocity(velocity, self.making.quick_ramp, dt);
         }
     }
 
@@ -1004,7 +1018,10 @@ impl Drive {
         let blends = self
             .pending
             .is_some_and(|next| next.blend && (next.goal - active.goal) * way > 0.0);
-        let stop = (2.0 * active.deceleration * way.abs()).sqrt();
+        // One behind it begins at rest.
+        let passes = self.pending.is_none() && active.end_velocity > 0.0;
+        let least = if passes { active.end_velocity } else { 0.0 };
+        let stop = (2.0 * active.deceleration * way.abs() + least * least).sqrt();
         let wanted = if blends {
             active.velocity
         } else {
@@ -1039,7 +1056,14 @@ impl Drive {
             active.deceleration * 1.5
         };
         self.approach_velocity(wanted, ramp, dt);
-        if blends && (active.goal - self.demand) * way <= 0.0 {
+        let passed = (active.goal - self.demand) * way <= 0.0;
+        if passes && passed {
+            self.ledger[active.index].nearest = 0.0;
+            self.end(active.index, End::Reached);
+            self.active = None;
+            self.runs_on = Some(active.end_velocity.copysign(way));
+        }
+        if blends && passed {
             self.ledger[active.index].nearest = 0.0;
             self.end(active.index, End::Passed);
             self.active = self.pending.take();
@@ -1192,6 +1216,8 @@ impl Drive {
             at_rest && !(self.habits.has(Habit::HaltWithoutBit10) && self.mode == 1)
         } else if goes && self.held > 0 {
             false
+        } else if self.runs_on.is_some() {
+            true
         } else if waits {
             true
         } else if self.habits.has(Habit::Bit10ByWindow) {

@@ -108,6 +108,8 @@ struct Wider {
     /// 605Ah of 7 or 8.
     quick_stop: Option<u8>,
     begin: Option<Duration>,
+    /// Some moves pass their ends at this velocity.
+    end_velocity: Option<u32>,
 }
 
 impl Wider {
@@ -130,6 +132,9 @@ impl Wider {
             quick_stop: Some(random.pick(&[7, 8])).filter(|_| random.one_in(4)),
             begin: Some(Duration::from_millis(random.pick(&[400, 1000]))),
             homes: random.one_in(4),
+            // No slower than what is surely no standstill.
+            end_velocity: Some(random.pick(&[20_000, 40_000]))
+                .filter(|_| random.one_in(6) && seed >= ALL_HABITS),
         }
     }
 }
@@ -370,7 +375,8 @@ impl Scenario {
             cycles_between_incidents: random.pick(&[60, 250, 900]),
         };
         let shows_velocity = random.one_in(2);
-        let mut config = CoreConfig::new(fields(shows_velocity));
+        let passes = wider.end_velocity.is_some();
+        let mut config = CoreConfig::new(fields(shows_velocity, passes));
         config.referencing = Referencing::UnreferencedMovesAllowed;
         let described = random.pick(&[true, true, false]);
         let known_base = random.one_in(2);
@@ -597,7 +603,7 @@ impl Scenario {
                 } else {
                     BufferMode::Aborting
                 };
-                self.a_move(Reference::Absolute, target, start, false)
+                self.a_move(Reference::Absolute, target, start, false, None)
             } else {
                 command
             };
@@ -805,7 +811,8 @@ impl Scenario {
                         Reference::Absolute
                     };
                     let gated = random.one_in(10);
-                    let command = self.a_move(reference, target, start, gated);
+                    let passes = self.wider.end_velocity.filter(|_| random.one_in(3));
+                    let command = self.a_move(reference, target, start, gated, passes);
                     self.submit(command, Kind::Move, target)?;
                 }
             }
@@ -860,16 +867,21 @@ impl Scenario {
         target: i32,
         buffer_mode: BufferMode,
         gated: bool,
+        passes: Option<u32>,
     ) -> Command {
         let velocity = self.speed as u32 + self.issued.len() as u32;
+        let mut set_point = SetPoint::new()
+            .velocity(velocity)
+            .acceleration(self.ramp)
+            .deceleration(self.ramp)
+            .buffer_mode(buffer_mode);
+        if let Some(velocity) = passes {
+            set_point = set_point.end_velocity(velocity);
+        }
         Command::Move(MoveCommand {
             reference,
             target,
-            set_point: SetPoint::new()
-                .velocity(velocity)
-                .acceleration(self.ramp)
-                .deceleration(self.ramp)
-                .buffer_mode(buffer_mode),
+            set_point,
             gated,
         })
     }
@@ -1709,7 +1721,7 @@ const fn shows_power(state: ds402::State) -> bool {
     )
 }
 
-fn fields(velocity: bool) -> AxisFields {
+fn fields(velocity: bool, end_velocity: bool) -> AxisFields {
     let mut fields = AxisFields::at(0, 0);
     fields.controlword = 0;
     fields.mode = Some(2);
@@ -1718,6 +1730,7 @@ fn fields(velocity: bool) -> AxisFields {
     fields.acceleration = Some(11);
     fields.deceleration = Some(15);
     fields.target_velocity = Some(19);
+    fields.end_velocity = end_velocity.then_some(23);
     fields.statusword = 0;
     fields.mode_display = Some(2);
     fields.position = 3;

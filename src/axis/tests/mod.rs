@@ -736,13 +736,14 @@ mod standing {
     //! What counts as a standstill when a stop begins, and what is taken for none.
 
     use super::played::{
-        Brings, ENABLED, GO, HALT, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY,
-        SWITCH_ON_DISABLED, stopped,
+        ACKNOWLEDGED, Brings, ENABLED, GO, HALT, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED,
+        READY, SWITCH_ON_DISABLED, absolute, stopped,
     };
     use crate::{
         axis::{Command, CommandId, CoreConfig, Failure, StopRequest},
         ds402::{Mode, State, StopOptions},
         homing::{HomingCommand, HomingMethod},
+        profile_position::SetPoint,
         profile_velocity::JogSetPoint,
     };
 
@@ -973,12 +974,68 @@ mod standing {
         assert_eq!(drive.cycles_until(0, ENABLED), 400);
     }
 
+    /// An input of its drive may hold it, and let it go on at any time.
     #[test]
-    fn an_end_velocity_is_a_motion_until_the_axis_stands() {
+    fn an_end_velocity_is_a_motion_until_its_drive_is_stopped() {
         let mut drive = Played::at_end_velocity();
         assert!(drive.core.snapshot().has_set_point);
         drive.velocity = 0;
-        drive.shows_for(30, REACHED);
+        drive.shows_for(300, REACHED);
+        assert!(drive.core.snapshot().has_set_point);
+        let stopping = drive.submit(Command::Stop);
+        assert_eq!(drive.word(), HALT);
+        drive.cycles_until(QUICK_STOP | 0x0100, REACHED);
+        drive.shows_for(2, QUICK_STOP_ACTIVE);
+        let (_, result) = drive.cycles_to_end(stopping, SWITCH_ON_DISABLED);
+        assert!(result.is_ok(), "{result:?}");
         assert!(!drive.core.snapshot().has_set_point);
+    }
+
+    /// The next one, which ends at rest, is in the outputs and not sent when the stop is asked for.
+    #[test]
+    fn a_stop_before_the_next_set_point_is_sent_stops_what_goes_on_at_its_end_velocity() {
+        let mut drive = Played::at_end_velocity();
+        // An input holds it.
+        drive.velocity = 0;
+        drive.shows_for(300, REACHED);
+        let next = drive.move_to(200);
+        drive.cycles_until(GO | 0x0030, REACHED);
+        let stopping = drive.submit(Command::Stop);
+        assert_eq!(drive.word(), HALT);
+        assert!(matches!(drive.outcome(next), Some(Err(_))));
+        drive.shows_for(3, ENABLED);
+        assert_eq!(drive.outcome(stopping), None);
+    }
+
+    /// Its drive has taken one that ends at rest: that is over with its end.
+    #[test]
+    fn a_set_point_that_ends_at_rest_ends_an_end_velocity() {
+        let mut drive = Played::at_end_velocity();
+        let next = drive.move_to(drive.position + 200);
+        drive.cycles_until(GO | 0x0030, REACHED);
+        drive.shows(REACHED);
+        drive.shows(ACKNOWLEDGED);
+        drive.shows_for(8, ENABLED);
+        drive.velocity = 0;
+        let (_, result) = drive.cycles_to_end(next, REACHED);
+        assert!(result.is_ok(), "{result:?}");
+        assert!(!drive.core.snapshot().has_set_point);
+    }
+
+    /// In no cycle is the axis within the window, and it goes on.
+    #[test]
+    fn a_set_point_that_ends_in_motion_ends_between_two_cycles() {
+        let mut drive = Played::enabled(Played::passing());
+        let mut command = absolute(1_000);
+        command.set_point = SetPoint::new().end_velocity(300_000);
+        let id = drive.submit(Command::Move(command));
+        drive.shows(REACHED);
+        drive.shows(ACKNOWLEDGED);
+        drive.velocity = 300;
+        drive.shows_for(3, ENABLED);
+        assert_eq!((drive.position, drive.outcome(id)), (900, None));
+        let (cycles, result) = drive.cycles_to_end(id, REACHED);
+        assert!(cycles < 9 && result.is_ok(), "{cycles}: {result:?}");
+        assert!(drive.core.snapshot().has_set_point);
     }
 }

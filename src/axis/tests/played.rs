@@ -154,16 +154,21 @@ impl Played {
         (this, id)
     }
 
-    /// Gone on at the end velocity of a move that has ended.
-    pub fn at_end_velocity() -> Self {
-        let mut this = Self::enabled(CoreConfig {
+    /// Its end velocity 6082h is in the outputs.
+    pub fn passing() -> CoreConfig {
+        CoreConfig {
             fields: AxisFields {
                 target_velocity: None,
                 end_velocity: Some(7),
                 ..FIELDS
             },
             ..Self::config()
-        });
+        }
+    }
+
+    /// Gone on at the end velocity of a move that has ended.
+    pub fn at_end_velocity() -> Self {
+        let mut this = Self::enabled(Self::passing());
         let mut command = absolute(100);
         command.set_point = SetPoint::new().end_velocity(20);
         let id = this.submit(Command::Move(command));
