@@ -840,3 +840,30 @@ fn one_that_ends_in_motion_runs_on_until_another_is_taken() {
     passed.forget();
     assert!(!passed.runs_on);
 }
+
+/// Another has perhaps replaced it, and the axis has come to rest within its window. One that ends in motion rests nowhere.
+#[test]
+fn one_in_doubt_that_ends_in_motion_has_not_come_to_rest_at_its_end() {
+    let ended = |ends_in_motion: bool| {
+        let mut drive_buffer = one();
+        let monitors = drive_buffer.held.iter_mut().flatten();
+        monitors.for_each(|monitor| {
+            (monitor.since, monitor.low) = (ms(1_000), ms(1_000));
+            (monitor.left_target, monitor.ends_in_motion) = (true, ends_in_motion);
+        });
+        let mut scene = Scene::at(1_005);
+        scene.word = Statusword::TARGET_REACHED;
+        for at in 19_000..=20_000 {
+            scene.standstill.update(ms(at), 1_005, None, &scene.bounds);
+        }
+        let next = Unacknowledged::Perhaps { anywhere: false };
+        let mut events = Events::new();
+        scene.shows(|cycle| drive_buffer.follow(cycle, false, next, &mut events));
+        reports(events)
+    };
+    let done = |result| alloc::vec![(1, Event::Done(result))];
+    let position = 1_005;
+    assert_eq!(ended(false), done(Ok(Completion::Reached { position })));
+    let superseded = Failure::PerhapsSuperseded { actual: 1_005 };
+    assert_eq!(ended(true), done(Err(superseded)));
+}

@@ -1195,7 +1195,9 @@ impl DriveBuffer {
             let Some(monitor) = held else { continue };
             monitor.note(cycle, false);
             let at_rest = monitor.is_at_rest(cycle);
-            let may_arrive = monitor.end.is_some() && !anywhere && place + 1 == last && at_rest;
+            // One that ends in motion does not come to rest at its end.
+            let known = monitor.end.is_some() && !monitor.ends_in_motion;
+            let may_arrive = known && !anywhere && place + 1 == last && at_rest;
             let outcome = match monitor.outcome(cycle) {
                 Some(Ok(completion)) if may_arrive => Ok(completion),
                 Some(Err(Failure::Timeout { .. })) => Err(Failure::PerhapsSuperseded { actual }),
