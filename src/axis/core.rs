@@ -2295,6 +2295,7 @@ impl AxisCore {
         if !self.power.is_driving() || self.stopping.is_quick() || self.state().is_fault() {
             return;
         }
+        let under_way = self.has_motion() && self.standstill.is_under_way();
         self.withdraw_unsent(Failure::HALTED);
         self.fail_resume(Failure::HALTED);
         self.stop_unsent = true;
@@ -2303,7 +2304,7 @@ impl AxisCore {
             self.halted = true;
             self.halt_delivered = None;
             self.stopping.begin_halt();
-            self.stopping.unanswered = self.has_motion() && self.standstill.is_under_way();
+            self.stopping.unanswered = under_way;
             self.stopping.halt_reported = false;
         }
     }
@@ -2770,7 +2771,8 @@ impl AxisCore {
         let quiet = self
             .quiet_since
             .is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen());
-        if !quiet || (self.power.is_driving() && !self.standstill.is_standing()) {
+        let may_move = self.brake.may_drive() && !self.standstill.is_standing();
+        if !quiet || may_move || self.halted {
             return;
         }
         // 607Ah still holds the last move's target or distance; another mode may follow it at once.
@@ -2784,6 +2786,7 @@ impl AxisCore {
         } else {
             change.step = ModeStep::Written;
             self.mode = to;
+            self.homing.outside();
         }
     }
 
@@ -2896,7 +2899,13 @@ impl AxisCore {
             .and_then(|()| fields.complete_jog(&mut set_point, &self.config.defaults));
         match checked {
             Err(failure) => self.done(id, Err(failure)),
-            Ok(()) => self.jogging.submit(id, set_point, &mut self.events),
+            Ok(()) => {
+                if self.jogging.has_motion() {
+                    // Of the one that it takes over from its drive may set off just now.
+                    self.standstill.begin_anew();
+                }
+                self.jogging.submit(id, set_point, &mut self.events);
+            }
         }
     }
 
@@ -2907,7 +2916,7 @@ impl AxisCore {
         }
         if sample.mode != self.mode {
             self.homing.outside();
-            if !self.is_idle() {
+            if !self.is_idle() || self.has_motion() {
                 let failure = Failure::WrongMode {
                     expected: self.mode,
                     shown: sample.mode,

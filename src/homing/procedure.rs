@@ -412,16 +412,15 @@ impl Run {
             }));
         }
         if !self.begun && cycle.now.saturating_sub(self.since) >= start {
-            return Some(Err(if error {
-                // An error that has stood all the time, and the drive at rest: it did not even begin.
-                Failure::HomingError { moving: false }
-            } else {
-                Failure::Timeout {
-                    waiting_for: WaitingFor::HomingStart,
-                    statusword: word,
-                    controlword: cycle.controlword,
-                    delivery: Delivery::Unknown,
-                }
+            if error {
+                // An error that has stood all the time. With the drive at rest it did not even begin.
+                return self.error(cycle, at_rest, standstill);
+            }
+            return Some(Err(Failure::Timeout {
+                waiting_for: WaitingFor::HomingStart,
+                statusword: word,
+                controlword: cycle.controlword,
+                delivery: Delivery::Unknown,
             }));
         }
         None

@@ -1428,3 +1428,41 @@ fn a_rise_at_speed_is_remembered_for_the_settle_time() {
         assert!(!slow.passing);
     }
 }
+
+/// Bit 10 was low when it was sent, and is high in each cycle since: its way took none.
+#[test]
+fn an_end_in_motion_that_was_passed_at_once_is_reached_when_it_would_have_begun() {
+    let after = |time: Duration| {
+        let mut scene = Scene::at(1_500);
+        scene.word = Statusword::TARGET_REACHED;
+        scene.now = ms(1_000) + time;
+        let passing = |monitor: &mut SetPointMonitor| {
+            (monitor.ends_in_motion, monitor.stood) = (true, None);
+        };
+        shown(&scene, changed(to(1_000), passing))
+    };
+    assert_eq!(after(BEGIN - ms(1)), None);
+    assert_eq!(after(BEGIN), reached(1_500));
+}
+
+#[test]
+fn one_that_ends_in_motion_may_have_passed_its_end_before_its_turn() {
+    let behind = |ends_in_motion: bool, from: i32| {
+        let first = changed(to(2_000), |monitor| monitor.before = from);
+        let mut second = changed(to(1_000), |monitor| monitor.ends_in_motion = ends_in_motion);
+        Scene::at(1_200).shows(|cycle| second.note_behind(&first, false, cycle));
+        second.early
+    };
+    assert!(behind(true, 900) && behind(true, 1_000) && !behind(true, 1_001));
+    assert!(!behind(false, 900));
+    // Long after that its turn comes.
+    let kept = |ends_in_motion: bool| {
+        let first = to(2_000);
+        let mut second = changed(to(1_000), |monitor| {
+            (monitor.ends_in_motion, monitor.early) = (ends_in_motion, true);
+        });
+        Scene::at(1_200).shows(|cycle| second.takes_over(&first, true, false, cycle));
+        second.early
+    };
+    assert!(kept(true) && !kept(false));
+}

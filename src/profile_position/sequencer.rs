@@ -1872,7 +1872,8 @@ impl SetPointMonitor {
             // Bit 12 that stays high for longer shows when the drive goes on.
             let at_once = cycle.now.saturating_sub(self.since)
                 <= cycle.traits.surely_seen().saturating_mul(AT_ONCE);
-            self.early = by_room && at_once;
+            // One that ends in motion has gone on since.
+            self.early = by_room && (at_once || self.ends_in_motion);
         }
         self.becomes_active(cycle, position, cycle.standstill.is_standing());
         let from_rest = self.from_rest || rests;
@@ -2139,6 +2140,10 @@ impl SetPointMonitor {
             } else {
                 self.early = true;
             }
+        } else if !active && self.ends_in_motion {
+            // At its end velocity it is nowhere for long.
+            let way = cycle.bounds.distance(first.before, position);
+            self.early |= after <= way;
         }
     }
 
@@ -2459,9 +2464,11 @@ impl SetPointMonitor {
         }))
     }
 
-    /// With bit 10 high for it: whether the axis has been at its end, from where it goes on.
+    /// With bit 10 high for it: whether the axis has been at its end, from where it goes on. A bit 10 that is never low is that of the
+    /// end at last: the way there took no cycle.
     fn has_passed_end(&self, cycle: &Cycle<'_>) -> bool {
-        let begun = self.left_target || (self.stood.is_some() && self.has_begun(cycle));
+        let late = cycle.now.saturating_sub(self.since) >= cycle.begin;
+        let begun = self.left_target || late || (self.stood.is_some() && self.has_begun(cycle));
         let there = match self.end {
             Some(_) => self.came_to_end(cycle.sample.position),
             None => !self.doubted,

@@ -922,14 +922,17 @@ impl Drive {
         let dt = self.making.tick;
         match self.state {
             State::QuickStop | State::FaultReaction => {
-                if self.state == State::FaultReaction
-                    && self.reaction_until != u64::MAX
-                    && self.active.is_some()
-                {
+                if self.state == State::FaultReaction && self.reaction_until != u64::MAX {
                     // What has set off waits no more.
-                    self.wait = 0;
-                    self.follow(dt);
-                    return;
+                    if self.active.is_some() {
+                        self.wait = 0;
+                        self.follow(dt);
+                        return;
+                    }
+                    if let Some(velocity) = self.runs_on {
+                        self.approach_velocity(velocity, self.making.quick_ramp, dt);
+                        return;
+                    }
                 }
                 let ramp = self.making.quick_ramp;
                 self.approach_velocity(0.0, ramp, dt);
@@ -992,8 +995,15 @@ impl Drive {
         }
         if self.held > 0 {
             let ramp = self.making.quick_ramp;
-            let ramp = self.active.map_or(ramp, |active| active.deceleration);
-            self.approach_velocity(0.0, ramp, dt);
+            let Some(active) = self.active else {
+                self.approach_velocity(0.0, ramp, dt);
+                return;
+            };
+            let way = active.goal - self.demand;
+            self.approach_velocity(0.0, active.deceleration, dt);
+            // What was to pass its end has passed it, on the ramp.
+            let blends = self.blends(active, way);
+            self.pass(active, way, blends);
             return;
         }
         if self.wait > 0 {
@@ -1015,9 +1025,7 @@ impl Drive {
         let latch = &mut self.ledger[active.index];
         latch.began.get_or_insert(now);
         latch.nearest = latch.nearest.min(way.abs());
-        let blends = self
-            .pending
-            .is_some_and(|next| next.blend && (next.goal - active.goal) * way > 0.0);
+        let blends = self.blends(active, way);
         // One behind it begins at rest.
         let passes = self.pending.is_none() && active.end_velocity > 0.0;
         let least = if passes { active.end_velocity } else { 0.0 };
@@ -1056,14 +1064,26 @@ impl Drive {
             active.deceleration * 1.5
         };
         self.approach_velocity(wanted, ramp, dt);
-        let passed = (active.goal - self.demand) * way <= 0.0;
-        if passes && passed {
+        self.pass(active, way, blends);
+    }
+
+    /// Whether the one behind it takes over at its end, in motion.
+    fn blends(&self, active: SetPoint, way: f64) -> bool {
+        self.pending
+            .is_some_and(|next| next.blend && (next.goal - active.goal) * way > 0.0)
+    }
+
+    /// Where the demand has passed the end, from where it had this way to go, and goes on there.
+    fn pass(&mut self, active: SetPoint, way: f64, blends: bool) {
+        if (active.goal - self.demand) * way > 0.0 {
+            return;
+        }
+        if self.pending.is_none() && active.end_velocity > 0.0 {
             self.ledger[active.index].nearest = 0.0;
             self.end(active.index, End::Reached);
             self.active = None;
             self.runs_on = Some(active.end_velocity.copysign(way));
-        }
-        if blends && passed {
+        } else if blends {
             self.ledger[active.index].nearest = 0.0;
             self.end(active.index, End::Passed);
             self.active = self.pending.take();
