@@ -88,6 +88,11 @@ pub const WIDER: u64 = 1_000_000_000_000_000;
 /// From this seed on there are drives with all habits, below it with the first ones.
 pub const ALL_HABITS: u64 = 2 * WIDER;
 
+/// The habits of the scenarios from this seed on.
+pub const fn habits_of(seed: u64) -> &'static [Habit] {
+    if seed < ALL_HABITS { FIRST } else { ALL }
+}
+
 /// What a scenario of a wider kind has, apart from habits.
 #[derive(Debug, Clone, Copy, Default)]
 struct Wider {
@@ -286,7 +291,7 @@ impl Scenario {
     fn new(seed: u64, cut: Cut, verbose: bool) -> Self {
         let mut random = Random::new(seed);
         let mut habits = Habits::default();
-        let of = if seed < ALL_HABITS { FIRST } else { ALL };
+        let of = habits_of(seed);
         let single = random.one_in(4);
         if single {
             habits = habits.with(random.pick(of));
@@ -1615,24 +1620,26 @@ impl Scenario {
             let there = latch.relative || latch.axis_nearest <= slack;
             matches!(latch.end, Some((_, End::Dropped))) && there
         });
+        // One with no way to go that the drive has not begun is at its end where the demand rests within the window of it;
+        // of several such in a row each may be further on by a window.
+        let rests_at_end = |latch: &Latch| {
+            let index = issued.latch.unwrap_or_default();
+            let unseen = ledger[..=index].iter().rev();
+            let unseen = unseen.take_while(|latch| latch.began.is_none()).count();
+            let way = self.drive.apart(self.drive.demand, latch.goal);
+            unseen > 0
+                && (latch.way <= slack * unseen as f64 || making.turn.is_some())
+                && way <= slack * unseen as f64
+        };
         match (result, latch) {
             (Ok(_), None) if !issued.unseen => self.broken(
                 "Reached: that set-point ended",
                 format!("{id} is {result:?}, and was never taken"),
             ),
             (Ok(Completion::Reached { .. }), Some(latch)) => {
-                // One with no way to go that the drive has not begun is at its end where the demand rests within the window of it;
-                // of several such in a row each may be further on by a window.
-                let index = issued.latch.unwrap_or_default();
-                let unseen = ledger[..=index].iter().rev();
-                let unseen = unseen.take_while(|latch| latch.began.is_none()).count();
-                let way = self.drive.apart(self.drive.demand, latch.goal);
-                let rests_there = unseen > 0
-                    && (latch.way <= slack * unseen as f64 || making.turn.is_some())
-                    && way <= slack * unseen as f64;
                 if latch.nearest > slack + ahead_of_rest + two_ticks(&latch)
                     && !dropped
-                    && !rests_there
+                    && !rests_at_end(&latch)
                 {
                     return self.broken(
                         "Reached: that set-point ended",
@@ -1645,7 +1652,7 @@ impl Scenario {
                 let tick = 2.0 * making.tick * f64::from(latch.velocity);
                 // It has at least gone on its way.
                 let dropped = dropped && latch.began.is_some();
-                if latch.nearest > slack + ahead + tick && !dropped {
+                if latch.nearest > slack + ahead + tick && !dropped && !rests_at_end(&latch) {
                     return self.broken(
                         "Passed: that set-point was passed",
                         format!("{id} is Passed, and the demand is {:.0} counts from its end: {latch:?}", latch.nearest),

@@ -9,7 +9,7 @@ use std::sync::{
 use std::time::Instant;
 
 use crate::habits::{ALL, Habit, Habits, Hits};
-use crate::scenario::{Cut, Ends, Told, Violation, live};
+use crate::scenario::{self, Cut, Ends, Told, Violation, live};
 
 pub fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok()?.parse().ok()
@@ -137,8 +137,8 @@ impl Found {
     /// Habits that were hit less than once in a million cycles: what they are to try was hardly tried.
     pub fn rare(&self) -> Vec<Habit> {
         let least = self.cycles / 1_000_000;
-        let hits = ALL.iter().copied().zip(self.hits.0);
-        let rare = hits.filter(|(_, times)| *times < least);
+        let hits = scenario::habits_of(self.from).iter().copied();
+        let rare = hits.zip(self.hits.0).filter(|(_, times)| *times < least);
         rare.map(|(habit, _)| habit).collect()
     }
 }
@@ -165,7 +165,8 @@ impl fmt::Display for Found {
             f,
             "of the moves that were taken {arrived} arrived, {ended} were ended by the program or the drive, and of {doubtful} that is not known"
         )?;
-        let rarest = ALL.iter().zip(self.hits.0).min_by_key(|(_, times)| *times);
+        let of = scenario::habits_of(self.from).iter();
+        let rarest = of.zip(self.hits.0).min_by_key(|(_, times)| *times);
         if let Some((habit, times)) = rarest {
             writeln!(f, "the rarest habit, {habit:?}, showed {times} times")?;
         }
