@@ -7,7 +7,6 @@ mod played;
 mod power;
 mod resting;
 mod stops;
-mod taken_over;
 
 mod loss {
     //! Drives that do not answer, or do not take their outputs; and programs that are not alive.
