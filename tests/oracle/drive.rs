@@ -1236,9 +1236,7 @@ impl Drive {
             at_rest && !(self.habits.has(Habit::HaltWithoutBit10) && self.mode == 1)
         } else if goes && self.held > 0 {
             false
-        } else if self.runs_on.is_some() {
-            true
-        } else if waits {
+        } else if waits || self.runs_on.is_some() {
             true
         } else if self.habits.has(Habit::Bit10ByWindow) {
             !goes && (self.position - self.demand).abs() <= self.making.window
