@@ -22,23 +22,31 @@ const NOTE_BYTES: u8 = 100;
 
 #[test]
 fn an_emergency_after_any_datagram_of_a_move_is_delivered_and_the_move_is_done() {
-    let (datagrams, moves, transfers) = after_each_datagram(Duration::ZERO, |_| None);
+    let (datagrams, moves, transfers) =
+        after_datagrams((1..).step_by(every()), Duration::ZERO, |_| None);
     assert!(datagrams > 100, "only {datagrams} datagrams");
     assert!(transfers > 10 * moves, "only {transfers} transfers");
     println!("{datagrams} datagrams, {moves} moves, {transfers} SDO transfers beside them");
 }
 
+/// After each datagram one of the next four answers is lost, and after two thirds of them one of the next two requests.
 #[test]
 fn an_emergency_in_a_move_is_delivered_once_though_any_of_the_next_four_frames_is_lost() {
     thread::scope(|scope| {
         for behind in 1..=4 {
             scope.spawn(move || {
-                after_each_datagram(Duration::ZERO, |after| Some(Loss::Answer(after + behind)))
+                let places = (behind..).step_by(3 * every());
+                after_datagrams(places, Duration::ZERO, |after| {
+                    Some(Loss::Answer(after + behind))
+                })
             });
         }
         for behind in 1..=2 {
             scope.spawn(move || {
-                after_each_datagram(Duration::ZERO, |after| Some(Loss::Request(after + behind)))
+                let places = (behind..).step_by(3 * every());
+                after_datagrams(places, Duration::ZERO, |after| {
+                    Some(Loss::Request(after + behind))
+                })
             });
         }
     });
@@ -46,16 +54,24 @@ fn an_emergency_in_a_move_is_delivered_once_though_any_of_the_next_four_frames_i
 
 #[test]
 fn an_emergency_between_any_request_and_its_late_answer_in_a_move_is_delivered() {
-    let (datagrams, moves, transfers) = after_each_datagram(Duration::from_micros(400), |_| None);
+    let late = Duration::from_micros(400);
+    let (datagrams, moves, transfers) = after_datagrams((1..).step_by(every()), late, |_| None);
     println!("{datagrams} datagrams, {moves} moves, {transfers} transfers over a slow mailbox");
 }
 
-/// A move for each of its datagrams, on a drive that takes this long over each mail, with an emergency after it and the
-/// frame lost that `lost` gives for its number; `EMERGENCY_EVERY=n` takes every nth datagram. Gives the number of datagrams, of moves, and of
-/// SDO transfers in all moves.
-fn after_each_datagram(delay: Duration, lost: impl Fn(u64) -> Option<Loss>) -> (u64, u64, u64) {
+/// `EMERGENCY_EVERY=n` takes every nth datagram.
+fn every() -> usize {
     let every = std::env::var("EMERGENCY_EVERY").ok();
-    let every = every.map_or(1, |every| every.parse().unwrap());
+    every.map_or(1, |every| every.parse().unwrap())
+}
+
+/// A move for each of these of its datagrams, on a drive that takes this long over each message, with an emergency after it and the
+/// frame lost that `lost` gives for its number. Gives the number of datagrams, of moves, and of SDO transfers in all moves.
+fn after_datagrams(
+    places: impl Iterator<Item = u64>,
+    delay: Duration,
+    lost: impl Fn(u64) -> Option<Loss>,
+) -> (u64, u64, u64) {
     let mut drive = Servo::akd2g().mailbox_bytes(MAILBOX).build();
     drive.set_mailbox_delay(delay);
     let line = Line::new(Segment::new().with(drive));
@@ -67,7 +83,7 @@ fn after_each_datagram(delay: Duration, lost: impl Fn(u64) -> Option<Loss>) -> (
     let sdo = rig.net.sdo(0).unwrap();
     let mut target = 0;
     let mut transfers = 0;
-    for (moves, after) in (0..).zip((1..).step_by(every)) {
+    for (moves, after) in (0..).zip(places) {
         let _at = At(after);
         target = 20 - target;
         line.arm(after, 0, &[emergency(after)]);
