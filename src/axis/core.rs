@@ -2732,7 +2732,7 @@ impl AxisCore {
             self.done(id, Err(Failure::ModeNotSupported { mode: to }));
         } else if self.halted {
             self.done(id, Err(Failure::HALTED));
-        } else if !self.is_idle() || self.has_motion() {
+        } else if !self.is_idle() {
             self.done(id, Err(Failure::Moving));
         } else if self.stopping.is_active()
             || self
@@ -2900,10 +2900,7 @@ impl AxisCore {
         match checked {
             Err(failure) => self.done(id, Err(failure)),
             Ok(()) => {
-                if self.jogging.has_motion() {
-                    // Of the one that it takes over from its drive may set off just now.
-                    self.standstill.begin_anew();
-                }
+                self.doubt_rest_of_jog();
                 self.jogging.submit(id, set_point, &mut self.events);
             }
         }
@@ -2916,7 +2913,7 @@ impl AxisCore {
         }
         if sample.mode != self.mode {
             self.homing.outside();
-            if !self.is_idle() || self.has_motion() {
+            if !self.is_idle() {
                 let failure = Failure::WrongMode {
                     expected: self.mode,
                     shown: sample.mode,
@@ -2992,7 +2989,9 @@ impl AxisCore {
 
     /// Whether nothing waits and nothing is under way, in any mode.
     fn is_idle(&self) -> bool {
-        self.sequencer.is_idle() && self.homing.is_idle() && self.jogging.is_idle()
+        let none_waits =
+            self.sequencer.is_idle() && self.homing.is_idle() && self.jogging.is_idle();
+        none_waits && !self.has_motion()
     }
 
     /// The outputs composed last have been sent.
@@ -3017,11 +3016,15 @@ impl AxisCore {
     fn withdraw_unsent(&mut self, failure: Failure) {
         self.sequencer.withdraw_unsent(failure, &mut self.events);
         self.homing.withdraw_unsent(failure, &mut self.events);
+        self.doubt_rest_of_jog();
+        self.jogging.end(failure, &mut self.events);
+    }
+
+    /// A jog is given up: its drive may set off just now.
+    fn doubt_rest_of_jog(&mut self) {
         if self.jogging.has_motion() {
-            // Its drive may set off just now.
             self.standstill.begin_anew();
         }
-        self.jogging.end(failure, &mut self.events);
     }
 
     /// The axis is out of Operation enabled: no bit of a mode stays, and nothing is held any more.

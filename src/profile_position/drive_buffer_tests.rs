@@ -41,6 +41,14 @@ impl Scene {
         }
     }
 
+    /// It has stood where it is for so long before now.
+    fn stand(&mut self, time: Duration) {
+        for at in (NOW - time).as_millis() as u64..=NOW.as_millis() as u64 {
+            self.standstill
+                .update(ms(at), self.position, None, &self.bounds);
+        }
+    }
+
     fn base(relative_base: RelativeBase) -> Self {
         let mut this = Self::at(0);
         this.traits.relative_base = relative_base;
@@ -361,9 +369,7 @@ fn an_axis_stands_at_the_last_end_by_606ch_or_by_its_own_time() {
     assert!(!stands(&one(), 1_000, Some(0)), "one is under way");
     // For the settle time since the last one has ended.
     let mut scene = Scene::at(7);
-    for at in 19_000..=20_000 {
-        scene.standstill.update(ms(at), 7, None, &scene.bounds);
-    }
+    scene.stand(ms(1_000));
     let since = |ended: u64| {
         let drive_buffer = DriveBuffer {
             ended: ms(ended),
@@ -620,9 +626,7 @@ fn the_second_one_arrives_where_bit_12_shows_the_drive_at_it_and_the_first_is_op
 fn one_in_doubt_that_never_shows_bit_10_is_perhaps_superseded() {
     let after = |stood: Duration| {
         let mut scene = Scene::at(1_000);
-        for at in 19_000..=20_000 {
-            scene.standstill.update(ms(at), 1_000, None, &scene.bounds);
-        }
+        scene.stand(ms(1_000));
         let mut drive_buffer = one();
         let monitors = drive_buffer.held.iter_mut().flatten();
         monitors.for_each(|monitor| {
@@ -654,11 +658,7 @@ fn one_that_ends_well_and_was_not_seen_to_begin_may_begin_yet() {
         });
         let mut scene = Scene::at(position);
         scene.word = Statusword::TARGET_REACHED;
-        for at in 19_000..=20_000 {
-            scene
-                .standstill
-                .update(ms(at), position, None, &scene.bounds);
-        }
+        scene.stand(ms(1_000));
         let mut events = Events::new();
         let next = Unacknowledged::None;
         scene.shows(|cycle| drive_buffer.follow_active(cycle, next, false, &mut events));
@@ -712,11 +712,7 @@ fn at_rest_with_two(
     bit_12_has_fallen: bool,
 ) -> (alloc::vec::Vec<(u32, Event)>, DriveBuffer) {
     let mut scene = Scene::at(position);
-    for at in 18_000..=20_000 {
-        scene
-            .standstill
-            .update(ms(at), position, None, &scene.bounds);
-    }
+    scene.stand(ms(2_000));
     let mut drive_buffer = two();
     for monitor in drive_buffer.held.iter_mut().flatten() {
         (monitor.since, monitor.low) = (ms(1_000), ms(1_000));
@@ -780,13 +776,11 @@ fn of_two_at_rest_only_the_first_is_over_where_bit_12_shows_that() {
 /// Behind one that ends in motion the axis is elsewhere when the drive takes the next, and does not begin at rest.
 #[test]
 fn what_follows_one_that_ends_in_motion_begins_in_motion() {
-    let mut passing = one();
-    let monitors = passing.held.iter_mut().flatten();
-    monitors.for_each(|monitor| monitor.ends_in_motion = true);
-    let passed = DriveBuffer {
-        runs_on: true,
-        ..after(Some(1_000))
+    let in_motion = |drive_buffer| DriveBuffer {
+        ends_in_motion: true,
+        ..drive_buffer
     };
+    let (passing, passed) = (in_motion(one()), in_motion(after(Some(1_000))));
     for buffer_mode in [BufferMode::Aborting, BufferMode::Buffered] {
         for drive_buffer in [&passing, &passed] {
             for (of, base) in [
@@ -807,9 +801,7 @@ fn what_follows_one_that_ends_in_motion_begins_in_motion() {
     }
     // Where an input of its drive holds it, it stands.
     let mut scene = Scene::at(7);
-    for at in 19_000..=20_000 {
-        scene.standstill.update(ms(at), 7, None, &scene.bounds);
-    }
+    scene.stand(ms(1_000));
     let stands = |cycle: &Cycle<'_>| passed.begins_at_rest(&to(5, BufferMode::Buffered), cycle);
     assert!(scene.shows(stands));
 }
@@ -817,11 +809,10 @@ fn what_follows_one_that_ends_in_motion_begins_in_motion() {
 #[test]
 fn one_that_ends_in_motion_runs_on_until_another_is_taken() {
     let ended = |ends_in_motion: bool| {
-        let mut drive_buffer = one();
-        let monitors = drive_buffer.held.iter_mut().flatten();
-        monitors.for_each(|monitor| {
-            (monitor.left_target, monitor.ends_in_motion) = (true, ends_in_motion);
-        });
+        let mut first = monitor(1, to(1_000, BufferMode::Aborting), Some(1_000));
+        (first.left_target, first.ends_in_motion) = (true, ends_in_motion);
+        let mut drive_buffer = DriveBuffer::default();
+        drive_buffer.push(first, &mut Events::new());
         let mut scene = Scene::at(1_005);
         scene.word = Statusword::TARGET_REACHED;
         let next = Unacknowledged::None;
@@ -830,15 +821,15 @@ fn one_that_ends_in_motion_runs_on_until_another_is_taken() {
         assert!(over);
         drive_buffer
     };
-    assert!(!ended(false).runs_on && ended(false).is_at_base());
+    assert!(!ended(false).ends_in_motion && ended(false).is_at_base());
     let mut passed = ended(true);
-    assert!(passed.runs_on && !passed.is_at_base());
+    assert!(passed.ends_in_motion && !passed.is_at_base());
     let next = monitor(2, to(7, BufferMode::Buffered), Some(7));
     passed.push(next, &mut Events::new());
-    assert!(!passed.runs_on);
+    assert!(!passed.ends_in_motion);
     let mut passed = ended(true);
     passed.forget();
-    assert!(!passed.runs_on);
+    assert!(!passed.ends_in_motion);
 }
 
 /// Another has perhaps replaced it, and the axis has come to rest within its window. One that ends in motion rests nowhere.
@@ -853,9 +844,7 @@ fn one_in_doubt_that_ends_in_motion_has_not_come_to_rest_at_its_end() {
         });
         let mut scene = Scene::at(1_005);
         scene.word = Statusword::TARGET_REACHED;
-        for at in 19_000..=20_000 {
-            scene.standstill.update(ms(at), 1_005, None, &scene.bounds);
-        }
+        scene.stand(ms(1_000));
         let next = Unacknowledged::Perhaps { anywhere: false };
         let mut events = Events::new();
         scene.shows(|cycle| drive_buffer.follow(cycle, false, next, &mut events));

@@ -22,8 +22,6 @@ pub(crate) struct Sequencer {
     ahead: Ahead,
     target: i32,
     parameters: Parameters,
-    /// Whether the set-point that the drive has acknowledged last ends in motion.
-    has_end_velocity: bool,
     pending: PendingMoves,
     drive_buffer: DriveBuffer,
     /// Sent onto a full buffer and not acknowledged; bit 4 is low again. The fall of bit 12 will be its acknowledge.
@@ -53,7 +51,6 @@ impl Sequencer {
             ahead: Ahead::Fell,
             target: 0,
             parameters,
-            has_end_velocity: false,
             pending: PendingMoves::default(),
             drive_buffer: DriveBuffer::default(),
             unconfirmed: None,
@@ -81,7 +78,7 @@ impl Sequencer {
 
     /// Whether the drive goes on at an end velocity when the last set-point that it has taken has ended.
     pub const fn has_end_velocity(&self) -> bool {
-        self.has_end_velocity
+        self.drive_buffer.ends_in_motion
     }
 
     /// The target follows the axis while no set-point can be active: whoever looks at it later finds no jump.
@@ -267,7 +264,6 @@ impl Sequencer {
         self.bits = ModeBits::NONE;
         self.unknown = false;
         self.anywhere = false;
-        self.has_end_velocity = false;
     }
 
     /// The axis stands halted: reports it for each set-point that the drive keeps.
@@ -383,7 +379,6 @@ impl Sequencer {
         raised.far_behind &= before.is_some_and(|before| !before.may_be_over(cycle));
         let monitor = SetPointMonitor::new(&raised, confirmed, cycle);
         events.push(monitor.id, Event::Accepted);
-        self.has_end_velocity = raised.has_end_velocity();
         self.drive_buffer.push(monitor, events);
     }
 
@@ -917,8 +912,8 @@ struct DriveBuffer {
     /// Whether the axis is where the last set-point has ended well, or where it was enabled: there a distance counts from, whatever the
     /// drive counts from.
     at_base: bool,
-    /// Whether the last one has ended in motion, and nothing has replaced it.
-    runs_on: bool,
+    /// Whether the one that was taken last ends in motion, or has done so.
+    ends_in_motion: bool,
     /// When the last one has ended.
     ended: Duration,
     /// Whether the drive has been given up on beginning one that it has acknowledged: it may still do so.
@@ -950,7 +945,7 @@ impl DriveBuffer {
     pub const fn forget(&mut self) {
         self.unseen = false;
         self.unproven = false;
-        self.runs_on = false;
+        self.ends_in_motion = false;
         self.at_base = true;
     }
 
@@ -969,7 +964,7 @@ impl DriveBuffer {
     /// Takes in a set-point that the drive has acknowledged; with `Aborting` it is the only one from now on.
     pub fn push(&mut self, mut monitor: SetPointMonitor, events: &mut Events) {
         self.at_base = false;
-        self.runs_on = false;
+        self.ends_in_motion = monitor.ends_in_motion;
         if monitor.buffer_mode == BufferMode::Aborting {
             self.fail_all(Failure::Superseded, events);
             self.unproven = false;
@@ -1174,8 +1169,7 @@ impl DriveBuffer {
                 self.unseen = outcome.is_ok() && !begun;
                 let proven = begun && monitor.end.is_some();
                 self.unproven = outcome.is_err() || (self.unproven && !proven);
-                self.runs_on = monitor.ends_in_motion;
-                self.at_base = outcome.is_ok() && !self.runs_on;
+                self.at_base = outcome.is_ok() && !self.ends_in_motion;
                 self.ended = cycle.now;
                 self.not_begun |= matches!(outcome, Err(Failure::NotBegun { .. }));
                 events.push(monitor.id, Event::Done(outcome));
@@ -1290,15 +1284,9 @@ impl DriveBuffer {
     /// Whether a move would begin at rest.
     pub fn begins_at_rest(&self, command: &MoveCommand, cycle: &Cycle<'_>) -> bool {
         match command.set_point.buffer_mode {
-            BufferMode::Buffered => !self.ends_in_motion() || self.stands(cycle),
+            BufferMode::Buffered => !self.ends_in_motion || self.stands(cycle),
             BufferMode::Blending | BufferMode::Aborting => self.stands(cycle),
         }
-    }
-
-    /// Whether the last one ends in motion, or has done so.
-    fn ends_in_motion(&self) -> bool {
-        let last = self.held.iter().flatten().last();
-        last.map_or(self.runs_on, |last| last.ends_in_motion)
     }
 
     /// Whether the axis stands, with no set-point that the drive holds.
@@ -1413,7 +1401,7 @@ impl DriveBuffer {
         let queues = command.set_point.buffer_mode != BufferMode::Aborting;
         match self.held.iter().flatten().last() {
             // An axis in motion is elsewhere when the drive takes it.
-            _ if self.ends_in_motion() || !(queues || self.is_empty()) => {
+            _ if self.ends_in_motion || !(queues || self.is_empty()) => {
                 match traits.relative_base {
                     RelativeBase::PreviousTarget => self.previous_end(),
                     RelativeBase::Demand

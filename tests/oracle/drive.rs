@@ -1027,8 +1027,7 @@ impl Drive {
         latch.nearest = latch.nearest.min(way.abs());
         let blends = self.blends(active, way);
         // One behind it begins at rest.
-        let passes = self.pending.is_none() && active.end_velocity > 0.0;
-        let least = if passes { active.end_velocity } else { 0.0 };
+        let least = self.passing_velocity(active);
         let stop = (2.0 * active.deceleration * way.abs() + least * least).sqrt();
         let wanted = if blends {
             active.velocity
@@ -1073,16 +1072,22 @@ impl Drive {
             .is_some_and(|next| next.blend && (next.goal - active.goal) * way > 0.0)
     }
 
+    /// How fast it passes its end, with none behind it.
+    fn passing_velocity(&self, active: SetPoint) -> f64 {
+        self.pending.map_or(active.end_velocity, |_| 0.0)
+    }
+
     /// Where the demand has passed the end, from where it had this way to go, and goes on there.
     fn pass(&mut self, active: SetPoint, way: f64, blends: bool) {
         if (active.goal - self.demand) * way > 0.0 {
             return;
         }
-        if self.pending.is_none() && active.end_velocity > 0.0 {
+        let velocity = self.passing_velocity(active);
+        if velocity > 0.0 {
             self.ledger[active.index].nearest = 0.0;
             self.end(active.index, End::Reached);
             self.active = None;
-            self.runs_on = Some(active.end_velocity.copysign(way));
+            self.runs_on = Some(velocity.copysign(way));
         } else if blends {
             self.ledger[active.index].nearest = 0.0;
             self.end(active.index, End::Passed);

@@ -3,7 +3,7 @@
 use core::time::Duration;
 
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, Played, REACHED, READY, SWITCH_ON_DISABLED,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FIELDS, HOME, Played, REACHED, READY, SWITCH_ON_DISABLED,
     SWITCHED_ON, absolute,
 };
 use crate::{
@@ -12,7 +12,6 @@ use crate::{
         WaitingFor,
     },
     ds402::{Mode, State, SupportedModes},
-    homing::{HomingCommand, HomingMethod},
     profile_position::{
         BufferMode, Limits, MoveCommand, Parameters, PositionRange, Reference, SetPoint,
     },
@@ -21,12 +20,6 @@ use crate::{
 
 const DONE: Option<Result<Completion, Failure>> = Some(Ok(Completion::Done));
 const TO_HOMING: Command = Command::SelectMode(Mode::Homing);
-
-const HOME: Command = Command::Home(HomingCommand {
-    method: HomingMethod::NEGATIVE_LIMIT,
-    offset: None,
-    until: None,
-});
 
 fn refused(failure: Failure) -> Option<Result<Completion, Failure>> {
     Some(Err(failure))

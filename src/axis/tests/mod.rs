@@ -12,12 +12,12 @@ mod loss {
     //! Drives that do not answer, or do not take their outputs; and programs that are not alive.
 
     use super::played::{
-        ACKNOWLEDGED, Brings, ENABLED, Played, QUICK_STOP, REACHED, SWITCH_ON_DISABLED, absolute,
+        ACKNOWLEDGED, Brings, ENABLED, HOME, Played, QUICK_STOP, REACHED, SWITCH_ON_DISABLED,
+        absolute,
     };
     use crate::{
         axis::{Command, Completion, Delivery, Event, Failure, Inputs},
         ds402::{Controlword, Mode, State},
-        homing::{HomingCommand, HomingMethod},
         profile_position::Limits,
         profile_velocity::JogSetPoint,
     };
@@ -28,12 +28,6 @@ mod loss {
         delivery: NOT_SENT,
         counter: None,
     };
-
-    const HOME: Command = Command::Home(HomingCommand {
-        method: HomingMethod::NEGATIVE_LIMIT,
-        offset: None,
-        until: None,
-    });
 
     /// Those that enable, start or resume, and those that ask for it.
     fn that_set_going() -> [Command; 8] {
@@ -402,11 +396,10 @@ mod loss {
 mod modes {
     //! Modes against a drive that is played word by word: what a simulated one never does.
 
-    use super::played::{FIELDS, Played};
+    use super::played::{FIELDS, HOME, Played};
     use crate::{
         axis::{Command, Completion, CoreConfig, Delivery, Failure},
         ds402::Mode,
-        homing::{HomingCommand, HomingMethod},
         profile_velocity::JogSetPoint,
     };
 
@@ -417,18 +410,10 @@ mod modes {
         Played::enabled_in(mode, config)
     }
 
-    fn by_switch() -> Command {
-        Command::Home(HomingCommand {
-            method: HomingMethod::NEGATIVE_LIMIT,
-            offset: None,
-            until: None,
-        })
-    }
-
     #[test]
     fn a_homing_error_that_does_not_come_to_rest_is_ended_by_a_quick_stop() {
         let mut drive = enabled(Mode::Homing);
-        let homing = drive.submit(by_switch());
+        let homing = drive.submit(HOME);
         drive.shows_for(4, 0x0637);
         assert_eq!(drive.word(), 0x001F);
         drive.velocity = -300;
@@ -454,7 +439,7 @@ mod modes {
             shown: Mode::ProfilePosition,
         };
         let mut drive = enabled(Mode::Homing);
-        let homing = drive.submit(by_switch());
+        let homing = drive.submit(HOME);
         drive.shows_for(4, 0x0637);
         drive.shows_for(20, 0x0237);
         drive.mode = 1;
@@ -736,14 +721,12 @@ mod standing {
     //! What counts as a standstill when a stop begins, and what is taken for none.
 
     use super::played::{
-        ACKNOWLEDGED, Brings, ENABLED, GO, HALT, Played, QUICK_STOP, QUICK_STOP_ACTIVE, REACHED,
-        READY, SWITCH_ON_DISABLED, absolute, stopped,
+        ACKNOWLEDGED, Brings, ENABLED, GO, HALT, HOME, Played, QUICK_STOP, QUICK_STOP_ACTIVE,
+        REACHED, READY, SWITCH_ON_DISABLED, stopped,
     };
     use crate::{
         axis::{Command, CommandId, CoreConfig, Failure, StopRequest},
         ds402::{Mode, State, StopOptions},
-        homing::{HomingCommand, HomingMethod},
-        profile_position::SetPoint,
         profile_velocity::JogSetPoint,
     };
 
@@ -953,11 +936,7 @@ mod standing {
 
         // A homing that reports an error as it sets off.
         let mut drive = Played::enabled_in(Mode::Homing, Played::config());
-        let homing = drive.submit(Command::Home(HomingCommand {
-            method: HomingMethod::NEGATIVE_LIMIT,
-            offset: None,
-            until: None,
-        }));
+        let homing = drive.submit(HOME);
         drive.cycles_until(0x001F, REACHED);
         drive.shows(REACHED);
         let (cycles, result) = drive.cycles_to_end(homing, 0x2237);
@@ -1026,12 +1005,7 @@ mod standing {
     #[test]
     fn a_set_point_that_ends_in_motion_ends_between_two_cycles() {
         let mut drive = Played::enabled(Played::passing());
-        let mut command = absolute(1_000);
-        command.set_point = SetPoint::new().end_velocity(300_000);
-        let id = drive.submit(Command::Move(command));
-        drive.shows(REACHED);
-        drive.shows(ACKNOWLEDGED);
-        drive.velocity = 300;
+        let id = drive.passes(1_000, 300);
         drive.shows_for(3, ENABLED);
         assert_eq!((drive.position, drive.outcome(id)), (900, None));
         let (cycles, result) = drive.cycles_to_end(id, REACHED);

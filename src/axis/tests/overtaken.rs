@@ -1,13 +1,13 @@
 //! What overtakes a command that waits: a wrong word, a motion that begins, another command.
 
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, GO, HALT, Played, QUICK_STOP,
-    QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, GO, HALT, HOME, Played,
+    QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, home, stopped,
 };
 use crate::{
     axis::{AxisFields, Command, Completion, CoreConfig, Failure},
     ds402::{Mode, State},
-    homing::{HomingCommand, HomingMethod},
+    homing::HomingMethod,
     profile_velocity::JogSetPoint,
 };
 
@@ -86,6 +86,19 @@ fn a_quick_stop_between_two_faults_of_a_reset_ends_at_standstill() {
     assert_eq!(drive.outcome(resetting), None);
 }
 
+/// The drive lets the axis go, and answers what is sent.
+fn sets_off(drive: &mut Played) {
+    let shown = |drive: &Played, after: u16| {
+        let is_quick = drive.word() & 4 == 0;
+        if is_quick { after } else { ENABLED }
+    };
+    for velocity in [1, 2, 2, 2] {
+        drive.velocity = velocity;
+        drive.shows(shown(drive, QUICK_STOP_ACTIVE));
+    }
+    drive.shows(shown(drive, SWITCH_ON_DISABLED));
+}
+
 /// The drive has held the axis at rest since it was asked to move, and it sets off as it is stopped.
 fn sets_off_as_it_is_stopped(asked: impl Fn() -> Played) {
     for command in [
@@ -96,15 +109,7 @@ fn sets_off_as_it_is_stopped(asked: impl Fn() -> Played) {
     ] {
         let mut drive = asked();
         let id = drive.submit(command);
-        let shown = |drive: &Played, after: u16| {
-            let is_quick = drive.word() & 4 == 0;
-            if is_quick { after } else { ENABLED }
-        };
-        for velocity in [1, 2, 2, 2] {
-            drive.velocity = velocity;
-            drive.shows(shown(&drive, QUICK_STOP_ACTIVE));
-        }
-        drive.shows(shown(&drive, SWITCH_ON_DISABLED));
+        sets_off(&mut drive);
         assert_eq!(drive.outcome(id), None, "{command:?}");
     }
 }
@@ -275,14 +280,6 @@ fn a_stop_before_a_resume_that_is_not_sent_stops_what_goes_on_at_its_end_velocit
     assert_eq!(drive.word(), HALT);
 }
 
-const fn home(method: HomingMethod) -> Command {
-    Command::Home(HomingCommand {
-        method,
-        offset: None,
-        until: None,
-    })
-}
-
 /// Held at rest by an input of its drive since it was jogged; then its jog is let go and another begins in the same cycle.
 fn taken_over() -> Played {
     let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
@@ -294,7 +291,7 @@ fn taken_over() -> Played {
     drive
 }
 
-/// 1. The drive lets it go just then.
+/// The drive lets it go just then.
 #[test]
 fn the_rest_before_a_jog_that_was_taken_over_is_not_that_of_its_stop() {
     for command in [
@@ -313,43 +310,17 @@ fn the_rest_before_a_jog_that_was_taken_over_is_not_that_of_its_stop() {
             drive.word(),
             drive.outcome(id)
         );
-        let shown = |drive: &Played, after: u16| {
-            let is_quick = drive.word() & 4 == 0;
-            if is_quick { after } else { ENABLED }
-        };
-        for velocity in [1, 2, 2, 2] {
-            drive.velocity = velocity;
-            drive.shows(shown(&drive, QUICK_STOP_ACTIVE));
-        }
-        drive.shows(shown(&drive, SWITCH_ON_DISABLED));
+        sets_off(&mut drive);
         assert_eq!(drive.outcome(id), None, "{command:?}");
     }
 }
 
-/// 1, of those that are not answered at once: each by itself.
-#[test]
-fn the_rest_before_a_jog_that_was_taken_over_is_not_that_of_its_halt() {
-    for command in [Command::Halt, Command::QuickStop] {
-        let mut drive = taken_over();
-        let id = drive.submit(command);
-        drive.velocity = 2;
-        for _ in 0..4 {
-            let is_quick = drive.word() & 4 == 0;
-            drive.shows(if is_quick { QUICK_STOP_ACTIVE } else { ENABLED });
-        }
-        if command == Command::QuickStop {
-            drive.shows(SWITCH_ON_DISABLED);
-        }
-        assert_eq!(drive.outcome(id), None, "{command:?}");
-    }
-}
-
-/// 2. A drive that keeps bit 13 of an earlier homing until the next has ended.
+/// A drive that keeps bit 13 of an earlier homing until the next has ended.
 #[test]
 fn a_homing_error_that_was_there_before_is_no_rest_of_an_axis_that_moves() {
     let mut drive = Played::enabled_in(Mode::Homing, Played::config());
     drive.shows_for(20, 0x2637);
-    let homing = drive.submit(home(HomingMethod::NEGATIVE_LIMIT));
+    let homing = drive.submit(HOME);
     drive.shows_for(3, 0x2637);
     assert_eq!(drive.word(), 0x001F);
     // Bits 1 0 0: error, still moving.
@@ -365,7 +336,7 @@ fn a_homing_error_that_was_there_before_is_no_rest_of_an_axis_that_moves() {
     assert_eq!(drive.word() & 0x0004, 0, "bit 2 is low");
 }
 
-/// 3. The application of the drive has died: its inputs stay as they were.
+/// The application of the drive has died: its inputs stay as they were.
 #[test]
 fn a_jogged_axis_that_freezes_with_its_halt_is_not_taken_for_one_at_rest() {
     let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
@@ -379,7 +350,7 @@ fn a_jogged_axis_that_freezes_with_its_halt_is_not_taken_for_one_at_rest() {
     assert_eq!(cycles, 400);
 }
 
-/// 4. By its own quick stop, in its fault reaction, or found enabled.
+/// By its own quick stop, in its fault reaction, or found enabled.
 #[test]
 fn a_mode_is_not_written_while_the_drive_stops_an_axis_by_itself() {
     for statusword in [QUICK_STOP_ACTIVE, FAULT_REACTION] {
@@ -404,7 +375,6 @@ fn a_mode_is_not_written_while_an_axis_that_was_found_enabled_moves() {
     assert_eq!(drive.outputs[6], 1);
 }
 
-/// 5.
 #[test]
 fn a_drive_that_leaves_the_mode_at_its_end_velocity_is_stopped() {
     let mut drive = Played::at_end_velocity();
@@ -414,7 +384,7 @@ fn a_drive_that_leaves_the_mode_at_its_end_velocity_is_stopped() {
     assert_eq!(drive.word(), QUICK_STOP);
 }
 
-/// 6. The change waits for standstill, and a halt comes before that.
+/// The change waits for standstill, and a halt comes before that.
 #[test]
 fn a_mode_is_not_written_on_a_halted_axis() {
     let mut drive = Played::enabled(Played::config());
@@ -427,7 +397,7 @@ fn a_mode_is_not_written_on_a_halted_axis() {
     assert_eq!((drive.word(), drive.outputs[6]), (HALT, 1));
 }
 
-/// 7. Both 6060h and 6061h go by SDO; what is shown when the mode has just been read is a word of the mode before.
+/// Both 6060h and 6061h go by SDO; what is shown when the mode has just been read is a word of the mode before.
 #[test]
 fn a_homing_waits_for_a_low_of_its_own_mode_where_that_is_noted() {
     let mut drive = Played::enabled(CoreConfig {

@@ -12,6 +12,7 @@ use crate::axis::{
 };
 use crate::{
     ds402::{Mode, QuickStopOption, State},
+    homing::{HomingCommand, HomingMethod},
     profile_position::{MoveCommand, Reference, SetPoint},
 };
 
@@ -34,6 +35,17 @@ pub(super) const FAULT: u16 = 0x0238;
 pub(super) const GO: u16 = 0x000F;
 pub(super) const HALT: u16 = 0x010F;
 pub(super) const QUICK_STOP: u16 = 0x000B;
+
+/// A homing by this method, with nothing else asked for.
+pub(super) const fn home(method: HomingMethod) -> Command {
+    Command::Home(HomingCommand {
+        method,
+        offset: None,
+        until: None,
+    })
+}
+
+pub(super) const HOME: Command = home(HomingMethod::NEGATIVE_LIMIT);
 
 /// Outputs: 6040h, 607Ah, 6060h, 60FFh. Inputs: 6041h, 6064h, 6061h, 606Ch, 603Fh.
 pub(super) const FIELDS: AxisFields = AxisFields {
@@ -169,12 +181,7 @@ impl Played {
     /// Gone on at the end velocity of a move that has ended.
     pub fn at_end_velocity() -> Self {
         let mut this = Self::enabled(Self::passing());
-        let mut command = absolute(100);
-        command.set_point = SetPoint::new().end_velocity(20);
-        let id = this.submit(Command::Move(command));
-        this.shows(REACHED);
-        this.shows(ACKNOWLEDGED);
-        this.velocity = 20;
+        let id = this.passes(100, 20);
         this.shows_for(5, ENABLED);
         this.velocity = 0;
         let (_, result) = this.cycles_to_end(id, REACHED);
@@ -182,6 +189,17 @@ impl Played {
         this.velocity = 20;
         this.shows_for(30, REACHED);
         this
+    }
+
+    /// Sets off to pass this position at this speed, counts in a cycle.
+    pub fn passes(&mut self, target: i32, velocity: i32) -> CommandId {
+        let mut command = absolute(target);
+        command.set_point = SetPoint::new().end_velocity(velocity.unsigned_abs());
+        let id = self.submit(Command::Move(command));
+        self.shows(REACHED);
+        self.shows(ACKNOWLEDGED);
+        self.velocity = velocity;
+        id
     }
 
     /// Halts it, and it comes to rest. It gets slower: an axis that freezes at once may be at work unseen.

@@ -3,8 +3,8 @@
 use core::time::Duration;
 
 use super::played::{
-    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, GO, HALT, Played, QUICK_STOP,
-    QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
+    ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, GO, HALT, HOME, Played,
+    QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, stopped,
 };
 use crate::{
     axis::{
@@ -12,7 +12,6 @@ use crate::{
         WaitingFor,
     },
     ds402::{Mode, State},
-    homing::{HomingCommand, HomingMethod},
     profile_velocity::JogSetPoint,
 };
 
@@ -315,11 +314,7 @@ fn what_may_have_begun_unseen_is_not_resumed_but_stopped() {
 
     // The drive never begins its homing.
     let mut drive = Played::enabled_in(Mode::Homing, Played::config());
-    let homing = drive.submit(Command::Home(HomingCommand {
-        method: HomingMethod::NEGATIVE_LIMIT,
-        offset: None,
-        until: None,
-    }));
+    let homing = drive.submit(HOME);
     drive.shows_for(120, REACHED);
     assert!(matches!(
         drive.outcome(homing),
