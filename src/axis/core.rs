@@ -579,7 +579,7 @@ pub enum Command {
     Home(HomingCommand),
     /// A velocity in Profile Velocity mode, until [`AxisCore::release_jog`](AxisCore::release_jog) or a stop.
     Jog(JogSetPoint),
-    /// A move in Profile Position mode.
+    /// A move in Profile Position mode. An end velocity 6082h that is not in the process data counts as written already.
     Move(MoveCommand),
     /// Says whether such a move would be refused now, and why; nothing is sent. Parameters that are not in the process data
     /// count as written already.
@@ -998,15 +998,13 @@ impl AxisFields {
         })
     }
 
-    /// The parameters as they go into the process data: given ones, else what the drive held.
+    /// The parameters as they go into the process data: given ones, else what the drive held. An end velocity that is not mapped has been
+    /// written by SDO; it is kept, for the axis goes on at it.
     pub(super) fn complete(
         &self,
         given: &Parameters,
         held: &Parameters,
     ) -> Result<Parameters, Failure> {
-        if given.end_velocity.is_some() && self.end_velocity.is_none() {
-            return Err(Failure::NotMapped("end velocity 6082h"));
-        }
         if given.profile_type.is_some() && self.profile_type.is_none() {
             return Err(Failure::NotMapped("motion profile type 6086h"));
         }

@@ -425,10 +425,6 @@ pub(super) struct Handles {
     pub claims: Claims,
     /// Whether the drive may hold parameters that a move has written by SDO.
     pub parameters_changed: AtomicBool,
-    /// Whether a move has written an end velocity by SDO: the axis may go on where a move has ended. It stays set: that a later move,
-    /// or a stop, has ended that motion shows in no snapshot where 606Ch is not mapped, and an axis that stands without a
-    /// set-point is sent nothing by a stop.
-    pub ends_in_motion: AtomicBool,
     keep_moving: AtomicBool,
     /// The last motion whose future was dropped before it was accepted; 0 for none.
     given_up: AtomicU32,
@@ -447,7 +443,6 @@ impl Handles {
             shared,
             claims: Claims::default(),
             parameters_changed: AtomicBool::new(false),
-            ends_in_motion: AtomicBool::new(false),
             keep_moving: AtomicBool::new(false),
             given_up: AtomicU32::new(0),
         }
@@ -560,8 +555,7 @@ impl Drop for Handles {
         let given_up = CommandId(self.given_up.load(Ordering::Acquire));
         // The frame with its bit 4 may be under way, and then no snapshot shows it yet.
         let may_be_sent = given_up.0 != 0 && !self.shared.is_done(given_up);
-        let goes_on = self.ends_in_motion.load(Ordering::Acquire);
-        let may_move = status.has_set_point || may_be_sent || goes_on;
+        let may_move = status.has_set_point || may_be_sent;
         if may_move && !self.keep_moving.load(Ordering::Acquire) {
             self.shared.request_stop(StopRequest::STOP);
             self.shared.trace("last handle dropped: stopped");

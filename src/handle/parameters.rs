@@ -188,7 +188,6 @@ pub(super) struct BySdo {
     writes: Vec<(ObjectAddress, Vec<u8>)>,
     /// The objects that it leaves out.
     left_out: Vec<ObjectAddress>,
-    ends_in_motion: bool,
     /// A speed of zero.
     pub zero: Option<&'static str>,
 }
@@ -211,7 +210,7 @@ struct Written {
 }
 
 impl BySdo {
-    /// Takes those parameters out of a move that do not go into the process data.
+    /// Takes those parameters out of a move that do not go into the process data. Its end velocity stays: the axis goes on at it.
     pub fn take(fields: &AxisFields, parameters: &mut Parameters) -> Self {
         let mut this = Self::default();
         this.speed(
@@ -232,11 +231,10 @@ impl BySdo {
             obj::PROFILE_DECELERATION,
             "profile deceleration 6084h",
         );
-        this.ends_in_motion =
-            fields.end_velocity.is_none() && parameters.end_velocity.is_some_and(|end| end != 0);
+        let mut end_velocity = parameters.end_velocity;
         this.other(
             fields.end_velocity.is_some(),
-            &mut parameters.end_velocity,
+            &mut end_velocity,
             obj::END_VELOCITY,
         );
         this.other(
@@ -257,8 +255,6 @@ impl BySdo {
         let changed = &handles.parameters_changed;
         // Said before, and taken back when it is known: a caller may give up in between.
         changed.store(true, Ordering::Release);
-        let end_velocity = &handles.ends_in_motion;
-        end_velocity.fetch_or(self.ends_in_motion, Ordering::AcqRel);
         claim.written.begin(handles.shared.attached());
         for object in self.left_out {
             // What a move leaves out is again what the drive held.

@@ -414,6 +414,7 @@ fn dropping_the_last_handle_stops_an_axis_that_goes_on_at_its_end_velocity() {
         assert!(machine.goes_at(5_000.0));
         let status = axis.status();
         assert_eq!(status.velocity, 0, "it is not mapped");
+        assert!(status.has_set_point, "by SDO: {by_sdo}");
         drop((moved, pp, axis));
         machine.cycle();
         let word = *machine.stations[0].words.last().unwrap();

@@ -17,7 +17,7 @@ mod random;
 mod scenario;
 mod tasks;
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Mutex, thread};
 
 /// New scenarios of each run.
 const LIVES: u64 = 50;
@@ -46,20 +46,30 @@ fn whatever_happens_on_the_line_nothing_hangs_moves_unasked_or_stays_broken() {
         Some(seed) => vec![seed],
         None => kept.chain(from..from + scenarios).collect(),
     };
-    let mut story: BTreeMap<String, u64> = BTreeMap::new();
+    let story: Mutex<BTreeMap<String, u64>> = Mutex::default();
+    let half = seeds.len().div_ceil(2);
+    thread::scope(|scope| {
+        for seeds in seeds.chunks(half) {
+            scope.spawn(|| live_all(seeds, &story));
+        }
+    });
+    for (what, times) in story.lock().unwrap().iter() {
+        println!("{times:9} {what}");
+    }
+}
+
+fn live_all(seeds: &[u64], story: &Mutex<BTreeMap<String, u64>>) {
     for seed in seeds {
-        let _name = OnPanic(seed);
-        match scenario::live(seed) {
+        let _name = OnPanic(*seed);
+        match scenario::live(*seed) {
             Ok(lived) => {
+                let mut story = story.lock().unwrap();
                 for (what, times) in lived {
                     *story.entry(what).or_default() += times;
                 }
             }
             Err(what) => panic!("{what}\nrun it alone with LINE_SEED={seed}"),
         }
-    }
-    for (what, times) in &story {
-        println!("{times:9} {what}");
     }
 }
 

@@ -521,6 +521,19 @@ fn parameters_go_out_as_given_or_as_the_drive_held_them_where_they_are_mapped() 
     assert_eq!(FIELDS.mapped(&given), none);
     // What is not mapped is the drive's own, and cannot be given.
     assert_eq!(FIELDS.complete(&none, &none), Ok(none));
+    // An end velocity has been written by SDO then: the axis goes on at it.
+    for end_velocity in [None, Some(0), Some(7)] {
+        let by_sdo = Parameters {
+            end_velocity,
+            ..none
+        };
+        let goes_on_at = Parameters {
+            end_velocity: end_velocity.or(held.end_velocity),
+            profile_type: held.profile_type,
+            ..none
+        };
+        assert_eq!(FIELDS.complete(&by_sdo, &held), Ok(goes_on_at));
+    }
     for (one, name) in [
         (
             Parameters {
@@ -542,13 +555,6 @@ fn parameters_go_out_as_given_or_as_the_drive_held_them_where_they_are_mapped() 
                 ..none
             },
             "profile deceleration 6084h",
-        ),
-        (
-            Parameters {
-                end_velocity: Some(7),
-                ..none
-            },
-            "end velocity 6082h",
         ),
         (
             Parameters {

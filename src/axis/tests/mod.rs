@@ -986,6 +986,20 @@ mod standing {
         assert_eq!(drive.outcome(stopping), None);
     }
 
+    /// It was written by SDO before the move was sent.
+    #[test]
+    fn a_stop_at_standstill_stops_what_goes_on_at_an_end_velocity_that_is_not_mapped() {
+        let mut drive = Played::at_end_velocity_of(Played::config());
+        assert!(drive.core.snapshot().has_set_point);
+        // An input holds it.
+        drive.velocity = 0;
+        drive.shows_for(300, REACHED);
+        let stopping = drive.submit(Command::Stop);
+        assert_eq!(drive.word(), HALT);
+        drive.shows_for(3, ENABLED);
+        assert_eq!(drive.outcome(stopping), None);
+    }
+
     /// Its drive has taken one that ends at rest: that is over with its end.
     #[test]
     fn a_set_point_that_ends_at_rest_ends_an_end_velocity() {

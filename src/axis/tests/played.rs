@@ -180,7 +180,11 @@ impl Played {
 
     /// Gone on at the end velocity of a move that has ended.
     pub fn at_end_velocity() -> Self {
-        let mut this = Self::enabled(Self::passing());
+        Self::at_end_velocity_of(Self::passing())
+    }
+
+    pub fn at_end_velocity_of(config: CoreConfig) -> Self {
+        let mut this = Self::enabled(config);
         let id = this.passes(100, 20);
         this.shows_for(5, ENABLED);
         this.velocity = 0;
