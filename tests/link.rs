@@ -112,7 +112,7 @@ fn a_sleep_ends_with_a_frame_with_a_wake_and_at_its_time() {
 }
 
 fn sleeps(near: &mut RawSocket, far: &Bare) {
-    let far_off = near.now() + 20 * SECOND;
+    let far_off = near.now() + 10 * SECOND;
     near.waker().wake();
     near.wait(far_off);
     assert!(near.now() < far_off, "a wake ends it");
@@ -161,7 +161,7 @@ fn an_interface_that_goes_down_is_slept_over_and_received_from_when_it_is_up_aga
     assert!(sleeps <= 4, "{sleeps} sleeps instead of one");
     run("ip", &["link", "set", "master0", "up"]);
     // The cable has a signal some time after that.
-    let end = near.now() + 20 * SECOND;
+    let end = near.now() + 10 * SECOND;
     let mut buffer = [0; 1514];
     while near.receive(&mut buffer).unwrap().is_none() {
         assert!(near.now() < end, "no frame has come");

@@ -34,7 +34,7 @@ use counting::{counted, uncounted};
 
 const MS: Duration = Duration::from_millis(1);
 /// Longer than anything here takes. Only a test that fails waits for it.
-const LIMIT: Duration = Duration::from_secs(30);
+const LIMIT: Duration = Duration::from_secs(10);
 /// Notes that wait for a subscriber (docs/architecture.md).
 const ROOM: usize = 1024;
 

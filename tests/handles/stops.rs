@@ -391,6 +391,25 @@ fn dropping_the_last_handle_stops_a_moving_axis() {
     assert!(machine.drive().position() < 100_000);
 }
 
+/// Its bit 4 is in the frame under way, and no snapshot shows it yet.
+#[test]
+fn dropping_the_last_handle_stops_a_move_that_is_just_being_sent() {
+    let (mut machine, axis) = Machine::enabled();
+    machine.run(200);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let mut moving = Task::new(async move {
+        let _axis = axis;
+        pp.move_abs(1_000_000, SetPoint::new()).await.map(drop)
+    });
+    assert!(moving.poll().is_none());
+    machine.cycle_while(|| drop(moving));
+    machine.run(1_000);
+    assert_eq!(machine.drive().ledger().len(), 1, "the drive has taken it");
+    assert!(machine.stands());
+    assert_ne!(machine.drive().state(), ds402::State::OperationEnabled);
+    assert!(machine.drive().position() < 100_000);
+}
+
 #[test]
 fn dropping_the_last_handle_stops_an_axis_that_goes_on_at_its_end_velocity() {
     for by_sdo in [false, true] {
