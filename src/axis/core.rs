@@ -2694,7 +2694,8 @@ impl AxisCore {
         outputs: &mut [u8],
     ) -> bool {
         let until = now.saturating_add(self.config.deadlines.standstill);
-        let held = self.jogging.release(id, until, by_itself);
+        let under_way = self.sample.filter(|_| self.standstill.is_under_way());
+        let held = self.jogging.release(id, until, by_itself, under_way);
         if held {
             self.write_outputs(outputs);
         }

@@ -7,7 +7,7 @@ use core::time::Duration;
 #[cfg(feature = "std")]
 pub use crate::handle::{Jog, ProfileVelocity};
 use crate::{
-    ds402::State,
+    ds402::{Sample, State},
     profile_position::{
         CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters,
     },
@@ -143,6 +143,9 @@ enum JogPhase {
         sent: bool,
         /// By its dead-man time, and not by its holder.
         by_itself: bool,
+        /// What was shown last, of an axis that was under way, until that changes once the 0 is delivered. Till then nobody knows whether the
+        /// drive is still at work, and a position that stays is no rest.
+        unanswered: Option<Sample>,
     },
 }
 
@@ -301,8 +304,15 @@ impl Jogging {
         }
     }
 
-    /// Lets go: 0 from the next outputs on. False if this jog is not held any more. `by_itself`: by its dead-man time.
-    pub fn release(&mut self, of: CommandId, until: Duration, by_itself: bool) -> bool {
+    /// Lets go: 0 from the next outputs on. False if this jog is not held any more. `by_itself`: by its dead-man time. `under_way`: what an
+    /// axis shows that moves.
+    pub fn release(
+        &mut self,
+        of: CommandId,
+        until: Duration,
+        by_itself: bool,
+        under_way: Option<Sample>,
+    ) -> bool {
         match self.stage {
             JogPhase::Held { id, .. } if id == of => {
                 self.stage = JogPhase::Released {
@@ -311,6 +321,7 @@ impl Jogging {
                     delivered: None,
                     sent: false,
                     by_itself,
+                    unanswered: under_way,
                 };
                 true
             }
@@ -370,7 +381,13 @@ impl Jogging {
                 delivered,
                 sent: true,
                 by_itself,
+                unanswered,
             } => {
+                if let Some(before) = *unanswered {
+                    let answers = delivered.is_some() && before != *cycle.sample;
+                    *unanswered = (!answers).then_some(*cycle.sample);
+                }
+                let is_answered = unanswered.is_none();
                 if cycle.delivered {
                     delivered.get_or_insert(cycle.now);
                 }
@@ -379,6 +396,7 @@ impl Jogging {
                 let at_rest = delivered.is_some_and(|since| {
                     let taken_in = since.saturating_add(cycle.traits.surely_seen());
                     cycle.now >= taken_in
+                        && is_answered
                         && cycle
                             .standstill
                             .stands_since(cycle.now, taken_in, cycle.bounds)

@@ -350,6 +350,31 @@ fn a_jogged_axis_that_freezes_with_its_halt_is_not_taken_for_one_at_rest() {
     assert_eq!(cycles, 400);
 }
 
+#[test]
+fn a_jogged_axis_that_freezes_when_it_is_let_go_is_not_taken_for_one_at_rest() {
+    for freezes in [true, false] {
+        let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+        let jog = drive.submit(Command::Jog(JogSetPoint::new(700)));
+        drive.velocity = 20;
+        drive.shows_for(30, ENABLED);
+        let now = drive.now;
+        assert!(drive.core.release_jog(now, jog, &mut drive.outputs));
+        if freezes {
+            drive.velocity = 0;
+            let (cycles, result) = drive.cycles_to_end(jog, ENABLED);
+            assert!(matches!(result, Err(Failure::Timeout { .. })), "{result:?}");
+            assert_eq!(cycles, 400);
+        } else {
+            for velocity in [20, 10, 0] {
+                drive.velocity = velocity;
+                drive.shows(ENABLED);
+            }
+            let (_, result) = drive.cycles_to_end(jog, ENABLED);
+            assert!(result.is_ok(), "{result:?}");
+        }
+    }
+}
+
 /// By its own quick stop, in its fault reaction, or found enabled.
 #[test]
 fn a_mode_is_not_written_while_the_drive_stops_an_axis_by_itself() {

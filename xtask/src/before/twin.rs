@@ -15,7 +15,7 @@ use crate::files::{listed, remove_others, take_dependencies, write};
 
 /// Since then only the places of things have changed: the core is to do the same. A change of what users call of it, or of what it does, moves
 /// this commit.
-const COMMIT: &str = "4f58742aac403a798f6b69907472df8cfedb44fc";
+const COMMIT: &str = "COMMIT_PLACE";
 /// Differences that are meant.
 const ACCEPTED: &str = "tests/before/accepted.toml";
 /// The crate that the present one is compared with.
