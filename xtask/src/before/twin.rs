@@ -15,7 +15,7 @@ use crate::files::{listed, remove_others, take_dependencies, write};
 
 /// Since then only the places of things have changed: the core is to do the same. A change of what users call of it, or of what it does, moves
 /// this commit.
-const COMMIT: &str = "COMMIT_PLACE";
+const COMMIT: &str = "f0806dd8822009a98f9e720bc259ae77dbbad25d";
 /// Differences that are meant.
 const ACCEPTED: &str = "tests/before/accepted.toml";
 /// The crate that the present one is compared with.
