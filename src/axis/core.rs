@@ -18,8 +18,8 @@ use crate::{
     pdo_map::{Direction, Layout},
     profile_position::{
         Bounds, BufferMode, CommandId, Completion, Delivery, Event, Events, Failure, LastSeen,
-        Limits, MoveCommand, Parameters, Reference, Sequencer, Standstill, StartBits, WaitingFor,
-        no_older,
+        Limits, MoveCommand, Parameters, Reference, Sequencer, Standstill, StartBits, Unanswered,
+        WaitingFor, no_older,
     },
     profile_velocity::{JogSetPoint, Jogging},
     units::{AxisUnit, Counts, Scale},
@@ -1039,7 +1039,7 @@ impl AxisFields {
         })
     }
 
-    /// Those of the parameters that go into the process data.
+    /// Without the parameters that go by SDO alone. An end velocity stays: the axis goes on at it, however it is written.
     pub(super) fn mapped(&self, parameters: &Parameters) -> Parameters {
         Parameters {
             velocity: parameters.velocity.filter(|_| self.velocity.is_some()),
@@ -1049,9 +1049,7 @@ impl AxisFields {
             deceleration: parameters
                 .deceleration
                 .filter(|_| self.deceleration.is_some()),
-            end_velocity: parameters
-                .end_velocity
-                .filter(|_| self.end_velocity.is_some()),
+            end_velocity: parameters.end_velocity,
             profile_type: parameters
                 .profile_type
                 .filter(|_| self.profile_type.is_some()),
@@ -1345,9 +1343,8 @@ impl AxisCore {
             if self.begins_to_stop(now, sample.state()) {
                 self.standstill.begin_anew();
             }
-            if self.stopping.unanswered && self.halt_delivered.is_some() {
-                self.stopping.unanswered = self.sample == Some(sample);
-            }
+            let halt_delivered = self.halt_delivered.is_some();
+            self.stopping.unanswered.update(&sample, halt_delivered);
             self.sample = Some(sample);
             if self.blind_cycles != 0 {
                 self.standstill.note_loss(now, &self.bounds);
@@ -1776,7 +1773,7 @@ impl AxisCore {
             let deceleration = &mut self.stopping.deceleration;
             deceleration.update(now, sample.position, &self.bounds);
         }
-        if self.stands_halted(now) && !self.stopping.unanswered {
+        if self.stands_halted(now) && !self.stopping.unanswered.is_open() {
             // Of a stop under way the halt is the first part alone: no set-point is kept, and who waits gets the stop as the reason.
             if !self.stopping.is_active() {
                 self.homing.halted(&mut self.events);
@@ -2293,7 +2290,11 @@ impl AxisCore {
         if !self.power.is_driving() || self.stopping.is_quick() || self.state().is_fault() {
             return;
         }
-        let under_way = self.has_motion() && self.standstill.is_under_way();
+        let unanswered = if self.has_motion() {
+            self.unanswered()
+        } else {
+            Unanswered::default()
+        };
         self.withdraw_unsent(Failure::HALTED);
         self.fail_resume(Failure::HALTED);
         self.stop_unsent = true;
@@ -2302,7 +2303,7 @@ impl AxisCore {
             self.halted = true;
             self.halt_delivered = None;
             self.stopping.begin_halt();
-            self.stopping.unanswered = under_way;
+            self.stopping.unanswered = unanswered;
             self.stopping.halt_reported = false;
         }
     }
@@ -2686,6 +2687,11 @@ impl AxisCore {
         !is_silent
     }
 
+    /// What the axis shows that is told to stop now.
+    fn unanswered(&self) -> Unanswered {
+        Unanswered::new(self.sample.filter(|_| self.standstill.is_under_way()))
+    }
+
     fn let_jog_go(
         &mut self,
         now: Duration,
@@ -2694,8 +2700,8 @@ impl AxisCore {
         outputs: &mut [u8],
     ) -> bool {
         let until = now.saturating_add(self.config.deadlines.standstill);
-        let under_way = self.sample.filter(|_| self.standstill.is_under_way());
-        let held = self.jogging.release(id, until, by_itself, under_way);
+        let unanswered = self.unanswered();
+        let held = self.jogging.release(id, until, by_itself, unanswered);
         if held {
             self.write_outputs(outputs);
         }

@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::profile_position::{Bounds, CommandId, Failure, ShownFor};
+use crate::profile_position::{Bounds, CommandId, Failure, ShownFor, Unanswered};
 
 /// Commands that can wait for one standstill.
 const WAITERS: usize = 8;
@@ -47,9 +47,8 @@ pub(super) struct Stopping {
     pub unwatched: bool,
     /// Whether bit 8 is the stop's own: it falls again where there is nothing to abandon.
     pub lent: bool,
-    /// Whether the axis was under way for a set-point when bit 8 was asked for, and no input has changed since that was delivered: then nobody knows
-    /// whether the drive is still at work, and a position that stays is no rest.
-    pub unanswered: bool,
+    /// What an axis that was under way for a set-point showed, until bit 8 is answered.
+    pub unanswered: Unanswered,
     /// What bit 8 does.
     pub deceleration: DecelerationMonitor,
     /// Since when a drive that stays in Operation enabled is known to have been sent bit 2 low, and what that does.
@@ -76,7 +75,7 @@ impl Stopping {
     pub fn begin_halt(&mut self) {
         self.unwatched = false;
         self.lent = false;
-        self.unanswered = false;
+        self.unanswered = Unanswered::default();
         self.deceleration = DecelerationMonitor::default();
     }
 

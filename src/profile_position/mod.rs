@@ -17,7 +17,7 @@ pub use set_point::{
     BufferMode, BufferSignal, HomedSignal, Limits, LimitsActive, LimitsOff, LimitsRule,
     MoveCommand, Parameters, PositionRange, Reference, RelativeBase, SetPoint, StartBits, Traits,
 };
-pub(crate) use standstill::{Bounds, LastSeen, ShownFor, Standstill};
+pub(crate) use standstill::{Bounds, LastSeen, ShownFor, Standstill, Unanswered};
 
 #[cfg(feature = "std")]
 pub use crate::handle::{

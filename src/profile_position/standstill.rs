@@ -448,6 +448,31 @@ impl ShownFor {
     }
 }
 
+/// What an axis under way showed last, from the moment it is told to stop until its drive shows anything else after the delivery. Till then
+/// nobody knows whether the drive is still at work, and a position that stays is no rest.
+#[derive(Debug, Clone, Copy, Hash, Default)]
+pub(crate) struct Unanswered(Option<Sample>);
+
+impl Unanswered {
+    /// `shown`: the last sample of an axis under way; none of one at rest, which has nothing to show.
+    pub const fn new(shown: Option<Sample>) -> Self {
+        Self(shown)
+    }
+
+    /// Takes in a sample. `delivered`: what tells the axis to stop was delivered before it.
+    pub fn update(&mut self, sample: &Sample, delivered: bool) {
+        if let Some(shown) = self.0 {
+            let answers = delivered && shown != *sample;
+            self.0 = (!answers).then_some(*sample);
+        }
+    }
+
+    /// Whether the drive may have died with the stop.
+    pub const fn is_open(&self) -> bool {
+        self.0.is_some()
+    }
+}
+
 /// What was seen of an axis lately, for whoever waits for its standstill in vain.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct LastSeen(Option<RecentExtremes>);

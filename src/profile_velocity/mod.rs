@@ -7,9 +7,9 @@ use core::time::Duration;
 #[cfg(feature = "std")]
 pub use crate::handle::{Jog, ProfileVelocity};
 use crate::{
-    ds402::{Sample, State},
+    ds402::State,
     profile_position::{
-        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters,
+        CommandId, Completion, Cycle, Delivery, Event, Events, Failure, Parameters, Unanswered,
     },
     units::{AxisUnit, Counts, Quantity, Scale, ScaleError, Unit},
 };
@@ -143,9 +143,8 @@ enum JogPhase {
         sent: bool,
         /// By its dead-man time, and not by its holder.
         by_itself: bool,
-        /// What was shown last, of an axis that was under way, until that changes once the 0 is delivered. Till then nobody knows whether the
-        /// drive is still at work, and a position that stays is no rest.
-        unanswered: Option<Sample>,
+        /// What an axis that was under way showed, until the 0 is answered.
+        unanswered: Unanswered,
     },
 }
 
@@ -304,14 +303,14 @@ impl Jogging {
         }
     }
 
-    /// Lets go: 0 from the next outputs on. False if this jog is not held any more. `by_itself`: by its dead-man time. `under_way`: what an
-    /// axis shows that moves.
+    /// Lets go: 0 from the next outputs on. False if this jog is not held any more. `by_itself`: by its dead-man time. `unanswered`: what
+    /// the axis shows.
     pub fn release(
         &mut self,
         of: CommandId,
         until: Duration,
         by_itself: bool,
-        under_way: Option<Sample>,
+        unanswered: Unanswered,
     ) -> bool {
         match self.stage {
             JogPhase::Held { id, .. } if id == of => {
@@ -321,7 +320,7 @@ impl Jogging {
                     delivered: None,
                     sent: false,
                     by_itself,
-                    unanswered: under_way,
+                    unanswered,
                 };
                 true
             }
@@ -383,11 +382,8 @@ impl Jogging {
                 by_itself,
                 unanswered,
             } => {
-                if let Some(before) = *unanswered {
-                    let answers = delivered.is_some() && before != *cycle.sample;
-                    *unanswered = (!answers).then_some(*cycle.sample);
-                }
-                let is_answered = unanswered.is_none();
+                unanswered.update(cycle.sample, delivered.is_some());
+                let is_answered = !unanswered.is_open();
                 if cycle.delivered {
                     delivered.get_or_insert(cycle.now);
                 }

@@ -130,11 +130,24 @@ fn a_jog_says_what_it_is_from_its_first_word_to_its_rest() {
 
     assert!(!scene.jog.set(OTHER, 60) && scene.jog.set(ID, 60));
     assert_eq!(scene.jog.velocity(), 60);
-    assert!(!scene.jog.release(OTHER, scene.now, false, None));
-    assert!(scene.jog.release(ID, scene.now + ms(5_000), false, None));
+    assert!(
+        !scene
+            .jog
+            .release(OTHER, scene.now, false, Unanswered::default())
+    );
+    assert!(
+        scene
+            .jog
+            .release(ID, scene.now + ms(5_000), false, Unanswered::default())
+    );
     assert_eq!(said(&scene.jog), (0, [true, false, true, false, false]));
     assert_eq!(scene.jog.id(), Some(ID));
-    assert!(!scene.jog.set(ID, 60) && !scene.jog.release(ID, scene.now, false, None));
+    assert!(
+        !scene.jog.set(ID, 60)
+            && !scene
+                .jog
+                .release(ID, scene.now, false, Unanswered::default())
+    );
 }
 
 #[test]
@@ -159,7 +172,9 @@ fn what_ends_a_jog_says_how_far_it_came() {
     let mut sent = Scene::held();
     sent.jog.mark_sent();
     let mut released = Scene::accepted();
-    released.jog.release(ID, ms(99_999), false, None);
+    released
+        .jog
+        .release(ID, ms(99_999), false, Unanswered::default());
     for (mut scene, delivery) in [
         (Scene::held(), Delivery::NotSent),
         (sent, Delivery::Unknown),
@@ -181,7 +196,9 @@ fn a_jog_takes_over_from_one_that_comes_to_rest_and_not_from_one_that_is_held() 
     let busy = Event::Done(Err(Failure::Busy));
     assert_eq!(scene.reports(), [(OTHER, busy)]);
     assert_eq!((scene.jog.id(), scene.jog.velocity()), (Some(ID), -50));
-    scene.jog.release(ID, ms(99_999), false, None);
+    scene
+        .jog
+        .release(ID, ms(99_999), false, Unanswered::default());
     scene.jog.submit(OTHER, 5.into(), &mut scene.events);
     let superseded = Event::Done(Err(Failure::Superseded));
     assert_eq!(scene.reports(), [(ID, superseded)]);
@@ -206,7 +223,7 @@ fn a_released_jog_is_over_when_the_axis_has_stood_since_the_drive_took_the_zero_
         }
         scene
             .jog
-            .release(ID, scene.now + ms(5_000), by_itself, None);
+            .release(ID, scene.now + ms(5_000), by_itself, Unanswered::default());
         scene.step();
         scene.step();
         assert_eq!(scene.reports(), [], "the 0 was not sent");
@@ -227,7 +244,9 @@ fn a_released_jog_is_over_when_the_axis_has_stood_since_the_drive_took_the_zero_
 #[test]
 fn a_released_jog_whose_axis_does_not_come_to_rest_ends_in_time() {
     let mut scene = Scene::accepted();
-    scene.jog.release(ID, scene.now + ms(50), false, None);
+    scene
+        .jog
+        .release(ID, scene.now + ms(50), false, Unanswered::default());
     scene.jog.mark_sent();
     for _ in 0..49 {
         scene.position += 100;
@@ -267,7 +286,7 @@ fn a_holder_is_silent_after_its_dead_man_time_and_not_at_it() {
     assert!(!jog.is_silent(ms(150), ID, 2));
     assert!(jog.is_silent(ms(151), ID, 2));
     assert!(!jog.is_silent(ms(999), OTHER, 2));
-    jog.release(ID, ms(5_000), true, None);
+    jog.release(ID, ms(5_000), true, Unanswered::default());
     assert!(!jog.has_dead_man() && !jog.is_silent(ms(999), ID, 2));
     assert!(!Scene::held().jog.has_dead_man());
     assert!(!Scene::held().jog.is_silent(ms(99_999), ID, 0));

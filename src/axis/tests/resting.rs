@@ -208,6 +208,12 @@ fn a_step_is_left_out_at_rest_once_everything_was_taken_in() {
     assert!(drive.core.rests_at(&Inputs::Fresh(&same)));
     assert!(!drive.core.rests_at(&Inputs::Answered(&same)));
     assert!(!drive.core.rests_at(&Inputs::Stale));
+    // The next one counts those that were left out.
+    let cycles = drive.core.snapshot().cycle + 200;
+    drive.now += core::time::Duration::from_millis(200);
+    drive.core.count_to(cycles);
+    drive.shows(REACHED);
+    assert_eq!(drive.core.snapshot().cycle, cycles + 1);
     // Asked for something, it does not rest.
     drive.move_to(1_000);
     drive.core.take_change();

@@ -666,3 +666,17 @@ fn how_long_ago_a_quick_stop_was_delivered_makes_no_difference_in_the_end() {
     assert_ne!(after(1_000, false), after(2_000, false));
     assert_eq!(after(1_000, true), after(2_000, true));
 }
+
+/// What a search over all states lets go of: the target of a set-point stays in the outputs until its bit 4 has gone out.
+#[test]
+fn a_target_that_is_still_to_be_sent_is_not_let_go_of() {
+    for sent in 0..3 {
+        let mut drive = Played::enabled(Played::config());
+        drive.move_to(1_000);
+        drive.shows_for(sent, REACHED);
+        drive.core.canonicalize(drive.now);
+        drive.shows(REACHED);
+        let outputs = (drive.word() & 0x10, drive.target());
+        assert_eq!(outputs, (0x10, 1_000), "after {sent} frames");
+    }
+}
