@@ -1,11 +1,10 @@
 //! The tool beside a running program: it looks at the network that the program shows.
-#![allow(missing_docs)]
 
 #[path = "common/bundle.rs"]
 mod bundle;
 #[path = "common/panel.rs"]
 mod panel;
-#[path = "../../tests/common/python.rs"]
+#[path = "../../../tests/common/python.rs"]
 mod python;
 
 use std::{

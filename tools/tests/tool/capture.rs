@@ -1,9 +1,8 @@
 //! What is taken from a line over a veth pair: its frames beside a program, and a bundle of a line that no program shows.
-#![allow(missing_docs)]
 
 #[path = "common/bundle.rs"]
 mod bundle;
-#[path = "../../tests/common/namespace.rs"]
+#[path = "../../../tests/common/namespace.rs"]
 mod namespace;
 
 use std::{
@@ -126,7 +125,8 @@ fn seen_by_tshark(file: &Path) -> Option<usize> {
 
 #[test]
 fn the_frames_of_a_running_program_are_captured_in_both_directions() {
-    if !inside_namespace("the_frames_of_a_running_program_are_captured_in_both_directions") {
+    if !inside_namespace("capture::the_frames_of_a_running_program_are_captured_in_both_directions")
+    {
         return;
     }
     let directory = tempfile::tempdir().unwrap();
@@ -194,7 +194,7 @@ fn the_frames_of_a_running_program_are_captured_in_both_directions() {
 
 #[test]
 fn a_capture_that_cannot_begin_says_what_to_do() {
-    if !inside_namespace("a_capture_that_cannot_begin_says_what_to_do") {
+    if !inside_namespace("capture::a_capture_that_cannot_begin_says_what_to_do") {
         return;
     }
     let directory = tempfile::tempdir().unwrap();
@@ -230,7 +230,9 @@ fn a_capture_that_cannot_begin_says_what_to_do() {
 
 #[test]
 fn a_bundle_of_a_line_without_a_program_has_its_scan_and_its_parameters() {
-    if !inside_namespace("a_bundle_of_a_line_without_a_program_has_its_scan_and_its_parameters") {
+    if !inside_namespace(
+        "capture::a_bundle_of_a_line_without_a_program_has_its_scan_and_its_parameters",
+    ) {
         return;
     }
     let directory = tempfile::tempdir().unwrap();

@@ -1,7 +1,6 @@
 //! The tool beside a program that moves: `pick_and_place` on one end of a veth pair, simulated drives on the other.
-#![allow(missing_docs)]
 
-#[path = "../../tests/common/namespace.rs"]
+#[path = "../../../tests/common/namespace.rs"]
 #[expect(dead_code, reason = "other tests use the rest")]
 mod namespace;
 #[path = "common/panel.rs"]
@@ -121,7 +120,7 @@ impl Machine {
 
 #[test]
 fn objects_and_parameters_are_read_beside_a_program_that_moves() {
-    if !inside_namespace("objects_and_parameters_are_read_beside_a_program_that_moves") {
+    if !inside_namespace("live::objects_and_parameters_are_read_beside_a_program_that_moves") {
         return;
     }
     let machine = Machine::start();
@@ -190,7 +189,7 @@ fn prometheus_scrapes_a_program_that_moves_and_answers_a_query() {
         say(message);
         return;
     }
-    if !inside_namespace("prometheus_scrapes_a_program_that_moves_and_answers_a_query") {
+    if !inside_namespace("live::prometheus_scrapes_a_program_that_moves_and_answers_a_query") {
         return;
     }
     let machine = Machine::start();

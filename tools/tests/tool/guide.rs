@@ -1,8 +1,7 @@
 //! Every command of the guide, exactly as it stands there, in the order of its pages: on a veth pair named `eth0`, with
 //! simulated drives on its other end.
-#![allow(missing_docs)]
 
-#[path = "../../tests/common/namespace.rs"]
+#[path = "../../../tests/common/namespace.rs"]
 #[expect(dead_code, reason = "other tests use the rest")]
 mod namespace;
 
@@ -56,7 +55,7 @@ fn commands(page: &str) -> Vec<String> {
 
 #[test]
 fn every_command_of_the_guide_does_what_the_page_says() {
-    if !inside_namespace("every_command_of_the_guide_does_what_the_page_says") {
+    if !inside_namespace("guide::every_command_of_the_guide_does_what_the_page_says") {
         return;
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

@@ -1,7 +1,6 @@
 //! The tool's commands, run as a user runs them: on simulated lines in their process, and over a veth pair.
-#![allow(missing_docs)]
 
-#[path = "../../tests/common/namespace.rs"]
+#[path = "../../../tests/common/namespace.rs"]
 mod namespace;
 
 use std::{
@@ -219,7 +218,8 @@ fn simulator() -> PathBuf {
 
 #[test]
 fn parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind() {
-    if !inside_namespace("parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind") {
+    if !inside_namespace("commands::parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind")
+    {
         return;
     }
     let devices = ["generic", "akd2g", "generic", "sigma7"];
@@ -313,7 +313,8 @@ fn parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind() {
 
 #[test]
 fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file() {
-    let test = "what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file";
+    let test =
+        "commands::what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file";
     if !inside_namespace(test) {
         return;
     }
@@ -356,7 +357,7 @@ fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file()
 }
 
 /// The line as `init --rust` writes it, compiled.
-#[path = "written/line.rs"]
+#[path = "../written/line.rs"]
 #[allow(dead_code, reason = "the test looks at some of its names")]
 #[rustfmt::skip]
 mod line;
@@ -495,7 +496,7 @@ fn last_row(file: &Path, axis: &str) -> (u16, u16, f64, f64) {
 
 #[test]
 fn an_axis_is_moved_jogged_and_homed_and_nothing_else_moves() {
-    let test = "an_axis_is_moved_jogged_and_homed_and_nothing_else_moves";
+    let test = "commands::an_axis_is_moved_jogged_and_homed_and_nothing_else_moves";
     if !inside_namespace(test) {
         return;
     }
@@ -582,7 +583,7 @@ fn an_axis_is_moved_jogged_and_homed_and_nothing_else_moves() {
 
 #[test]
 fn the_check_names_what_an_earlier_program_has_left_in_a_drive() {
-    if !inside_namespace("the_check_names_what_an_earlier_program_has_left_in_a_drive") {
+    if !inside_namespace("commands::the_check_names_what_an_earlier_program_has_left_in_a_drive") {
         return;
     }
     let directory = tempfile::tempdir().unwrap();
@@ -651,7 +652,8 @@ fn the_check_names_what_an_earlier_program_has_left_in_a_drive() {
 
 #[test]
 fn a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file() {
-    if !inside_namespace("a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file") {
+    if !inside_namespace("commands::a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file")
+    {
         return;
     }
     let directory = tempfile::tempdir().unwrap();
@@ -701,7 +703,7 @@ fn a_drive_of_a_makers_file_is_simulated_and_checked_by_that_file() {
 
 #[test]
 fn init_cmds_of_a_makers_file_are_executed_or_refused_by_name() {
-    if !inside_namespace("init_cmds_of_a_makers_file_are_executed_or_refused_by_name") {
+    if !inside_namespace("commands::init_cmds_of_a_makers_file_are_executed_or_refused_by_name") {
         return;
     }
     let directory = tempfile::tempdir().unwrap();

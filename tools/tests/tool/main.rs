@@ -1,0 +1,8 @@
+//! The program `servocrab`, run as a user runs it. Its tests wait for processes most of their time, and do so beside each other.
+#![allow(missing_docs)]
+
+mod capture;
+mod commands;
+mod guide;
+mod live;
+mod running;
