@@ -31,7 +31,7 @@ use servocrab_sim::{Habits, Segment, personality::Servo};
 
 use counting::{counted, uncounted};
 
-const CYCLES: u64 = 100_000;
+const CYCLES: u64 = 30_000;
 const DRIVES: u16 = 3;
 /// The drive that sends emergencies around its answers.
 const TALKATIVE: u16 = 2;
@@ -204,7 +204,7 @@ fn wire(segment: Arc<Mutex<Segment>>) -> Wire {
 }
 
 #[test]
-fn a_hundred_thousand_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_free_nothing() {
+fn thousands_of_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_free_nothing() {
     let segment = (0..DRIVES).fold(Segment::new(), |segment, _| {
         let drive = Servo::akd2g().with_complete_access();
         segment.with(drive.with_sdo_information().build())
@@ -293,10 +293,10 @@ fn a_hundred_thousand_cycles_with_moves_sdo_traffic_and_statistics_allocate_and_
         assert_eq!(counted, 0, "allocations and frees in {cycles} cycles");
     }
     let least = |of_all: u64| of_all * cycles / CYCLES;
-    assert!(done.transfers.get() > least(5_000), "{done:?}");
-    assert!(done.refused.get() > least(2_000), "{done:?}");
-    assert!(done.gone.get() > least(10_000), "{done:?}");
-    assert!(done.emergencies.get() > least(10_000), "{done:?}");
+    assert!(done.transfers.get() > least(1_500), "{done:?}");
+    assert!(done.refused.get() > least(600), "{done:?}");
+    assert!(done.gone.get() > least(3_000), "{done:?}");
+    assert!(done.emergencies.get() > least(3_000), "{done:?}");
 }
 
 fn cycles() -> u64 {

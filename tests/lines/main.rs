@@ -20,7 +20,7 @@ mod tasks;
 use std::{collections::BTreeMap, sync::Mutex, thread};
 
 /// New scenarios of each run.
-const LIVES: u64 = 50;
+const LIVES: u64 = 30;
 
 /// Seeds that once failed come first.
 const KEPT: &str = include_str!("seeds.txt");

@@ -1,9 +1,9 @@
-//! The searches that go on for as long as they are let: the second oracle, the model check, the end of life.
+//! The searches that are longer than a run of all tests may be: the second oracle, the model check, the end of life, emergencies.
 
 use std::process::Command;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Searches with new seeds for what breaks a law: the second oracle, the model check, the end of life.
+/// Searches with new seeds for what breaks a law: the second oracle, the model check, the end of life, emergencies.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Two minutes in all; without it the oracle lives through 10⁹ axis-cycles.
@@ -52,9 +52,16 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         std: false,
         environment: oracle,
     }];
+    // The sizes whose numbers of states are counted.
+    parts.push(Part {
+        target: "model",
+        tests: "every_state_is_sound",
+        std: false,
+        environment: vec![("MODEL_EVERY_WORLD", "1".to_owned())],
+    });
     // Commands and deviations under way at most, of so many kinds, and the seconds that all worlds of this size may take.
     let sizes: &[(u32, u32, u32, u32)] = if args.quick {
-        &[(1, 2, 1, 40)]
+        &[(1, 2, 1, 30)]
     } else {
         &[(2, 0, 1, 7200), (1, 2, 1, 7200), (1, 2, 2, 7200)]
     };
@@ -83,6 +90,12 @@ pub(crate) fn run(args: &Args) -> crate::Result<()> {
         tests: "",
         std: true,
         environment: Vec::new(),
+    });
+    parts.push(Part {
+        target: "emergencies",
+        tests: "moving::",
+        std: true,
+        environment: vec![("EMERGENCY_EVERY", "1".to_owned())],
     });
     let mut failed = Vec::new();
     for part in &parts {

@@ -234,10 +234,9 @@ fn package(manifest: &Path) -> String {
 }
 
 /// Of what cargo is run with, and the tests.
-pub(crate) fn environment() -> [(&'static str, &'static str); 4] {
+pub(crate) fn environment() -> [(&'static str, &'static str); 3] {
     [
         ("CARGO_INCREMENTAL", "1"),
-        ("CARGO_PROFILE_DEV_DEBUG", "0"),
         ("CARGO_TERM_COLOR", "never"),
         ("RUST_BACKTRACE", "0"),
     ]

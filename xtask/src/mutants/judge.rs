@@ -68,7 +68,6 @@ impl Executable<'_> {
             ("INVARIANT_CYCLES", "20000"),
             ("ORACLE_SHORT", "400000"),
             ("ALLOCATION_CYCLES", "10000"),
-            ("EMERGENCY_EVERY", "9"),
             ("MODEL_SECONDS", "5"),
         ]);
         let run = self.run(command, "suite", SUITE_LIMIT, Until::AllEnded)?;
