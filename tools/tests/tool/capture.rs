@@ -1,10 +1,5 @@
 //! What is taken from a line over a veth pair: its frames beside a program, and a bundle of a line that no program shows.
 
-#[path = "common/bundle.rs"]
-mod bundle;
-#[path = "../../../tests/common/namespace.rs"]
-mod namespace;
-
 use std::{
     env,
     fs::{self, File},
@@ -14,7 +9,10 @@ use std::{
     time::Duration,
 };
 
-use namespace::{Process, inside_namespace, run, say, simulated};
+use crate::{
+    bundle,
+    namespace::{Process, inside_namespace, run, say, simulated},
+};
 use pcap_file::pcapng::{
     Block, PcapNgReader,
     blocks::{

@@ -1,15 +1,12 @@
 //! The tool's commands, run as a user runs them: on simulated lines in their process, and over a veth pair.
 
-#[path = "../../../tests/common/namespace.rs"]
-mod namespace;
-
 use std::{
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
     process::{Command, Output, Stdio},
 };
 
-use namespace::{Process, inside_namespace, run, simulated};
+use crate::namespace::{Process, inside_namespace, run, simulated};
 use serde_json::Value;
 
 const TOOL: &str = env!("CARGO_BIN_EXE_servocrab");

@@ -1,10 +1,6 @@
 //! Every command of the guide, exactly as it stands there, in the order of its pages: on a veth pair named `eth0`, with
 //! simulated drives on its other end.
 
-#[path = "../../../tests/common/namespace.rs"]
-#[expect(dead_code, reason = "other tests use the rest")]
-mod namespace;
-
 use std::{
     collections::BTreeSet,
     fs,
@@ -12,7 +8,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use namespace::{inside_namespace, simulated_on, veth_pair};
+use crate::namespace::{inside_namespace, simulated_on, veth_pair};
 
 const TOOL: &str = env!("CARGO_BIN_EXE_servocrab");
 

@@ -1,11 +1,5 @@
 //! The tool beside a program that moves: `pick_and_place` on one end of a veth pair, simulated drives on the other.
 
-#[path = "../../../tests/common/namespace.rs"]
-#[expect(dead_code, reason = "other tests use the rest")]
-mod namespace;
-#[path = "common/panel.rs"]
-mod panel;
-
 use std::{
     fs,
     io::{BufRead, BufReader, Read, Write},
@@ -15,7 +9,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use namespace::{Process, inside_namespace, run, say, simulated_on};
+use crate::{
+    namespace::{Process, inside_namespace, run, say, simulated_on},
+    panel,
+};
 use serde_json::Value;
 use tempfile::TempDir;
 

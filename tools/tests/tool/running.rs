@@ -1,12 +1,6 @@
 //! The tool beside a running program: it looks at the network that the program shows.
 
-#[path = "common/bundle.rs"]
-mod bundle;
-#[path = "common/panel.rs"]
-mod panel;
-#[path = "../../../tests/common/python.rs"]
-mod python;
-
+use crate::{bundle, panel, python};
 use std::{
     env, fs,
     io::{Read, Write},
