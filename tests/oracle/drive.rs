@@ -187,6 +187,8 @@ pub struct Latch {
     /// Of a distance that was taken while the axis was not where its demand was: how far apart that is what it may count from, within
     /// the window. Which of it the drive takes shows only when the axis goes.
     pub vague: f64,
+    /// How far the axis was beside its demand when the drive took a distance that counts from neither of the set-points before it.
+    pub beside: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -827,6 +829,11 @@ impl Drive {
             axis_came: f64::INFINITY,
             over: false,
             vague,
+            beside: if relative && behind.is_none() {
+                (self.demand - self.position).abs()
+            } else {
+                0.0
+            },
         });
         let set_point = SetPoint {
             index,
