@@ -26,7 +26,7 @@ use scenario::{Names, OTHER_DRIVES, Scenario, ideal, live};
 use wider::wider;
 
 /// Bus cycles for each invariant at least.
-const CYCLES: usize = 100_000;
+const CYCLES: usize = 200_000;
 
 /// Seeds that once failed come first, for every invariant.
 const KEPT: &str = include_str!("seeds.txt");
