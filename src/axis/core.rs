@@ -2687,7 +2687,7 @@ impl AxisCore {
         !is_silent
     }
 
-    /// What the axis shows that is told to stop now.
+    /// What the axis shows at the moment in which it is told to stop.
     fn unanswered(&self) -> Unanswered {
         Unanswered::new(self.sample.filter(|_| self.standstill.is_under_way()))
     }

@@ -448,8 +448,8 @@ impl ShownFor {
     }
 }
 
-/// What an axis under way showed last, from the moment it is told to stop until its drive shows anything else after the delivery. Till then
-/// nobody knows whether the drive is still at work, and a position that stays is no rest.
+/// What an axis under way showed last, from the moment it is told to stop until its drive shows anything else after the delivery. Until
+/// then nobody knows whether the drive is still at work, and a position that stays is no rest.
 #[derive(Debug, Clone, Copy, Hash, Default)]
 pub(crate) struct Unanswered(Option<Sample>);
 

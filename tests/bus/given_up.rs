@@ -133,7 +133,7 @@ fn a_start_is_dropped_after_every_poll_and_nothing_stays_behind() {
 #[test]
 fn a_start_is_dropped_while_the_clocks_are_set_and_nothing_stays_behind() {
     // Most of it is the time in which the clocks settle.
-    let polls = drop_starts(with_clock, 997);
+    let polls = drop_starts(with_clock, 499);
     assert!(polls > 5_000, "{polls}");
 }
 

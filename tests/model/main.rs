@@ -6,8 +6,8 @@
 //! sound drive and a good cable resolve everything and lead to a disabled axis.
 //!
 //! `MODEL_COMMANDS=n` and `MODEL_DEVIATIONS=n` search every world with so many under way at most, `MODEL_WORLD=n` one world alone;
-//! `MODEL_EVERY_WORLD=1` searches them all where nothing deviates, and not only one of each kind; `MODEL_FIRST=n` begins with that one. `MODEL_TOGETHER=n` searches each with every n kinds of deviation by themselves, `MODEL_KINDS=n` with
-//! those whose bits are set. `MODEL_SECONDS=n` ends the search early, and says so; with
+//! `MODEL_FIRST=n` begins with that one. `MODEL_TOGETHER=n` searches each with every n kinds of deviation by themselves, `MODEL_KINDS=n` with
+//! those whose bits are set. `MODEL_EVERY_WORLD=1` searches them all where nothing deviates, and not only one of each kind. `MODEL_SECONDS=n` ends the search early, and says so; with
 //! `MODEL_WHOLE=1` that is a failure; `MODEL_THREADS=n`; `MODEL_PROGRESS=1`
 //! prints its progress.
 #![allow(missing_docs)]

@@ -807,13 +807,14 @@ impl Drive {
             let goal = f64::from(out.target) + self.zero;
             self.around(behind.map_or(self.demand, |active| active.goal), goal)
         };
-        let vague = if relative && behind.is_none() {
+        let (vague, beside) = if relative && behind.is_none() {
             let (demand, axis) = (self.demand, self.position);
             let least = demand.min(axis).min(self.last_target);
             let most = demand.max(axis).max(self.last_target);
-            (most - least).min(self.making.window)
+            let vague = (most - least).min(self.making.window);
+            (vague, (demand - axis).abs())
         } else {
-            0.0
+            (0.0, 0.0)
         };
         let index = self.ledger.len();
         self.ledger.push(Latch {
@@ -829,11 +830,7 @@ impl Drive {
             axis_came: f64::INFINITY,
             over: false,
             vague,
-            beside: if relative && behind.is_none() {
-                (self.demand - self.position).abs()
-            } else {
-                0.0
-            },
+            beside,
         });
         let set_point = SetPoint {
             index,

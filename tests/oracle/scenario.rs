@@ -219,6 +219,8 @@ struct Scenario {
     /// Cycles of the bus for one of the drive.
     slow: u64,
     slow_left: u64,
+    /// Whether the description says what a distance counts from.
+    known_base: bool,
     window: f64,
     settle: usize,
     /// And where 606Ch may shorten that.
@@ -481,6 +483,7 @@ impl Scenario {
             cycle: 0,
             slow,
             slow_left: 0,
+            known_base,
             window: f64::from(window),
             settle,
             shorter: (settle / 8).max(4 * slow as usize),
@@ -1545,10 +1548,11 @@ impl Scenario {
             || issued
                 .latch
                 .is_some_and(|index| self.drive.ledger[index].relative);
-        // While the drive was at it, the axis swung beyond the window of its end: what is near that end is the place of the next.
-        let out_of_window = issued
-            .latch
-            .is_some_and(|index| self.drive.ledger[index].axis_nearest > self.window);
+        // It had no way, and while the drive was at it the axis swung beyond the window of its end: nothing shows of it.
+        let out_of_window = issued.latch.is_some_and(|index| {
+            let latch = &self.drive.ledger[index];
+            latch.way <= self.window && latch.axis_nearest > self.window
+        });
         // Whether a target was missed is judged by itself: the axis may have swung around it by more than the window.
         let judged = matches!(result, Err(Failure::MissedTarget { .. }));
         if self.wider.sound && doubts && !shows_nothing && !out_of_window && !judged {
@@ -1694,7 +1698,7 @@ impl Scenario {
                 let swings = self.habits.has(Habit::AckOf100Ms)
                     && (self.habits.has(Habit::Overshoot) || ahead > self.window);
                 // What it counts from is neither documented nor shown.
-                let far_beside = latch.beside > 3.0 * self.window;
+                let far_beside = !self.known_base && latch.beside > 3.0 * self.window;
                 match name {
                     // The drive may have gone on before the axis was there.
                     "MissedTarget"
