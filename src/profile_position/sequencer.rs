@@ -1549,9 +1549,10 @@ impl Bases {
         }
     }
 
-    /// Whether the axis was no further than this from the end before it.
+    /// Whether the axis was no further than this from the end before it, or than it may lag behind its demand: then the drive may have
+    /// been done with the set-point before.
     fn are_near(&self, lag: u32, bounds: &Bounds) -> bool {
-        let lag = lag.max(bounds.position.saturating_mul(3));
+        let lag = lag.max(self.slack.saturating_mul(LAG_IN_SLACKS));
         self.previous
             .is_none_or(|end| bounds.distance(end, self.position) <= lag)
     }
@@ -1584,6 +1585,10 @@ impl Bases {
         near(self.position, beside) && self.previous.is_none_or(|end| near(end, 0))
     }
 }
+
+/// An axis that creeps to its end may lag behind its demand by so many times what a base is vague by: by 32 times its way in a cycle.
+/// Assumed, no document says.
+const LAG_IN_SLACKS: u32 = 4;
 
 /// How far an axis may lag behind its demand at the end of a way before this one.
 const fn lag_of(way: i32) -> u32 {

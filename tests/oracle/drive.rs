@@ -187,8 +187,6 @@ pub struct Latch {
     /// Of a distance that was taken while the axis was not where its demand was: how far apart that is what it may count from, within
     /// the window. Which of it the drive takes shows only when the axis goes.
     pub vague: f64,
-    /// How far the axis was beside its demand when the drive took a distance that counts from neither of the set-points before it.
-    pub beside: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -807,14 +805,13 @@ impl Drive {
             let goal = f64::from(out.target) + self.zero;
             self.around(behind.map_or(self.demand, |active| active.goal), goal)
         };
-        let (vague, beside) = if relative && behind.is_none() {
+        let vague = if relative && behind.is_none() {
             let (demand, axis) = (self.demand, self.position);
             let least = demand.min(axis).min(self.last_target);
             let most = demand.max(axis).max(self.last_target);
-            let vague = (most - least).min(self.making.window);
-            (vague, (demand - axis).abs())
+            (most - least).min(self.making.window)
         } else {
-            (0.0, 0.0)
+            0.0
         };
         let index = self.ledger.len();
         self.ledger.push(Latch {
@@ -830,7 +827,6 @@ impl Drive {
             axis_came: f64::INFINITY,
             over: false,
             vague,
-            beside,
         });
         let set_point = SetPoint {
             index,

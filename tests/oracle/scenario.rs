@@ -219,8 +219,6 @@ struct Scenario {
     /// Cycles of the bus for one of the drive.
     slow: u64,
     slow_left: u64,
-    /// Whether the description says what a distance counts from.
-    known_base: bool,
     window: f64,
     settle: usize,
     /// And where 606Ch may shorten that.
@@ -483,7 +481,6 @@ impl Scenario {
             cycle: 0,
             slow,
             slow_left: 0,
-            known_base,
             window: f64::from(window),
             settle,
             shorter: (settle / 8).max(4 * slow as usize),
@@ -1697,8 +1694,6 @@ impl Scenario {
                 // An axis that still swings through its ends while each acknowledge takes 100 ms shows two ends as one.
                 let swings = self.habits.has(Habit::AckOf100Ms)
                     && (self.habits.has(Habit::Overshoot) || ahead > self.window);
-                // What it counts from is neither documented nor shown.
-                let far_beside = !self.known_base && latch.beside > 3.0 * self.window;
                 match name {
                     // The drive may have gone on before the axis was there.
                     "MissedTarget"
@@ -1707,7 +1702,6 @@ impl Scenario {
                             && !issued.unseen
                             && !behind_a_short_one
                             && !swings
-                            && !far_beside
                             && (latch.end.is_none()
                                 || (!matches!(latch.end, Some((_, End::Dropped)))
                                     && latch.axis_came
