@@ -2773,11 +2773,15 @@ impl AxisCore {
         let ModeStep::Quiet { by_sdo } = change.step else {
             return;
         };
+        if self.halted {
+            self.fail_mode_change(Failure::HALTED);
+            return;
+        }
         let quiet = self
             .quiet_since
             .is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen());
         let may_move = self.brake.may_drive() && !self.standstill.is_standing();
-        if !quiet || may_move || self.halted {
+        if !quiet || may_move {
             return;
         }
         // 607Ah still holds the last move's target or distance; another mode may follow it at once.

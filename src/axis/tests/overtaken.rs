@@ -418,6 +418,8 @@ fn a_mode_is_not_written_on_a_halted_axis() {
     let selecting = drive.submit(Command::SelectMode(Mode::Homing));
     assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 1));
     drive.submit(Command::Halt);
+    drive.shows(ENABLED);
+    assert_eq!(drive.outcome(selecting), Some(Err(Failure::HALTED)));
     drive.shows_for(40, ENABLED);
     assert_eq!((drive.word(), drive.outputs[6]), (HALT, 1));
 }
