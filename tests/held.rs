@@ -179,8 +179,8 @@ fn a_replacement_drops_a_move_that_seemed_to_have_missed_its_target() {
     assert!(!bus.core.snapshot().has_set_point);
 }
 
-/// A drive that rests with bit 10 between two moves, in the middle of one to 1000.
-fn half_way() -> (Bus, CommandId) {
+/// A drive that rests with bit 10 between two moves, on its way to 1000.
+fn on_the_way() -> (Bus, CommandId) {
     let habits = Habits {
         dwell: 400,
         ..Habits::default()
@@ -188,13 +188,13 @@ fn half_way() -> (Bus, CommandId) {
     let mut bus = Bus::enabled(habits, |_| {});
     let first = bus.abs(1_000, after());
     bus.wait_accepted(first);
-    bus.run_until(2_000, |bus| bus.drive.actual > 500.0);
+    bus.run_until(2_000, |bus| bus.drive.actual > 100.0);
     (bus, first)
 }
 
 #[test]
 fn a_resume_in_motion_changes_nothing_of_how_the_one_behind_begins() {
-    let (mut bus, first) = half_way();
+    let (mut bus, first) = on_the_way();
     let short = bus.abs(1_005, after());
     bus.wait_accepted(short);
     let halt = bus.send(Command::Halt);
@@ -216,7 +216,7 @@ fn a_resume_in_motion_changes_nothing_of_how_the_one_behind_begins() {
 
 #[test]
 fn a_short_blend_that_begins_late_is_not_the_end_of_the_next() {
-    let (mut bus, first) = half_way();
+    let (mut bus, first) = on_the_way();
     // It turns back, so the drive stops before it.
     let short = bus.rel(-5, SetPoint::new().buffer_mode(BufferMode::Blending));
     for id in [first, short] {
@@ -513,7 +513,7 @@ fn a_short_blend_for_which_the_drive_stops_has_not_begun_with_bit_12() {
     let mut bus = resting(Habits::default());
     let first = bus.abs(1_000, after());
     bus.wait_accepted(first);
-    bus.run_until(2_000, |bus| bus.drive.actual > 500.0);
+    bus.run_until(2_000, |bus| bus.drive.actual > 100.0);
     let short = bus.rel(-5, SetPoint::new().buffer_mode(BufferMode::Blending));
     for id in [first, short] {
         assert!(bus.finish(id).is_ok());

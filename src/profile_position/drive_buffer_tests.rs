@@ -856,3 +856,27 @@ fn one_in_doubt_that_ends_in_motion_has_not_come_to_rest_at_its_end() {
     let superseded = Failure::PerhapsSuperseded { actual: 1_005 };
     assert_eq!(ended(true), done(Err(superseded)));
 }
+
+/// With a drive that may count from elsewhere.
+#[test]
+fn a_distance_is_loose_where_the_axis_may_lag_so_far_behind_a_demand_that_has_ended() {
+    let command = MoveCommand {
+        reference: Reference::Relative,
+        ..to(5, BufferMode::Blending)
+    };
+    // It goes 3 counts in a millisecond, so 120 in 40 ms.
+    for (previous, loose) in [(120, true), (-120, true), (121, false), (-121, false)] {
+        let raised = Raised {
+            since: NOW - ms(4),
+            previous: Some(previous),
+            from_rest: false,
+            stands: false,
+            far_behind: true,
+            ..raised(1, command, Some(previous + 5))
+        };
+        let mut scene = Scene::at(12);
+        scene.traits.relative_base = RelativeBase::Undocumented;
+        let monitor = scene.shows(|cycle| SetPointMonitor::new(&raised, true, cycle));
+        assert_eq!(monitor.is_loose, loose, "{previous}");
+    }
+}

@@ -234,25 +234,20 @@ fn an_axis_that_is_where_its_distance_counts_from_has_gone_none() {
 }
 
 #[test]
-fn the_end_before_is_near_within_the_lag_of_an_axis_that_creeps() {
+fn the_end_before_is_near_within_three_windows_or_the_lag() {
     let bounds = Scene::at(0).bounds;
-    let after = |previous, slack| Bases {
+    let after = |previous| Bases {
         previous,
-        slack,
         ..base(0)
     };
-    for (previous, slack, lag, near) in [
-        (None, 10, 0, true),
-        (Some(40), 10, 0, true),
-        (Some(-41), 10, 0, false),
-        // It goes 3 counts in a cycle.
-        (Some(45), 34, 0, true),
-        (Some(137), 34, 0, false),
-        (Some(41), 10, 41, true),
-        (Some(42), 10, 41, false),
+    for (previous, lag, near) in [
+        (None, 0, true),
+        (Some(30), 0, true),
+        (Some(-31), 0, false),
+        (Some(31), 31, true),
+        (Some(32), 31, false),
     ] {
-        let near_by = after(previous, slack).are_near(lag, &bounds);
-        assert_eq!(near_by, near, "{previous:?} {slack}");
+        assert_eq!(after(previous).are_near(lag, &bounds), near, "{previous:?}");
     }
     assert_eq!([lag_of(-400), lag_of(3)], [100, 0]);
 }
@@ -280,14 +275,11 @@ fn a_distance_is_loose_unless_its_base_is_documented_or_the_axis_is_far_from_the
         previous: Some(101),
         ..base(0)
     };
-    let creeping = Bases { slack: 34, ..far };
     for (bases, relative_base, far_behind, loose) in [
         (far, RelativeBase::PreviousTarget, false, false),
         (far, RelativeBase::Undocumented, false, true),
         (far, RelativeBase::Undocumented, true, false),
         (base(0), RelativeBase::Undocumented, true, true),
-        // An axis at speed may be so far behind a demand that has ended.
-        (creeping, RelativeBase::Undocumented, true, true),
     ] {
         let mut scene = Scene::at(0);
         scene.traits.relative_base = relative_base;

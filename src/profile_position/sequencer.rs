@@ -617,6 +617,13 @@ impl Raised {
         self.request.command.set_point.buffer_mode == BufferMode::Aborting
     }
 
+    /// How far an axis may be behind a demand that has ended, as fast as it has been since bit 4 rose.
+    fn lag(&self, cycle: &Cycle<'_>) -> u32 {
+        let way = u128::from(cycle.bounds.distance(self.at, cycle.sample.position));
+        let time = cycle.now.saturating_sub(self.since).as_nanos().max(1);
+        u32::try_from(way * LAG.as_nanos() / time).unwrap_or(u32::MAX)
+    }
+
     /// Whether it ends in motion.
     pub fn has_end_velocity(&self) -> bool {
         let parameters = &self.request.command.set_point.parameters;
@@ -1549,10 +1556,9 @@ impl Bases {
         }
     }
 
-    /// Whether the axis was no further than this from the end before it, or than it may lag behind its demand: then the drive may have
-    /// been done with the set-point before.
+    /// Whether the axis was no further than this from the end before it.
     fn are_near(&self, lag: u32, bounds: &Bounds) -> bool {
-        let lag = lag.max(self.slack.saturating_mul(LAG_IN_SLACKS));
+        let lag = lag.max(bounds.position.saturating_mul(3));
         self.previous
             .is_none_or(|end| bounds.distance(end, self.position) <= lag)
     }
@@ -1586,9 +1592,9 @@ impl Bases {
     }
 }
 
-/// An axis that creeps to its end may lag behind its demand by so many times what a base is vague by: by 32 times its way in a cycle.
-/// Assumed, no document says.
-const LAG_IN_SLACKS: u32 = 4;
+/// An axis lags behind its demand by no more than what it goes in this time: that of a position loop of 25 1/s, and few are slower. Assumed,
+/// no document says.
+const LAG: Duration = Duration::from_millis(40);
 
 /// How far an axis may lag behind its demand at the end of a way before this one.
 const fn lag_of(way: i32) -> u32 {
@@ -1795,6 +1801,7 @@ impl SetPointMonitor {
             length: 0,
             resumed: false,
         };
+        let far_behind = far_behind && !monitor.bases.are_near(raised.lag(cycle), cycle.bounds);
         monitor.is_loose = monitor.is_loose_on(far_behind, cycle);
         monitor.becomes_active(cycle, begin, stands);
         monitor
