@@ -205,6 +205,9 @@ fn pitfall_27_the_reserved_bit_4_of_6502h_is_counted() {
         | SupportedModes::CYCLIC_POSITION
         | SupportedModes::CYCLIC_VELOCITY;
     assert_eq!(modes, expected, "{word:#x}");
+    let allowed = |mode: &i8| modes.allows(Mode::from_raw(*mode));
+    let allowed: Vec<i8> = (1..=16).filter(allowed).collect();
+    assert_eq!(allowed, [1, 3, 4, 6, 8, 9]);
 }
 
 #[test]

@@ -4,9 +4,6 @@
 
 use crate::bus::error::TopologyError;
 
-/// The order in which a frame leaves the ports of a SubDevice, behind port 0.
-const ORDER: [usize; 3] = [3, 1, 2];
-
 /// The ports of a SubDevice, as its DL status shows them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::bus) struct Ports(u16);
@@ -32,7 +29,9 @@ impl Ports {
 
     /// The open ports behind port 0, in the order of the frame.
     pub fn downstream(self) -> impl DoubleEndedIterator<Item = usize> {
-        ORDER.into_iter().filter(move |port| self.is_open(*port))
+        in_order()
+            .into_iter()
+            .filter(move |port| self.is_open(*port))
     }
 
     /// The open port before this one on the frame's way.
@@ -45,6 +44,11 @@ impl Ports {
     pub fn last(self) -> usize {
         self.downstream().next_back().unwrap_or(0)
     }
+}
+
+/// The ports behind port 0, in the order in which a frame leaves a SubDevice by them.
+const fn in_order() -> [usize; 3] {
+    [3, 1, 2]
 }
 
 /// What each SubDevice hangs on; nothing for the first.

@@ -234,9 +234,8 @@ fn package(manifest: &Path) -> String {
 }
 
 /// Of what cargo is run with, and the tests.
-pub(crate) fn environment() -> [(&'static str, &'static str); 3] {
+pub(crate) fn environment() -> [(&'static str, &'static str); 2] {
     [
-        ("CARGO_INCREMENTAL", "1"),
         ("CARGO_TERM_COLOR", "never"),
         ("RUST_BACKTRACE", "0"),
     ]
