@@ -235,10 +235,7 @@ fn package(manifest: &Path) -> String {
 
 /// Of what cargo is run with, and the tests.
 pub(crate) fn environment() -> [(&'static str, &'static str); 2] {
-    [
-        ("CARGO_TERM_COLOR", "never"),
-        ("RUST_BACKTRACE", "0"),
-    ]
+    [("CARGO_TERM_COLOR", "never"), ("RUST_BACKTRACE", "0")]
 }
 
 #[cfg(test)]
