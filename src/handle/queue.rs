@@ -590,13 +590,24 @@ impl Slot {
     }
 
     /// Whether a stop is over with this result. One that went well and was asked for again meanwhile is not: its end is what
-    /// comes of that.
+    /// comes of that. As soon as it is over, the next one may have the slot: its result is there before, and nothing is stored after.
     pub fn ends(&self, result: Result<Completion, Failure>) -> bool {
-        self.queued
+        self.result.force_push(result);
+        let over = self
+            .queued
             .fetch_update(Ordering::SeqCst, Ordering::SeqCst, |queued| {
                 (queued == 0 || (result.is_err() && queued != OVER)).then_some(OVER)
             })
-            .is_ok()
+            .is_ok();
+        if !over {
+            self.result.pop();
+        }
+        over
+    }
+
+    /// Whether its result is there.
+    pub fn is_done(&self) -> bool {
+        self.has(mark::DONE) || self.queued.load(Ordering::SeqCst) == OVER
     }
 }
 
@@ -838,7 +849,7 @@ impl Shared {
     }
 
     pub fn is_done(&self, id: CommandId) -> bool {
-        self.slots.of(id).is_none_or(|slot| slot.has(mark::DONE))
+        self.slots.of(id).is_none_or(Slot::is_done)
     }
 
     /// The result, once it is there. It is kept from then on, and its slot is free.
@@ -851,7 +862,7 @@ impl Shared {
         let closed = self.is_closed();
         let slot = self.slots.of(ticket.id)?;
         let marks = slot.marks.load(Ordering::Acquire);
-        if marks & mark::DONE != 0 {
+        if slot.is_done() {
             kept.accepted = marks & mark::ACCEPTED != 0;
             kept.result = slot.result.pop();
             self.slots
@@ -887,10 +898,10 @@ impl Shared {
 
     /// Whether the drive has taken this motion, or it has ended or was given up.
     pub fn is_over(&self, ticket: &Ticket) -> bool {
-        let over = mark::ACCEPTED | mark::DONE | mark::LEFT;
+        let over = mark::ACCEPTED | mark::LEFT;
         self.slots
             .of(ticket.id)
-            .is_none_or(|slot| slot.marks.load(Ordering::Acquire) & over != 0)
+            .is_none_or(|slot| slot.has(over) || slot.is_done())
             || self.is_closed()
     }
 
@@ -1217,14 +1228,16 @@ impl Shared {
                 slot.halts.fetch_add(1, Ordering::AcqRel);
             }
             Event::Done(result) => {
-                if Slots::is_stop(id) && !slot.ends(result) {
+                let taken = slot.has(mark::TAKEN);
+                if !Slots::is_stop(id) {
+                    slot.result.force_push(result);
+                    self.slots.mark_last(slot, id, mark::DONE, mark::LEFT);
+                } else if !slot.ends(result) {
                     return;
                 }
-                if slot.marks.load(Ordering::Acquire) & mark::TAKEN != 0 {
+                if taken {
                     self.counts.ended(&result);
                 }
-                slot.result.force_push(result);
-                self.slots.mark_last(slot, id, mark::DONE, mark::LEFT);
             }
         }
         self.waiters.announce(channel(id));
@@ -1806,6 +1819,20 @@ mod tests {
             assert_eq!(stops.since(before, state), Some(failure));
             assert_eq!(stops.since(stops.last(), state), None);
         }
+    }
+
+    /// Nothing is stored in its slot after that, which may be the next one's by then.
+    #[test]
+    fn a_stop_that_is_over_has_its_result() {
+        let done = Ok(Completion::Done);
+        let slot = Slot::new();
+        slot.queued.store(1, Ordering::Relaxed);
+        assert!(!slot.ends(done), "it was asked for once more");
+        assert!(!slot.is_done() && slot.result.is_empty());
+        slot.take();
+        assert!(slot.ends(done) && slot.is_done());
+        assert_eq!(slot.join(), Joined::Over);
+        assert_eq!(slot.result.pop(), Some(done));
     }
 
     #[test]
