@@ -1435,6 +1435,8 @@ impl Scenario {
     }
 
     fn judge_accepted(&mut self, id: u32) -> Result<(), ()> {
+        // One without a way is over in the drive as soon as it was taken.
+        self.at_rest_since = self.cycle;
         let issued = &mut self.issued[id as usize];
         issued.accepted = true;
         if issued.kind == Kind::Home && issued.homings.0 == self.drive.homings.0 {
