@@ -285,7 +285,7 @@ impl AxisCore {
             && self.has_fresh_inputs()
         {
             let cycle = cycle!(self, now, &sample, true);
-            self.sequencer.fire(id, &cycle, &mut self.events);
+            self.sequencer.fire(id, &cycle);
             self.write_outputs(outputs);
         }
     }
@@ -1990,7 +1990,11 @@ impl AxisCore {
     fn begin(&mut self, now: Duration, id: CommandId, command: Command) {
         let stops = matches!(
             command,
-            Command::Halt | Command::Stop | Command::QuickStop | Command::Disable
+            Command::Halt
+                | Command::Stop
+                | Command::Release
+                | Command::QuickStop
+                | Command::Disable
         );
         if self.is_lost() && !(stops && self.answered) {
             let failure = self.failure_of_loss();
@@ -2116,10 +2120,11 @@ impl AxisCore {
 
     fn reset_fault(&mut self, now: Duration, id: CommandId) {
         let state = self.state();
-        if !state.is_fault() {
-            self.done(id, Err(Failure::NoFault { state }));
-        } else if matches!(self.power, Power::Resetting { .. }) {
+        if matches!(self.power, Power::Resetting { .. }) {
+            // Also while no fault is shown: it may come back.
             self.done(id, Err(Failure::Busy));
+        } else if !state.is_fault() {
+            self.done(id, Err(Failure::NoFault { state }));
         } else {
             let reaction = now.saturating_add(self.config.deadlines.standstill);
             self.power = Power::Resetting {
@@ -2723,12 +2728,7 @@ impl AxisCore {
     fn select_mode(&mut self, now: Duration, id: CommandId, to: Mode, by_sdo: bool) {
         let shown = self.sample.is_some_and(|sample| sample.mode == to);
         if shown && self.mode == to && self.mode_change.is_none() {
-            let completion = if by_sdo {
-                Completion::Prepared { mode: to }
-            } else {
-                Completion::Done
-            };
-            self.done(id, Ok(completion));
+            self.done(id, Ok(Completion::Done));
         } else if !self
             .config
             .supported_modes
@@ -2857,6 +2857,14 @@ impl AxisCore {
         let deadline = match change.step {
             ModeStep::Written if is_mapped && change.to != change.before => Duration::MAX,
             ModeStep::TakenBack { .. } => change.deadline,
+            // Nothing takes it back: until a mode was selected, the drive may come to this one at any time.
+            ModeStep::Written if !is_mapped => {
+                self.mode_change = Some(ModeChange {
+                    step: ModeStep::BySdo,
+                    ..change
+                });
+                return;
+            }
             ModeStep::Quiet { .. } | ModeStep::Written | ModeStep::BySdo => {
                 self.mode_change = None;
                 return;
@@ -3005,7 +3013,7 @@ impl AxisCore {
 
     /// The outputs composed last have been sent.
     fn mark_sent(&mut self, now: Duration) {
-        self.sequencer.mark_sent(now);
+        self.sequencer.mark_sent(now, &mut self.events);
         self.jogging.mark_sent();
         if self.homing.mark_sent(now) {
             // From now on the drive's positions are between two meanings.
@@ -3308,7 +3316,9 @@ impl AxisCore {
         self.stopping = Stopping::default();
         self.halted = false;
         self.halt_delivered = None;
-        self.mode_change = None;
+        // What was written by SDO is in the drive still.
+        let is_written = |change: &ModeChange| change.step == ModeStep::BySdo;
+        self.mode_change = self.mode_change.filter(is_written);
         self.set_manufacturer_bits(Controlword::empty());
         self.sent = ComposedWord::DISABLE_VOLTAGE;
         self.sent_velocity = 0;

@@ -601,11 +601,12 @@ impl<U: AxisUnit> Axis<U> {
             // Nothing is written before the axis has said that it stands and that nothing of the last mode is left.
             let preparing = self.submit(Command::PrepareMode(mode))?;
             let said = preparing.withdraw_on_drop().done().await?;
-            if fields.mode_display.is_none() {
-                // What was read before says nothing from here on.
-                handles.shared.note_mode(Mode::None.raw());
-            }
+            // In the mode already, nothing is written, and a motion goes on.
             if let Some(mode) = CommandedMode::by_sdo(said) {
+                if fields.mode_display.is_none() {
+                    // What was read before says nothing from here on.
+                    handles.shared.note_mode(Mode::None.raw());
+                }
                 handles.write_mode(mode).await?;
             }
         }

@@ -233,9 +233,13 @@ impl Sequencer {
         }
     }
 
-    /// The outputs composed last have been sent.
-    pub fn mark_sent(&mut self, now: Duration) {
-        self.bit4.mark_sent(now);
+    /// The outputs composed last have been sent: what a move with bit 4 in them has overtaken does not come any more.
+    pub fn mark_sent(&mut self, now: Duration, events: &mut Events) {
+        if self.bit4.mark_sent(now) {
+            while let Some(overtaken) = self.pending.pop_overtaken() {
+                events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
+            }
+        }
     }
 
     /// Ends everything with this failure, which says how far each set-point came. Bit 4 stays as it was sent.
@@ -287,11 +291,11 @@ impl Sequencer {
     }
 
     /// Releases a gated, armed move: bit 4 rises.
-    pub fn fire(&mut self, id: CommandId, cycle: &Cycle<'_>, events: &mut Events) {
+    pub fn fire(&mut self, id: CommandId, cycle: &Cycle<'_>) {
         if self.armed == Some(id)
             && let Some(request) = self.pending.first()
         {
-            self.raise(request, cycle, events);
+            self.raise(request, cycle);
         }
     }
 
@@ -323,6 +327,12 @@ impl Sequencer {
         self.bit_9_is_valid |= cycle.is_remote();
         let local = self.bit_9_is_valid && !cycle.is_remote();
         self.bit4.note(cycle);
+        // Here alone: between two frames what was delivered is what was there before.
+        if let Ahead::Changed = self.ahead
+            && cycle.delivered
+        {
+            self.ahead = Ahead::Delivered(cycle.now);
+        }
         if let Bit4::High {
             raised,
             sent: true,
@@ -448,7 +458,7 @@ impl Sequencer {
             if request.command.gated {
                 self.armed = Some(request.id);
             } else {
-                self.raise(request, cycle, events);
+                self.raise(request, cycle);
             }
         } else if cycle.is_late(self.pending.first_blocked_since(cycle.now)) {
             self.pending.remove(request.id);
@@ -470,11 +480,6 @@ impl Sequencer {
             self.ahead = Ahead::Changed;
             return false;
         }
-        if let Ahead::Changed = self.ahead
-            && cycle.delivered
-        {
-            self.ahead = Ahead::Delivered(cycle.now);
-        }
         match self.ahead {
             Ahead::Fell => true,
             Ahead::Changed => false,
@@ -490,11 +495,8 @@ impl Sequencer {
         }
     }
 
-    fn raise(&mut self, request: Request, cycle: &Cycle<'_>, events: &mut Events) {
-        while let Some(overtaken) = self.pending.pop_overtaken() {
-            events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
-        }
-        self.pending.pop();
+    fn raise(&mut self, request: Request, cycle: &Cycle<'_>) {
+        self.pending.take_turn();
         self.bits = start_bits(&request.command, cycle.traits).with_new_set_point();
         self.target = request.command.target;
         self.parameters = request.command.set_point.parameters;
@@ -535,6 +537,7 @@ impl Sequencer {
     fn drop_unsent(&mut self, failure: Failure, events: &mut Events) {
         if let Some(id) = self.bit4.unsent() {
             events.push(id, Event::Done(Err(failure)));
+            self.pending.keep_overtaken();
             self.low();
         }
     }
@@ -744,13 +747,15 @@ impl Bit4 {
     }
 
     /// The outputs composed last have been sent.
-    pub const fn mark_sent(&mut self, now: Duration) {
+    pub const fn mark_sent(&mut self, now: Duration) -> bool {
         if let Self::High { sent, raised, .. } = self
             && !*sent
         {
             *sent = true;
             raised.since = now;
+            return true;
         }
+        false
     }
 }
 
@@ -773,6 +778,8 @@ struct Request {
 #[derive(Debug, Clone, Hash, Default)]
 struct PendingMoves {
     places: [Option<Request>; PLACES],
+    /// So many of them, the oldest, are overtaken by a move whose bit 4 has risen: they are over once that was sent.
+    overtaken: usize,
 }
 
 impl PendingMoves {
@@ -800,8 +807,9 @@ impl PendingMoves {
         self.places.get(self.turn()).copied().flatten()
     }
 
+    /// The one that was asked for last, and is not overtaken.
     pub fn last(&self) -> Option<&Request> {
-        self.places.iter().flatten().last()
+        self.places.iter().skip(self.overtaken).flatten().last()
     }
 
     /// Since when the move whose turn it is has nothing but bit 12 in its way: since `now`, if it had not before.
@@ -834,7 +842,21 @@ impl PendingMoves {
     pub fn pop(&mut self) -> Option<Request> {
         let first = self.places[0].take();
         self.close_up(0);
+        self.overtaken = self.overtaken.saturating_sub(1);
         first
+    }
+
+    /// Takes the move whose turn it is out: those before it are overtaken.
+    pub fn take_turn(&mut self) {
+        let turn = self.turn();
+        self.places[turn] = None;
+        self.close_up(turn);
+        self.overtaken = turn;
+    }
+
+    /// What has overtaken them does not come: they wait as before.
+    pub const fn keep_overtaken(&mut self) {
+        self.overtaken = 0;
     }
 
     /// Those behind the empty place move up.
@@ -845,9 +867,13 @@ impl PendingMoves {
         }
     }
 
-    /// Takes out the oldest, if it comes before the move whose turn it is.
+    /// Takes out the oldest, if it is overtaken.
     pub fn pop_overtaken(&mut self) -> Option<Request> {
-        if self.turn() == 0 { None } else { self.pop() }
+        if self.overtaken == 0 {
+            None
+        } else {
+            self.pop()
+        }
     }
 
     fn turn(&self) -> usize {
@@ -868,6 +894,7 @@ impl PendingMoves {
         };
         self.places[at] = None;
         self.close_up(at);
+        self.overtaken -= usize::from(at < self.overtaken);
         true
     }
 }

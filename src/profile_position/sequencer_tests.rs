@@ -64,7 +64,7 @@ impl Dialogue {
     /// One frame: the outputs go out, and this is what comes back. Whether a set-point was acknowledged.
     fn frame(&mut self) -> bool {
         self.now += ms(1);
-        self.sequencer.mark_sent(self.now);
+        self.sequencer.mark_sent(self.now, &mut self.events);
         let (position, now) = (self.position, self.now);
         let bounds = Bounds::new(10, Some(0), ms(100), ms(1), None);
         self.standstill.update(now, position, None, &bounds);
@@ -191,15 +191,18 @@ fn moves_wait_in_order_and_one_that_replaces_all_overtakes() {
     let first = |pending: &PendingMoves| pending.first().map(|request| request.id.0);
     let last = |pending: &PendingMoves| pending.last().map(|request| request.id.0);
     assert_eq!((first(&pending), last(&pending)), (Some(4), Some(4)));
-    // Those before it are taken out one by one, and then none.
     let overtaken =
         |pending: &mut PendingMoves| pending.pop_overtaken().map(|request| request.id.0);
+    assert_eq!(overtaken(&mut pending), None, "it is not taken yet");
+    // Those before it are taken out one by one, and then none.
+    pending.take_turn();
+    assert!(pending.push(CommandId(6), buffered));
     assert_eq!(overtaken(&mut pending), Some(1));
-    assert_eq!(last(&pending), Some(4));
-    assert_eq!(overtaken(&mut pending), Some(2));
+    assert_eq!(last(&pending), Some(6));
+    assert!(pending.remove(CommandId(2)));
     assert_eq!(overtaken(&mut pending), Some(3));
     assert_eq!(overtaken(&mut pending), None);
-    assert_eq!(pending.pop().map(|request| request.id.0), Some(4));
+    assert_eq!(pending.pop().map(|request| request.id.0), Some(6));
     assert!(pending.is_empty() && pending.pop().is_none());
 
     for id in 1..=4 {
@@ -415,7 +418,7 @@ fn a_gated_move_is_armed_while_it_has_all_that_it_needs() {
     dialogue.ask(to(2_000, BufferMode::Buffered));
     assert!(dialogue.sequencer.is_armed(id));
     let fire = |dialogue: &mut Dialogue, id| {
-        dialogue.does(|sequencer, cycle, events| sequencer.fire(id, cycle, events));
+        dialogue.does(|sequencer, cycle, _| sequencer.fire(id, cycle));
         assert!(dialogue.reports().is_empty());
     };
     fire(&mut dialogue, CommandId(99));
@@ -773,4 +776,57 @@ fn a_distance_behind_a_move_on_its_way_begins_far_from_where_it_counts() {
     assert!(far_behind(true, Statusword::empty()));
     assert!(!far_behind(true, REACHED), "it may be over");
     assert!(!far_behind(false, Statusword::empty()) && !far_behind(false, REACHED));
+}
+
+/// Between two frames, with what the last one has shown.
+#[test]
+fn start_bits_that_were_put_out_since_the_last_frame_are_not_delivered_yet() {
+    let mut dialogue = Dialogue::begin(Traits {
+        start_bits_first: true,
+        ..Traits::cia402()
+    });
+    let start = |dialogue: &mut Dialogue| dialogue.does(Sequencer::start_next);
+    dialogue.ask(to(1_000, BufferMode::Aborting));
+    start(&mut dialogue);
+    dialogue.ask(to(2_000, BufferMode::Aborting));
+    start(&mut dialogue);
+    // That frame and those after it are lost for longer than the drive takes to see them.
+    dialogue.now += ms(20);
+    dialogue.delivered = false;
+    dialogue.frame();
+    dialogue.delivered = true;
+    dialogue.frames(2);
+    assert!(!dialogue.is_high(), "it has not surely seen them");
+    dialogue.frame();
+    assert!(dialogue.is_high());
+}
+
+#[test]
+fn a_move_is_superseded_when_the_later_one_is_sent_and_not_before() {
+    let waiting = || {
+        let (mut dialogue, _) = Dialogue::full();
+        let overtaken = dialogue.ask(to(30_000, BufferMode::Buffered));
+        dialogue.frame();
+        let later = dialogue.ask(to(-500, BufferMode::Aborting));
+        dialogue.does(Sequencer::start_next);
+        assert!(dialogue.is_high() && dialogue.reports().is_empty());
+        (dialogue, overtaken, later)
+    };
+    let (mut dialogue, overtaken, _) = waiting();
+    let behind = dialogue.ask(to(7, BufferMode::Buffered));
+    dialogue.frame();
+    assert_eq!(dialogue.reports(), [failed(overtaken, Failure::Superseded)]);
+    let first = dialogue.sequencer.pending.first();
+    assert_eq!(first.map(|request| request.id), Some(behind));
+
+    // It was given up before it was sent.
+    let (mut dialogue, overtaken, later) = waiting();
+    let withdrawn = Failure::Withdrawn;
+    dialogue
+        .sequencer
+        .withdraw(later, withdrawn, &mut dialogue.events);
+    dialogue.frames(2);
+    assert_eq!(dialogue.reports(), [failed(later, withdrawn)]);
+    let first = dialogue.sequencer.pending.first();
+    assert_eq!(first.map(|request| request.id), Some(overtaken));
 }

@@ -126,3 +126,73 @@ fn a_mode_that_was_read_before_a_change_was_given_up_is_read_again() {
     machine.finish(moved.done()).unwrap();
     assert!(machine.drive().homings().is_empty());
 }
+
+/// Neither 6060h nor 6061h is in the process data. A dropped lease leaves the motion alone, and the next one finds the mode as it is.
+#[test]
+fn the_mode_of_an_axis_in_motion_or_halted_is_leased_again_and_nothing_is_written() {
+    let variant = Variant {
+        not_mapped: vec![0x6060, 0x6061],
+        ..Variant::default()
+    };
+    for halted in [false, true] {
+        let (mut machine, axis) = Machine::enabled_of(&variant);
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        let moved = machine
+            .finish(pp.move_abs(20_000, SetPoint::new()))
+            .unwrap();
+        machine.run(50);
+        drop(pp);
+        if halted {
+            machine.finish(axis.halt()).unwrap();
+        }
+        let written = machine.stations[0].sdo.written.lock().unwrap().len();
+        let _again = machine.finish(axis.profile_position()).unwrap();
+        let writes = machine.stations[0].sdo.written.lock().unwrap().len();
+        assert_eq!(writes, written);
+        if halted {
+            machine.finish(axis.resume()).unwrap();
+        } else {
+            machine.finish(moved.done()).unwrap();
+        }
+        machine.run(2_000);
+        let position = machine.drive().position();
+        assert!((19_990..=20_010).contains(&position), "{position}");
+    }
+}
+
+/// Neither 6060h nor 6061h is in the process data: nothing takes 6060h back, so the drive may come to the mode at any time.
+#[test]
+fn no_move_starts_after_a_mode_that_was_written_by_sdo_was_given_up() {
+    let variant = Variant {
+        not_mapped: vec![0x6060, 0x6061],
+        behaviour: Behaviour {
+            mode_change_cycles: 60,
+            ..Behaviour::akd2g()
+        },
+        ..Variant::default()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let kept = pp.abs(5_000, SetPoint::new());
+    drop(pp);
+    let mut homing = Task::new(axis.homing());
+    while machine.drive().get(0x6060, 0) != Some(6) {
+        assert!(homing.poll().is_none());
+        machine.cycle();
+    }
+    // 6061h is read, and shows mode 1 still.
+    for _ in 0..20 {
+        assert!(homing.poll().is_none());
+        machine.cycle();
+    }
+    drop(homing);
+    machine.run(5_000);
+    assert_eq!(machine.drive().get(0x6061, 0), Some(6));
+    let refused = machine.finish(start_together([kept])).unwrap_err();
+    assert!(refused.to_string().contains("mode"), "{refused}");
+    machine.run(100);
+    assert!(machine.drive().homings().is_empty());
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let moved = machine.finish(pp.move_abs(500, SetPoint::new())).unwrap();
+    machine.finish(moved.done()).unwrap();
+}

@@ -43,20 +43,20 @@ mod loss {
         ]
     }
 
-    const STOPS: [Command; 4] = [
+    const STOPS: [Command; 5] = [
         Command::Halt,
         Command::Stop,
+        Command::Release,
         Command::QuickStop,
         Command::Disable,
     ];
 
-    fn that_do_not() -> [Command; 5] {
+    fn that_do_not() -> [Command; 4] {
         [
             Command::ResetFault,
             Command::SelectMode(Mode::Homing),
             Command::PrepareMode(Mode::Homing),
             Command::SetLimits(Limits::trust_drive()),
-            Command::Release,
         ]
     }
 
@@ -704,6 +704,10 @@ mod resetting {
         );
         let (mut drive, id) = reset_once();
         assert_eq!(drive.answer(Command::ResetFault), Some(Err(Failure::Busy)));
+        // Also while the drive shows none, as long as it may come back.
+        let (mut gone, _) = reset_once();
+        gone.shows(SWITCH_ON_DISABLED);
+        assert_eq!(gone.answer(Command::ResetFault), Some(Err(Failure::Busy)));
         // A disable is done at standstill, and leaves the reset to go on.
         assert_eq!(drive.answer(Command::Disable), stopped(State::Fault));
         let code = None;
