@@ -3013,7 +3013,7 @@ impl AxisCore {
 
     /// The outputs composed last have been sent.
     fn mark_sent(&mut self, now: Duration) {
-        self.sequencer.mark_sent(now, &mut self.events);
+        self.sequencer.mark_sent(now);
         self.jogging.mark_sent();
         if self.homing.mark_sent(now) {
             // From now on the drive's positions are between two meanings.

@@ -15,7 +15,10 @@ use crate::{
     units::{AxisUnit, Counts},
 };
 
-use super::{AxisError, AxisErrorKind, BoxFuture, Move, MoveRequest, Outcome, ProfilePosition};
+use super::{
+    AxisError, AxisErrorKind, BoxFuture, Move, MoveRequest, Outcome, ProfilePosition,
+    queue::LastStop,
+};
 
 /// One move of a path, and how it ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,6 +99,8 @@ pub struct Follow<'a, S, U: AxisUnit = Counts> {
     /// `None` once it has ended, or a move has failed.
     moves: Option<Pin<Box<S>>>,
     count: usize,
+    /// The last stop when its first move was taken.
+    asked: Option<LastStop>,
     sending: Option<UnderWay<U, Move<U>>>,
     under_way: VecDeque<UnderWay<U, Outcome<U>>>,
     /// The first that was reported, for [`finish`](Self::finish).
@@ -137,6 +142,7 @@ impl<U: AxisUnit> ProfilePosition<U> {
             lease: self,
             moves: Some(Box::pin(moves.into_stream())),
             count: 0,
+            asked: None,
             sending: None,
             under_way: VecDeque::new(),
             failed: None,
@@ -184,10 +190,12 @@ impl<U: AxisUnit, S: Stream<Item = MoveRequest<U>>> Follow<'_, S, U> {
                 Poll::Ready(Some(request)) => {
                     let (number, command) = (self.count, request.command);
                     self.count += 1;
+                    // A path outlives no stop, also where the axis was enabled or resumed before it is looked at again.
+                    let asked = *self.asked.get_or_insert_with(|| request.last_stop());
                     let shared = &self.lease.axis.handles.shared;
                     let sending: BoxFuture<'static, Result<Move<U>, AxisError>> =
                         if Arc::ptr_eq(shared, &request.axis.handles.shared) {
-                            Box::pin(request.send())
+                            Box::pin(request.send_asked(asked))
                         } else {
                             let axis = request.axis.identity().axis.clone();
                             let error = shared.error(AxisErrorKind::OtherAxis { axis });
@@ -200,6 +208,30 @@ impl<U: AxisUnit, S: Stream<Item = MoveRequest<U>>> Follow<'_, S, U> {
             }
         }
         self.sending.is_some()
+    }
+
+    /// Sends the next move, as far as that goes; whether one was sent, or refused.
+    fn send_next(&mut self, cx: &mut Context<'_>) -> bool
+    where
+        S: Stream<Item = MoveRequest<U>>,
+    {
+        if !self.take_next(cx) {
+            return false;
+        }
+        let Some((number, command, sending)) = &mut self.sending else {
+            return false;
+        };
+        let Poll::Ready(sent) = sending.as_mut().poll(cx) else {
+            return false;
+        };
+        let (number, command) = (*number, *command);
+        self.sending = None;
+        if sent.is_err() {
+            self.moves = None;
+        }
+        let end = async move { sent?.done_through_halt().await };
+        self.under_way.push_back((number, command, Box::pin(end)));
+        true
     }
 
     /// What a move that has ended gives.
@@ -233,35 +265,25 @@ impl<U: AxisUnit, S: Stream<Item = MoveRequest<U>>> Stream for Follow<'_, S, U> 
 
     fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         let this = self.get_mut();
-        while this.take_next(cx) {
-            let Some((number, command, sending)) = &mut this.sending else {
-                break;
-            };
-            let Poll::Ready(sent) = sending.as_mut().poll(cx) else {
-                break;
-            };
-            let (number, command) = (*number, *command);
-            this.sending = None;
-            if sent.is_err() {
-                this.moves = None;
+        // How a move has ended is looked at before another is sent: none follows one that failed while nobody polled.
+        loop {
+            if let Some((number, command, end)) = this.under_way.front_mut()
+                && let Poll::Ready(result) = end.as_mut().poll(cx)
+            {
+                let (number, command) = (*number, *command);
+                this.under_way.pop_front();
+                return Poll::Ready(Some(this.ended(number, command, result)));
             }
-            let end = async move { sent?.done_through_halt().await };
-            this.under_way.push_back((number, command, Box::pin(end)));
+            if !this.send_next(cx) {
+                break;
+            }
         }
-        let Some((number, command, end)) = this.under_way.front_mut() else {
-            let over = this.moves.is_none() && this.sending.is_none();
-            return if over {
-                Poll::Ready(None)
-            } else {
-                Poll::Pending
-            };
-        };
-        let Poll::Ready(result) = end.as_mut().poll(cx) else {
-            return Poll::Pending;
-        };
-        let (number, command) = (*number, *command);
-        this.under_way.pop_front();
-        Poll::Ready(Some(this.ended(number, command, result)))
+        let has_moves = this.moves.is_some() || this.sending.is_some();
+        if has_moves || !this.under_way.is_empty() {
+            Poll::Pending
+        } else {
+            Poll::Ready(None)
+        }
     }
 }
 

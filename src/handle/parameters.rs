@@ -87,7 +87,8 @@ impl Handles {
     /// Claims the parameters for one of several moves: it waits for those before.
     ///
     /// # Errors
-    /// [`Failure::Busy`] where one before gets no further, as one does whose future is kept and not polled.
+    /// [`Failure::Busy`] where one before gets no further, as one does whose future is kept and not polled. [`AxisErrorKind::Closed`] when
+    /// the network ends meanwhile.
     pub async fn claim(&self) -> Result<Claim<'_>, AxisError> {
         let signals = &self.shared.setup.groups.signals;
         loop {
@@ -112,7 +113,12 @@ impl Handles {
             // The drive takes what was sent without a word to those who wait here.
             let taken = self.until_taken(&seen);
             let late = signals.sleep_until(signals.now().saturating_add(PATIENCE));
-            smol::future::or(smol::future::or(changed, taken), late).await;
+            let closed = self.shared.until_closed();
+            let next = smol::future::or(smol::future::or(changed, taken), late);
+            smol::future::or(next, closed).await;
+            if self.shared.is_closed() {
+                return Err(self.shared.error(AxisErrorKind::Closed));
+            }
             let state = self.claims.state();
             let is_late = matches!(seen, Holder::Writing(_)) && state.holder == seen;
             if is_late && state.steps == steps {
@@ -161,9 +167,11 @@ impl Claim<'_> {
     }
 
     /// The motion was asked for: until the drive has taken it no other's parameters come in between.
-    pub fn sent(self, pending: &Pending) {
+    pub fn sent(mut self, pending: &Pending) {
         // Dropped then, it wakes those who wait: for the drive, from now on.
-        self.handles.claims.state().holder = Holder::Sent(pending.ticket());
+        let mut state = self.handles.claims.state();
+        state.written = core::mem::take(&mut self.written);
+        state.holder = Holder::Sent(pending.ticket());
     }
 }
 
@@ -171,8 +179,8 @@ impl Drop for Claim<'_> {
     fn drop(&mut self) {
         let waiting = {
             let mut state = self.handles.claims.state();
-            state.written = core::mem::take(&mut self.written);
             if matches!(state.holder, Holder::Writing(number) if number == self.number) {
+                state.written = core::mem::take(&mut self.written);
                 state.holder = Holder::Nobody;
             }
             core::mem::take(&mut state.waiting)

@@ -397,6 +397,8 @@ mod mark {
     pub(super) const DONE: u8 = 4;
     /// Nobody needs the slot any more.
     pub(super) const LEFT: u8 = 8;
+    /// The bus thread has taken it, and the drive takes its parameters with bit 4.
+    pub(super) const LATCHES: u8 = 16;
 }
 
 /// The place that all stops of this command's kind share, if it is one.
@@ -409,6 +411,9 @@ const fn stop_place(command: Command) -> Option<u8> {
         _ => None,
     }
 }
+
+/// The number of a stop that nobody waits for: of no slot.
+const NOBODY: CommandId = CommandId(u32::MAX);
 
 const fn is_motion(command: Command) -> bool {
     matches!(
@@ -580,18 +585,22 @@ impl Slot {
         }
     }
 
-    /// A stop was taken from the queue once.
-    pub fn take(&self) {
-        let _ = self
-            .queued
+    /// A stop was taken from the queue once. False where it is over, and the next one may have the slot at any time.
+    pub fn take(&self) -> bool {
+        self.queued
             .fetch_update(Ordering::SeqCst, Ordering::SeqCst, |queued| {
                 (queued != OVER).then(|| queued.saturating_sub(1))
-            });
+            })
+            .is_ok()
     }
 
     /// Whether a stop is over with this result. One that went well and was asked for again meanwhile is not: its end is what
     /// comes of that. As soon as it is over, the next one may have the slot: its result is there before, and nothing is stored after.
     pub fn ends(&self, result: Result<Completion, Failure>) -> bool {
+        // Its result is there, and perhaps not taken.
+        if self.queued.load(Ordering::SeqCst) == OVER {
+            return false;
+        }
         self.result.force_push(result);
         let over = self
             .queued
@@ -862,9 +871,11 @@ impl Shared {
         let closed = self.is_closed();
         let slot = self.slots.of(ticket.id)?;
         let marks = slot.marks.load(Ordering::Acquire);
-        if slot.is_done() {
+        if slot.is_done()
+            && let Some(result) = slot.result.pop()
+        {
             kept.accepted = marks & mark::ACCEPTED != 0;
-            kept.result = slot.result.pop();
+            kept.result = Some(result);
             self.slots
                 .mark_last(slot, ticket.id, mark::LEFT, mark::DONE);
             return kept.result;
@@ -882,6 +893,12 @@ impl Shared {
         self.waiters.until(channel(id), ready).await
     }
 
+    /// Waits for the end of the network.
+    pub async fn until_closed(&self) {
+        let is_closed = || self.is_closed().then_some(());
+        self.waiters.until(CHANGED, is_closed).await;
+    }
+
     /// Waits for the next change; false if there can be none any more. The end is one.
     pub async fn until_changed(&self) -> bool {
         // In this order, as they are stored in the other one: who begins to wait after the end knows of it.
@@ -896,13 +913,15 @@ impl Shared {
             .await
     }
 
-    /// Whether the drive has taken this motion, or it has ended or was given up.
+    /// Whether the drive has taken this motion, or it has ended.
     pub fn is_over(&self, ticket: &Ticket) -> bool {
-        let over = mark::ACCEPTED | mark::LEFT;
-        self.slots
-            .of(ticket.id)
-            .is_none_or(|slot| slot.has(over) || slot.is_done())
-            || self.is_closed()
+        let is_over = |slot: &Slot| {
+            let marks = slot.marks.load(Ordering::Acquire);
+            // One that was given up may be sent already, where the bus thread has it: then the drive may take it at any time.
+            let given_up = marks & (mark::LEFT | mark::LATCHES) == mark::LEFT;
+            given_up || marks & mark::ACCEPTED != 0 || slot.is_done()
+        };
+        self.slots.of(ticket.id).is_none_or(is_over) || self.is_closed()
     }
 
     pub fn set_manufacturer(&self, bits: Controlword) {
@@ -1131,16 +1150,22 @@ impl Shared {
 
     pub fn take_command(&self) -> Option<(CommandId, Command, LastStop)> {
         let (id, command, asked) = self.queue.pop()?;
-        if let Some(slot) = self.slots.of(id) {
-            use Command::{Home, Jog, Move};
-            match command {
-                Move(_) | Home(_) | Jog(_) => {
-                    slot.marks.fetch_or(mark::TAKEN, Ordering::AcqRel);
-                }
-                // Of what has no set-point none was sent, whether it was taken or not.
-                other if stop_place(other).is_some() => slot.take(),
-                _ => {}
-            }
+        let slot = self.slots.of(id);
+        // Of what has no set-point none was sent, whether it was taken or not.
+        if stop_place(command).is_some() {
+            // One that is over is carried out once more, and is nobody's.
+            let waited_for = slot.is_some_and(Slot::take);
+            return Some((if waited_for { id } else { NOBODY }, command, asked));
+        }
+        let marks = match command {
+            Command::Move(_) | Command::Home(_) => mark::TAKEN | mark::LATCHES,
+            Command::Jog(_) => mark::TAKEN,
+            _ => 0,
+        };
+        if let Some(slot) = slot
+            && marks != 0
+        {
+            slot.marks.fetch_or(marks, Ordering::AcqRel);
         }
         Some((id, command, asked))
     }
@@ -1832,6 +1857,8 @@ mod tests {
         slot.take();
         assert!(slot.ends(done) && slot.is_done());
         assert_eq!(slot.join(), Joined::Over);
+        // It was in the queue twice.
+        assert!(!slot.take() && !slot.ends(Err(Failure::Busy)));
         assert_eq!(slot.result.pop(), Some(done));
     }
 

@@ -233,13 +233,9 @@ impl Sequencer {
         }
     }
 
-    /// The outputs composed last have been sent: what a move with bit 4 in them has overtaken does not come any more.
-    pub fn mark_sent(&mut self, now: Duration, events: &mut Events) {
-        if self.bit4.mark_sent(now) {
-            while let Some(overtaken) = self.pending.pop_overtaken() {
-                events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
-            }
-        }
+    /// The outputs composed last have been sent.
+    pub fn mark_sent(&mut self, now: Duration) {
+        self.bit4.mark_sent(now);
     }
 
     /// Ends everything with this failure, which says how far each set-point came. Bit 4 stays as it was sent.
@@ -341,6 +337,10 @@ impl Sequencer {
             ..
         } = self.bit4
         {
+            // What it has overtaken does not come any more.
+            while let Some(overtaken) = self.pending.pop_overtaken() {
+                events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
+            }
             if cycle.is_acknowledging() && !full {
                 self.low();
                 self.accept(raised, true, cycle, events);
@@ -747,15 +747,13 @@ impl Bit4 {
     }
 
     /// The outputs composed last have been sent.
-    pub const fn mark_sent(&mut self, now: Duration) -> bool {
+    pub const fn mark_sent(&mut self, now: Duration) {
         if let Self::High { sent, raised, .. } = self
             && !*sent
         {
             *sent = true;
             raised.since = now;
-            return true;
         }
-        false
     }
 }
 

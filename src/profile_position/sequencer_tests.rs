@@ -64,7 +64,7 @@ impl Dialogue {
     /// One frame: the outputs go out, and this is what comes back. Whether a set-point was acknowledged.
     fn frame(&mut self) -> bool {
         self.now += ms(1);
-        self.sequencer.mark_sent(self.now, &mut self.events);
+        self.sequencer.mark_sent(self.now);
         let (position, now) = (self.position, self.now);
         let bounds = Bounds::new(10, Some(0), ms(100), ms(1), None);
         self.standstill.update(now, position, None, &bounds);

@@ -199,3 +199,51 @@ fn a_path_refuses_a_move_of_another_axis_and_sends_nothing_of_it() {
     let there = machine.stations[1].drive.lock().unwrap();
     assert!(there.ledger().is_empty());
 }
+
+/// Nobody polls the path meanwhile.
+#[test]
+fn a_path_sends_nothing_more_after_a_stop_whenever_it_is_polled_again() {
+    let after = SetPoint::new().buffer_mode(BufferMode::Buffered);
+    for run in [5, 400, 2_000] {
+        let (mut machine, axis) = Machine::enabled();
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        let mut path = pp.follow(stream::iter((1..=9).map(|n| pp.abs(n * 5_000, after))));
+        let mut next = Task::new(path.next());
+        assert!(next.poll().is_none());
+        drop(next);
+        machine.run(run);
+        machine.finish(axis.quick_stop()).unwrap();
+        machine.finish(axis.enable()).unwrap();
+        let taken = machine.drive().ledger().len();
+        let failed = machine.finish(path.finish()).unwrap_err();
+        assert!(
+            matches!(
+                failed.error.failure(),
+                Some(Failure::QuickStopped { .. } | Failure::Disabled { .. })
+            ),
+            "{run}: {failed:?}"
+        );
+        machine.run(1_000);
+        assert_eq!(machine.drive().ledger().len(), taken, "{run}");
+    }
+}
+
+#[test]
+fn a_path_is_over_with_a_stop_that_came_between_two_of_its_moves() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let (give, moves) = smol::channel::unbounded();
+    let mut path = pp.follow(moves);
+    give.try_send(pp.abs(1_000, SetPoint::new())).unwrap();
+    machine.finish(path.next()).unwrap().unwrap();
+    machine.finish(axis.quick_stop()).unwrap();
+    machine.finish(axis.enable()).unwrap();
+    give.try_send(pp.abs(2_000, SetPoint::new())).unwrap();
+    let refused = machine.finish(path.next()).unwrap().unwrap_err();
+    let delivery = Delivery::NotSent;
+    assert_eq!(
+        refused.error.failure(),
+        Some(Failure::QuickStopped { delivery })
+    );
+    assert_eq!(machine.drive().ledger().len(), 1);
+}

@@ -144,3 +144,58 @@ fn moves_that_write_their_parameters_at_the_same_time_wait_for_each_other() {
     }
     assert_eq!(machine.drive().ledger().len(), 3);
 }
+
+#[test]
+fn a_move_that_waits_for_one_that_is_kept_ends_with_the_network() {
+    let (mut machine, axis) = slow();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let fast = || SetPoint::new().velocity(70_000).acceleration(700_000);
+    let mut first = Task::new(pp.move_rel(100, fast()));
+    kept(&mut machine, &mut first);
+    let mut second = Task::new(pp.move_rel(200, fast()));
+    for _ in 0..20 {
+        let end = second.poll();
+        assert!(end.is_none(), "{end:?}");
+        machine.cycle();
+    }
+    drop(machine);
+    let closed = second.poll().expect("it ends").unwrap_err();
+    assert!(matches!(closed.kind, AxisErrorKind::Closed), "{closed}");
+}
+
+/// Its bit 4 is in a frame that was lost, and the drive takes it with the next one.
+#[test]
+fn the_parameters_of_a_move_that_was_sent_and_dropped_are_its_own_until_the_drive_has_taken_it() {
+    let (mut machine, axis) = Machine::enabled_of(&Variant::by_sdo());
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let set_point = |velocity| SetPoint::new().velocity(velocity);
+    let mut first = Task::new(pp.move_abs(10_000, set_point(70_000)));
+    let high = |machine: &Machine| {
+        machine.stations[0]
+            .words
+            .last()
+            .is_some_and(|word| word & 0x10 != 0)
+    };
+    // The drive gets no frame while bit 4 is out for the first time.
+    while !high(&machine) {
+        assert!(first.poll().is_none());
+        let written = machine.stations[0].sdo.written.lock().unwrap().len();
+        machine.stations[0].deaf = written > 0;
+        machine.cycle();
+    }
+    drop(first);
+    let mut second = Task::new(pp.move_abs(20_000, set_point(10_000)));
+    for _ in 0..7 {
+        assert!(second.poll().is_none());
+        machine.cycle();
+    }
+    machine.stations[0].deaf = false;
+    let _ = machine.finish_task(&mut second);
+    machine.run(500);
+    let ledger = machine.drive().ledger().to_vec();
+    assert_eq!(
+        (ledger[0].value, ledger[0].velocity),
+        (10_000, 70_000),
+        "{ledger:?}"
+    );
+}

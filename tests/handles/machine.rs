@@ -38,6 +38,8 @@ const FOLLOWS: f64 = 500.0;
 pub(crate) type Drive = Arc<Mutex<ds402::Axis>>;
 
 pub(crate) struct Station {
+    /// No outputs come to it.
+    pub(crate) deaf: bool,
     pub(crate) core: AxisCore,
     pub(crate) port: Option<AxisPort>,
     pub(crate) source: AxisSource,
@@ -348,6 +350,7 @@ impl Station {
             outputs: vec![0; layout.output_bytes()],
             words: Vec::new(),
             frames: Vec::new(),
+            deaf: false,
             sdo,
             layout,
         }
@@ -365,6 +368,9 @@ impl Station {
             inputs[place.byte..place.byte + bytes].copy_from_slice(&value.to_le_bytes()[..bytes]);
         }
         for (object, place) in self.layout.objects(Direction::Outputs) {
+            if self.deaf {
+                break;
+            }
             let bytes = usize::from(place.bits / 8);
             let value = number(object.index, &self.outputs[place.byte..place.byte + bytes]);
             // What the drive refuses stays what it was, as with a PDO.

@@ -565,3 +565,26 @@ fn the_last_handle_stops_a_move_that_is_just_being_sent() {
         );
     }
 }
+
+/// In a fault the core refuses both in one go.
+#[test]
+fn two_stops_that_fail_in_one_cycle_both_end() {
+    for kind in [1, 2] {
+        let (mut machine, axis) = Machine::enabled();
+        machine.drive().inject_fault(0x7305);
+        machine.run(100);
+        assert_eq!(axis.status().state, State::Fault);
+        let mut stops = [0, 1, 2].map(|_| asked_again(&axis, kind));
+        for stop in &mut stops {
+            assert!(stop.poll().is_none());
+        }
+        machine.run(2);
+        for stop in &mut stops {
+            let failure = stop.poll().expect("it has ended").unwrap_err().failure();
+            assert!(
+                matches!(failure, Some(Failure::Fault { .. })),
+                "{failure:?}"
+            );
+        }
+    }
+}

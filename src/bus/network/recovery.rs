@@ -38,6 +38,7 @@ use crate::{
         watch::{Control, data_of, note_state},
     },
     coe::DriveId,
+    esc,
 };
 
 /// Brings devices of the exchange back into OP.
@@ -431,8 +432,18 @@ impl Recovery {
         }
         let Found { station, id, .. } = &device.found;
         let _latching = self.search.lock().await;
+        // However it was found again: elsewhere in the line a frame takes another time to it than the clocks know.
+        let registers = &self.context.registers;
+        let address = registers
+            .read_at::<2>(id.position, esc::STATION_ADDRESS)
+            .await;
+        if address.ok().map(u16::from_le_bytes) != Some(*station) {
+            return Err(DriveFault::ClockOfRunningLine)
+                .at(BringUpStep::Clock)
+                .of(id);
+        }
         clocks
-            .set_anew(&self.context.registers, *station, id.position)
+            .set_anew(registers, *station, id.position)
             .await
             .at(BringUpStep::Clock)
             .of(id)
