@@ -115,7 +115,7 @@ impl<U: AxisUnit> ProfilePosition<U> {
     ///
     /// After the first move that does not end well nothing more is taken; what was sent or waits by then is
     /// reported to its end. A halt so ends the path behind the moves that the drive holds, which go on when the axis is
-    /// resumed. Dropped, the move that waits is withdrawn, and those that the drive holds are executed. A move of another axis is such a
+    /// resumed. Every stop ends it, also one between two of its moves, and enabling the axis does not take that back. Dropped, the move that waits is withdrawn, and those that the drive holds are executed. A move of another axis is such a
     /// failure as well ([`AxisErrorKind::OtherAxis`]), and is not sent.
     ///
     /// Give the moves [`BufferMode::Buffered`](crate::profile_position::BufferMode::Buffered) or [`BufferMode::Blending`](crate::profile_position::BufferMode::Blending): one with
