@@ -319,7 +319,7 @@ impl AxisCore {
             && sample.mode == self.mode;
         if ready {
             let cycle = cycle!(self, now, &sample, true);
-            self.sequencer.start_next(&cycle, &mut self.events);
+            self.sequencer.start_next(&cycle, &mut self.events, false);
         }
     }
 

@@ -313,7 +313,7 @@ impl Sequencer {
             };
             self.drive_buffer.follow(cycle, room_shown, next, events);
             self.note_not_begun(events);
-            self.start_next(cycle, events);
+            self.start_next(cycle, events, true);
         }
         accepted
     }
@@ -323,12 +323,6 @@ impl Sequencer {
         self.bit_9_is_valid |= cycle.is_remote();
         let local = self.bit_9_is_valid && !cycle.is_remote();
         self.bit4.note(cycle);
-        // Here alone: between two frames what was delivered is what was there before.
-        if let Ahead::Changed = self.ahead
-            && cycle.delivered
-        {
-            self.ahead = Ahead::Delivered(cycle.now);
-        }
         if let Bit4::High {
             raised,
             sent: true,
@@ -412,7 +406,7 @@ impl Sequencer {
     }
 
     /// The move whose turn it is starts, if all that it needs is there.
-    pub fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
+    pub fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events, fresh: bool) {
         self.armed = None;
         let Some(request) = self.pending.first() else {
             return;
@@ -443,7 +437,7 @@ impl Sequencer {
                 return;
             }
         };
-        let shown = self.send_start_bits(&request.command, cycle);
+        let shown = self.send_start_bits(&request.command, cycle, fresh);
         if ready {
             self.pending.first_is_free();
             if !cycle.delivered || !shown {
@@ -470,7 +464,7 @@ impl Sequencer {
 
     /// Where the drive takes bits 5, 6 and 9 before the edge, puts them out while bit 4 is low. Whether they may come with bit 4, or the
     /// drive has surely seen them.
-    fn send_start_bits(&mut self, command: &MoveCommand, cycle: &Cycle<'_>) -> bool {
+    fn send_start_bits(&mut self, command: &MoveCommand, cycle: &Cycle<'_>, fresh: bool) -> bool {
         if !cycle.traits.start_bits_first {
             return true;
         }
@@ -479,6 +473,13 @@ impl Sequencer {
             self.bits = bits;
             self.ahead = Ahead::Changed;
             return false;
+        }
+        // Between two frames what was delivered is what was there before.
+        if let Ahead::Changed = self.ahead
+            && fresh
+            && cycle.delivered
+        {
+            self.ahead = Ahead::Delivered(cycle.now);
         }
         match self.ahead {
             Ahead::Fell => true,

@@ -785,7 +785,9 @@ fn start_bits_that_were_put_out_since_the_last_frame_are_not_delivered_yet() {
         start_bits_first: true,
         ..Traits::cia402()
     });
-    let start = |dialogue: &mut Dialogue| dialogue.does(Sequencer::start_next);
+    let start = |dialogue: &mut Dialogue| {
+        dialogue.does(|sequencer, cycle, events| sequencer.start_next(cycle, events, false))
+    };
     dialogue.ask(to(1_000, BufferMode::Aborting));
     start(&mut dialogue);
     dialogue.ask(to(2_000, BufferMode::Aborting));
@@ -808,7 +810,7 @@ fn a_move_is_superseded_when_the_later_one_is_sent_and_not_before() {
         let overtaken = dialogue.ask(to(30_000, BufferMode::Buffered));
         dialogue.frame();
         let later = dialogue.ask(to(-500, BufferMode::Aborting));
-        dialogue.does(Sequencer::start_next);
+        dialogue.does(|sequencer, cycle, events| sequencer.start_next(cycle, events, false));
         assert!(dialogue.is_high() && dialogue.reports().is_empty());
         (dialogue, overtaken, later)
     };
