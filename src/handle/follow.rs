@@ -115,8 +115,9 @@ impl<U: AxisUnit> ProfilePosition<U> {
     ///
     /// After the first move that does not end well nothing more is taken; what was sent or waits by then is
     /// reported to its end. A halt so ends the path behind the moves that the drive holds, which go on when the axis is
-    /// resumed. Every stop ends it, also one between two of its moves, and enabling the axis does not take that back. Dropped, the move that waits is withdrawn, and those that the drive holds are executed. A move of another axis is such a
-    /// failure as well ([`AxisErrorKind::OtherAxis`]), and is not sent.
+    /// resumed. Every stop ends it, also one between two of its moves, and enabling the axis does not take that back. Dropped, the move
+    /// that waits is withdrawn, and those that the drive holds are executed. A move of another axis is such a failure as well
+    /// ([`AxisErrorKind::OtherAxis`]), and is not sent.
     ///
     /// Give the moves [`BufferMode::Buffered`](crate::profile_position::BufferMode::Buffered) or [`BufferMode::Blending`](crate::profile_position::BufferMode::Blending): one with
     /// [`BufferMode::Aborting`](crate::profile_position::BufferMode::Aborting) supersedes those before it, which is a failure of theirs.
@@ -190,9 +191,9 @@ impl<U: AxisUnit, S: Stream<Item = MoveRequest<U>>> Follow<'_, S, U> {
                 Poll::Ready(Some(request)) => {
                     let (number, command) = (self.count, request.command);
                     self.count += 1;
-                    // A path outlives no stop, also where the axis was enabled or resumed before it is looked at again.
-                    let asked = *self.asked.get_or_insert_with(|| request.last_stop());
                     let shared = &self.lease.axis.handles.shared;
+                    // A path outlives no stop, also where the axis was enabled or resumed before it is looked at again.
+                    let asked = *self.asked.get_or_insert_with(|| shared.last_stop());
                     let sending: BoxFuture<'static, Result<Move<U>, AxisError>> =
                         if Arc::ptr_eq(shared, &request.axis.handles.shared) {
                             Box::pin(request.send_asked(asked))

@@ -148,12 +148,8 @@ pub struct MoveRequest<U: AxisUnit = Counts> {
 impl<U: AxisUnit> MoveRequest<U> {
     pub(super) async fn send(self) -> Result<Move<U>, AxisError> {
         // A stop that comes while parameters are being written stops this move as well.
-        let asked = self.last_stop();
+        let asked = self.axis.handles.shared.last_stop();
         self.send_asked(asked).await
-    }
-
-    pub(super) fn last_stop(&self) -> LastStop {
-        self.axis.handles.shared.last_stop()
     }
 
     /// The same for one that was asked for when this was the last stop.

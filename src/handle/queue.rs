@@ -605,7 +605,7 @@ impl Slot {
         let over = self
             .queued
             .fetch_update(Ordering::SeqCst, Ordering::SeqCst, |queued| {
-                (queued == 0 || (result.is_err() && queued != OVER)).then_some(OVER)
+                (queued == 0 || result.is_err()).then_some(OVER)
             })
             .is_ok();
         if !over {
@@ -1151,7 +1151,6 @@ impl Shared {
     pub fn take_command(&self) -> Option<(CommandId, Command, LastStop)> {
         let (id, command, asked) = self.queue.pop()?;
         let slot = self.slots.of(id);
-        // Of what has no set-point none was sent, whether it was taken or not.
         if stop_place(command).is_some() {
             // One that is over is carried out once more, and is nobody's.
             let waited_for = slot.is_some_and(Slot::take);
@@ -1160,6 +1159,7 @@ impl Shared {
         let marks = match command {
             Command::Move(_) | Command::Home(_) => mark::TAKEN | mark::LATCHES,
             Command::Jog(_) => mark::TAKEN,
+            // Of what has no set-point none was sent, whether it was taken or not.
             _ => 0,
         };
         if let Some(slot) = slot

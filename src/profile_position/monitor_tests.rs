@@ -286,8 +286,9 @@ fn a_distance_is_loose_unless_its_base_is_documented_or_the_axis_is_far_from_the
         // A quarter of the way is what it may lag behind.
         let mut monitor = distance(400, bases);
         monitor.end = Some(400);
-        let is_loose =
-            |monitor: &SetPointMonitor| scene.shows(|cycle| monitor.is_loose_on(far_behind, cycle));
+        let is_loose = |monitor: &SetPointMonitor| {
+            scene.shows(|cycle| monitor.is_loose_on(far_behind, 0, cycle))
+        };
         assert_eq!(is_loose(&monitor), loose, "{relative_base:?} {far_behind}");
         monitor.end = None;
         assert!(is_loose(&monitor));

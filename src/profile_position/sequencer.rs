@@ -405,7 +405,8 @@ impl Sequencer {
         self.withdraw_unsent(Failure::NeedsStop, events);
     }
 
-    /// The move whose turn it is starts, if all that it needs is there.
+    /// The move whose turn it is starts, if all that it needs is there. `fresh`: the cycle has shown what became of the bits that are out;
+    /// else they may have changed since.
     pub fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events, fresh: bool) {
         self.armed = None;
         let Some(request) = self.pending.first() else {
@@ -474,7 +475,6 @@ impl Sequencer {
             self.ahead = Ahead::Changed;
             return false;
         }
-        // Between two frames what was delivered is what was there before.
         if let Ahead::Changed = self.ahead
             && fresh
             && cycle.delivered
@@ -1827,20 +1827,19 @@ impl SetPointMonitor {
             length: 0,
             resumed: false,
         };
-        let far_behind = far_behind && !monitor.bases.are_near(raised.lag(cycle), cycle.bounds);
-        monitor.is_loose = monitor.is_loose_on(far_behind, cycle);
+        monitor.is_loose = monitor.is_loose_on(far_behind, raised.lag(cycle), cycle);
         monitor.becomes_active(cycle, begin, stands);
         monitor
     }
 
     /// Whether what is known of where it counts from may be beside that. Behind another, only where that is over already, for all that
     /// is known: far from its end it is not.
-    fn is_loose_on(&self, far_behind: bool, cycle: &Cycle<'_>) -> bool {
+    fn is_loose_on(&self, far_behind: bool, lag: u32, cycle: &Cycle<'_>) -> bool {
         let Some(way) = self.distance else {
             return false;
         };
         let known = cycle.traits.relative_base == RelativeBase::PreviousTarget
-            || (far_behind && !self.bases.are_near(lag_of(way), cycle.bounds));
+            || (far_behind && !self.bases.are_near(lag.max(lag_of(way)), cycle.bounds));
         self.end.is_none() || !known
     }
 

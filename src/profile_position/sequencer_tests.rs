@@ -786,7 +786,7 @@ fn start_bits_that_were_put_out_since_the_last_frame_are_not_delivered_yet() {
         ..Traits::cia402()
     });
     let start = |dialogue: &mut Dialogue| {
-        dialogue.does(|sequencer, cycle, events| sequencer.start_next(cycle, events, false))
+        dialogue.does(|sequencer, cycle, events| sequencer.start_next(cycle, events, false));
     };
     dialogue.ask(to(1_000, BufferMode::Aborting));
     start(&mut dialogue);

@@ -434,13 +434,14 @@ impl Recovery {
         let _latching = self.search.lock().await;
         // However it was found again: elsewhere in the line a frame takes another time to it than the clocks know.
         let registers = &self.context.registers;
-        let address = registers
-            .read_at::<2>(id.position, esc::STATION_ADDRESS)
-            .await;
-        if address.ok().map(u16::from_le_bytes) != Some(*station) {
-            return Err(DriveFault::ClockOfRunningLine)
-                .at(BringUpStep::Clock)
-                .of(id);
+        let address = registers.read_at(id.position, esc::STATION_ADDRESS).await;
+        let fault = match address.map(u16::from_le_bytes) {
+            Ok(address) if address == *station => None,
+            Ok(_) | Err(RegisterError::NotAnswered) => Some(DriveFault::ClockOfRunningLine),
+            Err(error) => Some(error.into()),
+        };
+        if let Some(fault) = fault {
+            return Err(fault).at(BringUpStep::Clock).of(id);
         }
         clocks
             .set_anew(registers, *station, id.position)
