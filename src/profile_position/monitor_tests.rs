@@ -287,7 +287,7 @@ fn a_distance_is_loose_unless_its_base_is_documented_or_the_axis_is_far_from_the
         let mut monitor = distance(400, bases);
         monitor.end = Some(400);
         let is_loose = |monitor: &SetPointMonitor| {
-            scene.shows(|cycle| monitor.is_loose_on(far_behind, 0, cycle))
+            scene.shows(|cycle| monitor.is_loose_on(far_behind.then_some(0), cycle))
         };
         assert_eq!(is_loose(&monitor), loose, "{relative_base:?} {far_behind}");
         monitor.end = None;

@@ -1827,19 +1827,20 @@ impl SetPointMonitor {
             length: 0,
             resumed: false,
         };
-        monitor.is_loose = monitor.is_loose_on(far_behind, raised.lag(cycle), cycle);
+        let lag = far_behind.then(|| raised.lag(cycle));
+        monitor.is_loose = monitor.is_loose_on(lag, cycle);
         monitor.becomes_active(cycle, begin, stands);
         monitor
     }
 
     /// Whether what is known of where it counts from may be beside that. Behind another, only where that is over already, for all that
-    /// is known: far from its end it is not.
-    fn is_loose_on(&self, far_behind: bool, lag: u32, cycle: &Cycle<'_>) -> bool {
+    /// is known: further from its end than it may lag it is not. `lag`: that, behind one that nothing shows to be over.
+    fn is_loose_on(&self, lag: Option<u32>, cycle: &Cycle<'_>) -> bool {
         let Some(way) = self.distance else {
             return false;
         };
         let known = cycle.traits.relative_base == RelativeBase::PreviousTarget
-            || (far_behind && !self.bases.are_near(lag.max(lag_of(way)), cycle.bounds));
+            || lag.is_some_and(|lag| !self.bases.are_near(lag.max(lag_of(way)), cycle.bounds));
         self.end.is_none() || !known
     }
 

@@ -438,7 +438,7 @@ impl Recovery {
         let fault = match address.map(u16::from_le_bytes) {
             Ok(address) if address == *station => None,
             Ok(_) | Err(RegisterError::NotAnswered) => Some(DriveFault::ClockOfRunningLine),
-            Err(error) => Some(error.into()),
+            Err(error) => Some(DriveFault::Register(error)),
         };
         if let Some(fault) = fault {
             return Err(fault).at(BringUpStep::Clock).of(id);
