@@ -357,6 +357,11 @@ impl AxisCore {
         self.expired = expired;
     }
 
+    /// Says what home offset 607Ch the drive holds: it counts its software position limits 607Dh from there.
+    pub const fn note_home_offset(&mut self, offset: i32) {
+        self.config.limits.home_offset = offset;
+    }
+
     /// Says what 6061h shows, where it is not mapped and was read by SDO.
     pub fn note_mode(&mut self, mode: Mode) {
         self.noted_mode = mode;
@@ -2899,8 +2904,7 @@ impl AxisCore {
 
     fn start_homing(&mut self, id: CommandId, command: HomingCommand) {
         if let Some(offset) = command.offset {
-            // The drive holds it already, and counts its software position limits from it.
-            self.config.limits.home_offset = offset;
+            self.note_home_offset(offset);
         }
         match self.check_homing() {
             Err(failure) => self.done(id, Err(failure)),

@@ -421,10 +421,8 @@ const ERROR_CODE: ObjectAddress = ObjectAddress::new(0x603F, 0);
 /// All handles of an axis together; the axis is stopped when the last one goes.
 pub(super) struct Handles {
     pub shared: Arc<Shared>,
-    /// Held from an SDO write of a motion's parameters until the drive has taken the set-point.
+    /// The motions that depend on what the drive's parameters are, until the drive has taken each.
     pub claims: Claims,
-    /// Whether the drive may hold parameters that a move has written by SDO.
-    pub parameters_changed: AtomicBool,
     keep_moving: AtomicBool,
     /// The last motion whose future was dropped before it was accepted; 0 for none.
     given_up: AtomicU32,
@@ -442,7 +440,6 @@ impl Handles {
         Self {
             shared,
             claims: Claims::default(),
-            parameters_changed: AtomicBool::new(false),
             keep_moving: AtomicBool::new(false),
             given_up: AtomicU32::new(0),
         }

@@ -3,7 +3,6 @@
 
 use core::{
     future::poll_fn,
-    sync::atomic::Ordering,
     task::{Poll, Waker},
     time::Duration,
 };
@@ -30,7 +29,8 @@ pub(super) struct Claims(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
-    holder: Holder,
+    /// In the order in which they began.
+    holders: Vec<Holder>,
     /// How many claims there were.
     count: u64,
     /// How many writes of them were confirmed.
@@ -39,38 +39,44 @@ struct State {
     waiting: Vec<Waker>,
 }
 
-#[derive(Debug, Clone, Default)]
-enum Holder {
-    #[default]
-    Nobody,
-    /// The claim with this number: its writes go on as its future is polled.
-    Writing(u64),
-    /// The motion is with the bus thread, until the drive has taken it.
-    Sent(Arc<Ticket>),
+/// A motion that depends on what the drive's parameters are.
+#[derive(Debug, Clone)]
+struct Holder {
+    number: u64,
+    /// Whether it changes them: then no other may get ready beside it.
+    writes: bool,
+    /// None while its future gets it ready. Then it is with the bus thread, until the drive has taken it.
+    sent: Option<Arc<Ticket>>,
 }
 
 impl PartialEq for Holder {
     fn eq(&self, other: &Self) -> bool {
-        match (self, other) {
-            (Self::Nobody, Self::Nobody) => true,
-            (Self::Writing(one), Self::Writing(other)) => one == other,
-            (Self::Sent(one), Self::Sent(other)) => Arc::ptr_eq(one, other),
-            _ => false,
-        }
+        self.number == other.number && self.sent.is_some() == other.sent.is_some()
     }
 }
 
-/// The parameters are this motion's.
+/// The parameters are this motion's, or they are left as they are for it.
 #[derive(Debug)]
 pub(super) struct Claim<'a> {
     handles: &'a Handles,
     number: u64,
-    pub written: WrittenParameters,
+    /// None where it is not to change them.
+    pub written: Option<WrittenParameters>,
 }
 
 impl Claims {
     fn state(&self) -> MutexGuard<'_, State> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether this has anything written to the drive, as far as is known: one that writes may have begun.
+    pub fn have_to_write(&self, by_sdo: &BySdo) -> bool {
+        by_sdo.is_needed(&self.state().written)
+    }
+
+    /// Another write was confirmed.
+    fn step(&self) {
+        self.state().steps += 1;
     }
 }
 
@@ -81,27 +87,29 @@ impl Handles {
     /// [`Failure::Busy`] where another is at it.
     pub fn claim_now(&self) -> Result<Claim<'_>, AxisError> {
         let mut state = self.claims.state();
-        self.take(&mut state).ok_or_else(|| self.busy())
+        self.take(&mut state, true).map_err(|_| self.busy())
     }
 
-    /// Claims the parameters for one of several moves: it waits for those before.
+    /// Claims the parameters for one of several moves, which writes this: it waits for those before, as long as one of the two changes
+    /// something.
     ///
     /// # Errors
     /// [`Failure::Busy`] where one before gets no further, as one does whose future is kept and not polled. [`AxisErrorKind::Closed`] when
     /// the network ends meanwhile.
-    pub async fn claim(&self) -> Result<Claim<'_>, AxisError> {
+    pub async fn claim(&self, by_sdo: &BySdo) -> Result<Claim<'_>, AxisError> {
         let signals = &self.shared.setup.groups.signals;
         loop {
             let (seen, steps) = {
                 let mut state = self.claims.state();
-                if let Some(claim) = self.take(&mut state) {
-                    return Ok(claim);
+                let writes = by_sdo.is_needed(&state.written);
+                match self.take(&mut state, writes) {
+                    Ok(claim) => return Ok(claim),
+                    Err(holder) => (holder, state.steps),
                 }
-                (state.holder.clone(), state.steps)
             };
             let changed = poll_fn(|cx| {
                 let mut state = self.claims.state();
-                if state.holder != seen {
+                if !state.holders.contains(&seen) {
                     return Poll::Ready(());
                 }
                 let waiting = &mut state.waiting;
@@ -120,7 +128,7 @@ impl Handles {
                 return Err(self.shared.error(AxisErrorKind::Closed));
             }
             let state = self.claims.state();
-            let is_late = matches!(seen, Holder::Writing(_)) && state.holder == seen;
+            let is_late = seen.sent.is_none() && state.holders.contains(&seen);
             if is_late && state.steps == steps {
                 return Err(self.busy());
             }
@@ -129,29 +137,37 @@ impl Handles {
 
     /// Ready when the motion that was sent has been taken; never where none was.
     async fn until_taken(&self, holder: &Holder) {
-        match holder {
-            Holder::Sent(ticket) => {
+        match &holder.sent {
+            Some(ticket) => {
                 let is_over = || self.shared.is_over(ticket).then_some(());
                 self.shared.until(ticket.id, is_over).await;
             }
-            _ => core::future::pending().await,
+            None => core::future::pending().await,
         }
     }
 
-    fn take(&self, state: &mut State) -> Option<Claim<'_>> {
-        let is_free = match &state.holder {
-            Holder::Nobody => true,
-            Holder::Writing(_) => false,
-            Holder::Sent(ticket) => self.shared.is_over(ticket),
-        };
-        is_free.then(|| {
-            state.count += 1;
-            state.holder = Holder::Writing(state.count);
-            Claim {
-                handles: self,
-                number: state.count,
-                written: core::mem::take(&mut state.written),
-            }
+    /// A claim, or the first of those that are in its way.
+    fn take(&self, state: &mut State, writes: bool) -> Result<Claim<'_>, Holder> {
+        let is_over = |sent: &Arc<Ticket>| self.shared.is_over(sent);
+        state
+            .holders
+            .retain(|holder| !holder.sent.as_ref().is_some_and(is_over));
+        // One that changes nothing goes beside those that change nothing any more.
+        let blocks = |holder: &&Holder| writes || holder.writes && holder.sent.is_none();
+        if let Some(holder) = state.holders.iter().find(blocks) {
+            return Err(holder.clone());
+        }
+        state.count += 1;
+        let number = state.count;
+        state.holders.push(Holder {
+            number,
+            writes,
+            sent: None,
+        });
+        Ok(Claim {
+            handles: self,
+            number,
+            written: writes.then(|| core::mem::take(&mut state.written)),
         })
     }
 
@@ -161,17 +177,22 @@ impl Handles {
 }
 
 impl Claim<'_> {
-    /// Another write was confirmed.
-    pub fn step(&self) {
-        self.handles.claims.state().steps += 1;
-    }
-
     /// The motion was asked for: until the drive has taken it no other's parameters come in between.
     pub fn sent(mut self, pending: &Pending) {
         // Dropped then, it wakes those who wait: for the drive, from now on.
         let mut state = self.handles.claims.state();
-        state.written = core::mem::take(&mut self.written);
-        state.holder = Holder::Sent(pending.ticket());
+        self.give_back(&mut state);
+        let mut holders = state.holders.iter_mut();
+        if let Some(holder) = holders.find(|holder| holder.number == self.number) {
+            holder.sent = Some(pending.ticket());
+        }
+    }
+
+    /// What was written is known to all from now on.
+    fn give_back(&mut self, state: &mut State) {
+        if let Some(written) = self.written.take() {
+            state.written = written;
+        }
     }
 }
 
@@ -179,10 +200,10 @@ impl Drop for Claim<'_> {
     fn drop(&mut self) {
         let waiting = {
             let mut state = self.handles.claims.state();
-            if matches!(state.holder, Holder::Writing(number) if number == self.number) {
-                state.written = core::mem::take(&mut self.written);
-                state.holder = Holder::Nobody;
-            }
+            self.give_back(&mut state);
+            state
+                .holders
+                .retain(|holder| holder.number != self.number || holder.sent.is_some());
             core::mem::take(&mut state.waiting)
         };
         waiting.into_iter().for_each(Waker::wake);
@@ -253,35 +274,42 @@ impl BySdo {
         this
     }
 
-    /// Whether anything has to be written to the drive.
-    pub fn is_needed(&self, handles: &Handles) -> bool {
-        !self.writes.is_empty() || handles.parameters_changed.load(Ordering::Acquire)
+    /// None where everything goes with the process data.
+    pub fn some(self) -> Option<Self> {
+        let nothing = self.writes.is_empty() && self.left_out.is_empty();
+        (!nothing).then_some(self)
+    }
+
+    /// Whether anything has to be written to the drive, of whose objects this is known.
+    fn is_needed(&self, written: &WrittenParameters) -> bool {
+        !self.writes.is_empty() || written.any_changed()
     }
 
     /// Makes the drive's objects what this motion wants, which has claimed them.
-    pub async fn write(self, handles: &Handles, claim: &mut Claim<'_>) -> Result<(), AxisError> {
-        let changed = &handles.parameters_changed;
-        // Said before, and taken back when it is known: a caller may give up in between.
-        changed.store(true, Ordering::Release);
-        claim.written.begin(handles.shared.attached());
+    pub async fn write(self, claim: &mut Claim<'_>) -> Result<(), AxisError> {
+        let handles = claim.handles;
+        let Some(written) = &mut claim.written else {
+            return Ok(());
+        };
+        written.begin(handles.shared.attached());
         for object in self.left_out {
             // What a move leaves out is again what the drive held.
-            if let Some(before) = claim.written.to_set_back(object) {
+            if let Some(before) = written.to_set_back(object) {
                 handles.write_parameter(object, before).await?;
-                claim.written.is_set_back(object);
-                claim.step();
+                written.is_set_back(object);
+                handles.claims.step();
             }
         }
         for (object, value) in self.writes {
-            if !claim.written.will_change(object) {
+            // Said before: a caller may give up in between.
+            if !written.will_change(object) {
                 let before = handles.read_parameter(object).await?;
-                claim.written.note(object, before);
-                claim.step();
+                written.note(object, before);
+                handles.claims.step();
             }
             handles.write_parameter(object, value).await?;
-            claim.step();
+            handles.claims.step();
         }
-        changed.store(claim.written.any_changed(), Ordering::Release);
         Ok(())
     }
 

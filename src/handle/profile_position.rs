@@ -190,7 +190,7 @@ pub(super) struct SplitMove {
     asked: MoveCommand,
     /// Without what is written by SDO.
     command: MoveCommand,
-    /// None where nothing is.
+    /// None where nothing can be.
     by_sdo: Option<BySdo>,
 }
 
@@ -232,7 +232,7 @@ impl CountsRequest {
         Ok(SplitMove {
             asked,
             command,
-            by_sdo: by_sdo.is_needed(handles).then_some(by_sdo),
+            by_sdo: by_sdo.some(),
         })
     }
 
@@ -245,14 +245,27 @@ impl CountsRequest {
         let Some(by_sdo) = split.by_sdo else {
             return Ok((split.command, None));
         };
-        // What is refused must not have changed the drive's parameters.
-        let check = Command::CheckMove(split.asked);
+        let handles = &*self.handles;
+        let writes = handles.claims.have_to_write(&by_sdo);
+        if writes {
+            self.check(split.asked).await?;
+        }
+        let mut claim = handles.claim(&by_sdo).await?;
+        if claim.written.is_some() {
+            if !writes {
+                self.check(split.asked).await?;
+            }
+            by_sdo.write(&mut claim).await?;
+        }
+        Ok((split.command, Some(claim)))
+    }
+
+    /// What is refused must not have changed the drive's parameters.
+    async fn check(&self, asked: MoveCommand) -> Result<(), AxisError> {
+        let check = Command::CheckMove(asked);
         let check = Pending::submit(Arc::clone(&self.handles), self.unit, check)?;
         check.done().await?;
-        let handles = &*self.handles;
-        let mut claim = handles.claim().await?;
-        by_sdo.write(handles, &mut claim).await?;
-        Ok((split.command, Some(claim)))
+        Ok(())
     }
 
     fn trace(&self, what: &str, why: &dyn fmt::Display) {

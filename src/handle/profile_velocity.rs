@@ -114,13 +114,13 @@ impl<U: AxisUnit> ProfileVelocity<U> {
         }
         set_point.acceleration = ramps.acceleration;
         set_point.deceleration = ramps.deceleration;
-        if by_sdo.is_needed(handles) {
+        if handles.claims.have_to_write(&by_sdo) {
             // What is refused must not have changed the ramps, least of all those of a jog that is held.
             let check = Command::CheckJog(set_point.velocity);
             self.axis.run(check).await?;
         }
         let mut claim = handles.claim_now()?;
-        by_sdo.write(handles, &mut claim).await?;
+        by_sdo.write(&mut claim).await?;
         // From here on whatever drops it lets it go.
         let mut jog = Jog {
             pending: self.axis.submit_motion(Command::Jog(set_point), asked)?,

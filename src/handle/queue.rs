@@ -40,6 +40,8 @@ use super::{
 const CHANGED: u32 = 0;
 /// Set in the noted mode once one was noted.
 const NOTED: i16 = 1 << 8;
+/// Set in the noted home offset once one was noted.
+const NOTED_OFFSET: u64 = 1 << 32;
 
 /// A slot gives at most one withdrawal between two cycles, and one that was there before.
 const WITHDRAWN_AT_MOST: usize = 2 * SHARED as usize;
@@ -74,6 +76,7 @@ pub(super) struct Shared {
     stops: StopCount,
     manufacturer: AtomicU16,
     noted_mode: AtomicI16,
+    noted_home_offset: AtomicU64,
     /// Max profile velocity 607Fh as the core checks it; 0 is no limit.
     max_velocity: AtomicU32,
     /// What the drive held when it was attached last.
@@ -102,6 +105,7 @@ impl Shared {
             stops: StopCount::default(),
             manufacturer: AtomicU16::new(0),
             noted_mode: AtomicI16::new(0),
+            noted_home_offset: AtomicU64::new(0),
             max_velocity: AtomicU32::new(0),
             settings: SettingsCell::new(core.drive_settings()),
             closed: AtomicBool::new(false),
@@ -936,6 +940,13 @@ impl Shared {
         self.ask();
     }
 
+    /// The drive has got this home offset 607Ch.
+    pub fn note_home_offset(&self, offset: i32) {
+        let noted = NOTED_OFFSET | u64::from(offset.cast_unsigned());
+        self.noted_home_offset.store(noted, Ordering::Release);
+        self.ask();
+    }
+
     /// The place among the outputs of an object that is mapped there.
     pub fn output_cell(&self, object: ObjectAddress) -> Option<usize> {
         self.outputs.place_of(object)
@@ -1207,6 +1218,14 @@ impl Shared {
         Some(self.noted_mode.swap(0, Ordering::AcqRel) as i8)
     }
 
+    pub fn take_noted_home_offset(&self) -> Option<i32> {
+        let noted = self.noted_home_offset.load(Ordering::Acquire);
+        if noted & NOTED_OFFSET == 0 {
+            return None;
+        }
+        Some(self.noted_home_offset.swap(0, Ordering::AcqRel) as i32)
+    }
+
     /// Writes what the program has set since the last time into the drive's outputs.
     pub fn merge_outputs(&self, outputs: &mut [u8]) {
         self.outputs.merge(outputs);
@@ -1221,6 +1240,7 @@ impl Shared {
         if let Some(settings) = anew {
             self.settings.set(settings);
             self.noted_mode.store(0, Ordering::Release);
+            self.noted_home_offset.store(0, Ordering::Release);
             self.attached.fetch_add(1, Ordering::AcqRel);
         }
     }
@@ -1346,6 +1366,9 @@ impl AxisPort {
         shared.setup.groups.signals.note_time(now);
         if let Some(raw) = shared.take_noted_mode() {
             core.note_mode(Mode::from_raw(raw));
+        }
+        if let Some(offset) = shared.take_noted_home_offset() {
+            core.note_home_offset(offset);
         }
         let manufacturer = shared.manufacturer();
         if manufacturer != self.manufacturer {

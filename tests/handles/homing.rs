@@ -7,7 +7,7 @@ use servocrab::{
     coe::obj,
     ds402::{Mode, State},
     homing::{Homed, HomingMethod, HomingParameters},
-    profile_position::SetPoint,
+    profile_position::{LimitsRule, PositionRange, SetPoint},
 };
 use servocrab_sim::ds402::{Axis as Drive, Behaviour, Cause, HomingOutcome};
 
@@ -512,6 +512,53 @@ fn a_stop_while_parameters_are_being_written_stops_the_homing_too() {
     // Nothing had begun: the halt is a halt like any other.
     machine.finish(axis.resume()).unwrap();
     machine.finish(homing.home(to_the_switch())).unwrap();
+}
+
+/// The drive counts its software position limits from it.
+#[test]
+fn a_home_offset_that_was_written_counts_whatever_becomes_of_its_homing() {
+    for is_dropped in [false, true] {
+        let mut variant = variant();
+        variant.referencing = Referencing::UnreferencedMovesAllowed;
+        variant.traits.limits = LimitsRule::cia402();
+        variant.limits.software = Some(PositionRange {
+            min: -50_000,
+            max: 50_000,
+        });
+        let (mut machine, axis) = Machine::enabled_of(&variant);
+        let homing = machine.finish(axis.homing()).unwrap();
+        let mut home = Task::new(homing.home(to_the_switch().offset(-10_000)));
+        if is_dropped {
+            machine.stations[0]
+                .sdo
+                .slow_writes
+                .store(true, Ordering::Relaxed);
+            // The fifth write is under way.
+            while machine.stations[0].sdo.written.lock().unwrap().len() < 4 {
+                assert!(home.poll().is_none());
+                machine.cycle();
+            }
+        } else {
+            begin_homing(&mut machine, &mut home);
+            axis.stop_handle().halt();
+            machine.finish_task(&mut home).unwrap_err();
+            machine.finish(axis.resume()).unwrap();
+        }
+        drop(home);
+        machine.run(2);
+        assert!(machine.drive().homings().is_empty());
+        drop(homing);
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        drop(
+            machine
+                .finish(pp.move_abs(55_000, SetPoint::new()))
+                .unwrap(),
+        );
+        let error = machine
+            .finish(pp.move_abs(-45_000, SetPoint::new()))
+            .unwrap_err();
+        assert!(error.to_string().contains("607Dh"), "{error}");
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ use core::sync::atomic::Ordering;
 
 use crate::machine::{Machine, Task, Variant};
 use servocrab::{
-    axis::{Axis, AxisError, AxisErrorKind, Failure},
+    axis::{Axis, AxisError, AxisErrorKind, Failure, start_together},
     homing::{HomingMethod, HomingParameters},
     profile_position::{BufferMode, SetPoint},
     profile_velocity::JogSetPoint,
@@ -198,4 +198,84 @@ fn the_parameters_of_a_move_that_was_sent_and_dropped_are_its_own_until_the_driv
         (10_000, 70_000),
         "{ledger:?}"
     );
+}
+
+/// It waits for room in the drive's buffer, and has nothing written itself.
+#[test]
+fn a_move_that_waits_for_its_turn_has_not_the_parameters_of_a_later_one() {
+    let (mut machine, axis) = Machine::enabled_of(&Variant::by_sdo());
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let buffered = SetPoint::new().buffer_mode(BufferMode::Buffered);
+    let held = machine.finish(pp.move_abs(20_000, buffered)).unwrap();
+    let queued = machine.finish(pp.move_abs(40_000, buffered)).unwrap();
+    let mut waiting = Task::new(pp.move_abs(60_000, buffered));
+    let mut later = Task::new(pp.move_abs(61_000, buffered.velocity(7_000)));
+    for _ in 0..20 {
+        assert!(waiting.poll().is_none() && later.poll().is_none());
+        machine.cycle();
+    }
+    let taken = machine.finish_task(&mut waiting).unwrap();
+    drop(machine.finish_task(&mut later).unwrap());
+    drop((held, queued, taken));
+    let ledger = machine.drive().ledger().to_vec();
+    let velocities: Vec<_> = ledger.iter().map(|line| line.velocity).collect();
+    let usual = velocities[0];
+    assert_eq!(velocities, [usual, usual, usual, 7_000]);
+}
+
+/// The one of the two axes waits for the other one's parameters, and is not sent yet.
+#[test]
+fn a_move_that_is_to_start_with_another_keeps_the_parameters_that_it_found() {
+    let mut machine = Machine::of(2, &Variant::by_sdo());
+    let (x, y) = (machine.axis(0), machine.axis(1));
+    machine.finish(x.enable()).unwrap();
+    machine.finish(y.enable()).unwrap();
+    let on_x = machine.finish(x.profile_position()).unwrap();
+    let on_y = machine.finish(y.profile_position()).unwrap();
+    machine.stations[1]
+        .sdo
+        .slow_writes
+        .store(true, Ordering::Relaxed);
+    let slow = SetPoint::new().velocity(9_000);
+    let mut together = Task::new(start_together([
+        on_x.abs(21_000, SetPoint::new()),
+        on_y.abs(21_000, slow),
+    ]));
+    // The question whether it would be refused, and the write.
+    for _ in 0..2 {
+        assert!(together.poll().is_none());
+        machine.cycle();
+    }
+    is_busy(machine.finish(on_x.move_abs(22_000, slow)));
+    for station in &machine.stations {
+        assert!(station.sdo.written.lock().unwrap().is_empty());
+    }
+    drop(machine.finish_task(&mut together).unwrap());
+    drop(machine.finish(on_x.move_abs(22_000, slow)).unwrap());
+    let ledger = machine.drive().ledger().to_vec();
+    assert_eq!(ledger.len(), 2);
+    assert_ne!(ledger[0].velocity, 9_000);
+    assert_eq!(ledger[1].velocity, 9_000);
+}
+
+/// It has nothing written itself, and the drive's parameters are another one's for the moment.
+#[test]
+fn a_move_without_parameters_waits_for_one_that_writes() {
+    let (mut machine, axis) = slow();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let set_point = SetPoint::new().velocity(70_000).acceleration(700_000);
+    let mut first = Task::new(pp.move_abs(22_000, set_point));
+    kept(&mut machine, &mut first);
+    let mut second = Task::new(pp.move_abs(23_000, SetPoint::new()));
+    for _ in 0..20 {
+        assert!(second.poll().is_none());
+        machine.cycle();
+    }
+    assert!(machine.drive().ledger().is_empty());
+    drop(machine.finish_task(&mut first).unwrap());
+    drop(machine.finish_task(&mut second).unwrap());
+    let ledger = machine.drive().ledger().to_vec();
+    assert_eq!((ledger[0].value, ledger[0].velocity), (22_000, 70_000));
+    assert_eq!(ledger[1].value, 23_000);
+    assert_ne!(ledger[1].velocity, 70_000);
 }
