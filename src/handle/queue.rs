@@ -6,9 +6,7 @@
 
 use core::{
     fmt,
-    sync::atomic::{
-        AtomicBool, AtomicI16, AtomicU8, AtomicU16, AtomicU32, AtomicU64, AtomicUsize, Ordering,
-    },
+    sync::atomic::{AtomicBool, AtomicU8, AtomicU16, AtomicU32, AtomicU64, AtomicUsize, Ordering},
     time::Duration,
 };
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -38,10 +36,8 @@ use super::{
 
 /// The channel of futures that wait for a change; those of the commands' slots follow.
 const CHANGED: u32 = 0;
-/// Set in the noted mode once one was noted.
-const NOTED: i16 = 1 << 8;
-/// Set in the noted home offset once one was noted.
-const NOTED_OFFSET: u64 = 1 << 32;
+/// Set in what is noted once there is something, above its value.
+const NOTED: u64 = 1 << 32;
 
 /// A slot gives at most one withdrawal between two cycles, and one that was there before.
 const WITHDRAWN_AT_MOST: usize = 2 * SHARED as usize;
@@ -75,8 +71,10 @@ pub(super) struct Shared {
     stop: AtomicU8,
     stops: StopCount,
     manufacturer: AtomicU16,
-    noted_mode: AtomicI16,
-    noted_home_offset: AtomicU64,
+    /// 6061h as it was read by SDO.
+    noted_mode: Noted,
+    /// Home offset 607Ch as the drive has got it.
+    noted_home_offset: Noted,
     /// Max profile velocity 607Fh as the core checks it; 0 is no limit.
     max_velocity: AtomicU32,
     /// What the drive held when it was attached last.
@@ -104,8 +102,8 @@ impl Shared {
             stop: AtomicU8::new(0),
             stops: StopCount::default(),
             manufacturer: AtomicU16::new(0),
-            noted_mode: AtomicI16::new(0),
-            noted_home_offset: AtomicU64::new(0),
+            noted_mode: Noted::default(),
+            noted_home_offset: Noted::default(),
             max_velocity: AtomicU32::new(0),
             settings: SettingsCell::new(core.drive_settings()),
             closed: AtomicBool::new(false),
@@ -138,6 +136,25 @@ impl Shared {
     pub fn snapshot(&self) -> Snapshot {
         self.status
             .snapshot_after(self.setup.groups.signals.cycles())
+    }
+}
+
+/// What the program has learnt of its drive, for the bus thread: the last one counts.
+#[derive(Debug, Default)]
+struct Noted(AtomicU64);
+
+impl Noted {
+    pub fn set(&self, value: i32) {
+        let noted = NOTED | u64::from(value.cast_unsigned());
+        self.0.store(noted, Ordering::Release);
+    }
+
+    /// What was noted since this was called last.
+    pub fn take(&self) -> Option<i32> {
+        if self.0.load(Ordering::Acquire) & NOTED == 0 {
+            return None;
+        }
+        Some(self.0.swap(0, Ordering::AcqRel) as i32)
     }
 }
 
@@ -935,15 +952,13 @@ impl Shared {
     }
 
     pub fn note_mode(&self, raw: i8) {
-        let noted = NOTED | i16::from(raw.cast_unsigned());
-        self.noted_mode.store(noted, Ordering::Release);
+        self.noted_mode.set(raw.into());
         self.ask();
     }
 
     /// The drive has got this home offset 607Ch.
     pub fn note_home_offset(&self, offset: i32) {
-        let noted = NOTED_OFFSET | u64::from(offset.cast_unsigned());
-        self.noted_home_offset.store(noted, Ordering::Release);
+        self.noted_home_offset.set(offset);
         self.ask();
     }
 
@@ -1210,22 +1225,6 @@ impl Shared {
         Controlword::from_bits_retain(self.manufacturer.load(Ordering::Acquire))
     }
 
-    pub fn take_noted_mode(&self) -> Option<i8> {
-        let noted = self.noted_mode.load(Ordering::Acquire);
-        if noted & NOTED == 0 {
-            return None;
-        }
-        Some(self.noted_mode.swap(0, Ordering::AcqRel) as i8)
-    }
-
-    pub fn take_noted_home_offset(&self) -> Option<i32> {
-        let noted = self.noted_home_offset.load(Ordering::Acquire);
-        if noted & NOTED_OFFSET == 0 {
-            return None;
-        }
-        Some(self.noted_home_offset.swap(0, Ordering::AcqRel) as i32)
-    }
-
     /// Writes what the program has set since the last time into the drive's outputs.
     pub fn merge_outputs(&self, outputs: &mut [u8]) {
         self.outputs.merge(outputs);
@@ -1239,8 +1238,8 @@ impl Shared {
         self.outputs.clear();
         if let Some(settings) = anew {
             self.settings.set(settings);
-            self.noted_mode.store(0, Ordering::Release);
-            self.noted_home_offset.store(0, Ordering::Release);
+            self.noted_mode.take();
+            self.noted_home_offset.take();
             self.attached.fetch_add(1, Ordering::AcqRel);
         }
     }
@@ -1364,10 +1363,10 @@ impl AxisPort {
         let shared = &self.shared;
         shared.answer();
         shared.setup.groups.signals.note_time(now);
-        if let Some(raw) = shared.take_noted_mode() {
-            core.note_mode(Mode::from_raw(raw));
+        if let Some(raw) = shared.noted_mode.take() {
+            core.note_mode(Mode::from_raw(raw as i8));
         }
-        if let Some(offset) = shared.take_noted_home_offset() {
+        if let Some(offset) = shared.noted_home_offset.take() {
             core.note_home_offset(offset);
         }
         let manufacturer = shared.manufacturer();
