@@ -10,6 +10,7 @@ mod plant;
 
 use core::time::Duration;
 
+use frames::Link;
 use plant::{Bus, End, Habits};
 use servocrab::axis::{Command, CommandId, Completion, Failure};
 use servocrab::profile_position::{
@@ -683,5 +684,71 @@ fn a_queued_move_without_its_acknowledge_does_not_hold_back_the_end_of_the_one_b
     assert_eq!(
         finish(&mut bus, second),
         Ok(Completion::Reached { position: 20_000 })
+    );
+}
+
+/// A drive that shows no room, and of whose distances nobody knows from where they count.
+fn undocumented() -> Bus {
+    Bus::enabled(Habits::default(), |config| {
+        config.traits = Traits {
+            buffer_signal: BufferSignal::None,
+            relative_base: RelativeBase::Undocumented,
+            ..Traits::cia402()
+        };
+    })
+}
+
+#[test]
+fn a_short_distance_behind_a_move_that_was_halted_and_resumed_has_begun() {
+    let mut bus = undocumented();
+    let first = bus.abs(1_000, after());
+    bus.run_until(2_000, |bus| bus.drive.actual > 900.0);
+    let short = bus.rel(25, after());
+    bus.wait_accepted(short);
+    let halt = bus.send(Command::Halt);
+    assert!(bus.finish(halt).is_ok());
+    assert!(bus.drive.actual < 990.0);
+    let resume = bus.send(Command::Resume);
+    assert_eq!(finish(&mut bus, resume), Ok(Completion::Done));
+    assert_eq!(
+        bus.finish(first),
+        Ok(Completion::Reached { position: 1_000 })
+    );
+    assert_eq!(
+        bus.finish(short),
+        Ok(Completion::Reached { position: 1_025 })
+    );
+}
+
+#[test]
+fn a_distance_that_was_dropped_in_a_halt_has_not_passed_its_end() {
+    let habits = Habits {
+        start_delay: 200,
+        shows_room: true,
+        ..Habits::default()
+    };
+    let mut bus = Bus::enabled(habits, |config| {
+        config.traits = Traits {
+            buffer_signal: BufferSignal::Acknowledge,
+            relative_base: RelativeBase::Undocumented,
+            ..Traits::cia402()
+        };
+    });
+    let dropped = bus.rel(-700, after());
+    bus.wait_accepted(dropped);
+    let halt = bus.send(Command::Halt);
+    bus.run(10);
+    // Its drive drops it while nothing is seen, and is halted no more before the axis is known to stand.
+    bus.cycle_over(Link::ReplyLost);
+    bus.drive.drop_all(End::Dropped);
+    bus.cycle_over(Link::ReplyLost);
+    let resume = bus.send(Command::Resume);
+    assert_eq!(bus.finish(resume), Ok(Completion::Done));
+    assert_eq!(bus.outcome(halt), Some(Err(Failure::Superseded)));
+    let next = bus.abs(-4_000, SetPoint::new().buffer_mode(BufferMode::Blending));
+    assert_eq!(bus.finish(dropped), Err(Failure::EndNotKnown { actual: 0 }));
+    assert_eq!(
+        bus.finish(next),
+        Ok(Completion::Reached { position: -4_000 })
     );
 }

@@ -451,6 +451,7 @@ fn a_resumed_set_point_begins_where_the_axis_is_then() {
         (monitor.stood, monitor.side, monitor.length),
         (Some(1_700), -1, 700)
     );
+    assert_eq!(monitor.begun_at, 1_700);
     // Not for as long as nothing was delivered.
     scene.now += ms(50);
     scene.shows(|cycle| monitor.note(cycle, true));
@@ -761,8 +762,14 @@ fn a_distance_without_an_end_is_seen_at_its_end_once_the_axis_has_left() {
     let known = to(1_000);
     assert!(!Scene::at(500).shows(|cycle| known.is_seen_at_end(cycle)));
     assert!(Scene::at(1_001).shows(|cycle| known.is_seen_at_end(cycle)));
-    let moving = changed(distance(400, base(0)), |monitor| monitor.stood = None);
-    assert!(Scene::at(0).shows(|cycle| moving.is_seen_at_end(cycle)));
+    // One that was in motion has left where it was then.
+    let moving = |begun_at| {
+        changed(distance(400, base(0)), |monitor| {
+            (monitor.stood, monitor.begun_at) = (None, begun_at);
+        })
+    };
+    assert!(Scene::at(0).shows(|cycle| moving(11).is_seen_at_end(cycle)));
+    assert!(!Scene::at(0).shows(|cycle| moving(10).is_seen_at_end(cycle)));
 }
 
 #[test]
@@ -1149,6 +1156,43 @@ fn bit_10_that_was_low_is_the_end_within_the_window() {
     let slow =
         |monitor: &mut SetPointMonitor| (monitor.passing, monitor.rose) = (false, NOW - ms(1));
     assert_eq!(left(1_010, slow), reached(1_010));
+}
+
+#[test]
+fn a_bit_10_where_the_way_may_lead_round_is_believed_once_it_has_stayed() {
+    for (rose, ends) in [(NOW - ms(1), None), (NOW - ms(2), reached(1_010))] {
+        let mut scene = Scene::at(1_010);
+        scene.word = Statusword::TARGET_REACHED;
+        let monitor = changed(to(1_000), |monitor| {
+            (monitor.left_target, monitor.may_lead_round) = (true, true);
+            monitor.rose = rose;
+        });
+        assert_eq!(shown(&scene, monitor), ends);
+    }
+}
+
+#[test]
+fn a_way_may_lead_round_where_its_end_was_within_the_lag_of_an_axis_in_motion() {
+    // 10 counts in a millisecond: behind by up to 400.
+    let round = |scene: Scene, stands: bool, end: i32| {
+        let command = MoveCommand {
+            reference: Reference::Absolute,
+            target: end,
+            set_point: SetPoint::new(),
+            gated: false,
+        };
+        let raised = Raised {
+            stands,
+            begin: 0,
+            since: NOW - ms(1),
+            ..raised(1, command, Some(end))
+        };
+        scene.shows(|cycle| SetPointMonitor::new(&raised, true, cycle).may_lead_round)
+    };
+    assert!(round(Scene::turning(10), false, 400));
+    assert!(!round(Scene::turning(10), false, 401));
+    assert!(!round(Scene::turning(10), true, 400));
+    assert!(!round(Scene::at(10), false, 400));
 }
 
 #[test]

@@ -1595,11 +1595,10 @@ impl Bases {
             let end = bounds.after(base, distance);
             bounds.distance(end, position) <= bounds.position.saturating_add(slack)
         };
-        let window = bounds.position;
         // An axis that is where it was has gone no distance, however vague the base is.
         let stays = self.is_own
             && bounds.is_within_window(self.position, position)
-            && distance.unsigned_abs() > window.saturating_mul(2);
+            && is_far(distance, bounds);
         if stays {
             return false;
         }
@@ -1616,6 +1615,11 @@ impl Bases {
         };
         near(self.position, beside) && self.previous.is_none_or(|end| near(end, 0))
     }
+}
+
+/// Whether a distance leads out of the window around where it begins, and of that around its end.
+const fn is_far(distance: i32, bounds: &Bounds) -> bool {
+    distance.unsigned_abs() > bounds.position.saturating_mul(2)
 }
 
 /// An axis lags behind its demand by no more than what it goes in this time: that of a position loop of 25 1/s, and few are slower. Assumed,
@@ -1695,6 +1699,8 @@ struct SetPointMonitor {
     doubted: bool,
     /// Where the axis stood when it became active. None where it did not stand: then where it has come to rest without a word of bit 10.
     stood: Option<i32>,
+    /// Where the axis was when it became active, or was resumed.
+    begun_at: i32,
     /// Whether bit 10 was high again when the next one went to the drive, and the axis where it had stood. The drive may have been done with this
     /// one there, and what then leads through its end is of the next.
     gave_way: bool,
@@ -1710,7 +1716,10 @@ struct SetPointMonitor {
     arrived: Option<i32>,
     /// On which side of its end the axis was when it became active: the sign of end − position.
     side: i64,
-    /// Of a modulo axis, the way to its end in the last cycle, and whether that has changed its sign there.
+    /// Of a modulo axis, whether the demand may have been past its end when the drive took it: that then lies a turn ahead, and the axis
+    /// passes it before.
+    may_lead_round: bool,
+    /// The way to its end in the last cycle, and whether that has changed its sign there.
     way: i64,
     crossed: bool,
     /// How far the end was in the last cycle, and whether the axis has come nearer since it became active.
@@ -1802,6 +1811,7 @@ impl SetPointMonitor {
             after_unseen: false,
             doubted: false,
             stood: None,
+            begun_at: begin,
             gave_way: false,
             left_place: None,
             lingering: Lingering::default(),
@@ -1809,6 +1819,7 @@ impl SetPointMonitor {
             unreached: ShownFor::NOT,
             arrived: None,
             side: 0,
+            may_lead_round: false,
             way: 0,
             crossed: false,
             remaining: 0,
@@ -1830,6 +1841,8 @@ impl SetPointMonitor {
         let lag = far_behind.then(|| raised.lag(cycle));
         monitor.is_loose = monitor.is_loose_on(lag, cycle);
         monitor.becomes_active(cycle, begin, stands);
+        monitor.may_lead_round =
+            monitor.turns && monitor.swings && monitor.remaining <= raised.lag(cycle);
         monitor
     }
 
@@ -1879,6 +1892,7 @@ impl SetPointMonitor {
         self.seen_there = false;
         self.fastest = 0;
         self.before = position;
+        self.begun_at = position;
         self.stood = (self.from_rest && stands).then_some(position);
         self.left_place = None;
         self.lingering = Lingering::default();
@@ -1983,7 +1997,7 @@ impl SetPointMonitor {
         self.unreached = ShownFor::NOT;
         // The halt may have carried the axis past the end, to which the drive goes back.
         self.arrived = None;
-        self.resumed = true;
+        self.resumed |= active;
     }
 
     /// Lets go of what makes no difference any more.
@@ -2048,6 +2062,7 @@ impl SetPointMonitor {
         let resumed = core::mem::take(&mut self.resumed);
         if resumed {
             self.before = position;
+            self.begun_at = position;
             self.stood = self.from_rest.then_some(position);
         }
         let Some(end) = self.end else {
@@ -2218,13 +2233,13 @@ impl SetPointMonitor {
         self.end_seen(cycle) == EndSeen::There && !self.has_not_left(cycle)
     }
 
-    /// Whether a distance whose end is not known has not led the axis away from where it stood.
+    /// Whether a distance whose end is not known has not led the axis away from where it stood, or was.
     fn has_not_left(&self, cycle: &Cycle<'_>) -> bool {
-        let window = cycle.bounds.position;
-        let far = |way: i32| way.unsigned_abs() > window.saturating_mul(2);
+        let far = |way: i32| is_far(way, cycle.bounds);
         self.end.is_none()
             && self.distance.is_some_and(far)
-            && cycle.is_within_window_of(self.stood)
+            && (cycle.is_within_window_of(self.stood)
+                || cycle.is_within_window_of(Some(self.begun_at)))
     }
 
     /// Whether a set-point that stops at this one's end may be queued behind it: the position will show without doubt
@@ -2433,7 +2448,7 @@ impl SetPointMonitor {
         let window = cycle.bounds.position;
         self.note_place(cycle);
         // It may be wrong for one of the drive's cycles. When that shows, an axis at speed is elsewhere.
-        if self.passing && !cycle.is_seen(self.rose) {
+        if (self.passing || self.may_lead_round) && !cycle.is_seen(self.rose) {
             return None;
         }
         let reached = Some(Ok(Completion::Reached { position }));

@@ -294,7 +294,8 @@ impl Drive {
         }
     }
 
-    fn drop_all(&mut self, how: End) {
+    /// All that it holds is over.
+    pub fn drop_all(&mut self, how: End) {
         for held in [self.active.take(), self.queued.take()]
             .into_iter()
             .flatten()
