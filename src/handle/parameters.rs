@@ -221,12 +221,11 @@ pub(super) struct BySdo {
     pub zero: Option<&'static str>,
 }
 
-/// The objects that moves of an axis have written by SDO.
+/// The objects that moves of an axis have written by SDO. A drive that has been brought up anew may have kept its power, and with it what
+/// they have written: the record stays.
 #[derive(Debug, Default)]
 pub(super) struct WrittenParameters {
     written: Vec<Written>,
-    /// How often the drive had been attached anew by then: it has forgotten what was written before.
-    attached: u32,
 }
 
 #[derive(Debug)]
@@ -291,7 +290,6 @@ impl BySdo {
         let Some(written) = &mut claim.written else {
             return Ok(());
         };
-        written.begin(handles.shared.attached());
         for object in self.left_out {
             // What a move leaves out is again what the drive held.
             if let Some(before) = written.to_set_back(object) {
@@ -346,13 +344,6 @@ impl WrittenParameters {
     /// Whether the drive may hold a parameter of an earlier move.
     fn any_changed(&self) -> bool {
         self.written.iter().any(|written| written.changed)
-    }
-
-    /// Forgets what was written to a drive that has been attached anew since.
-    fn begin(&mut self, attached: u32) {
-        if core::mem::replace(&mut self.attached, attached) != attached {
-            self.written.clear();
-        }
     }
 
     /// What the drive held in this object, where it may hold something else now.

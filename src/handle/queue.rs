@@ -80,8 +80,6 @@ pub(super) struct Shared {
     /// What the drive held when it was attached last.
     settings: SettingsCell,
     closed: AtomicBool,
-    /// How often the drive was attached anew since its axis was made: what was known of it before is not true any more.
-    attached: AtomicU32,
     outputs: OutputCells,
     pub counts: AxisCounts,
 }
@@ -107,7 +105,6 @@ impl Shared {
             max_velocity: AtomicU32::new(0),
             settings: SettingsCell::new(core.drive_settings()),
             closed: AtomicBool::new(false),
-            attached: AtomicU32::new(0),
             outputs: OutputCells::of(&setup.layout),
             counts: AxisCounts::default(),
             setup,
@@ -1240,7 +1237,6 @@ impl Shared {
             self.settings.set(settings);
             self.noted_mode.take();
             self.noted_home_offset.take();
-            self.attached.fetch_add(1, Ordering::AcqRel);
         }
     }
 
@@ -1252,11 +1248,6 @@ impl Shared {
     /// What the drive held when it was attached last.
     pub fn drive_settings(&self) -> DriveSettings {
         self.settings.get()
-    }
-
-    /// How often the drive was attached anew.
-    pub fn attached(&self) -> u32 {
-        self.attached.load(Ordering::Acquire)
     }
 
     /// Passes an event to the command's future.

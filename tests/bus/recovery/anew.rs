@@ -11,11 +11,11 @@ use servocrab::{
     coe::obj,
     drives,
     parameters::StartUpWrite,
-    profile_position::Outcome,
+    profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{AlState, Segment, personality};
 
-use super::{MIDDLE, MS, Yard, is_over, kinds, set_point, unhomed};
+use super::{MIDDLE, MS, Yard, is_over, kinds, set_point, unhomed, with_parameters_by_sdo};
 use crate::rig::{Line, Rig};
 
 const ANEW: Recovered = Recovered::BroughtUp {
@@ -172,6 +172,42 @@ fn a_drive_that_went_back_to_init_or_preop_by_itself_is_brought_up_from_there() 
         yard.works_again("w");
         yard.ends();
     }
+}
+
+#[test]
+fn a_move_that_leaves_its_velocity_out_has_none_of_before_a_drive_that_kept_its_power_was_brought_up()
+ {
+    let (drive, description) = with_parameters_by_sdo();
+    let mut yard = Yard::new(drive, unhomed(description, &["z"]));
+    let z = yard.axis("z");
+    let sdo = yard.rig.net().sdo(1).unwrap();
+    let velocity = async || sdo.read(obj::PROFILE_VELOCITY).await.unwrap();
+    let go = async |target, set_point| {
+        z.enable().await.unwrap();
+        let mode = z.profile_position().await.unwrap();
+        mode.move_abs(target, set_point).await.unwrap().done().await
+    };
+    let (held, written) = yard.rig.until(async {
+        let held = velocity().await;
+        go(500, SetPoint::new().velocity(held / 2)).await.unwrap();
+        (held, velocity().await)
+    });
+    assert_eq!(written, held / 2);
+    let mut segment = yard.line.segment();
+    let device = segment.device_mut(MIDDLE).unwrap();
+    device.fall_to(AlState::PreOp, 0x8001);
+    drop(segment);
+    yard.rig.run_for(300 * MS);
+    yard.recover(1).unwrap();
+    let after = yard.rig.until(async {
+        assert_eq!(velocity().await, written, "it has kept its power");
+        go(1_000, SetPoint::new()).await.unwrap();
+        velocity().await
+    });
+    assert_eq!(after, held);
+    drop(sdo);
+    drop(z);
+    yard.ends();
 }
 
 #[test]

@@ -6,12 +6,11 @@ use servocrab::{
     axis::{Delivery, Failure, Referencing},
     bus::{AlState as State, AlStatus, AxisConfig, DriveConfig, NetworkEvent, Recovered},
     drives,
-    pdo_map::FixedPdo,
     profile_position::SetPoint,
 };
-use servocrab_sim::{AlState, Habits, personality, personality::Servo};
+use servocrab_sim::{AlState, Habits, personality};
 
-use super::{MIDDLE, MS, Yard, events, fall, is_over, kinds, unhomed};
+use super::{MIDDLE, MS, Yard, events, fall, is_over, kinds, unhomed, with_parameters_by_sdo};
 
 const FALLEN: AlStatus = AlStatus {
     state: State::SafeOp,
@@ -210,26 +209,9 @@ fn an_axis_that_was_halted_or_stopped_is_neither_afterwards_and_what_was_asked_f
 
 #[test]
 fn a_move_that_was_still_writing_its_parameters_when_its_drive_fell_does_not_start_after_all() {
-    // 6081h is in no PDO of this drive: it goes by SDO before bit 4 rises.
-    let entry = |index, bits| servocrab::pdo_map::Entry::new(index, 0, bits);
-    let mut description = drives::generic();
-    description.axes[0].rx_pdos.clear();
-    description.axes[0].tx_pdos.clear();
-    description.fixed_pdos = vec![
-        FixedPdo::new(
-            0x1701,
-            [entry(0x6040, 16), entry(0x6060, 8), entry(0x607A, 32)],
-        ),
-        FixedPdo::new(
-            0x1B01,
-            [entry(0x6041, 16), entry(0x6061, 8), entry(0x6064, 32)],
-        ),
-    ];
-    let drive = Servo::generic()
-        .with_fixed_pdo(0x1701, &[(0x6040, 0, 16), (0x6060, 0, 8), (0x607A, 0, 32)])
-        .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
-        .fixed_mapping();
-    let mut yard = Yard::new(drive.build(), unhomed(description, &["z"]));
+    // It writes 6081h before bit 4 rises.
+    let (drive, description) = with_parameters_by_sdo();
+    let mut yard = Yard::new(drive, unhomed(description, &["z"]));
     let z = yard.axis("z");
     let mode = yard.rig.until(async {
         z.enable().await.unwrap();

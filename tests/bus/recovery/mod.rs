@@ -16,9 +16,10 @@ use servocrab::{
     bus::{DriveConfig, Network, NetworkBuilder, NetworkError, NetworkEvent, Recovered},
     drives::{self, DriveDescription},
     homing::{HomingMethod, HomingParameters},
+    pdo_map::{Entry, FixedPdo},
     profile_position::{BufferMode, Move, Outcome, ProfilePosition, SetPoint},
 };
-use servocrab_sim::{AlState, Device, Segment, ds402::State, personality};
+use servocrab_sim::{AlState, Device, Segment, ds402::State, personality, personality::Servo};
 
 use crate::rig::{Line, Rig, akd2g, unhomed};
 
@@ -35,6 +36,29 @@ fn kinds() -> Vec<(Device, DriveDescription, &'static [&'static str])> {
         (personality::sigma7(), drives::sigma7(), &["z"]),
         (personality::pp2010(), drives::pp2010(), &["z"]),
     ]
+}
+
+/// A drive that has 6081h, 6083h and 6084h in no PDO.
+fn with_parameters_by_sdo() -> (Device, DriveDescription) {
+    let entry = |index, bits| Entry::new(index, 0, bits);
+    let mut description = drives::generic();
+    description.axes[0].rx_pdos.clear();
+    description.axes[0].tx_pdos.clear();
+    description.fixed_pdos = vec![
+        FixedPdo::new(
+            0x1701,
+            [entry(0x6040, 16), entry(0x6060, 8), entry(0x607A, 32)],
+        ),
+        FixedPdo::new(
+            0x1B01,
+            [entry(0x6041, 16), entry(0x6061, 8), entry(0x6064, 32)],
+        ),
+    ];
+    let drive = Servo::generic()
+        .with_fixed_pdo(0x1701, &[(0x6040, 0, 16), (0x6060, 0, 8), (0x607A, 0, 32)])
+        .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
+        .fixed_mapping();
+    (drive.build(), description)
 }
 
 fn set_point() -> SetPoint {
