@@ -406,6 +406,11 @@ impl AxisCore {
         self.lost
     }
 
+    /// Whether a stop or a disable is taken: not by an axis that counts as lost and did not answer in the last cycle.
+    pub(crate) const fn takes_stops(&self) -> bool {
+        !self.lost || self.answered
+    }
+
     /// Whether the outputs hold bit 4, with a target that belongs to it.
     const fn outgoing_starts(&self) -> bool {
         self.outgoing.contains(Controlword::NEW_SET_POINT)
@@ -2001,7 +2006,12 @@ impl AxisCore {
                 | Command::QuickStop
                 | Command::Disable
         );
-        if self.is_lost() && !(stops && self.answered) {
+        let takes = if stops {
+            self.takes_stops()
+        } else {
+            !self.is_lost()
+        };
+        if !takes {
             let failure = self.failure_of_loss();
             self.done(id, Err(failure));
             return;

@@ -10,7 +10,7 @@ use std::{
 };
 
 use servocrab::{
-    axis::{Failure, Referencing},
+    axis::{Failure, Loss, Referencing},
     bus::{
         AxisConfig, ClockEvent, ClockStatistics, DistributedClock, DriveConfig, DriveFault,
         Network, NetworkBuilder, NetworkError, NetworkEvent, ReferenceClock,
@@ -164,6 +164,52 @@ fn a_reference_that_jumps_is_followed_by_nobody_and_all_axes_stop() {
     }
 }
 
+#[test]
+fn an_axis_that_is_silent_when_the_reference_jumps_is_disabled_when_it_answers_again() {
+    let mut reference = Servo::sigma7().build();
+    reference.set_clock(START, REFERENCE_PPM);
+    // It has a watchdog alone, and outlives a silence that one with a clock does not.
+    let segment = Segment::new()
+        .with(reference)
+        .with(insisting(MS, 0.0, 77))
+        .with(Servo::sigma7().build());
+    let line = Line::new(segment);
+    // A quick stop leaves it holding.
+    line.segment()
+        .axis_mut(2, 0)
+        .unwrap()
+        .set(0x605A, 0, 6)
+        .unwrap();
+    let without_clock =
+        DriveConfig::new(drives::sigma7()).axis(AxisConfig::new("z").loss(Loss::default()));
+    let with_clock = DriveConfig::new(drives::sigma7())
+        .axis(AxisConfig::new("y"))
+        .dc(DistributedClock::new(0x0300));
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(1, with_clock)
+        .drive(2, without_clock);
+    let mut rig = Rig::start(builder).unwrap();
+    rig.run_for(Duration::from_secs(1));
+    let z = rig.net().axis("z").unwrap();
+    rig.until(z.enable()).unwrap();
+    line.segment().unplug(2);
+    rig.run_for(40 * MS);
+    assert!(z.status().lost, "{:?}", z.status());
+    jump(&line, 11_000_000_000);
+    // Shorter than the watchdog of the drive, which would take the power away.
+    rig.run_for(40 * MS);
+    assert_eq!(clock_events(&rig).len(), 1);
+    line.segment().plug();
+    rig.run_for(Duration::from_secs(1));
+    let device = line.segment().device(2).unwrap().al_state();
+    assert_eq!(device, AlState::Op);
+    let state = line.segment().axis(2, 0).unwrap().state();
+    let off = [Power::SwitchOnDisabled, Power::ReadyToSwitchOn];
+    assert!(off.contains(&state), "{state:?}");
+    rig.shutdown();
+}
+
 /// Why the drive at this position could not be led back.
 fn not_led_back(rig: &mut Rig, position: u16) -> NetworkError {
     let net = rig.net.take().unwrap();
@@ -312,7 +358,7 @@ fn a_reference_of_32_bits_jumps_too() {
         .device_mut(0)
         .unwrap()
         .set_clock(1_000_000_000, 0.0);
-    rig.run_for(20 * MS);
+    rig.run_for(40 * MS);
     assert_eq!(clock(&rig).reference, ReferenceClock::Jumped);
     let y = rig.net().axis("y").unwrap();
     assert_ne!(y.status().state, State::OperationEnabled);

@@ -33,8 +33,8 @@ pub(in crate::bus) struct Axes {
     /// The program's last rule, and whether it has expired.
     watch: Option<LivenessWatch>,
     expired: bool,
-    /// All axes are to be disabled with the next frame, for this reason.
-    disable_asked: Option<Failure>,
+    /// All axes are disabled for good, for this reason.
+    disabling: Option<Failure>,
     /// Whether it was not known of the outputs of the last cycle whether they were delivered.
     was_doubted: bool,
     transitions: TransitionLog,
@@ -48,6 +48,8 @@ struct RunningAxis {
     drive: usize,
     core: AxisCore,
     port: AxisPort,
+    /// Whether its core has taken that it is disabled for good. One that is silent takes nothing, and drops what it was asked for.
+    is_disabled: bool,
 }
 
 impl Axes {
@@ -97,6 +99,7 @@ impl Axes {
                     drive: place,
                     core,
                     port,
+                    is_disabled: false,
                 });
             }
         }
@@ -109,7 +112,7 @@ impl Axes {
             transitions: TransitionLog::new(logged.into_iter(), log),
             recorded,
             control,
-            disable_asked: None,
+            disabling: None,
             was_doubted: false,
         };
         (running, sources)
@@ -175,7 +178,7 @@ impl Axes {
 
     /// Disables all axes for good; moving ones are stopped before, by halt and quick stop.
     pub const fn disable(&mut self, cause: Failure) {
-        self.disable_asked = Some(cause);
+        self.disabling = Some(cause);
     }
 
     /// The axes that may be moving: what answers and is powered or does not stand, and what does not answer and was so when it did last.
@@ -255,7 +258,7 @@ impl Stepper for Rc<RefCell<Axes>> {
     fn before_send(&mut self, now: Duration, drives: &mut Drives) {
         let this = &mut *self.borrow_mut();
         let stop = this.stop(now);
-        let disable = this.disable_asked.take();
+        let disable = this.disabling;
         // Else there is nothing to take in for any axis.
         if this.groups.take_asked() || disable.is_some() || !stop.is_empty() {
             for axis in &mut this.axes {
@@ -332,8 +335,12 @@ impl RunningAxis {
             self.port.before_send(&mut self.core, now, outputs);
         }
         if disable.is_some() {
-            self.core
-                .submit(now, OWN_COMMAND, Command::Disable, outputs);
+            let takes = self.core.takes_stops();
+            if takes && !self.is_disabled {
+                self.core
+                    .submit(now, OWN_COMMAND, Command::Disable, outputs);
+            }
+            self.is_disabled = takes;
         }
     }
 }
