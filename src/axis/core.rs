@@ -1563,7 +1563,7 @@ impl AxisCore {
                     self.begin_quick_stop(now);
                     self.stopping.off = true;
                     self.wait_for_stop(now, id);
-                } else if is_down(state) && self.is_at_rest() {
+                } else if is_down(state) && self.brake.is_shown_down() && self.is_at_rest() {
                     self.power = if state == State::ReadyToSwitchOn {
                         Power::Ready
                     } else {
@@ -1886,7 +1886,7 @@ impl AxisCore {
                 }
             }
             StopPhase::Off { until } => {
-                if is_down(state) {
+                if is_down(state) && self.brake.is_shown_down() {
                     self.leave_operation(self.power);
                     if self.is_at_rest() || self.stopping.has_no_waiter() {
                         self.finish_stop(state);
@@ -2118,7 +2118,10 @@ impl AxisCore {
                     deadline,
                 };
             }
-            _ if is_down(state) => self.await_standstill_without_power(now, id),
+            // At standstill one word does not say so.
+            _ if is_down(state) && (self.brake.is_shown_down() || !self.is_standing()) => {
+                self.await_standstill_without_power(now, id);
+            }
             _ => {
                 // The fault is gone, and the reset of it leads to the same.
                 if let Some(reset) = self.power.take_waiter() {

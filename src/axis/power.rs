@@ -161,6 +161,8 @@ pub(super) struct Brake {
     /// Since when a word that does not enable it is known to have been delivered, with none sent after that which does.
     led_down: Option<Duration>,
     over: bool,
+    /// Whether it has surely shown a state without power, and whether it was led there.
+    shown: bool,
     confirmed: bool,
     /// Whether the last sample showed Quick stop active.
     stopping: bool,
@@ -202,10 +204,10 @@ impl Brake {
             Some((since, samples)) => Some((since, samples.saturating_add(1))),
         };
         let seen = |since| now.saturating_sub(since) >= traits.surely_seen();
-        let shown = self
+        self.shown = self
             .down
             .is_some_and(|(since, samples)| samples > 1 && seen(since));
-        self.confirmed = shown && self.led_down.is_some_and(seen);
+        self.confirmed = self.shown && self.led_down.is_some_and(seen);
         if powered {
             self.phase = BrakePhase::Driven;
         } else if standing || (self.confirmed && self.phase == BrakePhase::Unknown) {
@@ -263,6 +265,11 @@ impl Brake {
             BrakePhase::Driven => driving && self.down.is_none() && self.until.is_none(),
             BrakePhase::Free => self.confirmed,
         }
+    }
+
+    /// Whether the drive has surely shown that its power stage is off: a single word may be wrong.
+    pub const fn is_shown_down(&self) -> bool {
+        self.shown
     }
 
     /// Whether the drive has surely shown that its power stage is off, and was led there.

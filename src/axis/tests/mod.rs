@@ -682,7 +682,7 @@ mod resetting {
             assert_eq!(drive.outcome(id), Some(Err(disabled)), "{state:?}");
             drive.shows_for(30, statusword);
             assert_eq!((drive.outcome(disabling), drive.word()), (None, LOW));
-            drive.shows(SWITCH_ON_DISABLED);
+            drive.shows_for(3, SWITCH_ON_DISABLED);
             assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
         }
         // Where it is without power, the reset goes on to its end.

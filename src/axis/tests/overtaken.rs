@@ -29,7 +29,7 @@ fn a_disable_that_waits_for_standstill_does_not_end_in_quick_stop_active() {
             (None, 0),
             "{first:04X}"
         );
-        drive.shows(SWITCH_ON_DISABLED);
+        drive.shows_for(3, SWITCH_ON_DISABLED);
         let end = stopped(State::SwitchOnDisabled);
         assert_eq!(drive.outcome(disabling), end, "{first:04X}");
     }
@@ -44,7 +44,7 @@ fn a_disable_that_waits_for_standstill_is_not_done_in_switched_on() {
     drive.velocity = 0;
     drive.shows_for(60, SWITCHED_ON);
     assert_eq!((drive.outcome(disabling), drive.word()), (None, 0));
-    drive.shows(SWITCH_ON_DISABLED);
+    drive.shows_for(3, SWITCH_ON_DISABLED);
     let end = stopped(State::SwitchOnDisabled);
     assert_eq!(drive.outcome(disabling), end);
 }

@@ -201,7 +201,7 @@ fn a_standing_axis_is_disabled_by_shutdown() {
         drive.shows(statusword);
         assert_eq!((drive.outcome(disabling), drive.word()), (None, SHUTDOWN));
     }
-    drive.shows(READY);
+    drive.shows_for(3, READY);
     assert_eq!(drive.outcome(disabling), stopped(State::ReadyToSwitchOn));
     // It stays there, as long as its drive does.
     drive.shows_for(30, READY);
@@ -211,7 +211,7 @@ fn a_standing_axis_is_disabled_by_shutdown() {
 
     let mut drive = Played::enabled(Played::config());
     let disabling = drive.submit(Command::Disable);
-    drive.shows(SWITCH_ON_DISABLED);
+    drive.shows_for(3, SWITCH_ON_DISABLED);
     assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
     assert_eq!(drive.word(), DISABLE_VOLTAGE);
 }
@@ -252,7 +252,7 @@ fn an_axis_that_moves_after_its_shutdown_gets_a_quick_stop_and_no_power_after_it
             assert_eq!(drive.word(), QUICK_STOP);
         }
         assert_eq!(drive.outcome(disabling), None);
-        drive.shows(SWITCH_ON_DISABLED);
+        drive.shows_for(3, SWITCH_ON_DISABLED);
         assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
         assert_eq!(drive.word(), DISABLE_VOLTAGE);
     }
@@ -266,8 +266,53 @@ fn a_disable_is_asked_for_once_and_again_by_those_who_wait_for_it() {
     assert_eq!(drive.outcome(disabling), None);
     assert_eq!(drive.answer(Command::Disable), Some(Err(Failure::Busy)));
     assert_eq!(drive.answer(Command::Enable), Some(Err(Failure::Busy)));
-    drive.shows(READY);
+    drive.shows_for(3, READY);
     assert_eq!(drive.outcome(disabling), stopped(State::ReadyToSwitchOn));
+}
+
+/// Neither where it stands nor where it is being switched off.
+#[test]
+fn one_wrong_word_does_not_end_a_disable() {
+    for wrong in [READY, SWITCH_ON_DISABLED] {
+        let mut drive = Played::enabled(Played::config());
+        let disabling = drive.submit(Command::Disable);
+        drive.shows(wrong);
+        drive.shows_for(50, ENABLED);
+        assert_eq!(drive.outcome(disabling), None, "{wrong:04X}");
+        drive.shows_for(3, READY);
+        assert_eq!(drive.outcome(disabling), stopped(State::ReadyToSwitchOn));
+
+        let (mut drive, _) = Played::moving(Played::staying(), 100_000);
+        let disabling = drive.submit(Command::Disable);
+        drive.velocity = 0;
+        drive.cycles_until(DISABLE_VOLTAGE, QUICK_STOP_ACTIVE);
+        drive.shows(wrong);
+        drive.shows_for(50, QUICK_STOP_ACTIVE);
+        assert_eq!(drive.outcome(disabling), None, "{wrong:04X}");
+        drive.shows_for(3, SWITCH_ON_DISABLED);
+        assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
+    }
+}
+
+/// It holds the axis, and would hold it for good.
+#[test]
+fn an_axis_that_is_held_by_quick_stop_is_disabled_although_one_word_says_that_it_is() {
+    for wrong in [READY, SWITCH_ON_DISABLED] {
+        let mut drive = Played::enabled(Played::staying());
+        let stopping = drive.submit(Command::QuickStop);
+        drive.shows_for(50, QUICK_STOP_ACTIVE);
+        assert_eq!(drive.outcome(stopping), stopped(State::QuickStopActive));
+        drive.shows(wrong);
+        let disabling = drive.submit(Command::Disable);
+        drive.shows_for(50, QUICK_STOP_ACTIVE);
+        assert_eq!(
+            (drive.outcome(disabling), drive.word()),
+            (None, DISABLE_VOLTAGE),
+            "{wrong:04X}"
+        );
+        drive.shows_for(3, SWITCH_ON_DISABLED);
+        assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
+    }
 }
 
 #[test]
@@ -282,7 +327,7 @@ fn a_disable_of_an_axis_that_was_not_enabled_leads_it_below_switched_on() {
     let disabling = drive.submit(Command::Disable);
     drive.shows(SWITCHED_ON);
     assert_eq!((drive.outcome(disabling), drive.word()), (None, 0));
-    drive.shows(SWITCH_ON_DISABLED);
+    drive.shows_for(3, SWITCH_ON_DISABLED);
     assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
 }
 

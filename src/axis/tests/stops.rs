@@ -141,7 +141,7 @@ fn whoever_stops_an_axis_that_is_being_switched_off_waits_for_that() {
         let waiting = drive.submit(command);
         assert_eq!(drive.outcome(waiting), None, "{command:?}");
         assert_eq!(drive.word(), 0, "{command:?}");
-        drive.shows(SWITCH_ON_DISABLED);
+        drive.shows_for(3, SWITCH_ON_DISABLED);
         for id in [disabling, waiting] {
             let end = stopped(State::SwitchOnDisabled);
             assert_eq!(drive.outcome(id), end, "{command:?}");
@@ -498,7 +498,7 @@ fn a_halt_that_a_disable_overtakes_is_done_when_the_axis_stands() {
     let mut drive = Played::enabled(Played::config());
     let halting = drive.submit(Command::Halt);
     let disabling = drive.submit(Command::Disable);
-    drive.shows(READY);
+    drive.shows_for(3, READY);
     for id in [halting, disabling] {
         assert_eq!(drive.outcome(id), stopped(State::ReadyToSwitchOn));
     }
