@@ -103,6 +103,8 @@ pub(crate) struct DeviceState {
     pub takes_from: Duration,
     /// A request with the counter of the one before is served like any other.
     pub ignores_counter: bool,
+    /// Its own messages have the counter 0.
+    pub counts_nothing: bool,
     /// It is cut off: frames come back, and it has not answered them.
     pub absent: bool,
     request: Option<Vec<u8>>,
@@ -272,6 +274,7 @@ impl DeviceState {
             flood: None,
             takes_from: Duration::ZERO,
             ignores_counter: false,
+            counts_nothing: false,
             absent: false,
             request: None,
             last_counter: 0,
@@ -366,7 +369,9 @@ impl DeviceState {
             self.swallow -= 1;
             return;
         }
-        self.reply_counter = self.reply_counter % 7 + 1;
+        if !self.counts_nothing {
+            self.reply_counter = self.reply_counter % 7 + 1;
+        }
         let ready = now + self.delays.pop_front().unwrap_or_default();
         let mut message = ((sdo.len() + 2) as u16).to_le_bytes().to_vec();
         // An abort travels as an SDO request.

@@ -351,6 +351,22 @@ fn an_emergency_is_delivered_once_though_its_message_was_repeated() {
 }
 
 #[test]
+fn a_confirmation_that_a_device_without_a_counter_repeats_is_not_that_of_the_next_write() {
+    let (rig, device, handle, _) = rig();
+    device.0.borrow_mut().counts_nothing = true;
+    assert_eq!(write_velocity(&rig, &handle, 7), Ok(()));
+    // The reading of the confirmation is lost before the device, which then repeats the one of before; it has
+    // refused the new write.
+    {
+        let mut state = device.0.borrow_mut();
+        state.refused.insert(VELOCITY, 0x0800_0022);
+        state.faults = VecDeque::from([None, Some(Fault::LostBefore)]);
+    }
+    let error = write_velocity(&rig, &handle, 8).unwrap_err().error;
+    assert_eq!(error.abort_code(), Some(AbortCode::PRESENT_STATE));
+}
+
+#[test]
 fn a_request_whose_frame_was_lost_is_carried_out_once() {
     for fault in [Fault::LostBefore, Fault::LostAfter, Fault::Twice] {
         let (rig, device, handle, _) = rig();
