@@ -89,6 +89,8 @@ pub struct MailboxClient<T, C> {
     /// An error reply that may be an earlier request's.
     refusal: Option<MailboxError>,
     unconfirmed: UnconfirmedWrite,
+    /// The device has been in INIT since the present transfer began: it may have forgotten an answer.
+    forgets: bool,
     poll_timing: PollTiming,
     /// Accesses that failed in a row.
     failures: u32,
@@ -151,6 +153,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             last: Vec::with_capacity(read_length),
             other: Vec::with_capacity(read_length),
             repeated: false,
+            forgets: false,
             owed: Vec::with_capacity(MOST_OWED),
             sent_again: false,
             refusal: None,
@@ -240,6 +243,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         if self.owes_like(transfer) {
             self.resynchronise(transfer, timeout).await?;
         }
+        self.forget_the_session_before();
+        self.forgets = false;
         loop {
             match self.converse(dialogue, transfer, timeout).await {
                 Err(Failure::Doubtful) => match self.settle(transfer, timeout).await? {
@@ -394,6 +399,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             self.last.clear();
             self.owed.clear();
             self.sent_again = false;
+            self.forgets = true;
         }
     }
 
@@ -790,7 +796,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         match self.unconfirmed.answer.take() {
             Some(Ok(_)) => Ok(Settled::Written),
             Some(Err(failure)) => Err(failure),
-            None if answered => Ok(Settled::NeverArrived),
+            // One that was in INIT may have carried it out, and has forgotten to say so.
+            None if answered && !self.forgets => Ok(Settled::NeverArrived),
             None => {
                 self.remember_owed(transfer);
                 Err(Failure::NoReply)

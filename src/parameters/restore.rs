@@ -5,7 +5,8 @@ use std::time::Duration;
 use super::set::{Differences, Parameter, ParameterSet, Progress, is_parameter, read};
 use super::start_up::{WriteFault, write_value};
 use crate::coe::{
-    AbortCode, DriveError, DriveId, Object, ObjectAddress, ReadWrite, SdoError, SdoHandle, obj,
+    AbortCode, DriveError, DriveId, Object, ObjectAddress, ReadWrite, SdoError, SdoHandle,
+    TransferKind, obj,
 };
 use crate::ds402::{State, Statusword};
 use crate::sii::Identity;
@@ -181,10 +182,13 @@ impl ParameterSet {
     }
 }
 
-/// Whether the object may hold its value though the write failed: the drive has not refused it, and not shown another.
+/// Whether the object may hold its value though the write failed: the drive has not refused it, and not shown another. It may have
+/// refused to be read after it.
 const fn leaves_unconfirmed(fault: &WriteFault) -> bool {
     match fault {
-        WriteFault::Sdo(error) => error.abort_code().is_none(),
+        WriteFault::Sdo(error) => {
+            error.abort_code().is_none() || matches!(error.transfer().kind, TransferKind::Read)
+        }
         WriteFault::Differs { .. }
         | WriteFault::Controlword
         | WriteFault::Mode
@@ -366,9 +370,7 @@ impl Guard {
     pub async fn of(sdo: &SdoHandle) -> Result<Self, GuardFault> {
         for axis in 1..=8 {
             match check(sdo, axis).await {
-                Err(GuardFault::Sdo(SdoError::Aborted { code, .. }))
-                    if axis > 1 || code == AbortCode::NO_OBJECT =>
-                {
+                Err(GuardFault::Sdo(SdoError::Aborted { code, .. })) if is_not_there(code) => {
                     return Ok(Self { axes: axis - 1 });
                 }
                 other => other?,
@@ -384,6 +386,11 @@ impl Guard {
         }
         Ok(())
     }
+}
+
+/// Whether a drive says by this that it has no such object, and not that it does not give it now.
+pub(super) const fn is_not_there(code: AbortCode) -> bool {
+    matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX)
 }
 
 async fn check(sdo: &SdoHandle, axis: u8) -> Result<(), GuardFault> {

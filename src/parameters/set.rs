@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::restore::is_not_there;
 use super::value::{ObjectValue, ValueType, known_name};
 use crate::coe::information::ObjectCode;
 use crate::coe::{
@@ -317,12 +318,15 @@ impl ParameterObject {
                 ..
             }) => {
                 let mut axes = 1;
-                while axes < 8
-                    && read(sdo, obj::STATUSWORD.axis(axes + 1).address())
-                        .await?
-                        .is_ok()
-                {
-                    axes += 1;
+                while axes < 8 {
+                    match sdo.read(obj::STATUSWORD.axis(axes + 1)).await {
+                        Ok(_) => axes += 1,
+                        Err(DriveError {
+                            error: SdoError::Aborted { code, .. },
+                            ..
+                        }) if is_not_there(code) => break,
+                        Err(error) => return Err(error),
+                    }
                 }
                 Ok(Self::known(axes))
             }

@@ -2,7 +2,7 @@
 
 use std::sync::{
     Arc,
-    atomic::{AtomicU32, Ordering},
+    atomic::{AtomicBool, AtomicU32, Ordering},
 };
 
 use servocrab::{
@@ -191,6 +191,72 @@ fn a_drive_that_loses_its_power_at_a_write_leaves_that_one_in_doubt_and_the_rest
         error.to_string().contains("6085h:00 not confirmed"),
         "{error}"
     );
+}
+
+/// The same of an SDO upload of this object.
+fn is_upload(frame: &[u8], object: u16) -> bool {
+    frame[32] == 5
+        && frame.len() > 53
+        && frame[47] & 0x0F == 3
+        && frame[49] == 0x20
+        && frame[50] & 0xE0 == 0x40
+        && frame[51..53] == object.to_le_bytes()
+}
+
+/// An SDO command specifier that no drive knows.
+const UNKNOWN_COMMAND: u8 = 0xE0;
+
+/// A line whose drive refuses to read this object, for it does not know the command.
+fn refusing_to_read(object: u16) -> (Line, Rig, Arc<AtomicBool>) {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let refuses = Arc::new(AtomicBool::new(false));
+    let on = Arc::clone(&refuses);
+    let wire = line.spoiled_wire(move |frame| {
+        if on.load(Ordering::Relaxed) && is_upload(frame, object) {
+            frame[50] = UNKNOWN_COMMAND;
+        }
+    });
+    let rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    (line, rig, refuses)
+}
+
+#[test]
+fn an_axis_whose_statusword_is_refused_is_not_taken_for_one_that_is_not_there() {
+    let (line, mut rig, refuses) = refusing_to_read(0x6841);
+    let y = rig.net().axis("y").unwrap();
+    rig.until(y.enable()).unwrap();
+    refuses.store(true, Ordering::Relaxed);
+    let error = restore(&mut rig, &five()).unwrap_err();
+    let RestoreFault::Sdo(fault) = &error.fault else {
+        panic!("another fault: {error}");
+    };
+    assert_eq!(fault.abort_code(), Some(AbortCode::COMMAND));
+    assert_eq!(error.done, Restored::default());
+    let set = five();
+    let mut all = set.parameters.iter();
+    assert!(all.all(|one| held(&line, one) != one.value));
+    rig.shutdown();
+}
+
+#[test]
+fn a_parameter_that_is_written_and_not_read_back_is_in_doubt() {
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let written = AtomicBool::new(false);
+    let wire = line.spoiled_wire(move |frame| {
+        if is_download(frame) && frame[51..53] == 0x6085_u16.to_le_bytes() {
+            written.store(true, Ordering::Relaxed);
+        } else if written.load(Ordering::Relaxed) && is_upload(frame, 0x6085) {
+            frame[50] = UNKNOWN_COMMAND;
+        }
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    let error = restore(&mut rig, &five()).unwrap_err();
+    let objects: Vec<_> = five().parameters.iter().map(|one| one.object).collect();
+    assert_eq!(error.unconfirmed, Some(objects[2]), "{error}");
+    assert_eq!(error.not_written, objects[3..], "{error}");
+    let written = &five().parameters[2];
+    assert_eq!(held(&line, written), written.value);
+    rig.shutdown();
 }
 
 #[test]

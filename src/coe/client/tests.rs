@@ -578,6 +578,28 @@ fn a_write_whose_frame_is_lost_is_carried_out_once_by_a_device_that_does_not_cou
 }
 
 #[test]
+fn a_write_that_the_device_may_have_taken_before_it_was_in_init_is_not_sent_again() {
+    let (rig, device, handle, _) = rig();
+    {
+        let mut state = device.0.borrow_mut();
+        state.faults = VecDeque::from([Some(Fault::LostAfter)]);
+        state.delays = VecDeque::from([Duration::from_millis(500)]);
+    }
+    let (clock, signal, falls) = (rig.clock.clone(), rig.signal.clone(), device.clone());
+    let init = async move {
+        // The frame has counted as lost for 10 ms.
+        clock.sleep_until(Duration::from_millis(160)).await;
+        falls.0.borrow_mut().begin_anew();
+        signal.begin_anew();
+    };
+    let written = async move { handle.write(obj::PROFILE_VELOCITY, 7_u32).await };
+    let (result, ()) = rig.run(smol::future::zip(written, init));
+    let error = result.unwrap_err().error;
+    assert!(matches!(error, SdoError::Timeout { .. }), "{error}");
+    assert_eq!(device.0.borrow().written.len(), 1);
+}
+
+#[test]
 fn whatever_else_is_lost_besides_the_write_it_is_never_carried_out_twice() {
     let fates = [None, Some(Fault::LostBefore), Some(Fault::LostAfter)];
     for first in [Fault::LostBefore, Fault::LostAfter] {
