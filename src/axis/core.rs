@@ -504,8 +504,8 @@ impl AxisCore {
         let traits = &self.config.traits;
         let command = if self.stopping.is_quick() {
             PowerCommand::QuickStop
-        } else if self.stopping.is_switching_off() && state != State::QuickStopActive {
-            // A drive that ignores quick stop, or has stopped the axis by it.
+        } else if self.stopping.is_switching_off() && state == State::OperationEnabled {
+            // A drive that ignores quick stop, or has stopped the axis by it. In every other state it may still brake the axis.
             PowerCommand::DisableVoltage
         } else {
             let command = self.power.command(state, self.sample.as_ref(), traits);
