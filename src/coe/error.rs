@@ -470,6 +470,12 @@ impl AbortCode {
     /// Not in the present state.
     pub const PRESENT_STATE: Self = Self(0x0800_0022);
 
+    /// Whether the device says that it has no such object or subindex. By every other code it may have it, and does not give it now.
+    #[must_use]
+    pub const fn is_no_object(self) -> bool {
+        matches!(self, Self::NO_OBJECT | Self::NO_SUBINDEX)
+    }
+
     /// The meaning as text; "unknown reason" for a code that the standards do not list.
     #[must_use]
     pub const fn text(self) -> &'static str {

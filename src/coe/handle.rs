@@ -367,7 +367,7 @@ impl SdoHandle {
             Err(DriveError {
                 error: SdoError::Aborted { code, .. },
                 ..
-            }) if code != AbortCode::NO_SUBINDEX && code != AbortCode::NO_OBJECT => {}
+            }) if !code.is_no_object() => {}
             Err(DriveError {
                 error: SdoError::Cut { .. },
                 ..

@@ -84,7 +84,7 @@ async fn compare_entry(
 ) -> Result<(), DriveError> {
     let expected = format!("{} bits", entry.bits);
     match read(sdo, entry.object).await? {
-        Err(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => {
+        Err(code) if code.is_no_object() => {
             differences.note(entry.object, &entry.name, expected, "missing".to_owned());
         }
         // It is there, but cannot be read now.
@@ -127,7 +127,7 @@ fn aborted(error: DriveError) -> Result<AbortCode, DriveError> {
 
 fn refusal(code: AbortCode) -> String {
     match code {
-        AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX => "missing".to_owned(),
+        code if code.is_no_object() => "missing".to_owned(),
         code => format!("refused: {code}"),
     }
 }

@@ -14,8 +14,7 @@ use crate::{
         StopRequest,
     },
     coe::{
-        AbortCode, AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError,
-        Transfer, obj,
+        AxisOffset, Number, Object, ObjectAddress, ReadWrite, Readable, SdoError, Transfer, obj,
     },
     ds402::{Controlword, Mode, State},
     profile_position::{Limits, PositionRange},
@@ -641,7 +640,7 @@ pub(super) async fn read_if_there<T: Number, A: Readable>(
                 got: bytes.len(),
             }),
         Err(error) => match error.abort_code() {
-            Some(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => Ok(None),
+            Some(code) if code.is_no_object() => Ok(None),
             _ => Err(error),
         },
     }

@@ -5,8 +5,7 @@ use std::time::Duration;
 use super::set::{Differences, Parameter, ParameterSet, Progress, is_parameter, read};
 use super::start_up::{WriteFault, write_value};
 use crate::coe::{
-    AbortCode, DriveError, DriveId, Object, ObjectAddress, ReadWrite, SdoError, SdoHandle,
-    TransferKind, obj,
+    DriveError, DriveId, Object, ObjectAddress, ReadWrite, SdoError, SdoHandle, TransferKind, obj,
 };
 use crate::ds402::{State, Statusword};
 use crate::sii::Identity;
@@ -303,7 +302,7 @@ async fn support(
         Err(DriveError {
             error: SdoError::Aborted { code, .. },
             ..
-        }) if code == AbortCode::NO_OBJECT || code == AbortCode::NO_SUBINDEX => Ok(None),
+        }) if code.is_no_object() => Ok(None),
         Err(error) => Err(error),
     }
 }
@@ -370,7 +369,7 @@ impl Guard {
     pub async fn of(sdo: &SdoHandle) -> Result<Self, GuardFault> {
         for axis in 1..=8 {
             match check(sdo, axis).await {
-                Err(GuardFault::Sdo(SdoError::Aborted { code, .. })) if is_not_there(code) => {
+                Err(GuardFault::Sdo(SdoError::Aborted { code, .. })) if code.is_no_object() => {
                     return Ok(Self { axes: axis - 1 });
                 }
                 other => other?,
@@ -386,11 +385,6 @@ impl Guard {
         }
         Ok(())
     }
-}
-
-/// Whether a drive says by this that it has no such object, and not that it does not give it now.
-pub(super) const fn is_not_there(code: AbortCode) -> bool {
-    matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX)
 }
 
 async fn check(sdo: &SdoHandle, axis: u8) -> Result<(), GuardFault> {

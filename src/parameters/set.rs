@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use super::restore::is_not_there;
 use super::value::{ObjectValue, ValueType, known_name};
 use crate::coe::information::ObjectCode;
 use crate::coe::{
@@ -250,7 +249,7 @@ impl ParameterSet {
                     name: object.name.clone(),
                     value: ObjectValue::decode(object.kind, &bytes),
                 }),
-                Err(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => backup.missing.push(address),
+                Err(code) if code.is_no_object() => backup.missing.push(address),
                 Err(code) => backup.refused.push((address, code)),
             }
         }
@@ -324,7 +323,7 @@ impl ParameterObject {
                         Err(DriveError {
                             error: SdoError::Aborted { code, .. },
                             ..
-                        }) if is_not_there(code) => break,
+                        }) if code.is_no_object() => break,
                         Err(error) => return Err(error),
                     }
                 }

@@ -604,7 +604,7 @@ async fn keeps<T: crate::coe::Number>(
     let refused = match sdo.write(object, value).await {
         Ok(()) => None,
         Err(error) => match aborted(&error) {
-            Some(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX) => return Ok(None),
+            Some(code) if code.is_no_object() => return Ok(None),
             Some(code) => Some(code),
             None => return Err(error.error.into()),
         },

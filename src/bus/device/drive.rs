@@ -12,8 +12,8 @@ use crate::{
         requests::Context,
     },
     coe::{
-        AbortCode, AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, Readable,
-        SdoError, SdoHandle, obj,
+        AxisOffset, DriveError, Number, Object, ObjectAddress, ReadOnly, Readable, SdoError,
+        SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
     pdo_map::{Direction, Layout, Mapping},
@@ -367,7 +367,7 @@ async fn read_if_there<T: Number, A: Readable>(
         Err(DriveError {
             error: SdoError::Aborted { code, .. },
             ..
-        }) if code == AbortCode::NO_OBJECT || code == AbortCode::NO_SUBINDEX => Ok(None),
+        }) if code.is_no_object() => Ok(None),
         Err(error) => Err(error).at(BringUpStep::Parameters),
     }
 }
