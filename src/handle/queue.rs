@@ -851,10 +851,14 @@ impl Shared {
         self.ask();
     }
 
-    /// Nobody waits for this command any more.
-    pub fn leave(&self, id: CommandId) {
-        if let Some(slot) = self.slots.of(id) {
-            self.slots.mark_last(slot, id, mark::LEFT, mark::DONE);
+    /// Nobody waits for this command any more. Where somebody takes its result meanwhile, its slot may already be another command's.
+    pub fn leave(&self, ticket: &Ticket) {
+        let kept = ticket.kept();
+        if kept.result.is_none()
+            && let Some(slot) = self.slots.of(ticket.id)
+        {
+            self.slots
+                .mark_last(slot, ticket.id, mark::LEFT, mark::DONE);
         }
     }
 
@@ -1145,7 +1149,7 @@ impl Drop for Pending {
         if self.on_drop != OnDrop::GoOn && !shared.is_done(self.id) {
             self.handles.withdraw(self.id, self.on_drop == OnDrop::End);
         }
-        shared.leave(self.id);
+        shared.leave(&self.ticket);
     }
 }
 
