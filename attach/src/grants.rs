@@ -19,7 +19,8 @@ use crate::AttachError;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Grant {
-    /// They may write objects by SDO: not those of the process data, and not those that the library itself writes or relies on.
+    /// They may write objects by SDO: not those of the process data, and not those that the library itself writes or relies on. Torque
+    /// limits (6072h, 60E0h, 60E1h), digital outputs (60FEh) and the maker's objects may be written.
     Parameters,
     /// They may enable and disable these axes, reset their faults, and jog them for as long as somebody holds the jog.
     Jog {
@@ -28,7 +29,9 @@ pub enum Grant {
         /// No faster than this, in the axis' unit per second.
         max_velocity: f64,
     },
-    /// They may enable and disable these axes, reset their faults, home them, and move them to positions.
+    /// They may enable and disable these axes, reset their faults, home them, and move them to positions. It bounds no velocity: a move has
+    /// the one that the client names, within 607Fh or the program's [`Limits`](servocrab::profile_position::Limits). A homing has the speeds
+    /// that the drive holds.
     Motion {
         /// The names of the axes.
         axes: Vec<String>,
@@ -132,7 +135,7 @@ pub(crate) fn is_owned(object: ObjectAddress) -> bool {
         0x1000..=0x1FFF => true,
         0x6000..=0x9FFF => {
             let of_first = 0x6000 + (object.index - 0x6000) % 0x800;
-            OWNED.contains(&of_first) || matches!(of_first, 0x608F..=0x6092 | 0x6096..=0x609A)
+            OWNED.contains(&of_first) || matches!(of_first, 0x608F..=0x609A)
         }
         _ => false,
     }
@@ -145,7 +148,7 @@ mod tests {
     #[test]
     fn the_objects_of_motion_of_every_axis_are_the_librarys_and_those_of_the_maker_are_not() {
         for index in [
-            0x1018, 0x1C12, 0x6040, 0x6840, 0x9860, 0x605A, 0x6898, 0x6091,
+            0x1018, 0x1C12, 0x6040, 0x6840, 0x9860, 0x605A, 0x6898, 0x6091, 0x6093, 0x6894,
         ] {
             assert!(is_owned(ObjectAddress::new(index, 0)), "{index:04X}h");
         }

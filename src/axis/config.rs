@@ -134,7 +134,8 @@ impl CoreConfig {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tolerances {
-    /// Position units between target and 6064h at arrival: by default the drive's position window 6067h.
+    /// Position units between target and 6064h at arrival, and within which a standing axis stays. `Tolerances::default()` has 10. A
+    /// [`Network`](crate::bus::Network) takes the drive's position window 6067h in its place, but only for an axis that is given no `Tolerances`.
     pub position: u32,
     /// Velocity units of 606Ch up to which it shows that the axis stands, where it is mapped: at most the window in a settle time. It is the
     /// drive's threshold 606Fh where
@@ -237,8 +238,8 @@ impl Default for Deadlines {
 pub struct Loss {
     /// Consecutive cycles without an answer of the drive.
     pub stale_cycles: u32,
-    /// Consecutive cycles in which its outputs are not known to have been delivered. More than `stale_cycles`, so that the loss of
-    /// another drive in the same datagram does not count against this one.
+    /// Consecutive cycles in which its outputs are not known to have been delivered. Not fewer than `stale_cycles`, and
+    /// better more: then the loss of another drive in the same datagram does not count against this one.
     pub undelivered_cycles: u32,
 }
 

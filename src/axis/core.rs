@@ -641,7 +641,7 @@ bitflags! {
     /// Stops asked for outside the command queue: the stop lane.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
     pub struct StopRequest: u8 {
-        /// Pause (bit 8).
+        /// Pause (bit 8); a quick stop where 605Dh is 0.
         const HALT = 1;
         /// Halt, then abandon the set-point by quick stop.
         const STOP = 2;

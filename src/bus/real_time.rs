@@ -14,8 +14,8 @@ use thread_priority::{
 
 /// Real time for the bus thread: scheduling class and priority, processors, locked memory. Nothing unless asked for.
 ///
-/// Whatever the system refuses is an error that says why and what to change; nothing is left out in silence. The example
-/// `doctor` looks at a machine beforehand.
+/// Whatever the system refuses is an error that says why and what to change; nothing is left out in silence. The command
+/// `servocrab doctor` looks at a machine beforehand.
 ///
 /// ```no_run
 /// use servocrab::bus::{Network, RealTime, Scheduling};

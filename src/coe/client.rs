@@ -216,7 +216,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         if self.signal.is_watched() {
             return self.signal.message_waits().await;
         }
-        let next = self.clock.now() + self.settings.idle_interval;
+        let next = self.clock.now().saturating_add(self.settings.idle_interval);
         self.clock.sleep_until(next).await;
         false
     }
@@ -301,7 +301,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         timeout: Duration,
     ) -> Result<TransferStep, Failure> {
         let mut asked_at = self.clock.now();
-        let deadline = asked_at + timeout;
+        let deadline = asked_at.saturating_add(timeout);
         self.failures = 0;
         self.refusal = None;
         let mut doubtful_from = None;
@@ -497,7 +497,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Asks the device for its last message once more and waits until it has followed.
     async fn repeat(&mut self, before: MailboxStatus) -> Result<(), Failure> {
         let toggle = !before.repeat_requested;
-        let deadline = self.clock.now() + self.settings.frame_timeout;
+        let deadline = self.clock.now().saturating_add(self.settings.frame_timeout);
         self.repeated = true;
         while let Err(fault) = self.access(self.transport.request_repeat(toggle)).await {
             self.tolerate(fault)?;
@@ -526,7 +526,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     }
 
     async fn pause(&self) {
-        let next = self.clock.now() + self.settings.poll_interval;
+        let next = self.clock.now().saturating_add(self.settings.poll_interval);
         self.clock.sleep_until(next).await;
     }
 
@@ -544,7 +544,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         limit: Duration,
         access: impl Future<Output = Result<R, LinkFault>>,
     ) -> Result<R, LinkFault> {
-        let deadline = self.clock.now() + limit;
+        let deadline = self.clock.now().saturating_add(limit);
         or(access, async {
             self.clock.sleep_until(deadline).await;
             Err(LinkFault::Lost)

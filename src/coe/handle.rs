@@ -74,7 +74,7 @@ impl SdoHandle {
     }
 
     /// The same handle with another time for each reply, for objects over which a device takes long (storing
-    /// parameters).
+    /// parameters). `Duration::MAX` waits until the device answers or is lost.
     #[must_use]
     pub const fn with_timeout(mut self, timeout: Duration) -> Self {
         self.timeout = Some(timeout);

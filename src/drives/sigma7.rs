@@ -12,8 +12,8 @@ use crate::profile_position::{LimitsActive, LimitsOff, LimitsRule, Traits};
 /// From its manual: the software position limits 607Dh are corrected by the home offset 607Ch. They are off where the minimum is
 /// not below the maximum. They hold only after homing or with an absolute encoder. From the maker's answers to users: 1600h–1603h
 /// and 1A00h–1A03h with at most eight objects each, two PDOs per direction. What is too much for the first goes into the second.
-/// How bits 5, 9 and 12 behave is not in the pages at hand. They are taken to be as in CiA 402, with a bit 12 that shows nothing of
-/// the buffer. Its product code is not there either; any of the vendor's is accepted. Its emergencies all have the error code
+/// How bits 5, 9 and 12 behave is not in the pages at hand. They are taken to be as in CiA 402. Whether bit 12 shows a full buffer
+/// is not known ([`BufferSignal::Unknown`](crate::profile_position::BufferSignal::Unknown)). Its product code is not there either; any of the vendor's is accepted. Its emergencies all have the error code
 /// FF00h, with the alarm that the drive shows in bytes 4 and 5 of the message (the manual's section "Emergency Messages"). The
 /// meaning of each alarm is in the manual's list, which is not at hand.
 #[must_use]

@@ -20,6 +20,7 @@ use super::{
     AxisError, AxisIdentity, AxisPort, AxisStatistics, GroupQueue,
     axis::{Axis, Handles},
     field::Field,
+    parameters::Claims,
     queue::Shared,
 };
 
@@ -129,6 +130,7 @@ impl AxisSetup {
         let source = AxisSource {
             shared: Arc::clone(&shared),
             handles: Arc::default(),
+            claims: Arc::default(),
         };
         (source, AxisPort::new(shared))
     }
@@ -139,6 +141,7 @@ impl AxisSetup {
 pub struct AxisSource {
     shared: Arc<Shared>,
     handles: Arc<Mutex<Weak<Handles>>>,
+    claims: Arc<Claims>,
 }
 
 impl AxisSource {
@@ -179,7 +182,8 @@ impl AxisSource {
     pub fn axis(&self) -> Axis {
         let mut known = self.handles.lock().unwrap_or_else(PoisonError::into_inner);
         let handles = known.upgrade().unwrap_or_else(|| {
-            let handles = Arc::new(Handles::new(Arc::clone(&self.shared)));
+            let (shared, claims) = (Arc::clone(&self.shared), Arc::clone(&self.claims));
+            let handles = Arc::new(Handles::new(shared, claims));
             *known = Arc::downgrade(&handles);
             handles
         });
@@ -188,7 +192,8 @@ impl AxisSource {
 
     /// A handle that is none of the program's: that it is dropped stops nothing.
     pub(crate) fn uncounted_axis(&self) -> Axis {
-        Axis::new(Arc::new(Handles::of_network(Arc::clone(&self.shared))))
+        let (shared, claims) = (Arc::clone(&self.shared), Arc::clone(&self.claims));
+        Axis::new(Arc::new(Handles::of_network(shared, claims)))
     }
 
     /// A handle in the unit in which the axis was declared.

@@ -48,7 +48,8 @@ pub struct StopHandle {
 }
 
 impl StopHandle {
-    /// Pauses by bit 8, keeping the set-point. On a drive that ignores bit 8 it goes on to the quick stop as soon as that is known.
+    /// Pauses by bit 8, keeping the set-point. On a drive that ignores bit 8 it goes on to the quick stop as soon as that is known. Where
+    /// 605Dh is 0 it is a quick stop, and the set-point is gone.
     pub fn halt(&self) {
         self.shared.request_stop(StopRequest::HALT);
     }

@@ -281,7 +281,7 @@ pub enum Failure {
         /// Position actual value 6064h.
         actual: i32,
     },
-    /// The target lies beyond a limit that the drive holds: nothing was sent.
+    /// The target lies beyond a limit that the drive holds: no set-point was sent.
     #[error(
         "the target {target} lies beyond the limit {limit} of {object}: move within it, or change it and read the limits again"
     )]

@@ -534,8 +534,9 @@ impl LimitsRule {
     }
 }
 
-/// What an axis' drive holds in its limit objects, or what the program says in their place. Moves beyond it are refused
-/// before anything is written; what is `None` is not checked.
+/// What an axis' drive holds in its limit objects, or what the program says in their place. Absolute targets and velocities
+/// beyond it are refused before anything is written. The end of a relative move is checked when its turn comes, and only where it is known
+/// what the drive counts from: parameters that go by SDO are written by then. What is `None` is not checked.
 ///
 /// A [`Network`](crate::bus::Network) reads them when an axis attaches. A program that changes 607Bh, 607Ch, 607Dh or 607Fh later
 /// has them read again: `Axis::read_limits`.

@@ -89,6 +89,24 @@ fn the_drive_latches_the_same_parameters_whichever_way_each_of_them_goes() {
 }
 
 #[test]
+fn what_a_move_has_brought_is_set_back_though_all_its_handles_are_gone() {
+    let mut machine = Machine::of(1, &variant(&[0x6081, 0x6082]));
+    machine.drive().set(0x6081, 0, 50_000).unwrap();
+    let job = |machine: &mut Machine, set_point| {
+        let axis = machine.axis(0);
+        machine.finish(axis.enable()).unwrap();
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        drop(machine.finish(pp.move_rel(100_000, set_point)).unwrap());
+        machine.finish(axis.stop()).unwrap();
+        let line = machine.drive().ledger().last().cloned().unwrap();
+        (line.velocity, line.end_velocity)
+    };
+    let fast = SetPoint::new().velocity(20_000).end_velocity(70);
+    assert_eq!(job(&mut machine, fast), (20_000, 70));
+    assert_eq!(job(&mut machine, SetPoint::new()), (50_000, 0));
+}
+
+#[test]
 fn the_ramps_of_a_jog_are_not_those_of_the_next_move() {
     let mut variant = variant(&[0x6083, 0x6084]);
     variant.mapped_too.push(obj::TARGET_VELOCITY.into());

@@ -29,7 +29,7 @@ pub(crate) struct AxisArguments {
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(100..=20_000))]
     cycle_us: u32,
     /// After this time without process data the drive stops by itself, in milliseconds; without it: twenty cycles, at least 100 ms
-    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=6553))]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=6500))]
     watchdog_ms: Option<u64>,
     /// Move without a question
     #[arg(long)]

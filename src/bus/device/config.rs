@@ -317,21 +317,24 @@ impl AxisConfig {
         self
     }
 
-    /// What counts as arrived and as standing. Without it the position window 6067h is read from the drive.
+    /// What counts as arrived and as standing, with a settle time of at most 60 s. It replaces all of them: the drive's 6067h and 606Fh are
+    /// not used then, nor for fields left at `Tolerances::default()` (10 position units, velocity 0, 100 ms). Without it the position window
+    /// 6067h is read from the drive, and its threshold 606Fh where that is in the unit of 606Ch.
     #[must_use]
     pub const fn tolerances(mut self, tolerances: Tolerances) -> Self {
         self.tolerances = Some(tolerances);
         self
     }
 
-    /// How long each step of a command may take.
+    /// How long each step of a command may take: each 1 ms to 1 h.
     #[must_use]
     pub const fn deadlines(mut self, deadlines: Deadlines) -> Self {
         self.deadlines = deadlines;
         self
     }
 
-    /// When it counts as lost. Without it: after half of the watchdog's time, but not less than ten cycles.
+    /// When it counts as lost: after at least one stale cycle, not fewer undelivered ones, and at most 60 s. Without it: after half of the
+    /// watchdog's time, but not less than ten cycles.
     #[must_use]
     pub const fn loss(mut self, loss: Loss) -> Self {
         self.loss = Some(loss);

@@ -294,6 +294,15 @@ impl Device {
         Ok(())
     }
 
+    /// Takes what the axes of this drive did without a set-point's parameters from an earlier start.
+    pub fn keep_defaults_of(&mut self, before: &Self) {
+        if let (DeviceKind::Drive(drive), Some(before)) = (&mut self.kind, before.as_drive()) {
+            for (axis, before) in drive.axes.iter_mut().zip(&before.axes) {
+                axis.config.defaults = before.config.defaults;
+            }
+        }
+    }
+
     async fn configure_io(&mut self, context: &Context) -> Result<(), StepError> {
         let DeviceKind::Io { points, .. } = &mut self.kind else {
             return Ok(());

@@ -101,7 +101,7 @@ impl NetworkBuilder {
         self
     }
 
-    /// The time from one exchange of process data to the next.
+    /// The time from one exchange of process data to the next: 50 µs to 1 s. Without it: 1 ms.
     pub const fn cycle(mut self, cycle: Duration) -> Self {
         self.plan.cycle = cycle;
         self
@@ -176,7 +176,7 @@ impl NetworkBuilder {
     }
 
     /// After this time without process data the drives leave OP and stop their axes. Without it: twenty cycles, at least
-    /// 100 ms. It must be longer than a cycle.
+    /// 100 ms and at most 6.5 s. It must be longer than a cycle, and from 100 µs to 6.5 s (register 0420h counts 100 µs).
     pub fn watchdog(mut self, time: Duration) -> Self {
         self.plan.watchdog = Watchdog::Armed(Some(time));
         self

@@ -1,6 +1,6 @@
 //! All devices together: the start, the run, the recovery of a device and the end; and the running network, as a program holds it.
 //!
-//! `builder` and `plan` take what a program declares, `bring_up` leads the line into OP, `supervisor` keeps it, `recovery` leads one device
+//! `builder` takes what a program declares, `bring_up` leads the line into OP, `supervisor` keeps it, `recovery` leads one device
 //! back, `axes` steps the cores in each cycle, `scan` looks at a line without using it. It may call every other room of the bus; none calls
 //! it.
 
@@ -273,7 +273,9 @@ impl Network {
         self.view.emergencies.clone()
     }
 
-    /// What happens to drives: lost, back, out of OP. Each event is seen once, whoever asks.
+    /// What happens to drives: lost, back, out of OP. All handles take from one queue, so each event goes to one reader. It keeps 64 events,
+    /// four more for each device, and black boxes only while fewer than 32 events wait. Later ones are dropped and not counted: take them all
+    /// the time, and look at the status of an axis for whether it is lost.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -194,6 +194,8 @@ impl Recovery {
             device.configure(&self.context).await?;
             // Its handles are there: in OP a program could enable them.
             device.read_axes(&self.context).await?;
+            // A drive that kept its power has what the last moves have brought.
+            device.keep_defaults_of(before);
             // Others would lie where those of other devices are.
             same_process_data(before, device)?;
             device.enter_safe_op(&self.context).await?;

@@ -81,6 +81,13 @@ fn the_first_answer_of_a_device_that_began_anew_is_not_taken_for_a_repeated_one(
 }
 
 #[test]
+fn a_timeout_without_an_end_is_a_deadline_that_never_comes() {
+    let (rig, _, handle, _) = device_with_statusword();
+    let patient = handle.with_timeout(Duration::MAX);
+    assert_eq!(read_statusword(&rig, &patient), Ok(0x1637));
+}
+
+#[test]
 fn an_object_of_another_width_is_an_error_and_no_number() {
     let (rig, device, handle, _) = rig();
     device.set(0x6041, 0, &[1, 2, 3, 4]);

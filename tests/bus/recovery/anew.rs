@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use servocrab::{
-    axis::{Failure, Referencing},
+    axis::{Axis, Failure, Referencing},
     bus::{
         AlState as State, AlStatus, AxisConfig, BringUpStep, DistributedClock, DriveConfig,
         Network, Recovered, ReferenceClock,
@@ -177,36 +177,68 @@ fn a_drive_that_went_back_to_init_or_preop_by_itself_is_brought_up_from_there() 
 #[test]
 fn a_move_that_leaves_its_velocity_out_has_none_of_before_a_drive_that_kept_its_power_was_brought_up()
  {
+    // By SDO, and with the process data.
+    for (drive, description) in [
+        with_parameters_by_sdo(),
+        (personality::generic(), drives::generic()),
+    ] {
+        let mut yard = Yard::new(drive, unhomed(description, &["z"]));
+        let z = yard.axis("z");
+        let sdo = yard.rig.net().sdo(1).unwrap();
+        let velocity = async || sdo.read(obj::PROFILE_VELOCITY).await.unwrap();
+        let go = async |target, set_point| {
+            z.enable().await.unwrap();
+            let mode = z.profile_position().await.unwrap();
+            mode.move_abs(target, set_point).await.unwrap().done().await
+        };
+        let (held, written) = yard.rig.until(async {
+            let held = velocity().await;
+            go(500, SetPoint::new().velocity(held / 2)).await.unwrap();
+            (held, velocity().await)
+        });
+        assert_eq!(written, held / 2);
+        let mut segment = yard.line.segment();
+        let device = segment.device_mut(MIDDLE).unwrap();
+        device.fall_to(AlState::PreOp, 0x8001);
+        drop(segment);
+        yard.rig.run_for(300 * MS);
+        let kept = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6081, 0);
+        assert_eq!(kept, Some(i64::from(written)), "it has kept its power");
+        yard.recover(1).unwrap();
+        let after = yard.rig.until(async {
+            go(1_000, SetPoint::new()).await.unwrap();
+            velocity().await
+        });
+        assert_eq!(after, held);
+        drop(sdo);
+        drop(z);
+        yard.ends();
+    }
+}
+
+#[test]
+fn a_move_that_leaves_its_velocity_out_has_none_of_a_client_beside_the_program() {
     let (drive, description) = with_parameters_by_sdo();
     let mut yard = Yard::new(drive, unhomed(description, &["z"]));
     let z = yard.axis("z");
+    let beside = yard.rig.net().uncounted_axis("z").unwrap();
     let sdo = yard.rig.net().sdo(1).unwrap();
     let velocity = async || sdo.read(obj::PROFILE_VELOCITY).await.unwrap();
-    let go = async |target, set_point| {
-        z.enable().await.unwrap();
-        let mode = z.profile_position().await.unwrap();
+    let go = async |axis: &Axis, target, set_point| {
+        let mode = axis.profile_position().await.unwrap();
         mode.move_abs(target, set_point).await.unwrap().done().await
     };
-    let (held, written) = yard.rig.until(async {
+    let (held, of_client, of_program) = yard.rig.until(async {
+        z.enable().await.unwrap();
         let held = velocity().await;
-        go(500, SetPoint::new().velocity(held / 2)).await.unwrap();
-        (held, velocity().await)
+        let slow = SetPoint::new().velocity(held / 2);
+        go(&beside, 500, slow).await.unwrap();
+        let of_client = velocity().await;
+        go(&z, 1_000, SetPoint::new()).await.unwrap();
+        (held, of_client, velocity().await)
     });
-    assert_eq!(written, held / 2);
-    let mut segment = yard.line.segment();
-    let device = segment.device_mut(MIDDLE).unwrap();
-    device.fall_to(AlState::PreOp, 0x8001);
-    drop(segment);
-    yard.rig.run_for(300 * MS);
-    yard.recover(1).unwrap();
-    let after = yard.rig.until(async {
-        assert_eq!(velocity().await, written, "it has kept its power");
-        go(1_000, SetPoint::new()).await.unwrap();
-        velocity().await
-    });
-    assert_eq!(after, held);
-    drop(sdo);
-    drop(z);
+    assert_eq!((of_client, of_program), (held / 2, held));
+    drop((sdo, beside, z));
     yard.ends();
 }
 
