@@ -304,15 +304,20 @@ struct Run {
     position: i32,
     /// The drive has shown that it is at work on this one.
     pub begun: bool,
-    /// All three bits say done; and they have since bit 4 is known to have been delivered.
+    /// Since when it shows that it is at work on this one, and whether it has in more than one word.
+    at_work_since: Option<Duration>,
+    worked: bool,
+    /// Since when all three bits say done; whether they do for a settle time; and they have since bit 4 is known to have been delivered.
+    done_since: Option<Duration>,
     done: ShownFor,
     done_after: ShownFor,
     /// Bit 12 says so of this one, and the axis stands.
     attained: ShownFor,
     /// Since when the drive has not been at work on this one, by bits 12 and 10.
     over_since: Option<Duration>,
-    /// Since when the drive has shown an error while moving.
+    /// Since when the drive has shown an error, and that the axis rests with it.
     error_since: Option<Duration>,
+    error_at_rest: ShownFor,
 }
 
 impl Run {
@@ -338,11 +343,15 @@ impl Run {
             stale_progress: is_in_progress(word),
             position: cycle.sample.position,
             begun: false,
+            at_work_since: None,
+            worked: false,
+            done_since: None,
             done: ShownFor::NOT,
             done_after: ShownFor::NOT,
             attained: ShownFor::NOT,
             over_since: None,
             error_since: None,
+            error_at_rest: ShownFor::NOT,
         }
     }
 
@@ -363,15 +372,22 @@ impl Run {
         // is none, the axis leaves where it was, or bit 12 rises, after the drive has surely seen bit 4.
         let fell = self.stale_attained && !attained && !error;
         let progress = is_in_progress(word);
+        let surely_seen = cycle.traits.surely_seen();
         let seen = self
             .delivered
-            .is_some_and(|since| cycle.now.saturating_sub(since) >= cycle.traits.surely_seen());
+            .is_some_and(|since| cycle.now.saturating_sub(since) >= surely_seen);
+        // One word may be wrong.
+        let sure = |since: Duration| cycle.now.saturating_sub(since) >= surely_seen;
+        let at_work = fell || progress;
+        let still = self.at_work_since.filter(|_| !attained && !error);
+        self.at_work_since = still.or(at_work.then_some(cycle.now));
+        self.worked |= self.at_work_since.is_some_and(sure);
         let left =
             cycle.bounds.distance(self.position, cycle.sample.position) > cycle.bounds.position;
         self.begun |= if self.stale_progress {
             seen && !error && (attained || left)
         } else {
-            fell || progress
+            at_work
         };
         let start = if self.stale_progress {
             // It may take its time to leave.
@@ -384,14 +400,20 @@ impl Run {
         self.stale_error &= error;
 
         if error && !self.stale_error {
-            self.begun = true;
+            self.begun |= self.error_since.is_some_and(sure);
             return self.error(cycle, at_rest, standstill);
+        }
+        if !error {
+            self.error_since = None;
+            self.error_at_rest = ShownFor::NOT;
         }
         let done = attained && at_rest && !error;
         let (now, settle) = (cycle.now, cycle.bounds.settle);
         let held = self.done.update(now, done, settle);
+        self.done_since = done.then(|| self.done_since.unwrap_or(now));
+        let done_for_sure = self.done_since.is_some_and(sure);
         // So long that a drive that is at work on this one would show it.
-        let long = settle.max(cycle.traits.surely_seen().saturating_mul(2));
+        let long = settle.max(surely_seen.saturating_mul(2));
         let told = self.delivered.is_some();
         let proven = self.done_after.update(now, done && told, long);
         let mine = attained && !error && self.is_mine(cycle, proven);
@@ -406,12 +428,14 @@ impl Run {
         self.begun |= mine;
         // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
         // not come, the axis' rest.
-        if mine && ((at_rest && (stands || held)) || rested) {
+        let started = now.saturating_sub(self.since) >= start;
+        let was_at_work = self.worked || self.command.method.is_motionless() || started;
+        if mine && was_at_work && ((stands && done_for_sure) || held || rested) {
             return Some(Ok(Completion::Homed {
                 position: cycle.sample.position,
             }));
         }
-        if !self.begun && cycle.now.saturating_sub(self.since) >= start {
+        if !self.begun && started {
             if error {
                 // An error that has stood all the time. With the drive at rest it did not even begin.
                 return self.error(cycle, at_rest, standstill);
@@ -470,8 +494,13 @@ impl Run {
         standstill: Duration,
     ) -> Option<Result<Completion, Failure>> {
         let since = *self.error_since.get_or_insert(cycle.now);
-        let moving = !at_rest && !cycle.standstill.is_standing();
-        let late = cycle.now.saturating_sub(since) >= standstill;
+        let shown_for = cycle.now.saturating_sub(since);
+        // As with a good end, one word may be wrong.
+        let held = self
+            .error_at_rest
+            .update(cycle.now, at_rest, cycle.bounds.settle);
+        let stands = cycle.standstill.is_standing() && shown_for >= cycle.traits.surely_seen();
+        let (moving, late) = (!(stands || held), shown_for >= standstill);
         (!moving || late).then_some(Err(Failure::HomingError { moving }))
     }
 }

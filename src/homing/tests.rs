@@ -299,7 +299,7 @@ fn a_stall_between_two_samples_is_no_proof_that_an_old_result_is_of_this_homing(
 fn a_drive_that_shows_progress_all_the_time_may_finish_before_the_axis_is_seen_to_move() {
     for method in [HomingMethod::NEGATIVE_LIMIT, HomingMethod::CURRENT_POSITION] {
         let mut homing = Dialogue::begin(method, IN_PROGRESS);
-        homing.shows_for(20, IN_PROGRESS).shows(DONE);
+        homing.shows_for(20, IN_PROGRESS).shows_for(3, DONE);
         assert_eq!(homing.reports(), [Event::Accepted, homed()], "{method:?}");
     }
 }
@@ -354,7 +354,7 @@ fn what_an_earlier_homing_has_left_in_bit_12_is_not_taken_for_this_one() {
     // The drive takes its time.
     homing.shows_for(300, DONE);
     assert!(homing.is_high() && homing.reports().is_empty());
-    homing.shows_for(50, IN_PROGRESS).shows(DONE);
+    homing.shows_for(50, IN_PROGRESS).shows_for(3, DONE);
     assert_eq!(homing.reports(), [Event::Accepted, homed()]);
 }
 
@@ -387,14 +387,59 @@ fn an_old_error_is_this_ones_only_when_the_drive_shows_it_anew_or_shows_nothing_
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, ERROR);
     homing.shows_for(100, ERROR);
     assert!(homing.is_high() && homing.reports().is_empty());
-    homing.shows_for(20, IN_PROGRESS).shows(DONE);
+    homing.shows_for(20, IN_PROGRESS).shows_for(3, DONE);
     assert_eq!(homing.reports(), [Event::Accepted, homed()]);
 
     let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, ERROR);
-    homing.shows_for(502, ERROR);
+    homing.shows_for(504, ERROR);
     let error = Failure::HomingError { moving: false };
     assert_eq!(homing.reports(), [Event::Done(Err(error))]);
     assert!(!homing.procedure.has_motion());
+}
+
+#[test]
+fn one_wrong_word_is_neither_an_error_nor_the_end_nor_the_beginning_of_a_homing() {
+    // An error at rest, of an axis that moves.
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, NOT_STARTED);
+    homing.velocity = -50;
+    homing
+        .shows_for(10, IN_PROGRESS)
+        .shows(ERROR)
+        .shows_for(50, IN_PROGRESS);
+    assert_eq!(homing.reports(), [Event::Accepted]);
+    // The end, while the axis stands on its way: it turns round.
+    homing.velocity = 0;
+    homing
+        .shows_for(200, IN_PROGRESS)
+        .shows(DONE)
+        .shows_for(50, IN_PROGRESS);
+    assert!(homing.reports().is_empty() && homing.is_high());
+    homing.shows_for(3, DONE);
+    let position = homing.position;
+    assert_eq!(
+        homing.reports(),
+        [Event::Done(Ok(Completion::Homed { position }))]
+    );
+
+    // The beginning: the drive takes its time, and shows what an earlier homing has left.
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, DONE);
+    homing
+        .shows_for(5, DONE)
+        .shows(IN_PROGRESS)
+        .shows_for(300, DONE);
+    assert!(homing.is_high() && homing.reports() == [Event::Accepted]);
+    homing.shows_for(50, IN_PROGRESS).shows_for(3, DONE);
+    assert_eq!(homing.reports(), [homed()]);
+}
+
+#[test]
+fn a_homing_that_was_over_within_one_word_is_done_in_the_time_of_a_beginning() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, DONE);
+    homing.shows_for(5, DONE).shows(IN_PROGRESS);
+    homing.shows_for(485, DONE);
+    assert_eq!(homing.reports(), [Event::Accepted]);
+    homing.shows_for(15, DONE);
+    assert_eq!(homing.reports(), [homed()]);
 }
 
 #[test]
@@ -407,6 +452,8 @@ fn an_error_is_reported_at_rest_and_an_axis_that_does_not_come_to_rest_is_stoppe
     assert_eq!(homing.reports(), [Event::Accepted]);
     homing.velocity = 0;
     homing.shows(ERROR);
+    assert_eq!(homing.reports(), []);
+    homing.shows_for(20, ERROR);
     let error = |moving| Event::Done(Err(Failure::HomingError { moving }));
     assert_eq!(homing.reports(), [error(false)]);
     assert!(!homing.is_high());

@@ -609,6 +609,8 @@ fn the_second_one_arrives_where_bit_12_shows_the_drive_at_it_and_the_first_is_op
             position: 400,
         });
         let mut events = Events::new();
+        // It has shown so for a while, or has not.
+        drive_buffer.room = room_shown.then_some(Duration::ZERO);
         scene.shows(|cycle| {
             drive_buffer.follow(cycle, room_shown, Unacknowledged::None, &mut events);
         });
@@ -733,6 +735,7 @@ fn at_rest_with_two(
     }
     let mut events = Events::new();
     let none = Unacknowledged::None;
+    drive_buffer.room = bit_12_has_fallen.then_some(Duration::ZERO);
     scene.shows(|cycle| drive_buffer.follow(cycle, bit_12_has_fallen, none, &mut events));
     (reports(events), drive_buffer)
 }
@@ -758,6 +761,21 @@ fn of_two_at_rest_at_the_end_of_the_first_the_second_has_not_begun() {
         assert_eq!(reported, [(1, first), (2, not_begun(position))]);
         assert!(drive_buffer.is_empty() && drive_buffer.take_not_begun());
     }
+}
+
+#[test]
+fn a_place_is_shown_anew_for_each_two() {
+    let mut scene = Scene::at(500);
+    scene.traits.buffer_signal = BufferSignal::Acknowledge;
+    let mut drive_buffer = two();
+    drive_buffer.held[1] = None;
+    drive_buffer.room = Some(Duration::ZERO);
+    let mut events = Events::new();
+    let second = monitor(2, to(2_000, BufferMode::Buffered), Some(2_000));
+    drive_buffer.push(second, &mut events);
+    let none = Unacknowledged::None;
+    scene.shows(|cycle| drive_buffer.follow(cycle, true, none, &mut events));
+    assert!(drive_buffer.held[1].is_some() && reports(events).is_empty());
 }
 
 /// Bit 12 has fallen: whatever bit 10 says of the time before, only the first is over.

@@ -106,7 +106,7 @@ impl Sequencer {
             no_older(at, now, seen);
         }
         self.pending.canonicalize(now, acknowledge);
-        self.drive_buffer.canonicalize(now, begin, settle);
+        self.drive_buffer.canonicalize(now, seen, begin, settle);
         if let Some(raised) = &mut self.unconfirmed {
             raised.canonicalize(now, acknowledge);
         }
@@ -531,6 +531,7 @@ impl Sequencer {
             sent: false,
             delivered: None,
             full: cycle.is_acknowledging(),
+            fell: None,
             shown: 0,
         };
     }
@@ -572,6 +573,8 @@ enum Bit4 {
         delivered: Option<Duration>,
         /// Whether bit 12 has been high all the time, for a buffer that is full: no edge of it will come.
         full: bool,
+        /// Since when it has been low nevertheless.
+        fell: Option<Duration>,
         /// Frames with inputs since the drive has surely seen it.
         shown: u8,
     },
@@ -655,11 +658,12 @@ impl Bit4 {
             Self::High {
                 raised,
                 delivered,
+                fell,
                 shown,
                 ..
             } => {
                 raised.canonicalize(now, acknowledge);
-                if let Some(at) = delivered {
+                for at in [delivered, fell].into_iter().flatten() {
                     no_older(at, now, seen);
                 }
                 *shown = (*shown).min(SHOWN_AFTER);
@@ -691,6 +695,7 @@ impl Bit4 {
                 raised,
                 delivered,
                 full,
+                fell,
                 shown,
             } => {
                 raised.far_behind &= !cycle.is_reached();
@@ -698,8 +703,11 @@ impl Bit4 {
                 if cycle.delivered {
                     delivered.get_or_insert(now);
                 }
-                // A place became free after all before the drive took it: its edge will come.
-                *full &= acknowledge;
+                // What the frame shows that brings bit 4 is from before it, and no answer.
+                *full |= acknowledge && now == raised.since;
+                // A place became free after all before the drive took it: its edge will come. One word may be wrong.
+                *fell = (*full && !acknowledge).then(|| fell.unwrap_or(now));
+                *full &= !fell.is_some_and(|at| cycle.is_seen(at));
                 let seen = delivered.is_some_and(|at| cycle.is_seen(at));
                 *shown = shown.saturating_add(u8::from(seen));
             }
@@ -933,6 +941,8 @@ enum Unacknowledged {
 #[derive(Debug, Clone, Hash, Default)]
 struct DriveBuffer {
     held: [Option<SetPointMonitor>; HELD],
+    /// Since when bit 12 has shown a free place where two are held: one word may be wrong.
+    room: Option<Duration>,
     /// One that is over by the drive's word, bit 12, and whose end the axis has not been seen at.
     over: Option<Over>,
     /// The end of the last set-point, where the axis has arrived.
@@ -1006,6 +1016,7 @@ impl DriveBuffer {
         }
         if let Some(place) = self.held.iter_mut().find(|place| place.is_none()) {
             *place = Some(monitor);
+            self.room = None;
         }
     }
 
@@ -1022,9 +1033,18 @@ impl DriveBuffer {
     }
 
     /// Lets go of what makes no difference any more.
-    pub fn canonicalize(&mut self, now: Duration, begin: Duration, settle: Duration) {
+    pub fn canonicalize(
+        &mut self,
+        now: Duration,
+        seen: Duration,
+        begin: Duration,
+        settle: Duration,
+    ) {
         for monitor in self.held.iter_mut().flatten() {
             monitor.canonicalize(now, begin, settle);
+        }
+        if let Some(since) = &mut self.room {
+            no_older(since, now, seen);
         }
         if let Some(over) = &mut self.over {
             over.monitor.canonicalize(now, begin, settle);
@@ -1084,7 +1104,12 @@ impl DriveBuffer {
         }
         match &mut self.held {
             [Some(first), Some(second)] => {
-                let shown = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
+                let room = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
+                self.room = room.then(|| self.room.unwrap_or(cycle.now));
+                // Where the axis was at its end, the word says nothing new.
+                let shown = self
+                    .room
+                    .is_some_and(|since| cycle.is_seen(since) || first.is_seen_at_end(cycle));
                 second.note_behind(first, shown && undecided, cycle);
                 first.note(cycle, false);
                 // When bit 12 has fallen, the next one has taken over, and bit 11 is of that.
@@ -1093,7 +1118,7 @@ impl DriveBuffer {
                 }
                 let left = first.is_left_behind(second, cycle)
                     && cycle.traits.buffer_signal != BufferSignal::Acknowledge;
-                let rest = if shown || left {
+                let rest = if room || left {
                     None
                 } else {
                     first.rests_with(second, cycle)

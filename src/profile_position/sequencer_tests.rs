@@ -127,6 +127,8 @@ impl Dialogue {
         let id = self.ask(command);
         self.frame();
         assert!(self.is_high(), "{:?}", self.reports());
+        // What the frame shows that brings it is from before.
+        assert!(!self.frame());
         self.word |= ACKNOWLEDGE;
         assert!(self.frame() && !self.is_high());
         assert_eq!(self.reports(), [(id, Event::Accepted)]);
@@ -351,14 +353,45 @@ fn a_set_point_on_a_full_buffer_that_stays_full_is_given_up_in_time() {
     assert!(dialogue.sequencer.is_unknown());
 }
 
+/// One wrong word shows a place where there is none, as the axis is on its way to the first end.
+#[test]
+fn one_wrong_word_neither_frees_a_place_nor_acknowledges_what_was_just_sent() {
+    // With a move that waits, nothing goes out.
+    let (mut dialogue, _) = Dialogue::full();
+    dialogue.ask(to(20_000, BufferMode::Buffered));
+    dialogue.frames(3);
+    dialogue.word -= ACKNOWLEDGE;
+    dialogue.frame();
+    dialogue.word |= ACKNOWLEDGE;
+    assert!(!dialogue.is_high());
+    dialogue.frames(300);
+    assert!(dialogue.reports().is_empty() && !dialogue.is_high());
+
+    // One that replaces all goes out with that word. The level that comes back with it is from before.
+    let (mut dialogue, _) = Dialogue::full();
+    dialogue.frames(3);
+    dialogue.word -= ACKNOWLEDGE;
+    dialogue.ask(to(-500, BufferMode::Aborting));
+    dialogue.frame();
+    dialogue.word |= ACKNOWLEDGE;
+    assert!(dialogue.is_high() && !dialogue.frame());
+    assert!(dialogue.reports().is_empty() && dialogue.is_high());
+}
+
 /// A place became free before the drive took it: an edge of bit 12 acknowledges it.
 #[test]
 fn a_buffer_that_frees_a_place_acknowledges_by_an_edge() {
     let (mut dialogue, _) = Dialogue::full();
     let id = dialogue.ask(to(-500, BufferMode::Aborting));
     dialogue.frames(2);
+    // One word that shows a place is wrong, perhaps: the level that follows is no edge.
     dialogue.word -= ACKNOWLEDGE;
     dialogue.frame();
+    dialogue.word |= ACKNOWLEDGE;
+    assert!(!dialogue.frame() && dialogue.is_high());
+    assert!(dialogue.reports().is_empty());
+    dialogue.word -= ACKNOWLEDGE;
+    dialogue.frames(3);
     dialogue.reports();
     dialogue.word |= ACKNOWLEDGE;
     assert!(dialogue.frame() && !dialogue.is_high());
@@ -465,6 +498,7 @@ fn bits_that_a_drive_takes_before_the_edge_are_seen_before_it() {
         dialogue.sequencer.bits().word(),
         immediately | Controlword::NEW_SET_POINT
     );
+    dialogue.frame();
     dialogue.word |= ACKNOWLEDGE;
     assert!(dialogue.frame());
     assert_eq!(dialogue.sequencer.bits().word(), Controlword::empty());
@@ -573,6 +607,7 @@ fn a_sequencer_says_what_it_holds() {
     assert_eq!(said(&dialogue), (false, false, false), "it waits");
     dialogue.frame();
     assert_eq!(said(&dialogue), (false, false, false), "it is raised");
+    dialogue.frame();
     dialogue.word |= ACKNOWLEDGE;
     dialogue.word -= REACHED;
     dialogue.frame();
@@ -610,6 +645,7 @@ fn a_cycle_may_be_cheap_where_nothing_but_the_position_changes() {
     assert_eq!(allows(&dialogue), (false, false));
     dialogue.frame();
     assert_eq!(allows(&dialogue), (false, false), "bit 4 is high");
+    dialogue.frame();
     dialogue.word |= ACKNOWLEDGE;
     dialogue.frames(2);
     assert_eq!(allows(&dialogue), (true, true), "one set-point is followed");

@@ -69,9 +69,9 @@ fn passed_before_its_acknowledge(full: u32) -> Option<Result<Completion, Failure
     drive.shows_for(9, ENABLED);
     assert_eq!(drive.position, 870);
     drive.shows_for(1 + full, ACKNOWLEDGED);
-    drive.shows_for(3, ENABLED);
+    drive.shows_for(5, ENABLED);
     queue(&mut drive, Reference::Absolute, 20_000);
-    drive.shows_for(2, ENABLED);
+    drive.shows_for(3, ENABLED);
     drive.shows(ACKNOWLEDGED);
     drive.shows_for(250, ENABLED);
     drive.outcome(second)
