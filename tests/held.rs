@@ -372,7 +372,7 @@ fn a_distance_from_a_swing_has_not_ended_where_the_axis_then_rests() {
                 let end = entry.end.expect("it was taken");
                 let gap = (bus.drive.actual - end).abs();
                 assert!(
-                    entry.ended.is_some() || gap < 25.0,
+                    entry.ended.is_some() || gap < 30.0,
                     "{after_end}: {gap:.0} counts from its end"
                 );
             }
@@ -651,7 +651,7 @@ fn what_a_distance_leads_beside_its_end_is_not_the_motion_of_the_next() {
                 if gone && let Some(entry) = bus.entry(distances[1]) {
                     let gap = entry.end.map_or(0.0, |end| (bus.drive.actual - end).abs());
                     assert!(
-                        entry.ended.is_some() || gap < 25.0,
+                        entry.ended.is_some() || gap < 30.0,
                         "{frequency}, {after_end}: {gap:.0} counts from its end"
                     );
                 }

@@ -609,10 +609,9 @@ fn the_second_one_arrives_where_bit_12_shows_the_drive_at_it_and_the_first_is_op
             position: 400,
         });
         let mut events = Events::new();
-        // It has shown so for a while, or has not.
-        drive_buffer.room = room_shown.then_some(Duration::ZERO);
         scene.shows(|cycle| {
-            drive_buffer.follow(cycle, room_shown, Unacknowledged::None, &mut events);
+            let room = room_shown.then_some(Room::Sure);
+            drive_buffer.follow(cycle, room, Unacknowledged::None, &mut events);
         });
         let seen = drive_buffer.held.iter().flatten().last();
         seen.and_then(|second| second.arrived)
@@ -639,7 +638,7 @@ fn one_in_doubt_that_never_shows_bit_10_is_perhaps_superseded() {
         });
         let next = Unacknowledged::Perhaps { anywhere: false };
         let mut events = Events::new();
-        scene.shows(|cycle| drive_buffer.follow(cycle, false, next, &mut events));
+        scene.shows(|cycle| drive_buffer.follow(cycle, None, next, &mut events));
         (reports(events), drive_buffer.is_empty())
     };
     let superseded = Failure::PerhapsSuperseded { actual: 1_000 };
@@ -735,8 +734,8 @@ fn at_rest_with_two(
     }
     let mut events = Events::new();
     let none = Unacknowledged::None;
-    drive_buffer.room = bit_12_has_fallen.then_some(Duration::ZERO);
-    scene.shows(|cycle| drive_buffer.follow(cycle, bit_12_has_fallen, none, &mut events));
+    let room = bit_12_has_fallen.then_some(Room::Sure);
+    scene.shows(|cycle| drive_buffer.follow(cycle, room, none, &mut events));
     (reports(events), drive_buffer)
 }
 
@@ -764,18 +763,21 @@ fn of_two_at_rest_at_the_end_of_the_first_the_second_has_not_begun() {
 }
 
 #[test]
-fn a_place_is_shown_anew_for_each_two() {
-    let mut scene = Scene::at(500);
+fn where_a_place_began_to_show_is_of_these_two() {
+    let mut scene = Scene::at(1_000);
     scene.traits.buffer_signal = BufferSignal::Acknowledge;
     let mut drive_buffer = two();
     drive_buffer.held[1] = None;
-    drive_buffer.room = Some(Duration::ZERO);
+    drive_buffer.room_at = Some(700);
     let mut events = Events::new();
-    let second = monitor(2, to(2_000, BufferMode::Buffered), Some(2_000));
+    let second = monitor(2, to(2_000, BufferMode::Blending), Some(2_000));
     drive_buffer.push(second, &mut events);
-    let none = Unacknowledged::None;
-    scene.shows(|cycle| drive_buffer.follow(cycle, true, none, &mut events));
-    assert!(drive_buffer.held[1].is_some() && reports(events).is_empty());
+    let first = drive_buffer.held[0].as_mut().expect("one is held");
+    first.arrived = Some(1_000);
+    let (room, none) = (Some(Room::Sure), Unacknowledged::None);
+    scene.shows(|cycle| drive_buffer.follow(cycle, room, none, &mut events));
+    let passed = Event::Done(Ok(Completion::Passed { position: 1_000 }));
+    assert_eq!(reports(events), [(1, passed)]);
 }
 
 /// Bit 12 has fallen: whatever bit 10 says of the time before, only the first is over.
@@ -865,7 +867,7 @@ fn one_in_doubt_that_ends_in_motion_has_not_come_to_rest_at_its_end() {
         scene.stand(ms(1_000));
         let next = Unacknowledged::Perhaps { anywhere: false };
         let mut events = Events::new();
-        scene.shows(|cycle| drive_buffer.follow(cycle, false, next, &mut events));
+        scene.shows(|cycle| drive_buffer.follow(cycle, None, next, &mut events));
         reports(events)
     };
     let done = |result| alloc::vec![(1, Event::Done(result))];

@@ -873,6 +873,14 @@ fn one_that_has_stood_at_its_end_is_left_three_windows_from_there() {
     assert!(left(25, 50) && !left(24, 50), "or half of the way");
 }
 
+/// An input of the drive may have stopped it there before it comes to either end.
+#[test]
+fn one_that_stands_beyond_both_ends_is_not_left_behind() {
+    let left = |position, goal| left_behind(&Scene::at(position), goal, |_| ()).0;
+    assert!(left(1_010, 1_000) && !left(1_011, 1_000));
+    assert!(left(-1_010, -1_000) && !left(-1_011, -1_000));
+}
+
 #[test]
 fn one_that_stays_away_for_the_settle_time_is_left_behind_half_way() {
     let left = |position: i32, since: Duration, cycles| {

@@ -106,7 +106,7 @@ impl Sequencer {
             no_older(at, now, seen);
         }
         self.pending.canonicalize(now, acknowledge);
-        self.drive_buffer.canonicalize(now, seen, begin, settle);
+        self.drive_buffer.canonicalize(now, begin, settle);
         if let Some(raised) = &mut self.unconfirmed {
             raised.canonicalize(now, acknowledge);
         }
@@ -300,7 +300,7 @@ impl Sequencer {
     pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         let accepted = self.follow_bit4(cycle, events);
         if !cycle.halted {
-            let room_shown = self.bit4.is_low_acknowledged(cycle);
+            let room = self.bit4.room(cycle);
             let on_its_way = self.bit4.on_its_way().or(self.unconfirmed.as_ref());
             let next = match on_its_way {
                 _ if self.unknown => Unacknowledged::Perhaps {
@@ -311,7 +311,7 @@ impl Sequencer {
                 },
                 None => Unacknowledged::None,
             };
-            self.drive_buffer.follow(cycle, room_shown, next, events);
+            self.drive_buffer.follow(cycle, room, next, events);
             self.note_not_begun(events);
             self.start_next(cycle, events, true);
         }
@@ -340,10 +340,12 @@ impl Sequencer {
                 self.accept(raised, true, cycle, events);
                 return true;
             }
-            if full && shown > SHOWN_AFTER && !local {
+            let passed_over = full && shown > SHOWN_AFTER;
+            if passed_over && !local && raised.replaces() {
                 self.low();
                 self.unconfirmed = Some(raised);
-            } else if (full && local) || cycle.is_late(raised.since) {
+            } else if passed_over || (full && local) || cycle.is_late(raised.since) {
+                // One that replaces none finds no place in a full buffer.
                 // Under local control the drive follows no edge, and its bit 12 falls all the same when the active one ends.
                 self.low();
                 self.give_up(raised, WaitingFor::Acknowledge, cycle, events);
@@ -416,7 +418,12 @@ impl Sequencer {
             return;
         }
         let ready = match self.drive_buffer.place_for(&request.command, cycle) {
-            BufferRoom::Free => self.bit4.is_low_acknowledged(cycle),
+            // With one that the drive holds, a single word that shows a place may be wrong.
+            BufferRoom::Free => match self.bit4.room(cycle) {
+                Some(Room::Sure) => true,
+                Some(Room::Shown) => self.drive_buffer.is_empty(),
+                None => false,
+            },
             BufferRoom::Full => {
                 self.bit4.is_low_acknowledged(cycle) || self.bit4.is_low_seen(cycle)
             }
@@ -511,6 +518,7 @@ impl Sequencer {
         let previous = is_relative
             .then(|| self.drive_buffer.previous_end())
             .flatten();
+        let shows_room = cycle.traits.buffer_signal == BufferSignal::Acknowledge;
         self.bit4 = Bit4::High {
             raised: Raised {
                 request,
@@ -530,7 +538,7 @@ impl Sequencer {
             },
             sent: false,
             delivered: None,
-            full: cycle.is_acknowledging(),
+            full: cycle.is_acknowledging() || (shows_room && self.drive_buffer.holds_two()),
             fell: None,
             shown: 0,
         };
@@ -565,6 +573,8 @@ enum Bit4 {
         delivered: Option<Duration>,
         /// Whether bit 12 was still high then: its fall proves that the drive has seen the low.
         will_be_seen: bool,
+        /// Since when bit 12 has been low, where that shows a place in the drive's buffer.
+        room: Option<Duration>,
     },
     High {
         raised: Raised,
@@ -580,6 +590,14 @@ enum Bit4 {
     },
     /// High, and its set-point has been reported as failed already: a stop is under way.
     Abandoned,
+}
+
+/// A place in the drive's buffer, as bit 12 shows it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Room {
+    /// By words of less than two of the drive's cycles: they may be wrong.
+    Shown,
+    Sure,
 }
 
 /// A set-point for which bit 4 has risen.
@@ -645,13 +663,16 @@ impl Bit4 {
     pub const LOW: Self = Self::Low {
         delivered: None,
         will_be_seen: false,
+        room: None,
     };
 
     /// Lets go of what makes no difference any more.
     pub fn canonicalize(&mut self, now: Duration, seen: Duration, acknowledge: Duration) {
         match self {
-            Self::Low { delivered, .. } => {
-                if let Some(at) = delivered {
+            Self::Low {
+                delivered, room, ..
+            } => {
+                for at in [delivered, room].into_iter().flatten() {
                     no_older(at, now, seen);
                 }
             }
@@ -684,11 +705,14 @@ impl Bit4 {
             Self::Low {
                 delivered,
                 will_be_seen,
+                room,
             } => {
                 if cycle.delivered && delivered.is_none() {
                     *delivered = Some(now);
                     *will_be_seen = acknowledge;
                 }
+                let by_bit_12 = cycle.traits.buffer_signal == BufferSignal::Acknowledge;
+                *room = (by_bit_12 && !acknowledge).then(|| room.unwrap_or(now));
             }
             Self::High {
                 sent: true,
@@ -715,12 +739,26 @@ impl Bit4 {
         }
     }
 
+    /// What bit 12 shows of a place in the drive's buffer, once it is low again after a set-point.
+    #[inline]
+    pub fn room(&self, cycle: &Cycle<'_>) -> Option<Room> {
+        if !self.is_low_acknowledged(cycle) {
+            return None;
+        }
+        let in_doubt = match self {
+            Self::Low { room, .. } => room.is_some_and(|since| !cycle.is_seen(since)),
+            _ => false,
+        };
+        Some(if in_doubt { Room::Shown } else { Room::Sure })
+    }
+
     /// Whether bit 12 is low and the drive has surely seen bit 4 low: by the fall of bit 12, or by its own cycle.
     #[inline]
     pub fn is_low_acknowledged(&self, cycle: &Cycle<'_>) -> bool {
         let &Self::Low {
             delivered: Some(_),
             will_be_seen,
+            ..
         } = self
         else {
             return false;
@@ -941,8 +979,8 @@ enum Unacknowledged {
 #[derive(Debug, Clone, Hash, Default)]
 struct DriveBuffer {
     held: [Option<SetPointMonitor>; HELD],
-    /// Since when bit 12 has shown a free place where two are held: one word may be wrong.
-    room: Option<Duration>,
+    /// Where the axis was when bit 12 began to show that the first of two is over.
+    room_at: Option<i32>,
     /// One that is over by the drive's word, bit 12, and whose end the axis has not been seen at.
     over: Option<Over>,
     /// The end of the last set-point, where the axis has arrived.
@@ -992,6 +1030,11 @@ impl DriveBuffer {
         self.at_base = true;
     }
 
+    /// Whether it is full, as far as is known.
+    pub const fn holds_two(&self) -> bool {
+        self.held[1].is_some()
+    }
+
     pub fn is_empty(&self) -> bool {
         self.held.iter().all(Option::is_none)
     }
@@ -1016,7 +1059,7 @@ impl DriveBuffer {
         }
         if let Some(place) = self.held.iter_mut().find(|place| place.is_none()) {
             *place = Some(monitor);
-            self.room = None;
+            self.room_at = None;
         }
     }
 
@@ -1033,18 +1076,9 @@ impl DriveBuffer {
     }
 
     /// Lets go of what makes no difference any more.
-    pub fn canonicalize(
-        &mut self,
-        now: Duration,
-        seen: Duration,
-        begin: Duration,
-        settle: Duration,
-    ) {
+    pub fn canonicalize(&mut self, now: Duration, begin: Duration, settle: Duration) {
         for monitor in self.held.iter_mut().flatten() {
             monitor.canonicalize(now, begin, settle);
-        }
-        if let Some(since) = &mut self.room {
-            no_older(since, now, seen);
         }
         if let Some(over) = &mut self.over {
             over.monitor.canonicalize(now, begin, settle);
@@ -1076,13 +1110,13 @@ impl DriveBuffer {
         }
     }
 
-    /// One cycle that is not halted: of a halted axis nothing is claimed. `room_shown`: bit 12 is low again after a set-point.
+    /// One cycle that is not halted: of a halted axis nothing is claimed. `room`: bit 12 is low again after a set-point.
     // Kept out of `Sequencer::step`, which is then small enough to be part of the core's step.
     #[inline(never)]
     pub fn follow(
         &mut self,
         cycle: &Cycle<'_>,
-        room_shown: bool,
+        room: Option<Room>,
         next: Unacknowledged,
         events: &mut Events,
     ) {
@@ -1104,12 +1138,19 @@ impl DriveBuffer {
         }
         match &mut self.held {
             [Some(first), Some(second)] => {
-                let room = room_shown && cycle.traits.buffer_signal == BufferSignal::Acknowledge;
-                self.room = room.then(|| self.room.unwrap_or(cycle.now));
-                // Where the axis was at its end, the word says nothing new.
-                let shown = self
-                    .room
-                    .is_some_and(|since| cycle.is_seen(since) || first.is_seen_at_end(cycle));
+                let by_bit_12 = cycle.traits.buffer_signal == BufferSignal::Acknowledge;
+                let (room, sure) = (room.is_some() && by_bit_12, room == Some(Room::Sure));
+                let shown = room && sure;
+                let position = cycle.sample.position;
+                self.room_at = room.then(|| self.room_at.unwrap_or(position));
+                let sample = Sample {
+                    position: self.room_at.unwrap_or(position),
+                    ..*cycle.sample
+                };
+                let at_change = Cycle {
+                    sample: &sample,
+                    ..*cycle
+                };
                 second.note_behind(first, shown && undecided, cycle);
                 first.note(cycle, false);
                 // When bit 12 has fallen, the next one has taken over, and bit 11 is of that.
@@ -1153,10 +1194,10 @@ impl DriveBuffer {
                             monitor: *first,
                             next: second.buffer_mode,
                             since: cycle.now,
-                            position: cycle.sample.position,
+                            position: sample.position,
                         });
                     } else {
-                        let outcome = first.ended_into(second.buffer_mode, cycle);
+                        let outcome = first.ended_into(second.buffer_mode, &at_change);
                         // At rest nothing shows that the next one has taken over.
                         if rest.is_some() && outcome.is_err() {
                             self.unproven = true;
@@ -1164,7 +1205,7 @@ impl DriveBuffer {
                         }
                         events.push(first.id, Event::Done(outcome));
                     }
-                    second.takes_over(first, shown, rest.is_some(), cycle);
+                    second.takes_over(first, shown, rest.is_some(), &at_change);
                     self.last_end = first.end;
                     self.held[0] = self.held[1].take();
                 }
@@ -2331,7 +2372,9 @@ impl SetPointMonitor {
         let goes = gone >= i64::from(self.length / 2) && !self.swings;
         let far = gone >= half && (goes || stayed);
         let leaves = self.rested && gone >= half.min(3 * window);
-        (far || leaves) && goes_on && gone > self.astray
+        // Beyond the next end, too, it may have been stopped by an input of the drive before it comes to either.
+        let before_next = gone <= way.abs() + window;
+        (far || leaves) && goes_on && gone > self.astray && before_next
     }
 
     /// Whether both this one and `next` are over, with the axis at rest. It has been under way, or had no way to go, and has stood with

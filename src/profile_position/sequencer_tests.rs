@@ -142,7 +142,8 @@ impl Dialogue {
         let first = this.accept(to(10_000, BufferMode::Aborting));
         this.frame();
         this.word -= ACKNOWLEDGE;
-        this.frame();
+        // One word that shows a place may be wrong.
+        this.frames(3);
         let second = this.accept(to(20_000, BufferMode::Buffered));
         this.frames(5);
         (this, [first, second])
@@ -350,6 +351,52 @@ fn a_set_point_on_a_full_buffer_that_stays_full_is_given_up_in_time() {
     assert!(dialogue.reports().is_empty() && !dialogue.is_high());
     dialogue.frame();
     dialogue.is_timed_out(id, WaitingFor::AcknowledgeLow, Delivery::Unknown);
+    assert!(dialogue.sequencer.is_unknown());
+}
+
+#[test]
+fn bit_12_of_the_frame_that_brings_bit_4_is_no_answer() {
+    let mut dialogue = Dialogue::begin(Traits::cia402());
+    let id = dialogue.ask(to(1_000, BufferMode::Aborting));
+    dialogue.frame();
+    dialogue.word |= ACKNOWLEDGE;
+    assert!(dialogue.is_high() && !dialogue.frame());
+    // It falls, and the answer comes.
+    dialogue.word -= ACKNOWLEDGE;
+    dialogue.frames(3);
+    assert!(dialogue.is_high() && dialogue.reports().is_empty());
+    dialogue.word |= ACKNOWLEDGE;
+    assert!(dialogue.frame() && !dialogue.is_high());
+    assert_eq!(dialogue.reports(), [(id, Event::Accepted)]);
+}
+
+#[test]
+fn the_second_of_a_drive_goes_when_more_than_one_word_shows_a_place() {
+    let mut dialogue = Dialogue::buffered();
+    dialogue.word -= REACHED;
+    dialogue.accept(to(10_000, BufferMode::Aborting));
+    dialogue.frame();
+    dialogue.ask(to(20_000, BufferMode::Buffered));
+    dialogue.word -= ACKNOWLEDGE;
+    dialogue.frames(2);
+    assert!(!dialogue.is_high());
+    dialogue.frame();
+    assert!(dialogue.is_high());
+}
+
+/// What the frame shows that brings it is from before, and stays: the drive has no place for it.
+#[test]
+fn one_behind_that_met_a_full_buffer_is_not_known_to_be_taken() {
+    let mut dialogue = Dialogue::buffered();
+    dialogue.word -= REACHED;
+    dialogue.accept(to(10_000, BufferMode::Aborting));
+    dialogue.word -= ACKNOWLEDGE;
+    dialogue.frames(5);
+    let id = dialogue.ask(to(20_000, BufferMode::Buffered));
+    dialogue.frame();
+    dialogue.word |= ACKNOWLEDGE;
+    dialogue.frames(10);
+    dialogue.is_timed_out(id, WaitingFor::Acknowledge, Delivery::Unknown);
     assert!(dialogue.sequencer.is_unknown());
 }
 

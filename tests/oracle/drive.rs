@@ -241,6 +241,7 @@ pub struct Drive {
     stale_reached: u32,
     show_reached_while_waiting: bool,
     glitch: bool,
+    right_bits_for: u32,
     ack: bool,
     ack_due: Option<u32>,
     ack_hold: u32,
@@ -309,6 +310,7 @@ impl Drive {
             stale_reached: 0,
             show_reached_while_waiting: false,
             glitch: false,
+            right_bits_for: 0,
             ack: false,
             ack_due: None,
             ack_hold: 0,
@@ -1303,6 +1305,21 @@ impl Drive {
             }
         }
         self.glitch = false;
+        if self.habits.has(Habit::WrongBits) {
+            self.right_bits_for = self.right_bits_for.saturating_add(1);
+            // One at a time.
+            if self.right_bits_for > 20 && self.random.one_in(40) {
+                self.right_bits_for = 0;
+                self.hits.hit(Habit::WrongBits);
+                if enabled && self.mode == 6 && self.homing.is_some() {
+                    word |= self
+                        .random
+                        .pick(&[0x0400, 0x1000, 0x1400, 0x2000, 0x2400, 0x3400]);
+                } else if self.pending.is_some() {
+                    word &= !0x1000;
+                }
+            }
+        }
         let mode = match self.flap {
             Some((mode, more)) => {
                 self.flap = more.checked_sub(1).map(|left| (mode, left));

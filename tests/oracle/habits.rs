@@ -98,10 +98,15 @@ habits! {
     PowerLate,
     /// An input of its own holds the axis on its way, with bit 10 low, and lets it go on.
     Held,
+    /// One statusword of the right state shows a free place in a full buffer, or a result of a homing under way.
+    WrongBits,
 }
 
 /// Those of the first scenarios. What a kept seed draws stays the same.
 pub const FIRST: &[Habit] = ALL.split_at(Habit::Held as usize).0;
+
+/// And of the next.
+pub const SECOND: &[Habit] = ALL.split_at(Habit::WrongBits as usize).0;
 
 /// Some of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -18,7 +18,7 @@ use servocrab::profile_velocity::JogSetPoint;
 use crate::drive::{
     Ack, Base, Drive, End, INPUT_BYTES, Latch, Making, OUTPUT_BYTES, Outputs, State,
 };
-use crate::habits::{ALL, FIRST, Habit, Habits, Hits};
+use crate::habits::{ALL, FIRST, Habit, Habits, Hits, SECOND};
 use crate::random::Random;
 
 /// What is left out of a scenario, to find what matters in it.
@@ -85,12 +85,19 @@ const DOUBTS: [&str; 7] = [
 /// below are as they were when a seed of them was kept.
 pub const WIDER: u64 = 1_000_000_000_000_000;
 
+/// From this seed on there are drives that are held on their way, and moves that end in motion.
+pub const HELD: u64 = 2 * WIDER;
+
 /// From this seed on there are drives with all habits, below it with the first ones.
-pub const ALL_HABITS: u64 = 2 * WIDER;
+pub const ALL_HABITS: u64 = 4 * WIDER;
 
 /// The habits of the scenarios from this seed on.
 pub const fn habits_of(seed: u64) -> &'static [Habit] {
-    if seed < ALL_HABITS { FIRST } else { ALL }
+    match seed {
+        ..HELD => FIRST,
+        HELD..ALL_HABITS => SECOND,
+        ALL_HABITS.. => ALL,
+    }
 }
 
 /// What a scenario of a wider kind has, apart from habits.
@@ -139,7 +146,7 @@ impl Wider {
             homes: random.one_in(4),
             // No slower than what is surely no standstill.
             end_velocity: Some(random.pick(&[20_000, 40_000]))
-                .filter(|_| random.one_in(6) && seed >= ALL_HABITS),
+                .filter(|_| random.one_in(6) && seed >= HELD),
         }
     }
 }
