@@ -102,6 +102,11 @@ impl Sequencer {
         settle: Duration,
     ) {
         self.bit4.canonicalize(now, seen, acknowledge);
+        if let Bit4::Low { room, .. } = &mut self.bit4
+            && self.drive_buffer.is_empty()
+        {
+            *room = None;
+        }
         if let Ahead::Delivered(at) = &mut self.ahead {
             no_older(at, now, seen);
         }
