@@ -83,6 +83,7 @@ fn the_first_answer_of_a_device_that_began_anew_is_not_taken_for_a_repeated_one(
 #[test]
 fn a_timeout_without_an_end_is_a_deadline_that_never_comes() {
     let (rig, _, handle, _) = device_with_statusword();
+    rig.pass(Duration::from_millis(20));
     let patient = handle.with_timeout(Duration::MAX);
     assert_eq!(read_statusword(&rig, &patient), Ok(0x1637));
 }
