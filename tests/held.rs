@@ -409,7 +409,7 @@ fn the_creep_to_the_end_of_the_move_before_is_not_the_motion_of_the_next() {
 /// at whose ends it never was, are not over yet.
 #[test]
 fn an_end_that_was_passed_while_those_before_it_were_open_is_not_missed() {
-    for frequency in 5..90 {
+    for frequency in 15..30 {
         let habits = Habits {
             frequency: f64::from(frequency),
             damping: 0.25,

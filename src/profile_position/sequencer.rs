@@ -102,11 +102,6 @@ impl Sequencer {
         settle: Duration,
     ) {
         self.bit4.canonicalize(now, seen, acknowledge);
-        if let Bit4::Low { room, .. } = &mut self.bit4
-            && self.drive_buffer.is_empty()
-        {
-            *room = None;
-        }
         if let Ahead::Delivered(at) = &mut self.ahead {
             no_older(at, now, seen);
         }
@@ -423,12 +418,8 @@ impl Sequencer {
             return;
         }
         let ready = match self.drive_buffer.place_for(&request.command, cycle) {
-            // With one that the drive holds, a single word that shows a place may be wrong.
-            BufferRoom::Free => match self.bit4.room(cycle) {
-                Some(Room::Sure) => true,
-                Some(Room::Shown) => self.drive_buffer.is_empty(),
-                None => false,
-            },
+            // A single word that shows a place may be wrong, and the drive may hold what nobody knows of.
+            BufferRoom::Free => self.bit4.room(cycle) == Some(Room::Sure),
             BufferRoom::Full => {
                 self.bit4.is_low_acknowledged(cycle) || self.bit4.is_low_seen(cycle)
             }
