@@ -363,6 +363,7 @@ fn live(
     let mut now = start;
     let mut id = 0;
     let mut lived = Lived::default();
+    let mut had = 0;
     for round in 0..8_usize {
         // The drive does what it is told, or shows anything. Time goes on slowly, or as far as there is any.
         let sound = round % 4 < 2;
@@ -405,8 +406,10 @@ fn live(
                 let jumps = if enables { 0 } else { seen / 3 };
                 let position = POSITIONS[(place + round + jumps) % POSITIONS.len()];
                 let sent = u16::from_le_bytes([outputs[0], outputs[1]]);
+                // What a frame brings is answered in the next.
+                let had = core::mem::replace(&mut had, sent);
                 let word = if sound {
-                    answer(sent, seen == 7)
+                    answer(had, seen == 7)
                 } else {
                     WORDS[place]
                 };
