@@ -707,8 +707,9 @@ impl Bit4 {
                     *delivered = Some(now);
                     *will_be_seen = acknowledge;
                 }
-                let by_bit_12 = cycle.traits.buffer_signal == BufferSignal::Acknowledge;
-                *room = (by_bit_12 && !acknowledge).then(|| room.unwrap_or(now));
+                if cycle.traits.buffer_signal == BufferSignal::Acknowledge {
+                    *room = (!acknowledge).then(|| room.unwrap_or(now));
+                }
             }
             Self::High {
                 sent: true,
@@ -724,10 +725,16 @@ impl Bit4 {
                     delivered.get_or_insert(now);
                 }
                 // What the frame shows that brings bit 4 is from before it, and no answer.
-                *full |= acknowledge && now == raised.since;
+                if acknowledge && now == raised.since {
+                    *full = true;
+                }
                 // A place became free after all before the drive took it: its edge will come. One word may be wrong.
-                *fell = (*full && !acknowledge).then(|| fell.unwrap_or(now));
-                *full &= !fell.is_some_and(|at| cycle.is_seen(at));
+                if *full {
+                    *fell = (!acknowledge).then(|| fell.unwrap_or(now));
+                    if fell.is_some_and(|at| cycle.is_seen(at)) {
+                        (*full, *fell) = (false, None);
+                    }
+                }
                 let seen = delivered.is_some_and(|at| cycle.is_seen(at));
                 *shown = shown.saturating_add(u8::from(seen));
             }
