@@ -384,7 +384,7 @@ fn the_second_of_a_drive_goes_when_more_than_one_word_shows_a_place() {
     assert!(dialogue.is_high());
 }
 
-/// What the frame shows that brings it is from before, and stays: the drive has no place for it.
+/// Bit 12 stays high from the frame that brings bit 4. The drive has no place for it.
 #[test]
 fn one_behind_that_met_a_full_buffer_is_not_known_to_be_taken() {
     let mut dialogue = Dialogue::buffered();
@@ -400,7 +400,7 @@ fn one_behind_that_met_a_full_buffer_is_not_known_to_be_taken() {
     assert!(dialogue.sequencer.is_unknown());
 }
 
-/// One wrong word shows a place where there is none, as the axis is on its way to the first end.
+/// One wrong word shows a place where there is none.
 #[test]
 fn one_wrong_word_neither_frees_a_place_nor_acknowledges_what_was_just_sent() {
     // With a move that waits, nothing goes out.
