@@ -28,6 +28,7 @@ use tokio::{
     net::{TcpListener, TcpStream, UnixListener, UnixStream},
     runtime,
     sync::{Mutex, OwnedSemaphorePermit, Semaphore, mpsc, oneshot},
+    task::yield_now,
     time::{sleep, timeout},
 };
 
@@ -376,6 +377,10 @@ async fn accept<L: Listener + Sync>(listener: L, router: Router, limits: Limits)
                 continue;
             }
         };
+        if limits.places.available_permits() == 0 {
+            // Clients that have left give their places back first: many can come in before their tasks run.
+            yield_now().await;
+        }
         let Ok(place) = Arc::clone(&limits.places).try_acquire_owned() else {
             tracing::debug!(target: LOG, "refused: {} clients are connected", limits.clients);
             continue;
