@@ -372,7 +372,7 @@ fn a_distance_from_a_swing_has_not_ended_where_the_axis_then_rests() {
                 let end = entry.end.expect("it was taken");
                 let gap = (bus.drive.actual - end).abs();
                 assert!(
-                    entry.ended.is_some() || gap < 30.0,
+                    entry.ended.is_some() || gap < 25.0,
                     "{after_end}: {gap:.0} counts from its end"
                 );
             }

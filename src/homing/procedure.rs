@@ -196,9 +196,7 @@ impl Procedure {
                     delivered.get_or_insert(cycle.now);
                 }
                 // The drive has surely seen bit 4 low in this mode, and shows the bits of this mode, after two of its cycles.
-                let seen = delivered.is_some_and(|since| {
-                    cycle.now.saturating_sub(since) >= cycle.traits.surely_seen()
-                });
+                let seen = delivered.is_some_and(|since| cycle.is_seen(since));
                 if let Some((_, command)) = *waiting
                     && command.is_late(cycle.now)
                 {
@@ -372,12 +370,9 @@ impl Run {
         // is none, the axis leaves where it was, or bit 12 rises, after the drive has surely seen bit 4.
         let fell = self.stale_attained && !attained && !error;
         let progress = is_in_progress(word);
-        let surely_seen = cycle.traits.surely_seen();
-        let seen = self
-            .delivered
-            .is_some_and(|since| cycle.now.saturating_sub(since) >= surely_seen);
         // One word may be wrong.
-        let sure = |since: Duration| cycle.now.saturating_sub(since) >= surely_seen;
+        let sure = |since| cycle.is_seen(since);
+        let seen = self.delivered.is_some_and(sure);
         let at_work = fell || progress;
         let still = self.at_work_since.filter(|_| !attained && !error);
         self.at_work_since = still.or(at_work.then_some(cycle.now));
@@ -413,7 +408,7 @@ impl Run {
         self.done_since = done.then(|| self.done_since.unwrap_or(now));
         let done_for_sure = self.done_since.is_some_and(sure);
         // So long that a drive that is at work on this one would show it.
-        let long = settle.max(surely_seen.saturating_mul(2));
+        let long = settle.max(cycle.traits.surely_seen().saturating_mul(2));
         let told = self.delivered.is_some();
         let proven = self.done_after.update(now, done && told, long);
         let mine = attained && !error && self.is_mine(cycle, proven);
@@ -499,7 +494,7 @@ impl Run {
         let held = self
             .error_at_rest
             .update(cycle.now, at_rest, cycle.bounds.settle);
-        let stands = cycle.standstill.is_standing() && shown_for >= cycle.traits.surely_seen();
+        let stands = cycle.standstill.is_standing() && cycle.is_seen(since);
         let (moving, late) = (!(stands || held), shown_for >= standstill);
         (!moving || late).then_some(Err(Failure::HomingError { moving }))
     }

@@ -514,7 +514,6 @@ impl Sequencer {
         let previous = is_relative
             .then(|| self.drive_buffer.previous_end())
             .flatten();
-        let shows_room = cycle.traits.buffer_signal == BufferSignal::Acknowledge;
         self.bit4 = Bit4::High {
             raised: Raised {
                 request,
@@ -534,7 +533,8 @@ impl Sequencer {
             },
             sent: false,
             delivered: None,
-            full: cycle.is_acknowledging() || (shows_room && self.drive_buffer.holds_two()),
+            full: cycle.is_acknowledging()
+                || (cycle.bit_12_shows_room() && self.drive_buffer.holds_two()),
             fell: None,
             shown: 0,
         };
@@ -707,7 +707,7 @@ impl Bit4 {
                     *delivered = Some(now);
                     *will_be_seen = acknowledge;
                 }
-                if cycle.traits.buffer_signal == BufferSignal::Acknowledge {
+                if cycle.bit_12_shows_room() {
                     *room = (!acknowledge).then(|| room.unwrap_or(now));
                 }
             }
@@ -1141,28 +1141,18 @@ impl DriveBuffer {
         }
         match &mut self.held {
             [Some(first), Some(second)] => {
-                let by_bit_12 = cycle.traits.buffer_signal == BufferSignal::Acknowledge;
-                let (room, sure) = (room.is_some() && by_bit_12, room == Some(Room::Sure));
-                let shown = room && sure;
+                let room = room.filter(|_| cycle.bit_12_shows_room());
+                let shown = room == Some(Room::Sure);
                 let position = cycle.sample.position;
-                self.room_at = room.then(|| self.room_at.unwrap_or(position));
-                let sample = Sample {
-                    position: self.room_at.unwrap_or(position),
-                    ..*cycle.sample
-                };
-                let at_change = Cycle {
-                    sample: &sample,
-                    ..*cycle
-                };
+                self.room_at = room.map(|_| self.room_at.unwrap_or(position));
                 second.note_behind(first, shown && undecided, cycle);
                 first.note(cycle, false);
                 // When bit 12 has fallen, the next one has taken over, and bit 11 is of that.
                 if cycle.is_acknowledging() {
                     first.note_limit(cycle.sample.statusword);
                 }
-                let left = first.is_left_behind(second, cycle)
-                    && cycle.traits.buffer_signal != BufferSignal::Acknowledge;
-                let rest = if room || left {
+                let left = first.is_left_behind(second, cycle) && !cycle.bit_12_shows_room();
+                let rest = if room.is_some() || left {
                     None
                 } else {
                     first.rests_with(second, cycle)
@@ -1192,6 +1182,14 @@ impl DriveBuffer {
                         self.not_begun = true;
                         return;
                     }
+                    let sample = Sample {
+                        position: self.room_at.unwrap_or(position),
+                        ..*cycle.sample
+                    };
+                    let at_change = Cycle {
+                        sample: &sample,
+                        ..*cycle
+                    };
                     if shown && !first.is_seen_at_end(cycle) {
                         self.over = Some(Over {
                             monitor: *first,
@@ -1355,7 +1353,7 @@ impl DriveBuffer {
             return BufferRoom::Free;
         };
         let full = next.is_some() || (self.unproven && buffer_mode != BufferMode::Aborting);
-        let shown_by_bit_12 = traits.buffer_signal == BufferSignal::Acknowledge;
+        let shown_by_bit_12 = cycle.bit_12_shows_room();
         match buffer_mode {
             BufferMode::Aborting if full => match (command.reference, traits.buffer_signal) {
                 // A bit 12 that is still high is not that of the buffer.
@@ -2740,8 +2738,13 @@ impl Cycle<'_> {
         self.sample.statusword.contains(Statusword::REMOTE)
     }
 
-    /// Whether the drive has surely seen what was delivered at that time.
-    fn is_seen(&self, delivered: Duration) -> bool {
+    /// Whether bit 12 shows that the drive's buffer is full.
+    fn bit_12_shows_room(&self) -> bool {
+        self.traits.buffer_signal == BufferSignal::Acknowledge
+    }
+
+    /// Whether the drive has surely seen what was delivered at that time, and has shown more than one word since.
+    pub fn is_seen(&self, delivered: Duration) -> bool {
         self.now.saturating_sub(delivered) >= self.traits.surely_seen()
     }
 

@@ -137,5 +137,5 @@ fn new_seed() -> u64 {
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default();
     // Scenarios of one run do not come again in the next. From 4·10¹⁵ on they are of all kinds (`ALL_HABITS` in tests/oracle/scenario.rs).
-    2_000_000_000_000_000 + now.as_millis() as u64 % 1_000_000_000 * 100_000
+    4_000_000_000_000_000 + now.as_millis() as u64 % 1_000_000_000 * 100_000
 }
