@@ -642,18 +642,14 @@ fn a_distance_behind_one_that_ends_beside_its_end_has_missed_nothing() {
 #[test]
 fn what_a_distance_leads_beside_its_end_is_not_the_motion_of_the_next() {
     let mut beside = 0;
-    for frequency in [40, 50, 60, 80, 100, 150, 200, 300] {
+    for frequency in (30..320).step_by(10) {
         for after_end in 0..40 {
             let mut bus = swinging(frequency, 400, after_end);
             let distances = [bus.rel(40, quick()), bus.rel(40, quick())];
             bus.run_until(10_000, |bus| {
                 let gone = !bus.core.snapshot().has_set_point;
                 if gone && let Some(entry) = bus.entry(distances[1]) {
-                    let gap = entry.end.map_or(0.0, |end| (bus.drive.actual - end).abs());
-                    assert!(
-                        entry.ended.is_some() || gap < 30.0,
-                        "{frequency}, {after_end}: {gap:.0} counts from its end"
-                    );
+                    assert!(entry.ended.is_some(), "{frequency}, {after_end}: {entry:?}");
                 }
                 distances.iter().all(|id| bus.outcome(*id).is_some())
             });

@@ -609,11 +609,14 @@ fn the_second_one_arrives_where_bit_12_shows_the_drive_at_it_and_the_first_is_op
             position: 400,
         });
         let mut events = Events::new();
-        scene.shows(|cycle| {
-            let room = room_shown.then_some(Room::Sure);
-            drive_buffer.follow(cycle, room, Unacknowledged::None, &mut events);
-        });
-        let seen = drive_buffer.held.iter().flatten().last();
+        for _ in 0..2 {
+            scene.shows(|cycle| {
+                let room = room_shown.then_some(Room::Sure);
+                drive_buffer.follow(cycle, room, Unacknowledged::None, &mut events);
+            });
+        }
+        let takeover = drive_buffer.takeover.map(|takeover| takeover.monitor);
+        let seen = takeover.or(drive_buffer.held[1]);
         seen.and_then(|second| second.arrived)
     };
     assert_eq!(second_at_its_end(true, true), Some(2_000));
@@ -768,7 +771,12 @@ fn where_a_place_began_to_show_is_of_these_two() {
     scene.traits.buffer_signal = BufferSignal::Acknowledge;
     let mut drive_buffer = two();
     drive_buffer.held[1] = None;
-    drive_buffer.room_at = Some(700);
+    let first = drive_buffer.held[0].expect("one is held");
+    drive_buffer.takeover = Some(Takeover {
+        monitor: first,
+        position: 700,
+        at_end: true,
+    });
     let mut events = Events::new();
     let second = monitor(2, to(2_000, BufferMode::Blending), Some(2_000));
     drive_buffer.push(second, &mut events);
@@ -778,6 +786,72 @@ fn where_a_place_began_to_show_is_of_these_two() {
     scene.shows(|cycle| drive_buffer.follow(cycle, room, none, &mut events));
     let passed = Event::Done(Ok(Completion::Passed { position: 1_000 }));
     assert_eq!(reports(events), [(1, passed)]);
+}
+
+#[test]
+fn a_stall_of_the_host_counts_where_another_may_have_taken_over_meanwhile() {
+    let unseen = |mut drive_buffer: DriveBuffer, next| {
+        let scene = Scene::at(900);
+        let mut events = Events::new();
+        scene.shows(|cycle| {
+            let stalled = Cycle {
+                stalled: 3,
+                ..*cycle
+            };
+            drive_buffer.follow(&stalled, None, next, &mut events);
+        });
+        let first = drive_buffer.held[0].expect("one is held");
+        first.unseen < u32::MAX
+    };
+    assert!(!unseen(one(), Unacknowledged::None));
+    for replaces in [false, true] {
+        assert!(unseen(one(), Unacknowledged::Comes { replaces }));
+    }
+    assert!(unseen(two(), Unacknowledged::None));
+}
+
+/// The active one after these cycles, each with a position and what bit 12 shows, of two that a drive holds.
+fn follow_two(
+    mut drive_buffer: DriveBuffer,
+    shown: &[(i32, Option<Room>)],
+) -> (SetPointMonitor, DriveBuffer) {
+    let mut events = Events::new();
+    for &(position, room) in shown {
+        let mut scene = Scene::at(position);
+        scene.stand(ms(1_000));
+        scene.traits.buffer_signal = BufferSignal::Acknowledge;
+        scene.shows(|cycle| {
+            drive_buffer.follow(cycle, room, Unacknowledged::None, &mut events);
+        });
+    }
+    (drive_buffer.held[0].expect("one is held"), drive_buffer)
+}
+
+#[test]
+fn where_one_word_shows_a_place_the_second_begins_when_the_next_does() {
+    let (shown, sure) = (Some(Room::Shown), Some(Room::Sure));
+    let cycles = [(700, shown), (900, None), (1_000, shown), (1_005, sure)];
+    let (active, drive_buffer) = follow_two(two(), &cycles[..2]);
+    assert_eq!(active.id, CommandId(1));
+    let (active, _) = follow_two(drive_buffer, &cycles[2..]);
+    assert_eq!((active.id, active.begun_at), (CommandId(2), 1_000));
+}
+
+/// Its way begins at that end, too.
+#[test]
+fn the_first_may_come_to_its_end_while_bit_12_is_not_sure_yet() {
+    let cycles = [(950, Some(Room::Shown)), (1_000, Some(Room::Sure))];
+    let (active, _) = follow_two(two(), &cycles);
+    assert_eq!((active.id, active.stood), (CommandId(2), Some(1_000)));
+}
+
+#[test]
+fn after_a_halt_the_turn_of_the_second_comes_anew() {
+    let (_, mut drive_buffer) = follow_two(two(), &[(700, Some(Room::Shown))]);
+    drive_buffer.resumed(NOW, true);
+    let cycles = [(800, Some(Room::Shown)), (805, Some(Room::Sure))];
+    let (active, _) = follow_two(drive_buffer, &cycles);
+    assert_eq!((active.id, active.begun_at), (CommandId(2), 800));
 }
 
 /// Bit 12 has fallen: whatever bit 10 says of the time before, only the first is over.

@@ -677,24 +677,20 @@ fn an_axis_that_turns_crosses_its_end_where_it_is_near() {
     assert!(monitor.crossed);
 }
 
-/// What a cycle shows is of the one behind as well, where bit 12 shows that the drive is at it, or where nothing was seen.
+/// What may have been where nothing was seen is of the one behind as well; what was seen is of the first.
 #[test]
 fn the_one_behind_may_have_been_at_its_end_meanwhile() {
-    let noted = |blind, active, position: i32| {
+    let noted = |blind, position: i32| {
         let first = changed(to(500), |monitor| monitor.before = 890);
         let mut next = to(1_000);
         let mut scene = Scene::at(position);
         scene.blind = blind;
-        scene.shows(|cycle| next.note_behind(&first, active, cycle));
+        scene.shows(|cycle| next.note_behind(&first, cycle));
         (next.unseen, next.near, next.arrived)
     };
     // A hundred and ten to the end, and ten back from there.
-    assert_eq!(noted(2, false, 990), (40, false, None));
-    assert_eq!(noted(2, true, 990), (40, false, Some(990)));
-    assert_eq!(noted(0, true, 990), (u32::MAX, true, Some(990)));
-    assert_eq!(noted(0, true, 989), (u32::MAX, true, None));
-    assert_eq!(noted(0, true, 890), (u32::MAX, false, None));
-    assert_eq!(noted(0, false, 990), (u32::MAX, false, None));
+    assert_eq!(noted(2, 990), (40, false, None));
+    assert_eq!(noted(0, 990), (u32::MAX, false, None));
 }
 
 /// Where bit 11 may be high for a limit, only the position says that the axis is there.
@@ -1503,7 +1499,7 @@ fn one_that_ends_in_motion_may_have_passed_its_end_before_its_turn() {
     let behind = |ends_in_motion: bool, from: i32| {
         let first = changed(to(2_000), |monitor| monitor.before = from);
         let mut second = changed(to(1_000), |monitor| monitor.ends_in_motion = ends_in_motion);
-        Scene::at(1_200).shows(|cycle| second.note_behind(&first, false, cycle));
+        Scene::at(1_200).shows(|cycle| second.note_behind(&first, cycle));
         second.early
     };
     assert!(behind(true, 900) && behind(true, 1_000) && !behind(true, 1_001));

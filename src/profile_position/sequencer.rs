@@ -982,8 +982,8 @@ enum Unacknowledged {
 #[derive(Debug, Clone, Hash, Default)]
 struct DriveBuffer {
     held: [Option<SetPointMonitor>; HELD],
-    /// Where the axis was when bit 12 began to show that the first of two is over.
-    room_at: Option<i32>,
+    /// The second of two as the active one, since bit 12 began to show that the first is over.
+    takeover: Option<Takeover>,
     /// One that is over by the drive's word, bit 12, and whose end the axis has not been seen at.
     over: Option<Over>,
     /// The end of the last set-point, where the axis has arrived.
@@ -1002,6 +1002,32 @@ struct DriveBuffer {
     ended: Duration,
     /// Whether the drive has been given up on beginning one that it has acknowledged: it may still do so.
     not_begun: bool,
+}
+
+/// A set-point whose turn has come, for all that bit 12 shows: it becomes the first when that is sure.
+#[derive(Debug, Clone, Copy, Hash)]
+struct Takeover {
+    monitor: SetPointMonitor,
+    /// Where the axis was when it came, and whether it had been seen at the end of the one before.
+    position: i32,
+    at_end: bool,
+}
+
+impl Takeover {
+    fn new(second: &SetPointMonitor, first: &SetPointMonitor, cycle: &Cycle<'_>) -> Self {
+        let mut monitor = *second;
+        monitor.takes_over(first, true, false, cycle);
+        Self {
+            monitor,
+            position: cycle.sample.position,
+            at_end: first.is_seen_at_end(cycle),
+        }
+    }
+
+    fn note(&mut self, cycle: &Cycle<'_>) {
+        self.monitor.note(cycle, true);
+        self.monitor.note_limit(cycle.sample.statusword);
+    }
 }
 
 /// A set-point whose place the next one has taken.
@@ -1062,13 +1088,14 @@ impl DriveBuffer {
         }
         if let Some(place) = self.held.iter_mut().find(|place| place.is_none()) {
             *place = Some(monitor);
-            self.room_at = None;
+            self.takeover = None;
         }
     }
 
     /// Ends all of them, with the axis anywhere.
     pub fn fail_all(&mut self, failure: Failure, events: &mut Events) {
         let over = self.over.take().map(|over| over.monitor);
+        self.takeover = None;
         let held = self.held.iter_mut().filter_map(Option::take);
         for monitor in over.into_iter().chain(held) {
             let failure = failure.with_delivery(monitor.delivery());
@@ -1082,6 +1109,9 @@ impl DriveBuffer {
     pub fn canonicalize(&mut self, now: Duration, begin: Duration, settle: Duration) {
         for monitor in self.held.iter_mut().flatten() {
             monitor.canonicalize(now, begin, settle);
+        }
+        if let Some(takeover) = &mut self.takeover {
+            takeover.monitor.canonicalize(now, begin, settle);
         }
         if let Some(over) = &mut self.over {
             over.monitor.canonicalize(now, begin, settle);
@@ -1108,6 +1138,8 @@ impl DriveBuffer {
         for (place, monitor) in self.held.iter_mut().flatten().enumerate() {
             monitor.goes_on(now, from_rest, place == 0);
         }
+        // It comes anew where bit 12 still shows it.
+        self.takeover = None;
         if let Some(over) = &mut self.over {
             over.since = now;
         }
@@ -1143,10 +1175,14 @@ impl DriveBuffer {
             [Some(first), Some(second)] => {
                 let room = room.filter(|_| cycle.bit_12_shows_room());
                 let shown = room == Some(Room::Sure);
-                let position = cycle.sample.position;
-                self.room_at = room.map(|_| self.room_at.unwrap_or(position));
-                second.note_behind(first, shown && undecided, cycle);
+                let actual = cycle.sample.position;
+                second.note_behind(first, cycle);
                 first.note(cycle, false);
+                match &mut self.takeover {
+                    takeover if room.is_none() => *takeover = None,
+                    Some(takeover) => takeover.note(cycle),
+                    takeover => *takeover = Some(Takeover::new(second, first, cycle)),
+                }
                 // When bit 12 has fallen, the next one has taken over, and bit 11 is of that.
                 if cycle.is_acknowledging() {
                     first.note_limit(cycle.sample.statusword);
@@ -1168,9 +1204,7 @@ impl DriveBuffer {
                         return;
                     }
                     if let Some(Rest::NextNotBegun | Rest::NoneBegun) = rest {
-                        let not_begun = Err(Failure::NotBegun {
-                            actual: cycle.sample.position,
-                        });
+                        let not_begun = Err(Failure::NotBegun { actual });
                         let outcome = match rest {
                             Some(Rest::NextNotBegun) => first.ended_into(second.buffer_mode, cycle),
                             _ => not_begun,
@@ -1182,22 +1216,24 @@ impl DriveBuffer {
                         self.not_begun = true;
                         return;
                     }
-                    let sample = Sample {
-                        position: self.room_at.unwrap_or(position),
-                        ..*cycle.sample
-                    };
-                    let at_change = Cycle {
-                        sample: &sample,
-                        ..*cycle
-                    };
+                    let takeover = self.takeover.take().filter(|_| shown);
+                    let position = takeover.map_or(actual, |takeover| takeover.position);
                     if shown && !first.is_seen_at_end(cycle) {
                         self.over = Some(Over {
                             monitor: *first,
                             next: second.buffer_mode,
                             since: cycle.now,
-                            position: sample.position,
+                            position,
                         });
                     } else {
+                        let sample = Sample {
+                            position,
+                            ..*cycle.sample
+                        };
+                        let at_change = Cycle {
+                            sample: &sample,
+                            ..*cycle
+                        };
                         let outcome = first.ended_into(second.buffer_mode, &at_change);
                         // At rest nothing shows that the next one has taken over.
                         if rest.is_some() && outcome.is_err() {
@@ -1206,7 +1242,15 @@ impl DriveBuffer {
                         }
                         events.push(first.id, Event::Done(outcome));
                     }
-                    second.takes_over(first, shown, rest.is_some(), &at_change);
+                    match takeover {
+                        Some(mut takeover) => {
+                            if !takeover.at_end {
+                                takeover.monitor.came_to_end_of(first, cycle);
+                            }
+                            *second = takeover.monitor;
+                        }
+                        None => second.takes_over(first, false, rest.is_some(), cycle),
+                    }
                     self.last_end = first.end;
                     self.held[0] = self.held[1].take();
                 }
@@ -2229,28 +2273,19 @@ impl SetPointMonitor {
         self.unseen = self.unseen.min(there_and_back / blind.saturating_add(1));
     }
 
-    /// Takes in a cycle as the one behind `first`, before that does: what was not seen may be of this one, too. `active`: so is what was, for
-    /// bit 12 shows that the drive is at it.
-    pub fn note_behind(&mut self, first: &Self, active: bool, cycle: &Cycle<'_>) {
+    /// Takes in a cycle as the one behind `first`, before that does: what was not seen may be of this one, too.
+    pub fn note_behind(&mut self, first: &Self, cycle: &Cycle<'_>) {
         let Some(end) = self.end else { return };
-        let position = cycle.sample.position;
         let remaining = |position| cycle.bounds.distance(end, position);
-        let after = remaining(position);
+        let after = remaining(cycle.sample.position);
         if cycle.blind != 0 {
             self.note_unseen(remaining(first.before), after, cycle.blind);
-        } else if active {
-            let way = cycle.bounds.distance(first.before, position);
-            self.note_near(way, after, cycle.bounds);
         }
         if after <= cycle.bounds.position {
-            if active {
-                self.note_arrival(end, position, after, cycle.bounds);
-            } else {
-                self.early = true;
-            }
-        } else if !active && self.ends_in_motion {
+            self.early = true;
+        } else if self.ends_in_motion {
             // At its end velocity it is nowhere for long.
-            let way = cycle.bounds.distance(first.before, position);
+            let way = cycle.bounds.distance(first.before, cycle.sample.position);
             self.early |= after <= way;
         }
     }
@@ -2605,7 +2640,9 @@ impl SetPointMonitor {
         let way = self.distance.filter(|_| self.is_loose);
         // Of an axis that swung when it was sent, its place alone does not say where the demand was.
         let known = self.stood_before || self.bases.previous.is_some();
-        way.is_none_or(|way| known && self.bases.all_lead_to(position, way, bounds))
+        // What the one before has led beside its end is no way of a distance behind it.
+        let from_there = self.begins_beside && self.distance.is_some();
+        !from_there && way.is_none_or(|way| known && self.bases.all_lead_to(position, way, bounds))
     }
 
     /// Whether it had no way to go when it was begun. A distance of which nobody knows from where it counts has none only where the last
