@@ -3252,9 +3252,10 @@ impl AxisCore {
                 .allows_idle_path(in_mode && self.mode == Mode::Homing)
             && self.jogging.allows_idle_path()
             && (self.sequencer.holds_any() || !self.sequencer.has_end_velocity())
-            && self
-                .sequencer
-                .allows_idle_path(in_mode && self.mode == Mode::ProfilePosition);
+            && self.sequencer.allows_idle_path(
+                in_mode && self.mode == Mode::ProfilePosition,
+                sample.statusword,
+            );
         if !allowed {
             return;
         }

@@ -142,9 +142,13 @@ impl Sequencer {
 
     /// Whether a cycle like the last one changes nothing but how far the one set-point has come that the drive may hold.
     /// `in_mode`: the drive is enabled and shows this mode.
-    pub fn allows_idle_path(&self, in_mode: bool) -> bool {
+    pub fn allows_idle_path(&self, in_mode: bool, statusword: Statusword) -> bool {
+        let is_high = statusword.contains(Statusword::SET_POINT_ACKNOWLEDGE);
         let low = match self.bit4 {
-            Bit4::Low { delivered, .. } => delivered.is_some() || !in_mode,
+            // Bit 12 may be about to fall, or to stay.
+            Bit4::Low {
+                delivered, stays, ..
+            } => !in_mode || (delivered.is_some() && (stays || !is_high)),
             Bit4::High { .. } | Bit4::Abandoned => false,
         };
         low && self.pending.is_empty()
@@ -569,7 +573,9 @@ enum Bit4 {
         delivered: Option<Duration>,
         /// Whether bit 12 was still high then: its fall proves that the drive has seen the low.
         will_be_seen: bool,
-        /// Since when bit 12 has been low, where that shows a place in the drive's buffer.
+        /// Whether bit 12 may stay high for longer than the drive takes to see the low: for a buffer that is full, for all that is known.
+        stays: bool,
+        /// Since when it has been low nevertheless.
         room: Option<Duration>,
     },
     High {
@@ -659,6 +665,7 @@ impl Bit4 {
     pub const LOW: Self = Self::Low {
         delivered: None,
         will_be_seen: false,
+        stays: false,
         room: None,
     };
 
@@ -701,13 +708,16 @@ impl Bit4 {
             Self::Low {
                 delivered,
                 will_be_seen,
+                stays,
                 room,
             } => {
                 if cycle.delivered && delivered.is_none() {
                     *delivered = Some(now);
                     *will_be_seen = acknowledge;
                 }
-                if cycle.bit_12_shows_room() {
+                let seen = delivered.is_some_and(|at| cycle.is_seen(at));
+                *stays |= cycle.bit_12_shows_room() || (acknowledge && seen);
+                if *stays {
                     *room = (!acknowledge).then(|| room.unwrap_or(now));
                 }
             }
