@@ -715,8 +715,8 @@ impl Bit4 {
                     *delivered = Some(now);
                     *will_be_seen = acknowledge;
                 }
-                let seen = delivered.is_some_and(|at| cycle.is_seen(at));
-                *stays |= cycle.bit_12_shows_room() || (acknowledge && seen);
+                let seen = || delivered.is_some_and(|at| cycle.is_seen(at));
+                *stays = *stays || cycle.bit_12_shows_room() || (acknowledge && seen());
                 if *stays {
                     *room = (!acknowledge).then(|| room.unwrap_or(now));
                 }
