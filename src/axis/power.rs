@@ -243,9 +243,10 @@ impl Brake {
         self.over = true;
     }
 
-    /// Whether quick stop goes out in place of a word that leads down.
+    /// Whether quick stop goes out in place of a word that leads down. One that stood when it showed itself without power may set off for what
+    /// the drive holds: words may be wrong.
     pub const fn holds(&self, standing: bool) -> bool {
-        !standing && !self.over && self.may_drive()
+        !standing && !self.over && (self.may_drive() || !self.confirmed)
     }
 
     /// Whether the drive may be driving the axis. One that coasts has had its time to come to rest.
@@ -363,6 +364,24 @@ mod brake_tests {
         assert!(!axis.brake.may_drive());
         axis.cycle(State::OperationEnabled, false);
         assert!(axis.brake.may_drive());
+    }
+
+    /// It sets off for what the drive holds still, with wrong words before one that leads it down was delivered.
+    #[test]
+    fn one_that_stood_without_power_is_held_until_it_was_surely_led_down() {
+        let mut axis = Axis::driven();
+        axis.cycle(State::OperationEnabled, true);
+        axis.cycle(State::SwitchedOn, true);
+        assert!(!axis.brake.holds(true));
+        for _ in 0..10 {
+            axis.cycle(State::SwitchedOn, false);
+            assert!(axis.brake.holds(false));
+        }
+        axis.enables = false;
+        axis.cycles(2, State::SwitchedOn);
+        assert!(axis.brake.holds(false));
+        axis.cycle(State::SwitchedOn, false);
+        assert!(!axis.brake.holds(false));
     }
 
     #[test]

@@ -504,6 +504,32 @@ fn under_local_control_a_set_point_on_a_full_buffer_is_given_up_at_once() {
     assert!(dialogue.is_high() && dialogue.reports().is_empty());
 }
 
+/// The drive may be at the end of the first one on its way to that of the second, which it has taken and not acknowledged yet.
+#[test]
+fn a_move_does_not_end_while_one_that_replaces_it_may_have_been_taken() {
+    let reports = |buffer_mode| {
+        let mut dialogue = Dialogue::buffered();
+        dialogue.word -= REACHED;
+        let first = dialogue.accept(to(1_000, BufferMode::Aborting));
+        dialogue.word -= ACKNOWLEDGE;
+        dialogue.position = 500;
+        dialogue.frames(10);
+        let second = dialogue.ask(to(5_000, buffer_mode));
+        dialogue.frame();
+        assert!(dialogue.is_high());
+        dialogue.position = 1_000;
+        dialogue.word |= REACHED;
+        dialogue.frames(200);
+        (first, second, dialogue.reports())
+    };
+    let (_, _, none) = reports(BufferMode::Aborting);
+    assert_eq!(none, []);
+    let (first, _, ended) = reports(BufferMode::Buffered);
+    let position = 1_000;
+    let reached = Event::Done(Ok(Completion::Reached { position }));
+    assert_eq!(ended, [(first, reached)]);
+}
+
 #[test]
 fn a_gated_move_is_armed_while_it_has_all_that_it_needs() {
     let mut dialogue = Dialogue::begin(Traits::cia402());
