@@ -246,7 +246,7 @@ impl Brake {
     /// Whether quick stop goes out in place of a word that leads down. One that stood when it showed itself without power may set off for what
     /// the drive holds: words may be wrong.
     pub const fn holds(&self, standing: bool) -> bool {
-        !standing && !self.over && (self.may_drive() || !self.confirmed)
+        !standing && !self.over && (!self.confirmed || self.may_drive())
     }
 
     /// Whether the drive may be driving the axis. One that coasts has had its time to come to rest.
