@@ -2623,12 +2623,19 @@ impl SetPointMonitor {
     /// end at last: the way there took no cycle.
     fn has_passed_end(&self, cycle: &Cycle<'_>) -> bool {
         let late = cycle.now.saturating_sub(self.since) >= cycle.begin;
-        let begun = self.left_target || late || (self.stood.is_some() && self.has_begun(cycle));
+        let moved = self.stood.is_some() && self.has_begun(cycle);
+        let begun = self.left_target || late || (moved && !self.may_overshoot(cycle));
         let there = match self.end {
             Some(_) => self.came_to_end(cycle.sample.position),
             None => !self.doubted,
         };
         begun && there
+    }
+
+    /// Whether the axis may be past this end by its overshoot from the one before alone. Then it comes back.
+    fn may_overshoot(&self, cycle: &Cycle<'_>) -> bool {
+        let since = cycle.now.saturating_sub(self.since);
+        self.by_room && (since < cycle.bounds.settle || !self.passed(cycle.sample.position))
     }
 
     /// Whether this distance may lead to this position, from a place beside the one that its end was reckoned from, or where that is not

@@ -504,6 +504,40 @@ fn under_local_control_a_set_point_on_a_full_buffer_is_given_up_at_once() {
     assert!(dialogue.is_high() && dialogue.reports().is_empty());
 }
 
+/// The second one ends in motion near the end of the first, and the axis swings past both before the drive sets off for it.
+#[test]
+fn an_axis_that_swings_past_the_end_of_one_that_ends_in_motion_is_not_there() {
+    let passes = |stays: bool| {
+        let mut dialogue = Dialogue::buffered();
+        dialogue.word -= REACHED;
+        let first = dialogue.accept(to(1_000, BufferMode::Aborting));
+        dialogue.word -= ACKNOWLEDGE;
+        dialogue.position = 500;
+        dialogue.frames(10);
+        let mut command = to(40, BufferMode::Buffered);
+        command.reference = Reference::Relative;
+        command.set_point.parameters.end_velocity = Some(20_000);
+        let second = dialogue.accept(command);
+        dialogue.frames(5);
+        dialogue.position = 995;
+        dialogue.frame();
+        dialogue.word = REACHED;
+        dialogue.position = 1_118;
+        dialogue.frames(50);
+        let (position, reached) = (995, |of, position| {
+            (of, Event::Done(Ok(Completion::Reached { position })))
+        });
+        assert_eq!(dialogue.reports(), [reached(first, position)]);
+        dialogue.position = if stays { 1_118 } else { 1_020 };
+        dialogue.frames(90);
+        (dialogue.reports(), reached(second, 1_118))
+    };
+    let (reports, _) = passes(false);
+    assert_eq!(reports, []);
+    let (reports, reached) = passes(true);
+    assert_eq!(reports, [reached]);
+}
+
 /// The drive may be at the end of the first one on its way to that of the second, which it has taken and not acknowledged yet.
 #[test]
 fn a_move_does_not_end_while_one_that_replaces_it_may_have_been_taken() {
