@@ -1891,7 +1891,9 @@ impl AxisCore {
                     if self.is_at_rest() || self.stopping.has_no_waiter() {
                         self.finish_stop(state);
                     } else {
+                        // The words that say so may be wrong: one that is driven still is led down after its stop.
                         self.stopping.phase = self.settling(now);
+                        self.stopping.off = true;
                     }
                 } else if now >= until {
                     self.stopping.phase = StopPhase::None;

@@ -150,6 +150,30 @@ fn changed(
 }
 
 #[test]
+fn the_way_until_the_acknowledge_is_not_that_of_one_cycle() {
+    let raised = raised(
+        1,
+        MoveCommand {
+            reference: Reference::Absolute,
+            target: 260,
+            set_point: SetPoint::new(),
+            gated: false,
+        },
+        Some(260),
+    );
+    Scene::at(140).shows(|cycle| {
+        let mut monitor = SetPointMonitor::new(&raised, true, cycle);
+        monitor.note(cycle, true);
+        assert!(!monitor.near && monitor.remaining == 120);
+    });
+    Scene::at(270).shows(|cycle| {
+        let mut monitor = SetPointMonitor::new(&raised, true, cycle);
+        monitor.note(cycle, true);
+        assert!(monitor.near);
+    });
+}
+
+#[test]
 fn an_axis_lingers_once_two_spans_have_the_same_bounds() {
     let lingers = |first: (i32, i32), second: (i32, i32)| {
         let mut lingering = Lingering::default();
@@ -889,6 +913,11 @@ fn one_that_stays_away_for_the_settle_time_is_left_behind_half_way() {
     assert!(!left(500, NOW - SETTLE + ms(1), 2).0);
     assert!(!left(500, NOW - SETTLE, 1).0);
     assert!(!left(499, NOW - SETTLE, 2).0);
+    let stands = left_behind(&Scene::rests(500, ms(150)), 1_000, |monitor| {
+        monitor.swings = true;
+        monitor.away = Some((NOW - SETTLE, 2));
+    });
+    assert!(!stands.0, "it may have been stopped on its way back");
     assert_eq!(left(11, NOW - SETTLE, 2).1.away, Some((NOW - SETTLE, 3)));
     assert_eq!(left(10, NOW - SETTLE, 2).1.away, None);
 }

@@ -1962,6 +1962,8 @@ impl SetPointMonitor {
         let lag = far_behind.then(|| raised.lag(cycle));
         monitor.is_loose = monitor.is_loose_on(lag, cycle);
         monitor.becomes_active(cycle, begin, stands);
+        // The way since bit 4 rose is not that of one cycle.
+        monitor.before = cycle.sample.position;
         monitor.may_lead_round =
             monitor.turns && monitor.swings && monitor.remaining <= raised.lag(cycle);
         monitor
@@ -2412,8 +2414,10 @@ impl SetPointMonitor {
         let goes_on = gone >= self.farthest;
         self.farthest = self.farthest.max(gone);
         let half = way.abs() / 2;
-        let stayed =
-            cycle.now.saturating_sub(since) >= cycle.bounds.settle && cycles >= AWAY_CYCLES;
+        // One that stands there may have been stopped on its way back.
+        let stayed = cycle.now.saturating_sub(since) >= cycle.bounds.settle
+            && cycles >= AWAY_CYCLES
+            && !cycle.standstill.is_standing();
         // One that swung when it set off may swing as far.
         let goes = gone >= i64::from(self.length / 2) && !self.swings;
         let far = gone >= half && (goes || stayed);

@@ -161,6 +161,21 @@ fn an_axis_that_is_not_switched_off_in_time_fails_whoever_waits_for_it() {
     assert_eq!(drive.word(), 0);
 }
 
+/// Words that say that it was switched off may be wrong.
+#[test]
+fn an_axis_that_moves_while_it_is_switched_off_is_switched_off_after_its_stop() {
+    let (mut drive, disabling) = switching_off();
+    drive.velocity = 20;
+    drive.shows_for(5, SWITCH_ON_DISABLED);
+    drive.shows_for(5, QUICK_STOP_ACTIVE);
+    assert_eq!(drive.word(), QUICK_STOP);
+    drive.velocity = 0;
+    assert!(drive.cycles_until(0, QUICK_STOP_ACTIVE) < 200);
+    assert_eq!(drive.outcome(disabling), None);
+    drive.shows_for(3, SWITCH_ON_DISABLED);
+    assert_eq!(drive.outcome(disabling), stopped(State::SwitchOnDisabled));
+}
+
 #[test]
 fn a_stop_of_a_drive_that_stays_in_quick_stop_active_leaves_it_there() {
     let (mut drive, moving) = Played::moving(Played::staying(), 100_000);
