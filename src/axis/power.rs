@@ -351,6 +351,12 @@ mod brake_tests {
     }
 
     #[test]
+    fn one_of_which_nothing_was_seen_may_be_driven() {
+        let brake = Brake::default();
+        assert!(brake.may_drive() && brake.holds(false) && !brake.is_free());
+    }
+
+    #[test]
     fn a_moving_axis_is_held_until_it_stands_without_power() {
         let mut axis = Axis::led_down();
         assert!(axis.brake.may_drive() && axis.brake.holds(false));
