@@ -2628,10 +2628,15 @@ impl AxisCore {
             // Written by SDO it would not be known here, nor changed between two set-points.
             return Err(Failure::NotMapped("motion profile type 6086h"));
         }
+        let before = if blends {
+            self.sequencer.last_profile_type()
+        } else {
+            None
+        };
         traits.check_profile_type(
             set_point.buffer_mode,
             set_point.parameters.profile_type,
-            self.sequencer.last_profile_type(),
+            before,
         )
     }
 }

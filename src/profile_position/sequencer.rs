@@ -2692,10 +2692,12 @@ impl SetPointMonitor {
     }
 
     fn turn(&mut self, position: i32, bounds: &Bounds) {
-        self.way = self.end.map_or(0, |end| bounds.way(position, end));
+        (self.way, self.remaining) = match self.end {
+            Some(end) => (bounds.way(position, end), bounds.distance(end, position)),
+            None => (0, 0),
+        };
         self.side = self.way.signum();
         self.crossed = false;
-        self.remaining = self.end.map_or(0, |end| bounds.distance(end, position));
         self.approaching = false;
         self.length = self.remaining;
         self.was_there = false;
@@ -2802,6 +2804,7 @@ impl Cycle<'_> {
     }
 
     /// Whether the drive has surely seen what was delivered at that time, and has shown more than one word since.
+    #[inline]
     pub fn is_seen(&self, delivered: Duration) -> bool {
         self.now.saturating_sub(delivered) >= self.traits.surely_seen()
     }
