@@ -17,8 +17,8 @@ use crate::{
     homing::{HomingCommand, HomingVerdict, Procedure},
     pdo_map::{Direction, Layout},
     profile_position::{
-        Bounds, BufferMode, CommandId, Completion, Delivery, Event, Events, Failure, LastSeen,
-        Limits, MoveCommand, Parameters, Reference, Sequencer, Standstill, StartBits, Unanswered,
+        Bounds, CommandId, Completion, Delivery, Event, Events, Failure, LastSeen, Limits,
+        MoveCommand, Parameters, Reference, Sequencer, Standstill, StartBits, Unanswered,
         WaitingFor, no_older,
     },
     profile_velocity::{JogSetPoint, Jogging},
@@ -2622,17 +2622,14 @@ impl AxisCore {
     fn check_profile_type(&self, command: &MoveCommand) -> Result<(), Failure> {
         let traits = &self.config.traits;
         let set_point = &command.set_point;
-        let blends =
-            set_point.buffer_mode == BufferMode::Blending && traits.blend_needs_linear_ramps;
-        if blends && self.config.fields.profile_type.is_none() {
-            // Written by SDO it would not be known here, nor changed between two set-points.
-            return Err(Failure::NotMapped("motion profile type 6086h"));
+        let mut before = None;
+        if traits.needs_linear_ramps(set_point.buffer_mode) {
+            if self.config.fields.profile_type.is_none() {
+                // Written by SDO it would not be known here, nor changed between two set-points.
+                return Err(Failure::NotMapped("motion profile type 6086h"));
+            }
+            before = self.sequencer.last_profile_type();
         }
-        let before = if blends {
-            self.sequencer.last_profile_type()
-        } else {
-            None
-        };
         traits.check_profile_type(
             set_point.buffer_mode,
             set_point.parameters.profile_type,

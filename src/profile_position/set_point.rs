@@ -404,6 +404,11 @@ impl Traits {
         }
     }
 
+    /// Whether a move that is started this way needs linear ramps, its own and those of the move before.
+    pub(crate) fn needs_linear_ramps(&self, buffer_mode: BufferMode) -> bool {
+        buffer_mode == BufferMode::Blending && self.blend_needs_linear_ramps
+    }
+
     /// Whether the drive can start a move with this profile type, this way, after a set-point with that type.
     ///
     /// # Errors
@@ -426,7 +431,7 @@ impl Traits {
         {
             return refuse(asked, "the drive has no such profile type");
         }
-        if buffer_mode == BufferMode::Blending && self.blend_needs_linear_ramps {
+        if self.needs_linear_ramps(buffer_mode) {
             if let Some(asked) = profile_type.filter(|&asked| asked != LINEAR) {
                 return refuse(asked, "this drive passes a target only with linear ramps");
             }
