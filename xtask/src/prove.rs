@@ -12,6 +12,9 @@ pub(crate) struct Args {
     /// The first seed; without it a new one, which is printed.
     #[arg(long)]
     seed: Option<u64>,
+    /// Takes a first seed that belongs to this text, such as the name of a commit.
+    #[arg(long, conflicts_with = "seed")]
+    seed_of: Option<String>,
     /// Axis-cycles of the oracle.
     #[arg(long)]
     cycles: Option<u64>,
@@ -28,7 +31,14 @@ struct Part {
 }
 
 pub(crate) fn run(args: &Args) -> crate::Result<()> {
-    let seed = args.seed.unwrap_or_else(new_seed);
+    let seed = match (args.seed, &args.seed_of) {
+        (Some(seed), _) => seed,
+        (None, Some(text)) => apart(
+            text.bytes()
+                .fold(0, |number, byte| (number * 257 + u64::from(byte)) % APART),
+        ),
+        (None, None) => apart(milliseconds()),
+    };
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let cycles = args.cycles.unwrap_or(if args.quick {
         u64::MAX / 2
@@ -131,11 +141,18 @@ fn test(part: &Part) -> crate::Result<bool> {
     Ok(cargo.status()?.success())
 }
 
-/// Not the one of another run.
-fn new_seed() -> u64 {
+/// First seeds that can be told apart: their scenarios do not overlap.
+const APART: u64 = 1_000_000_000;
+
+/// The first seed with this number. From 4·10¹⁵ on scenarios are of all kinds (`ALL_HABITS` in tests/oracle/scenario.rs).
+const fn apart(number: u64) -> u64 {
+    4_000_000_000_000_000 + number % APART * 100_000
+}
+
+/// The time, of which each run has its own.
+fn milliseconds() -> u64 {
     let now = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default();
-    // Scenarios of one run do not come again in the next. From 4·10¹⁵ on they are of all kinds (`ALL_HABITS` in tests/oracle/scenario.rs).
-    4_000_000_000_000_000 + now.as_millis() as u64 % 1_000_000_000 * 100_000
+    now.as_millis() as u64
 }
