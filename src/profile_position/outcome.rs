@@ -694,7 +694,7 @@ impl Events {
 
 #[cfg(test)]
 mod tests {
-    use alloc::format;
+    use alloc::{format, vec::Vec};
 
     use super::*;
 
@@ -729,5 +729,17 @@ mod tests {
         let shown = [CAPACITY as u32 - 2, CAPACITY as u32 - 1, CAPACITY as u32]
             .map(|number| (CommandId(number), Event::Accepted));
         assert_eq!(format!("{events:?}"), format!("{shown:?}"));
+    }
+
+    #[test]
+    fn a_report_without_a_place_takes_that_of_no_other() {
+        let mut events = Events::new();
+        let numbers = 0..CAPACITY as u32;
+        for number in numbers.clone().chain([1_000]) {
+            events.push(CommandId(number), Event::Accepted);
+        }
+        let kept: Vec<_> = core::iter::from_fn(|| events.pop()).collect();
+        let expected = numbers.map(|number| (CommandId(number), Event::Accepted));
+        assert_eq!(kept, expected.collect::<Vec<_>>());
     }
 }

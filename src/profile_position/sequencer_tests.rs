@@ -135,6 +135,17 @@ impl Dialogue {
         id
     }
 
+    /// Half way from 0 to 1000 on a drive with a buffer.
+    fn half_way() -> (Self, CommandId) {
+        let mut this = Self::buffered();
+        this.word -= REACHED;
+        let first = this.accept(to(1_000, BufferMode::Aborting));
+        this.word -= ACKNOWLEDGE;
+        this.position = 500;
+        this.frames(10);
+        (this, first)
+    }
+
     /// With the active set-point of a drive and one behind it: its buffer is full.
     fn full() -> (Self, [CommandId; 2]) {
         let mut this = Self::buffered();
@@ -508,12 +519,7 @@ fn under_local_control_a_set_point_on_a_full_buffer_is_given_up_at_once() {
 #[test]
 fn an_axis_that_swings_past_the_end_of_one_that_ends_in_motion_is_not_there() {
     let passes = |stays: bool| {
-        let mut dialogue = Dialogue::buffered();
-        dialogue.word -= REACHED;
-        let first = dialogue.accept(to(1_000, BufferMode::Aborting));
-        dialogue.word -= ACKNOWLEDGE;
-        dialogue.position = 500;
-        dialogue.frames(10);
+        let (mut dialogue, first) = Dialogue::half_way();
         let mut command = to(40, BufferMode::Buffered);
         command.reference = Reference::Relative;
         command.set_point.parameters.end_velocity = Some(20_000);
@@ -542,12 +548,7 @@ fn an_axis_that_swings_past_the_end_of_one_that_ends_in_motion_is_not_there() {
 #[test]
 fn a_move_does_not_end_while_one_that_replaces_it_may_have_been_taken() {
     let reports = |buffer_mode| {
-        let mut dialogue = Dialogue::buffered();
-        dialogue.word -= REACHED;
-        let first = dialogue.accept(to(1_000, BufferMode::Aborting));
-        dialogue.word -= ACKNOWLEDGE;
-        dialogue.position = 500;
-        dialogue.frames(10);
+        let (mut dialogue, first) = Dialogue::half_way();
         let second = dialogue.ask(to(5_000, buffer_mode));
         dialogue.frame();
         assert!(dialogue.is_high());

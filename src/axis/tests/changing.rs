@@ -129,6 +129,17 @@ fn nothing_begins_while_the_drive_may_come_to_a_mode_that_was_taken_back() {
     drive.velocity = 0;
     drive.shows_for(30, REACHED);
     assert_eq!(drive.answer(Command::Move(absolute(50))), None);
+
+    // Nor does a change to the mode that is in the outputs already.
+    let mut drive = Played::enabled(Played::config());
+    drive.mode = 6;
+    drive.shows(REACHED);
+    let selecting = drive.submit(Command::SelectMode(Mode::ProfilePosition));
+    drive.shows_for(3, REACHED);
+    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    drive.mode = 1;
+    drive.shows(REACHED);
+    assert_eq!(drive.answer(Command::Move(absolute(50))), None);
 }
 
 #[test]
