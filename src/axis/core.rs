@@ -2925,7 +2925,10 @@ impl AxisCore {
         }
         match self.check_homing() {
             Err(failure) => self.done(id, Err(failure)),
-            Ok(()) => self.homing.submit(id, command, &mut self.events),
+            Ok(()) => {
+                self.sequencer.zero_moves();
+                self.homing.submit(id, command, &mut self.events);
+            }
         }
     }
 

@@ -5,7 +5,7 @@ use core::time::Duration;
 use crate::{
     ds402::{Controlword, Mode, Sample, Statusword},
     profile_position::{
-        LastSeen, Limits, MoveCommand, PositionRange, SetPoint, Standstill, Traits,
+        LastSeen, Limits, MoveCommand, PositionRange, RelativeBase, SetPoint, Standstill, Traits,
     },
 };
 
@@ -1197,6 +1197,36 @@ fn a_bit_10_where_the_way_may_lead_round_is_believed_once_it_has_stayed() {
         });
         assert_eq!(shown(&scene, monitor), ends);
     }
+}
+
+/// A set-point to 569 was replaced before the axis set off, by a distance that ends within the window of where it stands. Or a distance of
+/// a whole turn.
+#[test]
+fn a_distance_that_leads_round_is_not_over_where_the_axis_stood_before_it() {
+    let shows = |distance: i32, end: i32, positions: &[i32]| {
+        let mut scene = Scene::turning(0);
+        scene.word = Statusword::TARGET_REACHED;
+        scene.traits.relative_base = RelativeBase::PreviousTarget;
+        let mut monitor = begun(&scene, Reference::Relative, distance, Some(end));
+        (1..).zip(positions).find_map(|(at, &position)| {
+            (scene.now, scene.position) = (ms(1_000 + at), position);
+            scene
+                .standstill
+                .update(scene.now, position, None, &scene.bounds);
+            scene.shows(|cycle| {
+                monitor.note(cycle, true);
+                monitor.outcome(cycle)
+            })
+        })
+    };
+    let stands = [0; 500];
+    assert_eq!(shows(3_035, 4, &stands), None);
+    assert_eq!(shows(3_600, 0, &stands), None);
+    assert_eq!(shows(-7_200, 0, &stands), None);
+    assert_eq!(shows(8, 8, &stands), reached(0));
+    let mut goes_round = [0; 500];
+    goes_round[1..6].copy_from_slice(&[11, 900, 1_800, 2_700, 3_591]);
+    assert_eq!(shows(3_600, 0, &goes_round), reached(0));
 }
 
 #[test]

@@ -92,6 +92,11 @@ impl Sequencer {
         self.drive_buffer.leave_base();
     }
 
+    /// A homing moves the zero of all positions.
+    pub const fn zero_moves(&mut self) {
+        self.drive_buffer.last_end = None;
+    }
+
     /// Lets go of what makes no difference any more.
     pub fn canonicalize(
         &mut self,
@@ -730,7 +735,8 @@ impl Bit4 {
                 shown,
             } => {
                 raised.far_behind &= !cycle.is_reached();
-                raised.early |= !raised.stands && cycle.is_within_window_of(raised.end);
+                raised.early |= cycle.is_within_window_of(raised.end)
+                    && !(raised.stands && cycle.is_within_window_of(Some(raised.at)));
                 if cycle.delivered {
                     delivered.get_or_insert(now);
                 }
@@ -1840,6 +1846,9 @@ struct SetPointMonitor {
     /// Of a modulo axis, whether the demand may have been past its end when the drive took it: that then lies a turn ahead, and the axis
     /// passes it before.
     may_lead_round: bool,
+    /// Of a distance on a modulo axis, whether it leads round should it end where the axis was when it became active: the axis has not left
+    /// that place yet.
+    leads_round: bool,
     /// The way to its end in the last cycle, and whether that has changed its sign there.
     way: i64,
     crossed: bool,
@@ -1941,6 +1950,7 @@ impl SetPointMonitor {
             arrived: None,
             side: 0,
             may_lead_round: false,
+            leads_round: false,
             way: 0,
             crossed: false,
             remaining: 0,
@@ -2022,6 +2032,8 @@ impl SetPointMonitor {
         self.resting = None;
         self.unreached = ShownFor::NOT;
         self.turn(position, cycle.bounds);
+        let far = |way: i32| is_far(way, cycle.bounds);
+        self.leads_round = self.turns && self.distance.is_some_and(far);
     }
 
     /// It is the active one from now on, in place of `before`. Where that was seen at its end, this one's way began there, however far
@@ -2274,6 +2286,7 @@ impl SetPointMonitor {
             return;
         };
         // The way changes its sign on the far side as well; only near the end that is a crossing of it.
+        self.leads_round &= bounds.is_within_window(self.begun_at, position);
         let way = bounds.way(position, end);
         let near = way.abs() < turn / 4 && self.way.abs() < turn / 4;
         self.crossed |= near && way.signum() == -self.way.signum() && way != 0;
@@ -2663,7 +2676,9 @@ impl SetPointMonitor {
         let known = self.stood_before || self.bases.previous.is_some();
         // What the one before has led beside its end is no way of a distance behind it.
         let from_there = self.begins_beside && self.distance.is_some();
-        !from_there && way.is_none_or(|way| known && self.bases.all_lead_to(position, way, bounds))
+        !from_there
+            && !self.leads_round
+            && way.is_none_or(|way| known && self.bases.all_lead_to(position, way, bounds))
     }
 
     /// Whether it had no way to go when it was begun. A distance of which nobody knows from where it counts has none only where the last

@@ -565,6 +565,44 @@ fn a_move_does_not_end_while_one_that_replaces_it_may_have_been_taken() {
     assert_eq!(ended, [(first, reached)]);
 }
 
+/// The axis passes its target before the acknowledge, and swings to where the next one leads.
+#[test]
+fn a_move_that_has_come_to_its_end_before_its_acknowledge_has_not_missed_it() {
+    let ends = |passed: i32| {
+        let mut dialogue = Dialogue::begin(Traits::cia402());
+        let first = dialogue.ask(to(1_000, BufferMode::Aborting));
+        dialogue.frames(2);
+        dialogue.word -= REACHED;
+        dialogue.position = 500;
+        dialogue.frame();
+        dialogue.word |= REACHED;
+        dialogue.position = passed;
+        dialogue.frame();
+        dialogue.position = 976;
+        dialogue.word |= ACKNOWLEDGE;
+        assert!(dialogue.frame());
+        assert_eq!(dialogue.reports(), [(first, Event::Accepted)]);
+        dialogue.word -= ACKNOWLEDGE;
+        dialogue.frames(5);
+        let second = dialogue.accept(to(976, BufferMode::Buffered));
+        dialogue.word -= ACKNOWLEDGE;
+        dialogue.frames(2_000);
+        let reports = dialogue.reports();
+        let last = (
+            second,
+            Event::Done(Ok(Completion::Reached { position: 976 })),
+        );
+        assert_eq!(reports.last(), Some(&last));
+        reports[0]
+    };
+    let (target, actual) = (1_000, 976);
+    let failed = |failure| Event::Done(Err(failure));
+    let unseen = failed(Failure::Unseen { target, actual });
+    assert_eq!(ends(1_008).1, unseen);
+    let missed = failed(Failure::MissedTarget { target, actual });
+    assert_eq!(ends(970).1, missed);
+}
+
 #[test]
 fn a_gated_move_is_armed_while_it_has_all_that_it_needs() {
     let mut dialogue = Dialogue::begin(Traits::cia402());

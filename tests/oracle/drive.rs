@@ -174,6 +174,8 @@ pub struct Latch {
     pub end: Option<(u64, End)>,
     /// From where it begins to its end.
     pub way: f64,
+    /// Whether the drive passes its end with an end velocity.
+    pub passes: bool,
     /// How near the demand came to its end.
     pub nearest: f64,
     /// How near the axis came to it since it became the active one, as it shows itself.
@@ -824,6 +826,7 @@ impl Drive {
             began: None,
             end: None,
             way: (goal - behind.map_or(self.demand, |behind| behind.goal)).abs(),
+            passes: out.end_velocity != 0,
             nearest: (goal - self.demand).abs(),
             axis_nearest: f64::INFINITY,
             axis_came: f64::INFINITY,
@@ -1315,7 +1318,8 @@ impl Drive {
                     word |= self
                         .random
                         .pick(&[0x0400, 0x1000, 0x1400, 0x2000, 0x2400, 0x3400]);
-                } else if self.pending.is_some() {
+                } else if self.pending.is_some() && self.out.word & 0x10 == 0 {
+                    // With bit 4 high it would be the end of an acknowledge.
                     word &= !0x1000;
                 }
             }

@@ -1554,10 +1554,11 @@ impl Scenario {
             || issued
                 .latch
                 .is_some_and(|index| self.drive.ledger[index].relative);
-        // It had no way, and while the drive was at it the axis swung beyond the window of its end: nothing shows of it.
+        // It had no way, and while the drive was at it the axis swung beyond the window of its end: nothing shows of it. Nor does it where
+        // the drive has passed its end before the acknowledge shows.
         let out_of_window = issued.latch.is_some_and(|index| {
             let latch = &self.drive.ledger[index];
-            latch.way <= self.window && latch.axis_nearest > self.window
+            latch.way <= self.window && (latch.axis_nearest > self.window || latch.passes)
         });
         // Whether a target was missed is judged by itself: the axis may have swung around it by more than the window.
         let judged = matches!(result, Err(Failure::MissedTarget { .. }));
@@ -1631,7 +1632,10 @@ impl Scenario {
         // Of one that its drive has dropped unseen its word is left, and that the axis was there, if that is not a distance from nobody
         // knows where.
         let dropped = latch.is_some_and(|latch| {
-            let there = latch.relative || latch.axis_nearest <= slack;
+            let near = latch
+                .axis_nearest
+                .min((latch.goal - self.drive.position).abs());
+            let there = latch.relative || near <= slack;
             matches!(latch.end, Some((_, End::Dropped))) && there
         });
         // One with no way to go that the drive has not begun is at its end where the demand rests within the window of it;
@@ -1642,7 +1646,8 @@ impl Scenario {
             let unseen = unseen.take_while(|latch| latch.began.is_none()).count();
             let way = self.drive.apart(self.drive.demand, latch.goal);
             unseen > 0
-                && (latch.way <= slack * unseen as f64 || making.turn.is_some())
+                && (latch.way <= slack * unseen as f64
+                    || (making.turn.is_some() && !latch.relative))
                 && way <= slack * unseen as f64
         };
         match (result, latch) {
@@ -1700,8 +1705,9 @@ impl Scenario {
                     .latch
                     .and_then(|index| self.drive.ledger.get(index.checked_sub(1)?));
                 let behind_a_short_one = before.is_some_and(|before| before.way <= slack);
-                // An axis that still swings through its ends while each acknowledge takes 100 ms shows two ends as one.
-                let swings = self.habits.has(Habit::AckOf100Ms)
+                // An axis that still swings through its ends before the acknowledge shows two ends as one.
+                let late = [Habit::AckOf100Ms, Habit::AckLate];
+                let swings = late.iter().any(|&habit| self.habits.has(habit))
                     && (self.habits.has(Habit::Overshoot) || ahead > self.window);
                 match name {
                     // The drive may have gone on before the axis was there.

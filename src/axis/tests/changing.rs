@@ -13,7 +13,8 @@ use crate::{
     },
     ds402::{Mode, State, SupportedModes},
     profile_position::{
-        BufferMode, Limits, MoveCommand, Parameters, PositionRange, Reference, SetPoint,
+        BufferMode, Limits, MoveCommand, Parameters, PositionRange, Reference, RelativeBase,
+        SetPoint,
     },
     profile_velocity::JogSetPoint,
 };
@@ -691,6 +692,46 @@ fn a_mode_is_written_two_cycles_of_the_drive_after_the_last_bit_of_another_has_f
     assert_eq!(drive.outputs[6], 6);
     drive.shows(REACHED);
     assert_eq!(drive.outputs[6], 1);
+}
+
+/// The drive counts from its last target. The homing leads the axis away from there, and moves the zero to where it shows the same again.
+#[test]
+fn the_end_of_the_last_move_is_no_base_any_more_once_a_homing_has_moved_the_zero() {
+    let distance_ends = |homes: bool| {
+        let mut config = Played::config();
+        config.traits.relative_base = RelativeBase::PreviousTarget;
+        let (mut drive, first) = Played::moving(config, 200);
+        drive.velocity = 0;
+        drive.position = 200;
+        assert!(drive.cycles_to_end(first, REACHED).1.is_ok());
+        for (mode, shown) in [(Mode::Homing, 6), (Mode::ProfilePosition, 1)] {
+            let selecting = drive.submit(Command::SelectMode(mode));
+            drive.shows_for(10, REACHED);
+            drive.mode = shown;
+            drive.shows(REACHED);
+            assert_eq!(drive.outcome(selecting), DONE);
+            if homes && mode == Mode::Homing {
+                let homing = drive.submit(HOME);
+                drive.velocity = 20;
+                drive.shows_for(20, ENABLED);
+                drive.velocity = 0;
+                drive.position = 200;
+                assert!(drive.cycles_to_end(homing, 0x1637).1.is_ok());
+            }
+        }
+        let mut command = absolute(5);
+        command.reference = Reference::Relative;
+        let id = drive.submit(Command::Move(command));
+        drive.shows(REACHED);
+        drive.shows(ACKNOWLEDGED | REACHED);
+        drive.cycles_to_end(id, REACHED).1
+    };
+    assert_eq!(
+        distance_ends(false),
+        Ok(Completion::Reached { position: 200 })
+    );
+    let ended = distance_ends(true);
+    assert!(matches!(ended, Err(Failure::NotBegun { .. })), "{ended:?}");
 }
 
 #[test]
