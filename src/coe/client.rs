@@ -571,6 +571,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     /// Reads away what waits while nothing was asked for.
     async fn collect(&mut self, mut message_waits: bool) {
         self.forget_the_session_before();
+        // What failed before, a transfer say, does not count against what waits now.
+        self.failures = 0;
         for _ in 0..MAILS_AT_ONCE {
             let found = if core::mem::take(&mut message_waits) {
                 self.read_waiting().await
@@ -839,7 +841,13 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             let read = Transfer::read(*other);
             !read.is_like(transfer) && !self.owed.iter().any(|owed| owed.is_like(read))
         };
-        others.into_iter().find(is_free).unwrap_or(others[0])
+        // At most 32 are owed. An entry that is not there is refused by its address, which is an answer as well.
+        let entries = (1..=u8::MAX).map(|subindex| ObjectAddress::new(0x1000, subindex));
+        others
+            .into_iter()
+            .chain(entries)
+            .find(is_free)
+            .unwrap_or(others[0])
     }
 
     /// Waits out the late reply of an earlier transfer of the same object, which its address does not distinguish from this one's.

@@ -6,7 +6,7 @@ use std::{
     pin::{Pin, pin},
     sync::{
         Arc,
-        atomic::{AtomicBool, Ordering::Relaxed},
+        atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
     },
     task::{Context, Poll, Waker},
     time::Duration,
@@ -15,11 +15,13 @@ use std::{
 use servocrab::{
     axis::{AxisErrorKind, Failure},
     bus::{DriveConfig, Network},
+    coe::SdoError,
     drives,
     link::{Fate, Link},
     profile_position::{Outcome, SetPoint},
 };
 use servocrab_sim::{Segment, ds402, personality};
+use smol::stream::StreamExt;
 
 use crate::{
     otherwise::Otherwise,
@@ -205,4 +207,82 @@ fn a_handle_that_is_dropped_on_arrival_ends_nothing_of_the_next_one() {
     );
     drop(segment);
     rig.shutdown();
+}
+
+/// As on a thread of its own: what is waited for ends with the network, not with the loop's memory.
+#[test]
+fn what_a_program_in_virtual_time_waits_for_ends_with_the_network() {
+    let line = one_drive();
+    let frames = Arc::new(AtomicUsize::new(0));
+    let counted = Arc::clone(&frames);
+    let wire = line.wire_with(move |_, _| {
+        counted.fetch_add(1, Relaxed);
+        Fate::Deliver
+    });
+    let builder = Network::builder().link(wire).drive(0, akd2g());
+    let (starting, mut bus) = builder.split().unwrap();
+    let (mut of_all, mut of_one, sdo) = bus.run_until(async {
+        let net = starting.network().await.unwrap();
+        let of_all = net.all_emergencies();
+        let of_one = net.emergencies(0).unwrap();
+        let sdo = net.sdo(0).unwrap();
+        net.shutdown().await.unwrap();
+        (of_all.stream(), of_one.stream(), sdo)
+    });
+    let sent = frames.load(Relaxed);
+    let polled = async |what: Pin<&mut dyn Future<Output = bool>>| {
+        let for_ever = async {
+            for _ in 0..20_000 {
+                smol::future::yield_now().await;
+            }
+            false
+        };
+        smol::future::or(what, for_ever).await
+    };
+    bus.run_until(async {
+        assert!(polled(pin!(async { of_all.next().await.is_none() })).await);
+        assert!(polled(pin!(async { of_one.next().await.is_none() })).await);
+        let read = async {
+            let error = sdo.read_bytes(0x1018, 1).await.unwrap_err();
+            matches!(error.error, SdoError::Closed { .. })
+        };
+        assert!(polled(pin!(read)).await);
+    });
+    assert_eq!(frames.load(Relaxed), sent, "there are no more turns");
+}
+
+/// The network has ended, whoever still has it and whatever they wait for.
+#[test]
+fn who_waits_for_events_learns_of_an_end_that_nobody_waited_for() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let events = rig.net().events();
+    {
+        // As a program does that gives it a time which is over first.
+        let mut over = pin!(rig.net().shutdown());
+        assert!(poll(&mut over).is_pending());
+    }
+    while rig.bus.turn() {}
+    drop(rig.bus);
+    let mut changed = pin!(async {
+        let axis = rig.net.as_ref().unwrap().axis("x").unwrap();
+        while axis.changed().await.is_some() {}
+    });
+    assert!(poll(&mut changed).is_ready(), "an axis' changes have ended");
+    let mut told = pin!(async { while events.next().await.is_some() {} });
+    assert!(poll(&mut told).is_ready(), "and so have the events");
+}
+
+#[test]
+fn who_waits_for_events_learns_of_the_end_of_a_network_that_was_dropped() {
+    let line = one_drive();
+    let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, akd2g())).unwrap();
+    let events = rig.net().events();
+    let stop = rig.net().stop_handle();
+    drop(rig.net.take());
+    while rig.bus.turn() {}
+    drop(rig.bus);
+    let mut told = pin!(async { while events.next().await.is_some() {} });
+    assert!(poll(&mut told).is_ready(), "the network is gone");
+    drop(stop);
 }

@@ -204,13 +204,95 @@ impl Port {
 impl Drop for Port {
     /// No more cycles: whatever came is old.
     fn drop(&mut self) {
-        let (_, inputs) = self.shared.cell.read(0);
         let head = Head {
             cycle: self.head.cycle,
             age: self.head.age.map(|_| u32::MAX),
             lost: true,
             ..Head::default()
         };
-        self.shared.cell.publish(head, &inputs);
+        self.shared.cell.publish_again(head);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        bus::{
+            cycle::frame::{InputMarker, Member},
+            device::io::Io,
+        },
+        pdo_map::{Entry, Mapping, Pdo},
+        sii::{Identity, Sii},
+    };
+
+    /// A terminal with three words of inputs, of which the last lies behind the first eight bytes and one across them.
+    fn terminal() -> (Shared, Image) {
+        let mut image = vec![0; 0x80];
+        image.extend([0xFF, 0xFF]);
+        let sii = Sii::parse(&image).unwrap();
+        let pdo = Pdo {
+            index: 0x1A00,
+            entries: vec![
+                Entry::new(0x6000, 1, 32),
+                Entry::new(0x6000, 2, 16),
+                Entry::padding(8),
+                Entry::new(0x6000, 3, 16),
+                Entry::new(0x6000, 4, 32),
+            ],
+        };
+        let image = Image::of_mapping(&Mapping::from_pdos(Vec::new(), vec![pdo]), &sii);
+        let device = DriveId {
+            position: 0,
+            name: String::new(),
+            identity: Identity::default(),
+        };
+        (Shared::new("terminal", &device, &image), image)
+    }
+
+    #[test]
+    fn what_came_last_is_still_that_once_the_network_has_ended() {
+        let (shared, image) = terminal();
+        let inputs = image.bytes(Direction::Inputs);
+        let mut drives = Drives::new(&[Member {
+            logical: 0,
+            outputs: 0,
+            inputs,
+            lrw: true,
+            marker: InputMarker::AnyBits,
+            patience: 10,
+        }]);
+        let shared = Arc::new(shared);
+        let mut port = Port {
+            shared: Arc::clone(&shared),
+            head: Head::default(),
+            held: false,
+        };
+        let io = Io::new(shared);
+        let first = io.input::<u32>((0x6000, 1)).unwrap();
+        let across = io.input::<u16>((0x6000, 3)).unwrap();
+        let last = io.input::<u32>((0x6000, 4)).unwrap();
+        let data = drives.first_mut().unwrap();
+        data.answer = Answer::Fresh;
+        for value in [0x11, 0x22, 0x33] {
+            data.inputs.fill(value);
+            port.publish(data, false);
+        }
+        let values = || {
+            let value = |value: Option<u32>| value.unwrap();
+            [
+                value(first.last().map(|sampled| sampled.value)),
+                value(across.last().map(|sampled| sampled.value.into())),
+                value(last.last().map(|sampled| sampled.value)),
+            ]
+        };
+        let before = values();
+        assert_eq!(before, [0x3333_3333, 0x3333, 0x3333_3333]);
+        drop(port);
+        assert!(io.status().lost);
+        assert_eq!(
+            values().map(|value| format!("{value:X}")),
+            before.map(|value| format!("{value:X}"))
+        );
     }
 }

@@ -384,7 +384,6 @@ impl Network {
         // Ready when the bus loop is gone.
         let _ = self.view.control.waiters.relay(self.view.over.recv()).await;
         self.join();
-        self.view.control.end_events();
         match self.view.control.left_moving.get() {
             Some(moving) => Err(NetworkError::StillMoving(moving.clone())),
             None => Ok(()),
@@ -408,7 +407,6 @@ impl Network {
         if thread.join().is_err() {
             tracing::error!(target: crate::log_target::BUS, "the bus thread has panicked");
         }
-        self.view.control.end_events();
     }
 }
 

@@ -77,6 +77,7 @@ pub(in crate::bus) async fn supervise(
     started: Sender<Result<Started, NetworkError>>,
     steps: Sender<StepDone>,
 ) {
+    let _end_of_events = EndOfEvents(Arc::clone(&control));
     let period = plan.cycle;
     let bring_up = smol::future::or(
         async { Some(start(&context, plan, &control, steps).await) },
@@ -101,6 +102,15 @@ pub(in crate::bus) async fn supervise(
         None => leave(&context).await,
     }
     context.end();
+}
+
+/// Whoever waits for events learns of the end: of one that nobody has asked for, and of a loop that is dropped, too.
+struct EndOfEvents(Arc<Control>);
+
+impl Drop for EndOfEvents {
+    fn drop(&mut self) {
+        self.0.end_events();
+    }
 }
 
 /// What works with the process data, and all devices in the order of the exchange.

@@ -182,6 +182,12 @@ impl Reactor {
         &self.context
     }
 
+    /// Ends all that futures of the program may wait for, though the loop is kept.
+    fn end(&mut self) {
+        self.tasks = Rc::new(Tasks::new());
+        self.context.emergencies = EmergencyQueue::new(1, self.context.wakes.waiters());
+    }
+
     /// One turn. False once the loop is over.
     pub fn turn(&mut self) -> bool {
         let now = self.link.now();
@@ -458,11 +464,15 @@ impl BusLoop {
     /// once the network has ended.
     #[must_use = "the loop is over when this is false"]
     pub fn turn(&mut self) -> bool {
+        if self.alive.is_none() {
+            return false;
+        }
         let goes_on = self.reactor.turn();
         if !goes_on {
             if let Some(writer) = self.writer.take() {
                 writer.end();
             }
+            self.reactor.end();
             self.alive = None;
             self.wakes.hand_over();
         }

@@ -1060,3 +1060,66 @@ fn pauses_grow_with_the_time_waited_up_to_the_longest() {
     assert_eq!(poll_timing.pause(2 * MS, longest), MS / 8);
     assert_eq!(poll_timing.pause(100 * MS, longest), longest);
 }
+
+/// A device that takes its requests in at once and is late with the answers to all of them.
+#[test]
+fn a_late_answer_confirms_no_write_also_where_each_object_that_could_be_asked_for_is_owed() {
+    let (rig, device, handle, _) = rig();
+    for (object, subindex) in [(0x1018, 1), (0x1018, 2)] {
+        device.set(object, subindex, &[1, 0, 0, 0]);
+    }
+    let late = Duration::from_secs(10);
+    device.0.borrow_mut().delays = VecDeque::from([late]);
+    for (object, subindex) in [(0x1000, 0), (0x1018, 1), (0x1018, 2)] {
+        let other = handle.clone();
+        let read = async move { other.read_bytes(object, subindex).await };
+        let error = rig.run(read).unwrap_err().error;
+        assert!(matches!(error, SdoError::Timeout { .. }), "{error}");
+    }
+    let error = write_velocity(&rig, &handle, 100).unwrap_err().error;
+    assert!(matches!(error, SdoError::Timeout { .. }), "{error}");
+    assert_eq!(device.0.borrow().written.len(), 1);
+    // From now on the device refuses it.
+    device.0.borrow_mut().refused.insert(VELOCITY, 0x0609_0030);
+    rig.pass(late - rig.clock.now() - Duration::from_millis(500));
+    let again = write_velocity(&rig, &handle, 200);
+    assert_eq!(device.0.borrow().written.len(), 1, "refused");
+    assert!(
+        again.is_err(),
+        "{again:?}: 200 was not written, and counts as confirmed"
+    );
+}
+
+/// What had failed before is no reason to leave a message where it is lost.
+#[test]
+fn an_emergency_whose_reading_is_lost_is_asked_for_again_also_after_a_transfer_that_failed() {
+    for is_watched in [false, true] {
+        let (rig, device, handle, emergencies) = device_with_statusword();
+        if is_watched {
+            rig.signal.observe(false);
+        }
+        device.0.borrow_mut().absent = true;
+        let error = read_statusword(&rig, &handle).unwrap_err().error;
+        assert!(matches!(error, SdoError::Link { .. }), "{error}");
+        device.0.borrow_mut().absent = false;
+        let mut counted = emergency(0x8611);
+        counted[5] |= 0x10;
+        device.post(&counted);
+        let lost = Some(Fault::LostAfter);
+        // Where nobody watches, the state of the mailbox is read before.
+        let faults = if is_watched {
+            vec![lost]
+        } else {
+            vec![None, lost]
+        };
+        device.0.borrow_mut().faults = faults.into();
+        for _ in 0..300 {
+            if is_watched {
+                let waits = device.0.borrow_mut().status().message_waiting;
+                rig.signal.observe(waits);
+            }
+            rig.pass(Duration::from_millis(1));
+        }
+        assert_eq!(codes(&emergencies), [0x8611], "watched: {is_watched}");
+    }
+}
