@@ -1493,6 +1493,11 @@ impl AxisCore {
     /// waits for the standstill.
     fn update_fault(&mut self, now: Duration) {
         let failure = self.fault().unwrap_or(Failure::Fault { code: None });
+        if let Power::Disabling { id, .. } = self.power {
+            self.power = Power::Off;
+            self.wait_for_stop(now, id);
+            self.stopping.note_fault(failure);
+        }
         if !matches!(self.stopping.phase, StopPhase::Settling { .. }) {
             self.stopping.off = false;
             self.stopping.phase = if self.stopping.note_fault(failure) {
@@ -1735,7 +1740,11 @@ impl AxisCore {
                     }
                 }
             }
-            ResetPhase::High { until } if now < until => return,
+            ResetPhase::High { until }
+                if now < until && (state == State::Fault || self.is_standing()) =>
+            {
+                return;
+            }
             ResetPhase::High { .. } | ResetPhase::Gone { .. } if state.is_fault() && spent => {
                 let failure = self.fault().unwrap_or(Failure::Fault { code: None });
                 self.end_reset(id, Err(failure));
@@ -1877,6 +1886,7 @@ impl AxisCore {
                 let has_no_power = is_down(state) || state.is_fault();
                 if powered && !disables {
                     self.cancel_enabling(Failure::QUICK_STOPPED);
+                    self.stopping.off |= !matches!(self.power, Power::Holding);
                     let standstill = self.config.deadlines.standstill;
                     self.stopping.begin_quick(now.saturating_add(standstill));
                 } else if self.is_at_rest_for_good() && (!self.stopping.off || has_no_power) {
@@ -1911,7 +1921,13 @@ impl AxisCore {
     fn give_waiting_up(&mut self, state: State) {
         let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
         self.fail_motions(failure);
-        self.fail_commands(failure);
+        if matches!(self.power, Power::Resetting { .. }) {
+            while let Some((id, instead)) = self.stopping.next_waiter() {
+                self.done(id, Err(instead.unwrap_or(failure)));
+            }
+        } else {
+            self.fail_commands(failure);
+        }
         if state == State::OperationEnabled {
             self.stopping.phase = StopPhase::Quick { until: None };
             return;
@@ -2648,6 +2664,16 @@ pub(super) struct ModeChange {
     before: Mode,
     deadline: Duration,
     step: ModeStep,
+    /// What it has taken the place of: until this one is written the drive may come to that mode all the same.
+    instead_of: Option<Unawaited>,
+}
+
+/// A change of mode for which nobody waits, and to which the drive may come at any time.
+#[derive(Debug, Clone, Copy, Hash)]
+struct Unawaited {
+    to: Mode,
+    deadline: Duration,
+    step: ModeStep,
 }
 
 /// How far a change of mode is.
@@ -2780,6 +2806,11 @@ impl AxisCore {
                 before: self.mode,
                 deadline: now.saturating_add(self.config.deadlines.mode),
                 step: ModeStep::Quiet { by_sdo },
+                instead_of: self.mode_change.map(|change| Unawaited {
+                    to: change.to,
+                    deadline: change.deadline,
+                    step: change.step,
+                }),
             };
             self.mode_change = Some(change);
             self.write_mode(now);
@@ -2799,11 +2830,13 @@ impl AxisCore {
             self.fail_mode_change(Failure::HALTED);
             return;
         }
+        let seen = self.config.traits.surely_seen();
         let quiet = self
             .quiet_since
-            .is_some_and(|since| now.saturating_sub(since) >= self.config.traits.surely_seen());
+            .is_some_and(|since| now.saturating_sub(since) >= seen);
         let may_move = self.brake.may_drive() && !self.standstill.is_standing();
-        if !quiet || may_move {
+        // A halt may take back a resume that has not gone out yet.
+        if !quiet || may_move || self.resuming.is_some() {
             return;
         }
         // 607Ah still holds the last move's target or distance; another mode may follow it at once.
@@ -2888,7 +2921,15 @@ impl AxisCore {
                 return;
             }
             ModeStep::Quiet { .. } | ModeStep::Written | ModeStep::BySdo => {
-                self.mode_change = None;
+                let before = change.instead_of;
+                let before = before.filter(|_| change.step != ModeStep::Written);
+                self.mode_change = before.map(|before| ModeChange {
+                    to: before.to,
+                    deadline: before.deadline,
+                    step: before.step,
+                    instead_of: None,
+                    ..change
+                });
                 return;
             }
         };
@@ -2915,6 +2956,7 @@ impl AxisCore {
                 before: self.mode,
                 deadline: later,
                 step: ModeStep::Quiet { by_sdo: false },
+                instead_of: None,
             })
         };
     }
@@ -2983,7 +3025,11 @@ impl AxisCore {
                     self.begin_stop(now, Failure::QUICK_STOPPED);
                 }
             },
-            Mode::ProfileVelocity => self.jogging.step(&cycle, &mut self.events),
+            Mode::ProfileVelocity => {
+                if self.jogging.step(&cycle, &mut self.events) {
+                    self.begin_quick_stop(now);
+                }
+            }
             _ => {}
         }
     }

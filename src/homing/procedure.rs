@@ -218,10 +218,13 @@ impl Procedure {
             }
             HomingPhase::High(run) if run.sent => {
                 let was_begun = run.begun;
-                // A halted one ends at standstill. Its time goes on.
+                // A halted one ends at standstill, to which it has to come in time. Its own time goes on.
                 let end = if cycle.halted {
-                    run.is_late(cycle).then(|| Err(run.timeout(cycle)))
+                    let since = *run.halted_since.get_or_insert(cycle.now);
+                    let late = cycle.now.saturating_sub(since) >= self.standstill;
+                    (late || run.is_late(cycle)).then(|| Err(run.timeout(cycle)))
                 } else {
+                    run.halted_since = None;
                     run.step(cycle, self.standstill)
                 };
                 let id = run.id;
@@ -298,6 +301,8 @@ struct Run {
     stale_error: bool,
     /// The bits said "in progress" before bit 4 rose, and have since: they do of some drives at rest.
     stale_progress: bool,
+    /// Since when it is halted.
+    halted_since: Option<Duration>,
     /// Where the axis was before bit 4 rose.
     position: i32,
     /// The drive has shown that it is at work on this one.
@@ -339,6 +344,7 @@ impl Run {
             stale_attained: word.contains(Statusword::HOMING_ATTAINED),
             stale_error: word.contains(Statusword::HOMING_ERROR),
             stale_progress: is_in_progress(word),
+            halted_since: None,
             position: cycle.sample.position,
             begun: false,
             at_work_since: None,

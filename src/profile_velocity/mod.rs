@@ -362,8 +362,8 @@ impl Jogging {
         events.push(id, Event::Done(Err(failure.with_delivery(delivery))));
     }
 
-    /// One cycle with fresh inputs in Operation enabled and mode 3.
-    pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) {
+    /// One cycle with fresh inputs in Operation enabled and mode 3. Whether the axis has not come to rest in time after it was let go.
+    pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
         match &mut self.stage {
             JogPhase::Held {
                 id,
@@ -415,10 +415,12 @@ impl Jogging {
                         delivery: Delivery::Accepted,
                     };
                     self.end(failure, events);
+                    return true;
                 }
             }
             _ => {}
         }
+        false
     }
 }
 

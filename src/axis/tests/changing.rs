@@ -792,3 +792,57 @@ fn a_drive_whose_cycle_is_longer_than_the_deadline_of_its_acknowledge_has_its_ti
     let sent = risen + Duration::from_millis(1);
     assert_eq!(drive.now - sent, 4 * cycle);
 }
+
+/// A second change that waits for standstill and is given up as well does not make the first one forgotten.
+#[test]
+fn nothing_begins_after_a_second_change_was_given_up_before_it_was_written() {
+    let mut drive = Played::enabled(Played::config());
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows_for(3, REACHED);
+    assert_eq!(drive.outputs[6], 6);
+    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    // Something pushes the axis: another mode has to wait.
+    drive.position += 15;
+    drive.shows(REACHED);
+    let other = drive.submit(Command::SelectMode(Mode::ProfileVelocity));
+    assert_eq!((drive.outcome(other), drive.outputs[6]), (None, 1));
+    assert!(drive.core.withdraw(other, &mut drive.outputs));
+    // Four cycles after 6060h was 6: the drive may come to homing at any time.
+    let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
+    let answer = drive.answer(Command::Move(absolute(50)));
+    assert_eq!((answer, drive.word()), (wrong, 0x000F));
+}
+
+/// 6060h was written by SDO, and the wait for 6061h is given up while it waits for standstill.
+#[test]
+fn nothing_begins_after_a_mode_was_written_by_sdo_and_its_selection_was_given_up() {
+    for late in [false, true] {
+        let mut drive = Played::enabled(CoreConfig {
+            fields: AxisFields {
+                mode: None,
+                ..FIELDS
+            },
+            ..Played::config()
+        });
+        let mode = Mode::Homing;
+        assert_eq!(
+            drive.answer(Command::PrepareMode(mode)),
+            Some(Ok(Completion::Prepared { mode }))
+        );
+        // The drive has 6060h = 6 from here on. Something pushes the axis.
+        drive.velocity = 3;
+        drive.shows_for(10, REACHED);
+        let selecting = drive.submit(TO_HOMING);
+        assert_eq!(drive.outcome(selecting), None);
+        if late {
+            drive.shows_for(60, REACHED);
+            assert!(drive.outcome(selecting).is_some());
+        } else {
+            assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+        }
+        // Nothing takes that back.
+        let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
+        let answer = drive.answer(Command::Move(absolute(50)));
+        assert_eq!((answer, drive.word()), (wrong, 0x000F), "{late}");
+    }
+}

@@ -457,3 +457,138 @@ fn a_homing_waits_for_a_low_of_its_own_mode_where_that_is_noted() {
     let end = drive.outcome(homing);
     assert!(!matches!(end, Some(Ok(_))), "{end:?}");
 }
+
+/// A fault reaction overtakes whoever stops the axis, and the drive leaves it by itself with power. Its 605Ah says that it stays in Quick stop
+/// active.
+#[test]
+fn a_drive_that_leaves_its_fault_reaction_is_switched_off_also_where_somebody_waits_for_a_stop() {
+    let ends = |asked: Option<Command>, before: bool| {
+        let (mut drive, _) = Played::moving(Played::staying(), 100_000);
+        if before && let Some(command) = asked {
+            drive.submit(command);
+            drive.shows_for(3, ENABLED);
+        }
+        drive.shows_for(3, FAULT_REACTION);
+        if !before && let Some(command) = asked {
+            drive.submit(command);
+        }
+        drive.shows(ENABLED);
+        assert_eq!(drive.word() & 0x000F, QUICK_STOP);
+        drive.shows_for(3, QUICK_STOP_ACTIVE);
+        drive.velocity = 0;
+        drive.shows_for(60, QUICK_STOP_ACTIVE);
+        drive.word()
+    };
+    assert_eq!(ends(None, false), 0, "nobody waits");
+    assert_eq!(ends(Some(Command::Disable), false), 0);
+    assert_eq!(ends(Some(Command::Disable), true), 0, "asked for before");
+    for command in [Command::Stop, Command::QuickStop] {
+        for before in [false, true] {
+            assert_eq!(ends(Some(command), before), 0, "{command:?}, {before}");
+        }
+    }
+}
+
+/// A halt that the drive ignores, or that does not bring the axis to rest, takes no deadline away from a homing.
+#[test]
+fn a_halted_homing_whose_axis_does_not_come_to_rest_has_an_end() {
+    // In progress; an error while it moves; attained and moving.
+    for statusword in [0x0237, 0x2237, 0x1237] {
+        for swings in [false, true] {
+            let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+            let homing = drive.submit(HOME);
+            drive.cycles_until(0x001F, REACHED);
+            drive.velocity = -300;
+            drive.shows_for(20, ENABLED);
+            let halting = drive.submit(Command::Halt);
+            for cycle in 0..5_000 {
+                if swings {
+                    drive.velocity = if cycle % 40 < 20 { 3 } else { -3 };
+                }
+                drive.shows(statusword);
+            }
+            assert!(matches!(drive.outcome(halting), Some(Err(_))));
+            let end = drive.outcome(homing);
+            assert!(
+                matches!(end, Some(Err(_))),
+                "{statusword:04X}h, {swings}: {end:?} after 5 s, {:04X}h",
+                drive.word()
+            );
+        }
+    }
+}
+
+/// The fault comes back with a reaction while bit 7 is high, and the axis moves.
+#[test]
+fn an_axis_that_moves_in_a_fault_reaction_gets_no_disable_voltage_with_bit_7() {
+    let mut drive = Played::enabled(Played::config());
+    drive.shows_for(20, FAULT);
+    drive.submit(Command::ResetFault);
+    drive.cycles_until(0x80, FAULT);
+    drive.velocity = 30;
+    drive.shows_for(3, FAULT_REACTION);
+    assert_eq!(drive.word(), QUICK_STOP);
+}
+
+/// A stop that has waited for long gives up; the reset was asked for just now.
+#[test]
+fn the_deadline_of_a_stop_is_not_that_of_a_later_reset() {
+    let mut drive = Played::enabled(Played::config());
+    drive.velocity = 30;
+    drive.shows_for(20, FAULT);
+    let stopping = drive.submit(Command::Stop);
+    drive.shows_for(390, FAULT);
+    let resetting = drive.submit(Command::ResetFault);
+    drive.shows_for(20, FAULT);
+    assert!(matches!(drive.outcome(stopping), Some(Err(_))));
+    assert_eq!(drive.outcome(resetting), None, "after 20 of 400 ms");
+    drive.velocity = 0;
+    drive.cycles_until(0x80, FAULT);
+}
+
+/// It stood when its disable was asked for, and its fault reaction moves it.
+#[test]
+fn a_disable_that_a_fault_overtakes_fails_at_standstill() {
+    let mut drive = Played::enabled(Played::config());
+    let disabling = drive.submit(Command::Disable);
+    drive.shows(ENABLED);
+    drive.velocity = 30;
+    drive.shows(FAULT_REACTION);
+    drive.shows_for(20, FAULT_REACTION);
+    assert_eq!(drive.outcome(disabling), None, "it moves");
+    drive.velocity = 0;
+    drive.shows_for(30, FAULT);
+    let code = None;
+    assert_eq!(drive.outcome(disabling), Some(Err(Failure::Fault { code })));
+}
+
+/// The resume that came before the change was taken back by a halt before it was sent: bit 8 has never fallen.
+#[test]
+fn a_mode_is_not_written_on_an_axis_whose_resume_was_taken_back() {
+    let mut drive = Played::enabled(Played::config());
+    drive.submit(Command::Halt);
+    drive.shows_for(30, REACHED);
+    drive.submit(Command::Resume);
+    let selecting = drive.submit(Command::SelectMode(Mode::Homing));
+    drive.submit(Command::Halt);
+    assert_eq!((drive.word(), drive.outputs[6]), (HALT, 1));
+    drive.shows(REACHED);
+    assert_eq!(drive.outcome(selecting), Some(Err(Failure::HALTED)));
+}
+
+/// Its drive follows no 0 in 60FFh, and perhaps nobody waits for the rest any more.
+#[test]
+fn a_jog_that_was_let_go_and_does_not_come_to_rest_is_ended_by_a_quick_stop() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    let jog = drive.submit(Command::Jog(JogSetPoint::new(20_000)));
+    drive.velocity = 20;
+    drive.shows_for(20, ENABLED);
+    assert!(drive.core.release_jog(drive.now, jog, &mut drive.outputs));
+    let (_, result) = drive.cycles_to_end(jog, ENABLED);
+    assert!(matches!(result, Err(Failure::Timeout { .. })), "{result:?}");
+    assert_eq!(drive.word(), QUICK_STOP);
+    drive.shows_for(3, QUICK_STOP_ACTIVE);
+    drive.velocity = 0;
+    drive.shows_for(60, QUICK_STOP_ACTIVE);
+    assert_eq!(drive.core.snapshot().state, State::QuickStopActive);
+}
