@@ -867,6 +867,15 @@ fn a_set_point_is_left_behind_half_way_to_the_next_end() {
         monitor.overshoots,
         monitor.side
     ) = (true, 0)));
+    for mode in [BufferMode::Buffered, BufferMode::Blending] {
+        let passing = |monitor: &mut SetPointMonitor| {
+            (monitor.ends_in_motion, monitor.side) = (true, 1);
+        };
+        let (_, mut first) = left_behind(&Scene::at(0), 1_000, passing);
+        let next = changed(to(1_000), |monitor| monitor.buffer_mode = mode);
+        let left = Scene::at(500).shows(|cycle| first.is_left_behind(&next, cycle));
+        assert_eq!(left, mode == BufferMode::Blending);
+    }
     for doubt in [
         (|monitor| monitor.short = true) as fn(&mut SetPointMonitor),
         |monitor| monitor.turns = true,
@@ -1227,6 +1236,16 @@ fn a_distance_that_leads_round_is_not_over_where_the_axis_stood_before_it() {
     let mut goes_round = [0; 500];
     goes_round[1..6].copy_from_slice(&[11, 900, 1_800, 2_700, 3_591]);
     assert_eq!(shows(3_600, 0, &goes_round), reached(0));
+    // Behind another, as long as the axis is at the end of that.
+    let before = begun(&Scene::turning(0), Reference::Absolute, 550, Some(550));
+    for (position, leads_round) in [(560, true), (3_450, false)] {
+        Scene::turning(position).shows(|cycle| {
+            let mut next = distance(-700, base(0));
+            (next.turns, next.end) = (true, Some(3_450));
+            next.takes_over(&before, true, false, cycle);
+            assert_eq!(next.leads_round, leads_round);
+        });
+    }
 }
 
 #[test]

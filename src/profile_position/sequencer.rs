@@ -2051,6 +2051,8 @@ impl SetPointMonitor {
             self.early = by_room && (at_once || self.ends_in_motion);
         }
         self.becomes_active(cycle, position, cycle.standstill.is_standing());
+        // Elsewhere than at the end of the one before the axis has been led on.
+        self.leads_round &= cycle.is_within_window_of(before.end);
         let from_rest = self.from_rest || rests;
         if rests {
             self.stood = Some(position);
@@ -2420,7 +2422,9 @@ impl SetPointMonitor {
         let (since, cycles) = self.away.unwrap_or((cycle.now, 0));
         let cycles = cycles.saturating_add(1);
         self.away = Some((since, cycles));
-        if !self.was_there || (self.overshoots && passed) {
+        // With one behind it that it is not blended into, a drive may take back the end velocity too late to stop there, and come back.
+        let stops_late = self.ends_in_motion && next.buffer_mode != BufferMode::Blending;
+        if !self.was_there || ((self.overshoots || stops_late) && passed) {
             return false;
         }
         // One that comes back is not on its way.

@@ -395,6 +395,12 @@ impl Drive {
         }
     }
 
+    /// Whether the active set-point counts as over, as far as it shows itself.
+    fn is_over(&self) -> bool {
+        self.active
+            .is_some_and(|active| self.ledger[active.index].over)
+    }
+
     pub const fn word_in_effect(&self) -> u16 {
         self.out.word
     }
@@ -1318,7 +1324,7 @@ impl Drive {
                     word |= self
                         .random
                         .pick(&[0x0400, 0x1000, 0x1400, 0x2000, 0x2400, 0x3400]);
-                } else if self.pending.is_some() && self.out.word & 0x10 == 0 {
+                } else if self.pending.is_some() && self.out.word & 0x10 == 0 && !self.is_over() {
                     // With bit 4 high it would be the end of an acknowledge.
                     word &= !0x1000;
                 }
