@@ -2,7 +2,10 @@
 
 use std::{borrow::Cow, fmt};
 
-use crate::{coe::DriveId, sii::Identity};
+use crate::{
+    coe::{DriveId, value::column_width},
+    sii::Identity,
+};
 
 /// Where a device is to be found in the line.
 ///
@@ -308,10 +311,7 @@ impl fmt::Display for LineMismatch {
         let rows: Vec<_> = std::iter::once(head)
             .chain(self.0.iter().map(LineRow::cells))
             .collect();
-        let width = |column: usize| {
-            let cells = rows.iter().filter_map(|row| row.get(column));
-            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
-        };
+        let width = |column: usize| column_width(rows.iter().filter_map(|row| row.get(column)));
         let (first, second, third) = (width(0), width(1), width(2));
         for [position, expected, found, verdict] in &rows {
             write!(

@@ -390,6 +390,15 @@ fn raw(bytes: &[u8]) -> u64 {
         .fold(0, |value, byte| value << 8 | u64::from(*byte))
 }
 
+/// The widest column of a table: formatting takes no width above 16 bits, and a text may have megabytes.
+const WIDEST_COLUMN: usize = 200;
+
+/// How wide a column is that shows these texts: as its longest cell, in characters, and at most 200. A longer cell goes beyond it.
+pub(crate) fn column_width<'a>(cells: impl Iterator<Item = &'a String>) -> usize {
+    let longest = cells.map(|cell| cell.chars().count()).max();
+    longest.unwrap_or(0).min(WIDEST_COLUMN)
+}
+
 #[cfg(test)]
 mod tests {
     use alloc::vec;
@@ -397,6 +406,19 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    #[test]
+    fn a_column_is_as_wide_as_its_longest_cell_and_no_wider_than_formatting_takes() {
+        for (lengths, expected) in [
+            (&[][..], 0),
+            (&[3, 200, 0], 200),
+            (&[3, 201], 200),
+            (&[70_000, 3], 200),
+        ] {
+            let cells: Vec<_> = lengths.iter().map(|length| "ä".repeat(*length)).collect();
+            assert_eq!(column_width(cells.iter()), expected, "{lengths:?}");
+        }
+    }
 
     #[test]
     fn a_value_of_the_wrong_width_is_refused() {

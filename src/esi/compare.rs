@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::device::EsiEntry;
 use super::device::{EsiDevice, EsiPdo};
+use crate::coe::value::column_width;
 use crate::coe::{AbortCode, DriveError, Object, ObjectAddress, ReadOnly, SdoError, SdoHandle};
 use crate::pdo_map::Entry;
 
@@ -197,15 +198,27 @@ impl fmt::Display for EsiDifferences {
                 ]
             }))
             .collect();
-        let width = |column: usize| {
-            let cells = rows.iter().filter_map(|row| row.get(column));
-            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
-        };
+        let width = |column: usize| column_width(rows.iter().filter_map(|row| row.get(column)));
         let (object, what, file) = (width(0), width(1), width(2));
         f.write_str("the drive is not as its ESI file says:")?;
         for [of, is, says, drive] in &rows {
             write!(f, "\n  {of:object$}  {is:what$}  {says:file$}  {drive}")?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file may have a name of megabytes, and formatting takes no width of more than 16 bits.
+    #[test]
+    fn a_difference_in_an_entry_with_a_long_name_is_shown_and_no_panic() {
+        let mut differences = EsiDifferences(Vec::new());
+        let name = "x".repeat(70_000);
+        let object = ObjectAddress::new(0x2345, 0);
+        differences.note(object, &name, "there".into(), "missing".into());
+        assert!(differences.to_string().contains(&name));
     }
 }

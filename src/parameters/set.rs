@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::value::{ObjectValue, ValueType, known_name};
 use crate::coe::information::ObjectCode;
+use crate::coe::value::column_width;
 use crate::coe::{
     AbortCode, AxisOffset, DriveError, ObjectAddress, ObjectDictionary, SdoError, SdoHandle,
     TypeCode, obj,
@@ -205,9 +206,8 @@ impl fmt::Display for Differences {
                 (object, parameter.value.to_string(), held)
             })
             .collect();
-        let first = rows.iter().map(|row| row.0.chars().count()).max();
-        let second = rows.iter().map(|row| row.1.chars().count()).max();
-        let (first, second) = (first.unwrap_or(0).max(6), second.unwrap_or(0).max(4));
+        let first = column_width(rows.iter().map(|row| &row.0)).max(6);
+        let second = column_width(rows.iter().map(|row| &row.1)).max(4);
         if !rows.is_empty() {
             writeln!(f, "{:first$}  {:second$}  drive", "object", "file")?;
         }
@@ -414,5 +414,21 @@ mod tests {
              6067h:00 position window  50 (u32)  7 (u32)\n\
              2345h:00                  \"ab\"      object does not exist (06020000h)\n"
         );
+    }
+
+    /// A file may hold texts of a megabyte, and formatting takes no width of more than 16 bits.
+    #[test]
+    fn differences_of_long_texts_are_shown_and_no_panic() {
+        let long = "x".repeat(70_000);
+        for (name, value) in [(long.as_str(), "1"), ("short", long.as_str())] {
+            let text = format!(
+                "[[parameter]]\nobject = \"2345h:00\"\nname = \"{name}\"\ntype = \"string\"\nvalue = \"{value}\"\n"
+            );
+            let set = ParameterSet::from_toml(&text, "drive.toml").unwrap();
+            let parameter = set.parameters.into_iter().next().unwrap();
+            let held = Held::Refused(AbortCode::NO_OBJECT);
+            let differences = Differences(vec![Difference { parameter, held }]);
+            assert!(differences.to_string().contains(&long));
+        }
     }
 }

@@ -6,6 +6,7 @@ use core::fmt;
 
 use super::mapping::{Direction, Mapping};
 use super::mapping::{Entry, Pdo};
+use crate::coe::value::column_width;
 
 /// Compares what was declared with what was read back.
 ///
@@ -65,10 +66,7 @@ impl fmt::Display for Differences {
         let rows: Vec<_> = core::iter::once(head)
             .chain(self.0.iter().map(Difference::cells))
             .collect();
-        let width = |column: usize| {
-            let cells = rows.iter().filter_map(|row| row.get(column));
-            cells.map(String::len).max().unwrap_or(0)
-        };
+        let width = |column: usize| column_width(rows.iter().filter_map(|row| row.get(column)));
         let widths = (width(0), width(1));
         for [place, expected, got] in &rows {
             write!(

@@ -126,13 +126,13 @@ pub(crate) fn put(text: impl Display) -> io::Result<()> {
     output.flush()
 }
 
-/// Rows under a heading, each column as wide as its widest cell.
+/// Rows under a heading, each column as wide as its widest cell, and at most 200 characters: formatting takes no width above 16 bits.
 pub(crate) fn table<const N: usize>(heading: [&str; N], rows: &[[String; N]]) -> String {
     let heading = heading.map(String::from);
     let all = || [&heading].into_iter().chain(rows);
     let widths: [usize; N] = std::array::from_fn(|column| {
         let cells = all().map(|row| row[column].chars().count());
-        cells.max().unwrap_or(0)
+        cells.max().unwrap_or(0).min(200)
     });
     let mut text = String::new();
     for row in all() {
@@ -196,4 +196,24 @@ pub(crate) fn usage(error: &clap::Error, json: bool) -> ExitCode {
     // Where nobody reads it there is nothing to be done.
     let _ = error.print();
     ExitCode::from(if error.use_stderr() { 2 } else { 0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_shows_a_cell_that_is_longer_than_formatting_takes() {
+        let long = "x".repeat(70_000);
+        let text = table(
+            ["name", "is"],
+            &[
+                [long.clone(), "b".to_owned()],
+                ["a".to_owned(), "b".to_owned()],
+            ],
+        );
+        let rows: Vec<&str> = text.lines().collect();
+        assert_eq!(rows[1], format!("{long}  b"));
+        assert_eq!(rows[2], format!("a{}  b", " ".repeat(199)));
+    }
 }
