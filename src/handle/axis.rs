@@ -466,12 +466,17 @@ impl Handles {
         signals
             .sleep_until(signals.now().saturating_add(within))
             .await;
+        Err(self.is_late(within))
+    }
+
+    /// Nobody waits any longer for what goes on.
+    pub fn is_late(&self, within: Duration) -> AxisError {
         let snapshot = self.shared.snapshot();
-        Err(self.shared.error(AxisErrorKind::Late {
+        self.shared.error(AxisErrorKind::Late {
             within,
             statusword: snapshot.statusword,
             controlword: snapshot.controlword,
-        }))
+        })
     }
 
     fn parameters(&self) -> &dyn ParameterAccess {

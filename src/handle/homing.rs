@@ -131,17 +131,19 @@ impl<U: AxisUnit> Homing<U> {
         self.axis.release().await
     }
 
-    /// `until`: when it is stopped. `keep`: it goes on when nobody waits for it any more.
+    /// `limit`: how long it may take. `keep`: it goes on when nobody waits for it any more, also after that time.
     async fn run(
         &self,
         parameters: HomingParameters<U>,
-        until: Option<Duration>,
+        limit: Option<Duration>,
         keep: bool,
     ) -> Result<Homed<U>, AxisError> {
+        let signals = &self.axis.handles.shared.setup.groups.signals;
+        let until = limit.map(|limit| signals.now().saturating_add(limit));
         let scale = self.axis.unit.scale;
         let parameters = parameters.in_counts(&scale);
         let parameters = parameters.map_err(|error| self.axis.scale_error(error))?;
-        let asking = self.ask(parameters, until);
+        let asking = self.ask(parameters, until.filter(|_| !keep));
         let mut pending = match until {
             Some(until) => smol::future::or(asking, self.late_before(until)).await?,
             None => asking.await?,
@@ -149,9 +151,24 @@ impl<U: AxisUnit> Homing<U> {
         if !keep {
             pending.end_on_drop();
         }
-        pending.accepted().await?;
+        let kept = limit.zip(until).filter(|_| keep);
+        if let Some((_, until)) = kept {
+            self.begun_by(&mut pending, until).await?;
+        } else {
+            pending.accepted().await?;
+        }
         self.axis.trace("homing");
-        let result = homed(&pending).await.map(|position| Homed {
+        let late = async {
+            match kept {
+                Some((limit, until)) => {
+                    signals.sleep_until(until).await;
+                    Err(self.axis.handles.is_late(limit))
+                }
+                None => core::future::pending().await,
+            }
+        };
+        let result = smol::future::or(homed(&pending), late).await;
+        let result = result.map(|position| Homed {
             position: scale.position_in::<U>(position),
         });
         self.axis.trace(match &result {
@@ -192,15 +209,40 @@ impl<U: AxisUnit> Homing<U> {
 
     /// The time is over, and nothing was asked for.
     async fn late_before<T>(&self, until: Duration) -> Result<T, AxisError> {
+        let signals = &self.axis.handles.shared.setup.groups.signals;
+        signals.sleep_until(until).await;
+        Err(self.late_unsent())
+    }
+
+    /// The time is over, and bit 4 does not rise.
+    fn late_unsent(&self) -> AxisError {
         let shared = &self.axis.handles.shared;
-        shared.setup.groups.signals.sleep_until(until).await;
         let status = shared.snapshot();
-        Err(shared.error(AxisErrorKind::Failed(Failure::Timeout {
+        shared.error(AxisErrorKind::Failed(Failure::Timeout {
             waiting_for: WaitingFor::HomingEnd,
             statusword: status.statusword,
             controlword: status.controlword,
             delivery: Delivery::NotSent,
-        })))
+        }))
+    }
+
+    /// Waits until the drive has begun a homing that is kept. One whose bit 4 is not sent by then is withdrawn; what becomes of
+    /// another one the drive shows.
+    async fn begun_by(&self, pending: &mut Pending, until: Duration) -> Result<(), AxisError> {
+        let signals = &self.axis.handles.shared.setup.groups.signals;
+        let begun = async { Some(pending.accepted().await) };
+        let over = async {
+            signals.sleep_until(until).await;
+            None
+        };
+        if let Some(result) = smol::future::or(begun, over).await {
+            return result;
+        }
+        pending.withdraw();
+        match pending.accepted().await {
+            Err(error) if error.failure() == Some(Failure::Withdrawn) => Err(self.late_unsent()),
+            result => result,
+        }
     }
 
     async fn write(&self, parameters: &HomingParameters) -> Result<(), AxisError> {
@@ -307,14 +349,15 @@ pub struct Home<'a, U: AxisUnit = Counts> {
 impl<'a, U: AxisUnit> Home<'a, U> {
     /// Stops the axis (bit 8, then quick stop) where the homing has not ended within this time of the network, from when it is
     /// first polled. It then fails as [`Failure::Timeout`] with [`WaitingFor::HomingEnd`]. The axis is stopped also when this
-    /// future is not polled any more. After [`keep_homing`](Self::keep_homing) only the wait ends, with [`AxisErrorKind::Late`].
+    /// future is not polled any more. After [`keep_homing`](Self::keep_homing) a homing whose bit 4 has not gone out by then is
+    /// withdrawn and fails in the same way; of any other only the wait ends, with [`AxisErrorKind::Late`], once the drive has begun.
     pub const fn within(mut self, limit: Duration) -> Self {
         self.limit = Some(limit);
         self
     }
 
     /// Lets the drive go on with the homing when this is dropped, or when its time is over, for the reason given. Somebody else has
-    /// to stop the axis then, if it does not find its home.
+    /// to stop the axis then, if it does not find its home. A homing whose bit 4 has not gone out by then is withdrawn all the same.
     pub fn keep_homing(mut self, reason: &str) -> Self {
         let identity = self.homing.axis.identity();
         tracing::info!(
@@ -336,18 +379,7 @@ impl<'a, U: AxisUnit> Home<'a, U> {
             keep,
             ..
         } = *self;
-        let handles = &homing.axis.handles;
-        match limit {
-            Some(limit) if keep => Box::pin(smol::future::or(
-                homing.run(parameters, None, true),
-                handles.late(limit),
-            )),
-            limit => {
-                let now = handles.shared.setup.groups.signals.now();
-                let until = limit.map(|limit| now.saturating_add(limit));
-                Box::pin(homing.run(parameters, until, keep))
-            }
-        }
+        Box::pin(homing.run(parameters, limit, keep))
     }
 }
 

@@ -1067,6 +1067,12 @@ impl Pending {
         self.on_drop = OnDrop::End;
     }
 
+    /// Gives it up now, so far as it was not sent: it then fails as [`Failure::Withdrawn`]. From then on dropping this does nothing more.
+    pub fn withdraw(&mut self) {
+        self.on_drop = OnDrop::GoOn;
+        self.handles.withdraw(self.id, false);
+    }
+
     pub fn ticket(&self) -> Arc<Ticket> {
         Arc::clone(&self.ticket)
     }

@@ -660,3 +660,39 @@ fn a_homing_that_is_refused_writes_nothing() {
         matches!(failure, Failure::NotEnabled { .. })
     });
 }
+
+/// `Late` says that it goes on, unless it is stopped.
+#[test]
+fn a_homing_that_is_to_go_on_without_its_future_goes_on_or_is_not_said_to() {
+    let mut begun = 0;
+    for ms in 0..21 {
+        let (mut machine, axis) = Machine::enabled_of(&variant());
+        let sdo = &machine.stations[0].sdo;
+        sdo.slow_writes.store(true, Ordering::Relaxed);
+        let homing = machine.finish(axis.homing()).unwrap();
+        let home = homing
+            .home(to_the_switch())
+            .keep_homing("the panel's stop button is watched elsewhere")
+            .within(Duration::from_millis(ms));
+        let error = machine.finish(home).unwrap_err();
+        let goes_on = matches!(error.kind, AxisErrorKind::Late { .. });
+        let is_not_sent = matches!(
+            error.failure(),
+            Some(Failure::Timeout {
+                waiting_for: WaitingFor::HomingEnd,
+                delivery: Delivery::NotSent,
+                ..
+            })
+        );
+        assert_ne!(goes_on, is_not_sent, "{ms} ms: {error}");
+        begun += usize::from(goes_on);
+        machine.run(3_000);
+        let homings = machine.drive().homings().len();
+        assert_eq!(
+            goes_on,
+            homings == 1,
+            "{ms} ms: {error}, and the drive has had {homings} homings"
+        );
+    }
+    assert!((3..18).contains(&begun), "{begun}");
+}

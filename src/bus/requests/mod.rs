@@ -495,8 +495,8 @@ impl BusLoop {
     /// it: a minute there takes a fraction of a second here.
     ///
     /// Pauses of the machine belong to the cycles' clock ([`Network::clock`](crate::bus::Network::clock)), which goes with the
-    /// loop. A timer of an executor goes by the clock on the wall, and so do [`Done::within`](crate::profile_position::Done::within) and
-    /// [`Home::within`](crate::homing::Home::within): while such a one is waited for, virtual time runs away.
+    /// loop, and so do [`Done::within`](crate::profile_position::Done::within) and [`Home::within`](crate::homing::Home::within). A
+    /// timer of an executor goes by the clock on the wall: while such a one is waited for, virtual time runs away.
     ///
     /// ```
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
