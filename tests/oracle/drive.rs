@@ -162,6 +162,9 @@ pub enum End {
 }
 
 /// A set-point that was taken.
+/// Ticks by which its outputs are late at most, however often that comes over it.
+const LATE: u32 = 3;
+
 #[derive(Debug, Clone, Copy)]
 pub struct Latch {
     /// 6081h: the move's name.
@@ -220,6 +223,8 @@ pub struct Drive {
     out: Outputs,
     mailbox: Outputs,
     hold_outputs: u32,
+    /// For how many ticks it has not looked at them.
+    outputs_late: u32,
     hold_inputs: u32,
     before: u16,
     active: Option<SetPoint>,
@@ -294,6 +299,7 @@ impl Drive {
             out: Outputs::default(),
             mailbox: Outputs::default(),
             hold_outputs: 0,
+            outputs_late: 0,
             hold_inputs: 0,
             before: 0,
             active: None,
@@ -445,10 +451,12 @@ impl Drive {
             self.trouble();
         }
         self.step_hold();
-        if self.hold_outputs > 0 {
+        if self.hold_outputs > 0 && self.outputs_late < LATE {
             self.hold_outputs -= 1;
+            self.outputs_late += 1;
         } else {
             self.out = self.mailbox;
+            self.outputs_late = 0;
         }
         let out = self.out;
         self.step_power(&out);
@@ -555,7 +563,9 @@ impl Drive {
                 let more = self.random.pick(&[0, 0, 1, 4]);
                 self.flap = Some((mode, more));
             }
-            Habit::OutputsLate => self.hold_outputs = 1 + self.random.below(3) as u32,
+            Habit::OutputsLate => {
+                self.hold_outputs = 1 + self.random.below(u64::from(LATE)) as u32;
+            }
             Habit::InputsLate => self.hold_inputs = 1 + self.random.below(3) as u32,
             Habit::OwnQuickStop => {
                 if self.state != State::Enabled {

@@ -1558,7 +1558,9 @@ impl Scenario {
         // the drive has passed its end before the acknowledge shows.
         let out_of_window = issued.latch.is_some_and(|index| {
             let latch = &self.drive.ledger[index];
-            latch.way <= self.window && (latch.axis_nearest > self.window || latch.passes)
+            let short = latch.way <= 3.0 * self.window;
+            (latch.way <= self.window && latch.axis_nearest > self.window)
+                || (latch.passes && short)
         });
         // Whether a target was missed is judged by itself: the axis may have swung around it by more than the window.
         let judged = matches!(result, Err(Failure::MissedTarget { .. }));
