@@ -3026,7 +3026,8 @@ impl AxisCore {
                 }
             },
             Mode::ProfileVelocity => {
-                if self.jogging.step(&cycle, &mut self.events) {
+                let runs_on = self.jogging.step(&cycle, &mut self.events);
+                if runs_on {
                     self.begin_quick_stop(now);
                 }
             }
