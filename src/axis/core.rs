@@ -1279,7 +1279,7 @@ fn put<const N: usize>(bytes: &mut [u8], at: Option<usize>, value: Option<[u8; N
 struct CycleSpacing {
     /// The last cycle with inputs that was computed as a whole.
     last: (u64, Duration),
-    /// From it to the one before.
+    /// From one to the next, of the last two between which none was that was not computed as a whole.
     gap: Option<Duration>,
     /// For how many cycles nothing was seen before the last one, by the clock; 0 where that is not known.
     pub stalled: u32,
@@ -1296,7 +1296,9 @@ impl CycleSpacing {
             // A division is dear.
             if cycles == 1 { time } else { time / cycles }
         });
-        self.stalled = match (core::mem::replace(&mut self.gap, gap), gap) {
+        let before = self.gap;
+        self.gap = gap.or(before);
+        self.stalled = match (before, gap) {
             (Some(before), Some(gap)) if gap.saturating_sub(before) > before => {
                 let times = gap.as_micros() / before.as_micros().max(1);
                 u32::try_from(times)
@@ -3642,7 +3644,12 @@ mod spacing_tests {
     fn the_time_since_a_cycle_that_was_not_the_last_one_is_no_stall() {
         let idle_between = [(1, 1_000, 0), (2, 1_000, 0), (90, 88_000, 0)];
         assert_eq!(stalled(&idle_between), 0);
-        assert_eq!(stalled(&[(1, 1_000, 0), (9, 8_000, 0), (10, 9_000, 0)]), 0);
+        // One behind it is compared with what was known before.
+        let and_late = |micros| {
+            let [first, second, third] = idle_between;
+            stalled(&[first, second, third, (91, micros, 0)])
+        };
+        assert_eq!([1_000, 9_000].map(and_late), [0, 9]);
     }
 }
 

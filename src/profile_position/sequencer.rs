@@ -323,6 +323,8 @@ impl Sequencer {
             self.drive_buffer.follow(cycle, room, next, events);
             self.note_not_begun(events);
             self.start_next(cycle, events, true);
+        } else {
+            self.drive_buffer.note_halted(cycle);
         }
         accepted
     }
@@ -1138,14 +1140,22 @@ impl DriveBuffer {
 
     /// The axis stands halted: reports it for each of them, once for each halt.
     pub fn report_halted(&mut self, events: &mut Events) {
-        for monitor in self
-            .held
-            .iter_mut()
-            .flatten()
+        let over = self.over.as_mut().map(|over| &mut over.monitor);
+        for monitor in over
+            .into_iter()
+            .chain(self.held.iter_mut().flatten())
             .filter(|monitor| !monitor.halt_told)
         {
             monitor.halt_told = true;
             events.push(monitor.id, Event::Halted);
+        }
+    }
+
+    /// The ramp of a halt may lead past the end of the active one.
+    fn note_halted(&mut self, cycle: &Cycle<'_>) {
+        if let [Some(active), _] = &mut self.held {
+            active.note(cycle, false);
+            active.seen_there |= active.end.is_some() && active.came_to_end(cycle.sample.position);
         }
     }
 
@@ -1158,6 +1168,7 @@ impl DriveBuffer {
         self.takeover = None;
         if let Some(over) = &mut self.over {
             over.since = now;
+            over.monitor.halt_told = false;
         }
     }
 
@@ -1640,8 +1651,10 @@ enum Rest {
 #[derive(Debug, Clone, Copy, Hash, Default)]
 struct Lingering {
     span: ShownFor,
-    bounds: Option<(i32, i32)>,
-    before: Option<(i32, i32)>,
+    /// Where the axis was last, and how far it had come.
+    at: Option<(i32, i64)>,
+    bounds: Option<(i64, i64)>,
+    before: Option<(i64, i64)>,
     rests: bool,
 }
 
@@ -1649,11 +1662,14 @@ impl Lingering {
     /// Takes in a cycle with bit 10 high. Whether the axis is at rest.
     fn update(&mut self, cycle: &Cycle<'_>) -> bool {
         let position = cycle.sample.position;
-        let (low, high) = self.bounds.unwrap_or((position, position));
-        let (low, high) = (low.min(position), high.max(position));
+        let (last, come) = self.at.unwrap_or((position, 0));
+        let come = come + cycle.bounds.way(last, position);
+        self.at = Some((position, come));
+        let (low, high) = self.bounds.unwrap_or((come, come));
+        let (low, high) = (low.min(come), high.max(come));
         self.bounds = Some((low, high));
         if self.span.update(cycle.now, true, cycle.begin) {
-            let same = |a: i32, b: i32| a.abs_diff(b) <= cycle.bounds.position;
+            let same = |a: i64, b: i64| a.abs_diff(b) <= cycle.bounds.position.into();
             self.rests = self
                 .before
                 .is_some_and(|before| same(before.0, low) && same(before.1, high));
@@ -1666,7 +1682,8 @@ impl Lingering {
 
     /// How far apart its bounds are.
     fn width(&self) -> u32 {
-        self.before.map_or(0, |(low, high)| low.abs_diff(high))
+        let width = self.before.map_or(0, |(low, high)| low.abs_diff(high));
+        u32::try_from(width).unwrap_or(u32::MAX)
     }
 }
 
