@@ -1,7 +1,6 @@
 //! An axis core against a drive that is played word by word.
 
 mod changing;
-mod ends;
 mod held;
 mod overtaken;
 mod played;
