@@ -1637,7 +1637,7 @@ impl Scenario {
             let near = latch
                 .axis_nearest
                 .min((latch.goal - self.drive.position).abs());
-            let there = latch.relative || near <= slack;
+            let there = latch.relative || near <= slack + two_ticks(&latch);
             matches!(latch.end, Some((_, End::Dropped))) && there
         });
         // One with no way to go that the drive has not begun is at its end where the demand rests within the window of it;
