@@ -473,6 +473,11 @@ impl AxisCore {
     /// Every pending command but moves ends with `failure`, and what they were doing ends with them.
     pub(super) fn fail_commands(&mut self, failure: Failure) {
         self.fail_commands_but_stops(failure);
+        self.fail_stops(failure);
+    }
+
+    /// Those who wait for a stop fail with `failure`, or with the fault that has overtaken them.
+    fn fail_stops(&mut self, failure: Failure) {
         while let Some((id, instead)) = self.stopping.next_waiter() {
             self.done(id, Err(instead.unwrap_or(failure)));
         }
@@ -1923,13 +1928,11 @@ impl AxisCore {
     fn give_waiting_up(&mut self, state: State) {
         let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
         self.fail_motions(failure);
-        if matches!(self.power, Power::Resetting { .. }) {
-            while let Some((id, instead)) = self.stopping.next_waiter() {
-                self.done(id, Err(instead.unwrap_or(failure)));
-            }
-        } else {
-            self.fail_commands(failure);
+        // A reset has its own deadlines.
+        if !matches!(self.power, Power::Resetting { .. }) {
+            self.fail_commands_but_stops(failure);
         }
+        self.fail_stops(failure);
         if state == State::OperationEnabled {
             self.stopping.phase = StopPhase::Quick { until: None };
             return;

@@ -466,11 +466,11 @@ impl Handles {
         signals
             .sleep_until(signals.now().saturating_add(within))
             .await;
-        Err(self.is_late(within))
+        Err(self.late_error(within))
     }
 
-    /// Nobody waits any longer for what goes on.
-    pub fn is_late(&self, within: Duration) -> AxisError {
+    /// What is said when nobody waits any longer for what goes on.
+    pub fn late_error(&self, within: Duration) -> AxisError {
         let snapshot = self.shared.snapshot();
         self.shared.error(AxisErrorKind::Late {
             within,

@@ -162,7 +162,7 @@ impl<U: AxisUnit> Homing<U> {
             match kept {
                 Some((limit, until)) => {
                     signals.sleep_until(until).await;
-                    Err(self.axis.handles.is_late(limit))
+                    Err(self.axis.handles.late_error(limit))
                 }
                 None => core::future::pending().await,
             }

@@ -2304,8 +2304,8 @@ impl SetPointMonitor {
         let Some(turn) = bounds.turn_length() else {
             return;
         };
-        // The way changes its sign on the far side as well; only near the end that is a crossing of it.
         self.leads_round &= bounds.is_within_window(self.begun_at, position);
+        // The way changes its sign on the far side as well; only near the end that is a crossing of it.
         let way = bounds.way(position, end);
         let near = way.abs() < turn / 4 && self.way.abs() < turn / 4;
         self.crossed |= near && way.signum() == -self.way.signum() && way != 0;

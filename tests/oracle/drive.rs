@@ -161,10 +161,10 @@ pub enum End {
     Dropped,
 }
 
-/// A set-point that was taken.
 /// Ticks by which its outputs are late at most, however often that comes over it.
 const LATE: u32 = 3;
 
+/// A set-point that was taken.
 #[derive(Debug, Clone, Copy)]
 pub struct Latch {
     /// 6081h: the move's name.

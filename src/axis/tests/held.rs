@@ -172,23 +172,20 @@ fn a_turning_axis_has_not_reached_the_next_end_by_the_bit_10_of_before() {
     assert!(!matches!(end, Some(Ok(_))), "{end:?}");
 }
 
-/// A halt on the way to the first of two, and the ramp of it leads past that end: the drive goes over to the second there.
-fn passed_on_the_ramp_of_a_halt(config: CoreConfig) -> Option<Result<Completion, Failure>> {
-    let shows_room = config.traits.buffer_signal == BufferSignal::Acknowledge;
-    let (mut drive, first) = Played::moving(config, 1_000);
-    let second = send(
-        &mut drive,
-        3_000,
-        SetPoint::new().buffer_mode(BufferMode::Blending),
-    );
+/// Acknowledged behind the active one.
+fn blends_to_3000(drive: &mut Played) -> CommandId {
+    let blend = SetPoint::new().buffer_mode(BufferMode::Blending);
+    let id = send(drive, 3_000, blend);
     drive.shows(ENABLED);
     drive.shows_for(3, ACKNOWLEDGED);
-    assert!(drive.reports.contains(&(second, Event::Accepted)));
-    let full = if shows_room { ACKNOWLEDGED } else { ENABLED };
-    drive.shows_for(36, full);
-    assert_eq!((drive.position, drive.outcome(first)), (900, None));
+    assert!(drive.reports.contains(&(id, Event::Accepted)));
+    id
+}
+
+/// The ramp of a halt leads past 1000, where the axis is seen. The drive shows this word until then.
+fn halts_beyond_1000(drive: &mut Played, word: u16) {
     let halting = drive.submit(Command::Halt);
-    drive.shows_for(5, full);
+    drive.shows_for(5, word);
     assert_eq!(drive.position, 1_000, "seen there");
     drive.shows(ENABLED);
     for velocity in (0..20).rev() {
@@ -196,10 +193,25 @@ fn passed_on_the_ramp_of_a_halt(config: CoreConfig) -> Option<Result<Completion,
         drive.shows(ENABLED);
     }
     assert!(drive.cycles_to_end(halting, REACHED).1.is_ok());
-    drive.shows_for(150, REACHED);
+}
+
+fn resumes(drive: &mut Played) {
     let resuming = drive.submit(Command::Resume);
     drive.shows(REACHED);
     assert_eq!(drive.outcome(resuming), Some(Ok(Completion::Done)));
+}
+
+/// A halt on the way to the first of two, and the ramp of it leads past that end: the drive goes over to the second there.
+fn passed_on_the_ramp_of_a_halt(config: CoreConfig) -> Option<Result<Completion, Failure>> {
+    let shows_room = config.traits.buffer_signal == BufferSignal::Acknowledge;
+    let (mut drive, first) = Played::moving(config, 1_000);
+    let second = blends_to_3000(&mut drive);
+    let full = if shows_room { ACKNOWLEDGED } else { ENABLED };
+    drive.shows_for(36, full);
+    assert_eq!((drive.position, drive.outcome(first)), (900, None));
+    halts_beyond_1000(&mut drive, full);
+    drive.shows_for(150, REACHED);
+    resumes(&mut drive);
     drive.shows(REACHED);
     drive.velocity = 18;
     drive.shows_for(((3_000 - drive.position) / 18) as u32, ENABLED);
@@ -234,17 +246,8 @@ fn an_end_in_motion_that_was_passed_on_the_ramp_of_a_halt_is_told() {
     let first = drive.passes(1_000, 20);
     drive.shows_for(45, ENABLED);
     assert_eq!((drive.position, drive.outcome(first)), (900, None));
-    let halting = drive.submit(Command::Halt);
-    drive.shows_for(5, ENABLED);
-    assert_eq!(drive.position, 1_000, "seen there");
-    for velocity in (0..20).rev() {
-        drive.velocity = velocity;
-        drive.shows(ENABLED);
-    }
-    assert!(drive.cycles_to_end(halting, REACHED).1.is_ok());
-    let resuming = drive.submit(Command::Resume);
-    drive.shows(REACHED);
-    assert_eq!(drive.outcome(resuming), Some(Ok(Completion::Done)));
+    halts_beyond_1000(&mut drive, ENABLED);
+    resumes(&mut drive);
     drive.velocity = 20;
     drive.shows_for(5_000, REACHED);
     assert!(drive.outcome(first).is_some(), "it never ends");
@@ -254,13 +257,7 @@ fn an_end_in_motion_that_was_passed_on_the_ramp_of_a_halt_is_told() {
 #[test]
 fn a_halt_is_told_to_one_whose_end_is_still_looked_for() {
     let (mut drive, first) = Played::moving(showing_room(), 1_000);
-    let second = send(
-        &mut drive,
-        3_000,
-        SetPoint::new().buffer_mode(BufferMode::Blending),
-    );
-    drive.shows(ENABLED);
-    drive.shows_for(3, ACKNOWLEDGED);
+    let second = blends_to_3000(&mut drive);
     drive.shows_for(36, ACKNOWLEDGED);
     drive.shows_for(3, ENABLED);
     assert_eq!((drive.position, drive.outcome(first)), (960, None));

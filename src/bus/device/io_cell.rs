@@ -72,13 +72,8 @@ impl Cell {
 
     /// Makes this the latest head, of the inputs that were the latest. Only one thread may do this.
     pub fn publish_again(&self, head: Head) {
-        let [first, second] = &self.copies;
-        let latest = if self.latest.load(Ordering::Relaxed) == 0 {
-            first
-        } else {
-            second
-        };
-        let words = latest.words.iter().skip(HEAD);
+        let latest = self.latest.load(Ordering::Relaxed);
+        let words = self.copies[latest.min(1)].words.iter().skip(HEAD);
         let bytes: Vec<u8> = words
             .flat_map(|word| word.load(Ordering::Relaxed).to_le_bytes())
             .collect();
