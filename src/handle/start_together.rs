@@ -4,7 +4,7 @@ use core::{
     sync::atomic::{AtomicBool, Ordering},
     time::Duration,
 };
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crossbeam_queue::ArrayQueue;
 
@@ -17,8 +17,9 @@ use crate::{
 
 use super::{
     AxisError, AxisErrorKind, Move, MoveRequest,
+    parameters::Claim,
     profile_position::CountsRequest,
-    queue::{NetworkSignals, Pending, Shared},
+    queue::{LastStop, NetworkSignals, Pending, Shared},
 };
 
 /// Groups that wait to start at once, of one network.
@@ -42,6 +43,8 @@ pub struct GroupQueue {
 
 #[derive(Debug)]
 struct Queues {
+    /// Held while the moves of a group are submitted, so that of two groups one is first on all axes. The bus thread never takes it.
+    submits: Mutex<()>,
     new: ArrayQueue<Arc<Group>>,
     /// Back to the program, so that the bus thread frees no memory.
     over: ArrayQueue<Arc<Group>>,
@@ -97,6 +100,7 @@ impl GroupQueue {
         Self {
             signals: Arc::new(NetworkSignals::new(wakes, end)),
             queues: Arc::new(Queues {
+                submits: Mutex::new(()),
                 new: ArrayQueue::new(GROUPS),
                 over: ArrayQueue::new(2 * GROUPS),
             }),
@@ -334,7 +338,7 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
         }
     }
 
-    // In the order of the axes, so that two groups never wait for each other.
+    // In the order of the axes, so that two groups never wait for each other's parameters.
     let mut in_order: Vec<&CountsRequest> = requests.iter().collect();
     in_order.sort_by_key(|request| request.handles.shared.setup.index);
     // A stop that comes while parameters are being written stops these moves as well.
@@ -346,34 +350,7 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
         prepared.push((request, command, asked));
         claims.push(claim);
     }
-    // Dropped on the way out, what was submitted is withdrawn.
-    let mut pending: Vec<Pending> = Vec::new();
-    for ((request, command, asked), claim) in prepared.iter().zip(claims) {
-        let command = MoveCommand {
-            gated: true,
-            ..*command
-        };
-        let submitted = request.submit(command, *asked)?;
-        if let Some(claim) = claim {
-            claim.sent(&submitted);
-        }
-        pending.push(submitted);
-    }
-    let group = Arc::new(Group {
-        members: prepared
-            .iter()
-            .zip(&pending)
-            .map(|((request, ..), pending)| GroupMember {
-                axis: request.handles.shared.setup.index,
-                id: pending.id,
-                shared: shared_of(request),
-            })
-            .collect(),
-        fired: AtomicBool::new(false),
-    });
-    if queues.new.push(Arc::clone(&group)).is_err() {
-        return Err(shared_of(first).error(AxisErrorKind::QueueFull));
-    }
+    let (group, pending) = submit(queues, &prepared, claims)?;
 
     let mut started = Vec::new();
     let mut errors = Vec::new();
@@ -403,4 +380,44 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
     let started = started.iter();
     let started = started.map(|(request, _)| request.handles.shared.identity.axis.clone());
     Err(error.of_not_all_started(started.collect()))
+}
+
+/// Submits the moves of a group, and then the group.
+fn submit(
+    queues: &Queues,
+    prepared: &[(&CountsRequest, MoveCommand, LastStop)],
+    claims: Vec<Option<Claim<'_>>>,
+) -> Result<(Arc<Group>, Vec<Pending>), AxisError> {
+    let _in_turn = queues
+        .submits
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
+    // Dropped on the way out, what was submitted is withdrawn.
+    let mut pending: Vec<Pending> = Vec::new();
+    let mut members = Vec::new();
+    for ((request, command, asked), claim) in prepared.iter().zip(claims) {
+        let command = MoveCommand {
+            gated: true,
+            ..*command
+        };
+        let submitted = request.submit(command, *asked)?;
+        if let Some(claim) = claim {
+            claim.sent(&submitted);
+        }
+        let shared = &request.handles.shared;
+        members.push(GroupMember {
+            axis: shared.setup.index,
+            id: submitted.id,
+            shared: Arc::clone(shared),
+        });
+        pending.push(submitted);
+    }
+    let group = Arc::new(Group {
+        members,
+        fired: AtomicBool::new(false),
+    });
+    match (queues.new.push(Arc::clone(&group)), prepared.first()) {
+        (Err(_), Some((first, ..))) => Err(first.handles.shared.error(AxisErrorKind::QueueFull)),
+        _ => Ok((group, pending)),
+    }
 }

@@ -147,7 +147,8 @@ impl core::fmt::Display for WaitingFor {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum Failure {
-    /// A later move with [`BufferMode::Aborting`] took this one's place.
+    /// A later move with [`BufferMode::Aborting`] took this one's place. A move of `start_together` that waits ends so as soon as such a move of
+    /// another `start_together` is asked for on its axis: two groups could wait for each other otherwise.
     #[error("superseded by a later move")]
     Superseded,
     /// The axis is halted (bit 8). Resume it, or stop it.

@@ -208,10 +208,22 @@ impl Sequencer {
     pub fn submit(&mut self, id: CommandId, command: MoveCommand, events: &mut Events) {
         if !self.pending.push(id, command) {
             events.push(id, Event::Done(Err(Failure::Busy)));
+        } else if command.gated && command.set_point.buffer_mode == BufferMode::Aborting {
+            self.supersede_gated(events);
         }
         if self.pending.first().map(|first| first.id) != self.armed {
             // Overtaken: it is not its turn any more.
             self.armed = None;
+        }
+    }
+
+    /// A move that starts together with others has overtaken those that do so too. They end here and now: on another axis it may wait for
+    /// one of theirs, and neither would ever start.
+    #[cold]
+    fn supersede_gated(&mut self, events: &mut Events) {
+        while let Some(id) = self.pending.first_gated_to_queue() {
+            self.pending.remove(id);
+            events.push(id, Event::Done(Err(Failure::Superseded)));
         }
     }
 
@@ -298,7 +310,7 @@ impl Sequencer {
     /// Releases a gated, armed move: bit 4 rises.
     pub fn fire(&mut self, id: CommandId, cycle: &Cycle<'_>) {
         if self.armed == Some(id)
-            && let Some(request) = self.pending.first()
+            && let Some(&request) = self.pending.first()
         {
             self.raise(request, cycle);
         }
@@ -334,30 +346,33 @@ impl Sequencer {
         self.bit_9_is_valid |= cycle.is_remote();
         let local = self.bit_9_is_valid && !cycle.is_remote();
         self.bit4.note(cycle);
-        if let Bit4::High {
-            raised,
+        if let &Bit4::High {
+            ref raised,
             sent: true,
             full,
             shown,
             ..
-        } = self.bit4
+        } = &self.bit4
         {
             // What it has overtaken does not come any more.
             while let Some(overtaken) = self.pending.pop_overtaken() {
                 events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
             }
             if cycle.is_acknowledging() && !full {
+                let raised = *raised;
                 self.low();
                 self.accept(raised, true, cycle, events);
                 return true;
             }
             let passed_over = full && shown > SHOWN_AFTER;
             if passed_over && !local && raised.replaces() {
+                let raised = *raised;
                 self.low();
                 self.unconfirmed = Some(raised);
             } else if passed_over || (full && local) || cycle.is_late(raised.since) {
                 // One that replaces none finds no place in a full buffer.
                 // Under local control the drive follows no edge, and its bit 12 falls all the same when the active one ends.
+                let raised = *raised;
                 self.low();
                 self.give_up(raised, WaitingFor::Acknowledge, cycle, events);
             }
@@ -422,12 +437,12 @@ impl Sequencer {
     /// else they may have changed since.
     pub fn start_next(&mut self, cycle: &Cycle<'_>, events: &mut Events, fresh: bool) {
         self.armed = None;
-        let Some(request) = self.pending.first() else {
-            return;
-        };
         if !self.bit4.is_low() || self.unconfirmed.is_some() {
             return;
         }
+        let Some(&request) = self.pending.first() else {
+            return;
+        };
         let ready = match self.drive_buffer.place_for(&request.command, cycle) {
             // A single word that shows a place may be wrong, and the drive may hold what nobody knows of.
             BufferRoom::Free => self.bit4.room(cycle) == Some(Room::Sure),
@@ -513,6 +528,7 @@ impl Sequencer {
     fn raise(&mut self, request: Request, cycle: &Cycle<'_>) {
         self.pending.take_turn();
         self.bits = start_bits(&request.command, cycle.traits).with_new_set_point();
+        let fields_before = (self.target, self.parameters);
         self.target = request.command.target;
         self.parameters = request.command.set_point.parameters;
         self.armed = None;
@@ -542,6 +558,7 @@ impl Sequencer {
                 behind_loose: before.is_some_and(SetPointMonitor::may_end_beside),
                 early: false,
             },
+            fields_before,
             sent: false,
             delivered: None,
             full: cycle.is_acknowledging()
@@ -552,8 +569,15 @@ impl Sequencer {
     }
 
     fn drop_unsent(&mut self, failure: Failure, events: &mut Events) {
-        if let Some(id) = self.bit4.unsent() {
-            events.push(id, Event::Done(Err(failure)));
+        if let &Bit4::High {
+            ref raised,
+            fields_before,
+            sent: false,
+            ..
+        } = &self.bit4
+        {
+            events.push(raised.request.id, Event::Done(Err(failure)));
+            (self.target, self.parameters) = fields_before;
             self.pending.keep_overtaken();
             self.low();
         }
@@ -587,6 +611,8 @@ enum Bit4 {
     },
     High {
         raised: Raised,
+        /// 607Ah and the profile parameters as they were before: they are so again where bit 4 is taken back before it is sent.
+        fields_before: (i32, Parameters),
         sent: bool,
         /// Since when it is known to have been delivered high.
         delivered: Option<Duration>,
@@ -648,7 +674,7 @@ impl Raised {
 
     /// Whether it replaces the others.
     pub fn replaces(&self) -> bool {
-        self.request.command.set_point.buffer_mode == BufferMode::Aborting
+        self.request.replaces()
     }
 
     /// How far an axis may be behind a demand that has ended, as fast as it has been since bit 4 rose.
@@ -688,12 +714,17 @@ impl Bit4 {
             }
             Self::High {
                 raised,
+                fields_before,
+                sent,
                 delivered,
                 fell,
                 shown,
                 ..
             } => {
                 raised.canonicalize(now, acknowledge);
+                if *sent {
+                    *fields_before = (0, Parameters::default());
+                }
                 for at in [delivered, fell].into_iter().flatten() {
                     no_older(at, now, seen);
                 }
@@ -735,6 +766,7 @@ impl Bit4 {
                 full,
                 fell,
                 shown,
+                ..
             } => {
                 raised.far_behind &= !cycle.is_reached();
                 raised.early |= cycle.is_within_window_of(raised.end)
@@ -840,6 +872,13 @@ struct Request {
     pub blocked_since: Option<Duration>,
 }
 
+impl Request {
+    /// Whether it replaces all others.
+    fn replaces(&self) -> bool {
+        self.command.set_point.buffer_mode == BufferMode::Aborting
+    }
+}
+
 /// A queue of fixed size.
 #[derive(Debug, Clone, Hash, Default)]
 struct PendingMoves {
@@ -869,13 +908,19 @@ impl PendingMoves {
     }
 
     /// The move whose turn it is: the oldest that replaces all others, else the oldest.
-    pub fn first(&self) -> Option<Request> {
-        self.places.get(self.turn()).copied().flatten()
+    pub fn first(&self) -> Option<&Request> {
+        self.places.get(self.turn()).and_then(Option::as_ref)
     }
 
     /// The one that was asked for last, and is not overtaken.
     pub fn last(&self) -> Option<&Request> {
         self.places.iter().skip(self.overtaken).flatten().last()
+    }
+
+    /// The first that starts together with others and replaces none.
+    pub fn first_gated_to_queue(&self) -> Option<CommandId> {
+        let mut gated = self.places.iter().flatten().filter(|r| r.command.gated);
+        gated.find(|r| !r.replaces()).map(|request| request.id)
     }
 
     /// Since when the move whose turn it is has nothing but bit 12 in its way: since `now`, if it had not before.
@@ -943,10 +988,10 @@ impl PendingMoves {
     }
 
     fn turn(&self) -> usize {
-        let replaces = |place: &Option<Request>| {
-            place.is_some_and(|r| r.command.set_point.buffer_mode == BufferMode::Aborting)
-        };
-        self.places.iter().position(replaces).unwrap_or(0)
+        let mut places = self.places.iter().map(Option::as_ref);
+        places
+            .position(|place| place.is_some_and(Request::replaces))
+            .unwrap_or(0)
     }
 
     /// Removes the move with this id; whether there was one.

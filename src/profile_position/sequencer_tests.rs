@@ -874,6 +874,35 @@ fn the_profile_type_before_a_move_is_that_of_the_last_one_that_waits_or_was_sent
 }
 
 #[test]
+fn a_move_that_is_taken_back_before_it_is_sent_leaves_the_fields_as_they_were() {
+    let typed = |profile_type, target| MoveCommand {
+        set_point: SetPoint::new().profile_type(profile_type),
+        ..to(target, BufferMode::Aborting)
+    };
+    let mut dialogue = Dialogue::begin(Traits::cia402());
+    dialogue.word -= REACHED;
+    dialogue.accept(typed(7, 1_000));
+    dialogue.word -= ACKNOWLEDGE;
+    dialogue.frames(5);
+    let id = dialogue.ask(typed(8, 2_000));
+    dialogue.frame();
+    let fields = |dialogue: &Dialogue| {
+        let sequencer = &dialogue.sequencer;
+        (
+            sequencer.target(),
+            sequencer.parameters().profile_type,
+            sequencer.last_profile_type(),
+        )
+    };
+    assert!(dialogue.is_high());
+    assert_eq!(fields(&dialogue), (2_000, Some(8), Some(8)));
+    let withdrawn =
+        dialogue.does(|sequencer, _, events| sequencer.withdraw(id, Failure::Withdrawn, events));
+    assert!(withdrawn && !dialogue.is_high());
+    assert_eq!(fields(&dialogue), (1_000, Some(7), Some(7)));
+}
+
+#[test]
 fn a_set_point_with_an_end_velocity_was_to_end_in_motion() {
     for (end_velocity, moves) in [(None, false), (Some(0), false), (Some(5), true)] {
         let mut dialogue = Dialogue::begin(Traits::cia402());

@@ -2,12 +2,14 @@
 
 use super::played::{
     ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, GO, HALT, HOME, Played,
-    QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, home, stopped,
+    QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, absolute, home,
+    stopped,
 };
 use crate::{
-    axis::{AxisFields, Command, Completion, CoreConfig, Failure},
+    axis::{AxisFields, Command, Completion, CoreConfig, Event, Failure},
     ds402::{Mode, State},
     homing::HomingMethod,
+    profile_position::{BufferMode, SetPoint},
     profile_velocity::JogSetPoint,
 };
 
@@ -591,4 +593,77 @@ fn a_jog_that_was_let_go_and_does_not_come_to_rest_is_ended_by_a_quick_stop() {
     drive.velocity = 0;
     drive.shows_for(60, QUICK_STOP_ACTIVE);
     assert_eq!(drive.core.snapshot().state, State::QuickStopActive);
+}
+
+/// Two groups of moves that start together, on the same two axes, as `start_together` asks for them. On each axis the one that replaces is in turn
+/// before the one that queues, and that is of the other group on the other axis.
+#[test]
+fn two_groups_do_not_wait_for_each_other_for_ever() {
+    let ask = |drive: &mut Played, target, buffer_mode, gated| {
+        let mut command = absolute(target);
+        command.set_point = SetPoint::new().buffer_mode(buffer_mode);
+        command.gated = gated;
+        drive.submit(Command::Move(command))
+    };
+    let gated = |drive: &mut Played, target, mode| ask(drive, target, mode, true);
+    let mut axes = [0, 1].map(|_| Played::moving(Played::config(), 1_000).0);
+    let [x, y] = &mut axes;
+    // The buffer of the first axis is full: the first group waits for that.
+    let queued = ask(x, 1_500, BufferMode::Buffered, false);
+    x.shows(ENABLED);
+    x.shows(ACKNOWLEDGED);
+    x.shows(ACKNOWLEDGED);
+    x.shows_for(5, ENABLED);
+    assert!(x.reports.contains(&(queued, Event::Accepted)));
+    let first = [
+        gated(x, 2_000, BufferMode::Buffered),
+        gated(y, 2_000, BufferMode::Aborting),
+    ];
+    for _ in 0..3 {
+        x.shows(ENABLED);
+        y.shows(ENABLED);
+        assert_eq!(
+            [x.core.is_armed(first[0]), y.core.is_armed(first[1])],
+            [false, true]
+        );
+    }
+    let second = [
+        gated(x, 3_000, BufferMode::Aborting),
+        gated(y, 3_000, BufferMode::Buffered),
+    ];
+    // The first group has failed: `Groups::advance` withdraws its other move, and the second group starts.
+    assert_eq!(x.outcome(first[0]), Some(Err(Failure::Superseded)));
+    assert!(y.core.withdraw(first[1], &mut y.outputs));
+    x.shows_for(5, ENABLED);
+    y.velocity = 0;
+    y.position = 1_000;
+    y.shows_for(5, REACHED);
+    assert_eq!(
+        [x.core.is_armed(second[0]), y.core.is_armed(second[1])],
+        [true, true]
+    );
+}
+
+/// What starts alone waits for nobody: it goes on waiting behind one that starts together with others.
+#[test]
+fn a_move_of_no_group_waits_behind_one_of_a_group_that_overtakes_it() {
+    let ask = |drive: &mut Played, target, buffer_mode, gated| {
+        let mut command = absolute(target);
+        command.set_point = SetPoint::new().buffer_mode(buffer_mode);
+        command.gated = gated;
+        drive.submit(Command::Move(command))
+    };
+    let mut drive = Played::moving(Played::config(), 1_000).0;
+    ask(&mut drive, 1_500, BufferMode::Buffered, false);
+    drive.shows(ENABLED);
+    drive.shows_for(2, ACKNOWLEDGED);
+    drive.shows_for(5, ENABLED);
+    let waits = ask(&mut drive, 2_000, BufferMode::Buffered, false);
+    let replaces = [3_000, 4_000].map(|to| ask(&mut drive, to, BufferMode::Aborting, true));
+    drive.shows_for(5, ENABLED);
+    assert!(drive.core.is_armed(replaces[0]));
+    assert!(drive.core.withdraw(replaces[0], &mut drive.outputs));
+    drive.shows_for(5, ENABLED);
+    assert!(drive.core.is_armed(replaces[1]));
+    assert_eq!(drive.outcome(waits), None);
 }
