@@ -266,9 +266,9 @@ impl Default for Loss {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[non_exhaustive]
 pub enum Referencing {
-    /// By a homing that was attained since the drive was last lost. The next homing takes the reference away until it is attained.
-    /// So does every loss of the drive: nothing shows whether it has kept its power and its position. A fault alone does not; a
-    /// program that knows better homes again.
+    /// By a homing that was attained. The next homing takes the reference away until it is attained. So does every loss of the drive,
+    /// until [`Network::recover`](crate::bus::Network::recover) finds that the drive has kept its power: then the axis is referenced again.
+    /// A fault alone takes nothing away; a program that knows better homes again.
     ///
     /// A drive that shows that it is homed ([`Traits::homed`](crate::profile_position::Traits::homed)) is asked whenever the axis
     /// attaches. Then a homing by an earlier program counts, for as long as the drive keeps its power.

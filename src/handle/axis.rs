@@ -236,7 +236,8 @@ impl<U: AxisUnit> Axis<U> {
     /// abandoned.
     ///
     /// # Errors
-    /// When a deadline passes or the bus is lost.
+    /// [`Failure::Fault`](crate::axis::Failure::Fault) when a fault overtakes the stop of an axis that moves. Also when the drive ignores the
+    /// quick stop of that ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored)), when a deadline passes, or the bus is lost.
     pub async fn disable(&self) -> Result<(), AxisError> {
         self.run(Command::Disable).await?;
         self.trace("disabled");
@@ -246,7 +247,9 @@ impl<U: AxisUnit> Axis<U> {
     /// Out of Fault, to Switch on disabled. It never enables. An axis without a fault stays as it is.
     ///
     /// # Errors
-    /// [`Failure::Fault`](crate::axis::Failure::Fault) if the drive keeps its fault, or when the bus is lost.
+    /// [`Failure::Fault`](crate::axis::Failure::Fault) if the drive keeps its fault. [`Failure::Busy`](crate::axis::Failure::Busy) while another
+    /// reset is under way. [`Failure::Disabled`](crate::axis::Failure::Disabled) where the axis is disabled meanwhile. Also when the axis is not
+    /// seen to stand within the deadline for standstill, or the bus is lost.
     pub async fn reset_fault(&self) -> Result<(), AxisError> {
         match self.run(Command::ResetFault).await {
             Err(error) if matches!(error.failure(), Some(Failure::NoFault { .. })) => Ok(()),
@@ -323,7 +326,8 @@ impl<U: AxisUnit> Axis<U> {
     /// Goes on after a halt; resolves when a frame with bit 8 low has been sent.
     ///
     /// # Errors
-    /// [`Failure::Busy`](crate::axis::Failure::Busy) while the halt is not sent yet: it is in the next frame all the same.
+    /// [`Failure::Busy`](crate::axis::Failure::Busy) while the halt is not sent yet: it is in the next frame all the same. Also while another
+    /// resume is not sent yet.
     /// [`Failure::Halted`](crate::axis::Failure::Halted) or [`Failure::QuickStopped`](crate::axis::Failure::QuickStopped) where a stop has come
     /// before that frame: bit 8 has not fallen.
     /// [`Failure::Disabled`](crate::axis::Failure::Disabled) where the axis is disabled before it.
@@ -339,7 +343,8 @@ impl<U: AxisUnit> Axis<U> {
     /// A standing axis without a set-point stays as it is.
     ///
     /// # Errors
-    /// When the drive ignores the quick stop too ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored)), when a deadline passes or the bus is lost.
+    /// [`Failure::Fault`](crate::axis::Failure::Fault) when a fault overtakes it: the axis stands then. Also when the drive ignores the quick stop
+    /// too ([`QuickStopIgnored`](crate::axis::Failure::QuickStopIgnored)), when a deadline passes or the bus is lost.
     pub async fn stop(&self) -> Result<State, AxisError> {
         let state = self.stop_by(Command::Stop).await?;
         self.trace("stopped");

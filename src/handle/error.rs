@@ -284,7 +284,7 @@ pub enum AxisErrorKind {
         /// The axis that it is of.
         axis: String,
     },
-    /// Moves are started together on the axes of one network, at least one, each axis once.
+    /// Moves are started together on the axes of one network, each axis once.
     #[error("moves that start together need axes of one network, each of them once")]
     NotTogether,
     /// The bits 4 of moves that start together had risen, and one drive has not acknowledged its own. Of any other kind no drive has

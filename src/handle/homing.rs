@@ -105,13 +105,14 @@ impl<U: AxisUnit> Homing<U> {
     /// # Errors
     /// Of the future:
     /// - [`AxisErrorKind::Sdo`] with the drive's abort for a method or parameter that it does not have;
-    /// - [`Failure::HomingError`] when the drive reports one (bit 13);
+    /// - [`Failure::HomingError`] when the drive reports one (bit 13): some drives do so for a method that they do not have;
     /// - [`Failure::Halted`] when somebody halted the axis: a halted homing is over, and the axis is to be stopped;
     /// - [`Failure::QuickStopped`], [`Failure::Disabled`], [`Failure::Fault`], [`Failure::BusLost`];
     /// - [`Failure::Timeout`] when the drive does not show that it has begun: then whether it has is unknown, and
     ///   [`Axis::stop`] comes before the next try; or when it does not end within the time that it was given, by which it is stopped;
     /// - [`AxisErrorKind::Scale`] for a number that cannot be converted into counts: nothing was written then;
     /// - [`Failure::Zero`] for a speed or acceleration of 0;
+    /// - [`AxisErrorKind::Late`] where only the wait has ended: by [`Home::within`] after [`Home::keep_homing`];
     /// - what refuses every motion: not enabled, halted, another homing under way.
     pub fn home(&self, parameters: impl Into<HomingParameters<U>>) -> Home<'_, U> {
         Home {

@@ -296,9 +296,10 @@ pub enum Outcome<U: AxisUnit = Counts> {
         /// Position actual value 6064h when it was seen.
         position: U::Signed,
     },
-    /// It passed its target without stopping, into the next one.
+    /// It passed its target, into the next one that is blended into it.
     Passed {
-        /// Position actual value 6064h when it was seen.
+        /// Position actual value 6064h when this was known. Where bit 12 does not show the drive's buffer the axis is then half of the way to
+        /// the next target, or further.
         position: U::Signed,
     },
 }

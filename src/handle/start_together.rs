@@ -279,7 +279,7 @@ mod sealed {
 }
 
 /// Starts moves of several axes of one network in one cycle (and one frame, where their drives share it): every bit 4 rises, or none
-/// does. Resolves when all drives have acknowledged.
+/// does. Resolves when all drives have acknowledged. Of no moves it does nothing, and is no error.
 ///
 /// Dropped before the bits rose, nothing is started.
 ///

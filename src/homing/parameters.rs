@@ -122,7 +122,7 @@ impl HomingCommand {
 // Homing methods, object 6098h.
 
 /// How the drive looks for its home position: the value of object 6098h (CiA DSP 402 v2.0, 13.4; CiA 402-2 for 37).
-/// Which of them a drive has is in its manual; it refuses others by SDO abort.
+/// Which of them a drive has is in its manual. It refuses others by SDO abort, or by a homing error (bit 13) when it is to begin.
 ///
 /// ```
 /// use servocrab::homing::HomingMethod;
