@@ -356,6 +356,10 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                     Found::Nothing => break,
                 }
             }
+            // In INIT it has forgotten what it was to answer, however long that is waited for.
+            if self.forget_the_session_before() && sent {
+                return Err(Failure::NoReply);
+            }
             let now = self.clock.now();
             if doubtful_from.is_some_and(|from| now >= from) {
                 return Err(Failure::Doubtful);
@@ -393,14 +397,16 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
     }
 
     /// Whether the device has been in INIT: what it said before says nothing about what it says now.
-    fn forget_the_session_before(&mut self) {
-        if self.signal.has_begun_anew() {
+    fn forget_the_session_before(&mut self) -> bool {
+        let begins_anew = self.signal.has_begun_anew();
+        if begins_anew {
             self.repeated = false;
             self.last.clear();
             self.owed.clear();
             self.sent_again = false;
             self.forgets = true;
         }
+        begins_anew
     }
 
     fn note(&self, event: MailboxEvent) {

@@ -93,6 +93,18 @@ impl Drive {
         Ok(())
     }
 
+    /// Has each of its axes stop when the process data stop, once more: a start-up line may have said otherwise.
+    pub(super) async fn stop_on_loss(
+        &self,
+        context: &Context,
+        sdo: &SdoHandle,
+    ) -> Result<(), StepError> {
+        for (axis, ready) in self.config.axes.iter().zip(&self.axes) {
+            stop_on_loss(context, sdo, axis, ready.offset, ready.config.quick_stop).await?;
+        }
+        Ok(())
+    }
+
     /// What the program says of an axis.
     fn declared(&self, axis: &AxisConfig, fields: AxisFields) -> CoreConfig {
         let mut config = CoreConfig::new(fields);

@@ -34,7 +34,7 @@ use super::{
 use crate::{
     coe::{
         AbortCode, Clock, Emergencies, ErrorTexts, EthercrabMailbox, MailboxClient,
-        MailboxSettings, MailboxSignal, SdoHandle,
+        MailboxSettings, MailboxSignal, SdoHandle, obj,
     },
     parameters::{StartUpList, Transition},
     pdo_map::{self, ConfigureError, Direction, Mapping, Pdo},
@@ -294,13 +294,59 @@ impl Device {
         Ok(())
     }
 
-    /// Takes what the axes of this drive did without a set-point's parameters from an earlier start.
-    pub fn keep_defaults_of(&mut self, before: &Self) {
-        if let (DeviceKind::Drive(drive), Some(before)) = (&mut self.kind, before.as_drive()) {
-            for (axis, before) in drive.axes.iter_mut().zip(&before.axes) {
-                axis.config.defaults = before.config.defaults;
+    /// Takes what the axes of this drive did without a set-point's parameters from an earlier start. What goes with no process data is
+    /// written to it: a drive that was without power may have stored something else, and one that kept its power has what the last moves
+    /// have brought.
+    pub async fn keep_defaults_of(&mut self, before: &Self) -> Result<(), StepError> {
+        let (DeviceKind::Drive(drive), Some(mailbox), Some(before)) =
+            (&mut self.kind, &self.mailbox, before.as_drive())
+        else {
+            return Ok(());
+        };
+        for (axis, before) in drive.axes.iter_mut().zip(&before.axes) {
+            let fields = &axis.config.fields;
+            let (held, first) = (axis.config.defaults, before.config.defaults);
+            for (mapped, held, first, object) in [
+                (
+                    fields.velocity,
+                    held.velocity,
+                    first.velocity,
+                    obj::PROFILE_VELOCITY,
+                ),
+                (
+                    fields.acceleration,
+                    held.acceleration,
+                    first.acceleration,
+                    obj::PROFILE_ACCELERATION,
+                ),
+                (
+                    fields.deceleration,
+                    held.deceleration,
+                    first.deceleration,
+                    obj::PROFILE_DECELERATION,
+                ),
+                (
+                    fields.end_velocity,
+                    held.end_velocity,
+                    first.end_velocity,
+                    obj::END_VELOCITY,
+                ),
+            ] {
+                if mapped.is_none()
+                    && held != first
+                    && let Some(first) = first
+                {
+                    let object = object.offset(axis.offset);
+                    mailbox
+                        .sdo
+                        .write(object, first)
+                        .await
+                        .at(BringUpStep::Parameters)?;
+                }
             }
+            axis.config.defaults = first;
         }
+        Ok(())
     }
 
     async fn configure_io(&mut self, context: &Context) -> Result<(), StepError> {
@@ -387,9 +433,30 @@ impl Device {
 
     /// From SAFEOP to OP, with what its start-up lists write there.
     pub async fn enter_op(&self, context: &Context) -> Result<(), StepError> {
-        if let Some(mailbox) = &self.mailbox {
-            write_lists(&self.start_up, &mailbox.sdo, Transition::SafeOpToOp).await?;
+        self.write_in_safe_op().await?;
+        self.climb_to_op(context).await
+    }
+
+    /// In SAFEOP: what its start-up lists write there.
+    pub async fn write_in_safe_op(&self) -> Result<(), StepError> {
+        match &self.mailbox {
+            Some(mailbox) => {
+                write_lists(&self.start_up, &mailbox.sdo, Transition::SafeOpToOp).await
+            }
+            None => Ok(()),
         }
+    }
+
+    /// Has its axes stop when the process data stop, whatever its start-up lists have written.
+    pub async fn stop_on_loss(&self, context: &Context) -> Result<(), StepError> {
+        match (self.as_drive(), &self.mailbox) {
+            (Some(drive), Some(mailbox)) => drive.stop_on_loss(context, &mailbox.sdo).await,
+            _ => Ok(()),
+        }
+    }
+
+    /// From SAFEOP to OP, once its start-up lists are written.
+    pub async fn climb_to_op(&self, context: &Context) -> Result<(), StepError> {
         let (registers, station) = (&context.registers, self.found.station);
         registers::climb(registers, station, AlState::SafeOp, AlState::Op, OP_LIMIT)
             .await

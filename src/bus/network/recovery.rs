@@ -192,14 +192,16 @@ impl Recovery {
     ) -> Result<(), NetworkError> {
         let steps = async {
             device.configure(&self.context).await?;
-            // Its handles are there: in OP a program could enable them.
-            device.read_axes(&self.context).await?;
-            // A drive that kept its power has what the last moves have brought.
-            device.keep_defaults_of(before);
             // Others would lie where those of other devices are.
             same_process_data(before, device)?;
             device.enter_safe_op(&self.context).await?;
-            same_process_data(before, device)
+            same_process_data(before, device)?;
+            // As at the start, what the lists write is read.
+            device.write_in_safe_op().await?;
+            // Its handles are there: in OP a program could enable them.
+            device.read_axes(&self.context).await?;
+            // A drive that kept its power has what the last moves have brought, and one that did not has what it stored.
+            device.keep_defaults_of(before).await
         };
         steps.await.of(&before.found.id)?;
         self.with_data(place, DriveData::put_back);
@@ -235,6 +237,8 @@ impl Recovery {
             .at(safe_op)
             .of(id)?;
         progress.step(id, safe_op);
+        device.write_in_safe_op().await.of(id)?;
+        device.stop_on_loss(&self.context).await.of(id)?;
         self.bring_into_op(place, member, device, |_| Reattach::Kept)
             .await?;
         progress.step(id, BringUpStep::State(AlState::Op));
@@ -258,7 +262,7 @@ impl Recovery {
         self.until(|this| this.has_answered(place)).await.of(id)?;
         self.reattach(place, again);
         self.two_cycles().await;
-        device.enter_op(&self.context).await.of(id)?;
+        device.climb_to_op(&self.context).await.of(id)?;
         let status = AlStatus {
             state: AlState::Op,
             error: None,

@@ -1,6 +1,12 @@
 //! Drives that were without power: brought up anew, as at the start.
 
-use std::sync::{Arc, Mutex};
+use std::{
+    future::Future,
+    pin::pin,
+    sync::{Arc, Mutex},
+    task::{Context, Waker},
+    time::Duration,
+};
 
 use servocrab::{
     axis::{Axis, Failure, Referencing},
@@ -10,12 +16,15 @@ use servocrab::{
     },
     coe::obj,
     drives,
-    parameters::StartUpWrite,
+    parameters::{StartUpWrite, Transition},
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{AlState, Segment, personality};
+use servocrab_sim::{AlState, Segment, ds402::ReachedPolicy, personality};
 
-use super::{MIDDLE, MS, Yard, is_over, kinds, set_point, unhomed, with_parameters_by_sdo};
+use super::{
+    MIDDLE, MS, Yard, is_over, kinds, servo_with_parameters_by_sdo, set_point, unhomed,
+    with_parameters_by_sdo,
+};
 use crate::rig::{Line, Rig};
 
 const ANEW: Recovered = Recovered::BroughtUp {
@@ -135,9 +144,9 @@ fn each_step_is_told_as_at_the_start() {
         BringUpStep::Identity,
         BringUpStep::StartUpList,
         BringUpStep::Mapping,
-        BringUpStep::Parameters,
         BringUpStep::Watchdog,
         BringUpStep::State(State::SafeOp),
+        BringUpStep::Parameters,
         BringUpStep::State(State::Op),
     ];
     let expected = steps.into_iter().zip(1..);
@@ -216,6 +225,88 @@ fn a_move_that_leaves_its_velocity_out_has_none_of_before_a_drive_that_kept_its_
     }
 }
 
+/// What a drive has in its EEPROM may be other than what it held when its axis attached: restored from a file and not stored, say.
+fn has_power_again_with(yard: &mut Yard, object: u16, stored: i64) {
+    let now = yard.rig.bus.now();
+    let mut segment = yard.line.segment();
+    segment.device_mut(MIDDLE).unwrap().power_on(now);
+    let axis = segment.axis_mut(MIDDLE, 0).unwrap();
+    axis.set(object, 0, stored).unwrap();
+    drop(segment);
+    yard.rig.run_for(100 * MS);
+}
+
+#[test]
+fn an_axis_that_its_drive_leads_on_at_a_stored_end_velocity_after_a_recovery_is_known_to_move() {
+    let (_, description) = with_parameters_by_sdo();
+    let drive = servo_with_parameters_by_sdo().change(|behaviour| {
+        behaviour.goes_on_at_end_velocity = true;
+        behaviour.reached = ReachedPolicy::Window;
+    });
+    let mut yard = Yard::new(drive.build(), unhomed(description, &["z"]));
+    let z = yard.axis("z");
+    let at_start = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6082, 0);
+    assert_eq!(at_start, Some(0));
+    yard.line.segment().device_mut(MIDDLE).unwrap().power_off();
+    yard.rig.run_for(300 * MS);
+    has_power_again_with(&mut yard, 0x6082, 5_000);
+    assert_eq!(yard.recover(1).unwrap(), ANEW);
+    let target = z.status().position + 10_000;
+    let (mode, outcome) = yard.rig.until(async {
+        z.enable().await.unwrap();
+        let mode = z.profile_position().await.unwrap();
+        let moved = mode.move_abs(target, set_point()).await.unwrap();
+        let outcome = moved.done().await.unwrap();
+        (mode, outcome)
+    });
+    assert!(matches!(outcome, Outcome::Reached { .. }), "{outcome:?}");
+    yard.rig.run_for(300 * MS);
+    let velocity = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().velocity();
+    // Either it stands, since the move left the end velocity out and the drive held 0 when the axis attached, or it is known to move.
+    let moves = velocity(&yard).abs() > 1_000.0;
+    let known = z.status().has_set_point;
+    drop((mode, z));
+    yard.rig.run_for(500 * MS);
+    let after = velocity(&yard);
+    assert!(
+        after.abs() < 100.0,
+        "moved: {moves}, known: {known}; its last handle is gone, and it goes at {after} counts/s"
+    );
+    yard.ends();
+}
+
+#[test]
+fn a_move_that_leaves_its_velocity_out_after_a_recovery_has_that_of_the_start() {
+    // With the process data, and by SDO.
+    for (drive, description) in [
+        (personality::generic(), drives::generic()),
+        with_parameters_by_sdo(),
+    ] {
+        let mut yard = Yard::new(drive, unhomed(description, &["z"]));
+        let z = yard.axis("z");
+        let get = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6081, 0);
+        let held = get(&yard).unwrap();
+        yard.line.segment().device_mut(MIDDLE).unwrap().power_off();
+        yard.rig.run_for(300 * MS);
+        has_power_again_with(&mut yard, 0x6081, 5 * held);
+        assert_eq!(yard.recover(1).unwrap(), ANEW);
+        yard.rig.until(async {
+            z.enable().await.unwrap();
+            let mode = z.profile_position().await.unwrap();
+            let target = z.status().position + 1_000;
+            mode.move_abs(target, SetPoint::new())
+                .await
+                .unwrap()
+                .done()
+                .await
+                .unwrap();
+        });
+        assert_eq!(get(&yard), Some(held));
+        drop(z);
+        yard.ends();
+    }
+}
+
 #[test]
 fn a_move_that_leaves_its_velocity_out_has_none_of_a_client_beside_the_program() {
     let (drive, description) = with_parameters_by_sdo();
@@ -239,6 +330,127 @@ fn a_move_that_leaves_its_velocity_out_has_none_of_a_client_beside_the_program()
     });
     assert_eq!((of_client, of_program), (held / 2, held));
     drop((sdo, beside, z));
+    yard.ends();
+}
+
+/// At the start they are read in OP, behind these lines.
+#[test]
+fn limits_of_start_up_lines_in_safe_op_hold_after_a_recovery_as_after_the_start() {
+    let in_safe_op = |write: StartUpWrite| write.at(Transition::SafeOpToOp);
+    let drive = unhomed(drives::generic(), &["z"])
+        .start_up(in_safe_op(StartUpWrite::new(
+            obj::SOFTWARE_LIMIT_MIN,
+            -5_000,
+        )))
+        .start_up(in_safe_op(StartUpWrite::new(
+            obj::SOFTWARE_LIMIT_MAX,
+            5_000,
+        )));
+    let mut yard = Yard::new(personality::generic(), drive);
+    let z = yard.axis("z");
+    let refused = |yard: &mut Yard| {
+        let held = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x607D, 2);
+        assert_eq!(held, Some(5_000));
+        let beyond = yard.rig.until(async {
+            z.enable().await.unwrap();
+            let mode = z.profile_position().await.unwrap();
+            mode.move_abs(8_000, set_point()).await
+        });
+        let failure = beyond.err().and_then(|error| error.failure());
+        assert!(
+            matches!(failure, Some(Failure::BeyondLimit { .. })),
+            "{failure:?}"
+        );
+    };
+    refused(&mut yard);
+    yard.loses_power(300 * MS);
+    assert_eq!(yard.recover(1).unwrap(), ANEW);
+    refused(&mut yard);
+    drop(z);
+    yard.ends();
+}
+
+#[test]
+fn a_drive_whose_quick_stop_a_start_up_line_in_safe_op_sets_is_recovered_as_it_was_started() {
+    let quick_stop = StartUpWrite::new(obj::QUICK_STOP_OPTION, 2).at(Transition::SafeOpToOp);
+    let drive = unhomed(drives::generic(), &["z"]).start_up(quick_stop);
+    let mut device = personality::generic();
+    device.axis_mut(0).unwrap().set(0x605A, 0, 0).unwrap();
+    let mut yard = Yard::new(device, drive);
+    yard.line.segment().device_mut(MIDDLE).unwrap().power_off();
+    yard.rig.run_for(300 * MS);
+    let now = yard.rig.bus.now();
+    let mut segment = yard.line.segment();
+    segment.device_mut(MIDDLE).unwrap().power_on(now);
+    let axis = segment.axis_mut(MIDDLE, 0).unwrap();
+    axis.set(0x605A, 0, 0).unwrap();
+    drop(segment);
+    yard.rig.run_for(100 * MS);
+    let recovered = yard.recover(1);
+    assert!(recovered.is_ok(), "{recovered:?}");
+    yard.works_again("z");
+    yard.ends();
+}
+
+#[test]
+fn a_drive_stops_on_loss_after_a_recovery_whatever_a_start_up_line_in_safe_op_says() {
+    let goes_on = StartUpWrite::new(obj::ABORT_CONNECTION_OPTION, 0).at(Transition::SafeOpToOp);
+    let drive = unhomed(drives::generic(), &["z"]).start_up(goes_on);
+    let mut yard = Yard::new(personality::generic(), drive);
+    let held = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6007, 0);
+    let at_start = held(&yard);
+    assert_ne!(at_start, Some(0), "it is set to a value that stops");
+    yard.loses_power(300 * MS);
+    assert_eq!(yard.recover(1).unwrap(), ANEW);
+    assert_eq!(held(&yard), at_start);
+    yard.works_again("z");
+    yard.ends();
+}
+
+#[test]
+fn a_drive_stops_on_loss_after_it_was_led_back_from_safe_op_whatever_a_start_up_line_says() {
+    let goes_on = StartUpWrite::new(obj::ABORT_CONNECTION_OPTION, 0).at(Transition::SafeOpToOp);
+    let drive = unhomed(drives::generic(), &["z"]).start_up(goes_on);
+    let mut yard = Yard::new(personality::generic(), drive);
+    let held = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6007, 0);
+    let at_start = held(&yard);
+    assert_ne!(at_start, Some(0), "it is set to a value that stops");
+    yard.falls(0x001B);
+    let recovered = yard.recover(1).unwrap();
+    assert!(
+        matches!(recovered, Recovered::FromSafeOp { .. }),
+        "{recovered:?}"
+    );
+    assert_eq!(held(&yard), at_start);
+    yard.works_again("z");
+    yard.ends();
+}
+
+#[test]
+fn a_request_that_the_drive_has_forgotten_in_init_holds_up_no_recovery() {
+    let mut yard = Yard::new(personality::generic(), unhomed(drives::generic(), &["z"]));
+    let sdo = yard.rig.net().sdo(1).unwrap().with_timeout(Duration::MAX);
+    let slow = |yard: &Yard, delay| {
+        let mut segment = yard.line.segment();
+        segment.device_mut(MIDDLE).unwrap().set_mailbox_delay(delay);
+    };
+    slow(&yard, Duration::from_secs(5));
+    let mut read = pin!(sdo.read(obj::VENDOR_ID));
+    let mut context = Context::from_waker(Waker::noop());
+    assert!(read.as_mut().poll(&mut context).is_pending());
+    yard.rig.run_for(20 * MS);
+    assert!(read.as_mut().poll(&mut context).is_pending());
+    let mut segment = yard.line.segment();
+    let device = segment.device_mut(MIDDLE).unwrap();
+    device.fall_to(AlState::Init, 0x8001);
+    drop(segment);
+    slow(&yard, Duration::ZERO);
+    yard.rig.run_for(300 * MS);
+    let recovered = yard.recover(1);
+    assert!(recovered.is_ok(), "{recovered:?}");
+    let read = yard.rig.until(read);
+    assert!(read.is_err(), "{read:?}");
+    yard.works_again("z");
     yard.ends();
 }
 

@@ -54,11 +54,14 @@ fn with_parameters_by_sdo() -> (Device, DriveDescription) {
             [entry(0x6041, 16), entry(0x6061, 8), entry(0x6064, 32)],
         ),
     ];
-    let drive = Servo::generic()
+    (servo_with_parameters_by_sdo().build(), description)
+}
+
+fn servo_with_parameters_by_sdo() -> Servo {
+    Servo::generic()
         .with_fixed_pdo(0x1701, &[(0x6040, 0, 16), (0x6060, 0, 8), (0x607A, 0, 32)])
         .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
-        .fixed_mapping();
-    (drive.build(), description)
+        .fixed_mapping()
 }
 
 fn set_point() -> SetPoint {
