@@ -94,6 +94,8 @@ pub struct AxisCore {
     stop_unsent: bool,
     /// A resume whose frame has not been sent.
     resuming: Option<Resuming>,
+    /// Whether a motion was given up that the drive may hold until it is out of Operation enabled.
+    given_up: bool,
     /// Since when bit 8 is known to have been delivered.
     halt_delivered: Option<Duration>,
     pub(super) mode: Mode,
@@ -158,6 +160,7 @@ impl AxisCore {
             halted: false,
             stop_unsent: false,
             resuming: None,
+            given_up: false,
             halt_delivered: None,
             mode_change: None,
             noted_mode: Mode::None,
@@ -1419,7 +1422,8 @@ impl AxisCore {
         let led_to = is_down(state) && state != State::ReadyToSwitchOn;
         let obeys = self.stopping.is_quick() && (led_to || state == State::QuickStopActive);
         (leaves || enters)
-            && !(self.is_standing() && (!self.has_motion() || (obeys && self.stands_halted(now))))
+            && !(self.is_standing()
+                && (!(self.has_motion() || self.given_up) || (obeys && self.stands_halted(now))))
     }
 
     /// Whether a motion may begin with the outputs composed last.
@@ -1830,7 +1834,9 @@ impl AxisCore {
             let failure = self.timeout(self.standstill_awaited(), Delivery::NotSent);
             self.done(id, Err(failure));
         }
-        if self.stopping.deceleration.ignores_stop() && self.stopping.unwatched {
+        // One that has come to rest since is left as it is.
+        let runs_on = self.stopping.deceleration.ignores_stop() && !self.is_standing();
+        if runs_on && self.stopping.unwatched {
             self.begin_quick_stop(now);
         }
     }
@@ -2669,8 +2675,12 @@ pub(super) struct ModeChange {
     before: Mode,
     deadline: Duration,
     step: ModeStep,
+    /// What is selected once the drive does not come any more to what was taken back.
+    then: Mode,
     /// What it has taken the place of: until this one is written the drive may come to that mode all the same.
     instead_of: Option<Unawaited>,
+    /// Whether another mode was written by SDO before: the drive may come to that first, and shows this one from before then.
+    by_way_of_another: bool,
 }
 
 /// A change of mode for which nobody waits, and to which the drive may come at any time.
@@ -2710,7 +2720,10 @@ impl AxisCore {
     /// The velocity of a jog that is held, from the next outputs on. False if it is not followed: this jog is not held any
     /// more, or the velocity is above max profile velocity 607Fh.
     pub fn set_jog(&mut self, id: CommandId, velocity: i32, outputs: &mut [u8]) -> bool {
-        let followed = self.check_jog(velocity).is_ok() && self.jogging.set(id, velocity);
+        let followed = self.check_jog(velocity).is_ok() && {
+            let unanswered = self.unanswered();
+            self.jogging.set(id, velocity, unanswered)
+        };
         if followed {
             self.write_outputs(outputs);
         }
@@ -2800,17 +2813,30 @@ impl AxisCore {
             self.done(id, Err(Failure::Busy));
         } else if let Some(change) = &mut self.mode_change
             && matches!(change.step, ModeStep::TakenBack { .. })
-            && to == self.mode
+            && (to == self.mode || to == change.to)
         {
+            // The drive may show either from before.
             change.id = id;
+            change.then = to;
             change.step = ModeStep::TakenBack { awaited: true };
         } else {
+            let by_way_of_another = self.config.fields.mode.is_none()
+                && (self.mode_change)
+                    .is_some_and(|change| change.by_way_of_another || change.to != to);
+            let limit = self.config.deadlines.mode;
+            let way = if by_way_of_another {
+                limit
+            } else {
+                Duration::ZERO
+            };
             let change = ModeChange {
                 id,
                 to,
                 before: self.mode,
-                deadline: now.saturating_add(self.config.deadlines.mode),
+                deadline: now.saturating_add(limit).saturating_add(way),
+                by_way_of_another,
                 step: ModeStep::Quiet { by_sdo },
+                then: to,
                 instead_of: self.mode_change.map(|change| Unawaited {
                     to: change.to,
                     deadline: change.deadline,
@@ -2856,6 +2882,7 @@ impl AxisCore {
             change.step = ModeStep::Written;
             self.mode = to;
             self.homing.outside();
+            self.sequencer.outside();
         }
     }
 
@@ -2878,7 +2905,11 @@ impl AxisCore {
         };
         if let ModeStep::TakenBack { awaited } = change.step {
             self.update_taken_back(now, change, awaited);
-        } else if change.step == ModeStep::Written && sample.mode == change.to {
+        } else if change.step == ModeStep::Written
+            && sample.mode == change.to
+            && !(change.by_way_of_another
+                && now.saturating_add(self.config.deadlines.mode) < change.deadline)
+        {
             self.mode_change = None;
             self.done(change.id, Ok(Completion::Done));
         } else if now >= change.deadline {
@@ -2957,11 +2988,13 @@ impl AxisCore {
         } else {
             awaited.then_some(ModeChange {
                 id: change.id,
-                to: self.mode,
+                to: change.then,
                 before: self.mode,
                 deadline: later,
                 step: ModeStep::Quiet { by_sdo: false },
+                then: change.then,
                 instead_of: None,
+                by_way_of_another: false,
             })
         };
     }
@@ -3001,6 +3034,7 @@ impl AxisCore {
         }
         if sample.mode != self.mode {
             self.homing.outside();
+            self.sequencer.outside();
             if !self.is_idle() {
                 let failure = Failure::WrongMode {
                     expected: self.mode,
@@ -3090,7 +3124,7 @@ impl AxisCore {
     /// The outputs composed last have been sent.
     fn mark_sent(&mut self, now: Duration) {
         self.sequencer.mark_sent(now);
-        self.jogging.mark_sent();
+        self.jogging.mark_sent(&mut self.events);
         if self.homing.mark_sent(now) {
             // From now on the drive's positions are between two meanings.
             self.homed = false;
@@ -3100,6 +3134,7 @@ impl AxisCore {
 
     /// Ends every motion with this failure, which says how far each set-point came.
     pub(super) fn fail_motions(&mut self, failure: Failure) {
+        self.given_up |= self.has_motion();
         self.sequencer.fail_all(failure, &mut self.events);
         self.homing.fail(failure, &mut self.events);
         self.jogging.end(failure, &mut self.events);
@@ -3122,6 +3157,7 @@ impl AxisCore {
 
     /// The axis is out of Operation enabled: no bit of a mode stays, and nothing is held any more.
     fn lower_mode_bits(&mut self) {
+        self.given_up = false;
         self.sequencer.lower();
         self.homing.lower();
         // Nothing that leads here leaves a jog; should one be left, it must not come back with the next enable.
@@ -3555,6 +3591,7 @@ impl Hash for AxisCore {
             halted,
             stop_unsent,
             resuming,
+            given_up,
             halt_delivered,
             mode,
             mode_change,
@@ -3591,7 +3628,7 @@ impl Hash for AxisCore {
         jogging.hash(state);
         power.hash(state);
         stopping.hash(state);
-        (halted, stop_unsent, resuming, halt_delivered).hash(state);
+        (halted, stop_unsent, resuming, given_up, halt_delivered).hash(state);
         (mode, mode_change, noted_mode, manufacturer).hash(state);
         (
             outgoing,

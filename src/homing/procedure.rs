@@ -297,10 +297,14 @@ struct Run {
     delivered: Option<Duration>,
     /// Bit 12 was high when bit 4 rose: of an earlier homing, until it has been low.
     stale_attained: bool,
+    /// Whether it was: then one word without it is no edge.
+    was_attained: bool,
     /// Bit 13, likewise.
     stale_error: bool,
     /// The bits said "in progress" before bit 4 rose, and have since: they do of some drives at rest.
     stale_progress: bool,
+    /// Since when that has been low.
+    no_error_since: Option<Duration>,
     /// Since when it is halted.
     halted_since: Option<Duration>,
     /// Where the axis was before bit 4 rose.
@@ -342,8 +346,10 @@ impl Run {
             since: cycle.now,
             delivered: None,
             stale_attained: word.contains(Statusword::HOMING_ATTAINED),
+            was_attained: word.contains(Statusword::HOMING_ATTAINED),
             stale_error: word.contains(Statusword::HOMING_ERROR),
             stale_progress: is_in_progress(word),
+            no_error_since: None,
             halted_since: None,
             position: cycle.sample.position,
             begun: false,
@@ -398,9 +404,12 @@ impl Run {
         };
         self.stale_progress &= progress || attained;
         self.stale_attained &= attained;
-        self.stale_error &= error;
+        // One word without an old error makes none anew.
+        self.no_error_since = (!error).then(|| self.no_error_since.unwrap_or(cycle.now));
+        self.stale_error &= !self.no_error_since.is_some_and(sure);
+        let late = self.begun && cycle.now.saturating_sub(self.since) >= start;
 
-        if error && !self.stale_error {
+        if error && (!self.stale_error || late) {
             self.begun |= self.error_since.is_some_and(sure);
             return self.error(cycle, at_rest, standstill);
         }
@@ -430,7 +439,8 @@ impl Run {
         // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
         // not come, the axis' rest.
         let started = now.saturating_sub(self.since) >= start;
-        let was_at_work = self.worked || self.command.method.is_motionless() || started;
+        let at_once = self.command.method.is_motionless() && (!self.was_attained || proven);
+        let was_at_work = self.worked || at_once || started;
         if mine && was_at_work && ((stands && done_for_sure) || held || rested) {
             return Some(Ok(Completion::Homed {
                 position: cycle.sample.position,

@@ -822,3 +822,27 @@ fn an_axis_has_to_rest_with_bit_12_where_bit_10_does_not_come() {
     rests.shows(ATTAINED_MOVING);
     assert_eq!(rests.reports(), [homed()]);
 }
+
+#[test]
+fn one_word_without_bit_12_is_no_edge_of_a_homing_without_motion() {
+    let mut homing = Dialogue::begin(HomingMethod::CURRENT_POSITION, DONE);
+    // It reads something else than at home, and takes its time.
+    homing.position = 9_000;
+    homing
+        .shows_for(3, DONE)
+        .shows(NOT_STARTED)
+        .shows_for(30, DONE);
+    assert!(homing.is_high(), "{:?}", homing.reports());
+}
+
+#[test]
+fn one_word_without_an_old_error_is_no_new_error() {
+    let mut homing = Dialogue::begin(HomingMethod::NEGATIVE_LIMIT, ERROR);
+    homing
+        .shows_for(3, ERROR)
+        .shows(NOT_STARTED)
+        .shows_for(30, ERROR);
+    assert!(homing.is_high(), "{:?}", homing.reports());
+    homing.shows_for(20, IN_PROGRESS).shows_for(3, DONE);
+    assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+}

@@ -92,6 +92,13 @@ impl Sequencer {
         self.drive_buffer.leave_base();
     }
 
+    /// A cycle in another mode: a low of bit 4 that the drive has seen there counts for nothing here.
+    pub const fn outside(&mut self) {
+        if let Bit4::Low { delivered, .. } = &mut self.bit4 {
+            *delivered = None;
+        }
+    }
+
     /// A homing moves the zero of all positions.
     pub const fn zero_moves(&mut self) {
         self.drive_buffer.last_end = None;

@@ -135,17 +135,21 @@ enum JogPhase {
         holder: Option<Holder>,
     },
     /// Let go: the target velocity is 0, and the axis comes to rest.
-    Released {
-        id: CommandId,
-        until: Duration,
-        /// Since when the 0 is known to have been delivered.
-        delivered: Option<Duration>,
-        sent: bool,
-        /// By its dead-man time, and not by its holder.
-        by_itself: bool,
-        /// What an axis that was under way showed, until the 0 is answered.
-        unanswered: Unanswered,
-    },
+    Released(LetGo),
+}
+
+/// A jog that was let go.
+#[derive(Debug, Clone, Copy, Hash)]
+struct LetGo {
+    id: CommandId,
+    until: Duration,
+    /// Since when the 0 is known to have been delivered.
+    delivered: Option<Duration>,
+    sent: bool,
+    /// By its dead-man time, and not by its holder.
+    by_itself: bool,
+    /// What an axis that was under way showed, until the 0 is answered.
+    unanswered: Unanswered,
 }
 
 /// Who holds a jog with a dead-man time.
@@ -173,6 +177,10 @@ impl Holder {
 #[derive(Debug, Clone, Hash)]
 pub(crate) struct Jogging {
     stage: JogPhase,
+    /// The one that the next takes over from, until that is sent.
+    before: Option<LetGo>,
+    /// Of one that is held at 0: what the axis showed when that was asked for, until it is answered; and whether it is known to be delivered.
+    zero: Option<(Unanswered, bool)>,
     ramps: Parameters,
 }
 
@@ -180,6 +188,8 @@ impl Jogging {
     pub fn new() -> Self {
         Self {
             stage: JogPhase::Idle,
+            before: None,
+            zero: None,
             ramps: Parameters::default(),
         }
     }
@@ -188,7 +198,7 @@ impl Jogging {
     pub const fn velocity(&self) -> i32 {
         match self.stage {
             JogPhase::Held { velocity, .. } => velocity,
-            JogPhase::Idle | JogPhase::Released { .. } => 0,
+            JogPhase::Idle | JogPhase::Released(_) => 0,
         }
     }
 
@@ -201,7 +211,7 @@ impl Jogging {
     pub const fn id(&self) -> Option<CommandId> {
         match self.stage {
             JogPhase::Idle => None,
-            JogPhase::Held { id, .. } | JogPhase::Released { id, .. } => Some(id),
+            JogPhase::Held { id, .. } | JogPhase::Released(LetGo { id, .. }) => Some(id),
         }
     }
 
@@ -209,8 +219,8 @@ impl Jogging {
     pub const fn has_motion(&self) -> bool {
         match self.stage {
             JogPhase::Idle => false,
-            JogPhase::Held { sent, .. } => sent,
-            JogPhase::Released { .. } => true,
+            JogPhase::Held { sent, .. } => sent || self.before.is_some(),
+            JogPhase::Released(_) => true,
         }
     }
 
@@ -230,7 +240,7 @@ impl Jogging {
     }
 
     pub const fn is_released(&self) -> bool {
-        matches!(self.stage, JogPhase::Released { .. })
+        matches!(self.stage, JogPhase::Released(_))
     }
 
     pub const fn is_idle(&self) -> bool {
@@ -239,6 +249,11 @@ impl Jogging {
 
     /// Whether a cycle like the last one changes nothing.
     pub const fn allows_idle_path(&self) -> bool {
+        if let Some((unanswered, _)) = &self.zero
+            && unanswered.is_open()
+        {
+            return false;
+        }
         matches!(
             self.stage,
             JogPhase::Idle
@@ -258,11 +273,10 @@ impl Jogging {
                 events.push(id, Event::Done(Err(Failure::Busy)));
                 return;
             }
-            JogPhase::Released { id, .. } => {
-                events.push(id, Event::Done(Err(Failure::Superseded)));
-            }
+            JogPhase::Released(let_go) => self.before = Some(let_go),
             JogPhase::Idle => {}
         }
+        self.zero = None;
         self.ramps = Parameters {
             acceleration: set_point.acceleration,
             deceleration: set_point.deceleration,
@@ -281,9 +295,14 @@ impl Jogging {
     }
 
     /// Another velocity, from the next outputs on; false if this jog is not held any more.
-    pub fn set(&mut self, of: CommandId, new: i32) -> bool {
+    pub fn set(&mut self, of: CommandId, new: i32, unanswered: Unanswered) -> bool {
         match &mut self.stage {
             JogPhase::Held { id, velocity, .. } if *id == of => {
+                if new != 0 {
+                    self.zero = None;
+                } else if *velocity != 0 {
+                    self.zero = Some((unanswered, false));
+                }
                 *velocity = new;
                 true
             }
@@ -314,14 +333,15 @@ impl Jogging {
     ) -> bool {
         match self.stage {
             JogPhase::Held { id, .. } if id == of => {
-                self.stage = JogPhase::Released {
+                let unanswered = self.zero.take().map_or(unanswered, |(zero, _)| zero);
+                self.stage = JogPhase::Released(LetGo {
                     id,
                     until,
                     delivered: None,
                     sent: false,
                     by_itself,
                     unanswered,
-                };
+                });
                 true
             }
             _ => false,
@@ -332,20 +352,32 @@ impl Jogging {
     pub fn withdraw(&mut self, of: CommandId, failure: Failure, events: &mut Events) -> bool {
         let unsent = matches!(self.stage, JogPhase::Held { id, sent: false, .. } if id == of);
         if unsent {
+            // What it was to take over from comes to rest as before.
+            let before = self.before.take();
             self.end(failure, events);
+            self.stage = before.map_or(JogPhase::Idle, JogPhase::Released);
         }
         unsent
     }
 
     /// The outputs composed last have been sent.
-    pub const fn mark_sent(&mut self) {
-        if let JogPhase::Held { sent, .. } | JogPhase::Released { sent, .. } = &mut self.stage {
+    pub fn mark_sent(&mut self, events: &mut Events) {
+        if let JogPhase::Held { sent, .. } | JogPhase::Released(LetGo { sent, .. }) =
+            &mut self.stage
+        {
             *sent = true;
+        }
+        if let Some(before) = self.before.take() {
+            events.push(before.id, Event::Done(Err(Failure::Superseded)));
         }
     }
 
     /// Ends it with this failure, which says how far it came; 0 from the next outputs on.
     pub fn end(&mut self, failure: Failure, events: &mut Events) {
+        if let Some(before) = self.before.take() {
+            let failure = failure.with_delivery(Delivery::Accepted);
+            events.push(before.id, Event::Done(Err(failure)));
+        }
         let (id, delivery) = match self.stage {
             JogPhase::Idle => return,
             JogPhase::Held {
@@ -356,7 +388,9 @@ impl Jogging {
                 accepted: false,
                 ..
             } => (id, Delivery::Unknown),
-            JogPhase::Held { id, .. } | JogPhase::Released { id, .. } => (id, Delivery::Accepted),
+            JogPhase::Held { id, .. } | JogPhase::Released(LetGo { id, .. }) => {
+                (id, Delivery::Accepted)
+            }
         };
         self.stage = JogPhase::Idle;
         events.push(id, Event::Done(Err(failure.with_delivery(delivery))));
@@ -364,6 +398,10 @@ impl Jogging {
 
     /// One cycle with fresh inputs in Operation enabled and mode 3. Whether the axis has not come to rest in time after it was let go.
     pub fn step(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
+        if let Some((unanswered, delivered)) = &mut self.zero {
+            unanswered.update(cycle.sample, *delivered);
+            *delivered |= cycle.delivered;
+        }
         match &mut self.stage {
             JogPhase::Held {
                 id,
@@ -374,14 +412,14 @@ impl Jogging {
                 *accepted = true;
                 events.push(*id, Event::Accepted);
             }
-            JogPhase::Released {
+            JogPhase::Released(LetGo {
                 id,
                 until,
                 delivered,
                 sent: true,
                 by_itself,
                 unanswered,
-            } => {
+            }) => {
                 unanswered.update(cycle.sample, delivered.is_some());
                 let is_answered = !unanswered.is_open();
                 if cycle.delivered {

@@ -47,7 +47,7 @@ impl Scene {
     /// One that the drive follows.
     fn accepted() -> Self {
         let mut this = Self::held();
-        this.jog.mark_sent();
+        this.jog.mark_sent(&mut this.events);
         this.step();
         assert_eq!(this.reports(), [(ID, Event::Accepted)]);
         this
@@ -117,7 +117,7 @@ fn a_jog_says_what_it_is_from_its_first_word_to_its_rest() {
     assert_eq!((ramps.velocity, ramps.end_velocity), (None, None));
     scene.step();
     assert_eq!(scene.reports(), [], "nothing was sent");
-    scene.jog.mark_sent();
+    scene.jog.mark_sent(&mut scene.events);
     assert_eq!(said(&scene.jog), (-50, [true, true, false, false, false]));
     scene.delivered = false;
     scene.step();
@@ -128,7 +128,10 @@ fn a_jog_says_what_it_is_from_its_first_word_to_its_rest() {
     assert_eq!(scene.reports(), [(ID, Event::Accepted)], "once");
     assert_eq!(said(&scene.jog), (-50, [true, true, false, false, true]));
 
-    assert!(!scene.jog.set(OTHER, 60) && scene.jog.set(ID, 60));
+    assert!(
+        !scene.jog.set(OTHER, 60, Unanswered::default())
+            && scene.jog.set(ID, 60, Unanswered::default())
+    );
     assert_eq!(scene.jog.velocity(), 60);
     assert!(
         !scene
@@ -143,7 +146,7 @@ fn a_jog_says_what_it_is_from_its_first_word_to_its_rest() {
     assert_eq!(said(&scene.jog), (0, [true, false, true, false, false]));
     assert_eq!(scene.jog.id(), Some(ID));
     assert!(
-        !scene.jog.set(ID, 60)
+        !scene.jog.set(ID, 60, Unanswered::default())
             && !scene
                 .jog
                 .release(ID, scene.now, false, Unanswered::default())
@@ -161,7 +164,7 @@ fn a_jog_is_withdrawn_before_it_is_sent_and_not_after() {
     assert_eq!(scene.reports(), [(ID, Event::Done(Err(failure)))]);
     assert!(scene.jog.is_idle());
     let mut sent = Scene::held();
-    sent.jog.mark_sent();
+    sent.jog.mark_sent(&mut sent.events);
     assert!(!sent.jog.withdraw(ID, failure, &mut sent.events));
     assert!(sent.jog.is_held());
 }
@@ -170,7 +173,7 @@ fn a_jog_is_withdrawn_before_it_is_sent_and_not_after() {
 fn what_ends_a_jog_says_how_far_it_came() {
     let halted = |delivery| Failure::Halted { delivery };
     let mut sent = Scene::held();
-    sent.jog.mark_sent();
+    sent.jog.mark_sent(&mut sent.events);
     let mut released = Scene::accepted();
     released
         .jog
@@ -200,6 +203,8 @@ fn a_jog_takes_over_from_one_that_comes_to_rest_and_not_from_one_that_is_held() 
         .jog
         .release(ID, ms(99_999), false, Unanswered::default());
     scene.jog.submit(OTHER, 5.into(), &mut scene.events);
+    assert_eq!(scene.reports(), [], "the next one was not sent");
+    scene.jog.mark_sent(&mut scene.events);
     let superseded = Event::Done(Err(Failure::Superseded));
     assert_eq!(scene.reports(), [(ID, superseded)]);
     assert_eq!((scene.jog.id(), scene.jog.velocity()), (Some(OTHER), 5));
@@ -227,7 +232,7 @@ fn a_released_jog_is_over_when_the_axis_has_stood_since_the_drive_took_the_zero_
         scene.step();
         scene.step();
         assert_eq!(scene.reports(), [], "the 0 was not sent");
-        scene.jog.mark_sent();
+        scene.jog.mark_sent(&mut scene.events);
         scene.delivered = false;
         scene.step();
         scene.delivered = true;
@@ -247,7 +252,7 @@ fn a_released_jog_whose_axis_does_not_come_to_rest_ends_in_time() {
     scene
         .jog
         .release(ID, scene.now + ms(50), false, Unanswered::default());
-    scene.jog.mark_sent();
+    scene.jog.mark_sent(&mut scene.events);
     for _ in 0..49 {
         scene.position += 100;
         scene.step();

@@ -115,10 +115,10 @@ fn nothing_begins_while_the_drive_may_come_to_a_mode_that_was_taken_back() {
 
     // Another change of mode need not wait.
     let mut drive = withdrawn();
-    let again = drive.submit(TO_HOMING);
-    drive.mode = 6;
+    let other = drive.submit(Command::SelectMode(Mode::ProfileVelocity));
+    drive.mode = 3;
     drive.shows_for(4, REACHED);
-    assert_eq!(drive.outcome(again), Some(Ok(Completion::Done)));
+    assert_eq!(drive.outcome(other), Some(Ok(Completion::Done)));
 
     // A change that was not written yet leaves nothing to wait for.
     let mut drive = Played::enabled(Played::config());
@@ -719,6 +719,8 @@ fn the_end_of_the_last_move_is_no_base_any_more_once_a_homing_has_moved_the_zero
                 assert!(drive.cycles_to_end(homing, 0x1637).1.is_ok());
             }
         }
+        // A low of bit 4 that was seen in this mode.
+        drive.shows_for(3, REACHED);
         let mut command = absolute(5);
         command.reference = Reference::Relative;
         let id = drive.submit(Command::Move(command));
@@ -845,4 +847,81 @@ fn nothing_begins_after_a_mode_was_written_by_sdo_and_its_selection_was_given_up
         let answer = drive.answer(Command::Move(absolute(50)));
         assert_eq!((answer, drive.word()), (wrong, 0x000F), "{late}");
     }
+}
+
+/// A drive that is slow in its modes shows one that was taken back, before it comes to the one between, and to the same again.
+#[test]
+fn a_mode_that_was_taken_back_and_is_selected_again_is_not_confirmed_by_the_first_time() {
+    let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+    drive.shows_for(20, REACHED);
+    // Ten cycles from 6060h to 6061h.
+    let mut later = alloc::collections::VecDeque::from([6_i8; 10]);
+    let mut shows_for = |drive: &mut Played, cycles: u32| {
+        for _ in 0..cycles {
+            later.push_back(drive.outputs[6] as i8);
+            drive.mode = later.pop_front().unwrap();
+            // Bit 4 starts a homing there.
+            let starts = drive.word() & 0x0010 != 0 && drive.mode == 6;
+            assert!(!starts, "{:?}", drive.now);
+            drive.shows(REACHED);
+        }
+    };
+    let to_moves = Command::SelectMode(Mode::ProfilePosition);
+    let selecting = drive.submit(to_moves);
+    shows_for(&mut drive, 3);
+    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    shows_for(&mut drive, 3);
+    let again = drive.submit(to_moves);
+    let mut moving = None;
+    for _ in 0..300 {
+        if moving.is_none() && drive.outcome(again).is_some() {
+            assert_eq!(drive.outcome(again), Some(Ok(Completion::Done)));
+            moving = Some(drive.move_to(50));
+        }
+        shows_for(&mut drive, 1);
+    }
+    assert!(moving.is_some());
+}
+
+/// The same where it goes by SDO, and the mode before is selected.
+#[test]
+fn a_mode_before_one_that_was_written_by_sdo_is_not_confirmed_by_what_is_still_shown() {
+    let mut drive = Played::enabled(CoreConfig {
+        fields: AxisFields {
+            mode: None,
+            ..FIELDS
+        },
+        ..Played::config()
+    });
+    let prepared = |mode| Some(Ok(Completion::Prepared { mode }));
+    let to_moves = Mode::ProfilePosition;
+    let to_homing = drive.answer(Command::PrepareMode(Mode::Homing));
+    assert_eq!(to_homing, prepared(Mode::Homing));
+    // 6060h is 6 from here on, and the program gives it up.
+    drive.shows_for(3, REACHED);
+    assert_eq!(
+        drive.answer(Command::PrepareMode(to_moves)),
+        prepared(to_moves)
+    );
+    // 6060h is 1 again. The drive has not come to the mode between yet, in which bit 4 starts a homing.
+    drive.shows_for(3, REACHED);
+    let selecting = drive.submit(Command::SelectMode(to_moves));
+    drive.shows(REACHED);
+    assert_eq!(drive.outcome(selecting), None, "6061h is from before");
+    // The drive comes to it, and back. By the time that it has for a mode it is in the last one.
+    drive.mode = 6;
+    drive.shows_for(3, REACHED);
+    drive.mode = 1;
+    let (cycles, result) = drive.cycles_to_end(selecting, REACHED);
+    assert_eq!(result, Ok(Completion::Done));
+    // Cycles of 1 ms.
+    let waited = Duration::from_millis(cycles.into());
+    let limit = Played::config().deadlines.mode;
+    assert!(
+        waited.abs_diff(limit) < Duration::from_millis(10),
+        "{cycles}"
+    );
+    drive.move_to(50);
+    drive.shows(REACHED);
+    assert_eq!(drive.word() & 0x0010, 0x0010);
 }

@@ -6,7 +6,7 @@ use super::played::{
     stopped,
 };
 use crate::{
-    axis::{AxisFields, Command, Completion, CoreConfig, Event, Failure},
+    axis::{AxisFields, Command, Completion, CoreConfig, Event, Failure, StopRequest},
     ds402::{Mode, State},
     homing::HomingMethod,
     profile_position::{BufferMode, SetPoint},
@@ -666,4 +666,115 @@ fn a_move_of_no_group_waits_behind_one_of_a_group_that_overtakes_it() {
     drive.shows_for(5, ENABLED);
     assert!(drive.core.is_armed(replaces[1]));
     assert_eq!(drive.outcome(waits), None);
+}
+
+/// The jog that was to take over from one that was let go is given up before it is sent.
+#[test]
+fn a_jog_that_was_let_go_is_watched_on_where_the_next_is_given_up_before_it_is_sent() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    let first = drive.submit(Command::Jog(JogSetPoint::new(20_000)));
+    drive.velocity = 20;
+    drive.shows_for(20, ENABLED);
+    assert!(drive.core.release_jog(drive.now, first, &mut drive.outputs));
+    drive.shows_for(5, ENABLED);
+    let second = drive.submit(Command::Jog(JogSetPoint::new(-20_000)));
+    assert!(drive.core.withdraw(second, &mut drive.outputs));
+    drive.drain();
+    assert_eq!(drive.target_velocity(), 0);
+    // Its drive follows no 0 in 60FFh.
+    drive.shows_for(500, ENABLED);
+    assert_eq!(drive.word(), QUICK_STOP);
+    let end = drive.outcome(first);
+    assert!(matches!(end, Some(Err(Failure::Timeout { .. }))), "{end:?}");
+}
+
+/// Held at rest by an input of its drive since it was set going, it sets off as its drive leaves the mode.
+#[test]
+fn the_rest_before_a_held_jog_sets_off_is_not_that_of_the_quick_stop_for_its_mode() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::staying());
+    drive.submit(Command::Jog(JogSetPoint::new(700)));
+    drive.shows_for(200, REACHED);
+    drive.mode = 1;
+    drive.velocity = 1;
+    drive.shows(ENABLED);
+    assert_eq!(drive.word(), QUICK_STOP);
+    let stopping = drive.submit(Command::Stop);
+    for velocity in [1, 2, 2, 2] {
+        drive.velocity = velocity;
+        drive.shows(QUICK_STOP_ACTIVE);
+    }
+    assert_eq!(drive.outcome(stopping), None);
+}
+
+#[test]
+fn the_rest_before_a_held_move_sets_off_is_not_that_of_the_quick_stop_for_its_mode() {
+    let mut drive = Played::enabled(Played::staying());
+    drive.move_to(100_000);
+    drive.shows(REACHED);
+    drive.shows(ACKNOWLEDGED);
+    drive.shows_for(200, ENABLED);
+    drive.mode = 3;
+    drive.velocity = 1;
+    drive.shows(ENABLED);
+    assert_eq!(drive.word(), QUICK_STOP);
+    let stopping = drive.submit(Command::Stop);
+    for velocity in [1, 2, 2, 2] {
+        drive.velocity = velocity;
+        drive.shows(QUICK_STOP_ACTIVE);
+    }
+    assert_eq!(drive.outcome(stopping), None);
+}
+
+/// One word that says mode 1, in the frame that brings 6060h.
+#[test]
+fn one_word_of_another_mode_starts_no_homing_in_place_of_a_move() {
+    let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+    drive.shows_for(20, REACHED);
+    let selecting = drive.submit(Command::SelectMode(Mode::ProfilePosition));
+    drive.mode = 1;
+    drive.shows(REACHED);
+    drive.mode = 6;
+    let moving = drive.move_to(100_000);
+    for _ in 0..5 {
+        let ends = (drive.outcome(selecting), drive.outcome(moving));
+        assert_eq!(drive.word() & 0x0010, 0, "{ends:?}");
+        drive.shows(REACHED);
+    }
+}
+
+/// The 0 in 60FFh was delivered and answered before it is let go.
+#[test]
+fn a_jog_that_was_set_to_0_and_came_to_rest_is_let_go_without_a_quick_stop() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    let jog = drive.submit(Command::Jog(JogSetPoint::new(700)));
+    drive.velocity = 20;
+    drive.shows_for(30, ENABLED);
+    assert!(drive.core.set_jog(jog, 0, &mut drive.outputs));
+    for velocity in [20, 10, 5, 0] {
+        drive.velocity = velocity;
+        drive.shows(ENABLED);
+    }
+    drive.shows_for(5, REACHED);
+    assert!(drive.core.release_jog(drive.now, jog, &mut drive.outputs));
+    let (cycles, result) = drive.cycles_to_end(jog, REACHED);
+    assert!(result.is_ok(), "{cycles}: {result:?}");
+    assert_eq!(drive.word(), GO);
+}
+
+/// Its drive has ignored bit 8 for a while, and the axis stands halted since.
+#[test]
+fn a_halt_that_nobody_waits_for_leaves_an_axis_that_stands_halted_as_it_is() {
+    let (mut drive, _) = Played::moving(Played::config(), 100_000);
+    let halting = drive.submit(Command::Halt);
+    let (_, result) = drive.cycles_to_end(halting, ENABLED);
+    assert_eq!(result, Err(Failure::HaltIgnored));
+    for velocity in [10, 5, 0] {
+        drive.velocity = velocity;
+        drive.shows(ENABLED);
+    }
+    drive.shows_for(1_000, ENABLED);
+    assert_eq!(drive.word(), HALT);
+    drive.stop_lane(StopRequest::HALT);
+    drive.shows_for(5, ENABLED);
+    assert_eq!(drive.word(), HALT);
 }
