@@ -361,7 +361,14 @@ impl Jogging {
     }
 
     /// The outputs composed last have been sent.
+    #[inline(always)]
     pub fn mark_sent(&mut self, events: &mut Events) {
+        if !self.is_idle() {
+            self.mark_jog_sent(events);
+        }
+    }
+
+    fn mark_jog_sent(&mut self, events: &mut Events) {
         if let JogPhase::Held { sent, .. } | JogPhase::Released(LetGo { sent, .. }) =
             &mut self.stage
         {
