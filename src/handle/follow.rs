@@ -113,8 +113,8 @@ impl<U: AxisUnit> ProfilePosition<U> {
     /// soon as the one before is acknowledged, and is sent when the drive has room. Gives every outcome, in the order of the moves.
     /// [`Follow::finish`] gives the one result of them all.
     ///
-    /// After the first move that does not end well nothing more is taken; what was sent or waits by then is
-    /// reported to its end. A halt so ends the path behind the moves that the drive holds, which go on when the axis is
+    /// After the first move that does not end well nothing more is taken; what was sent or waits by then is executed and
+    /// reported to its end, unless a stop comes. A halt so ends the path behind the moves that the drive holds, which go on when the axis is
     /// resumed. Every stop ends it, also one between two of its moves, and enabling the axis does not take that back. Dropped, the move
     /// that waits is withdrawn, and those that the drive holds are executed. A move of another axis is such a failure as well
     /// ([`AxisErrorKind::OtherAxis`]), and is not sent.
