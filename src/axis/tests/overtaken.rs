@@ -595,8 +595,7 @@ fn a_jog_that_was_let_go_and_does_not_come_to_rest_is_ended_by_a_quick_stop() {
     assert_eq!(drive.core.snapshot().state, State::QuickStopActive);
 }
 
-/// Two groups of moves that start together, on the same two axes, as `start_together` asks for them. On each axis the one that replaces is in turn
-/// before the one that queues, and that is of the other group on the other axis.
+/// As `start_together` asks for them, on the same two axes. Of each group one move replaces the others and one queues.
 #[test]
 fn two_groups_do_not_wait_for_each_other_for_ever() {
     let ask = |drive: &mut Played, target, buffer_mode, gated| {
