@@ -1207,7 +1207,6 @@ impl DriveBuffer {
     fn note_halted(&mut self, cycle: &Cycle<'_>) {
         if let [Some(active), _] = &mut self.held {
             active.note(cycle, false);
-            active.seen_there |= active.end.is_some() && active.came_to_end(cycle.sample.position);
         }
     }
 
