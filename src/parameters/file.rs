@@ -18,10 +18,11 @@
 //! ```
 
 use std::fmt::Write;
-use std::io::Read;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Write as _};
 use std::ops::Range;
-use std::path::Path;
-use std::{fmt, io};
+use std::path::{Path, PathBuf};
+use std::{fmt, process};
 
 use serde::Deserialize;
 use serde::de::{DeserializeOwned, Deserializer, Error as _, SeqAccess, Visitor};
@@ -82,6 +83,9 @@ pub enum FileFault {
     /// It cannot be read or written.
     #[error("{0}")]
     Io(String),
+    /// There is a directory, a pipe or a device where a file is to be written.
+    #[error("what is there is a directory, a pipe or a device, and is left as it is: name a file")]
+    NoFile,
     /// It is longer than [`LONGEST_FILE`].
     #[error("more than {LONGEST_FILE} bytes")]
     TooLong,
@@ -551,23 +555,148 @@ impl ParameterSet {
         Ok(())
     }
 
-    /// Writes the set into a TOML file. A file that is there is replaced at once or not at all.
+    /// Writes the set into a TOML file. A file that is there is replaced at once or not at all, and keeps its permissions. Of a symbolic
+    /// link that is the file that it names.
     ///
     /// # Errors
-    /// [`FileError`] with the reason of the operating system; [`FileFault::TooLong`] for a set that could not be read again.
+    /// [`FileError`] with the reason of the operating system; [`FileFault::NoFile`] for a directory, a pipe or a device;
+    /// [`FileFault::TooLong`] for a set that could not be read again.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), FileError> {
         let path = path.as_ref();
         let text = self.to_toml();
         if text.len() > LONGEST_FILE {
             return Err(Source::new(&text, &path.display().to_string()).too_long());
         }
-        let mut beside = path.as_os_str().to_owned();
-        beside.push(".new");
-        let failed = |error: io::Error| io_error(path, &error);
-        std::fs::write(&beside, text).map_err(failed)?;
-        std::fs::rename(&beside, path).map_err(failed)
+        let new = NewFile::create(path)?;
+        let written = new.file().write_all(text.as_bytes());
+        written.map_err(|error| io_error(path, &error))?;
+        new.complete()
     }
 }
+
+/// A file that is written beside its place, and takes it when it is complete: at once or not at all. The project's own tool uses it too.
+///
+/// A file that is there is replaced then, and hands its permissions on. Of a symbolic link that is what it names. Dropped before that, the
+/// new file is removed.
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct NewFile {
+    /// As it was named.
+    named: PathBuf,
+    place: PathBuf,
+    /// Where it is until it is complete.
+    beside: PathBuf,
+    file: File,
+    is_placed: bool,
+}
+
+impl NewFile {
+    /// Creates it beside its place, under a name that nothing has.
+    ///
+    /// # Errors
+    /// [`FileFault::NoFile`] where something else than a file is; otherwise with the reason of the operating system.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, FileError> {
+        let path = path.as_ref();
+        let failed = |error: io::Error| io_error(path, &error);
+        let there = there(path).map_err(failed)?;
+        if there.as_ref().is_some_and(|there| !there.is_file()) {
+            let named = path.display().to_string();
+            return Err(Source::new("", &named).error(None, None, FileFault::NoFile));
+        }
+        let place = behind_links(path).map_err(failed)?;
+        let (beside, file) = created_beside(&place).map_err(failed)?;
+        let new = Self {
+            named: path.into(),
+            place,
+            beside,
+            file,
+            is_placed: false,
+        };
+        if let Some(there) = there {
+            let kept = new.file.set_permissions(there.permissions());
+            kept.map_err(failed)?;
+        }
+        Ok(new)
+    }
+
+    /// What is written to.
+    #[must_use]
+    pub const fn file(&self) -> &File {
+        &self.file
+    }
+
+    /// Has it take its place, when all of it is on the disk.
+    ///
+    /// # Errors
+    /// With the reason of the operating system: then its place is as it was.
+    pub fn complete(mut self) -> Result<(), FileError> {
+        let synced = self.file.sync_all();
+        let placed = synced.and_then(|()| fs::rename(&self.beside, &self.place));
+        self.is_placed = placed.is_ok();
+        placed.map_err(|error| io_error(&self.named, &error))
+    }
+}
+
+impl Drop for NewFile {
+    fn drop(&mut self) {
+        if !self.is_placed {
+            let _ = fs::remove_file(&self.beside);
+        }
+    }
+}
+
+/// What is at this path, or at the end of its links; none where nothing is.
+fn there(path: &Path) -> io::Result<Option<fs::Metadata>> {
+    match fs::metadata(path) {
+        Ok(there) => Ok(Some(there)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// The path at the end of the links, also where nothing is there yet.
+fn behind_links(path: &Path) -> io::Result<PathBuf> {
+    let mut place = path.to_owned();
+    for _ in 0..MOST_LINKS {
+        match fs::read_link(&place) {
+            Ok(target) => place.set_file_name(target),
+            Err(_) => return Ok(place),
+        }
+    }
+    Err(io::Error::other("too many links, each to the next"))
+}
+
+/// As the operating system allows.
+const MOST_LINKS: usize = 40;
+
+/// A new file in the directory of this one.
+fn created_beside(place: &Path) -> io::Result<(PathBuf, File)> {
+    let Some(name) = place.file_name() else {
+        let error = "it ends with no name of a file";
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, error));
+    };
+    let mut number = 0;
+    loop {
+        let mut hidden = std::ffi::OsString::from(".");
+        hidden.push(name);
+        hidden.push(format!(".new-{}-{number}", process::id()));
+        let beside = place.with_file_name(hidden);
+        match OpenOptions::new()
+            .write(true)
+            .create_new(true)
+            .open(&beside)
+        {
+            Ok(file) => return Ok((beside, file)),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists && number < MOST_NAMES => {
+                number += 1;
+            }
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+/// So many names are tried.
+const MOST_NAMES: u32 = 1000;
 
 fn quoted(text: &str) -> String {
     toml::Value::String(text.into()).to_string()
@@ -808,6 +937,90 @@ mod tests {
             error.to_string(),
             "left.toml:3: drive \"left\": object \"modes of operation\": this object is a command or a record, and no parameter"
         );
+    }
+
+    /// A directory that nothing else uses.
+    fn directory(name: &str) -> PathBuf {
+        let name = format!("servocrab-{name}-{}", process::id());
+        let directory = std::env::temp_dir().join(name);
+        let _ = fs::remove_dir_all(&directory);
+        fs::create_dir(&directory).unwrap();
+        directory
+    }
+
+    fn names(directory: &Path) -> Vec<String> {
+        let entries = fs::read_dir(directory).unwrap();
+        let mut names: Vec<_> = entries
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_set_replaces_the_file_that_a_link_names() {
+        use std::os::unix::fs::{PermissionsExt as _, symlink};
+        let directory = directory("link");
+        fs::create_dir(directory.join("old")).unwrap();
+        let (file, link) = (directory.join("old/file"), directory.join("link"));
+        symlink("old/file", directory.join("second")).unwrap();
+        symlink("second", &link).unwrap();
+        let set = ParameterSet::from_toml("drive = \"left\"", "l").unwrap();
+        // Also one that names no file yet.
+        set.save(&link).unwrap();
+        assert_eq!(ParameterSet::load(&file).unwrap(), set);
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
+        set.save(&link).unwrap();
+        let mode = fs::metadata(&file).unwrap().permissions().mode();
+        assert_eq!(mode & 0o7777, 0o640);
+        assert!(link.is_symlink());
+        assert_eq!(names(&directory.join("old")), ["file"]);
+        assert_eq!(names(&directory), ["link", "old", "second"]);
+        fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn what_is_no_file_is_left_as_it_is_and_nothing_is_left_beside_it() {
+        let directory = directory("no-file");
+        let place = directory.join("place");
+        fs::create_dir(&place).unwrap();
+        let _socket = std::os::unix::net::UnixListener::bind(directory.join("socket")).unwrap();
+        let set = ParameterSet::from_toml("", "l").unwrap();
+        for name in ["place", "socket"] {
+            let error = set.save(directory.join(name)).unwrap_err();
+            assert_eq!(error.kind, FileFault::NoFile);
+            let text = error.to_string();
+            assert!(
+                text.starts_with(&error.file)
+                    && error.file.ends_with(name)
+                    && text.ends_with("name a file"),
+                "{text}"
+            );
+        }
+        assert!(set.save(directory.join("nowhere/file")).is_err());
+        assert_eq!(names(&directory), ["place", "socket"]);
+        fs::remove_dir_all(&directory).unwrap();
+    }
+
+    #[test]
+    fn a_new_file_takes_no_other_ones_name_and_is_removed_where_it_is_not_completed() {
+        let directory = directory("beside");
+        let place = directory.join("file");
+        let beside = format!(".file.new-{}-0", process::id());
+        fs::write(directory.join(&beside), "a user's").unwrap();
+        let new = NewFile::create(&place).unwrap();
+        assert_eq!(names(&directory).len(), 2);
+        drop(new);
+        assert_eq!(names(&directory), [beside.as_str()]);
+        let new = NewFile::create(&place).unwrap();
+        fs::create_dir(&place).unwrap();
+        new.complete().unwrap_err();
+        assert_eq!(names(&directory), [beside.as_str(), "file"]);
+        assert_eq!(
+            fs::read_to_string(directory.join(&beside)).unwrap(),
+            "a user's"
+        );
+        fs::remove_dir_all(&directory).unwrap();
     }
 
     #[test]

@@ -14,7 +14,7 @@ mod start_up;
 mod value;
 
 #[cfg(feature = "files")]
-pub use file::{FileError, FileFault, LONGEST_FILE};
+pub use file::{FileError, FileFault, LONGEST_FILE, NewFile};
 pub use restore::{
     Enabled, MemoryError, MemoryFault, MemorySupport, RestoreError, RestoreFault, Restored,
     defaults_support, load_defaults, store, store_support,

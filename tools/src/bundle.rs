@@ -6,7 +6,7 @@
 use std::{
     collections::BTreeSet,
     fmt::Display,
-    fs::{self, File},
+    fs::File,
     io::{self, ErrorKind, Read, Write},
     path::{Path, PathBuf},
     time::{SystemTime, UNIX_EPOCH},
@@ -14,7 +14,7 @@ use std::{
 
 use clap::Args;
 use serde_json::{Value, json};
-use servocrab::bus::Line;
+use servocrab::{bus::Line, parameters::NewFile};
 use servocrab_attach::{ClientError, Program};
 use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
 
@@ -65,6 +65,8 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         let question = format!("{} is there already. Replace it?", out.display());
         tool.agreed(arguments.yes, &question).await?;
     }
+    // What cannot be written is an error before anything takes its time, too.
+    let new = NewFile::create(out)?;
     let mut bundle = Bundle::default();
     bundle.put("versions.json", Ok::<_, Failure>(text(&versions())));
     let interface = arguments.line.interface();
@@ -80,8 +82,9 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
         }
         None => of_line(tool, &mut bundle, &arguments.line).await?,
     }
-    let written = bundle.write(out, &arguments.logs);
+    let written = bundle.write(&new, &arguments.logs);
     let written = written.map_err(|error| format!("{}: {error}", out.display()))?;
+    new.complete()?;
     let Written { parts, missing } = written;
     let rows: Vec<_> = parts
         .iter()
@@ -267,11 +270,9 @@ impl Bundle {
             .unwrap_or_default()
     }
 
-    /// Writes the zip. A file that is there is replaced at once or not at all.
-    fn write(mut self, out: &Path, logs: &[PathBuf]) -> Result<Written, Failure> {
-        let mut beside = out.as_os_str().to_owned();
-        beside.push(".new");
-        let mut zip = ZipWriter::new(File::create(&beside)?);
+    /// Writes the zip.
+    fn write(mut self, out: &NewFile, logs: &[PathBuf]) -> Result<Written, Failure> {
+        let mut zip = ZipWriter::new(out.file());
         let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
         let mut written = Vec::new();
         for (name, bytes) in &self.parts {
@@ -294,7 +295,6 @@ impl Bundle {
             written.push(("missing.txt".into(), missing.len() as u64));
         }
         zip.finish()?;
-        fs::rename(&beside, out)?;
         Ok(Written {
             parts: written,
             missing: self.missing,
@@ -316,7 +316,7 @@ fn free_name(names: &mut BTreeSet<String>, log: &Path) -> String {
 
 /// Puts a log in and gives its length, or why it cannot be read.
 fn put_log(
-    zip: &mut ZipWriter<File>,
+    zip: &mut ZipWriter<&File>,
     options: SimpleFileOptions,
     name: &str,
     log: &Path,
@@ -353,6 +353,8 @@ fn put_log(
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
@@ -364,7 +366,9 @@ mod tests {
         fs::write(place("old/run.log"), "older").unwrap();
         let out = place("bundle.zip");
         let logs = ["run.log", "old/run.log", "old", "nowhere"].map(place);
-        let Written { parts, missing } = Bundle::default().write(&out, &logs).unwrap();
+        let new = NewFile::create(&out).unwrap();
+        let Written { parts, missing } = Bundle::default().write(&new, &logs).unwrap();
+        new.complete().unwrap();
         let names: Vec<_> = parts.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["logs/run.log", "logs/2-run.log", "missing.txt"]);
         assert_eq!((parts[0].1, parts[1].1, missing.len()), (3, 5, 2));

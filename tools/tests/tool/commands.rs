@@ -309,6 +309,35 @@ fn parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind() {
 }
 
 #[test]
+fn a_backup_goes_into_what_a_link_names_and_leaves_nothing_beside_a_place_that_is_no_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let (file, link) = (
+        directory.path().join("of-today.toml"),
+        directory.path().join("drive.toml"),
+    );
+    std::fs::write(&file, "").unwrap();
+    std::os::unix::fs::symlink("of-today.toml", &link).unwrap();
+    with_code(
+        0,
+        &format!("params --sim akd2g backup {} --yes", link.display()),
+    );
+    assert!(link.is_symlink(), "the link is still one");
+    assert!(
+        std::fs::read_to_string(&file)
+            .unwrap()
+            .contains("[[parameter]]")
+    );
+
+    let no_file = directory.path().join("directory");
+    std::fs::create_dir(&no_file).unwrap();
+    with_code(
+        2,
+        &format!("params --sim akd2g backup {} --yes", no_file.display()),
+    );
+    assert!(!directory.path().join("directory.new").exists());
+}
+
+#[test]
 fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file() {
     let test =
         "commands::what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file";
