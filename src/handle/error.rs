@@ -4,7 +4,7 @@ use core::{any::TypeId, fmt, time::Duration};
 use std::sync::Arc;
 
 use crate::{
-    axis::Failure,
+    axis::{Command, Delivery, Failure},
     coe::{DriveId, ObjectAddress, SdoError},
     ds402::{Controlword, Statusword},
     pdo_map::LayoutError,
@@ -23,6 +23,41 @@ pub struct AxisError {
     pub kind: AxisErrorKind,
     /// None in counts.
     unit: Option<Box<ErrorUnit>>,
+    /// None of others than those that a halt ends.
+    motion: Option<EndedByHalt>,
+}
+
+/// A motion that is over when the axis is halted: no resume brings it back.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum EndedByHalt {
+    Homing,
+    Jog,
+}
+
+impl EndedByHalt {
+    pub const fn of(command: &Command) -> Option<Self> {
+        match command {
+            Command::Home(_) => Some(Self::Homing),
+            Command::Jog(_) => Some(Self::Jog),
+            _ => None,
+        }
+    }
+
+    /// What an error says of its halt. One that was not sent has not begun: it was refused, as any other motion.
+    const fn text(self, kind: &AxisErrorKind) -> Option<&'static str> {
+        let AxisErrorKind::Failed(Failure::Halted { delivery }) = kind else {
+            return None;
+        };
+        match (self, delivery) {
+            (_, Delivery::NotSent) => None,
+            (Self::Homing, _) => Some(
+                "the axis was halted, and the homing is over: stop it, enable it and home again",
+            ),
+            (Self::Jog, _) => Some(
+                "the axis was halted, and the jog is over: resume the axis, then begin a new one",
+            ),
+        }
+    }
 }
 
 /// The unit of the handle that an error is of.
@@ -50,7 +85,14 @@ impl AxisError {
             identity,
             kind,
             unit: None,
+            motion: None,
         }
+    }
+
+    /// The same of this motion.
+    pub(super) const fn of_motion(mut self, motion: Option<EndedByHalt>) -> Self {
+        self.motion = motion;
+        self
     }
 
     /// The same of a handle in this unit.
@@ -77,7 +119,8 @@ impl AxisError {
 
     /// Why, without the name of the axis, and with positions in the unit of the handle.
     pub fn reason(&self) -> impl fmt::Display + '_ {
-        Reason(&self.kind, self.unit.as_deref())
+        let over = self.motion.and_then(|motion| motion.text(&self.kind));
+        Reason(&self.kind, self.unit.as_deref(), over)
     }
 }
 
@@ -120,18 +163,21 @@ impl HandleUnit {
     }
 }
 
-/// An error's kind in the unit of its handle.
-struct Reason<'a>(&'a AxisErrorKind, Option<&'a ErrorUnit>);
+/// An error's kind in the unit of its handle; or the text in its place.
+struct Reason<'a>(&'a AxisErrorKind, Option<&'a ErrorUnit>, Option<&'a str>);
 
 impl fmt::Display for Reason<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self(kind, Some(unit)) = self else {
+        if let Some(text) = self.2 {
+            return f.write_str(text);
+        }
+        let Self(kind, Some(unit), _) = self else {
             return fmt::Display::fmt(self.0, f);
         };
         match kind {
             AxisErrorKind::Failed(failure) => unit.write(failure, f),
             AxisErrorKind::NotAllStarted { cause, started } => {
-                write_not_all_started(&Reason(cause, Some(unit)), started, f)
+                write_not_all_started(&Reason(cause, Some(unit), None), started, f)
             }
             kind => fmt::Display::fmt(kind, f),
         }

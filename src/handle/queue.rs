@@ -26,7 +26,7 @@ use crate::{
 use super::{
     AxisError, AxisErrorKind, AxisIdentity, AxisSetup, Groups,
     axis::Handles,
-    error::HandleUnit,
+    error::{EndedByHalt, HandleUnit},
     output_cells::OutputCells,
     setup::SettingsCell,
     status::{Head, StatusCell, differs, motion, pack, silent},
@@ -1007,13 +1007,13 @@ enum OnDrop {
 }
 
 /// One command under way. Dropped before its drive has seen anything of it, a motion is withdrawn; other commands go on.
-#[derive(Debug)]
 pub(super) struct Pending {
     pub handles: Arc<Handles>,
     pub id: CommandId,
     ticket: Arc<Ticket>,
     /// Of the handle.
     pub unit: HandleUnit,
+    motion: Option<EndedByHalt>,
     on_drop: OnDrop,
     halts_seen: AtomicU32,
 }
@@ -1025,7 +1025,7 @@ impl Pending {
         command: Command,
     ) -> Result<Self, AxisError> {
         let ticket = handles.shared.submit(command);
-        Self::of(handles, unit, ticket, OnDrop::GoOn)
+        Self::of(handles, unit, None, ticket, OnDrop::GoOn)
     }
 
     /// What starts a motion and was asked for when this was the last stop.
@@ -1035,13 +1035,15 @@ impl Pending {
         command: Command,
         asked: LastStop,
     ) -> Result<Self, AxisError> {
+        let motion = EndedByHalt::of(&command);
         let ticket = handles.shared.submit_asked(command, asked);
-        Self::of(handles, unit, ticket, OnDrop::Withdraw)
+        Self::of(handles, unit, motion, ticket, OnDrop::Withdraw)
     }
 
     fn of(
         handles: Arc<Handles>,
         unit: HandleUnit,
+        motion: Option<EndedByHalt>,
         ticket: Result<Arc<Ticket>, AxisErrorKind>,
         on_drop: OnDrop,
     ) -> Result<Self, AxisError> {
@@ -1050,6 +1052,7 @@ impl Pending {
             id: ticket.id,
             ticket,
             unit,
+            motion,
             on_drop,
             halts_seen: AtomicU32::new(0),
             handles,
@@ -1129,12 +1132,14 @@ impl Pending {
     }
 
     async fn fail(&self, failure: Failure) -> AxisError {
-        self.handles.fail(failure).await.in_unit(self.unit)
+        let error = self.handles.fail(failure).await;
+        error.in_unit(self.unit).of_motion(self.motion)
     }
 
     /// An error of this command's handle.
     pub fn error(&self, kind: AxisErrorKind) -> AxisError {
-        self.handles.shared.error(kind).in_unit(self.unit)
+        let error = self.handles.shared.error(kind);
+        error.in_unit(self.unit).of_motion(self.motion)
     }
 
     async fn wait<T>(&self, ready: impl FnMut() -> Option<T>) -> T {
@@ -1146,6 +1151,18 @@ impl Pending {
             Ok(completion) => Ok(completion),
             Err(failure) => Err(self.fail(failure).await),
         }
+    }
+}
+
+/// For a log, in which it is to fit a line.
+impl fmt::Debug for Pending {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Pending")
+            .field("handles", &self.handles)
+            .field("ticket", &self.ticket)
+            .field("unit", &self.unit)
+            .field("on_drop", &self.on_drop)
+            .finish_non_exhaustive()
     }
 }
 

@@ -273,6 +273,13 @@ fn a_halt_ends_a_homing_and_no_resume_brings_it_back() {
             delivery: Delivery::Accepted
         })
     );
+    // A halted homing is not resumed: see the next refusal.
+    let text = error.to_string();
+    assert!(!text.contains("resume it"), "{text}");
+    assert!(
+        text.ends_with("the homing is over: stop it, enable it and home again"),
+        "{text}"
+    );
     assert!(machine.stands());
     let stood = machine.drive().mechanical_position();
     let refused = machine.finish(axis.resume()).unwrap_err();

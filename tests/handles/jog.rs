@@ -249,7 +249,7 @@ fn every_end_of_a_jog_has_its_name_and_no_motion_comes_back() {
 
 #[test]
 fn a_halt_has_the_velocity_zero_in_its_own_frame() {
-    let (mut machine, axis, _pv, jog) = held();
+    let (mut machine, axis, pv, jog) = held();
     axis.stop_handle().halt();
     // As the last thing before the frame goes out, after what the holder asks for.
     jog.set(15_000).unwrap();
@@ -266,6 +266,13 @@ fn a_halt_has_the_velocity_zero_in_its_own_frame() {
         .map(|phase| phase.end)
         .collect();
     assert_eq!(halted, [VelocityEnd::Halted]);
+    let error = jog.set(15_000).unwrap_err().to_string();
+    assert!(
+        error.ends_with("the jog is over: resume the axis, then begin a new one"),
+        "{error}"
+    );
+    machine.finish(axis.resume()).unwrap();
+    let _again = machine.finish(pv.jog(1_000)).unwrap();
 }
 
 #[test]
