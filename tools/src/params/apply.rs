@@ -10,7 +10,7 @@ use servocrab::{
     sii::Identity,
 };
 
-use super::{Consent, compared, of_differences, same_kind};
+use super::{Consent, compared, loaded, of_differences, same_kind};
 use crate::{
     line::{DriveArguments, Found},
     output::{Done, Failure, Tool, table},
@@ -56,7 +56,7 @@ pub(super) async fn run(
     drive: &DriveArguments,
     line: &[Found<'_>],
 ) -> Done {
-    let set = ParameterSet::load(&arguments.file)?;
+    let set = loaded(&arguments.file)?;
     let drives = chosen(arguments, drive, line, &set)?;
     // All drives are looked at before the first one is written to.
     let mut plans = Vec::new();

@@ -113,7 +113,7 @@ async fn work(tool: &Tool, arguments: &Arguments, line: &[Found<'_>]) -> Done {
     match &arguments.work {
         Work::Backup { file, yes } => backup(tool, drive()?, file, *yes).await?,
         Work::Compare { file } => {
-            let (sdo, set) = (drive()?, ParameterSet::load(file)?);
+            let (sdo, set) = (drive()?, loaded(file)?);
             if let Err(other) = same_kind(&set, sdo, apply::Kind::Product) {
                 tool.note(other);
             }
@@ -131,7 +131,7 @@ async fn work(tool: &Tool, arguments: &Arguments, line: &[Found<'_>]) -> Done {
             store,
             consent,
         } => {
-            let (sdo, set) = (drive()?, ParameterSet::load(file)?);
+            let (sdo, set) = (drive()?, loaded(file)?);
             return restore(tool, sdo, &set, *store, *consent).await;
         }
         Work::Store { consent } => {
@@ -192,6 +192,15 @@ async fn memory(
         format_args!("nothing is written; {object}: {text}\n"),
     )?;
     Ok(false)
+}
+
+/// The parameters of a file. One that has none would agree with every drive.
+fn loaded(file: &Path) -> Result<ParameterSet, Failure> {
+    let set = ParameterSet::load(file)?;
+    match set.parameters.is_empty() {
+        true => Err(format!("{} has no parameters", file.display()).into()),
+        false => Ok(set),
+    }
 }
 
 /// Whether the file is of this kind of drive; a file without an identity is of any.

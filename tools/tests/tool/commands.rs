@@ -338,6 +338,24 @@ fn a_backup_goes_into_what_a_link_names_and_leaves_nothing_beside_a_place_that_i
 }
 
 #[test]
+fn a_parameter_file_without_a_parameter_agrees_with_no_drive() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("cut-off.toml");
+    std::fs::write(&file, "").unwrap();
+    let file = file.display();
+    for work in [
+        format!("compare {file}"),
+        format!("restore {file} --yes"),
+        format!("apply {file} --yes"),
+    ] {
+        let ended = servocrab(&format!("params --sim akd2g {work}"));
+        assert_eq!(ended.code, Some(2), "{work}: {}", ended.output);
+        let says = format!("servocrab: {file} has no parameters\n");
+        assert_eq!(ended.errors, says, "{work}");
+    }
+}
+
+#[test]
 fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file() {
     let test =
         "commands::what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file";
