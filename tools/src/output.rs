@@ -96,14 +96,21 @@ impl Tool {
 
     /// Whether to go on. Without `--yes` the question is put to the terminal; where there is none, that is an error.
     pub(crate) async fn agreed(&self, yes: bool, question: &str) -> Result<(), Failure> {
+        self.asked(yes, question, "say --yes to do it").await
+    }
+
+    /// As [`Tool::agreed`], of a command that has `--dry-run` too.
+    pub(crate) async fn agreed_or_shown(&self, yes: bool, question: &str) -> Result<(), Failure> {
+        let options = "say --yes to do it, or --dry-run to see what would be done";
+        self.asked(yes, question, options).await
+    }
+
+    async fn asked(&self, yes: bool, question: &str, options: &str) -> Result<(), Failure> {
         if yes {
             return Ok(());
         }
         if self.json || !io::stdin().is_terminal() {
-            return Err(format!(
-                "{question} There is no terminal to answer at: say --yes to do it, or --dry-run to see what would be done"
-            )
-            .into());
+            return Err(format!("{question} There is no terminal to answer at: {options}").into());
         }
         write!(io::stderr(), "{question} [y/N] ")?;
         // On a thread of its own, so that Ctrl-C is heard meanwhile.

@@ -85,7 +85,8 @@ pub(super) async fn run(
     }
     if count > 0 || arguments.store {
         let question = format!("Write {count} parameters to {} drive(s)?", plans.len());
-        tool.agreed(arguments.consent.yes, &question).await?;
+        tool.agreed_or_shown(arguments.consent.yes, &question)
+            .await?;
     }
     let mut results = Vec::new();
     for (sdo, differences) in plans {

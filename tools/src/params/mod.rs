@@ -173,7 +173,7 @@ async fn memory(
     question: &str,
 ) -> Result<bool, Failure> {
     if !consent.dry_run {
-        tool.agreed(consent.yes, question).await?;
+        tool.agreed_or_shown(consent.yes, question).await?;
         return Ok(true);
     }
     let (on_command, text) = match support {
@@ -283,7 +283,7 @@ async fn restore(
         sdo.drive()
     );
     if count > 0 || store {
-        tool.agreed(consent.yes, &question).await?;
+        tool.agreed_or_shown(consent.yes, &question).await?;
     }
     let bar = bar("restoring");
     let restored = set.restore(sdo, Progress::of(&mut told(&bar))).await;

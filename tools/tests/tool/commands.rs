@@ -356,6 +356,34 @@ fn a_parameter_file_without_a_parameter_agrees_with_no_drive() {
 }
 
 #[test]
+fn a_command_that_asks_names_only_the_options_that_it_has() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("there");
+    std::fs::write(&file, "").unwrap();
+    let file = file.display();
+    for asks in [
+        "move --sim akd2g --by 500 --velocity 5000".to_owned(),
+        "jog --sim akd2g --velocity 5000 --milliseconds 100".to_owned(),
+        "home --sim akd2g --method 37".to_owned(),
+        "params --sim akd2g store".to_owned(),
+        format!("params --sim akd2g backup {file}"),
+        format!("init --sim akd2g {file}"),
+        format!("bundle --sim akd2g --out {file}"),
+    ] {
+        let asked = servocrab(&asks);
+        assert_eq!(asked.code, Some(2), "{asks}");
+        assert!(asked.errors.contains("--yes"), "{asks}: {}", asked.errors);
+        let has = with_code(0, &format!("{asks} --help")).contains("--dry-run");
+        assert_eq!(
+            asked.errors.contains("--dry-run"),
+            has,
+            "{asks}: {}",
+            asked.errors
+        );
+    }
+}
+
+#[test]
 fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file() {
     let test =
         "commands::what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file";
