@@ -64,6 +64,8 @@ struct Watched<'a> {
     arguments: &'a Arguments,
     signals: Vec<Signal>,
     capture: Option<Capture>,
+    /// Whether the cycles around the trigger were shown.
+    captured: bool,
     /// Columns that are shown.
     shown: usize,
     /// In place of the output.
@@ -166,6 +168,7 @@ impl<'a> Watched<'a> {
             arguments,
             signals,
             capture,
+            captured: false,
             shown,
             files: None,
         }
@@ -198,16 +201,35 @@ impl<'a> Watched<'a> {
         Ok(put(format_args!("cycle,time [s]{names}\n"))?)
     }
 
+    /// False if it has ended before its trigger.
+    fn end(mut self, tool: &Tool, shown: Result<(), Failure>) -> Done {
+        let files = self.files.take();
+        self.complete(tool, files, shown)?;
+        if self.capture.is_none() || self.captured {
+            return Ok(true);
+        }
+        let after = self.arguments.after;
+        tool.note(format_args!(
+            "the watch has ended before the trigger and {after} cycles after it"
+        ));
+        Ok(false)
+    }
+
     /// Completes the files, also where the watch has failed: they have the cycles until then.
-    fn end(self, tool: &Tool, shown: Result<(), Failure>) -> Done {
+    fn complete(
+        &self,
+        tool: &Tool,
+        files: Option<Files>,
+        shown: Result<(), Failure>,
+    ) -> Result<(), Failure> {
         let Some(Files {
             recording,
             picture,
             cycles,
             lost,
-        }) = self.files
+        }) = files
         else {
-            return shown.map(|()| true);
+            return shown;
         };
         let recorded = recording.map_or(Ok(()), Recording::complete);
         let drawn = picture.map_or(Ok(()), Picture::complete);
@@ -219,7 +241,7 @@ impl<'a> Watched<'a> {
         let text = format!("{cycles} cycles in {}\n", files.join(" and "));
         let json = json!({"cycles": cycles, "lost": lost, "files": files});
         tool.say(&json, text)?;
-        Ok(true)
+        Ok(())
     }
 
     /// Whether that was all.
@@ -227,7 +249,10 @@ impl<'a> Watched<'a> {
         let read = match &mut self.capture {
             None => read,
             Some(capture) => match capture.take_in(read) {
-                Some(captured) => captured,
+                Some(captured) => {
+                    self.captured = true;
+                    captured
+                }
                 None => return Ok(false),
             },
         };
@@ -241,7 +266,7 @@ impl<'a> Watched<'a> {
                 put(rows.collect::<String>())?;
             }
         }
-        Ok(self.capture.is_some())
+        Ok(self.captured)
     }
 
     fn row(&self, tool: &Tool, cycle: &RecordedValues) -> String {

@@ -384,6 +384,15 @@ fn a_command_that_asks_names_only_the_options_that_it_has() {
 }
 
 #[test]
+fn a_watch_that_ends_before_its_trigger_says_so() {
+    let mut watch = command("watch --sim akd2g --for 1 0-1.position --trigger");
+    let ended = ended(watch.arg("0-1.state == Fault").output().unwrap());
+    assert_eq!(ended.output.lines().count(), 1, "{}", ended.output);
+    assert_eq!(ended.code, Some(1), "{}{}", ended.output, ended.errors);
+    assert!(ended.errors.contains("trigger"), "{}", ended.errors);
+}
+
+#[test]
 fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file() {
     let test =
         "commands::what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file";
