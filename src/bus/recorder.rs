@@ -29,6 +29,15 @@ const NAMES: [(&str, ObjectAddress); 12] = [
     ("velocity", obj::VELOCITY_ACTUAL.address()),
 ];
 
+/// What an error says of a signal that is none of this axis.
+pub(in crate::bus) fn no_signal(axis: &str, value: &str) -> String {
+    let names: Vec<_> = NAMES.iter().map(|(name, _)| *name).collect();
+    let names = names.join(", ");
+    format!(
+        "axis `{axis}` has no signal `{value}`: it has state, {names}, or an object such as 6077h"
+    )
+}
+
 /// A value of every cycle that a [`Recorder`] shows.
 ///
 /// As text: `x.position`, `x.state` and `x.6077h` are of the axis `x`, `6077h@1` is of the device at position 1 of the line,

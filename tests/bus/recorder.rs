@@ -281,6 +281,15 @@ fn what_cannot_be_recorded_is_refused_by_name() {
         refused("levers.Channel 1.Input"),
         "no io is named `levers`; declared: `buttons`"
     );
+    let text = refused("x.positon");
+    assert!(
+        text.starts_with("axis `x` has no signal `positon`: it has state, "),
+        "{text}"
+    );
+    assert!(
+        text.ends_with("velocity, or an object such as 6077h"),
+        "{text}"
+    );
     rig.shutdown();
 }
 

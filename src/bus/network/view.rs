@@ -15,7 +15,7 @@ use crate::{
         device::{io::Io, io_points::IoPoint},
         error::NetworkError,
         event::NetworkEvent,
-        recorder::{RecordedSignal, Recorder, Signal, SignalSource},
+        recorder::{RecordedSignal, Recorder, Signal, SignalSource, no_signal},
         watch::{Control, DevicePorts, Question},
     },
     coe::{AxisOffset, DataType, DriveEmergency, Emergencies, ObjectAddress, SdoHandle, Unit, obj},
@@ -219,7 +219,10 @@ impl NetworkView {
                 }
             }
             Signal::Point { io, point } => {
-                let io = find_io(&self.ios, io)?;
+                let io = find_io(&self.ios, io).map_err(|error| match self.source(io) {
+                    Ok(_) => NetworkError::Declaration(no_signal(io, point)),
+                    Err(_) => error,
+                })?;
                 let device = self.in_exchange(io.device().position)?;
                 let object = point.parse::<ObjectAddress>();
                 let by_name = io.points().iter().find(|known| known.name == *point);

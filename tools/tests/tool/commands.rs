@@ -393,6 +393,14 @@ fn a_watch_that_ends_before_its_trigger_says_so() {
 }
 
 #[test]
+fn a_signal_that_an_axis_has_not_is_not_looked_for_among_the_other_devices() {
+    let wrong = servocrab("watch --sim akd2g --for 1 0-1.positon");
+    assert_eq!(wrong.code, Some(2));
+    assert!(!wrong.errors.contains("no io is named"), "{}", wrong.errors);
+    assert!(wrong.errors.contains("positon"), "{}", wrong.errors);
+}
+
+#[test]
 fn what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file() {
     let test =
         "commands::what_is_on_a_line_becomes_a_file_whose_simulated_line_becomes_the_same_file";
