@@ -47,9 +47,15 @@ fn range(text: &str) -> Result<(i64, i64), String> {
     let positions = text.split_once("..").and_then(|(from, to)| {
         let from: i64 = from.parse().ok()?;
         let to: i64 = to.parse().ok()?;
-        (from <= to).then_some((from, to))
+        Some((from, to))
     });
-    positions.ok_or_else(|| format!("{text:?} is not two positions such as -500..20000"))
+    match positions {
+        None => Err("it is not two positions such as -500..20000".into()),
+        Some((from, to)) if from > to => Err(format!(
+            "the first position is above the second: the lower one comes first, such as {to}..{from}"
+        )),
+        Some(positions) => Ok(positions),
+    }
 }
 
 #[cfg(test)]
@@ -100,9 +106,19 @@ mod tests {
 
     #[test]
     fn what_is_no_range_is_refused_with_an_example() {
-        for text in ["", "5", "1..", "..2", "9..3", "a..b"] {
+        for text in ["", "5", "1..", "..2", "a..b"] {
             let error = parse(&["--home-switch", text]).unwrap_err().to_string();
             assert!(error.contains("-500..20000"), "{error}");
         }
+    }
+
+    #[test]
+    fn a_range_whose_first_position_is_above_the_second_is_refused_with_the_reason() {
+        let error = parse(&["--limit-switches", "5..-5"]).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.contains("the lower one comes first, such as -5..5"),
+            "{error}"
+        );
     }
 }
