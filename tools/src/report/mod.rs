@@ -14,6 +14,8 @@ use servocrab::{
     drives::{self, DriveDescription},
 };
 
+use picture::Picture;
+
 use crate::{
     line::LineArguments,
     machine::{init::absent, without},
@@ -44,13 +46,15 @@ pub(crate) struct Arguments {
     /// Run the bus thread on this processor alone.
     #[arg(long)]
     processor: Option<usize>,
-    /// Draw a picture into this file.
+    /// Draw a picture into this file; a file that is there is replaced.
     #[arg(long)]
     svg: Option<PathBuf>,
 }
 
 pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let builder = builder(tool, arguments).await?;
+    // Before the measurement, and not behind it: its time would be lost where nothing can be written.
+    let picture = arguments.svg.as_deref().map(Picture::create).transpose()?;
     let start = async { Ok(builder.start().await?) };
     let net = tool.unless_interrupted(start).await?;
     let time = Duration::from_secs(arguments.seconds.into());
@@ -59,8 +63,8 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     let report = report?;
     tool.say(&report.json(), report.text())?;
     // Last: a picture that cannot be written costs no report.
-    if let Some(file) = &arguments.svg {
-        picture::draw(file, &report)?;
+    if let Some(picture) = picture {
+        picture.complete(&report)?;
     }
     Ok(true)
 }

@@ -1,6 +1,12 @@
 //! The report as a picture: how many cycles were how late, and when.
 
-use std::{error::Error, path::Path, time::Duration};
+use std::{
+    error::Error,
+    fs::File,
+    io::Write,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use plotters::{coord::Shift, element::DashedPathElement, prelude::*};
 use servocrab::bus::{Durations, Timing};
@@ -49,13 +55,34 @@ const SETS: [&[Drawn]; 2] = [
     }],
 ];
 
+/// A picture that is drawn at the end.
+pub(super) struct Picture {
+    path: PathBuf,
+    file: File,
+}
+
+impl Picture {
+    pub(super) fn create(path: &Path) -> Result<Self> {
+        let file = File::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let path = path.to_owned();
+        Ok(Self { path, file })
+    }
+
+    pub(super) fn complete(mut self, report: &Report) -> Result {
+        let mut text = String::new();
+        draw(&mut text, report)?;
+        let written = self.file.write_all(text.as_bytes());
+        written.map_err(|error| format!("{}: {error}", self.path.display()).into())
+    }
+}
+
 /// Draws a histogram and a time line of each set of times.
-pub(crate) fn draw(file: &Path, report: &Report) -> Result {
+fn draw(text: &mut String, report: &Report) -> Result {
     // There is no phase without distributed clocks.
     let clocks = report.timing.phase_error.count() > 0;
     let sets = if clocks { &SETS[..] } else { &SETS[..1] };
     let size = (WIDTH, TITLE + PANEL * 2 * sets.len() as u32);
-    let root = SVGBackend::new(file, size).into_drawing_area();
+    let root = SVGBackend::with_string(text, size).into_drawing_area();
     root.fill(&WHITE)?;
     let title = format!(
         "{} cycles: how late they began, how long their frames were away{}",

@@ -4,6 +4,7 @@ use std::{
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
     process::{Command, Output, Stdio},
+    time::{Duration, Instant},
 };
 
 use crate::namespace::{Process, inside_namespace, run, simulated};
@@ -200,6 +201,13 @@ fn the_report_measures_the_drives_of_a_line_and_draws_a_picture() {
         (none.code, none.errors.as_str()),
         (Some(2), "servocrab: no drive was found on the line\n")
     );
+    // It would be long: a minute, and nothing of it could be drawn.
+    let begun = Instant::now();
+    let nowhere = servocrab("report --sim akd2g --seconds 60 --svg /nope/cycles.svg");
+    assert_eq!((nowhere.code, nowhere.output.as_str()), (Some(2), ""));
+    let says = "servocrab: /nope/cycles.svg: ";
+    assert!(nowhere.errors.starts_with(says), "{}", nowhere.errors);
+    assert!(begun.elapsed() < Duration::from_secs(30));
 }
 
 /// The simulator of this workspace, as built with the tests.
