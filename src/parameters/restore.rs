@@ -62,7 +62,7 @@ pub enum RestoreFault {
     #[error("{0} is a command or a record, and no parameter: take it out of the file")]
     NoParameter(ObjectAddress),
     /// A parameter could not be written.
-    #[error("{} {}: {fault}", .parameter.object, .parameter.name)]
+    #[error("{}: {fault}", .parameter.title())]
     Write {
         /// The parameter with the value of the set.
         parameter: Box<Parameter>,

@@ -97,6 +97,17 @@ pub struct Parameter {
     pub value: ObjectValue,
 }
 
+impl Parameter {
+    /// Its object, and its name where it has one.
+    pub(super) fn title(&self) -> String {
+        let Self { object, name, .. } = self;
+        match name.as_str() {
+            "" => object.to_string(),
+            name => format!("{object} {name}"),
+        }
+    }
+}
+
 /// The parameters of one drive, in the order in which they are restored.
 ///
 /// Made by [`ParameterSet::backup`] or read from a file by [`ParameterSet::load`](ParameterSet::load).
@@ -201,7 +212,7 @@ impl fmt::Display for Differences {
             .iter()
             .map(|difference| {
                 let parameter = &difference.parameter;
-                let object = format!("{} {}", parameter.object, parameter.name);
+                let object = parameter.title();
                 let held = difference.held.to_string();
                 (object, parameter.value.to_string(), held)
             })
@@ -387,6 +398,17 @@ mod tests {
         assert_eq!(addresses.len(), all);
         let second = ObjectAddress::new(0x6867, 0);
         assert!(known.iter().any(|object| object.object == second));
+    }
+
+    #[test]
+    fn a_parameter_without_a_name_is_shown_by_its_object_alone() {
+        let named = |name: &str| Parameter {
+            object: ObjectAddress::new(0x5FFF, 0),
+            name: name.into(),
+            value: ObjectValue::U8(0),
+        };
+        assert_eq!(named("").title(), "5FFFh:00");
+        assert_eq!(named("gain").title(), "5FFFh:00 gain");
     }
 
     #[test]

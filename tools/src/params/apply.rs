@@ -226,8 +226,8 @@ fn show(tool: &Tool, set: &ParameterSet, results: &[(&SdoHandle, Applied)]) -> R
     let mut text = format!("{} parameters\n", set.parameters.len()) + &table(heading, &rows);
     for (sdo, result) in results {
         for (parameter, why) in &result.refused {
-            let (object, name) = (parameter.object, &parameter.name);
-            text += &format!("{}: {object} {name}: {why}\n", sdo.drive());
+            let title = format!("{} {}", parameter.object, parameter.name);
+            text += &format!("{}: {}: {why}\n", sdo.drive(), title.trim_end());
         }
     }
     tool.say(&all.into(), text)?;

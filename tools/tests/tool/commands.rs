@@ -311,6 +311,7 @@ fn parameters_go_to_a_file_and_from_it_to_all_drives_of_its_kind() {
         "{}",
         restored.output
     );
+    assert!(!restored.errors.contains(" :"), "{}", restored.errors);
     assert!(with_code(0, &params("--drive 3 store --yes")).contains("stored"));
     assert!(with_code(0, &params("--drive 3 defaults --yes")).contains("switched off and on"));
     assert!(with_code(0, &params("--drive 0 store --dry-run")).contains("no such object"));
