@@ -198,7 +198,9 @@ fn failed(message: &str, json: bool) -> ExitCode {
 /// Arguments that cannot be used, or a page of help.
 pub(crate) fn usage(error: &clap::Error, json: bool) -> ExitCode {
     if json && error.use_stderr() {
-        return failed(error.to_string().trim_end(), true);
+        let text = error.to_string();
+        let text = text.strip_prefix("error: ").unwrap_or(&text);
+        return failed(text.trim_end(), true);
     }
     // Where nobody reads it there is nothing to be done.
     let _ = error.print();

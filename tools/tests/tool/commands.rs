@@ -94,7 +94,11 @@ fn without_a_line_or_with_a_wrong_argument_the_error_says_what_to_do_as_text_or_
             "{wrong}"
         );
         let error: Value = serde_json::from_str(&ended.errors).expect("one JSON object");
-        assert!(!error["error"].as_str().unwrap().is_empty(), "{wrong}");
+        let text = error["error"].as_str().unwrap();
+        assert!(
+            !text.is_empty() && !text.starts_with("error: "),
+            "{wrong}: {text}"
+        );
     }
     let several = servocrab("od read 6041h --sim akd2g,generic").errors;
     assert!(
