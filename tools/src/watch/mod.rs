@@ -276,11 +276,19 @@ impl<'a> Watched<'a> {
             let row = json!({"cycle": cycle.number, "seconds": cycle.time.as_secs_f64(), "values": values});
             return format!("{row}\n");
         }
-        let values =
-            values.map(|value| value.map_or_else(|| ",".into(), |value| format!(",{value}")));
+        let values = values
+            .map(|value| value.map_or_else(|| ",".into(), |value| format!(",{}", rounded(value))));
         let values: String = values.collect();
         format!("{},{:.6}{values}\n", cycle.number, cycle.time.as_secs_f64())
     }
+}
+
+/// To 12 digits, unless it is a whole number: most have 32 bits before they get a unit, and more digits are those of the conversion.
+fn rounded(value: f64) -> f64 {
+    if value.fract() == 0.0 {
+        return value;
+    }
+    format!("{value:.11e}").parse().unwrap_or(value)
 }
 
 impl Files {
@@ -296,5 +304,25 @@ impl Files {
         self.cycles += read.cycles.len() as u64;
         self.lost += read.lost;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_has_the_digits_that_it_was_measured_with() {
+        for (value, text) in [
+            (27.895_999_999_999_997, "27.896"),
+            (-0.1 - 0.2, "-0.3"),
+            (1e-9 / 3.0, "0.000000000333333333333"),
+            (4_294_967_295.0, "4294967295"),
+            (9_007_199_254_740_991.0, "9007199254740991"),
+            (0.0, "0"),
+        ] {
+            assert_eq!(rounded(value).to_string(), text);
+        }
+        assert!(rounded(f64::NAN).is_nan());
     }
 }
