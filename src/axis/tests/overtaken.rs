@@ -13,7 +13,7 @@ use crate::{
     profile_velocity::JogSetPoint,
 };
 
-/// It waits in a fault or in a state without power, and the drive then shows Operation enabled: the quick stop that follows ends without power.
+/// It waits in a fault or in a state without power, and the drive then shows Operation enabled. The quick stop that follows ends without power.
 #[test]
 fn a_disable_that_waits_for_standstill_does_not_end_in_quick_stop_active() {
     for first in [FAULT_REACTION, FAULT, SWITCH_ON_DISABLED, READY] {
