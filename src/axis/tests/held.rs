@@ -203,7 +203,10 @@ fn resumes(drive: &mut Played) {
 }
 
 /// A halt on the way to the first of two, and the ramp of it leads past that end: the drive goes over to the second there.
-fn passed_on_the_ramp_of_a_halt(config: CoreConfig, at_the_end: Brings) -> Option<Result<Completion, Failure>> {
+fn passed_on_the_ramp_of_a_halt(
+    config: CoreConfig,
+    at_the_end: Brings,
+) -> Option<Result<Completion, Failure>> {
     let shows_room = config.traits.buffer_signal == BufferSignal::Acknowledge;
     let (mut drive, first) = Played::moving(config, 1_000);
     let second = blends_to_3000(&mut drive);
