@@ -2813,9 +2813,9 @@ impl AxisCore {
             self.done(id, Err(Failure::Busy));
         } else if let Some(change) = &mut self.mode_change
             && matches!(change.step, ModeStep::TakenBack { .. })
-            && (to == self.mode || to == change.to)
+            && (change.instead_of.is_some() || (to == self.mode || to == change.to))
         {
-            // The drive may show either from before.
+            // The drive may show either from before, and each mode that was taken back before the last one.
             change.id = id;
             change.then = to;
             change.step = ModeStep::TakenBack { awaited: true };

@@ -17,7 +17,6 @@ use crate::{
 
 use super::{
     AxisError, AxisErrorKind, Move, MoveRequest,
-    parameters::Claim,
     profile_position::CountsRequest,
     queue::{LastStop, NetworkSignals, Pending, Shared},
 };
@@ -350,7 +349,13 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
         prepared.push((request, command, asked));
         claims.push(claim);
     }
-    let (group, pending) = submit(queues, &prepared, claims)?;
+    let (group, pending) = submit(queues, &prepared)?;
+    // Only here: it wakes those who wait, and a waker may do what it likes, such as asking for a group.
+    for (claim, pending) in claims.into_iter().zip(&pending) {
+        if let Some(claim) = claim {
+            claim.sent(pending);
+        }
+    }
 
     let mut started = Vec::new();
     let mut errors = Vec::new();
@@ -386,7 +391,6 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
 fn submit(
     queues: &Queues,
     prepared: &[(&CountsRequest, MoveCommand, LastStop)],
-    claims: Vec<Option<Claim<'_>>>,
 ) -> Result<(Arc<Group>, Vec<Pending>), AxisError> {
     let _in_turn = queues
         .submits
@@ -395,15 +399,12 @@ fn submit(
     // Dropped on the way out, what was submitted is withdrawn.
     let mut pending: Vec<Pending> = Vec::new();
     let mut members = Vec::new();
-    for ((request, command, asked), claim) in prepared.iter().zip(claims) {
+    for (request, command, asked) in prepared {
         let command = MoveCommand {
             gated: true,
             ..*command
         };
         let submitted = request.submit(command, *asked)?;
-        if let Some(claim) = claim {
-            claim.sent(&submitted);
-        }
         let shared = &request.handles.shared;
         members.push(GroupMember {
             axis: shared.setup.index,

@@ -439,8 +439,13 @@ impl Run {
         // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
         // not come, the axis' rest.
         let started = now.saturating_sub(self.since) >= start;
-        let at_once = self.command.method.is_motionless() && (!self.was_attained || proven);
-        let was_at_work = self.worked || at_once || started;
+        // Where bit 12 was high before, one word without it proves nothing of a method that moves nothing, however long ago it was.
+        let was_at_work = self.worked
+            || match (self.command.method.is_motionless(), self.was_attained) {
+                (true, true) => proven && self.reads_home(cycle),
+                (true, false) => true,
+                (false, _) => started,
+            };
         if mine && was_at_work && ((stands && done_for_sure) || held || rested) {
             return Some(Ok(Completion::Homed {
                 position: cycle.sample.position,

@@ -182,6 +182,8 @@ pub(crate) struct Jogging {
     /// Of one that is held at 0: what the axis showed when that was asked for, until it is answered; and whether it is known to be delivered.
     zero: Option<(Unanswered, bool)>,
     ramps: Parameters,
+    /// What they were before the one that is held, until that is sent: an axis that comes to rest does so by these, should it be given up.
+    ramps_before: Option<Parameters>,
 }
 
 impl Jogging {
@@ -191,6 +193,7 @@ impl Jogging {
             before: None,
             zero: None,
             ramps: Parameters::default(),
+            ramps_before: None,
         }
     }
 
@@ -273,10 +276,15 @@ impl Jogging {
                 events.push(id, Event::Done(Err(Failure::Busy)));
                 return;
             }
+            // One that was not sent took over from nothing.
+            JogPhase::Released(let_go) if self.before.is_some() => {
+                events.push(let_go.id, Event::Done(Err(Failure::Superseded)));
+            }
             JogPhase::Released(let_go) => self.before = Some(let_go),
             JogPhase::Idle => {}
         }
         self.zero = None;
+        self.ramps_before.get_or_insert(self.ramps);
         self.ramps = Parameters {
             acceleration: set_point.acceleration,
             deceleration: set_point.deceleration,
@@ -374,6 +382,7 @@ impl Jogging {
         {
             *sent = true;
         }
+        self.ramps_before = None;
         if let Some(before) = self.before.take() {
             events.push(before.id, Event::Done(Err(Failure::Superseded)));
         }
@@ -381,6 +390,9 @@ impl Jogging {
 
     /// Ends it with this failure, which says how far it came; 0 from the next outputs on.
     pub fn end(&mut self, failure: Failure, events: &mut Events) {
+        if let Some(ramps) = self.ramps_before.take() {
+            self.ramps = ramps;
+        }
         if let Some(before) = self.before.take() {
             let failure = failure.with_delivery(Delivery::Accepted);
             events.push(before.id, Event::Done(Err(failure)));

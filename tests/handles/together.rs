@@ -1,5 +1,16 @@
 //! Moves that start together: all in one frame, or none.
 
+use std::{
+    pin::pin,
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+        mpsc,
+    },
+    task::{Context, Wake, Waker},
+    time::Duration,
+};
+
 use servocrab::{
     axis::{AxisError, AxisErrorKind, Delivery, Failure, start_together},
     profile_position::{
@@ -198,4 +209,63 @@ fn moves_of_one_axis_or_of_two_networks_are_not_started_together() {
             .unwrap()
             .is_empty()
     );
+}
+
+/// Whoever waits for the parameters of a move is woken when a group is submitted, and a waker is code of the program: this one waits for
+/// a thread that asks for another group.
+#[test]
+fn a_waker_may_wait_for_a_group_while_another_is_submitted() {
+    struct Asks {
+        on: ProfilePosition,
+        /// Groups that were asked for, and those that did not return.
+        asked: AtomicUsize,
+        waiting: AtomicUsize,
+    }
+
+    impl Wake for Asks {
+        fn wake(self: Arc<Self>) {
+            let (returns, returned) = mpsc::channel();
+            let this = Arc::clone(&self);
+            std::thread::spawn(move || {
+                let group = start_together([this.on.abs(500, SetPoint::new())]);
+                let _ = pin!(group).poll(&mut Context::from_waker(Waker::noop()));
+                returns.send(())
+            });
+            // It comes at once, or never.
+            if returned.recv_timeout(Duration::from_secs(10)).is_err() {
+                self.waiting.fetch_add(1, Ordering::Relaxed);
+            }
+            self.asked.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    let variant = Variant {
+        not_mapped: vec![0x6081],
+        ..Variant::default()
+    };
+    let (mut machine, mut pp) = machine_of(3, &variant);
+    let asks = Arc::new(Asks {
+        on: pp.remove(2),
+        asked: AtomicUsize::new(0),
+        waiting: AtomicUsize::new(0),
+    });
+    let waker = Waker::from(Arc::clone(&asks));
+    let fast = |velocity| SetPoint::new().velocity(velocity);
+    let mut group = Task::new(start_together([
+        pp[0].abs(5_000, fast(10_000)),
+        pp[1].abs(5_000, fast(10_000)),
+    ]));
+    let mut behind = pin!(pp[0].move_abs(6_000, fast(20_000)));
+    let mut started = None;
+    for _ in 0..200 {
+        started = started.or_else(|| group.poll());
+        let mut context = Context::from_waker(&waker);
+        if behind.as_mut().poll(&mut context).is_ready() {
+            break;
+        }
+        machine.cycle();
+    }
+    assert!(started.is_some_and(|started| started.is_ok()));
+    assert_ne!(asks.asked.load(Ordering::Relaxed), 0);
+    assert_eq!(asks.waiting.load(Ordering::Relaxed), 0);
 }

@@ -777,3 +777,118 @@ fn a_halt_that_nobody_waits_for_leaves_an_axis_that_stands_halted_as_it_is() {
     drive.shows_for(5, ENABLED);
     assert_eq!(drive.word(), HALT);
 }
+
+/// Two modes were taken back one after another: the drive comes to both, late, and the first of them is the one that is selected then.
+#[test]
+fn a_mode_that_was_taken_back_before_another_waits_as_well() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    drive.shows_for(20, REACHED);
+    // The drive comes to each mode eight cycles after it was commanded.
+    let mut later = alloc::collections::VecDeque::from([3; 8]);
+    let mut cycle = |drive: &mut Played| {
+        later.push_back(drive.outputs[6] as i8);
+        drive.mode = later.pop_front().unwrap_or(3);
+        let starts_homing = drive.mode == 6 && drive.word() & 0x0010 != 0;
+        drive.shows(REACHED);
+        assert!(!starts_homing, "bit 4 is high in homing mode");
+    };
+    for (mode, cycles) in [(Mode::ProfilePosition, 3), (Mode::Homing, 4)] {
+        let selecting = drive.submit(Command::SelectMode(mode));
+        for _ in 0..cycles {
+            cycle(&mut drive);
+        }
+        assert_eq!(drive.outputs[6] as i8, mode.raw());
+        assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    }
+    let selecting = drive.submit(Command::SelectMode(Mode::ProfilePosition));
+    let mut moving = None;
+    for _ in 0..200 {
+        if moving.is_none() && drive.outcome(selecting) == Some(Ok(Completion::Done)) {
+            moving = Some(drive.move_to(100_000));
+        }
+        cycle(&mut drive);
+    }
+    assert!(moving.is_some(), "{:?}", drive.outcome(selecting));
+}
+
+/// A second jog takes over from one that comes to rest, is let go before it is sent, and a third one takes over in the same cycle.
+#[test]
+fn each_of_three_jogs_between_two_frames_has_its_end() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+    let first = drive.submit(Command::Jog(JogSetPoint::new(20_000)));
+    drive.velocity = 20;
+    drive.shows_for(20, ENABLED);
+    assert!(drive.core.release_jog(drive.now, first, &mut drive.outputs));
+    let second = drive.submit(Command::Jog(JogSetPoint::new(-20_000)));
+    assert!(
+        drive
+            .core
+            .release_jog(drive.now, second, &mut drive.outputs)
+    );
+    let third = drive.submit(Command::Jog(JogSetPoint::new(10_000)));
+    drive.shows_for(5, ENABLED);
+    assert!(drive.core.release_jog(drive.now, third, &mut drive.outputs));
+    for velocity in [10, 5, 0] {
+        drive.velocity = velocity;
+        drive.shows(ENABLED);
+    }
+    drive.shows_for(1_000, REACHED);
+    let ends = [first, second, third].map(|id| drive.outcome(id));
+    assert!(ends.iter().all(Option::is_some), "{ends:?}");
+}
+
+/// A jog with another deceleration 6084h was to take over from one that comes to rest, and is given up before it is sent: by its own future or
+/// by a stop.
+#[test]
+fn a_jog_that_was_let_go_comes_to_rest_by_its_own_ramp() {
+    // 6084h in place of 60FFh, and that in place of 607Ah, which is not looked at here.
+    let config = || CoreConfig {
+        fields: AxisFields {
+            deceleration: Some(7),
+            target_velocity: Some(2),
+            ..FIELDS
+        },
+        ..Played::config()
+    };
+    for by_stop in [false, true] {
+        let mut drive = Played::enabled_in(Mode::ProfileVelocity, config());
+        let jog = |velocity, ramp| Command::Jog(JogSetPoint::new(velocity).deceleration(ramp));
+        let first = drive.submit(jog(20_000, 90_000));
+        drive.velocity = 20;
+        drive.shows_for(20, ENABLED);
+        assert!(drive.core.release_jog(drive.now, first, &mut drive.outputs));
+        drive.shows_for(2, ENABLED);
+        let ramp = |drive: &Played| drive.outputs[7..].try_into().map_or(0, u32::from_le_bytes);
+        assert_eq!(ramp(&drive), 90_000);
+        let second = drive.submit(jog(-20_000, 10));
+        if by_stop {
+            drive.submit(Command::Stop);
+        } else {
+            assert!(drive.core.withdraw(second, &mut drive.outputs));
+            drive.drain();
+        }
+        assert!(drive.outcome(second).is_some());
+        assert_eq!(ramp(&drive), 90_000, "{by_stop}");
+        drive.shows_for(2, ENABLED);
+        assert_eq!(ramp(&drive), 90_000, "{by_stop}");
+    }
+}
+
+/// The drive never begins: bit 12 is that of an earlier homing, one word is without it, and the axis does not read what it would at home.
+#[test]
+fn one_word_without_bit_12_is_no_homing_without_motion_after_a_settle_time_either() {
+    const DONE: u16 = 0x1637;
+    let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+    drive.position = 5_000;
+    drive.shows_for(200, DONE);
+    let homing = drive.submit(home(HomingMethod::CURRENT_POSITION));
+    assert!(drive.cycles_until(0x001F, DONE) < 10);
+    drive.shows_for(2, DONE);
+    drive.shows(REACHED);
+    for _ in 0..1_000 {
+        drive.shows(DONE);
+        let outcome = drive.outcome(homing);
+        assert!(!matches!(outcome, Some(Ok(_))), "{outcome:?}");
+    }
+    assert!(!drive.core.snapshot().referenced);
+}
