@@ -1265,7 +1265,11 @@ impl DriveBuffer {
                 if cycle.is_acknowledging() {
                     first.note_limit(cycle.sample.statusword);
                 }
-                let left = first.is_left_behind(second, cycle) && !cycle.bit_12_shows_room();
+                let (ran_on, behind) = (
+                    first.has_run_on(second, cycle),
+                    first.is_left_behind(second, cycle),
+                );
+                let left = (behind || ran_on) && !cycle.bit_12_shows_room();
                 let rest = if room.is_some() || left {
                     None
                 } else {
@@ -1328,6 +1332,9 @@ impl DriveBuffer {
                             *second = takeover.monitor;
                         }
                         None => second.takes_over(first, false, rest.is_some(), cycle),
+                    }
+                    if ran_on && left {
+                        second.ran_on();
                     }
                     self.last_end = first.end;
                     self.held[0] = self.held[1].take();
@@ -1393,7 +1400,9 @@ impl DriveBuffer {
                 self.unproven = outcome.is_err() || (self.unproven && !proven);
                 self.at_base = outcome.is_ok() && !self.ends_in_motion;
                 self.ended = cycle.now;
-                self.not_begun |= matches!(outcome, Err(Failure::NotBegun { .. }));
+                // Behind one that the drive may hold, it may be the second of two.
+                let both_held = monitor.doubted && matches!(outcome, Err(Failure::Timeout { .. }));
+                self.not_begun |= both_held || matches!(outcome, Err(Failure::NotBegun { .. }));
                 events.push(monitor.id, Event::Done(outcome));
                 self.held[0] = None;
                 true
@@ -1907,6 +1916,10 @@ struct SetPointMonitor {
     resting: Option<Duration>,
     /// With bit 10 low: the axis stands at its end.
     unreached: ShownFor,
+    /// With one behind it that ends in motion: bit 10 is high, and the axis goes on beyond both ends.
+    runs_on: ShownFor,
+    /// From where on.
+    runs_from: i32,
     /// The last position within the window around its end.
     arrived: Option<i32>,
     /// On which side of its end the axis was when it became active: the sign of end − position.
@@ -2015,6 +2028,8 @@ impl SetPointMonitor {
             lingering: Lingering::default(),
             resting: None,
             unreached: ShownFor::NOT,
+            runs_on: ShownFor::NOT,
+            runs_from: begin,
             arrived: None,
             side: 0,
             may_lead_round: false,
@@ -2099,6 +2114,7 @@ impl SetPointMonitor {
         self.lingering = Lingering::default();
         self.resting = None;
         self.unreached = ShownFor::NOT;
+        self.runs_on = ShownFor::NOT;
         self.turn(position, cycle.bounds);
         let far = |way: i32| is_far(way, cycle.bounds);
         self.leads_round = self.turns && self.distance.is_some_and(far);
@@ -2178,7 +2194,12 @@ impl SetPointMonitor {
             Some(stood) => gone(stood) > cycle.bounds.position,
             // Begun at rest, with an axis that was not there yet, its motion may be of the one before. So may that on a short way where bit 12
             // alone has shown that its turn has come, and any behind one that the drive may hold.
-            None => !(self.from_rest || self.doubted || (self.by_room && self.short)),
+            // So may that of one that has replaced another close to its end, and now stands.
+            None => {
+                let rests = !self.follows && cycle.standstill.is_standing();
+                let short = self.short && (self.by_room || rests);
+                !(self.from_rest || self.doubted || short)
+            }
         };
         moved || (self.left_target && !self.follows)
     }
@@ -2200,6 +2221,7 @@ impl SetPointMonitor {
         self.lingering = Lingering::default();
         self.resting = None;
         self.unreached = ShownFor::NOT;
+        self.runs_on = ShownFor::NOT;
         // The halt may have carried the axis past the end, to which the drive goes back.
         self.arrived = None;
         self.resumed |= active;
@@ -2213,6 +2235,7 @@ impl SetPointMonitor {
         self.passing &= now.saturating_sub(self.rose) < settle;
         self.lingering.span.canonicalize(now, begin);
         self.unreached.canonicalize(now, begin);
+        self.runs_on.canonicalize(now, begin.max(settle));
         if let Some(since) = &mut self.resting {
             no_older(since, now, begin);
         }
@@ -2512,6 +2535,36 @@ impl SetPointMonitor {
         (far || leaves) && goes_on && gone > self.astray && before_next
     }
 
+    /// Whether both this one and `next` are over, with the axis in motion: `next` ends in motion, bit 10 has risen, and the axis goes on
+    /// away from both ends for the settle time.
+    pub fn has_run_on(&mut self, next: &Self, cycle: &Cycle<'_>) -> bool {
+        if !next.ends_in_motion {
+            return false;
+        }
+        let position = cycle.sample.position;
+        let far = cycle.bounds.position.saturating_mul(3);
+        let away = |end: i32| cycle.bounds.distance(end, position) > far;
+        let beyond = self.end.is_some_and(away) && next.goal.is_none_or(away);
+        let runs = cycle.is_reached() && beyond;
+        if !runs {
+            self.runs_from = position;
+        }
+        let gone = cycle.bounds.distance(self.runs_from, position);
+        // One that was not seen at this end may lag behind its demand, which rests there. A bit 10 that was not low may be from before.
+        let time = if self.left_target && self.came_to_end(position) {
+            cycle.bounds.settle
+        } else {
+            cycle.begin
+        };
+        self.runs_on.update(cycle.now, runs, time) && gone > cycle.bounds.position
+    }
+
+    /// The axis has gone through its end, and through that of the one before it.
+    pub const fn ran_on(&mut self) {
+        self.left_target = true;
+        self.seen_there = true;
+    }
+
     /// Whether both this one and `next` are over, with the axis at rest. It has been under way, or had no way to go, and has stood with
     /// bit 10 for the settle time at the end of the next one. Elsewhere it has to stand for as long as that may take to begin.
     pub fn rests_with(&mut self, next: &Self, cycle: &Cycle<'_>) -> Option<Rest> {
@@ -2637,6 +2690,7 @@ impl SetPointMonitor {
             if self.doubted {
                 self.resting = None;
             }
+            self.runs_on = ShownFor::NOT;
             let unreached = self.stands_unreached(None, cycle);
             return unreached.then(|| Err(self.unreached(cycle)));
         }
@@ -2668,6 +2722,15 @@ impl SetPointMonitor {
                 Some(_) => Ok(Completion::Reached { position }),
                 None => Err(Failure::EndNotKnown { actual: position }),
             });
+        }
+        // It goes on at its end velocity, and was at no end that is known.
+        let runs = self.ends_in_motion && !cycle.standstill.is_standing();
+        if self.runs_on.update(cycle.now, runs, cycle.begin) {
+            let actual = position;
+            return Some(Err(match self.end {
+                Some(target) => Failure::Unseen { target, actual },
+                None => Failure::EndNotKnown { actual },
+            }));
         }
         let steady = self.is_settled(cycle);
         let lingers = !steady && self.lingering.update(cycle);

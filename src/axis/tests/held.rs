@@ -8,7 +8,7 @@ use crate::{
     ds402::Controlword,
     profile_position::{
         BufferMode, BufferSignal, MoveCommand, PositionRange, Reference, RelativeBase, SetPoint,
-        Traits,
+        Traits, WaitingFor,
     },
 };
 
@@ -328,4 +328,167 @@ fn a_host_that_stood_still_has_not_seen_the_end_whichever_way_it_went_before() {
         let unseen = matches!(end, Some(Err(Failure::Unseen { .. })));
         assert!(unseen, "{idle}: {end:?}");
     }
+}
+
+/// Bit 10 stays high: the drive has taken it, and waits, for a brake for example.
+fn taken(drive: &mut Played, target: i32, buffer_mode: BufferMode) -> CommandId {
+    let mut command = absolute(target);
+    command.set_point = SetPoint::new().buffer_mode(buffer_mode);
+    let id = drive.submit(Command::Move(command));
+    drive.shows(REACHED);
+    drive.shows(REACHED | ACKNOWLEDGED);
+    drive.shows_for(4, REACHED);
+    assert!(drive.reports.contains(&(id, Event::Accepted)));
+    id
+}
+
+#[test]
+fn one_that_has_replaced_another_at_rest_may_not_have_begun() {
+    for first in [None, Some(1)] {
+        let mut drive = Played::enabled(Played::config());
+        if let Some(target) = first {
+            taken(&mut drive, target, BufferMode::Aborting);
+        }
+        let replacing = taken(&mut drive, 1, BufferMode::Aborting);
+        let (_, end) = drive.cycles_to_end(replacing, REACHED);
+        assert_eq!(end, Ok(Completion::Reached { position: 0 }));
+        // The drive may be at that one still: then this one is queued behind it.
+        taken(&mut drive, 500, BufferMode::Buffered);
+        let mut third = absolute(900);
+        third.set_point = SetPoint::new().buffer_mode(BufferMode::Buffered);
+        drive.submit(Command::Move(third));
+        for _ in 0..50 {
+            drive.shows(REACHED);
+            assert_eq!(drive.word(), GO, "{first:?}");
+        }
+    }
+}
+
+/// The drive goes through both ends at its end velocity, with bit 10 from the second on.
+fn both_end(first: i32, second: i32, buffer_mode: BufferMode) {
+    let mut config = Played::passing();
+    config.traits.buffer_signal = BufferSignal::None;
+    let mut drive = Played::enabled(config);
+    let one = drive.move_to(first);
+    drive.shows(REACHED);
+    drive.shows(ACKNOWLEDGED);
+    drive.velocity = 20;
+    drive.shows_for(5, ENABLED);
+    let mut command = absolute(second);
+    command.set_point = SetPoint::new().end_velocity(20).buffer_mode(buffer_mode);
+    let two = drive.submit(Command::Move(command));
+    drive.shows_for(5, ENABLED);
+    drive.shows(ACKNOWLEDGED);
+    assert!(drive.reports.contains(&(two, Event::Accepted)));
+    while drive.position < first {
+        drive.shows(ENABLED);
+    }
+    if buffer_mode == BufferMode::Buffered {
+        drive.velocity = 0;
+        drive.shows_for(5, ENABLED);
+        drive.velocity = 20;
+    }
+    while drive.position < second {
+        drive.shows(ENABLED);
+    }
+    // For six seconds, on and on.
+    drive.shows_for(6_000, REACHED);
+    assert!(
+        drive.outcome(one).is_some(),
+        "{first} {second} {buffer_mode:?}"
+    );
+    assert!(
+        drive.outcome(two).is_some(),
+        "{first} {second} {buffer_mode:?}"
+    );
+}
+
+#[test]
+fn a_move_that_ends_in_motion_close_behind_another_ends() {
+    for buffer_mode in [BufferMode::Blending, BufferMode::Buffered] {
+        for second in [600, 520, 505, 500] {
+            both_end(500, second, buffer_mode);
+        }
+    }
+}
+
+fn queued(drive: &mut Played, target: i32) -> CommandId {
+    let mut command = absolute(target);
+    command.set_point = SetPoint::new().buffer_mode(BufferMode::Buffered);
+    let id = drive.submit(Command::Move(command));
+    drive.shows(ENABLED);
+    id
+}
+
+/// An input of the drive holds the axis just before its target, with bit 10 low.
+#[test]
+fn no_third_move_goes_to_a_drive_that_may_hold_two() {
+    let mut drive = Played::enabled(Played::config());
+    let first = drive.move_to(100);
+    drive.shows(REACHED);
+    drive.shows(ACKNOWLEDGED);
+    drive.velocity = 10;
+    while drive.position < 90 {
+        drive.shows(ENABLED);
+    }
+    drive.velocity = 0;
+    drive.position = 95;
+    let waits = |end| {
+        matches!(
+            end,
+            Err(Failure::Timeout {
+                waiting_for: WaitingFor::TargetReached,
+                ..
+            })
+        )
+    };
+    assert!(waits(drive.cycles_to_end(first, ENABLED).1));
+
+    // This one is queued behind it.
+    let second = queued(&mut drive, 103);
+    drive.shows(ACKNOWLEDGED);
+    drive.shows_for(3, ENABLED);
+    assert!(drive.reports.contains(&(second, Event::Accepted)));
+    assert!(waits(drive.cycles_to_end(second, ENABLED).1));
+
+    // For this one it has no place.
+    let third = queued(&mut drive, 500);
+    assert_eq!(drive.word(), GO);
+    drive.shows_for(20, ENABLED);
+    assert_eq!(drive.word(), GO);
+    assert_eq!(drive.outcome(third), Some(Err(Failure::NeedsStop)));
+}
+
+#[test]
+fn a_distance_that_ends_in_motion_behind_a_doubtful_end_ends() {
+    let mut drive = Played::enabled(Played::passing());
+    // The drive has limited the first.
+    let first = drive.move_to(500);
+    drive.shows(REACHED);
+    drive.shows(ACKNOWLEDGED);
+    drive.velocity = 20;
+    while drive.position < 300 {
+        drive.shows(ENABLED);
+    }
+    drive.velocity = 0;
+    let missed = drive.cycles_to_end(first, REACHED).1;
+    assert!(
+        matches!(missed, Err(Failure::MissedTarget { .. })),
+        "{missed:?}"
+    );
+
+    // From wherever this one counts: the drive shows its end, and goes on.
+    let mut command = absolute(100);
+    command.reference = Reference::Relative;
+    command.set_point = SetPoint::new()
+        .end_velocity(20)
+        .buffer_mode(BufferMode::Buffered);
+    let second = drive.submit(Command::Move(command));
+    drive.shows(REACHED);
+    drive.shows(ACKNOWLEDGED);
+    assert!(drive.reports.contains(&(second, Event::Accepted)));
+    drive.velocity = 20;
+    drive.shows_for(5, ENABLED);
+    drive.shows_for(6_000, REACHED);
+    assert!(drive.outcome(second).is_some());
 }
