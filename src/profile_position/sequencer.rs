@@ -1919,7 +1919,7 @@ struct SetPointMonitor {
     /// With one behind it that ends in motion: bit 10 is high, and the axis goes on beyond both ends.
     runs_on: ShownFor,
     /// From where on.
-    runs_from: i32,
+    runs_from: Option<i32>,
     /// The last position within the window around its end.
     arrived: Option<i32>,
     /// On which side of its end the axis was when it became active: the sign of end − position.
@@ -2029,7 +2029,7 @@ impl SetPointMonitor {
             resting: None,
             unreached: ShownFor::NOT,
             runs_on: ShownFor::NOT,
-            runs_from: begin,
+            runs_from: None,
             arrived: None,
             side: 0,
             may_lead_round: false,
@@ -2114,7 +2114,7 @@ impl SetPointMonitor {
         self.lingering = Lingering::default();
         self.resting = None;
         self.unreached = ShownFor::NOT;
-        self.runs_on = ShownFor::NOT;
+        (self.runs_on, self.runs_from) = (ShownFor::NOT, None);
         self.turn(position, cycle.bounds);
         let far = |way: i32| is_far(way, cycle.bounds);
         self.leads_round = self.turns && self.distance.is_some_and(far);
@@ -2221,7 +2221,7 @@ impl SetPointMonitor {
         self.lingering = Lingering::default();
         self.resting = None;
         self.unreached = ShownFor::NOT;
-        self.runs_on = ShownFor::NOT;
+        (self.runs_on, self.runs_from) = (ShownFor::NOT, None);
         // The halt may have carried the axis past the end, to which the drive goes back.
         self.arrived = None;
         self.resumed |= active;
@@ -2546,10 +2546,9 @@ impl SetPointMonitor {
         let away = |end: i32| cycle.bounds.distance(end, position) > far;
         let beyond = self.end.is_some_and(away) && next.goal.is_none_or(away);
         let runs = cycle.is_reached() && beyond;
-        if !runs {
-            self.runs_from = position;
-        }
-        let gone = cycle.bounds.distance(self.runs_from, position);
+        let from = runs.then(|| self.runs_from.unwrap_or(position));
+        self.runs_from = from;
+        let gone = from.map_or(0, |from| cycle.bounds.distance(from, position));
         // One that was not seen at this end may lag behind its demand, which rests there. A bit 10 that was not low may be from before.
         let time = if self.left_target && self.came_to_end(position) {
             cycle.bounds.settle

@@ -393,6 +393,7 @@ impl Jogging {
         if let Some(ramps) = self.ramps_before.take() {
             self.ramps = ramps;
         }
+        self.zero = None;
         if let Some(before) = self.before.take() {
             let failure = failure.with_delivery(Delivery::Accepted);
             events.push(before.id, Event::Done(Err(failure)));
