@@ -778,7 +778,7 @@ fn a_halt_that_nobody_waits_for_leaves_an_axis_that_stands_halted_as_it_is() {
     assert_eq!(drive.word(), HALT);
 }
 
-/// Two modes were taken back one after another: the drive comes to both, late, and the first of them is the one that is selected then.
+/// The drive comes late to both modes that were taken back. The first of them is selected then.
 #[test]
 fn a_mode_that_was_taken_back_before_another_waits_as_well() {
     let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
@@ -811,7 +811,7 @@ fn a_mode_that_was_taken_back_before_another_waits_as_well() {
     assert!(moving.is_some(), "{:?}", drive.outcome(selecting));
 }
 
-/// A second jog takes over from one that comes to rest, is let go before it is sent, and a third one takes over in the same cycle.
+/// The second is let go before it is sent. A third one takes over in the same cycle.
 #[test]
 fn each_of_three_jogs_between_two_frames_has_its_end() {
     let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
@@ -837,8 +837,7 @@ fn each_of_three_jogs_between_two_frames_has_its_end() {
     assert!(ends.iter().all(Option::is_some), "{ends:?}");
 }
 
-/// A jog with another deceleration 6084h was to take over from one that comes to rest, and is given up before it is sent: by its own future or
-/// by a stop.
+/// The next jog has another deceleration 6084h. Its own future or a stop gives it up before it is sent.
 #[test]
 fn a_jog_that_was_let_go_comes_to_rest_by_its_own_ramp() {
     // 6084h in place of 60FFh, and that in place of 607Ah, which is not looked at here.
@@ -874,7 +873,7 @@ fn a_jog_that_was_let_go_comes_to_rest_by_its_own_ramp() {
     }
 }
 
-/// The drive never begins: bit 12 is that of an earlier homing, one word is without it, and the axis does not read what it would at home.
+/// The drive never begins. Bit 12 is that of an earlier homing, and one word is without it. The axis is not at home.
 #[test]
 fn one_word_without_bit_12_is_no_homing_without_motion_after_a_settle_time_either() {
     const DONE: u16 = 0x1637;
