@@ -3020,10 +3020,7 @@ impl AxisCore {
             .and_then(|()| fields.complete_jog(&mut set_point, &self.config.defaults));
         match checked {
             Err(failure) => self.done(id, Err(failure)),
-            Ok(()) => {
-                self.doubt_rest_of_jog();
-                self.jogging.submit(id, set_point, &mut self.events);
-            }
+            Ok(()) => self.jogging.submit(id, set_point, &mut self.events),
         }
     }
 

@@ -266,7 +266,11 @@ fn an_end_in_motion_that_was_passed_on_the_ramp_of_a_halt_is_told() {
     resumes(&mut drive);
     drive.velocity = 20;
     drive.shows_for(5_000, REACHED);
-    assert!(drive.outcome(first).is_some(), "it never ends");
+    let end = drive.outcome(first);
+    assert!(
+        matches!(end, Some(Ok(Completion::Reached { .. }))),
+        "{end:?}"
+    );
 }
 
 /// Bit 12 has shown that the drive has gone on to the second, and the axis lags behind the end of the first.
