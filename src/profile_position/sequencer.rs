@@ -2593,7 +2593,9 @@ impl SetPointMonitor {
         // A distance from nobody knows where seems to end wherever the axis waits for the one before it.
         let over = cycle.is_within_window_of(next.end)
             || (proven && next.may_end_at(position, cycle.bounds));
-        if begun && over {
+        // Where bit 12 shows a full buffer, the drive holds both.
+        let holds_both = cycle.bit_12_shows_room() && cycle.is_acknowledging();
+        if begun && over && !holds_both {
             return Some(Rest::BothOver);
         }
         let begun = begun && (self.end.is_some() || self.may_end_at(position, cycle.bounds));

@@ -496,3 +496,22 @@ fn a_distance_that_ends_in_motion_behind_a_doubtful_end_ends() {
     drive.shows_for(6_000, REACHED);
     assert!(drive.outcome(second).is_some());
 }
+
+/// A brake holds the axis, with bit 10 of the rest before.
+#[test]
+fn two_moves_of_no_way_are_not_over_while_bit_12_shows_a_full_buffer() {
+    let mut drive = Played::enabled(showing_room());
+    let first = drive.move_to(2);
+    drive.shows(REACHED);
+    drive.shows(REACHED | ACKNOWLEDGED);
+    drive.shows_for(4, REACHED);
+    let second = queue(&mut drive, Reference::Absolute, 4);
+    drive.shows(REACHED);
+    drive.shows_for(150, REACHED | ACKNOWLEDGED);
+    assert!(drive.reports.contains(&(second, Event::Accepted)));
+    assert_eq!((drive.outcome(first), drive.outcome(second)), (None, None));
+    drive.position = 4;
+    drive.shows_for(250, REACHED);
+    assert!(matches!(drive.outcome(first), Some(Ok(_))));
+    assert!(matches!(drive.outcome(second), Some(Ok(_))));
+}
