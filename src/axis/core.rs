@@ -2675,8 +2675,6 @@ pub(super) struct ModeChange {
     before: Mode,
     deadline: Duration,
     step: ModeStep,
-    /// What is selected once the drive does not come any more to what was taken back.
-    then: Mode,
     /// What it has taken the place of: until this one is written the drive may come to that mode all the same.
     instead_of: Option<Unawaited>,
     /// Whether another mode was written by SDO before: the drive may come to that first, and shows this one from before then.
@@ -2702,8 +2700,8 @@ enum ModeStep {
     /// Whoever writes 6060h by SDO has been asked to: until the mode is awaited, the drive may show either.
     BySdo,
     /// 6060h was in the outputs, and is what it was before. A drive may come to a mode late, and take bit 4 for its own: for the time that it
-    /// has for that, nothing begins. Somebody may wait for that time to be over.
-    TakenBack { awaited: bool },
+    /// has for that, nothing begins. Somebody may wait for that time to be over, to select this mode then.
+    TakenBack { then: Option<Mode> },
 }
 
 impl ModeStep {
@@ -2711,7 +2709,7 @@ impl ModeStep {
     const fn is_awaited(self) -> bool {
         matches!(
             self,
-            Self::Quiet { .. } | Self::Written | Self::TakenBack { awaited: true }
+            Self::Quiet { .. } | Self::Written | Self::TakenBack { then: Some(_) }
         )
     }
 }
@@ -2817,8 +2815,7 @@ impl AxisCore {
         {
             // The drive may show either from before, and each mode that was taken back before the last one.
             change.id = id;
-            change.then = to;
-            change.step = ModeStep::TakenBack { awaited: true };
+            change.step = ModeStep::TakenBack { then: Some(to) };
         } else {
             let by_way_of_another = self.config.fields.mode.is_none()
                 && (self.mode_change)
@@ -2836,7 +2833,6 @@ impl AxisCore {
                 deadline: now.saturating_add(limit).saturating_add(way),
                 by_way_of_another,
                 step: ModeStep::Quiet { by_sdo },
-                then: to,
                 instead_of: self.mode_change.map(|change| Unawaited {
                     to: change.to,
                     deadline: change.deadline,
@@ -2903,8 +2899,8 @@ impl AxisCore {
         else {
             return;
         };
-        if let ModeStep::TakenBack { awaited } = change.step {
-            self.update_taken_back(now, change, awaited);
+        if let ModeStep::TakenBack { then } = change.step {
+            self.update_taken_back(now, change, then);
         } else if change.step == ModeStep::Written
             && sample.mode == change.to
             && !(change.by_way_of_another
@@ -2970,15 +2966,15 @@ impl AxisCore {
             }
         };
         self.mode_change = Some(ModeChange {
-            step: ModeStep::TakenBack { awaited: false },
+            step: ModeStep::TakenBack { then: None },
             deadline,
             ..change
         });
     }
 
-    /// A mode that was taken back is not come to any more after the time that a drive has to show a mode. Whoever waits for that selects the
-    /// mode before as any other.
-    fn update_taken_back(&mut self, now: Duration, mut change: ModeChange, awaited: bool) {
+    /// A mode that was taken back is not come to any more after the time that a drive has to show a mode. Whoever waits for that selects a
+    /// mode then as any other.
+    fn update_taken_back(&mut self, now: Duration, mut change: ModeChange, then: Option<Mode>) {
         let later = now.saturating_add(self.config.deadlines.mode);
         if change.deadline == Duration::MAX {
             change.deadline = later;
@@ -2986,13 +2982,12 @@ impl AxisCore {
         self.mode_change = if now < change.deadline {
             Some(change)
         } else {
-            awaited.then_some(ModeChange {
+            then.map(|to| ModeChange {
                 id: change.id,
-                to: change.then,
+                to,
                 before: self.mode,
                 deadline: later,
                 step: ModeStep::Quiet { by_sdo: false },
-                then: change.then,
                 instead_of: None,
                 by_way_of_another: false,
             })

@@ -301,10 +301,10 @@ struct Run {
     was_attained: bool,
     /// Bit 13, likewise.
     stale_error: bool,
+    /// Since when bit 13 has been low.
+    no_error_since: Option<Duration>,
     /// The bits said "in progress" before bit 4 rose, and have since: they do of some drives at rest.
     stale_progress: bool,
-    /// Since when that has been low.
-    no_error_since: Option<Duration>,
     /// Since when it is halted.
     halted_since: Option<Duration>,
     /// Where the axis was before bit 4 rose.
@@ -348,8 +348,8 @@ impl Run {
             stale_attained: word.contains(Statusword::HOMING_ATTAINED),
             was_attained: word.contains(Statusword::HOMING_ATTAINED),
             stale_error: word.contains(Statusword::HOMING_ERROR),
-            stale_progress: is_in_progress(word),
             no_error_since: None,
+            stale_progress: is_in_progress(word),
             halted_since: None,
             position: cycle.sample.position,
             begun: false,

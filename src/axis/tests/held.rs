@@ -336,9 +336,7 @@ fn a_host_that_stood_still_has_not_seen_the_end_whichever_way_it_went_before() {
 
 /// Bit 10 stays high: the drive has taken it, and waits, for a brake for example.
 fn taken(drive: &mut Played, target: i32, buffer_mode: BufferMode) -> CommandId {
-    let mut command = absolute(target);
-    command.set_point = SetPoint::new().buffer_mode(buffer_mode);
-    let id = drive.submit(Command::Move(command));
+    let id = send(drive, target, SetPoint::new().buffer_mode(buffer_mode));
     drive.shows(REACHED);
     drive.shows(REACHED | ACKNOWLEDGED);
     drive.shows_for(4, REACHED);
@@ -358,9 +356,7 @@ fn one_that_has_replaced_another_at_rest_may_not_have_begun() {
         assert_eq!(end, Ok(Completion::Reached { position: 0 }));
         // The drive may be at that one still: then this one is queued behind it.
         taken(&mut drive, 500, BufferMode::Buffered);
-        let mut third = absolute(900);
-        third.set_point = SetPoint::new().buffer_mode(BufferMode::Buffered);
-        drive.submit(Command::Move(third));
+        queue(&mut drive, Reference::Absolute, 900);
         for _ in 0..50 {
             drive.shows(REACHED);
             assert_eq!(drive.word(), GO, "{first:?}");
@@ -372,15 +368,9 @@ fn one_that_has_replaced_another_at_rest_may_not_have_begun() {
 fn both_end(first: i32, second: i32, buffer_mode: BufferMode) {
     let mut config = Played::passing();
     config.traits.buffer_signal = BufferSignal::None;
-    let mut drive = Played::enabled(config);
-    let one = drive.move_to(first);
-    drive.shows(REACHED);
-    drive.shows(ACKNOWLEDGED);
-    drive.velocity = 20;
-    drive.shows_for(5, ENABLED);
-    let mut command = absolute(second);
-    command.set_point = SetPoint::new().end_velocity(20).buffer_mode(buffer_mode);
-    let two = drive.submit(Command::Move(command));
+    let (mut drive, one) = Played::moving(config, first);
+    let set_point = SetPoint::new().end_velocity(20).buffer_mode(buffer_mode);
+    let two = send(&mut drive, second, set_point);
     drive.shows_for(5, ENABLED);
     drive.shows(ACKNOWLEDGED);
     assert!(drive.reports.contains(&(two, Event::Accepted)));
@@ -416,14 +406,6 @@ fn a_move_that_ends_in_motion_close_behind_another_ends() {
     }
 }
 
-fn queued(drive: &mut Played, target: i32) -> CommandId {
-    let mut command = absolute(target);
-    command.set_point = SetPoint::new().buffer_mode(BufferMode::Buffered);
-    let id = drive.submit(Command::Move(command));
-    drive.shows(ENABLED);
-    id
-}
-
 /// An input of the drive holds the axis just before its target, with bit 10 low.
 #[test]
 fn no_third_move_goes_to_a_drive_that_may_hold_two() {
@@ -449,14 +431,16 @@ fn no_third_move_goes_to_a_drive_that_may_hold_two() {
     assert!(waits(drive.cycles_to_end(first, ENABLED).1));
 
     // This one is queued behind it.
-    let second = queued(&mut drive, 103);
+    let second = queue(&mut drive, Reference::Absolute, 103);
+    drive.shows(ENABLED);
     drive.shows(ACKNOWLEDGED);
     drive.shows_for(3, ENABLED);
     assert!(drive.reports.contains(&(second, Event::Accepted)));
     assert!(waits(drive.cycles_to_end(second, ENABLED).1));
 
     // For this one it has no place.
-    let third = queued(&mut drive, 500);
+    let third = queue(&mut drive, Reference::Absolute, 500);
+    drive.shows(ENABLED);
     assert_eq!(drive.word(), GO);
     drive.shows_for(20, ENABLED);
     assert_eq!(drive.word(), GO);
@@ -465,12 +449,8 @@ fn no_third_move_goes_to_a_drive_that_may_hold_two() {
 
 #[test]
 fn a_distance_that_ends_in_motion_behind_a_doubtful_end_ends() {
-    let mut drive = Played::enabled(Played::passing());
     // The drive has limited the first.
-    let first = drive.move_to(500);
-    drive.shows(REACHED);
-    drive.shows(ACKNOWLEDGED);
-    drive.velocity = 20;
+    let (mut drive, first) = Played::moving(Played::passing(), 500);
     while drive.position < 300 {
         drive.shows(ENABLED);
     }

@@ -2,11 +2,11 @@
 
 use super::played::{
     ACKNOWLEDGED, Brings, ENABLED, FAULT, FAULT_REACTION, FIELDS, GO, HALT, HOME, Played,
-    QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, absolute, home,
-    stopped,
+    QUICK_STOP, QUICK_STOP_ACTIVE, REACHED, READY, SWITCH_ON_DISABLED, SWITCHED_ON, SlowModes,
+    absolute, home, stopped,
 };
 use crate::{
-    axis::{AxisFields, Command, Completion, CoreConfig, Event, Failure, StopRequest},
+    axis::{AxisFields, Command, CommandId, Completion, CoreConfig, Event, Failure, StopRequest},
     ds402::{Mode, State},
     homing::HomingMethod,
     profile_position::{BufferMode, SetPoint},
@@ -595,15 +595,16 @@ fn a_jog_that_was_let_go_and_does_not_come_to_rest_is_ended_by_a_quick_stop() {
     assert_eq!(drive.core.snapshot().state, State::QuickStopActive);
 }
 
+fn ask(drive: &mut Played, target: i32, buffer_mode: BufferMode, gated: bool) -> CommandId {
+    let mut command = absolute(target);
+    command.set_point = SetPoint::new().buffer_mode(buffer_mode);
+    command.gated = gated;
+    drive.submit(Command::Move(command))
+}
+
 /// As `start_together` asks for them, on the same two axes. Of each group one move replaces the others and one queues.
 #[test]
 fn two_groups_do_not_wait_for_each_other_for_ever() {
-    let ask = |drive: &mut Played, target, buffer_mode, gated| {
-        let mut command = absolute(target);
-        command.set_point = SetPoint::new().buffer_mode(buffer_mode);
-        command.gated = gated;
-        drive.submit(Command::Move(command))
-    };
     let gated = |drive: &mut Played, target, mode| ask(drive, target, mode, true);
     let mut axes = [0, 1].map(|_| Played::moving(Played::config(), 1_000).0);
     let [x, y] = &mut axes;
@@ -646,12 +647,6 @@ fn two_groups_do_not_wait_for_each_other_for_ever() {
 /// What starts alone waits for nobody: it goes on waiting behind one that starts together with others.
 #[test]
 fn a_move_of_no_group_waits_behind_one_of_a_group_that_overtakes_it() {
-    let ask = |drive: &mut Played, target, buffer_mode, gated| {
-        let mut command = absolute(target);
-        command.set_point = SetPoint::new().buffer_mode(buffer_mode);
-        command.gated = gated;
-        drive.submit(Command::Move(command))
-    };
     let mut drive = Played::moving(Played::config(), 1_000).0;
     ask(&mut drive, 1_500, BufferMode::Buffered, false);
     drive.shows(ENABLED);
@@ -687,13 +682,9 @@ fn a_jog_that_was_let_go_is_watched_on_where_the_next_is_given_up_before_it_is_s
     assert!(matches!(end, Some(Err(Failure::Timeout { .. }))), "{end:?}");
 }
 
-/// Held at rest by an input of its drive since it was set going, it sets off as its drive leaves the mode.
-#[test]
-fn the_rest_before_a_held_jog_sets_off_is_not_that_of_the_quick_stop_for_its_mode() {
-    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::staying());
-    drive.submit(Command::Jog(JogSetPoint::new(700)));
-    drive.shows_for(200, REACHED);
-    drive.mode = 1;
+/// As its drive leaves its mode for this one. A stop is not done by the rest from before.
+fn sets_off_in(mode: i8, drive: &mut Played) {
+    drive.mode = mode;
     drive.velocity = 1;
     drive.shows(ENABLED);
     assert_eq!(drive.word(), QUICK_STOP);
@@ -705,6 +696,15 @@ fn the_rest_before_a_held_jog_sets_off_is_not_that_of_the_quick_stop_for_its_mod
     assert_eq!(drive.outcome(stopping), None);
 }
 
+/// Held at rest by an input of its drive since it was set going, it sets off as its drive leaves the mode.
+#[test]
+fn the_rest_before_a_held_jog_sets_off_is_not_that_of_the_quick_stop_for_its_mode() {
+    let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::staying());
+    drive.submit(Command::Jog(JogSetPoint::new(700)));
+    drive.shows_for(200, REACHED);
+    sets_off_in(1, &mut drive);
+}
+
 #[test]
 fn the_rest_before_a_held_move_sets_off_is_not_that_of_the_quick_stop_for_its_mode() {
     let mut drive = Played::enabled(Played::staying());
@@ -712,16 +712,7 @@ fn the_rest_before_a_held_move_sets_off_is_not_that_of_the_quick_stop_for_its_mo
     drive.shows(REACHED);
     drive.shows(ACKNOWLEDGED);
     drive.shows_for(200, ENABLED);
-    drive.mode = 3;
-    drive.velocity = 1;
-    drive.shows(ENABLED);
-    assert_eq!(drive.word(), QUICK_STOP);
-    let stopping = drive.submit(Command::Stop);
-    for velocity in [1, 2, 2, 2] {
-        drive.velocity = velocity;
-        drive.shows(QUICK_STOP_ACTIVE);
-    }
-    assert_eq!(drive.outcome(stopping), None);
+    sets_off_in(3, &mut drive);
 }
 
 /// One word that says mode 1, in the frame that brings 6060h.
@@ -783,19 +774,11 @@ fn a_halt_that_nobody_waits_for_leaves_an_axis_that_stands_halted_as_it_is() {
 fn a_mode_that_was_taken_back_before_another_waits_as_well() {
     let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
     drive.shows_for(20, REACHED);
-    // The drive comes to each mode eight cycles after it was commanded.
-    let mut later = alloc::collections::VecDeque::from([3; 8]);
-    let mut cycle = |drive: &mut Played| {
-        later.push_back(drive.outputs[6] as i8);
-        drive.mode = later.pop_front().unwrap_or(3);
-        let starts_homing = drive.mode == 6 && drive.word() & 0x0010 != 0;
-        drive.shows(REACHED);
-        assert!(!starts_homing, "bit 4 is high in homing mode");
-    };
+    let mut later = SlowModes::new(Mode::ProfileVelocity, 8);
     for (mode, cycles) in [(Mode::ProfilePosition, 3), (Mode::Homing, 4)] {
         let selecting = drive.submit(Command::SelectMode(mode));
         for _ in 0..cycles {
-            cycle(&mut drive);
+            later.shows(&mut drive, REACHED);
         }
         assert_eq!(drive.outputs[6] as i8, mode.raw());
         assert!(drive.core.withdraw(selecting, &mut drive.outputs));
@@ -806,7 +789,7 @@ fn a_mode_that_was_taken_back_before_another_waits_as_well() {
         if moving.is_none() && drive.outcome(selecting) == Some(Ok(Completion::Done)) {
             moving = Some(drive.move_to(100_000));
         }
-        cycle(&mut drive);
+        later.shows(&mut drive, REACHED);
     }
     assert!(moving.is_some(), "{:?}", drive.outcome(selecting));
 }

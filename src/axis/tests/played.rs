@@ -1,6 +1,6 @@
 //! An axis core against a drive that is played word by word: what a simulated one never does.
 
-use alloc::vec::Vec;
+use alloc::{collections::VecDeque, vec::Vec};
 use core::{
     hash::{Hash, Hasher},
     time::Duration,
@@ -373,5 +373,29 @@ pub(super) fn absolute(target: i32) -> MoveCommand {
         target,
         set_point: SetPoint::new(),
         gated: false,
+    }
+}
+
+/// A drive that comes to a mode so many cycles after it was commanded.
+pub(super) struct SlowModes {
+    later: VecDeque<i8>,
+}
+
+impl SlowModes {
+    pub fn new(mode: Mode, cycles: usize) -> Self {
+        let later = core::iter::repeat_n(mode.raw(), cycles);
+        Self {
+            later: later.collect(),
+        }
+    }
+
+    /// A cycle of it. Bit 4 is never high in homing mode: it would start a homing there.
+    #[track_caller]
+    pub fn shows(&mut self, drive: &mut Played, statusword: u16) {
+        self.later.push_back(drive.outputs[6] as i8);
+        drive.mode = self.later.pop_front().unwrap();
+        let starts_homing = drive.mode == Mode::Homing.raw() && drive.word() & 0x0010 != 0;
+        assert!(!starts_homing, "{:?}", drive.now);
+        drive.shows(statusword);
     }
 }

@@ -105,6 +105,41 @@ impl Drive {
         Ok(())
     }
 
+    /// Takes what its axes did without a set-point's parameters from an earlier start. What goes with no process data is written to it:
+    /// a drive that was without power may have stored something else, and one that kept its power has what the last moves have brought.
+    pub(super) async fn keep_defaults_of(
+        &mut self,
+        before: &Self,
+        sdo: &SdoHandle,
+    ) -> Result<(), StepError> {
+        for (axis, before) in self.axes.iter_mut().zip(&before.axes) {
+            let fields = &axis.config.fields;
+            let (held, first) = (axis.config.defaults, before.config.defaults);
+            let [velocity, acceleration, deceleration, end_velocity] = [
+                (fields.velocity, held.velocity, first.velocity),
+                (fields.acceleration, held.acceleration, first.acceleration),
+                (fields.deceleration, held.deceleration, first.deceleration),
+                (fields.end_velocity, held.end_velocity, first.end_velocity),
+            ];
+            for ((mapped, held, first), object) in [
+                (velocity, obj::PROFILE_VELOCITY),
+                (acceleration, obj::PROFILE_ACCELERATION),
+                (deceleration, obj::PROFILE_DECELERATION),
+                (end_velocity, obj::END_VELOCITY),
+            ] {
+                if mapped.is_none()
+                    && held != first
+                    && let Some(first) = first
+                {
+                    let written = sdo.write(object.offset(axis.offset), first).await;
+                    written.at(BringUpStep::Parameters)?;
+                }
+            }
+            axis.config.defaults = first;
+        }
+        Ok(())
+    }
+
     /// What the program says of an axis.
     fn declared(&self, axis: &AxisConfig, fields: AxisFields) -> CoreConfig {
         let mut config = CoreConfig::new(fields);

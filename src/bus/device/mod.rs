@@ -34,7 +34,7 @@ use super::{
 use crate::{
     coe::{
         AbortCode, Clock, Emergencies, ErrorTexts, EthercrabMailbox, MailboxClient,
-        MailboxSettings, MailboxSignal, SdoHandle, obj,
+        MailboxSettings, MailboxSignal, SdoHandle,
     },
     parameters::{StartUpList, Transition},
     pdo_map::{self, ConfigureError, Direction, Mapping, Pdo},
@@ -294,59 +294,14 @@ impl Device {
         Ok(())
     }
 
-    /// Takes what the axes of this drive did without a set-point's parameters from an earlier start. What goes with no process data is
-    /// written to it: a drive that was without power may have stored something else, and one that kept its power has what the last moves
-    /// have brought.
+    /// What its axes did without a set-point's parameters is that of an earlier start.
     pub async fn keep_defaults_of(&mut self, before: &Self) -> Result<(), StepError> {
-        let (DeviceKind::Drive(drive), Some(mailbox), Some(before)) =
-            (&mut self.kind, &self.mailbox, before.as_drive())
-        else {
-            return Ok(());
-        };
-        for (axis, before) in drive.axes.iter_mut().zip(&before.axes) {
-            let fields = &axis.config.fields;
-            let (held, first) = (axis.config.defaults, before.config.defaults);
-            for (mapped, held, first, object) in [
-                (
-                    fields.velocity,
-                    held.velocity,
-                    first.velocity,
-                    obj::PROFILE_VELOCITY,
-                ),
-                (
-                    fields.acceleration,
-                    held.acceleration,
-                    first.acceleration,
-                    obj::PROFILE_ACCELERATION,
-                ),
-                (
-                    fields.deceleration,
-                    held.deceleration,
-                    first.deceleration,
-                    obj::PROFILE_DECELERATION,
-                ),
-                (
-                    fields.end_velocity,
-                    held.end_velocity,
-                    first.end_velocity,
-                    obj::END_VELOCITY,
-                ),
-            ] {
-                if mapped.is_none()
-                    && held != first
-                    && let Some(first) = first
-                {
-                    let object = object.offset(axis.offset);
-                    mailbox
-                        .sdo
-                        .write(object, first)
-                        .await
-                        .at(BringUpStep::Parameters)?;
-                }
+        match (&mut self.kind, &self.mailbox, before.as_drive()) {
+            (DeviceKind::Drive(drive), Some(mailbox), Some(before)) => {
+                drive.keep_defaults_of(before, &mailbox.sdo).await
             }
-            axis.config.defaults = first;
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     async fn configure_io(&mut self, context: &Context) -> Result<(), StepError> {

@@ -226,7 +226,9 @@ fn a_move_that_leaves_its_velocity_out_has_none_of_before_a_drive_that_kept_its_
 }
 
 /// What a drive has in its EEPROM may be other than what it held when its axis attached: restored from a file and not stored, say.
-fn has_power_again_with(yard: &mut Yard, object: u16, stored: i64) {
+fn loses_power_and_holds(yard: &mut Yard, object: u16, stored: i64) {
+    yard.line.segment().device_mut(MIDDLE).unwrap().power_off();
+    yard.rig.run_for(300 * MS);
     let now = yard.rig.bus.now();
     let mut segment = yard.line.segment();
     segment.device_mut(MIDDLE).unwrap().power_on(now);
@@ -247,9 +249,7 @@ fn an_axis_that_its_drive_leads_on_at_a_stored_end_velocity_after_a_recovery_is_
     let z = yard.axis("z");
     let at_start = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6082, 0);
     assert_eq!(at_start, Some(0));
-    yard.line.segment().device_mut(MIDDLE).unwrap().power_off();
-    yard.rig.run_for(300 * MS);
-    has_power_again_with(&mut yard, 0x6082, 5_000);
+    loses_power_and_holds(&mut yard, 0x6082, 5_000);
     assert_eq!(yard.recover(1).unwrap(), ANEW);
     let target = z.status().position + 10_000;
     let (mode, outcome) = yard.rig.until(async {
@@ -286,9 +286,7 @@ fn a_move_that_leaves_its_velocity_out_after_a_recovery_has_that_of_the_start() 
         let z = yard.axis("z");
         let get = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6081, 0);
         let held = get(&yard).unwrap();
-        yard.line.segment().device_mut(MIDDLE).unwrap().power_off();
-        yard.rig.run_for(300 * MS);
-        has_power_again_with(&mut yard, 0x6081, 5 * held);
+        loses_power_and_holds(&mut yard, 0x6081, 5 * held);
         assert_eq!(yard.recover(1).unwrap(), ANEW);
         yard.rig.until(async {
             z.enable().await.unwrap();
@@ -377,53 +375,45 @@ fn a_drive_whose_quick_stop_a_start_up_line_in_safe_op_sets_is_recovered_as_it_w
     let mut device = personality::generic();
     device.axis_mut(0).unwrap().set(0x605A, 0, 0).unwrap();
     let mut yard = Yard::new(device, drive);
-    yard.line.segment().device_mut(MIDDLE).unwrap().power_off();
-    yard.rig.run_for(300 * MS);
-    let now = yard.rig.bus.now();
-    let mut segment = yard.line.segment();
-    segment.device_mut(MIDDLE).unwrap().power_on(now);
-    let axis = segment.axis_mut(MIDDLE, 0).unwrap();
-    axis.set(0x605A, 0, 0).unwrap();
-    drop(segment);
-    yard.rig.run_for(100 * MS);
+    loses_power_and_holds(&mut yard, 0x605A, 0);
     let recovered = yard.recover(1);
     assert!(recovered.is_ok(), "{recovered:?}");
     yard.works_again("z");
     yard.ends();
 }
 
-#[test]
-fn a_drive_stops_on_loss_after_a_recovery_whatever_a_start_up_line_in_safe_op_says() {
+/// A start-up line says that the drive goes on without its master. After this it stops all the same, as at the start.
+fn stops_on_loss_again(recover: impl FnOnce(&mut Yard)) {
     let goes_on = StartUpWrite::new(obj::ABORT_CONNECTION_OPTION, 0).at(Transition::SafeOpToOp);
     let drive = unhomed(drives::generic(), &["z"]).start_up(goes_on);
     let mut yard = Yard::new(personality::generic(), drive);
     let held = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6007, 0);
     let at_start = held(&yard);
     assert_ne!(at_start, Some(0), "it is set to a value that stops");
-    yard.loses_power(300 * MS);
-    assert_eq!(yard.recover(1).unwrap(), ANEW);
+    recover(&mut yard);
     assert_eq!(held(&yard), at_start);
     yard.works_again("z");
     yard.ends();
 }
 
 #[test]
+fn a_drive_stops_on_loss_after_a_recovery_whatever_a_start_up_line_in_safe_op_says() {
+    stops_on_loss_again(|yard| {
+        yard.loses_power(300 * MS);
+        assert_eq!(yard.recover(1).unwrap(), ANEW);
+    });
+}
+
+#[test]
 fn a_drive_stops_on_loss_after_it_was_led_back_from_safe_op_whatever_a_start_up_line_says() {
-    let goes_on = StartUpWrite::new(obj::ABORT_CONNECTION_OPTION, 0).at(Transition::SafeOpToOp);
-    let drive = unhomed(drives::generic(), &["z"]).start_up(goes_on);
-    let mut yard = Yard::new(personality::generic(), drive);
-    let held = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6007, 0);
-    let at_start = held(&yard);
-    assert_ne!(at_start, Some(0), "it is set to a value that stops");
-    yard.falls(0x001B);
-    let recovered = yard.recover(1).unwrap();
-    assert!(
-        matches!(recovered, Recovered::FromSafeOp { .. }),
-        "{recovered:?}"
-    );
-    assert_eq!(held(&yard), at_start);
-    yard.works_again("z");
-    yard.ends();
+    stops_on_loss_again(|yard| {
+        yard.falls(0x001B);
+        let recovered = yard.recover(1).unwrap();
+        assert!(
+            matches!(recovered, Recovered::FromSafeOp { .. }),
+            "{recovered:?}"
+        );
+    });
 }
 
 #[test]
