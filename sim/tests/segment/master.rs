@@ -240,10 +240,16 @@ impl Master {
         (counter == 1).then(|| (mail[5], mail[6..6 + length].to_vec()))
     }
 
-    /// Sends a CoE payload and gives the payload of the reply.
+    /// Sends a CoE payload and gives the payload of the reply. An emergency may come before it: its service is 1.
     pub(crate) fn coe(&mut self, payload: &[u8]) -> Vec<u8> {
         self.post(3, payload);
-        self.fetch().expect("a reply").1
+        loop {
+            let (kind, reply) = self.fetch().expect("a reply");
+            let is_emergency = kind & 0x0F == 3 && reply.get(1).is_some_and(|high| high >> 4 == 1);
+            if !is_emergency {
+                return reply;
+            }
+        }
     }
 
     /// An upload that is answered in one mail, or its abort code.
