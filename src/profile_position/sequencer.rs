@@ -353,22 +353,21 @@ impl Sequencer {
         self.bit_9_is_valid |= cycle.is_remote();
         let local = self.bit_9_is_valid && !cycle.is_remote();
         self.bit4.note(cycle);
-        if let &Bit4::High {
-            ref raised,
+        if let &mut Bit4::High {
+            ref mut raised,
             sent: true,
             full,
             shown,
             ..
-        } = &self.bit4
+        } = &mut self.bit4
         {
             // What it has overtaken does not come any more.
             while let Some(overtaken) = self.pending.pop_overtaken() {
                 events.push(overtaken.id, Event::Done(Err(Failure::Superseded)));
             }
             if cycle.is_acknowledging() && !full {
-                let raised = *raised;
+                self.drive_buffer.accept(raised, true, cycle, events);
                 self.low();
-                self.accept(raised, true, cycle, events);
                 return true;
             }
             let passed_over = full && shown > SHOWN_AFTER;
@@ -390,12 +389,12 @@ impl Sequencer {
     /// A set-point that was sent onto a full buffer: bit 12 falls when it has replaced all others, and there is room.
     #[inline]
     fn follow_unconfirmed(&mut self, cycle: &Cycle<'_>, events: &mut Events) -> bool {
-        let Some(raised) = self.unconfirmed else {
+        let Some(mut raised) = self.unconfirmed else {
             return false;
         };
         if self.bit4.is_low_acknowledged(cycle) {
             self.unconfirmed = None;
-            self.accept(raised, false, cycle, events);
+            self.drive_buffer.accept(&mut raised, false, cycle, events);
             return true;
         }
         if cycle.is_late(raised.since) {
@@ -403,22 +402,6 @@ impl Sequencer {
             self.give_up(raised, WaitingFor::AcknowledgeLow, cycle, events);
         }
         false
-    }
-
-    /// The drive has taken a set-point. `confirmed`: by an edge of bit 12.
-    fn accept(
-        &mut self,
-        mut raised: Raised,
-        confirmed: bool,
-        cycle: &Cycle<'_>,
-        events: &mut Events,
-    ) {
-        // The one before it may have come to its end meanwhile.
-        let before = self.drive_buffer.before(&raised.request.command);
-        raised.far_behind &= before.is_some_and(|before| !before.may_be_over(cycle));
-        let monitor = SetPointMonitor::new(&raised, confirmed, cycle);
-        events.push(monitor.id, Event::Accepted);
-        self.drive_buffer.push(monitor, events);
     }
 
     /// A set-point of which it is not known whether the drive has taken it. Nothing more is sent before a stop has made
@@ -1146,6 +1129,22 @@ impl DriveBuffer {
             && first.as_ref().is_none_or(SetPointMonitor::allows_idle_path)
     }
 
+    /// The drive has taken this one. `confirmed`: by an edge of bit 12.
+    pub fn accept(
+        &mut self,
+        raised: &mut Raised,
+        confirmed: bool,
+        cycle: &Cycle<'_>,
+        events: &mut Events,
+    ) {
+        // The one before it may have come to its end meanwhile.
+        let before = self.before(&raised.request.command);
+        raised.far_behind &= before.is_some_and(|before| !before.may_be_over(cycle));
+        let monitor = SetPointMonitor::new(raised, confirmed, cycle);
+        events.push(monitor.id, Event::Accepted);
+        self.push(monitor, events);
+    }
+
     /// Takes in a set-point that the drive has acknowledged; with `Aborting` it is the only one from now on.
     pub fn push(&mut self, mut monitor: SetPointMonitor, events: &mut Events) {
         self.at_base = false;
@@ -1265,10 +1264,8 @@ impl DriveBuffer {
                 if cycle.is_acknowledging() {
                     first.note_limit(cycle.sample.statusword);
                 }
-                let (ran_on, behind) = (
-                    first.has_run_on(second, cycle),
-                    first.is_left_behind(second, cycle),
-                );
+                let ran_on = second.ends_in_motion && first.has_run_on(second, cycle);
+                let behind = first.is_left_behind(second, cycle);
                 let left = (behind || ran_on) && !cycle.bit_12_shows_room();
                 let rest = if room.is_some() || left {
                     None
@@ -2535,12 +2532,10 @@ impl SetPointMonitor {
         (far || leaves) && goes_on && gone > self.astray && before_next
     }
 
-    /// Whether both this one and `next` are over, with the axis in motion: `next` ends in motion, bit 10 has risen, and the axis goes on
+    /// Whether both this one and `next`, which ends in motion, are over with the axis in motion: bit 10 has risen, and the axis goes on
     /// away from both ends for the settle time.
+    #[inline(never)]
     pub fn has_run_on(&mut self, next: &Self, cycle: &Cycle<'_>) -> bool {
-        if !next.ends_in_motion {
-            return false;
-        }
         let position = cycle.sample.position;
         let far = cycle.bounds.position.saturating_mul(3);
         let away = |end: i32| cycle.bounds.distance(end, position) > far;
@@ -2725,13 +2720,15 @@ impl SetPointMonitor {
             });
         }
         // It goes on at its end velocity, and was at no end that is known.
-        let runs = self.ends_in_motion && !cycle.standstill.is_standing();
-        if self.runs_on.update(cycle.now, runs, cycle.begin) {
-            let actual = position;
-            return Some(Err(match self.end {
-                Some(target) => Failure::Unseen { target, actual },
-                None => Failure::EndNotKnown { actual },
-            }));
+        if self.ends_in_motion {
+            let runs = !cycle.standstill.is_standing();
+            if self.runs_on.update(cycle.now, runs, cycle.begin) {
+                let actual = position;
+                return Some(Err(match self.end {
+                    Some(target) => Failure::Unseen { target, actual },
+                    None => Failure::EndNotKnown { actual },
+                }));
+            }
         }
         let steady = self.is_settled(cycle);
         let lingers = !steady && self.lingering.update(cycle);
