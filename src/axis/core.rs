@@ -3723,6 +3723,18 @@ mod restart_tests {
         }
     }
 
+    /// Its limits, windows and reference are of the drive as it is now, and nothing that was seen before counts.
+    #[test]
+    fn an_axis_whose_drive_was_without_power_knows_what_that_holds_now() {
+        let (mut core, mut outputs, now) = enabled_then(0x0237);
+        let mut config = CoreConfig::new(AxisFields::at(0, 0));
+        config.limits.max_velocity = Some(700);
+        config.homed = true;
+        core.restart(now, Reattach::Anew(Box::new(config)), &mut outputs);
+        assert_eq!(core.max_velocity(), Some(700));
+        assert!(core.sample.is_none() && core.homed);
+    }
+
     #[test]
     fn who_waits_for_a_stop_of_a_drive_that_answers_is_not_forgotten() {
         let (mut core, mut outputs, mut now) = enabled_then(0x0237);

@@ -1574,6 +1574,47 @@ fn an_end_in_motion_that_was_passed_at_once_is_reached_when_it_would_have_begun(
     assert_eq!(after(BEGIN), reached(1_500));
 }
 
+/// The one before it has swung the axis beyond this end already, and bit 10 was not low since.
+#[test]
+fn an_end_in_motion_is_not_passed_where_the_axis_stood_beyond_it_before() {
+    let after = |stood: i32, time: Duration| {
+        let mut scene = Scene::at(1_500);
+        scene.word = Statusword::TARGET_REACHED;
+        scene.now = ms(1_000) + time;
+        let beyond = changed(to(1_000), |monitor| {
+            (monitor.ends_in_motion, monitor.stood) = (true, Some(stood));
+        });
+        shown(&scene, beyond)
+    };
+    assert_eq!(after(1_500, BEGIN - ms(1)), None);
+    assert_eq!(after(1_500, BEGIN), reached(1_500));
+    // One that stood before its end has gone through it.
+    assert_eq!(after(0, BEGIN - ms(1)), reached(1_500));
+}
+
+/// With bit 10 high, and far from both ends, for the settle time.
+#[test]
+fn two_have_run_on_where_the_axis_goes_away_from_both_ends_with_bit_10() {
+    let runs = |first: i32, second: i32, word: Statusword| {
+        let mut first = changed(to(first), |monitor| {
+            (monitor.left_target, monitor.arrived) = (true, Some(first));
+        });
+        let second = changed(to(second), |monitor| monitor.ends_in_motion = true);
+        let mut last = false;
+        for (cycle, position) in (0..=SETTLE.as_millis() as u64).zip(1_400..) {
+            let mut scene = Scene::at(position);
+            (scene.word, scene.now) = (word, NOW + ms(cycle));
+            last = scene.shows(|cycle| first.has_run_on(&second, cycle));
+        }
+        last
+    };
+    let reached = Statusword::TARGET_REACHED;
+    assert!(runs(1_000, 1_100, reached));
+    assert!(!runs(1_000, 1_100, Statusword::empty()));
+    assert!(!runs(1_000, 1_450, reached), "it is at the second end");
+    assert!(!runs(1_450, 1_000, reached), "it is at the first end");
+}
+
 /// The end of a distance is not known. Bit 10 may be that of the set-point that the drive perhaps still holds before it.
 #[test]
 fn a_distance_that_ends_in_motion_has_passed_its_end_unless_the_drive_may_hold_another() {

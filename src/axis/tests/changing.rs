@@ -815,6 +815,68 @@ fn nothing_begins_after_a_second_change_was_given_up_before_it_was_written() {
     assert_eq!((answer, drive.word()), (wrong, 0x000F));
 }
 
+/// The second change began later, and had longer. What is waited for is the first.
+#[test]
+fn a_mode_that_was_taken_back_is_waited_for_no_longer_because_of_a_second_change() {
+    let mut drive = Played::enabled(Played::config());
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows_for(3, REACHED);
+    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    drive.shows_for(40, REACHED);
+    // Something pushes the axis: another mode has to wait, and is given up.
+    drive.position += 15;
+    drive.shows(REACHED);
+    let other = drive.submit(Command::SelectMode(Mode::ProfileVelocity));
+    assert_eq!((drive.outcome(other), drive.outputs[6]), (None, 1));
+    assert!(drive.core.withdraw(other, &mut drive.outputs));
+    drive.shows_for(19, REACHED);
+    let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
+    assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
+    // 61 cycles after it was taken back.
+    drive.shows(REACHED);
+    assert_eq!(drive.answer(Command::Move(absolute(50))), None);
+}
+
+/// A mode that was written by SDO is in the drive still, whatever the axis has forgotten. One in the outputs is not.
+#[cfg(feature = "std")]
+#[test]
+fn an_axis_that_begins_again_remembers_a_mode_that_was_written_by_sdo() {
+    use crate::axis::core::Reattach;
+
+    let begins_again = |mut drive: Played| {
+        let again = Reattach::Kept;
+        drive.core.restart(drive.now, again, &mut drive.outputs);
+        drive.drain();
+        drive.shows_for(20, SWITCH_ON_DISABLED);
+        let enabling = drive.submit(Command::Enable);
+        for statusword in [READY, SWITCHED_ON, ENABLED, ENABLED, ENABLED] {
+            drive.shows(statusword);
+        }
+        assert_eq!(drive.outcome(enabling), DONE);
+        drive.shows_for(20, REACHED);
+        drive
+    };
+    let mut drive = Played::enabled(CoreConfig {
+        fields: AxisFields {
+            mode: None,
+            ..FIELDS
+        },
+        ..Played::config()
+    });
+    drive.answer(Command::PrepareMode(Mode::Homing));
+    let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
+    let mut drive = begins_again(drive);
+    assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
+
+    let mut drive = Played::enabled(Played::config());
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows_for(3, REACHED);
+    assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 6));
+    let mut drive = begins_again(drive);
+    assert!(drive.outcome(selecting).is_some());
+    assert_eq!(drive.answer(Command::Move(absolute(50))), None);
+}
+
 /// 6060h was written by SDO, and the wait for 6061h is given up while it waits for standstill.
 #[test]
 fn nothing_begins_after_a_mode_was_written_by_sdo_and_its_selection_was_given_up() {
