@@ -3384,8 +3384,8 @@ impl Stopping {
 pub(crate) enum Reattach {
     /// Nothing yet: its outputs must be harmless, whatever comes.
     Unknown,
-    /// It has kept its power, and with it what it knows.
-    Kept,
+    /// It has kept its power, and with it what it knows. This is what it holds now.
+    Kept(Box<CoreConfig>),
     /// It was without power, or was set back: this is what it holds now.
     Anew(Box<CoreConfig>),
 }
@@ -3403,7 +3403,10 @@ impl AxisCore {
         self.fail_commands(self.failure_of_loss());
         match again {
             Reattach::Unknown => {}
-            Reattach::Kept => self.recall_homing(),
+            Reattach::Kept(config) => {
+                self.know(*config);
+                self.recall_homing();
+            }
             Reattach::Anew(config) => self.attach(*config),
         }
         // Where it may still be moving, switching off would let it coast.
@@ -3431,7 +3434,7 @@ impl AxisCore {
         self.write_outputs(outputs);
     }
 
-    /// What was read of the drive of an axis that was commanded nothing yet.
+    /// What was read of the drive of an axis that is commanded nothing yet.
     pub(crate) fn know(&mut self, config: CoreConfig) {
         self.homed = config.homed;
         (self.config, self.bounds) = config.with_bounds();
@@ -3712,7 +3715,8 @@ mod restart_tests {
         // Operation enabled, Quick stop active, Fault reaction active.
         for statusword in [0x0237, 0x0217, 0x023F] {
             let (mut core, mut outputs, now) = enabled_then(statusword);
-            for again in [Reattach::Unknown, Reattach::Kept] {
+            let config = Box::new(core.config.clone());
+            for again in [Reattach::Unknown, Reattach::Kept(config)] {
                 core.restart(now, again, &mut outputs);
                 assert_eq!(
                     u16::from_le_bytes([outputs[0], outputs[1]]),
@@ -3754,7 +3758,8 @@ mod restart_tests {
         assert!(core.is_lost());
         core.submit(now, CommandId(2), Command::Stop, &mut outputs);
         while core.poll_event().is_some() {}
-        core.restart(now, Reattach::Kept, &mut outputs);
+        let kept = Reattach::Kept(Box::new(core.config.clone()));
+        core.restart(now, kept, &mut outputs);
         let (id, event) = core.poll_event().expect("the stop has an end");
         assert_eq!(id, CommandId(2));
         assert!(matches!(event, Event::Done(Err(_))), "{event:?}");

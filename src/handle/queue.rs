@@ -1477,8 +1477,8 @@ impl AxisPort {
         outputs: &mut [u8],
     ) {
         let anew = match &again {
-            Reattach::Anew(config) => Some(DriveSettings::of(config)),
-            Reattach::Unknown | Reattach::Kept => None,
+            Reattach::Kept(config) | Reattach::Anew(config) => Some(DriveSettings::of(config)),
+            Reattach::Unknown => None,
         };
         self.shared.restart(anew);
         self.manufacturer = Controlword::empty();

@@ -843,8 +843,8 @@ fn a_mode_that_was_taken_back_is_waited_for_no_longer_because_of_a_second_change
 fn an_axis_that_begins_again_remembers_a_mode_that_was_written_by_sdo() {
     use crate::axis::core::Reattach;
 
-    let begins_again = |mut drive: Played| {
-        let again = Reattach::Kept;
+    let begins_again = |mut drive: Played, config: CoreConfig| {
+        let again = Reattach::Kept(Box::new(config));
         drive.core.restart(drive.now, again, &mut drive.outputs);
         drive.drain();
         drive.shows_for(20, SWITCH_ON_DISABLED);
@@ -856,23 +856,24 @@ fn an_axis_that_begins_again_remembers_a_mode_that_was_written_by_sdo() {
         drive.shows_for(20, REACHED);
         drive
     };
-    let mut drive = Played::enabled(CoreConfig {
+    let unmapped = CoreConfig {
         fields: AxisFields {
             mode: None,
             ..FIELDS
         },
         ..Played::config()
-    });
+    };
+    let mut drive = Played::enabled(unmapped.clone());
     drive.answer(Command::PrepareMode(Mode::Homing));
     let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
-    let mut drive = begins_again(drive);
+    let mut drive = begins_again(drive, unmapped);
     assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
 
     let mut drive = Played::enabled(Played::config());
     let selecting = drive.submit(TO_HOMING);
     drive.shows_for(3, REACHED);
     assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 6));
-    let mut drive = begins_again(drive);
+    let mut drive = begins_again(drive, Played::config());
     assert!(drive.outcome(selecting).is_some());
     assert_eq!(drive.answer(Command::Move(absolute(50))), None);
 }

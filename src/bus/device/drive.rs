@@ -93,18 +93,6 @@ impl Drive {
         Ok(())
     }
 
-    /// Has each of its axes stop when the process data stop, once more: a start-up line may have said otherwise.
-    pub(super) async fn stop_on_loss(
-        &self,
-        context: &Context,
-        sdo: &SdoHandle,
-    ) -> Result<(), StepError> {
-        for (axis, ready) in self.config.axes.iter().zip(&self.axes) {
-            stop_on_loss(context, sdo, axis, ready.offset, ready.config.quick_stop).await?;
-        }
-        Ok(())
-    }
-
     /// Takes what its axes did without a set-point's parameters from an earlier start. What goes with no process data is written to it:
     /// a drive that was without power may have stored something else, and one that kept its power has what the last moves have brought.
     pub(super) async fn keep_defaults_of(

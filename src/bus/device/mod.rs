@@ -294,8 +294,15 @@ impl Device {
         Ok(())
     }
 
-    /// What its axes did without a set-point's parameters is that of an earlier start.
-    pub async fn keep_defaults_of(&mut self, before: &Self) -> Result<(), StepError> {
+    /// In SAFEOP, on its way back: what its start-up lists write there, and then what its axes hold. Their handles are there already: in
+    /// OP a program could enable them. What they did without a set-point's parameters is that of an earlier start.
+    pub async fn read_as_it_is_now(
+        &mut self,
+        context: &Context,
+        before: &Self,
+    ) -> Result<(), StepError> {
+        self.write_in_safe_op().await?;
+        self.read_axes(context).await?;
         match (&mut self.kind, &self.mailbox, before.as_drive()) {
             (DeviceKind::Drive(drive), Some(mailbox), Some(before)) => {
                 drive.keep_defaults_of(before, &mailbox.sdo).await
@@ -393,20 +400,12 @@ impl Device {
     }
 
     /// In SAFEOP: what its start-up lists write there.
-    pub async fn write_in_safe_op(&self) -> Result<(), StepError> {
+    async fn write_in_safe_op(&self) -> Result<(), StepError> {
         match &self.mailbox {
             Some(mailbox) => {
                 write_lists(&self.start_up, &mailbox.sdo, Transition::SafeOpToOp).await
             }
             None => Ok(()),
-        }
-    }
-
-    /// Has its axes stop when the process data stop, whatever its start-up lists have written.
-    pub async fn stop_on_loss(&self, context: &Context) -> Result<(), StepError> {
-        match (self.as_drive(), &self.mailbox) {
-            (Some(drive), Some(mailbox)) => drive.stop_on_loss(context, &mailbox.sdo).await,
-            _ => Ok(()),
         }
     }
 

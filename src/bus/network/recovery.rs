@@ -18,7 +18,7 @@ use super::{
     bring_up::{EXCHANGE_LIMIT, Ready},
 };
 use crate::{
-    axis::Reattach,
+    axis::{CoreConfig, Reattach},
     bus::{
         clocks,
         cycle::{Answer, Cycle, DriveData},
@@ -196,24 +196,15 @@ impl Recovery {
             same_process_data(before, device)?;
             device.enter_safe_op(&self.context).await?;
             same_process_data(before, device)?;
-            // As at the start, what the lists write is read.
-            device.write_in_safe_op().await?;
-            // Its handles are there: in OP a program could enable them.
-            device.read_axes(&self.context).await?;
-            // A drive that kept its power has what the last moves have brought, and one that did not has what it stored.
-            device.keep_defaults_of(before).await
+            device.read_as_it_is_now(&self.context, before).await
         };
         steps.await.of(&before.found.id)?;
         self.with_data(place, DriveData::put_back);
         if device.clocks().is_some() {
             self.context.time.sleep(clocks::settling(self.period)).await;
         }
-        let axes = device.as_drive().map_or(&[][..], |drive| &drive.axes);
-        let again = |number: usize| match axes.get(number) {
-            Some(axis) => Reattach::Anew(Box::new(axis.config.clone())),
-            None => Reattach::Unknown,
-        };
-        self.bring_into_op(place, member, device, again).await?;
+        self.bring_into_op(place, member, device, Reattach::Anew)
+            .await?;
         device.done(BringUpStep::State(AlState::Op));
         Ok(())
     }
@@ -223,25 +214,33 @@ impl Recovery {
         &self,
         place: usize,
         member: &Member,
-        device: &Device,
+        device: &mut Device,
         steps: Sender<StepDone>,
     ) -> Result<(), NetworkError> {
-        let Found { station, id, .. } = &device.found;
         let safe_op = BringUpStep::State(AlState::SafeOp);
-        let progress = Progress::of_one(&self.context, steps, 2);
         member.phase.set(ReturnPhase::FromSafeOp);
         self.reattach(place, |_| Reattach::Unknown);
+        let mut anew = device.clone();
+        let total = if device.as_drive().is_some() { 3 } else { 2 };
+        anew.progress = Rc::new(Progress::of_one(&self.context, steps, total));
         let registers = &self.context.registers;
-        registers::request(registers, *station, AlState::SafeOp, SAFE_OP_LIMIT)
+        let back = async {
+            registers::request(
+                registers,
+                device.found.station,
+                AlState::SafeOp,
+                SAFE_OP_LIMIT,
+            )
             .await
-            .at(safe_op)
-            .of(id)?;
-        progress.step(id, safe_op);
-        device.write_in_safe_op().await.of(id)?;
-        device.stop_on_loss(&self.context).await.of(id)?;
-        self.bring_into_op(place, member, device, |_| Reattach::Kept)
+            .at(safe_op)?;
+            anew.done(safe_op);
+            anew.read_as_it_is_now(&self.context, device).await
+        };
+        back.await.of(&device.found.id)?;
+        self.bring_into_op(place, member, &anew, Reattach::Kept)
             .await?;
-        progress.step(id, BringUpStep::State(AlState::Op));
+        anew.done(BringUpStep::State(AlState::Op));
+        *device = anew;
         Ok(())
     }
 
@@ -251,7 +250,7 @@ impl Recovery {
         place: usize,
         member: &Member,
         device: &Device,
-        again: impl FnMut(usize) -> Reattach,
+        again: fn(Box<CoreConfig>) -> Reattach,
     ) -> Result<(), NetworkError> {
         let id = &device.found.id;
         if device.clocks().is_some() {
@@ -260,7 +259,11 @@ impl Recovery {
         }
         // The targets are where the drive stands.
         self.until(|this| this.has_answered(place)).await.of(id)?;
-        self.reattach(place, again);
+        let axes = device.as_drive().map_or(&[][..], |drive| &drive.axes);
+        self.reattach(place, |number| match axes.get(number) {
+            Some(axis) => again(Box::new(axis.config.clone())),
+            None => Reattach::Unknown,
+        });
         self.two_cycles().await;
         device.climb_to_op(&self.context).await.of(id)?;
         let status = AlStatus {

@@ -368,6 +368,42 @@ fn limits_of_start_up_lines_in_safe_op_hold_after_a_recovery_as_after_the_start(
     yard.ends();
 }
 
+/// The program has set a wider limit since the start, and a start-up line sets the narrow one again.
+#[test]
+fn limits_of_start_up_lines_in_safe_op_hold_after_the_drive_was_led_back_from_there() {
+    let limit = StartUpWrite::new(obj::SOFTWARE_LIMIT_MAX, 5_000).at(Transition::SafeOpToOp);
+    let drive = unhomed(drives::generic(), &["z"]).start_up(limit);
+    let mut yard = Yard::new(personality::generic(), drive);
+    let z = yard.axis("z");
+    let sdo = yard.rig.net().sdo(1).unwrap();
+    let limits = yard.rig.until(async {
+        sdo.write(obj::SOFTWARE_LIMIT_MIN, -20_000).await.unwrap();
+        sdo.write(obj::SOFTWARE_LIMIT_MAX, 20_000).await.unwrap();
+        z.read_limits().await.unwrap()
+    });
+    assert_eq!(limits.software.map(|range| range.max), Some(20_000));
+    yard.falls(0x001B);
+    let recovered = yard.recover(1).unwrap();
+    assert!(
+        matches!(recovered, Recovered::FromSafeOp { .. }),
+        "{recovered:?}"
+    );
+    let held = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x607D, 2);
+    assert_eq!(held, Some(5_000));
+    let beyond = yard.rig.until(async {
+        z.enable().await.unwrap();
+        let mode = z.profile_position().await.unwrap();
+        mode.move_abs(8_000, set_point()).await
+    });
+    let failure = beyond.err().and_then(|error| error.failure());
+    assert!(
+        matches!(failure, Some(Failure::BeyondLimit { .. })),
+        "{failure:?}"
+    );
+    drop((z, sdo));
+    yard.ends();
+}
+
 #[test]
 fn a_drive_whose_quick_stop_a_start_up_line_in_safe_op_sets_is_recovered_as_it_was_started() {
     let quick_stop = StartUpWrite::new(obj::QUICK_STOP_OPTION, 2).at(Transition::SafeOpToOp);

@@ -5,10 +5,10 @@ use std::{future::poll_fn, task::Poll};
 use servocrab::{
     axis::{Delivery, Failure, Referencing},
     bus::{AlState as State, AlStatus, AxisConfig, DriveConfig, NetworkEvent, Recovered},
-    drives,
+    drives::{self, DriveDescription},
     profile_position::SetPoint,
 };
-use servocrab_sim::{AlState, Habits, personality};
+use servocrab_sim::{AlState, Device, Habits, personality};
 
 use super::{MIDDLE, MS, Yard, events, fall, is_over, kinds, unhomed, with_parameters_by_sdo};
 
@@ -95,11 +95,17 @@ fn to_a_drive_that_is_in_op_nothing_is_done() {
     yard.ends();
 }
 
+/// Whether the drive has an object that says so, or not.
 #[test]
 fn what_was_homed_is_still_where_it_was() {
-    let drive = DriveConfig::new(drives::akd2g())
-        .axis(AxisConfig::new("z").referencing(Referencing::ByHoming));
-    let mut yard = Yard::new(personality::akd2g(), drive);
+    is_still_homed(personality::akd2g(), drives::akd2g());
+    is_still_homed(personality::generic(), drives::generic());
+}
+
+fn is_still_homed(device: Device, description: DriveDescription) {
+    let drive =
+        DriveConfig::new(description).axis(AxisConfig::new("z").referencing(Referencing::ByHoming));
+    let mut yard = Yard::new(device, drive);
     let z = yard.is_homed_here("z", 700);
     yard.falls(0x001B);
     assert!(!z.status().referenced, "as long as nobody has looked");
@@ -114,9 +120,9 @@ fn what_was_homed_is_still_where_it_was() {
 
 #[test]
 fn what_was_homed_is_known_again_after_frames_were_lost_and_after_a_second_loss() {
-    let drive = DriveConfig::new(drives::akd2g())
+    let drive = DriveConfig::new(drives::generic())
         .axis(AxisConfig::new("z").referencing(Referencing::ByHoming));
-    let mut yard = Yard::new(personality::akd2g(), drive);
+    let mut yard = Yard::new(personality::generic(), drive);
     let z = yard.is_homed_here("z", 700);
     // The watchdog of the drive has not run out by then: it stays in OP.
     let is_cut_off = |yard: &mut Yard| {
