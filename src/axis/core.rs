@@ -3401,6 +3401,7 @@ impl AxisCore {
         }
         // Of a drive that answers, those who wait for a stop have waited on. What it shows from now on is of another beginning.
         self.fail_commands(self.failure_of_loss());
+        let is_anew = matches!(again, Reattach::Anew(_));
         match again {
             Reattach::Unknown => {}
             Reattach::Kept(config) => {
@@ -3424,9 +3425,13 @@ impl AxisCore {
         self.stopping = Stopping::default();
         self.halted = false;
         self.halt_delivered = None;
-        // What was written by SDO is in the drive still.
-        let is_written = |change: &ModeChange| change.step == ModeStep::BySdo;
-        self.mode_change = self.mode_change.filter(is_written);
+        // What was written by SDO is in the drive still, and one that has kept its power may come to what was taken back.
+        let remains = |change: &ModeChange| match change.step {
+            ModeStep::BySdo => true,
+            ModeStep::TakenBack { .. } => !is_anew,
+            ModeStep::Quiet { .. } | ModeStep::Written => false,
+        };
+        self.mode_change = self.mode_change.filter(remains);
         self.set_manufacturer_bits(Controlword::empty());
         self.sent = ComposedWord::DISABLE_VOLTAGE;
         self.sent_velocity = 0;

@@ -309,10 +309,14 @@ struct Run {
     halted_since: Option<Duration>,
     /// Where the axis was before bit 4 rose.
     position: i32,
+    /// Whether it has been elsewhere since.
+    left: bool,
     /// The drive has shown that it is at work on this one.
     pub begun: bool,
     /// Since when it shows that it is at work on this one, and whether it has in more than one word.
     at_work_since: Option<Duration>,
+    /// Since when bit 12 has been high without an error.
+    attained_since: Option<Duration>,
     worked: bool,
     /// Since when all three bits say done; whether they do for a settle time; and they have since bit 4 is known to have been delivered.
     done_since: Option<Duration>,
@@ -352,8 +356,10 @@ impl Run {
             stale_progress: is_in_progress(word),
             halted_since: None,
             position: cycle.sample.position,
+            left: false,
             begun: false,
             at_work_since: None,
+            attained_since: None,
             worked: false,
             done_since: None,
             done: ShownFor::NOT,
@@ -391,8 +397,12 @@ impl Run {
         self.worked |= self.at_work_since.is_some_and(sure);
         let left =
             cycle.bounds.distance(self.position, cycle.sample.position) > cycle.bounds.position;
+        let only_attained = attained && !error;
+        self.attained_since = only_attained.then(|| self.attained_since.unwrap_or(cycle.now));
+        let attained_for_sure = self.attained_since.is_some_and(sure);
+        self.left |= left;
         self.begun |= if self.stale_progress {
-            seen && !error && (attained || left)
+            seen && !error && (attained_for_sure || left)
         } else {
             at_work
         };
@@ -439,12 +449,14 @@ impl Run {
         // Where standstill does not show because the axis is never quiet, the drive's word counts after a while; and where bit 10 does
         // not come, the axis' rest.
         let started = now.saturating_sub(self.since) >= start;
-        // Where bit 12 was high before, one word without it proves nothing of a method that moves nothing, however long ago it was.
+        // Where bit 12 was high before, one word without it proves nothing, however long ago it was. The axis has left where it was by then,
+        // or it reads home.
         let was_at_work = self.worked
             || match (self.command.method.is_motionless(), self.was_attained) {
                 (true, true) => proven && self.reads_home(cycle),
                 (true, false) => true,
-                (false, _) => started,
+                (false, true) => started && (self.left || self.reads_home(cycle)),
+                (false, false) => started,
             };
         if mine && was_at_work && ((stands && done_for_sure) || held || rested) {
             return Some(Ok(Completion::Homed {

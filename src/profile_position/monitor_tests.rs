@@ -492,7 +492,7 @@ fn bit_11_is_taken_in_high_and_low() {
     monitor.note_limit(Statusword::INTERNAL_LIMIT);
     assert_eq!((monitor.unlimited, monitor.limited), (false, true));
     monitor.note_limit(Statusword::empty());
-    assert_eq!((monitor.unlimited, monitor.limited), (true, true));
+    assert_eq!((monitor.unlimited, monitor.limited), (true, false));
     monitor.note_limit(Statusword::INTERNAL_LIMIT);
     assert_eq!((monitor.unlimited, monitor.limited), (true, true));
 }

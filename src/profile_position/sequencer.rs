@@ -1871,7 +1871,8 @@ struct SetPointMonitor {
     /// Whether its end was near when it became active: then what is left of the motion before, within the window, looks like
     /// leaving or passing it.
     short: bool,
-    /// Whether bit 11 (internal limit active) was seen low since it became active, and high. A drive that shows it all the time
+    /// Whether bit 11 (internal limit active) was seen low since it became active, and whether it was high in the last cycle that is surely
+    /// of this one. A drive that shows it all the time
     /// may have limited the move, and the axis may pass the end that was asked for on its way to another.
     unlimited: bool,
     limited: bool,
@@ -2250,7 +2251,7 @@ impl SetPointMonitor {
     pub fn note_limit(&mut self, statusword: Statusword) {
         let limited = statusword.contains(Statusword::INTERNAL_LIMIT);
         self.unlimited |= !limited;
-        self.limited |= limited;
+        self.limited = limited;
     }
 
     /// Takes in one fresh cycle. `alone`: no other set-point can have taken over.
@@ -2419,6 +2420,7 @@ impl SetPointMonitor {
         // The fastest that was seen need not be the fastest that there was.
         let fastest = self.fastest.max(cycle.bounds.position).saturating_mul(4);
         let blind = self.unseen <= fastest;
+        // Of neither, no cycle is known to have been its own.
         let limit_unseen = cycle.bit_11_is_valid && !self.unlimited && !self.limited;
         match shown {
             true if self.gave_way => EndSeen::Unseen,
@@ -2588,7 +2590,7 @@ impl SetPointMonitor {
         let begun = proven || self.has_no_way(cycle);
         // A distance from nobody knows where seems to end wherever the axis waits for the one before it.
         let over = cycle.is_within_window_of(next.end)
-            || (proven && next.may_end_at(position, cycle.bounds));
+            || (proven && !cycle.is_limited() && next.may_end_at(position, cycle.bounds));
         // Where bit 12 shows a full buffer, the drive holds both.
         let holds_both = cycle.bit_12_shows_room() && cycle.is_acknowledging();
         if begun && over && !holds_both {
@@ -2640,6 +2642,12 @@ impl SetPointMonitor {
             .steady_since(cycle.now, self.since, cycle.bounds)
     }
 
+    /// Whether the drive has shown a limit in the last cycle in which it was surely at this distance, at a place to which that does not lead.
+    fn is_stopped_short(&self, cycle: &Cycle<'_>) -> bool {
+        let limited = self.limited && cycle.bit_11_is_valid;
+        limited && !self.may_end_at(cycle.sample.position, cycle.bounds)
+    }
+
     /// How it ended, with one that was started as `next` taking over.
     pub fn ended_into(&self, next: BufferMode, cycle: &Cycle<'_>) -> Result<Completion, Failure> {
         let position = cycle.sample.position;
@@ -2649,7 +2657,9 @@ impl SetPointMonitor {
                 target,
                 actual: position,
             }),
-            (None, _) if self.has_not_left(cycle) => Err(Failure::EndNotKnown { actual: position }),
+            (None, _) if self.has_not_left(cycle) || self.is_stopped_short(cycle) => {
+                Err(Failure::EndNotKnown { actual: position })
+            }
             _ if next == BufferMode::Blending => Ok(Completion::Passed { position }),
             // Between two cycles it was at its end; the nearest that was seen is the better word.
             _ => Ok(Completion::Reached {
@@ -2707,7 +2717,7 @@ impl SetPointMonitor {
         }
         let reached = Some(Ok(Completion::Reached { position }));
         let within = cycle.is_within_window_of(self.end);
-        let may_end_here = self.may_end_at(position, cycle.bounds);
+        let may_end_here = !cycle.is_limited() && self.may_end_at(position, cycle.bounds);
         // Where the one before it has led, or leads, a distance seems to end, too.
         let certain = self.end.is_some() || !self.doubted;
         if self.left_target && (within || (may_end_here && certain)) {
@@ -2940,6 +2950,11 @@ impl Cycle<'_> {
     /// Bit 10.
     fn is_reached(&self) -> bool {
         self.sample.statusword.contains(Statusword::TARGET_REACHED)
+    }
+
+    /// Bit 11, of a drive that was seen without it.
+    fn is_limited(&self) -> bool {
+        self.bit_11_is_valid && (self.sample.statusword).contains(Statusword::INTERNAL_LIMIT)
     }
 
     /// Bit 9.

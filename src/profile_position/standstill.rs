@@ -2,7 +2,7 @@
 
 use core::time::Duration;
 
-use crate::ds402::Sample;
+use crate::ds402::{Sample, Statusword};
 
 use super::{PositionRange, Unrest, circle::Circle};
 
@@ -448,8 +448,8 @@ impl ShownFor {
     }
 }
 
-/// What an axis under way showed last, from the moment it is told to stop until its drive shows anything else after the delivery. Until
-/// then nobody knows whether the drive is still at work, and a position that stays is no rest.
+/// What an axis under way showed last, from the moment it is told to stop until its drive shows anything else after the delivery, or that
+/// it has come to rest. Until then nobody knows whether the drive is still at work, and a position that stays is no rest.
 #[derive(Debug, Clone, Copy, Hash, Default)]
 pub(crate) struct Unanswered(Option<Sample>);
 
@@ -459,10 +459,16 @@ impl Unanswered {
         Self(shown)
     }
 
-    /// Takes in a sample. `delivered`: what tells the axis to stop was delivered before it.
+    /// Takes in a sample. `delivered`: what tells the axis to stop was delivered before it. Where the frames of its way to rest were lost,
+    /// the drive answers by bit 10.
     pub fn update(&mut self, sample: &Sample, delivered: bool) {
         if let Some(shown) = self.0 {
-            let answers = delivered && shown != *sample;
+            let is_reached = |sample: &Sample| {
+                let word = sample.statusword;
+                word.contains(Statusword::TARGET_REACHED)
+            };
+            let came_to_rest = is_reached(sample) && !is_reached(&shown);
+            let answers = (delivered && shown != *sample) || came_to_rest;
             self.0 = (!answers).then_some(*sample);
         }
     }

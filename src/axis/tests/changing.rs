@@ -875,6 +875,9 @@ fn an_axis_that_begins_again_remembers_a_mode_that_was_written_by_sdo() {
     assert_eq!((drive.outcome(selecting), drive.outputs[6]), (None, 6));
     let mut drive = begins_again(drive, Played::config());
     assert!(drive.outcome(selecting).is_some());
+    // The drive may come to what was taken back, for as long as without a restart.
+    assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
+    drive.shows_for(60, REACHED);
     assert_eq!(drive.answer(Command::Move(absolute(50))), None);
 }
 
@@ -981,4 +984,56 @@ fn a_mode_before_one_that_was_written_by_sdo_is_not_confirmed_by_what_is_still_s
     drive.move_to(50);
     drive.shows(REACHED);
     assert_eq!(drive.word() & 0x0010, 0x0010);
+}
+
+/// The drive comes to homing mode 40 ms after it was commanded. Meanwhile it leaves OP and is recovered with its power kept.
+#[cfg(feature = "std")]
+#[test]
+fn a_recovered_drive_that_may_still_come_to_a_mode_that_was_taken_back_starts_nothing() {
+    use crate::axis::core::Reattach;
+
+    let mut config = Played::config();
+    config.deadlines.mode = Duration::from_millis(1_000);
+    let mut drive = Played::enabled(config.clone());
+    let selecting = drive.submit(Command::SelectMode(Mode::Homing));
+    assert_eq!(drive.outputs[6], 6);
+    drive.shows(REACHED);
+    drive.shows(REACHED);
+    // It leaves OP.
+    drive.cycles(12, Brings::Nothing, REACHED);
+    assert!(matches!(
+        drive.outcome(selecting),
+        Some(Err(Failure::BusLost { .. }))
+    ));
+    let now = drive.now;
+    drive
+        .core
+        .restart(now, Reattach::Unknown, &mut drive.outputs);
+    drive.cycles(20, Brings::Answered, SWITCH_ON_DISABLED);
+    let kept = Reattach::Kept(Box::new(config));
+    drive.core.restart(now, kept, &mut drive.outputs);
+    drive.drain();
+    drive.shows_for(40, SWITCH_ON_DISABLED);
+    let enabling = drive.submit(Command::Enable);
+    for statusword in [
+        READY,
+        SWITCHED_ON,
+        ENABLED,
+        ENABLED,
+        ENABLED,
+        REACHED,
+        REACHED,
+    ] {
+        drive.shows(statusword);
+    }
+    assert_eq!(drive.outcome(enabling), Some(Ok(Completion::Done)));
+    // Within a tenth of the time that a drive has to show a mode.
+    assert!(drive.now < now + Duration::from_millis(100));
+    let moving = drive.submit(Command::Move(absolute(5_000)));
+    assert!(
+        matches!(drive.outcome(moving), Some(Err(Failure::WrongMode { .. }))),
+        "{:?}, {:04X}h",
+        drive.outcome(moving),
+        drive.word()
+    );
 }

@@ -495,3 +495,127 @@ fn two_moves_of_no_way_are_not_over_while_bit_12_shows_a_full_buffer() {
     assert!(matches!(drive.outcome(first), Some(Ok(_))));
     assert!(matches!(drive.outcome(second), Some(Ok(_))));
 }
+
+fn ask(
+    drive: &mut Played,
+    reference: Reference,
+    target: i32,
+    buffer_mode: BufferMode,
+) -> CommandId {
+    drive.submit(Command::Move(MoveCommand {
+        reference,
+        target,
+        set_point: SetPoint::new().buffer_mode(buffer_mode),
+        gated: false,
+    }))
+}
+
+/// Bit 10 low, bit 11 (internal limit active) high.
+const LIMITED: u16 = ENABLED | 0x0800;
+
+/// A distance that replaces a move under way, another move behind it. The drive limits the distance (bit 11) after less than a third, and goes
+/// on to the next.
+#[test]
+fn a_distance_that_the_drive_has_limited_to_a_third_is_not_reached_where_another_follows() {
+    let mut outcomes = alloc::vec::Vec::new();
+    for (next, base) in [
+        (BufferMode::Buffered, RelativeBase::Undocumented),
+        (BufferMode::Buffered, RelativeBase::Actual),
+        (BufferMode::Blending, RelativeBase::Actual),
+    ] {
+        let mut config = Played::config();
+        config.traits.buffer_signal = BufferSignal::Acknowledge;
+        config.traits.relative_base = base;
+        let (mut drive, first) = Played::moving(config, 100_000);
+        drive.shows_for(30, ENABLED);
+        let distance = ask(
+            &mut drive,
+            Reference::Relative,
+            10_000,
+            BufferMode::Aborting,
+        );
+        drive.shows(ENABLED);
+        drive.shows(ACKNOWLEDGED);
+        drive.shows_for(5, ENABLED);
+        assert_eq!(drive.outcome(first), Some(Err(Failure::Superseded)));
+        assert!(drive.reports.contains(&(distance, Event::Accepted)));
+        // Its end is near 10_800, wherever the drive counts from.
+        assert!(drive.position < 900, "{}", drive.position);
+        let behind = ask(&mut drive, Reference::Absolute, 0, next);
+        drive.shows(ENABLED);
+        // The buffer is full.
+        drive.shows_for(20, ACKNOWLEDGED);
+        assert!(drive.reports.contains(&(behind, Event::Accepted)));
+        while drive.position < 3_000 {
+            drive.shows(ACKNOWLEDGED);
+        }
+        // Limited there.
+        drive.velocity = 0;
+        drive.shows_for(30, ACKNOWLEDGED | 0x0800);
+        drive.velocity = -20;
+        drive.shows_for(40, LIMITED);
+        outcomes.push((next, base, drive.outcome(distance)));
+    }
+    let good = |(_, _, outcome): &_| matches!(outcome, Some(Ok(_)));
+    assert!(!outcomes.iter().any(good), "{outcomes:#?}");
+}
+
+/// A distance that is blended behind a move, as the last. The drive limits it (bit 11) to four fifths, and rests there.
+#[test]
+fn a_blended_distance_that_the_drive_has_limited_is_not_reached() {
+    let mut config = Played::config();
+    config.traits.buffer_signal = BufferSignal::Acknowledge;
+    config.traits.relative_base = RelativeBase::Actual;
+    let (mut drive, first) = Played::moving(config, 1_000);
+    let distance = ask(
+        &mut drive,
+        Reference::Relative,
+        100_000,
+        BufferMode::Blending,
+    );
+    drive.shows(ENABLED);
+    drive.shows_for(5, ACKNOWLEDGED);
+    assert!(drive.reports.contains(&(distance, Event::Accepted)));
+    while drive.position < 1_040 {
+        drive.shows(ACKNOWLEDGED);
+    }
+    drive.shows_for(50, ENABLED);
+    assert!(matches!(
+        drive.outcome(first),
+        Some(Ok(Completion::Passed { .. }))
+    ));
+    while drive.position < 80_000 {
+        drive.shows(ENABLED);
+    }
+    drive.velocity = 0;
+    drive.shows_for(200, LIMITED | 0x0400);
+    let outcome = drive.outcome(distance);
+    assert!(!matches!(outcome, Some(Ok(_))), "{outcome:?}");
+}
+
+/// A distance that replaces a move under way is acknowledged 40 ms after bit 4. The drive limits it (bit 11) to less than four tenths.
+#[test]
+fn a_distance_that_was_acknowledged_late_and_limited_is_not_reached() {
+    let (mut drive, first) = Played::moving(Played::config(), 100_000);
+    drive.shows_for(30, ENABLED);
+    let distance = ask(
+        &mut drive,
+        Reference::Relative,
+        10_000,
+        BufferMode::Aborting,
+    );
+    drive.shows_for(40, ENABLED);
+    drive.shows(ACKNOWLEDGED);
+    drive.shows_for(5, ENABLED);
+    assert_eq!(drive.outcome(first), Some(Err(Failure::Superseded)));
+    assert!(drive.reports.contains(&(distance, Event::Accepted)));
+    // It counts from between 700 and 1_700, and ends beyond 10_700.
+    assert!(drive.position < 1_700, "{}", drive.position);
+    while drive.position < 4_600 {
+        drive.shows(ENABLED);
+    }
+    drive.velocity = 0;
+    drive.shows_for(200, LIMITED | 0x0400);
+    let outcome = drive.outcome(distance);
+    assert!(!matches!(outcome, Some(Ok(_))), "{outcome:?}");
+}

@@ -874,3 +874,88 @@ fn one_word_without_bit_12_is_no_homing_without_motion_after_a_settle_time_eithe
     }
     assert!(!drive.core.snapshot().referenced);
 }
+
+/// The drive is under local control and ignores bit 4. Bits 12 and 10 are those of an earlier homing, and one word is without bit 12.
+#[test]
+fn one_word_without_bit_12_is_no_homing_of_a_method_that_moves() {
+    for remote in [0x0000, 0x0200] {
+        let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+        drive.position = 700;
+        drive.shows_for(20, 0x1437 | remote);
+        let homing = drive.submit(HOME);
+        assert_eq!(drive.outcome(homing), None);
+        drive.shows_for(10, 0x1437 | remote);
+        assert_eq!(drive.word(), 0x001F);
+        drive.shows(0x0437 | remote);
+        drive.shows_for(300, 0x1437 | remote);
+        let outcome = drive.outcome(homing);
+        assert!(
+            !matches!(outcome, Some(Ok(_))),
+            "{outcome:?}, referenced: {}",
+            drive.core.snapshot().referenced
+        );
+    }
+}
+
+/// The drive shows "in progress" at rest, is under local control and ignores bit 4. One word is with bit 12.
+#[test]
+fn a_homing_that_the_drive_does_not_begin_ends_although_one_word_had_bit_12() {
+    let mut drive = Played::enabled_in(Mode::Homing, Played::config());
+    drive.shows_for(20, 0x0037);
+    let homing = drive.submit(HOME);
+    drive.shows_for(10, 0x0037);
+    assert_eq!(drive.word(), 0x001F);
+    drive.shows(0x1037);
+    // Each deadline is over by then.
+    drive.shows_for(5_000, 0x0037);
+    let outcome = drive.outcome(homing);
+    assert!(matches!(outcome, Some(Err(_))), "{outcome:?}");
+}
+
+/// A move is halted on a sound drive. In the cycles in which its axis comes to rest replies are lost, or another device counts too little.
+/// Then it shows bit 10 and 606Ch = 0 for five seconds.
+#[test]
+fn a_move_that_stands_halted_is_told_so_although_replies_were_lost() {
+    for (brings, cycles) in [(Brings::Nothing, 2), (Brings::Answered, 20)] {
+        let (mut drive, moving) = Played::moving(Played::config(), 100_000);
+        let halting = drive.submit(Command::Halt);
+        assert_eq!(drive.word(), HALT);
+        for cycle in 0..cycles {
+            drive.velocity = if cycle + 1 < cycles { 5 } else { 0 };
+            drive.cycle(brings, ENABLED);
+        }
+        drive.shows_for(5_000, REACHED);
+        let told = drive.reports.contains(&(moving, Event::Halted));
+        let halted = matches!(drive.outcome(halting), Some(Ok(_)));
+        assert!(
+            told && halted,
+            "{brings:?}: {told}, {:?}",
+            drive.outcome(halting)
+        );
+    }
+}
+
+/// The same of a jog that is let go.
+#[test]
+fn a_jog_that_was_let_go_and_stands_gets_no_quick_stop_although_replies_were_lost() {
+    for (brings, cycles) in [(Brings::Nothing, 2), (Brings::Answered, 20)] {
+        let mut drive = Played::enabled_in(Mode::ProfileVelocity, Played::config());
+        let jog = drive.submit(Command::Jog(JogSetPoint::new(700)));
+        drive.velocity = 20;
+        drive.shows_for(30, ENABLED);
+        let now = drive.now;
+        assert!(drive.core.release_jog(now, jog, &mut drive.outputs));
+        for cycle in 0..cycles {
+            drive.velocity = if cycle + 1 < cycles { 5 } else { 0 };
+            drive.cycle(brings, ENABLED);
+        }
+        drive.shows_for(600, REACHED);
+        let released = matches!(drive.outcome(jog), Some(Ok(_)));
+        assert!(
+            released,
+            "{brings:?}: {:?}, {:04X}h",
+            drive.outcome(jog),
+            drive.word()
+        );
+    }
+}
