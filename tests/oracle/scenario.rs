@@ -243,6 +243,8 @@ struct Scenario {
     sent: Outputs,
     /// Since which cycle the words lead down or stop.
     stopping_since: Option<u64>,
+    /// Since when the axis moves although a word that leads down has gone out.
+    setting_off_since: Option<u64>,
     resume_asked: bool,
     next_command: u64,
     busy: u64,
@@ -502,6 +504,7 @@ impl Scenario {
             sent_before: Outputs::default(),
             sent: Outputs::default(),
             stopping_since: None,
+            setting_off_since: None,
             resume_asked: false,
             next_command: 5,
             busy: random.pick(&[10, 30, 100, 300]),
@@ -1207,6 +1210,7 @@ impl Scenario {
         let drives = word & 0x8F == 0x0F;
         if drives {
             self.stopping_since = None;
+            self.setting_off_since = None;
             if before & 0x18F == 0x10F && word & 0x100 == 0 {
                 // What is over for all that shows may have its last counts before it.
                 let holds = self
@@ -1224,13 +1228,18 @@ impl Scenario {
             return Ok(());
         }
         let since = *self.stopping_since.get_or_insert(self.cycle);
-        let leads_down = word & 0x82 == 0 || word & 0x87 == 0x06 || word & 0x8F == 0x07;
-        if leads_down
+        let leads_down = |word: u16| word & 0x82 == 0 || word & 0x87 == 0x06 || word & 0x8F == 0x07;
+        let coasts = leads_down(word)
             && matches!(self.drive.state, State::Enabled | State::QuickStop)
-            && self.is_moving()
-            && self.cycle - since <= self.stop_limit
-            && !self.drive_is_deaf()
-        {
+            && self.is_moving();
+        if !coasts {
+            self.setting_off_since = None;
+            return Ok(());
+        }
+        // An axis that sets off after the word shows it two cycles of the drive later, and the next word answers that.
+        let off = *self.setting_off_since.get_or_insert(self.cycle);
+        let unseen = leads_down(before) && self.cycle - off <= 2 * self.slow + 1;
+        if !unseen && self.cycle - since <= self.stop_limit && !self.drive_is_deaf() {
             return self.broken(
                 "a moving axis does not coast",
                 format!(
