@@ -231,7 +231,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         };
         let dialogue = request.dialogue;
         // A caller that went away meanwhile misses its result; the mailbox is in order.
-        self.calls.answer(&place, Answer { dialogue, result });
+        self.calls.answer(place, Answer { dialogue, result });
     }
 
     async fn transfer(&mut self, request: &mut Request) -> Result<(), Failure> {

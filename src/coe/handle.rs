@@ -1,10 +1,9 @@
 //! What a program holds of a mailbox client: the handle for SDO transfers.
 
-use alloc::boxed::Box;
 use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::future::poll_fn;
-use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering, fence};
 use core::task::Poll;
 use core::time::Duration;
 
@@ -410,10 +409,12 @@ fn refusal<T>(result: Result<T, DriveError>) -> Result<Result<T, AbortCode>, Dri
     }
 }
 
-// How transfers get from any thread to the mailbox client, and their outcomes back: through places that are made once.
+// How transfers get from any thread to the mailbox client, and their outcomes back. Each call has a cell, which its caller makes.
 //
-// On the client's thread nothing is allocated and nothing freed. A dialogue brings its buffers along and goes back with them. What
-// a caller that went away has left behind stays in its place until the next caller takes that one.
+// On the client's thread nothing is allocated and nothing freed. A dialogue brings its buffers along and goes back with them. An
+// answered cell stays in the place until the next caller takes the place and drops what is in it.
+//
+// An answer frees the place, whether the caller has read it or not. So a future that nobody polls holds up no other.
 
 /// Bytes that are got ready for an answer of unknown length, as long as none was longer: more than most objects have.
 const USUAL_ROOM: usize = 4096;
@@ -439,8 +440,29 @@ pub(super) struct Answer {
 #[derive(Debug)]
 pub(super) struct Call {
     pub request: Request,
-    pub place: Arc<CallSlot>,
+    pub place: Served,
 }
+
+/// The client's end of a cell. Its caller is woken with it, answered or not.
+#[derive(Debug)]
+pub(super) struct Served(Arc<CallSlot>);
+
+impl Served {
+    /// Whether the caller of a call that is not answered has gone away.
+    pub fn is_left(&self) -> bool {
+        self.0.left.load(Ordering::Acquire)
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.0.over.store(true, Ordering::Release);
+        self.0.caller.wake();
+    }
+}
+
+/// Room for one call: empty, or with the cell of the call before.
+type Place = Option<Served>;
 
 /// Where a caller waits for its answer.
 #[derive(Debug)]
@@ -448,21 +470,15 @@ pub(super) struct CallSlot {
     /// Room for one.
     answer: ArrayQueue<Answer>,
     caller: AtomicWaker,
-    /// One of both, caller and client, is through with the call.
+    /// The caller has gone away.
     left: AtomicBool,
-}
-
-impl CallSlot {
-    /// Whether the caller of a call that is not answered has gone away.
-    pub fn is_left(&self) -> bool {
-        self.left.load(Ordering::Acquire)
-    }
+    /// The client is through with the call.
+    over: AtomicBool,
 }
 
 #[derive(Debug)]
 struct Calls {
-    places: Box<[Arc<CallSlot>]>,
-    free: (Sender<Arc<CallSlot>>, Receiver<Arc<CallSlot>>),
+    free: (Sender<Place>, Receiver<Place>),
     /// Room for a call from each place.
     waiting: ArrayQueue<Call>,
     client: AtomicWaker,
@@ -482,19 +498,12 @@ pub(super) fn calls(
 ) -> (Callers, RequestReceiver) {
     // One is served while the others wait.
     let count = settings.request_capacity.max(1).saturating_add(1);
-    let place = || CallSlot {
-        answer: ArrayQueue::new(1),
-        caller: AtomicWaker::new(),
-        left: AtomicBool::new(false),
-    };
-    let places: Box<[_]> = (0..count).map(|_| Arc::new(place())).collect();
     let free = bounded(count);
-    for place in &places {
+    for _ in 0..count {
         // There is room for all.
-        let _ = free.0.try_send(Arc::clone(place));
+        let _ = free.0.try_send(None);
     }
     let calls = Arc::new(Calls {
-        places,
         free,
         waiting: ArrayQueue::new(count),
         client: AtomicWaker::new(),
@@ -505,16 +514,6 @@ pub(super) fn calls(
         longest: AtomicUsize::new(USUAL_ROOM),
     });
     (Callers(Arc::clone(&calls)), RequestReceiver(calls))
-}
-
-impl Calls {
-    /// Caller and client leave a place once each; with the second one it is free again.
-    fn leave(&self, place: &Arc<CallSlot>) {
-        if place.left.swap(true, Ordering::AcqRel) {
-            place.left.store(false, Ordering::Release);
-            let _ = self.free.0.try_send(Arc::clone(place));
-        }
-    }
 }
 
 /// The end of the callers; without it the client ends.
@@ -538,22 +537,27 @@ impl Callers {
 
     async fn call_directly(&self, request: Request) -> Option<Answer> {
         let calls = &*self.0;
-        let place = calls.free.1.recv().await.ok()?;
-        let seated = CallGuard { calls, place };
-        let place = &seated.place;
-        drop(place.answer.pop());
-        let call = Call {
-            request,
-            place: Arc::clone(place),
-        };
-        calls.waiting.push(call).ok()?;
+        // With what the call before has left behind.
+        drop(calls.free.1.recv().await.ok()?);
+        let cell = CallGuard(Arc::new(CallSlot {
+            answer: ArrayQueue::new(1),
+            caller: AtomicWaker::new(),
+            left: AtomicBool::new(false),
+            over: AtomicBool::new(false),
+        }));
+        let cell = &cell.0;
+        let place = Served(Arc::clone(cell));
+        calls.waiting.push(Call { request, place }).ok()?;
         calls.client.wake();
         poll_fn(|context| {
-            place.caller.register(context.waker());
+            cell.caller.register(context.waker());
+            // Either this sees that the client has gone, or the client sees this call.
+            fence(Ordering::SeqCst);
             // Looked at first: what the client has answered before it went is an answer.
+            let is_over = cell.over.load(Ordering::Acquire);
             let is_gone = calls.client_gone.load(Ordering::Acquire);
-            match place.answer.pop() {
-                None if !is_gone => Poll::Pending,
+            match cell.answer.pop() {
+                None if !is_over && !is_gone => Poll::Pending,
                 answer => Poll::Ready(answer),
             }
         })
@@ -568,16 +572,13 @@ impl Drop for Callers {
     }
 }
 
-/// A caller in its place.
-struct CallGuard<'a> {
-    calls: &'a Calls,
-    place: Arc<CallSlot>,
-}
+/// A caller's end of its cell.
+struct CallGuard(Arc<CallSlot>);
 
-impl Drop for CallGuard<'_> {
+impl Drop for CallGuard {
     fn drop(&mut self) {
-        self.place.caller.take();
-        self.calls.leave(&self.place);
+        self.0.caller.take();
+        self.0.left.store(true, Ordering::Release);
     }
 }
 
@@ -600,24 +601,29 @@ impl RequestReceiver {
         .await
     }
 
-    /// Gives a call's answer to its caller, or leaves it in its place.
-    pub fn answer(&self, place: &Arc<CallSlot>, answer: Answer) {
+    /// Puts a call's answer into its cell, and gives the place back.
+    pub fn answer(&self, place: Served, answer: Answer) {
         self.0
             .longest
             .fetch_max(answer.dialogue.room_taken(), Ordering::Relaxed);
-        // The caller has emptied the place.
-        let _ = place.answer.push(answer);
-        self.0.leave(place);
-        place.caller.wake();
+        let cell = &place.0;
+        // It is empty: a call is answered once.
+        let _ = cell.answer.push(answer);
+        cell.over.store(true, Ordering::Release);
+        cell.caller.wake();
+        // There is room for all.
+        let _ = self.0.free.0.try_send(Some(place));
     }
 }
 
 impl Drop for RequestReceiver {
     fn drop(&mut self) {
-        self.0.client_gone.store(true, Ordering::Release);
-        self.0.free.0.close();
-        for place in &self.0.places {
-            place.caller.wake();
+        let calls = &*self.0;
+        calls.client_gone.store(true, Ordering::Release);
+        calls.free.0.close();
+        fence(Ordering::SeqCst);
+        while let Some(call) = calls.waiting.pop() {
+            drop(call);
         }
     }
 }
@@ -784,7 +790,7 @@ mod tests {
         assert_eq!(fed, Ok(TransferStep::Done));
         let dialogue = Dialogue::Upload(upload);
         let result = Ok(());
-        served.answer(&place, Answer { dialogue, result });
+        served.answer(place, Answer { dialogue, result });
     }
 
     #[test]

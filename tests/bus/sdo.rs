@@ -173,3 +173,46 @@ fn ethernet_in_a_drives_mailbox_is_no_answer_to_an_sdo_request() {
     assert_eq!(rig.net().emergencies(0).unwrap().try_next(), None);
     rig.shutdown();
 }
+
+/// A program keeps the futures of seventeen reads and polls none of them again. The drive has answered each. A further read ends, and
+/// each kept future gives its own result.
+#[test]
+fn transfers_whose_futures_are_kept_after_their_answer_hold_up_no_other() {
+    use servocrab::{bus::Network, coe::obj};
+    use servocrab_sim::{Segment, personality};
+    use std::{
+        pin::pin,
+        task::{Context, Poll, Waker},
+        time::Duration,
+    };
+    let line = crate::rig::Line::new(Segment::new().with(personality::akd2g()));
+    let builder = Network::builder()
+        .link(line.wire())
+        .drive(0, crate::rig::akd2g());
+    let mut rig = crate::rig::Rig::start(builder).unwrap();
+    let sdo = rig.net().sdo(0).unwrap();
+    let mut cx = Context::from_waker(Waker::noop());
+    let mut kept = Vec::new();
+    for _ in 0..17 {
+        let sdo = sdo.clone();
+        let mut read = Box::pin(async move { sdo.read(obj::STATUSWORD).await });
+        assert!(read.as_mut().poll(&mut cx).is_pending());
+        rig.run_for(Duration::from_millis(20));
+        kept.push(read);
+    }
+    let limited = sdo.clone().with_timeout(Duration::from_millis(100));
+    let mut read = pin!(limited.read(obj::STATUSWORD));
+    let end = rig.bus.now() + Duration::from_secs(10);
+    let mut ready = false;
+    while rig.bus.now() < end && !ready {
+        ready = matches!(read.as_mut().poll(&mut cx), Poll::Ready(_));
+        assert!(rig.bus.turn());
+    }
+    assert!(
+        ready,
+        "a read with a time limit of 100 ms has no end after 10 s"
+    );
+    for read in kept {
+        rig.until(read).unwrap();
+    }
+}

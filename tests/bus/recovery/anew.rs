@@ -546,3 +546,32 @@ fn a_reference_that_has_begun_anew_is_not_made_the_clock_of_a_line_that_runs() {
     assert!(error.contains("the reference of the others"), "{error}");
     rig.shutdown();
 }
+
+/// A program keeps the futures of seventeen answered reads and polls none of them again. The drive loses its power. The recovery ends.
+#[test]
+fn a_drive_whose_answered_transfers_are_kept_is_recovered() {
+    let mut yard = Yard::new(personality::akd2g(), unhomed(drives::akd2g(), &["z", "w"]));
+    let sdo = yard.rig.net().sdo(1).unwrap();
+    let mut cx = Context::from_waker(Waker::noop());
+    let mut kept = Vec::new();
+    for _ in 0..17 {
+        let sdo = sdo.clone();
+        let mut read = Box::pin(async move { sdo.read(obj::STATUSWORD).await });
+        assert!(read.as_mut().poll(&mut cx).is_pending());
+        yard.rig.run_for(20 * MS);
+        kept.push(read);
+    }
+    yard.loses_power(300 * MS);
+    let net = yard.rig.net.take().unwrap();
+    let mut recovery = pin!(net.recover(1));
+    let end = yard.rig.bus.now() + 60_000 * MS;
+    let mut ready = None;
+    while yard.rig.bus.now() < end && ready.is_none() {
+        if let std::task::Poll::Ready(result) = recovery.as_mut().poll(&mut cx) {
+            ready = Some(result);
+        }
+        assert!(yard.rig.bus.turn());
+    }
+    assert!(ready.is_some(), "the recovery has no end after a minute");
+    drop(kept);
+}
