@@ -17,7 +17,7 @@ use crate::{
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
     pdo_map::{Direction, Layout, Mapping},
-    profile_position::{Limits, RelativeBase},
+    profile_position::{Limits, PositionRange, RelativeBase},
     units::AxisScale,
 };
 
@@ -43,6 +43,30 @@ pub(in crate::bus) struct ReadyAxis {
     pub offset: AxisOffset,
     pub scale: AxisScale,
     pub config: CoreConfig,
+    held: HeldLimits,
+}
+
+/// What the drive holds in its limit objects, each once it was read.
+#[derive(Debug, Clone, Copy, Default)]
+struct HeldLimits {
+    software: [Option<i32>; 2],
+    home_offset: Option<i32>,
+    position_range: [Option<i32>; 2],
+    max_velocity: Option<u32>,
+}
+
+impl HeldLimits {
+    fn limits(&self) -> Limits {
+        let range = |[min, max]: [Option<i32>; 2]| {
+            min.zip(max).map(|(min, max)| PositionRange { min, max })
+        };
+        Limits {
+            software: range(self.software),
+            home_offset: self.home_offset.unwrap_or(0),
+            position_range: range(self.position_range),
+            max_velocity: self.max_velocity,
+        }
+    }
 }
 
 /// When an object is read. What the process data hold is overwritten by the first outputs that the drive takes.
@@ -67,6 +91,7 @@ impl Drive {
                 offset,
                 scale: axis.scale,
                 config: self.declared(axis, fields),
+                held: HeldLimits::default(),
             };
             self.read_axis(Reading::Overwritten, sdo, axis, &mut ready)
                 .await?;
@@ -233,26 +258,27 @@ impl Drive {
             due.read_into(&mut defaults.profile_type, obj::MOTION_PROFILE_TYPE)
                 .await?;
         }
-        self.read_limits(&due, axis, config).await
+        self.read_limits(&due, axis, ready).await
     }
 
-    /// The limits that moves are checked against, and the turn of a modulo axis: all of them at once.
+    /// The limits that moves are checked against, and the turn of a modulo axis: each object when it is due.
     async fn read_limits(
         &self,
         due: &Due<'_>,
         axis: &AxisConfig,
-        config: &mut CoreConfig,
+        ready: &mut ReadyAxis,
     ) -> Result<(), StepError> {
-        let overwritten = LIMITS.iter().any(|object| due.is_output(*object));
-        if overwritten != (due.reading == Reading::Overwritten) {
-            return Ok(());
-        }
+        let ReadyAxis { config, held, .. } = ready;
         let held = match (axis.limits, axis.modulo) {
             (Some(limits), None | Some(Turn::These(_))) => limits,
-            _ => Limits::read(&Parameters(due.sdo.clone()), due.offset)
-                .await
-                .at(BringUpStep::Parameters)?,
+            _ => {
+                due.read_limits(held).await?;
+                held.limits()
+            }
         };
+        if due.reading == Reading::Overwritten {
+            return Ok(());
+        }
         config.limits = axis.limits.unwrap_or(held);
         let turn = match axis.modulo {
             None => return Ok(()),
@@ -267,16 +293,6 @@ impl Drive {
         Ok(())
     }
 }
-
-/// What [`Limits::read`] reads.
-const LIMITS: [ObjectAddress; 6] = [
-    obj::SOFTWARE_LIMIT_MIN.address(),
-    obj::SOFTWARE_LIMIT_MAX.address(),
-    obj::HOME_OFFSET.address(),
-    obj::POSITION_RANGE_MIN.address(),
-    obj::POSITION_RANGE_MAX.address(),
-    obj::MAX_PROFILE_VELOCITY.address(),
-];
 
 /// What is read of an axis now.
 struct Due<'a> {
@@ -319,6 +335,19 @@ impl Due<'_> {
             *place = value;
         }
         Ok(())
+    }
+
+    async fn read_limits(&self, held: &mut HeldLimits) -> Result<(), StepError> {
+        let [min, max] = &mut held.software;
+        self.read_into(min, obj::SOFTWARE_LIMIT_MIN).await?;
+        self.read_into(max, obj::SOFTWARE_LIMIT_MAX).await?;
+        let [min, max] = &mut held.position_range;
+        self.read_into(min, obj::POSITION_RANGE_MIN).await?;
+        self.read_into(max, obj::POSITION_RANGE_MAX).await?;
+        let object = obj::HOME_OFFSET;
+        self.read_into(&mut held.home_offset, object).await?;
+        let object = obj::MAX_PROFILE_VELOCITY;
+        self.read_into(&mut held.max_velocity, object).await
     }
 
     /// An object without which the axis attaches all the same, whatever the drive says of it; `None` where it is not due.
