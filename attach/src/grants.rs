@@ -122,13 +122,14 @@ pub struct AskedFor {
 pub(crate) type Asks = mpsc::Sender<AskedFor>;
 
 /// The objects of a first axis that the library writes, or has read and relies on.
-const OWNED: [u16; 32] = [
-    0x6007, 0x6040, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6060, 0x6065, 0x6067, 0x6068, 0x606D,
-    0x606E, 0x606F, 0x6070, 0x607A, 0x607B, 0x607C, 0x607D, 0x607E, 0x607F, 0x6080, 0x6081, 0x6082,
-    0x6083, 0x6084, 0x6085, 0x6086, 0x60C5, 0x60C6, 0x60F2, 0x60FF,
+const OWNED: [u16; 38] = [
+    0x6007, 0x6040, 0x6042, 0x605A, 0x605B, 0x605C, 0x605D, 0x605E, 0x6060, 0x6065, 0x6067, 0x6068,
+    0x606D, 0x606E, 0x606F, 0x6070, 0x6071, 0x607A, 0x607B, 0x607C, 0x607D, 0x607E, 0x607F, 0x6080,
+    0x6081, 0x6082, 0x6083, 0x6084, 0x6085, 0x6086, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x60C5, 0x60C6,
+    0x60F2, 0x60FF,
 ];
 
-/// Whether the library itself writes this object or relies on what it holds: those of motion, for each of eight axes, the homing
+/// Whether the library itself writes this object or relies on what it holds: those of motion (targets and offsets of set-points in all modes), for each of eight axes, the homing
 /// 6098h to 609Ah, the factors 608Fh to 6097h, and all of 1000h to 1FFFh (PDO mapping, sync managers, stored parameters).
 pub(crate) fn is_owned(object: ObjectAddress) -> bool {
     match object.index {
@@ -154,6 +155,13 @@ mod tests {
         }
         for index in [0x2000, 0x3502, 0x5FFF, 0x6072, 0x6872, 0x60FE, 0xA000] {
             assert!(!is_owned(ObjectAddress::new(index, 0)), "{index:04X}h");
+        }
+    }
+
+    #[test]
+    fn targets_and_offsets_of_set_points_are_the_librarys() {
+        for index in [0x6042, 0x6071, 0x60B0, 0x60B1, 0x60B2, 0x60C1, 0x68B0] {
+            assert!(is_owned(ObjectAddress::new(index, 0)), "{index:04X}h");
         }
     }
 }

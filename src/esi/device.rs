@@ -1,5 +1,6 @@
 //! A device of an ESI file.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -240,7 +241,7 @@ impl EsiDevice {
             vendor,
             product: kind.attribute_number("ProductCode")?.unwrap_or(0),
             revision: kind.attribute_number("RevisionNo")?.unwrap_or(0),
-            kind: kind.text().to_owned(),
+            kind: kind.text().into_owned(),
             name: device.text_of("Name"),
             sync_managers: device
                 .children("Sm")
@@ -267,7 +268,7 @@ impl EsiDevice {
 
 fn read_sync_manager(manager: &Element<'_>) -> Result<EsiSyncManager, EsiError> {
     Ok(EsiSyncManager {
-        purpose: manager.text().to_owned(),
+        purpose: manager.text().into_owned(),
         start: manager.attribute_number("StartAddress")?,
         control: manager.attribute_number("ControlByte")?,
         most_bytes: manager.attribute_number("MaxSize")?,
@@ -315,7 +316,7 @@ fn read_pdo(
 }
 
 fn read_command(command: &Element<'_>, part: &DevicePart<'_>) -> Result<EsiInitCommand, EsiError> {
-    let transition = |element: Element<'_>| match element.text() {
+    let transition = |element: Element<'_>| match element.text().as_ref() {
         "IP" => EsiTransition::InitToPreOp,
         "PS" => EsiTransition::PreOpToSafeOp,
         "SO" => EsiTransition::SafeOpToOp,
@@ -557,7 +558,7 @@ fn read_dictionary(
 }
 
 struct Unfolding<'a, 'b> {
-    types: &'a BTreeMap<&'a str, Element<'a>>,
+    types: &'a BTreeMap<Cow<'a, str>, Element<'a>>,
     index: u16,
     object: Element<'a>,
     room: &'b mut usize,

@@ -405,3 +405,30 @@ proptest! {
         }
     }
 }
+
+/// A comment may stand in the middle of a value.
+#[test]
+fn a_value_with_a_comment_in_it_is_read_as_a_whole_or_refused() {
+    let text = file(
+        "<Mailbox><CoE><InitCmd><Transition>PS</Transition><Index>#x6085</Index><SubIndex>0</SubIndex>\
+         <Data>4042<!-- 1 000 000 counts/s2 -->0F00</Data></InitCmd></CoE></Mailbox>",
+    );
+    if let Ok(esi) = Esi::from_bytes("drive.xml", text.as_bytes()) {
+        assert_eq!(esi.devices[0].init_commands[0].data, [0x40, 0x42, 0x0F, 0]);
+    }
+}
+
+/// Or of an index.
+#[test]
+fn an_index_with_a_comment_in_it_is_read_as_a_whole_or_refused() {
+    let text = file(
+        "<Mailbox><CoE><InitCmd><Transition>PS</Transition><Index>#x60<!-- window -->65</Index><SubIndex>0</SubIndex>\
+         <Data>40420F00</Data></InitCmd></CoE></Mailbox>",
+    );
+    if let Ok(esi) = Esi::from_bytes("drive.xml", text.as_bytes()) {
+        assert_eq!(
+            esi.devices[0].init_commands[0].object,
+            ObjectAddress::new(0x6065, 0)
+        );
+    }
+}

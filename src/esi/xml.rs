@@ -242,14 +242,22 @@ impl<'a> Element<'a> {
             .ok_or_else(|| self.error(EsiFault::Missing(name)))
     }
 
-    pub fn text(&self) -> &'a str {
-        self.node.text().unwrap_or_default().trim()
+    /// Its text. A comment may stand in it.
+    pub fn text(&self) -> Cow<'a, str> {
+        let mut texts = self.node.children().filter_map(|child| child.text());
+        let first = texts.next().unwrap_or_default();
+        let rest: String = texts.collect();
+        if rest.is_empty() {
+            Cow::Borrowed(first.trim())
+        } else {
+            Cow::Owned((first.to_owned() + &rest).trim().to_owned())
+        }
     }
 
     /// The text of a child; empty without it. Of several (languages) the first.
     pub fn text_of(&self, name: &'static str) -> String {
         self.child(name)
-            .map(|child| child.text().to_owned())
+            .map(|child| child.text().into_owned())
             .unwrap_or_default()
     }
 
@@ -263,7 +271,7 @@ impl<'a> Element<'a> {
     }
 
     pub fn number<T: TryFrom<u32> + Max>(&self) -> Result<T, EsiError> {
-        self.parsed(self.text())
+        self.parsed(&self.text())
     }
 
     /// The number of a child.
@@ -287,7 +295,7 @@ impl<'a> Element<'a> {
     /// The bytes that its text writes in hexadecimal digits.
     pub fn bytes(&self) -> Result<Vec<u8>, EsiError> {
         let text = self.text();
-        let wrong = || self.error(EsiFault::Bytes(quoted_to(text, QUOTED)));
+        let wrong = || self.error(EsiFault::Bytes(quoted_to(&text, QUOTED)));
         let digits: Option<Vec<u32>> = text
             .chars()
             .filter(|digit| !digit.is_whitespace())

@@ -584,6 +584,7 @@ impl Lease {
         if shared.leased.swap(true, Ordering::AcqRel) {
             return Err(shared.error(AxisErrorKind::ModeInUse));
         }
+        shared.leases.fetch_add(1, Ordering::AcqRel);
         shared.trace("mode leased");
         Ok(Self {
             shared: Arc::clone(shared),

@@ -36,6 +36,8 @@ struct State {
     /// How many writes of them were confirmed.
     steps: u64,
     written: WrittenParameters,
+    /// The start of the axis that this is of.
+    start: u64,
     waiting: Vec<Waker>,
 }
 
@@ -60,6 +62,7 @@ impl PartialEq for Holder {
 pub(super) struct Claim<'a> {
     handles: &'a Handles,
     number: u64,
+    start: u64,
     /// None where it is not to change them.
     pub written: Option<WrittenParameters>,
 }
@@ -69,24 +72,41 @@ impl Claims {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether this has anything written to the drive, as far as is known: one that writes may have begun.
-    pub fn have_to_write(&self, by_sdo: &BySdo) -> bool {
-        by_sdo.is_needed(&self.state().written)
-    }
-
     /// Another write was confirmed.
     fn step(&self) {
         self.state().steps += 1;
     }
 }
 
+impl State {
+    /// A drive that has been brought up again holds what it held at the first start: nothing is to be set back any more.
+    fn begin(&mut self, start: u64) {
+        if self.start != start {
+            self.start = start;
+            self.written = WrittenParameters::default();
+        }
+    }
+}
+
 impl Handles {
+    /// What is known of the drive's parameters.
+    fn claims_now(&self) -> MutexGuard<'_, State> {
+        let mut state = self.claims.state();
+        state.begin(self.shared.starts());
+        state
+    }
+
+    /// Whether this has anything written to the drive, as far as is known: one that writes may have begun.
+    pub fn have_to_write(&self, by_sdo: &BySdo) -> bool {
+        by_sdo.is_needed(&self.claims_now().written)
+    }
+
     /// Claims the parameters for a motion that has no other beside it.
     ///
     /// # Errors
     /// [`Failure::Busy`] where another is at it.
     pub fn claim_now(&self) -> Result<Claim<'_>, AxisError> {
-        let mut state = self.claims.state();
+        let mut state = self.claims_now();
         self.take(&mut state, true).map_err(|_| self.busy())
     }
 
@@ -100,7 +120,7 @@ impl Handles {
         let signals = &self.shared.setup.groups.signals;
         loop {
             let (seen, steps) = {
-                let mut state = self.claims.state();
+                let mut state = self.claims_now();
                 let writes = by_sdo.is_needed(&state.written);
                 match self.take(&mut state, writes) {
                     Ok(claim) => return Ok(claim),
@@ -167,8 +187,18 @@ impl Handles {
         Ok(Claim {
             handles: self,
             number,
+            start: state.start,
             written: writes.then(|| core::mem::take(&mut state.written)),
         })
+    }
+
+    /// Nothing more is written for a motion that was asked for before the drive was brought up again: it is not sent either.
+    fn is_of(&self, start: u64) -> Result<(), AxisError> {
+        if start == self.shared.starts() {
+            Ok(())
+        } else {
+            Err(self.busy())
+        }
     }
 
     fn busy(&self) -> AxisError {
@@ -180,7 +210,7 @@ impl Claim<'_> {
     /// The motion was asked for: until the drive has taken it no other's parameters come in between.
     pub fn sent(mut self, pending: &Pending) {
         // Dropped then, it wakes those who wait: for the drive, from now on.
-        let mut state = self.handles.claims.state();
+        let mut state = self.handles.claims_now();
         self.give_back(&mut state);
         let mut holders = state.holders.iter_mut();
         if let Some(holder) = holders.find(|holder| holder.number == self.number) {
@@ -190,7 +220,9 @@ impl Claim<'_> {
 
     /// What was written is known to all from now on.
     fn give_back(&mut self, state: &mut State) {
-        if let Some(written) = self.written.take() {
+        if let Some(written) = self.written.take()
+            && self.start == state.start
+        {
             state.written = written;
         }
     }
@@ -199,7 +231,7 @@ impl Claim<'_> {
 impl Drop for Claim<'_> {
     fn drop(&mut self) {
         let waiting = {
-            let mut state = self.handles.claims.state();
+            let mut state = self.handles.claims_now();
             self.give_back(&mut state);
             state
                 .holders
@@ -221,8 +253,7 @@ pub(super) struct BySdo {
     pub zero: Option<&'static str>,
 }
 
-/// The objects that moves of an axis have written by SDO. A drive that has been brought up anew may have kept its power, and with it what
-/// they have written: the record stays.
+/// The objects that moves of an axis have written by SDO, since its drive was brought up or led back.
 #[derive(Debug, Default)]
 pub(super) struct WrittenParameters {
     written: Vec<Written>,
@@ -286,13 +317,14 @@ impl BySdo {
 
     /// Makes the drive's objects what this motion wants, which has claimed them.
     pub async fn write(self, claim: &mut Claim<'_>) -> Result<(), AxisError> {
-        let handles = claim.handles;
+        let (handles, of) = (claim.handles, claim.start);
         let Some(written) = &mut claim.written else {
             return Ok(());
         };
         for object in self.left_out {
             // What a move leaves out is again what the drive held.
             if let Some(before) = written.to_set_back(object) {
+                handles.is_of(of)?;
                 handles.write_parameter(object, before).await?;
                 written.is_set_back(object);
                 handles.claims.step();
@@ -305,6 +337,7 @@ impl BySdo {
                 written.note(object, before);
                 handles.claims.step();
             }
+            handles.is_of(of)?;
             handles.write_parameter(object, value).await?;
             handles.claims.step();
         }

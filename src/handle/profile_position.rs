@@ -7,7 +7,7 @@ use core::{
     task::{Context, Poll},
     time::Duration,
 };
-use std::sync::Arc;
+use std::sync::{Arc, atomic::Ordering};
 
 use crate::{
     axis::{Command, Completion, Failure, StopRequest},
@@ -126,6 +126,7 @@ impl<U: AxisUnit> ProfilePosition<U> {
         set_point: SetPoint<U>,
     ) -> MoveRequest<U> {
         MoveRequest {
+            lease: self.axis.handles.shared.leases.load(Ordering::Acquire),
             axis: self.axis.clone(),
             command: MoveCommand {
                 reference,
@@ -141,6 +142,8 @@ impl<U: AxisUnit> ProfilePosition<U> {
 #[must_use = "it is sent by `start_together` or `follow`"]
 #[derive(Debug, Clone)]
 pub struct MoveRequest<U: AxisUnit = Counts> {
+    /// The lease that it is of.
+    lease: u64,
     pub(super) axis: Axis<U>,
     pub(super) command: MoveCommand<U>,
 }
@@ -170,6 +173,7 @@ impl<U: AxisUnit> MoveRequest<U> {
         let command = self.command.in_counts(&self.axis.unit.scale);
         CountsRequest {
             handles: Arc::clone(&self.axis.handles),
+            lease: self.lease,
             unit: self.axis.unit,
             command: command.map_err(|error| self.axis.scale_error(error)),
         }
@@ -180,6 +184,7 @@ impl<U: AxisUnit> MoveRequest<U> {
 #[derive(Debug)]
 pub(super) struct CountsRequest {
     pub handles: Arc<Handles>,
+    lease: u64,
     unit: HandleUnit,
     command: Result<MoveCommand, AxisError>,
 }
@@ -200,8 +205,19 @@ impl CountsRequest {
     }
 
     pub fn submit(&self, command: MoveCommand, asked: LastStop) -> Result<Pending, AxisError> {
+        self.check_lease()?;
         let handles = Arc::clone(&self.handles);
         Pending::submit_motion(handles, self.unit, Command::Move(command), asked)
+    }
+
+    /// Another lease may have been given since: the axis is that one's.
+    fn check_lease(&self) -> Result<(), AxisError> {
+        let shared = &self.handles.shared;
+        if self.lease == shared.leases.load(Ordering::Acquire) {
+            Ok(())
+        } else {
+            Err(shared.error(AxisErrorKind::ModeInUse))
+        }
     }
 
     /// Waits for the acknowledge.
@@ -220,6 +236,7 @@ impl CountsRequest {
 
     /// Takes out of the move what the process data does not hold, and what is to be written by SDO therefore.
     pub fn split(&self) -> Result<SplitMove, AxisError> {
+        self.check_lease()?;
         let asked = self.command.clone()?;
         let mut command = asked;
         let handles = &*self.handles;
@@ -246,7 +263,7 @@ impl CountsRequest {
             return Ok((split.command, None));
         };
         let handles = &*self.handles;
-        let writes = handles.claims.have_to_write(&by_sdo);
+        let writes = handles.have_to_write(&by_sdo);
         if writes {
             self.check(split.asked).await?;
         }

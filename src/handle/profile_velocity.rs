@@ -114,7 +114,7 @@ impl<U: AxisUnit> ProfileVelocity<U> {
         }
         set_point.acceleration = ramps.acceleration;
         set_point.deceleration = ramps.deceleration;
-        if handles.claims.have_to_write(&by_sdo) {
+        if handles.have_to_write(&by_sdo) {
             // What is refused must not have changed the ramps, least of all those of a jog that is held.
             let check = Command::CheckJog(set_point.velocity);
             self.axis.run(check).await?;

@@ -61,6 +61,10 @@ pub(super) struct Shared {
     pub changes: AtomicU64,
     /// Whether a mode is leased.
     pub leased: AtomicBool,
+    /// How many leases there were.
+    pub leases: AtomicU64,
+    /// How often the drive was brought up, or led back, with what it held at the first start.
+    starts: AtomicU64,
     /// Whether anything of what follows was stored since the bus thread looked: all that it has to look at in a cycle.
     asked: AtomicBool,
     /// With the stop that was the last one when each was asked for.
@@ -92,6 +96,8 @@ impl Shared {
             waiters: setup.groups.signals.waiters(),
             changes: AtomicU64::new(0),
             leased: AtomicBool::new(false),
+            leases: AtomicU64::new(0),
+            starts: AtomicU64::new(0),
             asked: AtomicBool::new(false),
             queue: ArrayQueue::new(QUEUED_AT_MOST),
             withdrawn: ArrayQueue::new(WITHDRAWN_AT_MOST),
@@ -1261,10 +1267,16 @@ impl Shared {
         self.manufacturer.store(0, Ordering::Release);
         self.outputs.clear();
         if let Some(settings) = anew {
+            self.starts.fetch_add(1, Ordering::AcqRel);
             self.settings.set(settings);
             self.noted_mode.take();
             self.noted_home_offset.take();
         }
+    }
+
+    /// Which start of the axis this is.
+    pub fn starts(&self) -> u64 {
+        self.starts.load(Ordering::Acquire)
     }
 
     /// What the drive holds, read after the axis was made.

@@ -190,6 +190,11 @@ impl Mapping {
             (Direction::Inputs, limits.input_bytes),
         ] {
             let pdos = self.pdos(direction);
+            if direction == Direction::Outputs
+                && let Some(object) = twice(pdos)
+            {
+                return Err(MappingError::ObjectTwice { object, direction });
+            }
             for pdo in pdos {
                 if pdo.entries.len() > limits.entries_per_pdo && !self.is_fixed(pdo.index) {
                     return Err(MappingError::TooManyEntries {
@@ -217,6 +222,17 @@ impl Mapping {
         }
         Ok(self)
     }
+}
+
+/// An object that has two places. What is written to the first does not reach the second.
+fn twice(pdos: &[Pdo]) -> Option<ObjectAddress> {
+    let entries = || pdos.iter().flat_map(|pdo| &pdo.entries);
+    let mut objects = entries().filter(|entry| entry.index != 0).enumerate();
+    objects.find_map(|(number, entry)| {
+        let before = entries().filter(|entry| entry.index != 0).take(number);
+        let mut same = before.filter(|other| other.address() == entry.address());
+        same.next().map(|_| entry.address())
+    })
 }
 
 /// The mapping entry of an object, if it can be mapped that way.

@@ -385,3 +385,69 @@ fn a_drive_that_confirms_a_step_and_keeps_what_it_had_never_reaches_op() {
         assert_ne!(line.segment().devices()[0].al_state(), AlState::Op);
     }
 }
+
+/// What stands in a second place is never written: the drive would take the 0 there for its target.
+fn goes_where_it_is_asked_to(device: Device, description: DriveDescription) {
+    let (line, rig) = started(device, config(description));
+    // Refused with the reason it is as well.
+    let Ok(mut rig) = rig else { return };
+    let axis = rig.net().axis("x").unwrap();
+    let outcome = rig.until(async {
+        axis.enable().await.unwrap();
+        let mode = axis.profile_position().await.unwrap();
+        let set_point = servocrab::profile_position::SetPoint::new()
+            .velocity(100_000)
+            .acceleration(1_000_000)
+            .deceleration(1_000_000);
+        let motion = mode.move_abs(10_000, set_point).await.unwrap();
+        motion.done().await
+    });
+    let segment = line.segment();
+    let ledger = segment.axis(0, 0).unwrap().ledger();
+    let executed: Vec<_> = ledger.iter().map(|entry| entry.value).collect();
+    assert_eq!(
+        executed,
+        [10_000],
+        "the drive was sent elsewhere: {outcome:?}"
+    );
+}
+
+#[test]
+fn two_mandatory_pdos_with_one_target_are_refused_or_both_written() {
+    let device = Servo::generic()
+        .with_fixed_pdo(0x1701, &[(0x6040, 0, 16), (0x6060, 0, 8), (0x607A, 0, 32)])
+        .with_fixed_pdo(0x1702, &[(0x607A, 0, 32)])
+        .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
+        .fixed_mapping();
+    let mut description = fixed_description();
+    let mandatory = |index, entries: &[Entry]| FixedPdo {
+        mandatory: true,
+        ..FixedPdo::new(index, entries.iter().copied())
+    };
+    description.fixed_pdos = vec![
+        mandatory(0x1701, &[CONTROLWORD, MODE, TARGET]),
+        mandatory(0x1702, &[TARGET]),
+        FixedPdo::new(0x1B01, [STATUSWORD, MODE_DISPLAY, POSITION]),
+    ];
+    goes_where_it_is_asked_to(device.build(), description);
+}
+
+#[test]
+fn a_pdo_that_holds_the_target_twice_is_refused_or_both_written() {
+    let twice = [
+        (0x6040, 0, 16),
+        (0x6060, 0, 8),
+        (0x607A, 0, 32),
+        (0x607A, 0, 32),
+    ];
+    let device = Servo::generic()
+        .with_fixed_pdo(0x1701, &twice)
+        .with_fixed_pdo(0x1B01, &[(0x6041, 0, 16), (0x6061, 0, 8), (0x6064, 0, 32)])
+        .fixed_mapping();
+    let mut description = fixed_description();
+    description.fixed_pdos = vec![
+        FixedPdo::new(0x1701, [CONTROLWORD, MODE, TARGET, TARGET]),
+        FixedPdo::new(0x1B01, [STATUSWORD, MODE_DISPLAY, POSITION]),
+    ];
+    goes_where_it_is_asked_to(device.build(), description);
+}

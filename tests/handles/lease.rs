@@ -198,3 +198,23 @@ fn no_move_starts_after_a_mode_that_was_written_by_sdo_was_given_up() {
     let moved = machine.finish(pp.move_abs(500, SetPoint::new())).unwrap();
     machine.finish(moved.done()).unwrap();
 }
+
+/// A move that was made before its lease was given back belongs to nobody any more.
+#[test]
+fn a_request_of_a_lease_that_was_given_back_does_not_move_the_axis_of_the_next_one() {
+    let (mut machine, axis) = Machine::enabled();
+    let first = machine.finish(axis.profile_position()).unwrap();
+    let kept = first.abs(50_000, SetPoint::new());
+    machine.finish(first.release()).unwrap();
+    // Another task has the axis to itself now.
+    let second = machine.finish(axis.profile_position()).unwrap();
+    let own = machine
+        .finish(second.move_abs(500, SetPoint::new()))
+        .unwrap();
+    let started = machine.finish(start_together([kept]));
+    let outcome = machine.finish(own.done());
+    assert!(
+        started.is_err(),
+        "it is started, and the move of the lease ends so: {outcome:?}"
+    );
+}

@@ -575,3 +575,33 @@ fn a_drive_whose_answered_transfers_are_kept_is_recovered() {
     assert!(ready.is_some(), "the recovery has no end after a minute");
     drop(kept);
 }
+
+/// The first move has noted what the program had written before it. The recovery writes what the drive held at the first start.
+#[test]
+fn a_move_that_leaves_its_velocity_out_after_a_recovery_has_none_that_the_program_wrote_since() {
+    let (drive, description) = with_parameters_by_sdo();
+    let mut yard = Yard::new(drive, unhomed(description, &["z"]));
+    let z = yard.axis("z");
+    let sdo = yard.rig.net().sdo(1).unwrap();
+    let get = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6081, 0);
+    let held = get(&yard).unwrap();
+    let go = async |set_point| {
+        z.enable().await.unwrap();
+        let mode = z.profile_position().await.unwrap();
+        let target = z.status().position + 1_000;
+        let moved = mode.move_abs(target, set_point).await.unwrap();
+        moved.done().await.unwrap();
+    };
+    let fast = 5 * u32::try_from(held).unwrap();
+    yard.rig.until(async {
+        sdo.write(obj::PROFILE_VELOCITY, fast).await.unwrap();
+        go(SetPoint::new().velocity(10_000)).await;
+    });
+    yard.loses_power(300 * MS);
+    assert_eq!(yard.recover(1).unwrap(), ANEW);
+    assert_eq!(get(&yard), Some(held), "the recovery has written it");
+    yard.rig.until(go(SetPoint::new()));
+    assert_eq!(get(&yard), Some(held), "and the move {fast}");
+    drop((sdo, z));
+    yard.ends();
+}
