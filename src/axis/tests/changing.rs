@@ -915,6 +915,27 @@ fn nothing_begins_after_a_mode_was_written_by_sdo_and_its_selection_was_given_up
     }
 }
 
+/// The wait for 6061h is given up after 6060h was written.
+#[test]
+fn nothing_begins_after_a_mode_that_was_written_by_sdo_was_given_up() {
+    let mut drive = Played::enabled(CoreConfig {
+        fields: AxisFields {
+            mode: None,
+            ..FIELDS
+        },
+        ..Played::config()
+    });
+    drive.answer(Command::PrepareMode(Mode::Homing));
+    let selecting = drive.submit(TO_HOMING);
+    drive.shows_for(3, REACHED);
+    assert_eq!(drive.outcome(selecting), None);
+    assert!(drive.core.withdraw(selecting, &mut drive.outputs));
+    // Nothing takes it back, however late the drive is.
+    drive.shows_for(300, REACHED);
+    let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
+    assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
+}
+
 /// A drive that is slow in its modes shows one that was taken back, before it comes to the one between, and to the same again.
 #[test]
 fn a_mode_that_was_taken_back_and_is_selected_again_is_not_confirmed_by_the_first_time() {
