@@ -422,6 +422,7 @@ fn whoever_is_told_of_progress_and_blocks_keeps_neither_the_bring_up_nor_the_cyc
     });
     take(&[
         BringUpStep::State(State::SafeOp),
+        BringUpStep::Parameters,
         BringUpStep::State(State::Op),
     ]);
     let recovered = recovering.join().unwrap().unwrap();
