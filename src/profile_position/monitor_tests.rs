@@ -1160,13 +1160,6 @@ fn how_one_ended_that_another_has_followed() {
     );
     let gone = Ok(Completion::Reached { position: 11 });
     assert_eq!(ended(&Scene::at(11), &nowhere, BufferMode::Buffered), gone);
-    // A way of less than the window shows nowhere. Only where it counts from the place at which the axis stood is it over.
-    let short = |at_base: bool| changed(distance(5, base(0)), |monitor| monitor.at_base = at_base);
-    let scene = Scene::at(5);
-    let passed = Ok(Completion::Passed { position: 5 });
-    assert_eq!(ended(&scene, &short(true), BufferMode::Blending), passed);
-    let unknown = Err(Failure::EndNotKnown { actual: 5 });
-    assert_eq!(ended(&scene, &short(false), BufferMode::Blending), unknown);
 }
 
 /// What an axis that shows this says of the last set-point.

@@ -2454,10 +2454,9 @@ impl SetPointMonitor {
 
     /// Whether a distance whose end is not known has not led the axis away from where it stood, or was.
     fn has_not_left(&self, cycle: &Cycle<'_>) -> bool {
-        // Of a short one, that nothing shows its way is no wonder only where it counts from where the axis stood.
-        let has_way = |way: i32| !self.at_base || is_far(way, cycle.bounds);
+        let far = |way: i32| is_far(way, cycle.bounds);
         self.end.is_none()
-            && self.distance.is_some_and(has_way)
+            && self.distance.is_some_and(far)
             && (cycle.is_within_window_of(self.stood)
                 || cycle.is_within_window_of(Some(self.begun_at)))
     }
