@@ -9,7 +9,7 @@ use core::{
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::{
-    axis::{AxisFields, Failure},
+    axis::{AxisFields, Delivery, Failure},
     coe::{Number, Object, ObjectAddress, Writable, obj},
     profile_position::Parameters,
 };
@@ -195,10 +195,11 @@ impl Handles {
     /// Nothing more is written for a motion that was asked for before the drive was brought up again: it is not sent either.
     fn is_of(&self, start: u64) -> Result<(), AxisError> {
         if start == self.shared.starts() {
-            Ok(())
-        } else {
-            Err(self.busy())
+            return Ok(());
         }
+        let delivery = Delivery::NotSent;
+        let failure = Failure::BusLost { delivery };
+        Err(self.shared.error(AxisErrorKind::Failed(failure)))
     }
 
     fn busy(&self) -> AxisError {

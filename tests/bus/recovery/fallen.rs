@@ -1,6 +1,9 @@
 //! Drives that have left OP and kept their power.
 
-use std::{future::poll_fn, task::Poll};
+use std::{
+    future::{Future, poll_fn},
+    task::Poll,
+};
 
 use servocrab::{
     axis::{Delivery, Failure, Referencing},
@@ -235,22 +238,23 @@ fn a_move_that_was_still_writing_its_parameters_when_its_drive_fell_does_not_sta
     drop(segment);
     let net = yard.rig.net.take().unwrap();
     let line = yard.line.clone();
-    let meanwhile = async {
-        poll_fn(|_| {
-            if taken() > before {
-                Poll::Ready(())
-            } else {
-                Poll::Pending
-            }
-        })
-        .await;
-        fall(&line, 0x001B);
+    let set_point = SetPoint::new().velocity(5_000);
+    let mut moving = Box::pin(mode.move_abs(9_000, set_point));
+    yard.rig.until(poll_fn(|cx| {
+        assert!(moving.as_mut().poll(cx).is_pending());
+        if taken() > before {
+            Poll::Ready(())
+        } else {
+            Poll::Pending
+        }
+    }));
+    // The program does not come back to it before the axis is enabled again.
+    fall(&line, 0x001B);
+    yard.rig.until(async {
         net.recover(1).await.unwrap();
         z.enable().await.unwrap();
-    };
-    let set_point = SetPoint::new().velocity(5_000);
-    let both = smol::future::zip(mode.move_abs(9_000, set_point), meanwhile);
-    let (moved, ()) = yard.rig.until(both);
+    });
+    let moved = yard.rig.until(moving);
     yard.rig.net = Some(net);
     let refused = moved.unwrap_err();
     assert!(
