@@ -129,8 +129,8 @@ const OWNED: [u16; 38] = [
     0x60F2, 0x60FF,
 ];
 
-/// Whether the library itself writes this object or relies on what it holds: those of motion (targets and offsets of set-points in all modes), for each of eight axes, the homing
-/// 6098h to 609Ah, the factors 608Fh to 6097h, and all of 1000h to 1FFFh (PDO mapping, sync managers, stored parameters).
+/// Whether the library itself writes this object or relies on what it holds: those of motion (targets and offsets of set-points in all
+/// modes), for each of eight axes, the homing 6098h to 609Ah, the factors 608Fh to 6097h, and all of 1000h to 1FFFh (PDO mapping, sync managers, stored parameters).
 pub(crate) fn is_owned(object: ObjectAddress) -> bool {
     match object.index {
         0x1000..=0x1FFF => true,

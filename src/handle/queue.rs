@@ -1260,13 +1260,13 @@ impl Shared {
         self.outputs.merge(outputs);
     }
 
-    /// The axis begins again: nothing that was asked for or set before comes into effect any more. `anew`: its drive has
-    /// forgotten what was written to it.
-    pub fn restart(&self, anew: Option<DriveSettings>) {
+    /// The axis begins again: nothing that was asked for or set before comes into effect any more. `held`: what its
+    /// drive holds now, if that was read.
+    pub fn restart(&self, held: Option<DriveSettings>) {
         self.stops.note(StopKind::Restart);
         self.manufacturer.store(0, Ordering::Release);
         self.outputs.clear();
-        if let Some(settings) = anew {
+        if let Some(settings) = held {
             self.starts.fetch_add(1, Ordering::AcqRel);
             self.settings.set(settings);
             self.noted_mode.take();
@@ -1488,11 +1488,11 @@ impl AxisPort {
         again: Reattach,
         outputs: &mut [u8],
     ) {
-        let anew = match &again {
+        let held = match &again {
             Reattach::Kept(config) | Reattach::Anew(config) => Some(DriveSettings::of(config)),
             Reattach::Unknown => None,
         };
-        self.shared.restart(anew);
+        self.shared.restart(held);
         self.manufacturer = Controlword::empty();
         core.restart(now, again, outputs);
         self.pass_events(core);

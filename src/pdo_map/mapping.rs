@@ -226,13 +226,12 @@ impl Mapping {
 
 /// An object that has two places. What is written to the first does not reach the second.
 fn twice(pdos: &[Pdo]) -> Option<ObjectAddress> {
-    let entries = || pdos.iter().flat_map(|pdo| &pdo.entries);
-    let mut objects = entries().filter(|entry| entry.index != 0).enumerate();
-    objects.find_map(|(number, entry)| {
-        let before = entries().filter(|entry| entry.index != 0).take(number);
-        let mut same = before.filter(|other| other.address() == entry.address());
-        same.next().map(|_| entry.address())
-    })
+    let entries = pdos.iter().flat_map(|pdo| &pdo.entries);
+    let objects = entries.filter(|entry| entry.index != 0);
+    let objects: Vec<_> = objects.map(|entry| entry.address()).collect();
+    let mut each = objects.iter().enumerate();
+    let again = each.find(|(number, object)| objects[..*number].contains(object));
+    again.map(|(_, object)| *object)
 }
 
 /// The mapping entry of an object, if it can be mapped that way.

@@ -34,6 +34,17 @@ fn wrong_mode(expected: Mode, shown: Mode) -> Failure {
     }
 }
 
+/// 6060h is not in the process data.
+fn mode_by_sdo() -> CoreConfig {
+    CoreConfig {
+        fields: AxisFields {
+            mode: None,
+            ..FIELDS
+        },
+        ..Played::config()
+    }
+}
+
 #[test]
 fn a_mode_is_written_at_rest_and_done_when_it_is_shown() {
     let mut drive = Played::enabled(Played::config());
@@ -848,25 +859,14 @@ fn an_axis_that_begins_again_remembers_a_mode_that_was_written_by_sdo() {
         drive.core.restart(drive.now, again, &mut drive.outputs);
         drive.drain();
         drive.shows_for(20, SWITCH_ON_DISABLED);
-        let enabling = drive.submit(Command::Enable);
-        for statusword in [READY, SWITCHED_ON, ENABLED, ENABLED, ENABLED] {
-            drive.shows(statusword);
-        }
-        assert_eq!(drive.outcome(enabling), DONE);
+        drive.enable();
         drive.shows_for(20, REACHED);
         drive
     };
-    let unmapped = CoreConfig {
-        fields: AxisFields {
-            mode: None,
-            ..FIELDS
-        },
-        ..Played::config()
-    };
-    let mut drive = Played::enabled(unmapped.clone());
+    let mut drive = Played::enabled(mode_by_sdo());
     drive.answer(Command::PrepareMode(Mode::Homing));
     let wrong = refused(wrong_mode(Mode::ProfilePosition, Mode::ProfilePosition));
-    let mut drive = begins_again(drive, unmapped);
+    let mut drive = begins_again(drive, mode_by_sdo());
     assert_eq!(drive.answer(Command::Move(absolute(50))), wrong);
 
     let mut drive = Played::enabled(Played::config());
@@ -885,13 +885,7 @@ fn an_axis_that_begins_again_remembers_a_mode_that_was_written_by_sdo() {
 #[test]
 fn nothing_begins_after_a_mode_was_written_by_sdo_and_its_selection_was_given_up() {
     for late in [false, true] {
-        let mut drive = Played::enabled(CoreConfig {
-            fields: AxisFields {
-                mode: None,
-                ..FIELDS
-            },
-            ..Played::config()
-        });
+        let mut drive = Played::enabled(mode_by_sdo());
         let mode = Mode::Homing;
         assert_eq!(
             drive.answer(Command::PrepareMode(mode)),
@@ -918,13 +912,7 @@ fn nothing_begins_after_a_mode_was_written_by_sdo_and_its_selection_was_given_up
 /// The wait for 6061h is given up after 6060h was written.
 #[test]
 fn nothing_begins_after_a_mode_that_was_written_by_sdo_was_given_up() {
-    let mut drive = Played::enabled(CoreConfig {
-        fields: AxisFields {
-            mode: None,
-            ..FIELDS
-        },
-        ..Played::config()
-    });
+    let mut drive = Played::enabled(mode_by_sdo());
     drive.answer(Command::PrepareMode(Mode::Homing));
     let selecting = drive.submit(TO_HOMING);
     drive.shows_for(3, REACHED);
@@ -967,13 +955,7 @@ fn a_mode_that_was_taken_back_and_is_selected_again_is_not_confirmed_by_the_firs
 /// The same where it goes by SDO, and the mode before is selected.
 #[test]
 fn a_mode_before_one_that_was_written_by_sdo_is_not_confirmed_by_what_is_still_shown() {
-    let mut drive = Played::enabled(CoreConfig {
-        fields: AxisFields {
-            mode: None,
-            ..FIELDS
-        },
-        ..Played::config()
-    });
+    let mut drive = Played::enabled(mode_by_sdo());
     let prepared = |mode| Some(Ok(Completion::Prepared { mode }));
     let to_moves = Mode::ProfilePosition;
     let to_homing = drive.answer(Command::PrepareMode(Mode::Homing));
@@ -1035,19 +1017,8 @@ fn a_recovered_drive_that_may_still_come_to_a_mode_that_was_taken_back_starts_no
     drive.core.restart(now, kept, &mut drive.outputs);
     drive.drain();
     drive.shows_for(40, SWITCH_ON_DISABLED);
-    let enabling = drive.submit(Command::Enable);
-    for statusword in [
-        READY,
-        SWITCHED_ON,
-        ENABLED,
-        ENABLED,
-        ENABLED,
-        REACHED,
-        REACHED,
-    ] {
-        drive.shows(statusword);
-    }
-    assert_eq!(drive.outcome(enabling), Some(Ok(Completion::Done)));
+    drive.enable();
+    drive.shows_for(2, REACHED);
     // Within a tenth of the time that a drive has to show a mode.
     assert!(drive.now < now + Duration::from_millis(100));
     let moving = drive.submit(Command::Move(absolute(5_000)));

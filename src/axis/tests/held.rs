@@ -513,6 +513,18 @@ fn ask(
 /// Bit 10 low, bit 11 (internal limit active) high.
 const LIMITED: u16 = ENABLED | 0x0800;
 
+/// The drive limits the distance (bit 11) at this place, and rests there with bit 10.
+#[track_caller]
+fn is_limited_at(drive: &mut Played, position: i32, distance: CommandId) {
+    while drive.position < position {
+        drive.shows(ENABLED);
+    }
+    drive.velocity = 0;
+    drive.shows_for(200, LIMITED | 0x0400);
+    let outcome = drive.outcome(distance);
+    assert!(!matches!(outcome, Some(Ok(_))), "{outcome:?}");
+}
+
 /// A distance that replaces a move under way, another move behind it. The drive limits the distance (bit 11) after less than a third, and goes
 /// on to the next.
 #[test]
@@ -584,13 +596,7 @@ fn a_blended_distance_that_the_drive_has_limited_is_not_reached() {
         drive.outcome(first),
         Some(Ok(Completion::Passed { .. }))
     ));
-    while drive.position < 80_000 {
-        drive.shows(ENABLED);
-    }
-    drive.velocity = 0;
-    drive.shows_for(200, LIMITED | 0x0400);
-    let outcome = drive.outcome(distance);
-    assert!(!matches!(outcome, Some(Ok(_))), "{outcome:?}");
+    is_limited_at(&mut drive, 80_000, distance);
 }
 
 /// A distance that replaces a move under way is acknowledged 40 ms after bit 4. The drive limits it (bit 11) to less than four tenths.
@@ -611,11 +617,5 @@ fn a_distance_that_was_acknowledged_late_and_limited_is_not_reached() {
     assert!(drive.reports.contains(&(distance, Event::Accepted)));
     // It counts from between 700 and 1_700, and ends beyond 10_700.
     assert!(drive.position < 1_700, "{}", drive.position);
-    while drive.position < 4_600 {
-        drive.shows(ENABLED);
-    }
-    drive.velocity = 0;
-    drive.shows_for(200, LIMITED | 0x0400);
-    let outcome = drive.outcome(distance);
-    assert!(!matches!(outcome, Some(Ok(_))), "{outcome:?}");
+    is_limited_at(&mut drive, 4_600, distance);
 }

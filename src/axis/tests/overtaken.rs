@@ -912,6 +912,14 @@ fn a_homing_that_the_drive_does_not_begin_ends_although_one_word_had_bit_12() {
     assert!(matches!(outcome, Some(Err(_))), "{outcome:?}");
 }
 
+/// In so many cycles, which bring this.
+fn comes_to_rest(drive: &mut Played, cycles: u32, brings: Brings) {
+    drive.velocity = 5;
+    drive.cycles(cycles - 1, brings, ENABLED);
+    drive.velocity = 0;
+    drive.cycle(brings, ENABLED);
+}
+
 /// A move is halted on a sound drive. In the cycles in which its axis comes to rest replies are lost, or another device counts too little.
 /// Then it shows bit 10 and 606Ch = 0 for five seconds.
 #[test]
@@ -920,10 +928,7 @@ fn a_move_that_stands_halted_is_told_so_although_replies_were_lost() {
         let (mut drive, moving) = Played::moving(Played::config(), 100_000);
         let halting = drive.submit(Command::Halt);
         assert_eq!(drive.word(), HALT);
-        for cycle in 0..cycles {
-            drive.velocity = if cycle + 1 < cycles { 5 } else { 0 };
-            drive.cycle(brings, ENABLED);
-        }
+        comes_to_rest(&mut drive, cycles, brings);
         drive.shows_for(5_000, REACHED);
         let told = drive.reports.contains(&(moving, Event::Halted));
         let halted = matches!(drive.outcome(halting), Some(Ok(_)));
@@ -945,10 +950,7 @@ fn a_jog_that_was_let_go_and_stands_gets_no_quick_stop_although_replies_were_los
         drive.shows_for(30, ENABLED);
         let now = drive.now;
         assert!(drive.core.release_jog(now, jog, &mut drive.outputs));
-        for cycle in 0..cycles {
-            drive.velocity = if cycle + 1 < cycles { 5 } else { 0 };
-            drive.cycle(brings, ENABLED);
-        }
+        comes_to_rest(&mut drive, cycles, brings);
         drive.shows_for(600, REACHED);
         let released = matches!(drive.outcome(jog), Some(Ok(_)));
         assert!(

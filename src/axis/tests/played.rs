@@ -133,13 +133,18 @@ impl Played {
     /// At rest in Operation enabled, in mode 1.
     pub fn enabled(config: CoreConfig) -> Self {
         let mut this = Self::disabled(config);
-        let enabling = this.submit(Command::Enable);
-        for statusword in [READY, SWITCHED_ON, ENABLED, ENABLED, ENABLED] {
-            this.shows(statusword);
-        }
-        assert_eq!(this.outcome(enabling), Some(Ok(Completion::Done)));
+        this.enable();
         this.shows_for(20, REACHED);
         this
+    }
+
+    #[track_caller]
+    pub fn enable(&mut self) {
+        let enabling = self.submit(Command::Enable);
+        for statusword in [READY, SWITCHED_ON, ENABLED, ENABLED, ENABLED] {
+            self.shows(statusword);
+        }
+        assert_eq!(self.outcome(enabling), Some(Ok(Completion::Done)));
     }
 
     /// The same in another mode.

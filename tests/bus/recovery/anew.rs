@@ -346,26 +346,40 @@ fn limits_of_start_up_lines_in_safe_op_hold_after_a_recovery_as_after_the_start(
         )));
     let mut yard = Yard::new(personality::generic(), drive);
     let z = yard.axis("z");
-    let refused = |yard: &mut Yard| {
-        let held = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x607D, 2);
-        assert_eq!(held, Some(5_000));
-        let beyond = yard.rig.until(async {
-            z.enable().await.unwrap();
-            let mode = z.profile_position().await.unwrap();
-            mode.move_abs(8_000, set_point()).await
-        });
-        let failure = beyond.err().and_then(|error| error.failure());
-        assert!(
-            matches!(failure, Some(Failure::BeyondLimit { .. })),
-            "{failure:?}"
-        );
-    };
-    refused(&mut yard);
+    no_further_than_5000(&mut yard, &z);
     yard.loses_power(300 * MS);
     assert_eq!(yard.recover(1).unwrap(), ANEW);
-    refused(&mut yard);
+    no_further_than_5000(&mut yard, &z);
     drop(z);
     yard.ends();
+}
+
+/// The drive has this limit, and a move beyond it is refused.
+#[track_caller]
+fn no_further_than_5000(yard: &mut Yard, z: &Axis) {
+    let held = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x607D, 2);
+    assert_eq!(held, Some(5_000));
+    let beyond = yard.rig.until(async {
+        z.enable().await.unwrap();
+        let mode = z.profile_position().await.unwrap();
+        mode.move_abs(8_000, set_point()).await
+    });
+    let failure = beyond.err().and_then(|error| error.failure());
+    assert!(
+        matches!(failure, Some(Failure::BeyondLimit { .. })),
+        "{failure:?}"
+    );
+}
+
+/// The drive falls to SAFEOP, and is led back from there.
+#[track_caller]
+fn is_led_back(yard: &mut Yard) {
+    yard.falls(0x001B);
+    let recovered = yard.recover(1).unwrap();
+    assert!(
+        matches!(recovered, Recovered::FromSafeOp { .. }),
+        "{recovered:?}"
+    );
 }
 
 /// The program has set a wider limit since the start, and a start-up line sets the narrow one again.
@@ -382,24 +396,8 @@ fn limits_of_start_up_lines_in_safe_op_hold_after_the_drive_was_led_back_from_th
         z.read_limits().await.unwrap()
     });
     assert_eq!(limits.software.map(|range| range.max), Some(20_000));
-    yard.falls(0x001B);
-    let recovered = yard.recover(1).unwrap();
-    assert!(
-        matches!(recovered, Recovered::FromSafeOp { .. }),
-        "{recovered:?}"
-    );
-    let held = yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x607D, 2);
-    assert_eq!(held, Some(5_000));
-    let beyond = yard.rig.until(async {
-        z.enable().await.unwrap();
-        let mode = z.profile_position().await.unwrap();
-        mode.move_abs(8_000, set_point()).await
-    });
-    let failure = beyond.err().and_then(|error| error.failure());
-    assert!(
-        matches!(failure, Some(Failure::BeyondLimit { .. })),
-        "{failure:?}"
-    );
+    is_led_back(&mut yard);
+    no_further_than_5000(&mut yard, &z);
     drop((z, sdo));
     yard.ends();
 }
@@ -442,14 +440,7 @@ fn a_drive_stops_on_loss_after_a_recovery_whatever_a_start_up_line_in_safe_op_sa
 
 #[test]
 fn a_drive_stops_on_loss_after_it_was_led_back_from_safe_op_whatever_a_start_up_line_says() {
-    stops_on_loss_again(|yard| {
-        yard.falls(0x001B);
-        let recovered = yard.recover(1).unwrap();
-        assert!(
-            matches!(recovered, Recovered::FromSafeOp { .. }),
-            "{recovered:?}"
-        );
-    });
+    stops_on_loss_again(is_led_back);
 }
 
 #[test]

@@ -123,9 +123,14 @@ fn is_still_homed(device: Device, description: DriveDescription) {
 
 #[test]
 fn what_was_homed_is_known_again_after_frames_were_lost_and_after_a_second_loss() {
-    let drive = DriveConfig::new(drives::generic())
-        .axis(AxisConfig::new("z").referencing(Referencing::ByHoming));
-    let mut yard = Yard::new(personality::generic(), drive);
+    is_known_again(personality::akd2g(), drives::akd2g());
+    is_known_again(personality::generic(), drives::generic());
+}
+
+fn is_known_again(device: Device, description: DriveDescription) {
+    let drive =
+        DriveConfig::new(description).axis(AxisConfig::new("z").referencing(Referencing::ByHoming));
+    let mut yard = Yard::new(device, drive);
     let z = yard.is_homed_here("z", 700);
     // The watchdog of the drive has not run out by then: it stays in OP.
     let is_cut_off = |yard: &mut Yard| {
