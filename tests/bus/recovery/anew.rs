@@ -372,7 +372,6 @@ fn no_further_than_5000(yard: &mut Yard, z: &Axis) {
 }
 
 /// The drive falls to SAFEOP, and is led back from there.
-#[track_caller]
 fn is_led_back(yard: &mut Yard) {
     yard.falls(0x001B);
     let recovered = yard.recover(1).unwrap();
