@@ -974,3 +974,101 @@ fn a_distance_is_loose_where_the_axis_may_lag_so_far_behind_a_demand_that_has_en
         assert_eq!(monitor.is_loose, loose, "{previous}");
     }
 }
+
+/// A drive that goes one way alone goes nearly round for it, and shows bit 10 until it sets off.
+#[test]
+fn a_distance_may_lead_round_for_one_that_it_replaces() {
+    let turn = PositionRange { min: 0, max: 3_599 };
+    let round = |turn: Option<PositionRange>, first: (MoveCommand, i32), next, at: i32| {
+        let mut scene = Scene::at(0);
+        scene.bounds = Bounds::new(10, Some(2), ms(100), ms(1), turn);
+        let begun = |(command, end): (MoveCommand, i32), scene: &Scene| {
+            let raised = raised(1, command, Some(end));
+            scene.shows(|cycle| SetPointMonitor::new(&raised, true, cycle))
+        };
+        let mut replaced = begun(first, &scene);
+        scene.position = at;
+        scene.shows(|cycle| replaced.note(cycle, true));
+        let mut drive_buffer = held([Some(replaced), None]);
+        let mut raised = raised(2, next, Some(at));
+        scene.shows(|cycle| drive_buffer.accept(&mut raised, true, cycle, &mut Events::new()));
+        let taken = drive_buffer.held.iter().flatten().last();
+        taken.is_some_and(|monitor| monitor.leads_round)
+    };
+    let some = Some(turn);
+    let back = |target| (to(target, BufferMode::Aborting), target);
+    let short = by(-5, BufferMode::Aborting);
+    assert!(round(some, back(3_580), short, 3_595));
+    // It sets off, it has no way, it leads to a place, it queues, or the axis does not turn.
+    assert!(!round(some, back(3_500), short, 3_589));
+    assert!(!round(some, back(3_592), short, 3_595));
+    assert!(!round(
+        some,
+        back(3_580),
+        to(3_590, BufferMode::Aborting),
+        3_595
+    ));
+    assert!(!round(
+        some,
+        back(3_580),
+        by(-5, BufferMode::Buffered),
+        3_595
+    ));
+    assert!(!round(None, back(30), short, 5));
+    // So may one that replaces a distance that leads round.
+    let distance = |way, end| (by(way, BufferMode::Aborting), end);
+    assert!(round(some, distance(3_605, 5), short, 5));
+    assert!(!round(some, distance(5, 5), short, 5));
+}
+
+/// It has led the axis nowhere that anybody knows.
+#[test]
+fn a_short_distance_behind_one_that_ended_in_an_error_has_no_known_end() {
+    let short = |position: i32, distance: i32, end: Option<i32>| {
+        let raised = Raised {
+            begin: position,
+            ..raised(2, by(distance, BufferMode::Blending), end)
+        };
+        Scene::at(position).shows(|cycle| SetPointMonitor::new(&raised, true, cycle))
+    };
+    // Bit 12 has shown its turn before the axis was at the end of the first.
+    let after = |position: i32, second: SetPointMonitor| {
+        let mut first = monitor(1, to(1_000, BufferMode::Aborting), Some(1_000));
+        first.note_limit(Statusword::empty());
+        let mut drive_buffer = held([Some(second), None]);
+        drive_buffer.over = Some(Over {
+            monitor: first,
+            next: BufferMode::Blending,
+            since: NOW - ms(100),
+            position,
+        });
+        Scene::at(position).shows(|cycle| {
+            drive_buffer.follow_over(cycle, &mut Events::new());
+            let second = drive_buffer.held[0].expect("one is held");
+            second.ended_into(BufferMode::Blending, cycle)
+        })
+    };
+    let passed = |position| Ok(Completion::Passed { position });
+    let unknown = |actual| Err(Failure::EndNotKnown { actual });
+    assert_eq!(after(300, short(300, -5, None)), unknown(300));
+    assert_eq!(after(300, short(200, -5, None)), passed(300));
+    assert_eq!(after(1_005, short(1_005, -5, None)), passed(1_005));
+    assert_eq!(after(300, short(300, -5, Some(295))), passed(300));
+
+    // The first is a distance that the drive has limited.
+    let behind = |limited: bool| {
+        let mut first = monitor(1, by(1_000, BufferMode::Aborting), None);
+        first.limited = limited;
+        let mut drive_buffer = held([Some(first), Some(short(500, -5, None))]);
+        let mut scene = Scene::at(500);
+        scene.traits.buffer_signal = BufferSignal::Acknowledge;
+        let (room, none) = (Some(Room::Sure), Unacknowledged::None);
+        scene.shows(|cycle| {
+            drive_buffer.follow(cycle, room, none, &mut Events::new());
+            let second = drive_buffer.held[0].expect("one is held");
+            second.ended_into(BufferMode::Blending, cycle)
+        })
+    };
+    assert_eq!(behind(true), unknown(500));
+    assert_eq!(behind(false), passed(500));
+}

@@ -1140,7 +1140,11 @@ impl DriveBuffer {
         // The one before it may have come to its end meanwhile.
         let before = self.before(&raised.request.command);
         raised.far_behind &= before.is_some_and(|before| !before.may_be_over(cycle));
-        let monitor = SetPointMonitor::new(raised, confirmed, cycle);
+        let mut monitor = SetPointMonitor::new(raised, confirmed, cycle);
+        if raised.replaces() {
+            let mut replaced = self.held.iter().flatten();
+            monitor.leads_round |= replaced.any(|held| monitor.may_go_round_for(held, cycle));
+        }
         events.push(monitor.id, Event::Accepted);
         self.push(monitor, events);
     }
@@ -1295,6 +1299,7 @@ impl DriveBuffer {
                         self.not_begun = true;
                         return;
                     }
+                    let mut failed = false;
                     let takeover = self.takeover.take().filter(|_| shown);
                     let position = takeover.map_or(actual, |takeover| takeover.position);
                     if shown && !first.is_seen_at_end(cycle) {
@@ -1314,6 +1319,7 @@ impl DriveBuffer {
                             ..*cycle
                         };
                         let outcome = first.ended_into(second.buffer_mode, &at_change);
+                        failed = outcome.is_err();
                         // At rest nothing shows that the next one has taken over.
                         if rest.is_some() && outcome.is_err() {
                             self.unproven = true;
@@ -1332,6 +1338,9 @@ impl DriveBuffer {
                     }
                     if ran_on && left {
                         second.ran_on();
+                    }
+                    if failed {
+                        second.comes_after_error();
                     }
                     self.last_end = first.end;
                     self.held[0] = self.held[1].take();
@@ -1460,6 +1469,11 @@ impl DriveBuffer {
             }),
             outcome => outcome,
         };
+        if let Some(next) = &mut self.held[0]
+            && outcome.is_err()
+        {
+            next.comes_after_error();
+        }
         events.push(over.monitor.id, Event::Done(outcome));
         self.over = None;
         false
@@ -2082,6 +2096,14 @@ impl SetPointMonitor {
         Some(self.bases.after(distance, bounds))
     }
 
+    /// Whether this distance may have to go round for one that it replaces: that led round, or was an absolute one of a modulo axis, and
+    /// has not moved the axis yet.
+    fn may_go_round_for(&self, replaced: &Self, cycle: &Cycle<'_>) -> bool {
+        let goes = replaced.absolute && !cycle.is_within_window_of(replaced.end);
+        let waits = goes && cycle.is_within_window_of(Some(replaced.begun_at));
+        self.turns && self.distance.is_some() && (replaced.leads_round || waits)
+    }
+
     /// How far it came, should it not end well.
     pub const fn delivery(&self) -> Delivery {
         if self.confirmed {
@@ -2178,6 +2200,11 @@ impl SetPointMonitor {
         self.follows = true;
         self.after_unseen = true;
         self.doubted = unproven;
+    }
+
+    /// The one before it has ended elsewhere than at its end: where a distance of which nobody knows the base began is not known.
+    fn comes_after_error(&mut self) {
+        self.begins_beside |= self.distance.is_some() && self.end.is_none();
     }
 
     /// Whether the drive holds none before it: where nothing has shown that it had begun the one before, this one has led the axis on.
@@ -2452,11 +2479,12 @@ impl SetPointMonitor {
         self.end_seen(cycle) == EndSeen::There && !self.has_not_left(cycle)
     }
 
-    /// Whether a distance whose end is not known has not led the axis away from where it stood, or was.
+    /// Whether a distance whose end is not known has not led the axis away from where it stood, or was. A short one need not, unless the one
+    /// before it has ended in an error.
     fn has_not_left(&self, cycle: &Cycle<'_>) -> bool {
         let far = |way: i32| is_far(way, cycle.bounds);
         self.end.is_none()
-            && self.distance.is_some_and(far)
+            && (self.begins_beside || self.distance.is_some_and(far))
             && (cycle.is_within_window_of(self.stood)
                 || cycle.is_within_window_of(Some(self.begun_at)))
     }

@@ -1079,7 +1079,8 @@ impl Scenario {
     }
 
     /// Where the drive leaves Operation enabled and comes back, and no inputs show it, its set-points are gone unseen: those that are under way, and
-    /// those that are reckoned from their ends, look as if it had limited them or taken them.
+    /// those that are reckoned from their ends, look as if it had limited them or taken them. One whose bit 4 is out looks as if it had taken it
+    /// where it shows bit 12 when it is enabled.
     fn note_out(&mut self, shows: Option<&[u8; INPUT_BYTES]>) {
         let word = shows.map(|image| u16::from_le_bytes([image[0], image[1]]));
         if let Some(out) = &mut self.out {
@@ -1097,7 +1098,8 @@ impl Scenario {
         };
         let dropped =
             |latch: &Latch| matches!(latch.end, Some((at, End::Dropped)) if at >= out.since);
-        if self.drive.ledger.iter().any(dropped) {
+        let seems_taken = self.habits.has(Habit::AckAtEnable);
+        if seems_taken || self.drive.ledger.iter().any(dropped) {
             self.say(|_| "the drive has dropped its set-points unseen".into());
             for id in &self.pending {
                 self.issued[*id as usize].unseen = true;
