@@ -607,6 +607,11 @@ impl<U: AxisUnit> Axis<U> {
     pub(super) async fn select(&self, mode: Mode) -> Result<(), AxisError> {
         let handles = &self.handles;
         let fields = &handles.shared.setup.fields;
+        if handles.shared.is_home_offset_in_doubt() {
+            // Limits are counted from it.
+            let offset = self.read_if_there(obj::HOME_OFFSET).await?;
+            handles.shared.note_home_offset(offset.unwrap_or(0));
+        }
         if fields.mode.is_none() {
             // Nothing is written before the axis has said that it stands and that nothing of the last mode is left.
             let preparing = self.submit(Command::PrepareMode(mode))?;

@@ -38,7 +38,7 @@ impl<U: AxisUnit> Axis<U> {
     }
 
     /// An object of the first axis' numbering, written through the process data of this axis. Until it is set it is 0
-    /// there.
+    /// there; home offset 607Ch is what the drive held.
     ///
     /// # Errors
     /// [`AxisErrorKind::Field`] if it is not in the drive's outputs, or with another length. [`AxisErrorKind::OwnedByAxis`] for

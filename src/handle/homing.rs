@@ -16,11 +16,7 @@ use crate::{
     units::{AxisUnit, Counts},
 };
 
-use super::{
-    Axis, AxisError, AxisErrorKind, BoxFuture,
-    axis::Lease,
-    queue::{Pending, Shared},
-};
+use super::{Axis, AxisError, AxisErrorKind, BoxFuture, axis::Lease, queue::Pending};
 
 /// The lease of an axis in homing mode, from [`Axis::homing`].
 ///
@@ -275,15 +271,11 @@ impl<U: AxisUnit> Homing<U> {
             }
         }
         if let Some(offset) = parameters.offset {
-            let mut written = WrittenOffset {
-                shared: &self.axis.handles.shared,
-                offset: Some(offset),
-            };
-            let put = self.put(obj::HOME_OFFSET, offset).await;
-            if put.is_err() {
-                written.offset = None;
-            }
-            put?;
+            let shared = &self.axis.handles.shared;
+            // Until its answer: it may be given up in between, and the drive take it all the same.
+            shared.doubt_home_offset();
+            self.put(obj::HOME_OFFSET, offset).await?;
+            shared.note_home_offset(offset);
         }
         Ok(())
     }
@@ -306,21 +298,6 @@ impl<U: AxisUnit> Homing<U> {
                     .write_parameter(object.address(), value.encode())
                     .await
             }
-        }
-    }
-}
-
-/// Home offset 607Ch as the drive has it, whatever becomes of the homing: also one that is given up while it is written.
-struct WrittenOffset<'a> {
-    shared: &'a Shared,
-    /// None where the drive has not taken it.
-    offset: Option<i32>,
-}
-
-impl Drop for WrittenOffset<'_> {
-    fn drop(&mut self) {
-        if let Some(offset) = self.offset {
-            self.shared.note_home_offset(offset);
         }
     }
 }

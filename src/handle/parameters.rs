@@ -79,11 +79,11 @@ impl Claims {
 }
 
 impl State {
-    /// A drive that has been brought up again holds what it held at the first start: nothing is to be set back any more.
+    /// A drive that has been brought up again holds what it held at the first start, for all that is read then.
     fn begin(&mut self, start: u64) {
         if self.start != start {
             self.start = start;
-            self.written = WrittenParameters::default();
+            self.written.keep_unread();
         }
     }
 }
@@ -221,10 +221,14 @@ impl Claim<'_> {
 
     /// What was written is known to all from now on.
     fn give_back(&mut self, state: &mut State) {
-        if let Some(written) = self.written.take()
-            && self.start == state.start
-        {
+        let Some(mut written) = self.written.take() else {
+            return;
+        };
+        if self.start == state.start {
             state.written = written;
+        } else {
+            written.keep_unread();
+            state.written.add(written);
         }
     }
 }
@@ -386,6 +390,24 @@ impl WrittenParameters {
         changed
             .find(|written| written.object == object)
             .map(|written| written.before.clone())
+    }
+
+    /// The drive has been brought up, or led back: what was read at the first start was written to it. 6086h was not, where it is not mapped.
+    fn keep_unread(&mut self) {
+        let unread = obj::MOTION_PROFILE_TYPE.address();
+        self.written.retain(|written| written.object == unread);
+        self.written
+            .iter_mut()
+            .for_each(|written| written.changed = true);
+    }
+
+    /// Those of another claim too.
+    fn add(&mut self, other: Self) {
+        for written in other.written {
+            if !self.will_change(written.object) {
+                self.written.push(written);
+            }
+        }
     }
 
     fn is_set_back(&mut self, object: ObjectAddress) {

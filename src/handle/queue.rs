@@ -79,6 +79,8 @@ pub(super) struct Shared {
     noted_mode: Noted,
     /// Home offset 607Ch as the drive has got it.
     noted_home_offset: Noted,
+    /// Whether it may have got another one: a write of it was given up.
+    home_offset_in_doubt: AtomicBool,
     /// Max profile velocity 607Fh as the core checks it; 0 is no limit.
     max_velocity: AtomicU32,
     /// What the drive held when it was attached last.
@@ -108,6 +110,7 @@ impl Shared {
             manufacturer: AtomicU16::new(0),
             noted_mode: Noted::default(),
             noted_home_offset: Noted::default(),
+            home_offset_in_doubt: AtomicBool::new(false),
             max_velocity: AtomicU32::new(0),
             settings: SettingsCell::new(core.drive_settings()),
             closed: AtomicBool::new(false),
@@ -965,8 +968,18 @@ impl Shared {
 
     /// The drive has got this home offset 607Ch.
     pub fn note_home_offset(&self, offset: i32) {
+        self.home_offset_in_doubt.store(false, Ordering::Release);
         self.noted_home_offset.set(offset);
         self.ask();
+    }
+
+    /// A write of the home offset 607Ch begins. Until its answer, or until it is read, what the drive has is not known.
+    pub fn doubt_home_offset(&self) {
+        self.home_offset_in_doubt.store(true, Ordering::Release);
+    }
+
+    pub fn is_home_offset_in_doubt(&self) -> bool {
+        self.home_offset_in_doubt.load(Ordering::Acquire)
     }
 
     /// The place among the outputs of an object that is mapped there.
@@ -1266,11 +1279,13 @@ impl Shared {
         self.stops.note(StopKind::Restart);
         self.manufacturer.store(0, Ordering::Release);
         self.outputs.clear();
+        self.ask();
         if let Some(settings) = held {
             self.starts.fetch_add(1, Ordering::AcqRel);
             self.settings.set(settings);
             self.noted_mode.take();
             self.noted_home_offset.take();
+            self.home_offset_in_doubt.store(false, Ordering::Release);
         }
     }
 
@@ -1477,6 +1492,12 @@ impl AxisPort {
     pub(crate) fn know(&mut self, core: &mut AxisCore, config: CoreConfig) {
         self.shared.know(DriveSettings::of(&config));
         core.know(config);
+    }
+
+    /// What the drive holds in an object that is mapped into its outputs: it goes out until a handle sets it.
+    pub(crate) fn hold(&self, object: ObjectAddress, raw: u32) {
+        self.shared.outputs.hold(object, raw);
+        self.shared.ask();
     }
 
     /// Begins again with its core, which it restarts: whatever handles have asked for or set before does not come into effect

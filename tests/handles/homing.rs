@@ -521,10 +521,20 @@ fn a_stop_while_parameters_are_being_written_stops_the_homing_too() {
     machine.finish(homing.home(to_the_switch())).unwrap();
 }
 
+/// What becomes of a homing whose offset is written.
+#[derive(Clone, Copy, PartialEq)]
+enum Given {
+    /// It is halted.
+    Up,
+    /// It is dropped before the drive has the offset, or before its answer.
+    UpUnsent,
+    UpUnanswered,
+}
+
 /// The drive counts its software position limits from it.
 #[test]
-fn a_home_offset_that_was_written_counts_whatever_becomes_of_its_homing() {
-    for is_dropped in [false, true] {
+fn the_home_offset_that_the_drive_has_counts_whatever_becomes_of_its_homing() {
+    for given in [Given::Up, Given::UpUnsent, Given::UpUnanswered] {
         let mut variant = variant();
         variant.referencing = Referencing::UnreferencedMovesAllowed;
         variant.traits.limits = LimitsRule::cia402();
@@ -535,34 +545,43 @@ fn a_home_offset_that_was_written_counts_whatever_becomes_of_its_homing() {
         let (mut machine, axis) = Machine::enabled_of(&variant);
         let homing = machine.finish(axis.homing()).unwrap();
         let mut home = Task::new(homing.home(to_the_switch().offset(-10_000)));
-        if is_dropped {
-            machine.stations[0]
-                .sdo
-                .slow_writes
-                .store(true, Ordering::Relaxed);
-            // The fifth write is under way.
-            while machine.stations[0].sdo.written.lock().unwrap().len() < 4 {
-                assert!(home.poll().is_none());
-                machine.cycle();
-            }
-        } else {
+        if given == Given::Up {
             begin_homing(&mut machine, &mut home);
             axis.stop_handle().halt();
             machine.finish_task(&mut home).unwrap_err();
             machine.finish(axis.resume()).unwrap();
+        } else {
+            let sdo = &machine.stations[0].sdo;
+            let (slow, writes) = match given {
+                Given::UpUnanswered => (&sdo.late_answers, 5),
+                _ => (&sdo.slow_writes, 4),
+            };
+            slow.store(true, Ordering::Relaxed);
+            // The fifth write is under way.
+            while machine.stations[0].sdo.written.lock().unwrap().len() < writes {
+                assert!(home.poll().is_none());
+                machine.cycle();
+            }
         }
         drop(home);
         machine.run(2);
         assert!(machine.drive().homings().is_empty());
         drop(homing);
+        let has_it = machine.drive().get(0x607C, 0) == Some(-10_000);
+        assert_eq!(has_it, given != Given::UpUnsent);
         let pp = machine.finish(axis.profile_position()).unwrap();
+        let (within, beyond) = if has_it {
+            (55_000, -45_000)
+        } else {
+            (-45_000, 55_000)
+        };
         drop(
             machine
-                .finish(pp.move_abs(55_000, SetPoint::new()))
+                .finish(pp.move_abs(within, SetPoint::new()))
                 .unwrap(),
         );
         let error = machine
-            .finish(pp.move_abs(-45_000, SetPoint::new()))
+            .finish(pp.move_abs(beyond, SetPoint::new()))
             .unwrap_err();
         assert!(error.to_string().contains("607Dh"), "{error}");
     }

@@ -121,6 +121,8 @@ pub(crate) struct Sdo {
     pub(crate) slow: AtomicBool,
     /// A write takes at least a poll.
     pub(crate) slow_writes: AtomicBool,
+    /// Its answer comes a poll after it has taken effect.
+    pub(crate) late_answers: AtomicBool,
     /// An object that reads as 0, whatever the drive holds.
     pub(crate) zero: Mutex<Option<ObjectAddress>>,
 }
@@ -146,6 +148,9 @@ impl ParameterAccess for Sdo {
                 });
             }
             self.written.lock().unwrap().push((object.index, value));
+            if self.late_answers.load(Ordering::Relaxed) {
+                smol::future::yield_now().await;
+            }
             Ok(())
         })
     }
@@ -322,6 +327,7 @@ impl Station {
             refuse: AtomicBool::new(false),
             slow: AtomicBool::new(false),
             slow_writes: AtomicBool::new(false),
+            late_answers: AtomicBool::new(false),
             zero: Mutex::default(),
         });
         let setup = AxisSetup {

@@ -43,6 +43,8 @@ pub(in crate::bus) struct ReadyAxis {
     pub offset: AxisOffset,
     pub scale: AxisScale,
     pub config: CoreConfig,
+    /// What the drive holds in those objects of homing that its outputs overwrite.
+    pub homing: Vec<(ObjectAddress, u32)>,
     held: HeldLimits,
 }
 
@@ -91,10 +93,12 @@ impl Drive {
                 offset,
                 scale: axis.scale,
                 config: self.declared(axis, fields),
+                homing: Vec::new(),
                 held: HeldLimits::default(),
             };
             self.read_axis(Reading::Overwritten, sdo, axis, &mut ready)
                 .await?;
+            self.read_homing(sdo, &mut ready).await?;
             axes.push(ready);
         }
         self.axes = axes;
@@ -116,6 +120,22 @@ impl Drive {
         }
         self.axes = axes;
         Ok(())
+    }
+
+    /// Reads those objects of homing that the outputs will overwrite: a homing leaves out what its program does not give.
+    async fn read_homing(&self, sdo: &SdoHandle, axis: &mut ReadyAxis) -> Result<(), StepError> {
+        let due = Due {
+            reading: Reading::Overwritten,
+            layout: &self.layout,
+            sdo,
+            offset: axis.offset,
+        };
+        let homing = &mut axis.homing;
+        due.hold(homing, obj::HOMING_METHOD).await?;
+        due.hold(homing, obj::HOMING_SWITCH_SPEED).await?;
+        due.hold(homing, obj::HOMING_ZERO_SPEED).await?;
+        due.hold(homing, obj::HOMING_ACCELERATION).await?;
+        due.hold(homing, obj::HOME_OFFSET).await
     }
 
     /// Takes what its axes did without a set-point's parameters from an earlier start. What goes with no process data is written to it:
@@ -149,6 +169,12 @@ impl Drive {
                 }
             }
             axis.config.defaults = first;
+            axis.homing.clone_from(&before.homing);
+            let home_offset = obj::HOME_OFFSET.offset(axis.offset).address();
+            if axis.homing.iter().any(|(object, _)| *object == home_offset) {
+                // It goes out again.
+                axis.config.limits.home_offset = before.config.limits.home_offset;
+            }
         }
         Ok(())
     }
@@ -333,6 +359,17 @@ impl Due<'_> {
     ) -> Result<(), StepError> {
         if let Some(value) = self.read_if_there(object).await? {
             *place = value;
+        }
+        Ok(())
+    }
+
+    async fn hold<T: Number, A: Readable>(
+        &self,
+        held: &mut Vec<(ObjectAddress, u32)>,
+        object: Object<T, A>,
+    ) -> Result<(), StepError> {
+        if let Some(Some(value)) = self.read_if_there(object).await? {
+            held.push((object.offset(self.offset).address(), value.to_raw()));
         }
         Ok(())
     }

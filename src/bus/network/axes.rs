@@ -94,6 +94,9 @@ impl Axes {
                 };
                 let (source, mut port) = setup.open(&core);
                 port.know_counters();
+                for &(object, raw) in &axis.homing {
+                    port.hold(object, raw);
+                }
                 sources.push(source);
                 axes.push(RunningAxis {
                     drive: place,
@@ -129,7 +132,7 @@ impl Axes {
         let Some(outputs) = drives.outputs_mut(place) else {
             return;
         };
-        // As at the beginning: also what no axis writes is 0 until it is set.
+        // As at the beginning: also what no axis writes is 0, or what the drive held, until it is set.
         outputs.fill(0);
         for (number, axis) in self.of_drive(place).enumerate() {
             axis.port

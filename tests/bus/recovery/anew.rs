@@ -16,10 +16,15 @@ use servocrab::{
     },
     coe::obj,
     drives,
+    homing::{HomingMethod, HomingParameters},
     parameters::{StartUpWrite, Transition},
     profile_position::{Outcome, SetPoint},
 };
-use servocrab_sim::{AlState, Segment, ds402::ReachedPolicy, personality};
+use servocrab_sim::{
+    AlState, Segment,
+    ds402::{Machine, ReachedPolicy},
+    personality::{self, Servo},
+};
 
 use super::{
     MIDDLE, MS, Yard, is_over, kinds, servo_with_parameters_by_sdo, set_point, unhomed,
@@ -593,5 +598,90 @@ fn a_move_that_leaves_its_velocity_out_after_a_recovery_has_none_that_the_progra
     yard.rig.until(go(SetPoint::new()));
     assert_eq!(get(&yard), Some(held), "and the move {fast}");
     drop((sdo, z));
+    yard.ends();
+}
+
+/// 6086h is in no process data, and nobody reads it at the start. A move before the recovery had another one.
+#[test]
+fn a_move_that_leaves_its_profile_type_out_after_a_recovery_has_that_of_the_first_start() {
+    let (_, description) = with_parameters_by_sdo();
+    let servo = servo_with_parameters_by_sdo().change(|drive| drive.profile_types = &[0, 1]);
+    let mut yard = Yard::new(servo.build(), unhomed(description, &["z"]));
+    let z = yard.axis("z");
+    let get = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6086, 0);
+    let go = async |set_point| {
+        z.enable().await.unwrap();
+        let mode = z.profile_position().await.unwrap();
+        let target = z.status().position + 1_000;
+        let moved = mode.move_abs(target, set_point).await.unwrap();
+        moved.done().await.unwrap();
+    };
+    assert_eq!(get(&yard), Some(0));
+    yard.rig.until(go(SetPoint::new().profile_type(1)));
+    yard.falls(0x001B);
+    yard.recover(1).unwrap();
+    assert_eq!(get(&yard), Some(1));
+    yard.rig.until(go(SetPoint::new()));
+    assert_eq!(get(&yard), Some(0));
+    drop(z);
+    yard.ends();
+}
+
+/// A homing leaves them out, and the limits count from the home offset.
+#[test]
+fn mapped_objects_of_homing_are_what_the_drive_held_until_a_homing_sets_them() {
+    let objects = [
+        (obj::HOMING_METHOD.address(), 17),
+        (obj::HOMING_SWITCH_SPEED.address(), 30_000),
+        (obj::HOMING_ZERO_SPEED.address(), 3_000),
+        (obj::HOMING_ACCELERATION.address(), 700_000),
+        (obj::HOME_OFFSET.address(), -250),
+    ];
+    let machine = Machine {
+        start: 20_000,
+        negative_limit: Some(15_000),
+        ..Machine::default()
+    };
+    let servo = Servo::generic().change(move |drive| drive.machine = machine.clone());
+    let z = AxisConfig::new("z")
+        .referencing(Referencing::UnreferencedMovesAllowed)
+        .map_output(obj::HOMING_METHOD)
+        .map_output(obj::HOMING_SWITCH_SPEED)
+        .map_output(obj::HOMING_ZERO_SPEED)
+        .map_output(obj::HOMING_ACCELERATION)
+        .map_output(obj::HOME_OFFSET);
+    let drive = DriveConfig::new(drives::generic())
+        .axis(z)
+        .start_up(StartUpWrite::new(obj::HOMING_METHOD, 17))
+        .start_up(StartUpWrite::new(obj::HOMING_SWITCH_SPEED, 30_000))
+        .start_up(StartUpWrite::new(obj::HOMING_ZERO_SPEED, 3_000))
+        .start_up(StartUpWrite::new(obj::HOMING_ACCELERATION, 700_000))
+        .start_up(StartUpWrite::new(obj::HOME_OFFSET, -250));
+    let mut yard = Yard::new(servo.build(), drive);
+    let holds = |yard: &Yard| {
+        objects.map(|(object, _)| {
+            let segment = yard.line.segment();
+            let held = segment.axis(MIDDLE, 0).unwrap();
+            held.get(object.index, object.subindex).unwrap()
+        })
+    };
+    let held = objects.map(|(_, value)| i64::from(value));
+    assert_eq!(holds(&yard), held);
+    let z = yard.axis("z");
+    yard.rig.until(async {
+        z.enable().await.unwrap();
+        let homing = z.homing().await.unwrap();
+        homing.home(HomingMethod::NEGATIVE_LIMIT).await.unwrap();
+        let other = HomingParameters::new(HomingMethod::CURRENT_POSITION).offset(90);
+        homing.home(other).await.unwrap();
+    });
+    assert_eq!(holds(&yard), [37, 30_000, 3_000, 700_000, 90]);
+    yard.falls(0x001B);
+    yard.recover(1).unwrap();
+    assert_eq!(holds(&yard), held);
+    yard.loses_power(300 * MS);
+    assert_eq!(yard.recover(1).unwrap(), ANEW);
+    assert_eq!(holds(&yard), held);
+    drop(z);
     yard.ends();
 }
