@@ -414,10 +414,14 @@ fn refusal<T>(result: Result<T, DriveError>) -> Result<Result<T, AbortCode>, Dri
 // On the client's thread nothing is allocated and nothing freed. A dialogue brings its buffers along and goes back with them. An
 // answered cell stays in the place until the next caller takes the place and drops what is in it.
 //
-// An answer frees the place, whether the caller has read it or not. So a future that nobody polls holds up no other.
+// An answer frees the place, whether the caller has read it or not. So a future that nobody polls holds up no other, be it one that
+// waits for a place.
 
 /// Bytes that are got ready for an answer of unknown length, as long as none was longer: more than most objects have.
 const USUAL_ROOM: usize = 4096;
+
+/// The channel of those who wait for a place.
+const PLACE: u32 = 1;
 
 /// A transfer on its way to the client.
 #[derive(Debug)]
@@ -478,7 +482,7 @@ pub(super) struct CallSlot {
 
 #[derive(Debug)]
 struct Calls {
-    free: (Sender<Place>, Receiver<Place>),
+    free: ArrayQueue<Place>,
     /// Room for a call from each place.
     waiting: ArrayQueue<Call>,
     client: AtomicWaker,
@@ -498,10 +502,10 @@ pub(super) fn calls(
 ) -> (Callers, RequestReceiver) {
     // One is served while the others wait.
     let count = settings.request_capacity.max(1).saturating_add(1);
-    let free = bounded(count);
+    let free = ArrayQueue::new(count);
     for _ in 0..count {
         // There is room for all.
-        let _ = free.0.try_send(None);
+        let _ = free.push(None);
     }
     let calls = Arc::new(Calls {
         free,
@@ -532,13 +536,24 @@ impl Callers {
 
     /// Hands `request` to the client, once there is a place for it, and waits for its answer; `None` if the client is gone.
     async fn call(&self, request: Request) -> Option<Answer> {
+        // With what the call before has left behind.
+        drop(self.place().await?);
         self.0.waiters.relay(self.call_directly(request)).await
+    }
+
+    /// A place, once there is one. All who wait are told of it: one that is not polled keeps it from nobody.
+    async fn place(&self) -> Option<Place> {
+        let calls = &*self.0;
+        let free = || match calls.free.pop() {
+            None if calls.client_gone.load(Ordering::Acquire) => Some(None),
+            None => None,
+            place => Some(place),
+        };
+        calls.waiters.until(PLACE, free).await
     }
 
     async fn call_directly(&self, request: Request) -> Option<Answer> {
         let calls = &*self.0;
-        // With what the call before has left behind.
-        drop(calls.free.1.recv().await.ok()?);
         let cell = CallGuard(Arc::new(CallSlot {
             answer: ArrayQueue::new(1),
             caller: AtomicWaker::new(),
@@ -612,7 +627,8 @@ impl RequestReceiver {
         cell.over.store(true, Ordering::Release);
         cell.caller.wake();
         // There is room for all.
-        let _ = self.0.free.0.try_send(Some(place));
+        let _ = self.0.free.push(Some(place));
+        self.0.waiters.announce(PLACE);
     }
 }
 
@@ -620,8 +636,8 @@ impl Drop for RequestReceiver {
     fn drop(&mut self) {
         let calls = &*self.0;
         calls.client_gone.store(true, Ordering::Release);
-        calls.free.0.close();
         fence(Ordering::SeqCst);
+        calls.waiters.announce(PLACE);
         while let Some(call) = calls.waiting.pop() {
             drop(call);
         }
@@ -837,7 +853,7 @@ mod tests {
         let shared = Arc::clone(&callers.0);
         drop(callers);
         client.join().unwrap();
-        assert_eq!(shared.free.1.len(), 3);
+        assert_eq!(shared.free.len(), 3);
     }
 
     #[test]
@@ -862,7 +878,36 @@ mod tests {
             };
             assert_eq!(answer.dialogue.into_data(), index.to_le_bytes());
         }
-        assert_eq!(callers.0.free.1.len(), 2);
+        assert_eq!(callers.0.free.len(), 2);
+    }
+
+    /// A program keeps a call that waits for a place, and does not poll it again.
+    #[test]
+    fn a_call_that_waits_for_a_place_and_is_not_polled_keeps_it_from_no_other() {
+        struct Woken(AtomicBool);
+        impl std::task::Wake for Woken {
+            fn wake(self: Arc<Self>) {
+                self.0.store(true, Ordering::Release);
+            }
+        }
+        let (callers, served) = calls(settings(1), Waiters::direct());
+        let mut context = Context::from_waker(Waker::noop());
+        let mut kept: Vec<_> = (0..3).map(|_| Box::pin(callers.call(request(1)))).collect();
+        for call in &mut kept {
+            assert!(call.as_mut().poll(&mut context).is_pending());
+        }
+        let woken = Arc::new(Woken(AtomicBool::new(false)));
+        let waker = Waker::from(Arc::clone(&woken));
+        let mut context = Context::from_waker(&waker);
+        let mut call = pin!(callers.call(request(2)));
+        assert!(call.as_mut().poll(&mut context).is_pending());
+        answer(&served, smol::block_on(served.next()).unwrap());
+        assert!(woken.0.load(Ordering::Acquire));
+        assert!(call.as_mut().poll(&mut context).is_pending());
+        for _ in 0..2 {
+            answer(&served, smol::block_on(served.next()).unwrap());
+        }
+        assert!(call.as_mut().poll(&mut context).is_ready());
     }
 
     #[test]
