@@ -571,6 +571,15 @@ fn a_drive_whose_answered_transfers_are_kept_is_recovered() {
     drop(kept);
 }
 
+/// A thousand counts from where it is, enabled.
+async fn goes_on(axis: &Axis, set_point: SetPoint) {
+    axis.enable().await.unwrap();
+    let mode = axis.profile_position().await.unwrap();
+    let target = axis.status().position + 1_000;
+    let moved = mode.move_abs(target, set_point).await.unwrap();
+    moved.done().await.unwrap();
+}
+
 /// The first move has noted what the program had written before it. The recovery writes what the drive held at the first start.
 #[test]
 fn a_move_that_leaves_its_velocity_out_after_a_recovery_has_none_that_the_program_wrote_since() {
@@ -580,22 +589,15 @@ fn a_move_that_leaves_its_velocity_out_after_a_recovery_has_none_that_the_progra
     let sdo = yard.rig.net().sdo(1).unwrap();
     let get = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6081, 0);
     let held = get(&yard).unwrap();
-    let go = async |set_point| {
-        z.enable().await.unwrap();
-        let mode = z.profile_position().await.unwrap();
-        let target = z.status().position + 1_000;
-        let moved = mode.move_abs(target, set_point).await.unwrap();
-        moved.done().await.unwrap();
-    };
     let fast = 5 * u32::try_from(held).unwrap();
     yard.rig.until(async {
         sdo.write(obj::PROFILE_VELOCITY, fast).await.unwrap();
-        go(SetPoint::new().velocity(10_000)).await;
+        goes_on(&z, SetPoint::new().velocity(10_000)).await;
     });
     yard.loses_power(300 * MS);
     assert_eq!(yard.recover(1).unwrap(), ANEW);
     assert_eq!(get(&yard), Some(held), "the recovery has written it");
-    yard.rig.until(go(SetPoint::new()));
+    yard.rig.until(goes_on(&z, SetPoint::new()));
     assert_eq!(get(&yard), Some(held), "and the move {fast}");
     drop((sdo, z));
     yard.ends();
@@ -609,19 +611,11 @@ fn a_move_that_leaves_its_profile_type_out_after_a_recovery_has_that_of_the_firs
     let mut yard = Yard::new(servo.build(), unhomed(description, &["z"]));
     let z = yard.axis("z");
     let get = |yard: &Yard| yard.line.segment().axis(MIDDLE, 0).unwrap().get(0x6086, 0);
-    let go = async |set_point| {
-        z.enable().await.unwrap();
-        let mode = z.profile_position().await.unwrap();
-        let target = z.status().position + 1_000;
-        let moved = mode.move_abs(target, set_point).await.unwrap();
-        moved.done().await.unwrap();
-    };
     assert_eq!(get(&yard), Some(0));
-    yard.rig.until(go(SetPoint::new().profile_type(1)));
-    yard.falls(0x001B);
-    yard.recover(1).unwrap();
+    yard.rig.until(goes_on(&z, SetPoint::new().profile_type(1)));
+    is_led_back(&mut yard);
     assert_eq!(get(&yard), Some(1));
-    yard.rig.until(go(SetPoint::new()));
+    yard.rig.until(goes_on(&z, SetPoint::new()));
     assert_eq!(get(&yard), Some(0));
     drop(z);
     yard.ends();
@@ -676,8 +670,7 @@ fn mapped_objects_of_homing_are_what_the_drive_held_until_a_homing_sets_them() {
         homing.home(other).await.unwrap();
     });
     assert_eq!(holds(&yard), [37, 30_000, 3_000, 700_000, 90]);
-    yard.falls(0x001B);
-    yard.recover(1).unwrap();
+    is_led_back(&mut yard);
     assert_eq!(holds(&yard), held);
     yard.loses_power(300 * MS);
     assert_eq!(yard.recover(1).unwrap(), ANEW);
