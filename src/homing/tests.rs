@@ -42,6 +42,44 @@ struct Dialogue {
 }
 
 impl Dialogue {
+    /// An axis at this position.
+    fn at(position: i32) -> Self {
+        Self {
+            procedure: Procedure::new(Duration::from_secs(1)),
+            events: Events::new(),
+            standstill: Standstill::default(),
+            last_seen: LastSeen::default(),
+            now: Duration::ZERO,
+            velocity: 0,
+            position,
+            delivered: true,
+            halted: false,
+            sends: true,
+            sent: Controlword::empty(),
+            besides: Controlword::empty(),
+            verdict: HomingVerdict::GoOn,
+        }
+    }
+
+    /// Asks for a homing with home at -500, on a drive that shows these bits, up to its bit 4.
+    fn submit(&mut self, until: Option<Duration>, method: HomingMethod, bits: u16) {
+        self.procedure.submit(
+            ID,
+            HomingCommand {
+                method,
+                offset: Some(-500),
+                until,
+            },
+            &mut self.events,
+        );
+        // Low, seen low, raised, and sent with the cycle after.
+        for _ in 0..3 {
+            assert_eq!(self.procedure.bits(), ModeBits::NONE);
+            self.shows(bits);
+        }
+        assert_eq!(self.procedure.bits(), ModeBits::HOMING_START);
+    }
+
     /// A homing by this method that waits for its start, on a drive that shows these bits.
     fn begin(method: HomingMethod, bits: u16) -> Self {
         Self::begin_within(Duration::from_secs(1), method, bits)
@@ -59,36 +97,9 @@ impl Dialogue {
         method: HomingMethod,
         bits: u16,
     ) -> Self {
-        let mut this = Self {
-            procedure: Procedure::new(standstill),
-            events: Events::new(),
-            standstill: Standstill::default(),
-            last_seen: LastSeen::default(),
-            now: Duration::ZERO,
-            velocity: 0,
-            position: 500,
-            delivered: true,
-            halted: false,
-            sends: true,
-            sent: Controlword::empty(),
-            besides: Controlword::empty(),
-            verdict: HomingVerdict::GoOn,
-        };
-        this.procedure.submit(
-            ID,
-            HomingCommand {
-                method,
-                offset: Some(-500),
-                until,
-            },
-            &mut this.events,
-        );
-        // Low, seen low, raised, and sent with the cycle after.
-        for _ in 0..3 {
-            assert_eq!(this.procedure.bits(), ModeBits::NONE);
-            this.shows(bits);
-        }
-        assert_eq!(this.procedure.bits(), ModeBits::HOMING_START);
+        let mut this = Self::at(500);
+        this.procedure = Procedure::new(standstill);
+        this.submit(until, method, bits);
         this
     }
 
@@ -845,4 +856,25 @@ fn one_word_without_an_old_error_is_no_new_error() {
     assert!(homing.is_high(), "{:?}", homing.reports());
     homing.shows_for(20, IN_PROGRESS).shows_for(3, DONE);
     assert_eq!(homing.reports(), [Event::Accepted, homed()]);
+}
+
+/// A word without bit 12 may be wrong. That the axis has left its place is none, also once it is back there.
+#[test]
+fn an_axis_that_has_left_its_place_has_left_it_for_good() {
+    // Where it does not read home.
+    let place = 520;
+    let after = |away: i32, back: i32| {
+        let mut homing = Dialogue::at(place);
+        homing.submit(None, HomingMethod::NEGATIVE_LIMIT, DONE);
+        homing.shows_for(3, DONE).shows(NOT_STARTED);
+        homing.position = away;
+        homing.shows_for(20, ATTAINED_MOVING);
+        homing.position = back;
+        homing.shows_for(600, DONE);
+        homing.reports()
+    };
+    let homed = |position| Event::Done(Ok(Completion::Homed { position }));
+    assert_eq!(after(place, place), [Event::Accepted]);
+    assert_eq!(after(700, 700), [Event::Accepted, homed(700)]);
+    assert_eq!(after(700, place), [Event::Accepted, homed(place)]);
 }

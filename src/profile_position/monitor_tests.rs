@@ -1608,6 +1608,25 @@ fn two_have_run_on_where_the_axis_goes_away_from_both_ends_with_bit_10() {
     assert!(!runs(1_450, 1_000, reached), "it is at the first end");
 }
 
+/// An axis that stays within its window of where bit 10 rose rests there.
+#[test]
+fn two_have_not_run_on_before_the_axis_is_further_away_than_its_window() {
+    let goes_on = |way: i32| {
+        let mut first = changed(to(1_000), |monitor| {
+            (monitor.left_target, monitor.arrived) = (true, Some(1_000));
+        });
+        let second = changed(to(1_100), |monitor| monitor.ends_in_motion = true);
+        let mut last = false;
+        for cycle in 0..=SETTLE.as_millis() as u64 {
+            let mut scene = Scene::at(1_400 + way.min(cycle as i32));
+            (scene.word, scene.now) = (Statusword::TARGET_REACHED, NOW + ms(cycle));
+            last = scene.shows(|cycle| first.has_run_on(&second, cycle));
+        }
+        last
+    };
+    assert!(!goes_on(WINDOW) && goes_on(WINDOW + 1));
+}
+
 /// The end of a distance is not known. Bit 10 may be that of the set-point that the drive perhaps still holds before it.
 #[test]
 fn a_distance_that_ends_in_motion_has_passed_its_end_unless_the_drive_may_hold_another() {

@@ -575,6 +575,29 @@ mod tests {
         assert_eq!(after(1, 11, 1_036), (1_001, 1_011));
     }
 
+    /// Before the delivery of what tells the axis to stop only a bit 10 that rises answers it.
+    #[test]
+    fn a_drive_answers_before_the_delivery_by_the_rise_of_bit_10_alone() {
+        let sample = |word: Statusword, position: i32| Sample {
+            statusword: word,
+            mode: crate::ds402::Mode::ProfilePosition,
+            position,
+            velocity: None,
+            error_code: None,
+        };
+        let (low, high) = (Statusword::empty(), Statusword::TARGET_REACHED);
+        for (before, after, answers) in [
+            (low, low, false),
+            (low, high, true),
+            (high, low, false),
+            (high, high, false),
+        ] {
+            let mut unanswered = Unanswered::new(Some(sample(before, 100)));
+            unanswered.update(&sample(after, 90), false);
+            assert_eq!(unanswered.is_open(), !answers, "{before:?} {after:?}");
+        }
+    }
+
     #[test]
     fn the_shorter_way_goes_around_the_turn() {
         let degrees = bounds(Some(PositionRange { min: 0, max: 3_599 }));
