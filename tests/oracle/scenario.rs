@@ -1098,12 +1098,14 @@ impl Scenario {
         };
         let dropped =
             |latch: &Latch| matches!(latch.end, Some((at, End::Dropped)) if at >= out.since);
+        let dropped = self.drive.ledger.iter().any(dropped);
         let seems_taken = self.habits.has(Habit::AckAtEnable);
-        if seems_taken || self.drive.ledger.iter().any(dropped) {
+        if dropped {
             self.say(|_| "the drive has dropped its set-points unseen".into());
-            for id in &self.pending {
-                self.issued[*id as usize].unseen = true;
-            }
+        }
+        for id in &self.pending {
+            let issued = &mut self.issued[*id as usize];
+            issued.unseen |= dropped || (seems_taken && !issued.accepted);
         }
     }
 
