@@ -29,7 +29,7 @@ use super::emergency::Emergency;
 use super::error::AbortCode;
 use super::error::{DriveId, ErrorTexts, SdoError, SdoStep, Transfer, Unsupported};
 use super::handle::{
-    Answer, Call, RemoteRequest, Request, RequestReceiver, SdoHandle, Server, calls,
+    Answer, Call, RemoteRequest, Request, RequestReceiver, SdoHandle, Served, Server, calls,
 };
 use super::information::{Inquiry, Question};
 use super::mailbox::{
@@ -64,6 +64,8 @@ pub struct MailboxClient<T, C> {
     settings: MailboxSettings,
     drive: Arc<DriveId>,
     calls: RequestReceiver,
+    /// The place of the call that is served.
+    served: Option<Served>,
     emergencies: EmergencyQueue,
     /// Where those of all drives of a network go.
     of_network: Option<EmergencyQueue>,
@@ -142,6 +144,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
             clock,
             settings,
             calls,
+            served: None,
             emergencies: queue,
             of_network: None,
             texts: Arc::default(),
@@ -223,15 +226,23 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
 
     async fn serve(&mut self, call: Call) {
         let Call { mut request, place } = call;
+        self.served = Some(place);
         // Nobody waits any more and nothing was sent: withdrawn, and nobody looks at the result.
-        let result = if place.is_left() {
+        let result = if self.is_left() {
             Ok(())
         } else {
             self.transfer(&mut request).await
         };
         let dialogue = request.dialogue;
         // A caller that went away meanwhile misses its result; the mailbox is in order.
-        self.calls.answer(place, Answer { dialogue, result });
+        if let Some(place) = self.served.take() {
+            self.calls.answer(place, Answer { dialogue, result });
+        }
+    }
+
+    /// Whether nobody waits any more for the transfer that is under way.
+    fn is_left(&self) -> bool {
+        self.served.as_ref().is_some_and(Served::is_left)
     }
 
     async fn transfer(&mut self, request: &mut Request) -> Result<(), Failure> {
@@ -301,7 +312,8 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
         timeout: Duration,
     ) -> Result<TransferStep, Failure> {
         let mut asked_at = self.clock.now();
-        let deadline = asked_at.saturating_add(timeout);
+        let mut deadline = asked_at.saturating_add(timeout);
+        let mut left = false;
         self.failures = 0;
         self.refusal = None;
         let mut doubtful_from = None;
@@ -361,6 +373,11 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 return Err(Failure::NoReply);
             }
             let now = self.clock.now();
+            // One that nobody waits for any more holds up the others no longer than any other does.
+            if !left && self.is_left() {
+                left = true;
+                deadline = deadline.min(now.saturating_add(self.settings.reply_timeout));
+            }
             if doubtful_from.is_some_and(|from| now >= from) {
                 return Err(Failure::Doubtful);
             }
@@ -528,6 +545,7 @@ impl<T: MailboxTransport, C: Clock> MailboxClient<T, C> {
                 Ok(status) => return self.repeat(status).await,
                 Err(fault) => self.tolerate(fault)?,
             }
+            self.pause().await;
         }
     }
 

@@ -107,6 +107,10 @@ pub(crate) struct DeviceState {
     pub counts_nothing: bool,
     /// It is cut off: frames come back, and it has not answered them.
     pub absent: bool,
+    /// No frame can be sent meanwhile: all slots are taken.
+    pub busy: core::ops::Range<Duration>,
+    /// When it last was so, and how often at that moment.
+    busy_at: (Duration, usize),
     request: Option<Vec<u8>>,
     last_counter: u8,
     reply_counter: u8,
@@ -212,6 +216,14 @@ impl Device {
             if state.absent {
                 return Err(LinkFault::NotAnswered);
             }
+            let now = state.clock.now();
+            if state.busy.contains(&now) {
+                let (at, count) = state.busy_at;
+                let count = if at == now { count + 1 } else { 1 };
+                state.busy_at = (now, count);
+                assert!(count < 100, "no pause between two accesses");
+                return Err(LinkFault::Busy);
+            }
             state.faults.pop_front().flatten()
         };
         if fault == Some(Fault::LostBefore) {
@@ -276,6 +288,8 @@ impl DeviceState {
             ignores_counter: false,
             counts_nothing: false,
             absent: false,
+            busy: Duration::ZERO..Duration::ZERO,
+            busy_at: (Duration::ZERO, 0),
             request: None,
             last_counter: 0,
             reply_counter: 0,

@@ -1123,3 +1123,49 @@ fn an_emergency_whose_reading_is_lost_is_asked_for_again_also_after_a_transfer_t
         assert_eq!(codes(&emergencies), [0x8611], "watched: {is_watched}");
     }
 }
+
+/// With many devices the slots for frames are all taken at times: the thread has to get to the link for one to be free again.
+#[test]
+fn a_message_that_is_asked_for_again_waits_for_a_slot_and_does_not_keep_the_thread() {
+    let (rig, device, handle, _) = device_with_statusword();
+    // The device is quick: from now on its mailbox is read at once, without a look before.
+    assert_eq!(read_statusword(&rig, &handle), Ok(0x1637));
+    let now = rig.clock.now();
+    {
+        let mut state = device.0.borrow_mut();
+        state.swallow = 1;
+        // At the deadline of 1 s other devices' requests have all slots, for 100 ms.
+        state.busy = now + Duration::from_millis(950)..now + Duration::from_millis(1050);
+    }
+    let error = read_statusword(&rig, &handle).unwrap_err().error;
+    assert!(matches!(error, SdoError::Timeout { .. }), "{error}");
+}
+
+/// All others of the drive wait behind it: those of a recovery, and the parameters of a move.
+#[test]
+fn a_transfer_without_a_limit_that_was_dropped_holds_the_mailbox_no_longer_than_another() {
+    let (rig, device, handle, _) = device_with_statusword();
+    device.0.borrow_mut().swallow = 1;
+    let patient = handle.clone().with_timeout(Duration::MAX);
+    let clock = rig.clock.clone();
+    rig.run(async move {
+        let read = async { drop(patient.read(obj::PROFILE_VELOCITY).await) };
+        let limit = async {
+            let until = clock.now() + Duration::from_secs(1);
+            clock.sleep_until(until).await;
+        };
+        smol::future::or(read, limit).await;
+    });
+    let clock = rig.clock.clone();
+    let read = rig.run(async move {
+        let read = async { Some(handle.read(obj::STATUSWORD).await) };
+        let limit = async {
+            // The second for a reply, and a little.
+            let until = clock.now() + Duration::from_millis(1_100);
+            clock.sleep_until(until).await;
+            None
+        };
+        smol::future::or(read, limit).await
+    });
+    assert_eq!(read, Some(Ok(0x1637)));
+}
