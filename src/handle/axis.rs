@@ -603,8 +603,19 @@ const MODE_OF_OPERATION: ObjectAddress = ObjectAddress::new(0x6060, 0);
 const MODE_OF_OPERATION_DISPLAY: ObjectAddress = ObjectAddress::new(0x6061, 0);
 
 impl<U: AxisUnit> Axis<U> {
-    /// Selects a mode; ready when the drive shows it.
+    /// Selects a mode; ready when the drive shows it. Whoever asks for it is about to move the axis: a stop that comes meanwhile ends
+    /// it.
     pub(super) async fn select(&self, mode: Mode) -> Result<(), AxisError> {
+        let shared = &self.handles.shared;
+        let asked = shared.last_stop();
+        self.change_mode(mode).await?;
+        match shared.stopped_since(asked, shared.snapshot().state) {
+            Some(failure) => Err(shared.error(AxisErrorKind::Failed(failure))),
+            None => Ok(()),
+        }
+    }
+
+    async fn change_mode(&self, mode: Mode) -> Result<(), AxisError> {
         let handles = &self.handles;
         let fields = &handles.shared.setup.fields;
         if handles.shared.is_home_offset_in_doubt() {

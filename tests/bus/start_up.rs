@@ -168,3 +168,20 @@ fn a_line_that_was_shut_down_is_started_again_with_another_list() {
         assert_eq!(value(&line, 0x6067), Some(window.into()));
     }
 }
+
+/// 6081h is in the process data by default: the outputs hold it from SAFEOP on, as it was read in PREOP.
+#[test]
+fn review_a_verified_line_of_safeop_is_in_force_or_refused_where_the_process_data_hold_its_object()
+{
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let before = value(&line, 0x6081);
+    let slow = StartUpWrite::new(obj::PROFILE_VELOCITY, 77)
+        .at(Transition::SafeOpToOp)
+        .verified();
+    let Ok(rig) = start(&line, akd2g().start_up(slow)) else {
+        return;
+    };
+    let held = value(&line, 0x6081);
+    rig.shutdown();
+    assert_eq!(held, Some(77), "before the start it was {before:?}");
+}

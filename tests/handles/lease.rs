@@ -215,3 +215,38 @@ fn a_request_of_a_lease_that_was_given_back_does_not_move_the_axis_of_the_next_o
         "it is started, and the move of the lease ends so: {outcome:?}"
     );
 }
+
+/// A stop of a standing axis has nothing to stop. What the program was about to move by that lease does not move.
+#[test]
+fn a_stop_that_comes_while_the_mode_is_selected_ends_that_too() {
+    for not_mapped in [vec![], vec![0x6060], vec![0x6060, 0x6061]] {
+        let variant = Variant {
+            not_mapped,
+            behaviour: Behaviour {
+                mode_change_cycles: 60,
+                ..Behaviour::akd2g()
+            },
+            ..Variant::default()
+        };
+        let (mut machine, axis) = Machine::enabled_of(&variant);
+        drop(machine.finish(axis.homing()).unwrap());
+        let from = machine.stations[0].words.len();
+        let mut moving = Task::new(async {
+            let pp = axis.profile_position().await?;
+            pp.move_abs(5_000, SetPoint::new()).await.map(drop)
+        });
+        assert!(moving.poll().is_none());
+        machine.run(10);
+        machine.finish(axis.stop()).unwrap();
+        let failed = machine.finish_task(&mut moving).unwrap_err();
+        let delivery = Delivery::NotSent;
+        assert_eq!(failed.failure(), Some(Failure::QuickStopped { delivery }));
+        machine.run(100);
+        let words = &machine.stations[0].words[from..];
+        assert!(words.iter().all(|word| word & 0x10 == 0));
+        // One that is asked for after the stop moves.
+        let pp = machine.finish(axis.profile_position()).unwrap();
+        let moved = machine.finish(pp.move_abs(5_000, SetPoint::new())).unwrap();
+        machine.finish(moved.done()).unwrap();
+    }
+}
