@@ -31,7 +31,7 @@ use crate::{
         error::{AlError, AlState, AlStatus, BringUpStep, NetworkError},
         event::{ClockEvent, Miscounted, NetworkEvent, Recovered},
     },
-    coe::{DriveId, MailboxRecord},
+    coe::{DriveId, MailboxRecord, ObjectAddress},
     ds402::{Controlword, State, Statusword},
     log_target::{AXIS, BUS, DRIVE},
     units::AxisScale,
@@ -172,6 +172,12 @@ pub(super) enum LogRecord {
     Recovered(Arc<DriveId>, Recovered),
     /// It is not, for this reason, or because nobody waits for it any more.
     NotRecovered(Arc<DriveId>, Option<String>),
+    /// A drive does not let its synchronisation type be set to SYNC0, and has this one.
+    KeepsSyncType {
+        drive: Arc<DriveId>,
+        object: ObjectAddress,
+        value: u16,
+    },
     /// A drive has no object 6007h.
     NoAbortConnection {
         axis: String,
@@ -264,6 +270,7 @@ impl LogRecord {
             Self::Step { .. } | Self::SetUp(..) => Level::DEBUG,
             Self::StopOfAll(_)
             | Self::NotRecovered(..)
+            | Self::KeepsSyncType { .. }
             | Self::NoAbortConnection { .. }
             | Self::EepromForced(_)
             | Self::Unfed
@@ -327,6 +334,14 @@ impl LogRecord {
             }
             Self::NotRecovered(drive, None) => {
                 tracing::warn!(target: DRIVE, %drive, ?at, "not recovered into OP: no call waits for it any more");
+            }
+            Self::KeepsSyncType {
+                drive,
+                object,
+                value,
+            } => {
+                let value = format_args!("{value:04X}h");
+                tracing::warn!(target: DRIVE, %drive, %object, %value, ?at, "not to be set to SYNC0");
             }
             Self::NoAbortConnection { axis } => {
                 tracing::warn!(
@@ -701,6 +716,11 @@ mod tests {
             LogRecord::Recovered(drive(), Recovered::FromSafeOp { from: status }),
             LogRecord::NotRecovered(drive(), Some("it is gone".into())),
             LogRecord::NotRecovered(drive(), None),
+            LogRecord::KeepsSyncType {
+                drive: drive(),
+                object: ObjectAddress::new(0x1C32, 1),
+                value: 1,
+            },
             LogRecord::NoAbortConnection { axis: "z".into() },
             LogRecord::Miscounted(Arc::new(miscounted)),
         ]);

@@ -146,6 +146,40 @@ fn a_drive_that_falls_silent_does_not_blind_the_others() {
     rig.shutdown();
 }
 
+/// A drive whose registers answer, and whose process data do not: its FMMUs are gone.
+#[test]
+fn a_lost_drive_in_op_is_not_reported_as_back_in_op() {
+    let line = one_drive();
+    let is_broken = Arc::new(AtomicBool::new(false));
+    let (segment, broken) = (Arc::clone(&line.0), Arc::clone(&is_broken));
+    let wire = Wire::in_virtual_time(Duration::from_micros(10), move |frame: &mut [u8], now| {
+        let mut asked = frame.to_vec();
+        let answers = segment.lock().unwrap().process(frame, now);
+        for (got, asked) in datagrams(frame).into_iter().zip(datagrams(&mut asked)) {
+            let is_logical = (10..=12).contains(&got[0]);
+            if is_logical && broken.load(Ordering::Relaxed) {
+                got.copy_from_slice(asked);
+            }
+        }
+        answers
+    });
+    let mut rig = Rig::start(Network::builder().link(wire).drive(0, akd2g())).unwrap();
+    let events = rig.net().events();
+    is_broken.store(true, Ordering::Relaxed);
+    rig.run_for(2_000 * MS);
+    let told: Vec<_> = std::iter::from_fn(|| events.try_next()).collect();
+    assert!(matches!(told[..], [NetworkEvent::Lost(_), ..]), "{told:?}");
+    let is_in_op = |event: &NetworkEvent| matches!(event, NetworkEvent::InOp(_));
+    assert!(!told.iter().any(is_in_op), "{told:?}");
+    is_broken.store(false, Ordering::Relaxed);
+    rig.run_for(100 * MS);
+    let told: Vec<_> = std::iter::from_fn(|| events.try_next()).collect();
+    assert!(
+        matches!(told[..], [NetworkEvent::Back(_), NetworkEvent::InOp(_)]),
+        "{told:?}"
+    );
+}
+
 #[test]
 fn a_drive_that_leaves_op_is_named_with_its_al_status_code() {
     // An axis whose inputs stay the same.

@@ -253,7 +253,6 @@ impl Clocks {
     /// Distributes the reference time for the first time, while the drives are being configured.
     pub async fn teach(&self, registers: &Registers) {
         let result = self.distribute(registers).await;
-        tracing::debug!(target: crate::log_target::BUS, DISTRIBUTIONS, ?result, "the clocks know their speed");
         self.taught.set(Some(result));
     }
 
@@ -321,12 +320,10 @@ pub(super) async fn measure(
         .iter()
         .map(|latched| Some(latched.clock?.width))
         .collect::<Vec<_>>();
-    let clocks = widths.iter().flatten().count();
     let delays: Vec<_> = settings
         .iter()
         .map(|set| Some(set.as_ref()?.delay))
         .collect();
-    tracing::info!(target: crate::log_target::BUS, reference = %first.id, clocks, ?delays, "distributed clocks are set");
     Ok(Some(Rc::new(Clocks {
         distribution: Distribution {
             station: first.station,
@@ -468,6 +465,7 @@ const SM_SYNCHRONOUS: u16 = 0x0002;
 
 /// Sets the synchronisation types of a drive that has them, and reads them back. In PREOP.
 pub(super) async fn set_sync_types(
+    context: &Context,
     sdo: &SdoHandle,
     clock: &DistributedClock,
     period: Duration,
@@ -487,7 +485,13 @@ pub(super) async fn set_sync_types(
                     });
                 }
                 // Many drives take it from the SYNC unit alone.
-                tracing::warn!(target: crate::log_target::DRIVE, drive = %sdo.drive(), object = %kind, value = %format_args!("{value:04X}h"), "not to be set to SYNC0");
+                let (drive, object) = (sdo.drive().clone().into(), kind.address());
+                let note = LogRecord::KeepsSyncType {
+                    drive,
+                    object,
+                    value,
+                };
+                context.log.record(context.time.now(), note);
             }
             Some(_) => {}
         }
@@ -663,7 +667,6 @@ pub(super) async fn start_sync0(
         // A pulse that was to come in the past does not come for hundreds of years.
         let shown = read_time(registers, station, esc::SYSTEM_TIME, width).await?;
         if is_ahead(first, shown, width) {
-            tracing::debug!(target: crate::log_target::DRIVE, station = %format_args!("{station:04X}h"), first, sync0, sync1, "SYNC0 is on");
             return Ok(());
         }
     }

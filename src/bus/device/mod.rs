@@ -272,7 +272,7 @@ impl Device {
         let sdo = mailbox.sdo.clone();
         self.mailbox = Some(mailbox);
         if let Some(clock) = &drive.config.clock {
-            clocks::set_sync_types(&sdo, clock, drive.cycle)
+            clocks::set_sync_types(context, &sdo, clock, drive.cycle)
                 .await
                 .at(BringUpStep::Clock)?;
         }
@@ -370,6 +370,7 @@ impl Device {
             clocks::start_sync0(registers, station, position, clocks, clock, drive.cycle)
                 .await
                 .at(BringUpStep::Clock)?;
+            self.found.note(context, "SYNC0 is on");
         }
         let step = BringUpStep::State(AlState::SafeOp);
         let (from, to) = (AlState::PreOp, AlState::SafeOp);

@@ -95,6 +95,9 @@ pub(in crate::bus) async fn configure(
     } else {
         None
     };
+    if let Some(clocks) = &clocks {
+        tracing::info!(target: crate::log_target::BUS, reference = %clocks.reference, "distributed clocks are set");
+    }
     let times = (&plan.watchdog, plan.cycle);
     let mut drives = Vec::new();
     for ((place, config), found) in plan.drives.into_iter().zip(found.by_ref()) {

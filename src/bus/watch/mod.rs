@@ -317,6 +317,10 @@ pub(super) fn note_state(
     let Some(data) = drives.get_mut(place) else {
         return;
     };
+    // Of one that is lost, whose registers alone answer, the process data show when it is back.
+    if in_op && data.lost {
+        return;
+    }
     // One that was lost is not operational, and may come back fallen.
     if data.operational == in_op && data.not_in_op != in_op {
         return;
