@@ -317,11 +317,15 @@ async fn find(context: Context, position: u16, station: u16) -> Result<Found, Ne
 //
 // What is left of a line has the order that it had. Devices that have kept their address are known by it; for the others the
 // identity decides, down to the serial number, and the order where several are alike.
+//
+// A device without an address can only be reached by its position, and that changes when another one comes or goes. So there is one
+// access by position: it gives a provisional address. Should that reach a device that runs, because the line has changed, the device
+// gets its own address back.
 
 /// The first of the station addresses that nameless devices have while it is looked who they are: behind those of a line.
 const PROVISIONAL: u16 = 0x2000;
 /// How often the line is looked at again when it has changed meanwhile.
-const TRIES: usize = 3;
+const TRIES: usize = 4;
 
 /// A device of the line as it is now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -339,25 +343,31 @@ pub(super) async fn find_again(
     wanted: &DriveId,
 ) -> Result<u16, NetworkError> {
     for _ in 0..TRIES {
-        let mut names = names_on_the_line(registers, line.len()).await?;
-        let seen = identify(registers, &names).await?;
-        let position = choose(line, wanted, &seen)?;
-        let name = FIRST_STATION.wrapping_add(wanted.position);
-        give_name(registers, position, name).await?;
+        let Some(stations) = give_provisional(registers, line.len()).await? else {
+            continue;
+        };
+        let seen = identify(registers, &stations, line.len()).await;
         // Who came or went meanwhile has moved the positions.
-        if let Some(given) = names.get_mut(usize::from(position)) {
-            *given = Some(wanted.position.into());
+        if stations_on_the_line(registers).await? != stations {
+            continue;
         }
-        let now = names_on_the_line(registers, line.len()).await?;
-        if now == names {
-            return Ok(position);
+        give_back(registers, line, wanted, &stations, &seen).await?;
+        let chosen = choose(line, wanted, &seen);
+        for (position, station) in (0..).zip(&stations) {
+            if place_at_start(*station, line.len()).is_some() {
+                continue;
+            }
+            let name = match &chosen {
+                Ok(chosen) if *chosen == position => station_of(wanted.position.into()),
+                _ => 0,
+            };
+            match give_name(registers, *station, name).await {
+                // It has its own again, or is gone.
+                Err(RegisterError::NotAnswered) if name == 0 => {}
+                given => given.map_err(NetworkError::Line)?,
+            }
         }
-        for (position, _) in (0..)
-            .zip(now)
-            .filter(|(_, now)| *now == Some(wanted.position.into()))
-        {
-            give_name(registers, position, 0).await?;
-        }
+        return chosen;
     }
     Err(NetworkError::Drive {
         drive: wanted.clone(),
@@ -366,52 +376,117 @@ pub(super) async fn find_again(
     })
 }
 
-/// Of each device that is there: which place it had at the start, if its address shows it.
-async fn names_on_the_line(
-    registers: &Registers,
-    at_start: usize,
-) -> Result<Vec<Option<usize>>, NetworkError> {
-    let mut names = Vec::new();
+/// The address that a device had whose place at the start was this.
+fn station_of(place: usize) -> u16 {
+    FIRST_STATION.wrapping_add(to_position(place))
+}
+
+/// Which place a device had at the start, if this address is one of the line's.
+fn place_at_start(station: u16, at_start: usize) -> Option<usize> {
+    let place = station.checked_sub(FIRST_STATION).map(usize::from);
+    place.filter(|place| *place < at_start)
+}
+
+/// The address of each device that is there.
+async fn stations_on_the_line(registers: &Registers) -> Result<Vec<u16>, NetworkError> {
+    let mut stations = Vec::new();
     for position in 0..count(registers).await? {
         match registers.read_at(position, esc::STATION_ADDRESS).await {
-            Ok(address) => {
-                let place = u16::from_le_bytes(address).checked_sub(FIRST_STATION);
-                names.push(place.map(usize::from).filter(|place| *place < at_start));
-            }
+            Ok(station) => stations.push(u16::from_le_bytes(station)),
             // It was there when they were counted.
             Err(RegisterError::NotAnswered) => break,
             Err(error) => return Err(NetworkError::Line(error)),
         }
     }
-    Ok(names)
+    Ok(stations)
 }
 
-/// Asks those without a name who they are.
-async fn identify(
+/// Gives each device that has no address of the line one for now: those of all devices that are there. None where the line has
+/// changed meanwhile.
+async fn give_provisional(
     registers: &Registers,
-    names: &[Option<usize>],
-) -> Result<Vec<FoundAs>, NetworkError> {
-    let mut seen = Vec::with_capacity(names.len());
-    for (position, name) in (0..).zip(names) {
-        seen.push(match name {
-            Some(place) => FoundAs::Known(*place),
+    at_start: usize,
+) -> Result<Option<Vec<u16>>, NetworkError> {
+    let mut stations = stations_on_the_line(registers).await?;
+    for position in 0..stations.len() {
+        let Some(before) = stations.get(position).copied() else {
+            break;
+        };
+        if place_at_start(before, at_start).is_some() {
+            continue;
+        }
+        let free = |station: &u16| !stations.contains(station);
+        let Some(station) = (PROVISIONAL..).find(free) else {
+            break;
+        };
+        let place = to_position(position);
+        match registers.read_at(place, esc::STATION_ADDRESS).await {
+            Ok(shown) if u16::from_le_bytes(shown) == before => {}
+            Ok(_) | Err(RegisterError::NotAnswered) => return Ok(None),
+            Err(error) => return Err(NetworkError::Line(error)),
+        }
+        let address = station.to_le_bytes();
+        let given = registers.write_at(place, esc::STATION_ADDRESS, &address);
+        match given.await {
+            Ok(()) => {}
+            Err(RegisterError::NotAnswered) => return Ok(None),
+            Err(error) => return Err(NetworkError::Line(error)),
+        }
+        if let Some(known) = stations.get_mut(position) {
+            *known = station;
+        }
+    }
+    Ok(Some(stations))
+}
+
+/// Asks those without an address of the line who they are.
+async fn identify(registers: &Registers, stations: &[u16], at_start: usize) -> Vec<FoundAs> {
+    let mut seen = Vec::with_capacity(stations.len());
+    for station in stations {
+        seen.push(match place_at_start(*station, at_start) {
+            Some(place) => FoundAs::Known(place),
+            // One that cannot be read is none of the line's.
             None => {
-                let station = PROVISIONAL.wrapping_add(position);
-                give_name(registers, position, station).await?;
-                let identity = eeprom::identity(registers, station).await;
-                give_name(registers, position, 0).await?;
-                // One that cannot be read is none of the line's.
+                let identity = eeprom::identity(registers, *station).await;
                 FoundAs::Nameless(identity.unwrap_or_default())
             }
         });
     }
-    Ok(seen)
+    seen
 }
 
-async fn give_name(registers: &Registers, position: u16, station: u16) -> Result<(), NetworkError> {
-    let station = station.to_le_bytes();
-    let given = registers.write_at(position, esc::STATION_ADDRESS, &station);
-    given.await.map_err(NetworkError::Line)
+/// Gives those that run without an address of the line their own one back: a provisional one has taken its place.
+async fn give_back(
+    registers: &Registers,
+    line: &[DriveId],
+    wanted: &DriveId,
+    stations: &[u16],
+    seen: &[FoundAs],
+) -> Result<(), NetworkError> {
+    let expected: Vec<_> = line.iter().map(|device| device.identity).collect();
+    for (at, station) in stations.iter().enumerate() {
+        if !matches!(seen.get(at), Some(FoundAs::Nameless(_))) {
+            continue;
+        }
+        let status = registers::status(registers, *station).await;
+        let runs = |status: AlStatus| matches!(status.state, AlState::SafeOp | AlState::Op);
+        if !status.is_ok_and(runs) {
+            continue;
+        }
+        let is_there = |place: &usize| candidates(&expected, *place, seen) == [(at, false)];
+        let place = (0..line.len()).find(is_there);
+        if let Some(place) = place.filter(|place| *place != usize::from(wanted.position)) {
+            let given = give_name(registers, *station, station_of(place)).await;
+            given.map_err(NetworkError::Line)?;
+        }
+    }
+    Ok(())
+}
+
+/// Gives the device that has this address another one.
+async fn give_name(registers: &Registers, station: u16, name: u16) -> Result<(), RegisterError> {
+    let name = name.to_le_bytes();
+    registers.write(station, esc::STATION_ADDRESS, &name).await
 }
 
 /// Which of the devices that are there is the wanted one.
