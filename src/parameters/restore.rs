@@ -192,6 +192,7 @@ const fn leaves_unconfirmed(fault: &WriteFault) -> bool {
         | WriteFault::Controlword
         | WriteFault::Mode
         | WriteFault::Target
+        | WriteFault::Output
         | WriteFault::Statusword => false,
     }
 }

@@ -13,7 +13,8 @@ pub enum Transition {
     /// In PREOP, before the PDO mapping; `PREOP-SAFEOP` in files.
     #[default]
     PreOpToSafeOp,
-    /// In SAFEOP, while process data are exchanged already; `SAFEOP-OP` in files.
+    /// In SAFEOP, while process data are exchanged already; `SAFEOP-OP` in files. A line for an object of the outputs is refused: the
+    /// process data would overwrite it in OP.
     SafeOpToOp,
 }
 
@@ -184,6 +185,18 @@ impl StartUpList {
         })
     }
 
+    /// The first line of SAFEOP that the process data overwrite in OP.
+    pub(crate) fn overwritten(
+        &self,
+        is_output: impl Fn(ObjectAddress) -> bool,
+    ) -> Option<StartUpError> {
+        let mut lines = self.writes.iter().enumerate();
+        let (place, write) = lines.find(|(_, write)| {
+            write.transition == Transition::SafeOpToOp && is_output(write.object)
+        })?;
+        Some(self.error(place, write, WriteFault::Output))
+    }
+
     fn error(&self, place: usize, write: &StartUpWrite, fault: WriteFault) -> StartUpError {
         StartUpError {
             file: self.file.clone(),
@@ -284,6 +297,11 @@ pub enum WriteFault {
     /// It is a target: of position, velocity or torque.
     #[error("a target is no parameter: take the line out; an axis is moved by its handle")]
     Target,
+    /// It is written in SAFEOP, and the process data hold it.
+    #[error(
+        "the process data overwrite this object in OP: write a parameter of an axis at PREOP-SAFEOP, set any other output by its handle"
+    )]
+    Output,
     /// It is a statusword.
     #[error(
         "the statusword can only be read: take the line out; an axis is commanded by its handle, and parameters are other objects"

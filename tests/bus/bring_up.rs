@@ -319,7 +319,7 @@ fn cycles_in_safeop_are_no_loss() {
     let mut device = personality::akd2g();
     device.set_mailbox_delay(Duration::from_millis(300));
     let line = Line::new(Segment::new().with(device));
-    let write = StartUpWrite::to(ObjectAddress::new(0x6083, 0), 50_000_u32);
+    let write = StartUpWrite::to(ObjectAddress::new(0x6067, 0), 50_u32);
     let drive = akd2g().start_up(write.at(Transition::SafeOpToOp));
     let mut rig = Rig::start(Network::builder().link(line.wire()).drive(0, drive)).unwrap();
     line.segment()

@@ -169,19 +169,18 @@ fn a_line_that_was_shut_down_is_started_again_with_another_list() {
     }
 }
 
-/// 6081h is in the process data by default: the outputs hold it from SAFEOP on, as it was read in PREOP.
+/// The outputs hold what was read in PREOP: a value that is written later would be gone in OP.
 #[test]
-fn review_a_verified_line_of_safeop_is_in_force_or_refused_where_the_process_data_hold_its_object()
-{
-    let line = Line::new(Segment::new().with(personality::akd2g()));
-    let before = value(&line, 0x6081);
-    let slow = StartUpWrite::new(obj::PROFILE_VELOCITY, 77)
-        .at(Transition::SafeOpToOp)
-        .verified();
-    let Ok(rig) = start(&line, akd2g().start_up(slow)) else {
-        return;
+fn a_line_of_safeop_for_an_object_of_the_outputs_is_refused_and_one_of_preop_is_in_force() {
+    let slow = |at| {
+        let write = StartUpWrite::new(obj::PROFILE_VELOCITY, 77);
+        akd2g().start_up(write.at(at).verified())
     };
-    let held = value(&line, 0x6081);
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let (error, text) = refused(&line, slow(Transition::SafeOpToOp));
+    assert_eq!(error.fault, WriteFault::Output, "{text}");
+    let line = Line::new(Segment::new().with(personality::akd2g()));
+    let rig = start(&line, slow(Transition::PreOpToSafeOp)).unwrap();
+    assert_eq!(value(&line, 0x6081), Some(77));
     rig.shutdown();
-    assert_eq!(held, Some(77), "before the start it was {before:?}");
 }

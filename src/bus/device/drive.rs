@@ -16,6 +16,7 @@ use crate::{
         SdoHandle, obj,
     },
     ds402::{AbortConnection, QuickStopOption, SupportedModes},
+    parameters::is_parameter,
     pdo_map::{Direction, Layout, Mapping},
     profile_position::{Limits, PositionRange, RelativeBase},
     units::AxisScale,
@@ -43,8 +44,8 @@ pub(in crate::bus) struct ReadyAxis {
     pub offset: AxisOffset,
     pub scale: AxisScale,
     pub config: CoreConfig,
-    /// What the drive holds in those objects of homing that its outputs overwrite.
-    pub homing: Vec<(ObjectAddress, u32)>,
+    /// What the drive holds in those parameters that its outputs overwrite and that no set-point brings.
+    pub outputs: Vec<(ObjectAddress, u32)>,
     held: HeldLimits,
 }
 
@@ -58,6 +59,28 @@ struct HeldLimits {
 }
 
 impl HeldLimits {
+    /// Takes those of these objects from an earlier start.
+    fn replace(&mut self, before: &Self, is_one: impl Fn(ObjectAddress) -> bool) {
+        let [min, max] = [obj::SOFTWARE_LIMIT_MIN, obj::SOFTWARE_LIMIT_MAX];
+        let [lowest, highest] = [obj::POSITION_RANGE_MIN, obj::POSITION_RANGE_MAX];
+        let ([own_min, own_max], [own_lowest, own_highest]) =
+            (&mut self.software, &mut self.position_range);
+        for (object, own, before) in [
+            (min, own_min, before.software[0]),
+            (max, own_max, before.software[1]),
+            (lowest, own_lowest, before.position_range[0]),
+            (highest, own_highest, before.position_range[1]),
+            (obj::HOME_OFFSET, &mut self.home_offset, before.home_offset),
+        ] {
+            if is_one(object.address()) {
+                *own = before;
+            }
+        }
+        if is_one(obj::MAX_PROFILE_VELOCITY.address()) {
+            self.max_velocity = before.max_velocity;
+        }
+    }
+
     fn limits(&self) -> Limits {
         let range = |[min, max]: [Option<i32>; 2]| {
             min.zip(max).map(|(min, max)| PositionRange { min, max })
@@ -70,6 +93,9 @@ impl HeldLimits {
         }
     }
 }
+
+/// What a set-point brings (6081h to 6084h, 6086h).
+const OF_SET_POINT: [u16; 5] = [0x6081, 0x6082, 0x6083, 0x6084, 0x6086];
 
 /// When an object is read. What the process data hold is overwritten by the first outputs that the drive takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,12 +119,12 @@ impl Drive {
                 offset,
                 scale: axis.scale,
                 config: self.declared(axis, fields),
-                homing: Vec::new(),
+                outputs: Vec::new(),
                 held: HeldLimits::default(),
             };
             self.read_axis(Reading::Overwritten, sdo, axis, &mut ready)
                 .await?;
-            self.read_homing(sdo, &mut ready).await?;
+            self.read_outputs(sdo, &mut ready).await?;
             axes.push(ready);
         }
         self.axes = axes;
@@ -122,20 +148,31 @@ impl Drive {
         Ok(())
     }
 
-    /// Reads those objects of homing that the outputs will overwrite: a homing leaves out what its program does not give.
-    async fn read_homing(&self, sdo: &SdoHandle, axis: &mut ReadyAxis) -> Result<(), StepError> {
-        let due = Due {
-            reading: Reading::Overwritten,
-            layout: &self.layout,
-            sdo,
-            offset: axis.offset,
-        };
-        let homing = &mut axis.homing;
-        due.hold(homing, obj::HOMING_METHOD).await?;
-        due.hold(homing, obj::HOMING_SWITCH_SPEED).await?;
-        due.hold(homing, obj::HOMING_ZERO_SPEED).await?;
-        due.hold(homing, obj::HOMING_ACCELERATION).await?;
-        due.hold(homing, obj::HOME_OFFSET).await
+    /// Reads those parameters that the outputs will overwrite and that no set-point brings: limits, objects of homing. They go out as the
+    /// drive holds them, until the program sets them.
+    async fn read_outputs(&self, sdo: &SdoHandle, axis: &mut ReadyAxis) -> Result<(), StepError> {
+        let first = axis.offset.apply(0x6000);
+        let of_set_point = OF_SET_POINT.map(|index| axis.offset.apply(index));
+        for (object, _) in self.layout.objects(Direction::Outputs) {
+            let is_of_axis = (first..=first + 0x07FF).contains(&object.index);
+            if !is_of_axis || !is_parameter(object) || of_set_point.contains(&object.index) {
+                continue;
+            }
+            let read = sdo.read_bytes(object.index, object.subindex).await;
+            match read.map_err(|error| error.error) {
+                Ok(bytes) if bytes.len() <= 4 => {
+                    let bytes = bytes.iter().rev();
+                    let raw = bytes.fold(0, |raw, byte| raw << 8 | u32::from(*byte));
+                    axis.outputs.push((object, raw));
+                }
+                // Longer than what a program can set.
+                Ok(_) => {}
+                // It can only be written.
+                Err(SdoError::Aborted { .. }) => {}
+                Err(error) => return Err(error).at(BringUpStep::Parameters),
+            }
+        }
+        Ok(())
     }
 
     /// Takes what its axes did without a set-point's parameters from an earlier start. What goes with no process data is written to it:
@@ -145,7 +182,8 @@ impl Drive {
         before: &Self,
         sdo: &SdoHandle,
     ) -> Result<(), StepError> {
-        for (axis, before) in self.axes.iter_mut().zip(&before.axes) {
+        let declared = self.config.axes.iter();
+        for ((axis, before), declared) in self.axes.iter_mut().zip(&before.axes).zip(declared) {
             let fields = &axis.config.fields;
             let (held, first) = (axis.config.defaults, before.config.defaults);
             let [velocity, acceleration, deceleration, end_velocity] = [
@@ -169,12 +207,14 @@ impl Drive {
                 }
             }
             axis.config.defaults = first;
-            axis.homing.clone_from(&before.homing);
-            let home_offset = obj::HOME_OFFSET.offset(axis.offset).address();
-            if axis.homing.iter().any(|(object, _)| *object == home_offset) {
-                // It goes out again.
-                axis.config.limits.home_offset = before.config.limits.home_offset;
-            }
+            axis.outputs.clone_from(&before.outputs);
+            // Limits that go out are again what they were at the first start.
+            let (outputs, offset) = (&axis.outputs, axis.offset);
+            axis.held.replace(&before.held, |object| {
+                let object = ObjectAddress::new(offset.apply(object.index), object.subindex);
+                outputs.iter().any(|(output, _)| *output == object)
+            });
+            axis.settle_limits(declared)?;
         }
         Ok(())
     }
@@ -294,25 +334,32 @@ impl Drive {
         axis: &AxisConfig,
         ready: &mut ReadyAxis,
     ) -> Result<(), StepError> {
-        let ReadyAxis { config, held, .. } = ready;
-        let held = match (axis.limits, axis.modulo) {
-            (Some(limits), None | Some(Turn::These(_))) => limits,
-            _ => {
-                due.read_limits(held).await?;
-                held.limits()
-            }
-        };
-        if due.reading == Reading::Overwritten {
-            return Ok(());
+        let are_declared = matches!(
+            (axis.limits, axis.modulo),
+            (Some(_), None | Some(Turn::These(_)))
+        );
+        if !are_declared {
+            due.read_limits(&mut ready.held).await?;
         }
-        config.limits = axis.limits.unwrap_or(held);
+        match due.reading {
+            Reading::Overwritten => Ok(()),
+            Reading::Rest => ready.settle_limits(axis),
+        }
+    }
+}
+
+impl ReadyAxis {
+    /// Checks moves against what the program declares of the axis, and else against what the drive holds.
+    fn settle_limits(&mut self, axis: &AxisConfig) -> Result<(), StepError> {
+        let held = self.held.limits();
+        self.config.limits = axis.limits.unwrap_or(held);
         let turn = match axis.modulo {
             None => return Ok(()),
             Some(Turn::OfDrive) => held.position_range,
             Some(Turn::These(turn)) => Some(turn),
         };
-        config.modulo = turn.filter(|turn| turn.length().is_some());
-        if config.modulo.is_none() {
+        self.config.modulo = turn.filter(|turn| turn.length().is_some());
+        if self.config.modulo.is_none() {
             let axis = axis.name.clone();
             return Err(DriveFault::NoTurn { axis }).at(BringUpStep::Parameters);
         }
@@ -359,17 +406,6 @@ impl Due<'_> {
     ) -> Result<(), StepError> {
         if let Some(value) = self.read_if_there(object).await? {
             *place = value;
-        }
-        Ok(())
-    }
-
-    async fn hold<T: Number, A: Readable>(
-        &self,
-        held: &mut Vec<(ObjectAddress, u32)>,
-        object: Object<T, A>,
-    ) -> Result<(), StepError> {
-        if let Some(Some(value)) = self.read_if_there(object).await? {
-            held.push((object.offset(self.offset).address(), value.to_raw()));
         }
         Ok(())
     }

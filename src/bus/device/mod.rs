@@ -34,7 +34,7 @@ use super::{
 use crate::{
     coe::{
         AbortCode, Clock, Emergencies, ErrorTexts, EthercrabMailbox, MailboxClient,
-        MailboxSettings, MailboxSignal, SdoHandle,
+        MailboxSettings, MailboxSignal, ObjectAddress, SdoHandle,
     },
     parameters::{StartUpList, Transition},
     pdo_map::{self, ConfigureError, Direction, Mapping, Pdo},
@@ -43,7 +43,7 @@ use crate::{
 use config::{DriveConfig, Watchdog};
 use drive::Drive;
 use io::IoConfig;
-use io_points::{Image, Piece};
+use io_points::{Image, IoPoint, Piece};
 use progress::Progress;
 
 /// How long a device may take into SAFEOP, and into OP (ETG.1020, default timeouts of both are 10 s).
@@ -281,6 +281,11 @@ impl Device {
         drive.layout = pdo_map::configure(&drive.mapping, &sdo)
             .await
             .at(BringUpStep::Mapping)?;
+        check_lists(&self.start_up, |object| {
+            let (index, subindex) = (object.index, object.subindex);
+            let place = drive.layout.find(Direction::Outputs, index, subindex);
+            place.is_some()
+        })?;
         done(BringUpStep::Mapping);
         drive.open_axes(&sdo).await
     }
@@ -333,7 +338,13 @@ impl Device {
                 done(BringUpStep::StartUpList);
                 let outputs = assigned(Direction::Outputs, sdo).await?;
                 let inputs = assigned(Direction::Inputs, sdo).await?;
-                Image::of_mapping(&Mapping::from_pdos(outputs, inputs), sii)
+                let image = Image::of_mapping(&Mapping::from_pdos(outputs, inputs), sii);
+                check_lists(&self.start_up, |object| {
+                    let outputs = |point: &&IoPoint| point.direction == Direction::Outputs;
+                    let mut outputs = image.points.iter().filter(outputs);
+                    outputs.any(|point| point.object == object)
+                })?;
+                image
             }
         };
         if self.sizes() == (0, 0) {
@@ -519,6 +530,17 @@ async fn write_lists(
             .at(BringUpStep::StartUpList)?;
     }
     Ok(())
+}
+
+/// That no line is overwritten by the process data.
+fn check_lists(
+    lists: &[StartUpList],
+    is_output: impl Fn(ObjectAddress) -> bool,
+) -> Result<(), StepError> {
+    match lists.iter().find_map(|list| list.overwritten(&is_output)) {
+        Some(error) => Err(error).at(BringUpStep::StartUpList),
+        None => Ok(()),
+    }
 }
 
 /// The PDOs that a device has assigned; none if it has no such object.

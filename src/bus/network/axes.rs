@@ -94,7 +94,7 @@ impl Axes {
                 };
                 let (source, mut port) = setup.open(&core);
                 port.know_counters();
-                for &(object, raw) in &axis.homing {
+                for &(object, raw) in &axis.outputs {
                     port.hold(object, raw);
                 }
                 sources.push(source);

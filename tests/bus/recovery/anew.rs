@@ -14,7 +14,7 @@ use servocrab::{
         AlState as State, AlStatus, AxisConfig, BringUpStep, DistributedClock, DriveConfig,
         Network, Recovered, ReferenceClock,
     },
-    coe::obj,
+    coe::{ObjectAddress, obj},
     drives,
     homing::{HomingMethod, HomingParameters},
     parameters::{StartUpWrite, Transition},
@@ -675,6 +675,58 @@ fn mapped_objects_of_homing_are_what_the_drive_held_until_a_homing_sets_them() {
     yard.loses_power(300 * MS);
     assert_eq!(yard.recover(1).unwrap(), ANEW);
     assert_eq!(holds(&yard), held);
+    drop(z);
+    yard.ends();
+}
+
+/// As 0 they would leave the axis no range. Moves are checked against what the drive holds.
+#[test]
+fn mapped_limits_are_what_the_drive_held_until_the_program_sets_them() {
+    let objects = [
+        (obj::SOFTWARE_LIMIT_MIN.address(), -5_000),
+        (obj::SOFTWARE_LIMIT_MAX.address(), 5_000),
+        (obj::MAX_PROFILE_VELOCITY.address(), 60_000),
+        (obj::FOLLOWING_ERROR_WINDOW.address(), 900),
+    ];
+    let z = AxisConfig::new("z")
+        .referencing(Referencing::AbsoluteEncoder)
+        .map_output(obj::SOFTWARE_LIMIT_MIN)
+        .map_output(obj::SOFTWARE_LIMIT_MAX)
+        .map_output(obj::MAX_PROFILE_VELOCITY)
+        .map_output(obj::FOLLOWING_ERROR_WINDOW);
+    let drive = DriveConfig::new(drives::generic())
+        .axis(z)
+        .start_up(StartUpWrite::new(obj::SOFTWARE_LIMIT_MIN, -5_000))
+        .start_up(StartUpWrite::new(obj::SOFTWARE_LIMIT_MAX, 5_000))
+        .start_up(StartUpWrite::new(obj::MAX_PROFILE_VELOCITY, 60_000))
+        .start_up(StartUpWrite::new(obj::FOLLOWING_ERROR_WINDOW, 900));
+    let mut yard = Yard::new(personality::generic(), drive);
+    let z = yard.axis("z");
+    let is_limited = |yard: &mut Yard| {
+        let held = objects.map(|(object, _)| {
+            let segment = yard.line.segment();
+            let held = segment.axis(MIDDLE, 0).unwrap();
+            held.get(object.index, object.subindex).unwrap()
+        });
+        assert_eq!(held, objects.map(|(_, value)| i64::from(value)));
+        yard.rig.until(async {
+            z.enable().await.unwrap();
+            let pp = z.profile_position().await.unwrap();
+            let set_point = SetPoint::new().velocity(50_000);
+            let moved = pp.move_abs(4_900, set_point).await.unwrap();
+            moved.done().await.unwrap();
+            let beyond = pp.move_abs(5_001, set_point).await.unwrap_err();
+            let object = ObjectAddress::new(0x607D, 2);
+            let is_beyond = |failure| matches!(failure, Failure::BeyondLimit { object: at, .. } if at == object);
+            assert!(beyond.failure().is_some_and(is_beyond), "{beyond}");
+        });
+    };
+    is_limited(&mut yard);
+    is_led_back(&mut yard);
+    is_limited(&mut yard);
+    yard.loses_power(300 * MS);
+    assert_eq!(yard.recover(1).unwrap(), ANEW);
+    is_limited(&mut yard);
     drop(z);
     yard.ends();
 }
