@@ -70,18 +70,22 @@ impl ParameterObject {
 /// - records: the error and diagnosis histories, which a write clears;
 /// - the PDO mapping and its assignment, which every start writes anew.
 ///
-/// Such objects are in no backup and no restore writes them.
+/// Such objects are in no backup and no restore writes them. The commands of CiA 402 are told by index and subindex, of each of eight
+/// axes. So the settings of a terminal's channels (8000h, 8010h and on, ETG.5001) are parameters.
 #[must_use]
 pub const fn is_parameter(object: ObjectAddress) -> bool {
     match object.index {
         0x1003 | 0x1010 | 0x1011 | 0x10F3 => false,
         // RxPDOs, TxPDOs, and what the sync managers have of them.
         0x1600..=0x17FF | 0x1A00..=0x1BFF | 0x1C10..=0x1C2F => false,
-        0x6000..=0x9FFF => !matches!(
-            0x6000 + (object.index - 0x6000) % 0x0800,
-            0x6040 | 0x6042 | 0x6060 | 0x6071 | 0x607A | 0x60B0
-                ..=0x60B2 | 0x60B8 | 0x60C1 | 0x60FE | 0x60FF
-        ),
+        0x6000..=0x9FFF => match 0x6000 + (object.index - 0x6000) % 0x0800 {
+            // Variables of CiA 402. A terminal has records there: the settings of its channels (ETG.5001).
+            0x6040 | 0x6042 | 0x6060 | 0x6071 | 0x607A | 0x60B0..=0x60B2 | 0x60B8 | 0x60FF => {
+                object.subindex != 0
+            }
+            0x60C1 | 0x60FE => false,
+            _ => true,
+        },
         _ => true,
     }
 }
@@ -386,6 +390,17 @@ mod tests {
         for index in [0x2010, 0x6067, 0x6867, 0x1C32, 0x10F1, 0x607D] {
             assert!(is_parameter(ObjectAddress::new(index, 1)), "{index:04X}h");
         }
+    }
+
+    /// ETG.5001: a terminal of eight channels has their settings in 8000h, 8010h … 8070h; those of the fifth begin with 8040h:01.
+    #[test]
+    fn the_settings_of_all_channels_of_a_terminal_are_parameters() {
+        let left_out: Vec<_> = (0..16u16)
+            .map(|channel| ObjectAddress::new(0x8000 + 0x10 * channel, 0x11))
+            .filter(|object| !is_parameter(*object))
+            .map(|object| object.to_string())
+            .collect();
+        assert!(left_out.is_empty(), "left out without a word: {left_out:?}");
     }
 
     #[test]

@@ -160,7 +160,7 @@ impl ObjectValue {
         }
     }
 
-    /// The type of an object that the library knows.
+    /// The type of an object that the library knows: of axes 1 to 4 by its address.
     #[must_use]
     pub fn known_type(address: ObjectAddress) -> Option<ValueType> {
         known(address).map(|object| TypeCode::from(object.data_type).into())
@@ -202,7 +202,7 @@ fn without_padding(bytes: &[u8]) -> &[u8] {
     bytes.get(..end.map_or(0, |end| end + 1)).unwrap_or(bytes)
 }
 
-/// The object that the library knows at this address, or that it knows of a first axis and that is here of another.
+/// The object that the library knows at this address, or that it knows of a first axis and that is here of axis 2 to 4.
 fn known(address: ObjectAddress) -> Option<AnyObject> {
     let all = obj::all();
     let find = |index| {
@@ -211,8 +211,8 @@ fn known(address: ObjectAddress) -> Option<AnyObject> {
             .copied()
     };
     match address.index {
-        // Eight axes, 800h apart (CiA 402).
-        0x6800..=0x9FFF => find(0x6000 + (address.index - 0x6000) % 0x0800),
+        // Axes 2 to 4, 800h apart (CiA 402). Those of the next are where a terminal has its settings (ETG.5001).
+        0x6800..=0x7FFF => find(0x6000 + (address.index - 0x6000) % 0x0800),
         index => find(index),
     }
 }
@@ -235,6 +235,16 @@ mod tests {
         assert_eq!(of(0x687B, 2), Some(ValueType::I32));
         assert_eq!(of(0x687B, 3), None);
         assert_eq!(of(0x2011, 0), None);
+    }
+
+    /// ETG.5001: settings of a terminal. 8091h:01 would be the gear ratio of a fifth axis.
+    #[test]
+    fn a_setting_of_a_terminal_has_no_name_and_no_type_of_an_object_of_an_axis() {
+        let setting = ObjectAddress::new(0x8091, 1);
+        assert_eq!(
+            (known_name(setting), ObjectValue::known_type(setting)),
+            (None, None)
+        );
     }
 
     #[test]
