@@ -5,7 +5,7 @@
 //!
 //! [[write]]
 //! object = "quick stop deceleration"     # an object of `coe::obj` by its name, and so its type …
-//! axis = 2                               # 1 if left out
+//! axis = 2                               # 1 if left out; for objects from 6000h to 67FFh and from 5000h to 50FFh
 //! value = 1_000_000
 //! comment = "as tried out with the full load"
 //! verify = true                          # false if left out
@@ -100,6 +100,9 @@ pub enum FileFault {
     /// The axis is not one of eight.
     #[error("axis {0} is not 1 to 8")]
     Axis(u8),
+    /// The axis is not the first, and the object is none that each axis has at an index of its own.
+    #[error("this object is not of one axis: give its own index")]
+    NotOfAxis,
     /// The type of an object that the library does not know is missing.
     #[error("its type is not known: give it, such as type = \"u32\"")]
     NoType,
@@ -282,6 +285,13 @@ impl<'a> Source<'a> {
             Some((axis @ 1..=8, _)) => AxisOffset::of_axis(axis),
             Some((axis, span)) => return Err(error(span, FileFault::Axis(axis))),
         };
+        let moved = ObjectAddress::new(offset.apply(address.index), address.subindex);
+        if let Some(axis) = axis
+            && *axis.get_ref() > 1
+            && moved == address
+        {
+            return Err(error(axis.span(), FileFault::NotOfAxis));
+        }
         let kind = match kind {
             None => ObjectValue::known_type(address)
                 .ok_or_else(|| error(object.span(), FileFault::NoType))?,
@@ -295,7 +305,6 @@ impl<'a> Source<'a> {
             let expected = kind;
             error(span, FileFault::Value { expected, got })
         })?;
-        let moved = ObjectAddress::new(offset.apply(address.index), address.subindex);
         Ok((moved, value))
     }
 }
@@ -927,6 +936,25 @@ mod tests {
             bytes.resize(width, 0xA5);
             ObjectValue::decode(kind.parse().unwrap(), &bytes)
         })
+    }
+
+    /// Only 6000h to 67FFh and 5000h to 50FFh are of each axis.
+    #[test]
+    fn an_axis_of_an_object_that_is_not_of_one_axis_is_refused_at_its_line() {
+        for object in ["2010h:00", "min profile velocity", "2345h:01", "6881h:00"] {
+            let text = |axis| {
+                format!(
+                    "[[write]]\nobject = \"{object}\"\naxis = {axis}\ntype = \"u16\"\nvalue = 7\n"
+                )
+            };
+            assert_eq!(
+                error(&text(2)),
+                format!(
+                    "list.toml:3: object \"{object}\": this object is not of one axis: give its own index"
+                )
+            );
+            assert!(StartUpList::from_toml(&text(1), "list.toml").is_ok());
+        }
     }
 
     #[test]
