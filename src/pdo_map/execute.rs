@@ -6,7 +6,7 @@ use alloc::vec::Vec;
 use super::layout::Layout;
 use super::mapping::{Direction, Mapping};
 use super::mapping::{Entry, Pdo};
-use super::mapping::{MappingWrite, Plan};
+use super::mapping::{MappingWrite, Plan, Purpose};
 use super::offer::FixedPdo;
 use super::verify::{self, Differences};
 use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoHandle};
@@ -15,15 +15,15 @@ use crate::coe::{AbortCode, DriveError, Number, Object, ReadOnly, SdoError, SdoH
 ///
 /// What the drive holds is read first, in both directions. What is as it should be is left as it is: a direction in which nothing
 /// differs is not written at all, a PDO whose entries do not differ is not filled. A direction in which something was written is
-/// read back and compared.
+/// read back and compared. Where the drive has the right PDOs assigned and its assignment cannot be written, only PDOs are filled.
 ///
 /// # Errors
 /// [`ConfigureError`]: the drive refused a step, did not answer, or holds another mapping afterwards.
 pub async fn configure(mapping: &Mapping, sdo: &SdoHandle) -> Result<Layout, ConfigureError> {
     let outputs = differing(mapping, Direction::Outputs, sdo).await?;
     let inputs = differing(mapping, Direction::Inputs, sdo).await?;
-    for plan in [&outputs, &inputs].into_iter().flatten() {
-        execute(plan, sdo).await?;
+    for change in [&outputs, &inputs].into_iter().flatten() {
+        change.execute(sdo).await?;
     }
     let mut held = Vec::new();
     for (direction, written) in [(Direction::Outputs, &outputs), (Direction::Inputs, &inputs)] {
@@ -43,6 +43,32 @@ pub async fn configure(mapping: &Mapping, sdo: &SdoHandle) -> Result<Layout, Con
     Ok(mapping.layout())
 }
 
+/// What is to be written in one direction.
+struct Change {
+    plan: Plan,
+    /// The drive has the right PDOs assigned: only what they hold differs.
+    is_assigned: bool,
+}
+
+impl Change {
+    /// Makes the writes. A drive whose assignment cannot be written, and is right, has its PDOs filled alone.
+    async fn execute(&self, sdo: &SdoHandle) -> Result<(), ConfigureError> {
+        match execute(&self.plan, sdo).await {
+            Err(ConfigureError::Refused { step, error })
+                if self.is_assigned
+                    && step.purpose == Purpose::EmptyAssignment
+                    && matches!(
+                        error.error.abort_code(),
+                        Some(AbortCode::READ_ONLY | AbortCode::UNSUPPORTED_ACCESS)
+                    ) =>
+            {
+                execute(&self.plan.without_assignment(), sdo).await
+            }
+            result => result,
+        }
+    }
+}
+
 /// What is to be written in one direction; `None` where the drive holds what it should.
 ///
 /// What the drive does not let be read is written.
@@ -50,7 +76,7 @@ async fn differing(
     mapping: &Mapping,
     direction: Direction,
     sdo: &SdoHandle,
-) -> Result<Option<Plan>, ConfigureError> {
+) -> Result<Option<Change>, ConfigureError> {
     let wanted = mapping.pdos(direction);
     let mut assigned = wanted.iter().map(|pdo| u32::from(pdo.index));
     let is_assigned = holds::<u16>(direction.assignment(), &mut assigned, sdo).await?;
@@ -65,7 +91,8 @@ async fn differing(
         return Ok(None);
     }
     let is_filled = |pdo| different.contains(&pdo);
-    Ok(Some(Plan::of_direction(mapping, direction, is_filled)))
+    let plan = Plan::of_direction(mapping, direction, is_filled);
+    Ok(Some(Change { plan, is_assigned }))
 }
 
 /// Whether an object holds these elements and no others, read up to the first that differs.
@@ -213,7 +240,6 @@ mod tests {
     use super::*;
     use crate::coe::obj;
     use crate::coe::test_device::{Device, rig};
-    use crate::pdo_map::Purpose;
     use crate::pdo_map::verify::Difference;
 
     /// Two axes, as an AKD2G has them.
@@ -283,6 +309,46 @@ mod tests {
             })
         ));
         assert_eq!(device.0.borrow().written, [(0x1C12, 0, vec![0])]);
+    }
+
+    /// CoE details: PDO configuration, and no PDO assignment. The assignment is as it should be, and cannot be written.
+    #[test]
+    fn pdos_are_filled_where_the_drive_has_them_assigned_for_good() {
+        for code in [AbortCode::READ_ONLY, AbortCode::UNSUPPORTED_ACCESS] {
+            let layout = configured(|device| assigned_for_good(device, code, [0, 0x10]));
+            let bytes = layout.map(|layout| (layout.output_bytes(), layout.input_bytes()));
+            assert_eq!(bytes, Ok((22, 12)), "{code}");
+        }
+    }
+
+    #[test]
+    fn an_assignment_that_cannot_be_written_is_refused_where_it_is_not_right_or_for_another_reason()
+    {
+        for (code, steps) in [
+            (AbortCode::READ_ONLY, [0x10, 0]),
+            (AbortCode::PRESENT_STATE, [0, 0x10]),
+        ] {
+            let result = configured(|device| assigned_for_good(device, code, steps));
+            let Err(ConfigureError::Refused { step, error }) = result else {
+                panic!("not refused");
+            };
+            assert_eq!(step.purpose, Purpose::EmptyAssignment);
+            assert_eq!(error.error.abort_code(), Some(code));
+        }
+    }
+
+    /// A drive that has the PDOs of two axes assigned, these steps above the first, and refuses any other assignment.
+    fn assigned_for_good(device: &Device, code: AbortCode, steps: [u16; 2]) {
+        for (assignment, first) in [(0x1C12, 0x1600_u16), (0x1C13, 0x1A00)] {
+            device.set(assignment, 0, &[2]);
+            for (subindex, step) in (1..).zip(steps) {
+                device.set(assignment, subindex, &(first + step).to_le_bytes());
+            }
+            let mut state = device.0.borrow_mut();
+            for subindex in 0..=2 {
+                state.refused.insert((assignment, subindex), code.0);
+            }
+        }
     }
 
     #[test]
