@@ -227,7 +227,7 @@ impl Mapping {
 /// An object that has two places. What is written to the first does not reach the second.
 fn twice(pdos: &[Pdo]) -> Option<ObjectAddress> {
     let entries = pdos.iter().flat_map(|pdo| &pdo.entries);
-    let objects = entries.filter(|entry| entry.index != 0);
+    let objects = entries.filter(|entry| !entry.is_padding());
     let objects: Vec<_> = objects.map(|entry| entry.address()).collect();
     let mut each = objects.iter().enumerate();
     let again = each.find(|(number, object)| objects[..*number].contains(object));
@@ -514,7 +514,7 @@ pub enum MappingError {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Entry {
-    /// The object's index; 0 for padding.
+    /// The object's index; 0 or that of a data type for padding.
     pub index: u16,
     /// The object's subindex.
     pub subindex: u8,
@@ -555,10 +555,15 @@ impl Entry {
         }
     }
 
-    /// Whether the entry holds no object.
+    /// Whether the entry holds no object: its index is 0, or it is a data type that stands for a gap (CiA 301, dummy entries: 0001h to
+    /// 0FFFh with subindex 0). An entry there with another subindex is an object: some devices have theirs at 0005h and 0006h.
     #[must_use]
     pub const fn is_padding(self) -> bool {
-        self.index == 0
+        match self.index {
+            0 => true,
+            0x0001..=0x0FFF => self.subindex == 0,
+            _ => false,
+        }
     }
 
     /// Index and subindex together.
@@ -576,7 +581,8 @@ impl From<AnyObject> for Entry {
 
 impl fmt::Display for Entry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.is_padding() {
+        // A data type is shown as it is: a drive that holds another has another mapping.
+        if self.index == 0 {
             return write!(f, "{} bits of padding", self.bits);
         }
         write!(f, "{} ({} bits)", self.address(), self.bits)

@@ -381,6 +381,40 @@ mod tests {
         mapping.outputs().iter().map(|pdo| pdo.index).collect()
     }
 
+    /// CiA 301: in a PDO a data type (0001h and on, subindex 0) is a gap. There can be many of one.
+    #[test]
+    fn gaps_of_fixed_pdos_that_are_written_as_data_types_are_no_object_that_is_mapped_twice() {
+        let gap = Entry::new(0x0005, 0, 8);
+        let both = [FixedPdo::new(0x1701, [CONTROLWORD, MODE, gap, TARGET, gap])];
+        let mapping = choose(&position(&[]), &both, Limits::default()).unwrap();
+        assert_eq!(indices(&mapping), [0x1701]);
+        // The drive is to hold what it offers.
+        assert_eq!(mapping.outputs()[0].entries[2].raw(), 0x0005_0008);
+        let each = [
+            FixedPdo::new(0x1701, [CONTROLWORD, gap]),
+            FixedPdo::new(0x1702, [TARGET, gap]),
+        ];
+        let mapping = choose(&position(&[]), &each, Limits::default());
+        assert_eq!(
+            mapping.map(|mapping| indices(&mapping)),
+            Ok(vec![0x1701, 0x1702])
+        );
+    }
+
+    /// The outputs of some devices are 0005h:01, 0005h:02 and on.
+    #[test]
+    fn an_object_among_the_data_types_that_is_mapped_twice_is_found() {
+        let byte = Entry::new(0x0005, 1, 8);
+        let offered = [FixedPdo::new(0x1701, [CONTROLWORD, byte, TARGET, byte])];
+        assert_eq!(
+            choose(&position(&[]), &offered, Limits::default()),
+            Err(MappingError::ObjectTwice {
+                object: byte.address(),
+                direction: Direction::Outputs
+            })
+        );
+    }
+
     #[test]
     fn the_offered_pdo_with_most_of_what_is_wanted_is_chosen_and_not_filled() {
         let offered = [

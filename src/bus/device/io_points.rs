@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::{
     coe::ObjectAddress,
-    pdo_map::{BitRange, Direction, Mapping},
+    pdo_map::{self, BitRange, Direction, Mapping},
     sii::{self, Sii, SyncManagerUsage},
 };
 
@@ -192,8 +192,9 @@ impl Image {
             let mut bit = 0;
             for pdo in pdos {
                 for entry in &pdo.entries {
+                    let ObjectAddress { index, subindex } = entry.object;
                     // Padding is no object.
-                    if entry.object.index != 0 {
+                    if !pdo_map::Entry::new(index, subindex, entry.bits).is_padding() {
                         self.points.push(IoPoint {
                             direction,
                             object: entry.object,
@@ -339,5 +340,23 @@ mod tests {
         );
         assert_eq!(image.pieces.len(), 1);
         assert_eq!((image.pieces[0].manager, image.pieces[0].bytes), (3, 3));
+    }
+
+    /// CiA 301, dummy entries. The inputs of some devices are 0006h:01 and on.
+    #[test]
+    fn a_gap_that_is_written_as_a_data_type_is_no_point_and_an_object_there_is_one() {
+        let entries = [
+            Entry::new(0x6000, 1, 1),
+            Entry::new(0x0001, 0, 7),
+            Entry::new(0x0006, 1, 8),
+        ];
+        let mapping = Mapping::from_pdos(Vec::new(), vec![pdo(0x1A00, &entries)]);
+        let image = Image::of_mapping(&mapping, &sii(&[], &[]));
+        let points: Vec<_> = image
+            .points
+            .iter()
+            .map(|point| (point.object.to_string(), point.place.byte))
+            .collect();
+        assert_eq!(points, [("6000h:01".into(), 0), ("0006h:01".into(), 1)]);
     }
 }
