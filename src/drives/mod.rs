@@ -149,7 +149,7 @@ impl DriveDescription {
                 }));
             }
         }
-        choose(&demands, &self.fixed_pdos, self.limits)
+        choose(&demands, &self.fixed_pdos, &self.limits)
     }
 }
 

@@ -39,7 +39,8 @@ pub fn sigma7() -> DriveDescription {
         },
         limits: Limits {
             entries_per_pdo: 8,
-            pdos_per_sync_manager: 2,
+            output_pdos: 2,
+            input_pdos: 2,
             ..Limits::default()
         },
         traits: Traits {

@@ -181,10 +181,16 @@ impl EsiDevice {
             entries
                 .map(|entry| usize::from(entry.object.subindex))
                 .max()
+                .filter(|last| *last > 0)
         };
         let usual = Limits::default();
         let free = self.pdos.iter().filter(|pdo| !self.is_fixed(pdo));
-        let fewest = free.filter_map(|pdo| last_of(pdo.pdo.index)).min();
+        let mut entries: Vec<_> = free
+            .filter_map(|pdo| Some((pdo.pdo.index, last_of(pdo.pdo.index)?)))
+            .collect();
+        // Also for those of which the dictionary says nothing.
+        let fewest = entries.iter().map(|(_, most)| *most).min();
+        entries.retain(|(_, most)| Some(*most) != fewest);
         let bytes = |purpose: &str, otherwise| {
             let manager = self
                 .sync_managers
@@ -194,15 +200,10 @@ impl EsiDevice {
             most.map_or(otherwise, usize::from)
         };
         Limits {
-            entries_per_pdo: fewest
-                .filter(|most| *most > 0)
-                .unwrap_or(usual.entries_per_pdo),
-            pdos_per_sync_manager: [0x1C12, 0x1C13]
-                .into_iter()
-                .filter_map(last_of)
-                .min()
-                .filter(|most| *most > 0)
-                .unwrap_or(usual.pdos_per_sync_manager),
+            entries_per_pdo: fewest.unwrap_or(usual.entries_per_pdo),
+            other_pdos: entries,
+            output_pdos: last_of(0x1C12).unwrap_or(usual.output_pdos),
+            input_pdos: last_of(0x1C13).unwrap_or(usual.input_pdos),
             output_bytes: bytes("Outputs", usual.output_bytes),
             input_bytes: bytes("Inputs", usual.input_bytes),
         }

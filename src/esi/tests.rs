@@ -30,10 +30,14 @@ fn pdos_limits_and_commands_of_a_file_become_a_description() {
         description.axes[0].rx_pdos,
         [0x1600, 0x1601, 0x1602, 0x1603]
     );
-    let limits = description.limits;
+    let limits = &description.limits;
     assert_eq!(
-        (limits.entries_per_pdo, limits.pdos_per_sync_manager),
-        (8, 4)
+        (
+            limits.entries_per_pdo,
+            limits.output_pdos,
+            limits.input_pdos
+        ),
+        (8, 4, 4)
     );
     assert_eq!((limits.output_bytes, limits.input_bytes), (64, 64));
     let layout = description.default_mapping().unwrap().layout();
@@ -431,4 +435,53 @@ fn an_index_with_a_comment_in_it_is_read_as_a_whole_or_refused() {
             ObjectAddress::new(0x6065, 0)
         );
     }
+}
+
+/// One RxPDO with room for eight objects, and a second one (for a touch probe, say) with room for one alone. One RxPDO can be
+/// assigned, and up to eight TxPDOs.
+#[test]
+fn each_pdo_and_each_direction_has_limits_of_its_own() {
+    let kind = |name: &str, places: u8| {
+        let items: String = (0..=places)
+            .map(|subindex| format!("<SubItem><SubIdx>{subindex}</SubIdx><Type>UDINT</Type><BitSize>32</BitSize></SubItem>"))
+            .collect();
+        format!("<DataType><Name>{name}</Name>{items}</DataType>")
+    };
+    let object = |index: &str, kind: &str| {
+        format!("<Object><Index>#x{index}</Index><Type>{kind}</Type></Object>")
+    };
+    let types = kind("Large", 8) + &kind("Small", 1);
+    let assigned = object("1C12", "Small") + &object("1C13", "Large");
+    let pdos = object("1600", "Large") + &object("1601", "Small") + &object("1A00", "Large");
+    let entries = |objects: &[(u16, u8)]| -> String {
+        let entry = |(index, bits): &(u16, u8)| {
+            format!("<Entry><Index>#x{index:04X}</Index><BitLen>{bits}</BitLen></Entry>")
+        };
+        objects.iter().map(entry).collect()
+    };
+    let outputs = entries(&[
+        (0x6040, 16),
+        (0x6060, 8),
+        (0x607A, 32),
+        (0x6081, 32),
+        (0x6083, 32),
+        (0x6084, 32),
+    ]);
+    let inputs = entries(&[(0x6041, 16), (0x6061, 8), (0x6064, 32), (0x606C, 32)]);
+    let text = file(&format!(
+        "<Profile><Dictionary><DataTypes>{types}</DataTypes><Objects>{pdos}{assigned}</Objects></Dictionary></Profile>\
+         <RxPdo Sm=\"2\"><Index>#x1600</Index>{outputs}</RxPdo>\
+         <RxPdo><Index>#x1601</Index>{}</RxPdo>\
+         <TxPdo Sm=\"3\"><Index>#x1A00</Index>{inputs}</TxPdo>\
+         <Mailbox><CoE PdoConfig=\"1\"/></Mailbox>",
+        entries(&[(0x60B8, 16)])
+    ));
+    let esi = Esi::from_bytes("drive.xml", text.as_bytes()).unwrap();
+    let description = esi.devices[0].description().unwrap();
+    let limits = &description.limits;
+    assert_eq!((limits.output_pdos, limits.input_pdos), (1, 8));
+    let mapping = description.default_mapping();
+    let layout = mapping.map(|mapping| mapping.layout());
+    let bytes = layout.map(|layout| (layout.output_bytes(), layout.input_bytes()));
+    assert_eq!(bytes, Ok((19, 11)), "{limits:?}");
 }

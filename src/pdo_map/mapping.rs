@@ -50,12 +50,16 @@ impl fmt::Display for Direction {
 /// let outputs = Mapping::builder().limits(small).rx_pdo(0x1600).output(obj::CONTROLWORD);
 /// assert!(outputs.output(obj::TARGET_POSITION).build().is_err());
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Limits {
     /// Objects in one PDO.
     pub entries_per_pdo: usize,
-    /// PDOs assigned to one sync manager, in 1C12h or 1C13h.
-    pub pdos_per_sync_manager: usize,
+    /// PDOs that take another number of objects, each with its number.
+    pub other_pdos: Vec<(u16, usize)>,
+    /// RxPDOs assigned in 1C12h.
+    pub output_pdos: usize,
+    /// TxPDOs assigned in 1C13h.
+    pub input_pdos: usize,
     /// Bytes of all outputs.
     pub output_bytes: usize,
     /// Bytes of all inputs.
@@ -67,9 +71,36 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             entries_per_pdo: 254,
-            pdos_per_sync_manager: 254,
+            other_pdos: Vec::new(),
+            output_pdos: 254,
+            input_pdos: 254,
             output_bytes: 1486,
             input_bytes: 1486,
+        }
+    }
+}
+
+impl Limits {
+    /// Objects in this PDO.
+    pub(super) fn entries(&self, pdo: u16) -> usize {
+        let mut others = self.other_pdos.iter();
+        let other = others.find(|(index, _)| *index == pdo);
+        other.map_or(self.entries_per_pdo, |(_, entries)| *entries)
+    }
+
+    /// PDOs of this direction.
+    pub(super) const fn pdos(&self, direction: Direction) -> usize {
+        match direction {
+            Direction::Outputs => self.output_pdos,
+            Direction::Inputs => self.input_pdos,
+        }
+    }
+
+    /// Bytes of this direction.
+    pub(super) const fn bytes(&self, direction: Direction) -> usize {
+        match direction {
+            Direction::Outputs => self.output_bytes,
+            Direction::Inputs => self.input_bytes,
         }
     }
 }
@@ -184,11 +215,8 @@ impl Mapping {
     }
 
     /// The mapping, if it is no more than the drive takes.
-    pub(super) fn within(self, limits: Limits) -> Result<Self, MappingError> {
-        for (direction, limit) in [
-            (Direction::Outputs, limits.output_bytes),
-            (Direction::Inputs, limits.input_bytes),
-        ] {
+    pub(super) fn within(self, limits: &Limits) -> Result<Self, MappingError> {
+        for direction in [Direction::Outputs, Direction::Inputs] {
             let pdos = self.pdos(direction);
             if direction == Direction::Outputs
                 && let Some(object) = twice(pdos)
@@ -196,21 +224,24 @@ impl Mapping {
                 return Err(MappingError::ObjectTwice { object, direction });
             }
             for pdo in pdos {
-                if pdo.entries.len() > limits.entries_per_pdo && !self.is_fixed(pdo.index) {
+                let limit = limits.entries(pdo.index);
+                if pdo.entries.len() > limit && !self.is_fixed(pdo.index) {
                     return Err(MappingError::TooManyEntries {
                         pdo: pdo.index,
                         entries: pdo.entries.len(),
-                        limit: limits.entries_per_pdo,
+                        limit,
                     });
                 }
             }
-            if pdos.len() > limits.pdos_per_sync_manager {
+            let limit = limits.pdos(direction);
+            if pdos.len() > limit {
                 return Err(MappingError::TooManyPdos {
                     direction,
                     pdos: pdos.len(),
-                    limit: limits.pdos_per_sync_manager,
+                    limit,
                 });
             }
+            let limit = limits.bytes(direction);
             let bytes = pdos.iter().map(Pdo::bits).sum::<usize>().div_ceil(8);
             if bytes > limit {
                 return Err(MappingError::TooLong {
@@ -277,7 +308,7 @@ pub struct MappingBuilder {
 impl MappingBuilder {
     /// What the drive can hold.
     #[must_use]
-    pub const fn limits(mut self, limits: Limits) -> Self {
+    pub fn limits(mut self, limits: Limits) -> Self {
         self.limits = limits;
         self
     }
@@ -346,7 +377,7 @@ impl MappingBuilder {
         if let Some(error) = self.error {
             return Err(error);
         }
-        self.mapping.within(self.limits)
+        self.mapping.within(&self.limits)
     }
 
     fn pdo(mut self, direction: Direction, index: u16) -> Self {
@@ -796,7 +827,9 @@ mod tests {
 
     const EIGHT_ENTRIES: Limits = Limits {
         entries_per_pdo: 8,
-        pdos_per_sync_manager: 2,
+        other_pdos: Vec::new(),
+        output_pdos: 2,
+        input_pdos: 2,
         output_bytes: 8,
         input_bytes: 8,
     };

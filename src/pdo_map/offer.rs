@@ -74,7 +74,7 @@ impl FixedPdo {
 ///     required: true,
 ///     free: &[0x1A00],
 /// };
-/// assert_eq!(choose(&[wanted], &[], Limits::default())?.inputs()[0].index, 0x1A00);
+/// assert_eq!(choose(&[wanted], &[], &Limits::default())?.inputs()[0].index, 0x1A00);
 /// # Ok::<(), servocrab::pdo_map::MappingError>(())
 /// ```
 #[derive(Debug, Clone, Copy)]
@@ -92,7 +92,7 @@ pub struct Demand<'a> {
 /// The mapping with which a drive exchanges what is wanted.
 ///
 /// Without `fixed` PDOs of a direction, the objects fill the free ones in the order of the demands. The next PDO follows when one
-/// holds as many as [`Limits::entries_per_pdo`]. With them, the combination is taken that leaves out the fewest wanted objects. Of
+/// holds as many as its [`Limits`] allow. With them, the combination is taken that leaves out the fewest wanted objects. Of
 /// such combinations the one with the fewest bytes is taken, then the one with the fewest PDOs. The search is bounded, and begins
 /// with the PDOs that hold most. No output is mapped twice. PDOs are assigned by rising index.
 ///
@@ -108,7 +108,7 @@ pub struct Demand<'a> {
 /// });
 /// let (controlword, target) = (Entry::new(0x6040, 0, 16), Entry::new(0x607A, 0, 32));
 /// let offered = [FixedPdo::new(0x1600, [controlword]), FixedPdo::new(0x1601, [controlword, target])];
-/// let mapping = choose(&wanted, &offered, Limits::default())?;
+/// let mapping = choose(&wanted, &offered, &Limits::default())?;
 /// assert_eq!(mapping.outputs().len(), 1);
 /// assert_eq!(mapping.outputs()[0].index, 0x1601);
 /// # Ok::<(), servocrab::pdo_map::MappingError>(())
@@ -120,7 +120,7 @@ pub struct Demand<'a> {
 pub fn choose(
     demands: &[Demand<'_>],
     fixed: &[FixedPdo],
-    limits: Limits,
+    limits: &Limits,
 ) -> Result<Mapping, MappingError> {
     let mut chosen_fixed = Vec::new();
     let mut sides = [Vec::new(), Vec::new()];
@@ -228,7 +228,7 @@ struct Search<'a> {
     direction: Direction,
     wanted: &'a [Want<'a>],
     offered: &'a [&'a FixedPdo],
-    limits: Limits,
+    limits: &'a Limits,
     has_fixed: bool,
     left: usize,
     best: Option<Choice<'a>>,
@@ -267,7 +267,7 @@ impl<'a> Search<'a> {
         if is_better {
             self.best = Some(choice);
         }
-        if chosen.len() >= self.limits.pdos_per_sync_manager {
+        if chosen.len() >= self.limits.pdos(self.direction) {
             return;
         }
         let offered = self.offered;
@@ -316,13 +316,10 @@ impl<'a> Search<'a> {
         }
         pdos.sort_by_key(|pdo| pdo.index);
         let bits = pdos.iter().map(Pdo::bits).sum();
-        let most_bytes = match self.direction {
-            Direction::Outputs => self.limits.output_bytes,
-            Direction::Inputs => self.limits.input_bytes,
-        };
+        let most_bytes = self.limits.bytes(self.direction);
         let cost = Cost {
             required_left_out: left_out.iter().filter(|want| want.required).count(),
-            over_limits: pdos.len() > self.limits.pdos_per_sync_manager
+            over_limits: pdos.len() > self.limits.pdos(self.direction)
                 || bits > most_bytes.saturating_mul(8),
             left_out: left_out.len(),
             bits,
@@ -341,7 +338,7 @@ impl<'a> Search<'a> {
     fn room(&self, pdos: &[Pdo], free: &[u16]) -> Option<u16> {
         let is_full = |index: &u16| {
             pdos.iter()
-                .any(|pdo| pdo.index == *index && pdo.entries.len() >= self.limits.entries_per_pdo)
+                .any(|pdo| pdo.index == *index && pdo.entries.len() >= self.limits.entries(*index))
         };
         let with_room = free.iter().find(|index| !is_full(index)).copied();
         with_room.or_else(|| free.last().copied().filter(|_| !self.has_fixed))
@@ -386,7 +383,7 @@ mod tests {
     fn gaps_of_fixed_pdos_that_are_written_as_data_types_are_no_object_that_is_mapped_twice() {
         let gap = Entry::new(0x0005, 0, 8);
         let both = [FixedPdo::new(0x1701, [CONTROLWORD, MODE, gap, TARGET, gap])];
-        let mapping = choose(&position(&[]), &both, Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &both, &Limits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1701]);
         // The drive is to hold what it offers.
         assert_eq!(mapping.outputs()[0].entries[2].raw(), 0x0005_0008);
@@ -394,7 +391,7 @@ mod tests {
             FixedPdo::new(0x1701, [CONTROLWORD, gap]),
             FixedPdo::new(0x1702, [TARGET, gap]),
         ];
-        let mapping = choose(&position(&[]), &each, Limits::default());
+        let mapping = choose(&position(&[]), &each, &Limits::default());
         assert_eq!(
             mapping.map(|mapping| indices(&mapping)),
             Ok(vec![0x1701, 0x1702])
@@ -407,7 +404,7 @@ mod tests {
         let byte = Entry::new(0x0005, 1, 8);
         let offered = [FixedPdo::new(0x1701, [CONTROLWORD, byte, TARGET, byte])];
         assert_eq!(
-            choose(&position(&[]), &offered, Limits::default()),
+            choose(&position(&[]), &offered, &Limits::default()),
             Err(MappingError::ObjectTwice {
                 object: byte.address(),
                 direction: Direction::Outputs
@@ -422,7 +419,7 @@ mod tests {
             FixedPdo::new(0x1701, [CONTROLWORD, TARGET]),
             FixedPdo::new(0x1702, [CONTROLWORD, Entry::padding(8), MODE, TARGET]),
         ];
-        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1702]);
         assert!(
             !mapping
@@ -446,7 +443,7 @@ mod tests {
             FixedPdo::new(0x1601, [CONTROLWORD, MODE]),
             FixedPdo::new(0x1602, [CONTROLWORD, TARGET]),
         ];
-        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1602]);
     }
 
@@ -456,7 +453,7 @@ mod tests {
         let mut semi = position(&[0x1600]);
         // On this drive the target cannot be mapped freely.
         semi[2].free = &[];
-        let mapping = choose(&semi, &offered, Limits::default()).unwrap();
+        let mapping = choose(&semi, &offered, &Limits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1600, 0x1601]);
         assert_eq!(mapping.outputs()[0].entries, [MODE, VELOCITY]);
         assert!(mapping.is_fixed(0x1601) && !mapping.is_fixed(0x1600));
@@ -466,14 +463,14 @@ mod tests {
     fn a_full_pdo_is_followed_by_the_next_of_the_axis() {
         let limits = Limits {
             entries_per_pdo: 3,
-            pdos_per_sync_manager: 2,
+            output_pdos: 2,
             ..Limits::default()
         };
-        let mapping = choose(&position(&[0x1600, 0x1601]), &[], limits).unwrap();
+        let mapping = choose(&position(&[0x1600, 0x1601]), &[], &limits).unwrap();
         assert_eq!(indices(&mapping), [0x1600, 0x1601]);
         assert_eq!(mapping.outputs()[1].entries, [VELOCITY]);
         assert_eq!(
-            choose(&position(&[0x1600]), &[], limits),
+            choose(&position(&[0x1600]), &[], &limits),
             Err(MappingError::TooManyEntries {
                 pdo: 0x1600,
                 entries: 4,
@@ -481,11 +478,11 @@ mod tests {
             })
         );
         let one_pdo = Limits {
-            pdos_per_sync_manager: 1,
+            output_pdos: 1,
             ..limits
         };
         assert_eq!(
-            choose(&position(&[0x1600, 0x1601]), &[], one_pdo),
+            choose(&position(&[0x1600, 0x1601]), &[], &one_pdo),
             Err(MappingError::TooManyPdos {
                 direction: Direction::Outputs,
                 pdos: 2,
@@ -504,14 +501,14 @@ mod tests {
             FixedPdo::new(0x1601, [CONTROLWORD, TARGET]),
             status,
         ];
-        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1601, 0x1603]);
     }
 
     #[test]
     fn a_required_object_that_nothing_offers_is_named() {
         let offered = [FixedPdo::new(0x1600, [CONTROLWORD, MODE])];
-        let error = choose(&position(&[]), &offered, Limits::default()).unwrap_err();
+        let error = choose(&position(&[]), &offered, &Limits::default()).unwrap_err();
         assert_eq!(
             error,
             MappingError::NotOffered {
@@ -532,14 +529,14 @@ mod tests {
                 FixedPdo::new(index, core::iter::once(all[place]).chain(further))
             })
             .collect();
-        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
         assert_eq!(mapping.outputs().len(), 4);
         // The target in the last alone, behind many that hold two of the others.
         let mut offered: Vec<_> = (0x1600..0x1700)
             .map(|index| FixedPdo::new(index, [CONTROLWORD, MODE]))
             .collect();
         offered.push(FixedPdo::new(0x1700, [TARGET]));
-        let mapping = choose(&position(&[]), &offered, Limits::default()).unwrap();
+        let mapping = choose(&position(&[]), &offered, &Limits::default()).unwrap();
         assert_eq!(indices(&mapping), [0x1600, 0x1700]);
     }
 
@@ -556,8 +553,8 @@ mod tests {
                 content.dedup();
                 FixedPdo::new(index, content.into_iter().map(|place| all[place]))
             }).collect();
-            let limits = Limits { pdos_per_sync_manager: most, ..Limits::default() };
-            match choose(&position(&[]), &offered, limits) {
+            let limits = Limits { output_pdos: most, ..Limits::default() };
+            match choose(&position(&[]), &offered, &limits) {
                 Ok(mapping) => {
                     proptest::prop_assert!(mapping.outputs().len() <= most);
                     for pdo in mapping.outputs() {
