@@ -13,7 +13,8 @@ use serde_json::{Value, json};
 use servocrab::{
     bus::Signal,
     coe::{
-        AbortCode, AxisOffset, DriveError, Object, SdoError, SdoHandle, TypeCode,
+        AbortCode, AxisOffset, DriveError, DriveId, Object, ObjectAddress, SdoError, SdoHandle,
+        TypeCode,
         information::{ListKind, Question},
         obj,
     },
@@ -286,6 +287,15 @@ struct Written {
     bytes: Vec<u8>,
 }
 
+/// Whether this object of the drive is in the process data.
+fn is_mapped(shown: &Shown, drive: &DriveId, object: ObjectAddress) -> bool {
+    let mapped = Signal::Device {
+        position: drive.position,
+        object,
+    };
+    shown.view.recorder([mapped]).is_ok()
+}
+
 pub(crate) async fn write(
     State(shown): State<Shown>,
     Extension(client): Extension<Client>,
@@ -299,11 +309,13 @@ pub(crate) async fn write(
     let (sdo, object) = shown.object(&drive, &index, &subindex)?;
     let sdo = how.of(sdo);
     let Written { bytes } = body(&bytes)?;
-    let mapped = Signal::Device {
-        position: sdo.drive().position,
-        object,
+    let is_mapped = match how.complete {
+        true => (0..=u8::MAX).any(|subindex| {
+            let part = ObjectAddress::new(object.index, subindex);
+            is_mapped(&shown, sdo.drive(), part)
+        }),
+        false => is_mapped(&shown, sdo.drive(), object),
     };
-    let is_mapped = shown.view.recorder([mapped]).is_ok();
     if is_owned(object) || is_mapped {
         let text = format!(
             "{object} is in the process data, or the library itself writes it or relies on it"

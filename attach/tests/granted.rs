@@ -30,6 +30,11 @@ const TIME: Duration = Duration::from_secs(20);
 
 /// Two axes, of which 1000 counts are one millimetre.
 fn machine() -> (Network, Arc<Mutex<Segment>>) {
+    machine_of(|axis| axis)
+}
+
+/// Axes that are more than these.
+fn machine_of(config: impl Fn(AxisConfig) -> AxisConfig) -> (Network, Arc<Mutex<Segment>>) {
     let segment = Arc::new(Mutex::new(Segment::new().with(personality::akd2g())));
     let wired = Arc::clone(&segment);
     let wire = Wire::new(move |frame, now| wired.lock().unwrap().process(frame, now));
@@ -41,8 +46,8 @@ fn machine() -> (Network, Arc<Mutex<Segment>>) {
             .map_output(obj::TARGET_VELOCITY)
     };
     let drive = DriveConfig::new(drives::akd2g())
-        .axis(axis("x"))
-        .axis(axis("y"));
+        .axis(config(axis("x")))
+        .axis(config(axis("y")));
     let builder = Network::builder()
         .link(wire)
         .cycle(Duration::from_millis(2))
@@ -417,6 +422,34 @@ fn objects_are_written_but_for_those_of_the_process_data_and_of_the_library() {
         assert_eq!(code(&answer), expected, "{request} {body}");
     }
     drop(segment);
+    smol::block_on(net.shutdown()).unwrap();
+}
+
+#[test]
+fn an_object_that_is_in_the_process_data_in_part_is_not_written_as_a_whole() {
+    let (net, _segment) = machine_of(|axis| axis.map_output(obj::DIGITAL_OUTPUTS));
+    let (_runtime, attached) = shown(&net, &[Grant::Parameters]);
+    // Its number of entries, the mapped one and the mask.
+    let whole = r#"{"bytes":[2,0,1,0,0,0,1,0,0,0]}"#;
+    for object in [
+        "60FEh/1",
+        "60FEh/0?complete=true",
+        "60FEh/1?complete=true",
+        "68FEh/0?complete=true",
+    ] {
+        let request = format!("POST /v1/od/0/{object}");
+        let (status, answer) = ask(&attached, &request, whole);
+        assert_eq!((status, code(&answer)), (403, "owned"), "{object}");
+    }
+    // The mask alone is not in the process data, and the objects of others are written as a whole.
+    let (status, answer) = ask(&attached, "POST /v1/od/0/60FEh/2", r#"{"bytes":[1,0,0,0]}"#);
+    assert_eq!(status, 200, "{answer}");
+    let (_, answer) = ask(
+        &attached,
+        "POST /v1/od/0/6066h/0?complete=true",
+        r#"{"bytes":[0,0]}"#,
+    );
+    assert_ne!(answer["error"]["code"], "owned", "{answer}");
     smol::block_on(net.shutdown()).unwrap();
 }
 
