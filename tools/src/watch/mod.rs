@@ -193,12 +193,7 @@ impl<'a> Watched<'a> {
         if tool.json {
             return Ok(());
         }
-        let names = signals.iter().map(|known| match known.unit.as_str() {
-            "" => format!(",{}", known.signal),
-            unit => format!(",{} [{unit}]", known.signal),
-        });
-        let names: String = names.collect();
-        Ok(put(format_args!("cycle,time [s]{names}\n"))?)
+        Ok(put(heading(signals))?)
     }
 
     /// False if it has ended before its trigger.
@@ -283,6 +278,24 @@ impl<'a> Watched<'a> {
     }
 }
 
+/// The first line of the CSV: names of axes and of points may have any characters.
+fn heading(signals: &[WatchedSignal]) -> String {
+    let names = signals.iter().map(|known| match known.unit.as_str() {
+        "" => quoted(known.signal.clone()),
+        unit => quoted(format!("{} [{unit}]", known.signal)),
+    });
+    let names: String = names.map(|name| format!(",{name}")).collect();
+    format!("cycle,time [s]{names}\n")
+}
+
+/// A field of a CSV line by RFC 4180, section 2: in quotes where it has a comma, a quote or the end of a line.
+fn quoted(field: String) -> String {
+    match field.contains([',', '"', '\r', '\n']) {
+        true => format!("\"{}\"", field.replace('"', "\"\"")),
+        false => field,
+    }
+}
+
 /// To 12 digits, unless it is a whole number: most have 32 bits before they get a unit, and more digits are those of the conversion.
 fn rounded(value: f64) -> f64 {
     if value.fract() == 0.0 {
@@ -310,6 +323,24 @@ impl Files {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_with_a_comma_or_a_quote_is_one_field_of_the_heading() {
+        let known = |signal: &str, unit: &str| WatchedSignal {
+            signal: signal.into(),
+            unit: unit.into(),
+        };
+        let signals = [
+            known("x.position", "mm"),
+            known("gantry, left.position", "mm"),
+            known("valves.Channel \"1\".Output", ""),
+            known("two\nlines.state", ""),
+        ];
+        assert_eq!(
+            heading(&signals),
+            "cycle,time [s],x.position [mm],\"gantry, left.position [mm]\",\"valves.Channel \"\"1\"\".Output\",\"two\nlines.state\"\n"
+        );
+    }
 
     #[test]
     fn a_value_has_the_digits_that_it_was_measured_with() {

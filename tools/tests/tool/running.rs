@@ -31,13 +31,17 @@ struct Program {
 
 impl Program {
     fn start() -> Self {
+        Self::with_axes(["x", "y"])
+    }
+
+    fn with_axes([first, second]: [&str; 2]) -> Self {
         let mut segment = Segment::new().with(personality::akd2g());
         let is_cut = Arc::new(AtomicBool::new(false));
         let cut = Arc::clone(&is_cut);
         let wire = Wire::new(move |frame: &mut [u8], now| {
             segment.process(frame, now) && !cut.load(Ordering::Relaxed)
         });
-        let drive = DriveConfig::new(drives::akd2g()).axis("x").axis("y");
+        let drive = DriveConfig::new(drives::akd2g()).axis(first).axis(second);
         let builder = Network::builder()
             .link(wire)
             .cycle(Duration::from_millis(2))
@@ -142,6 +146,17 @@ fn the_cycles_of_a_running_program_are_watched_and_none_is_missing() {
         errors.contains("no axis is named `z`") && errors.contains("`x`, `y`"),
         "{errors}"
     );
+    program.end();
+}
+
+#[test]
+fn the_name_of_an_axis_with_quotes_is_one_field_of_the_heading() {
+    let program = Program::with_axes(["x", "\"left\""]);
+    let (code, output, errors) =
+        program.run("watch --interface sim0 --for 1 x.position \"left\".position");
+    assert_eq!((code, errors.as_str()), (Some(0), ""), "{output}");
+    let heading = "cycle,time [s],x.position [counts],\"\"\"left\"\".position [counts]\"";
+    assert_eq!(output.lines().next(), Some(heading));
     program.end();
 }
 
