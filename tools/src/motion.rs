@@ -242,38 +242,39 @@ async fn run(
     while let Some(report) = emergencies.try_next() {
         tool.note(report);
     }
-    let left = net.shutdown().await;
-    // What became of the move comes first: what follows it must not hide it.
-    let outcome = match moved {
-        Ok(outcome) => outcome,
-        Err(error) => {
-            if let Err(disabled) = &disabled {
-                tool.note(disabled);
-            }
-            if error.is::<Interrupted>() && disabled.is_ok() {
-                return Err(
-                    format!("interrupted: stopped and disabled at {}", status.position).into(),
-                );
-            }
-            return Err(error);
-        }
+    let ended = net.shutdown().await;
+    let left = disabled.err().map(Failure::from).into_iter();
+    let left: Vec<_> = left.chain(ended.err().map(Failure::from)).collect();
+    let (outcome, failed) = match moved {
+        Ok(outcome) => (Some(outcome), None),
+        Err(error) => (None, Some(error)),
     };
-    let json: Value = json!({
-        "outcome": outcome,
-        "from": before,
-        "position": status.position,
-        "referenced": status.referenced,
+    let said = outcome.map_or(Ok(()), |outcome| {
+        let json: Value = json!({
+            "outcome": outcome,
+            "from": before,
+            "position": status.position,
+            "referenced": status.referenced,
+        });
+        let state = if left.is_empty() { "disabled at" } else { "at" };
+        let text = format_args!("{outcome}; {state} {}, from {before}\n", status.position);
+        tool.say(&json, text)
     });
-    tool.say(
-        &json,
-        format_args!(
-            "{outcome}; disabled at {}, from {before}\n",
-            status.position
-        ),
-    )?;
-    disabled?;
-    left?;
-    Ok(true)
+    let mut failures = failures(failed, left, status.position);
+    failures.extend(said.err().map(Failure::from));
+    let mut failures = failures.into_iter();
+    let first = failures.next();
+    failures.for_each(|other| tool.note(other));
+    first.map_or(Ok(true), Err)
+}
+
+/// Why the move has failed, and then how the axis was left, where that is not as it should be: neither hides the other.
+fn failures(failed: Option<Failure>, left: Vec<Failure>, position: i32) -> Vec<Failure> {
+    let failed = failed.map(|error| match error.is::<Interrupted>() && left.is_empty() {
+        true => format!("interrupted: stopped and disabled at {position}").into(),
+        false => error,
+    });
+    failed.into_iter().chain(left).collect()
 }
 
 fn axis_name(position: u16, axis: u8) -> String {
@@ -308,4 +309,38 @@ async fn declared(
         });
     }
     Ok((id.position, id.to_string(), drive))
+}
+
+#[cfg(test)]
+mod tests {
+    use servocrab::bus::NetworkError;
+
+    use super::*;
+
+    #[test]
+    fn an_axis_that_is_left_moving_is_named_whatever_became_of_its_move() {
+        let moving = || Failure::from(NetworkError::StillMoving(Vec::new()));
+        let texts = |failed, left| {
+            let all = failures(failed, left, 7);
+            all.iter().map(ToString::to_string).collect::<Vec<_>>()
+        };
+        let still = moving().to_string();
+        assert_eq!(texts(None, vec![moving()]), [still.as_str()]);
+        assert_eq!(
+            texts(
+                Some("the drive is lost".into()),
+                vec!["not disabled".into(), moving()]
+            ),
+            ["the drive is lost", "not disabled", &still]
+        );
+        assert_eq!(
+            texts(Some(Interrupted.into()), vec![moving()]),
+            ["interrupted", &still]
+        );
+        assert_eq!(
+            texts(Some(Interrupted.into()), Vec::new()),
+            ["interrupted: stopped and disabled at 7"]
+        );
+        assert!(texts(None, Vec::new()).is_empty());
+    }
 }

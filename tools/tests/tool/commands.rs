@@ -684,6 +684,45 @@ fn an_axis_is_moved_jogged_and_homed_and_nothing_else_moves() {
 }
 
 #[test]
+fn a_move_that_fails_says_that_its_axis_was_not_seen_to_stand() {
+    let test = "commands::a_move_that_fails_says_that_its_axis_was_not_seen_to_stand";
+    if !inside_namespace(test) {
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let trace = directory.path().join("trace.csv");
+    let mut line = simulated(&simulator(), &["akd2g"], 120, Some(&trace));
+    let by = "move --interface master0 --drive 0 --watchdog-ms 2000 --yes --unreferenced --velocity 50000 --by";
+    // Once the axis has moved, the trace has rows of it.
+    with_code(0, &format!("{by} 1000"));
+    let mut child = command(&format!("{by} 100000000"))
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    while last_row(&trace, "1").3 < 10_000.0 {
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "it has ended before it moved"
+        );
+        std::thread::yield_now();
+    }
+    // The drive is silent from here on: nobody can see what becomes of its axis.
+    run("kill", &["-STOP", &line.0.id().to_string()]);
+    let mut errors = String::new();
+    std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut errors).unwrap();
+    let code = child.wait().unwrap().code();
+    run("kill", &["-CONT", &line.0.id().to_string()]);
+    run("kill", &["-TERM", &line.0.id().to_string()]);
+    line.0.wait().unwrap();
+    assert_eq!(code, Some(2), "{errors}");
+    assert!(
+        errors.contains("not every axis was seen to stand: "),
+        "{errors}"
+    );
+    assert!(!errors.contains("disabled at"), "{errors}");
+}
+
+#[test]
 fn the_check_names_what_an_earlier_program_has_left_in_a_drive() {
     if !inside_namespace("commands::the_check_names_what_an_earlier_program_has_left_in_a_drive") {
         return;
