@@ -21,7 +21,7 @@ use crate::{
     grants::{Granted, GrantedAxis},
     refusal::Refusal,
     server::Client,
-    shown::{LOG, Shown},
+    shown::Shown,
 };
 
 /// How long the end of a motion is waited for before its request is answered all the same.
@@ -67,13 +67,13 @@ async fn finish(
     what: String,
     work: impl Future<Output = Result<String, AxisError>> + Send + 'static,
 ) -> Response {
-    tracing::warn!(target: LOG, "{what}: by {client}");
+    shown.log.warn(format_args!("{what}: by {client}"));
     let (of_task, asked_by) = (shown.clone(), client.clone());
     let done = tokio::spawn(async move {
         let done = work.await;
         match &done {
-            Ok(outcome) => tracing::info!(target: LOG, "{what}: {outcome}"),
-            Err(error) => tracing::warn!(target: LOG, "{what}: {error}"),
+            Ok(outcome) => of_task.log.info(format_args!("{what}: {outcome}")),
+            Err(error) => of_task.log.warn(format_args!("{what}: {error}")),
         }
         done.map_err(|error| of_task.refusal_of(&error, &asked_by))
     });

@@ -22,13 +22,7 @@ use tokio::{
     time::{MissedTickBehavior, interval},
 };
 
-use crate::{
-    grants::GrantedAxis,
-    refusal::Refusal,
-    server::Client,
-    shown::{LOG, Shown},
-    streams::sent,
-};
+use crate::{grants::GrantedAxis, refusal::Refusal, server::Client, shown::Shown, streams::sent};
 
 /// From one tick to the next.
 const TICK: Duration = Duration::from_millis(40);
@@ -198,7 +192,9 @@ impl Jogs {
             return sender.send(held).map_err(|_| Refusal::of("ended", text()));
         }
         let (sender, latest) = watch::channel(held);
-        tracing::warn!(target: LOG, "axis {axis} is jogged by {}", self.client);
+        self.shown
+            .log
+            .warn(format_args!("axis {axis} is jogged by {}", self.client));
         tokio::spawn(jog(
             axis.clone(),
             granted.clone(),

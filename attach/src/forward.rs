@@ -19,23 +19,24 @@ use hyper::{client::conn::http1, upgrade};
 use hyper_util::rt::TokioIo;
 use tokio::{io::copy_bidirectional, net::UnixStream};
 
-use crate::{refusal::Refusal, server::Place, shown::LOG};
+use crate::{log::Log, refusal::Refusal, server::Place};
 
-pub(crate) fn router(socket: &Path) -> Router {
+pub(crate) fn router(socket: &Path, log: Log) -> Router {
     Router::new()
         .fallback(pass_on)
-        .with_state(Arc::new(socket.to_owned()))
+        .with_state(Arc::new((socket.to_owned(), log)))
 }
 
 async fn pass_on(
-    State(socket): State<Arc<PathBuf>>,
+    State(state): State<Arc<(PathBuf, Log)>>,
     Extension(place): Extension<Place>,
     request: Request,
 ) -> Response {
-    match answer(&socket, place, request).await {
+    let (socket, log) = &*state;
+    match answer(socket, place, request).await {
         Ok(response) => response,
         Err(error) => {
-            tracing::warn!(target: LOG, "{}: {error}", socket.display());
+            log.warn(format_args!("{}: {error}", socket.display()));
             let text = format!("the program that has the network does not answer: {error}");
             Refusal::new(StatusCode::BAD_GATEWAY, "no_program", text).into_response()
         }

@@ -13,7 +13,7 @@ use axum::{
 };
 use rustix::rand::{GetRandomFlags, getrandom};
 
-use crate::{page, refusal::Refusal};
+use crate::{log::Log, page, refusal::Refusal};
 
 /// What comes before the token among the protocols of a WebSocket, for which a page can give no other header.
 const OFFERED: &str = "token.";
@@ -50,6 +50,7 @@ impl Token {
 pub(crate) struct Gate {
     pub token: Token,
     pub port: u16,
+    pub log: Log,
 }
 
 impl Gate {
@@ -93,7 +94,8 @@ impl Gate {
 pub(crate) async fn check(State(gate): State<Gate>, mut request: Request, next: Next) -> Response {
     let refusal = gate.refusal(request.headers(), request.uri().path());
     if let Some((status, code, text)) = refusal {
-        tracing::warn!(target: "servocrab::attach", "refused {}: {code}", request.uri().path());
+        let path = request.uri().path();
+        gate.log.warn(format_args!("refused {path}: {code}"));
         return Refusal::new(status, code, text).into_response();
     }
     request.headers_mut().remove(AUTHORIZATION);
@@ -111,6 +113,7 @@ mod tests {
         let gate = Gate {
             token: Token::new().unwrap(),
             port: 8080,
+            log: Log::default(),
         };
         let bearer = format!("Bearer {}", gate.token.text());
         let offered = format!("servocrab, token.{}", gate.token.text());

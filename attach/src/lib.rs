@@ -1,7 +1,7 @@
 //! Shows a running `servocrab` network to other programs of the same user and to a browser, and lets them stop its axes: HTTP/1.1 and
 //! WebSockets on a Unix socket, and with a token on a port of the loopback interface. What the program grants they may change and move.
 //!
-//! `docs/attach.md` lists the requests. The server has a thread of its own. The bus thread does nothing for it.
+//! `docs/attach.md` lists the requests. The server has a thread of its own, and so has its log. The bus thread does nothing for it.
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -33,6 +33,7 @@ mod control;
 mod forward;
 mod gate;
 mod grants;
+mod log;
 mod metrics;
 mod objects;
 mod ordinary;
@@ -136,8 +137,8 @@ pub enum AttachError {
     /// A grant that cannot be given.
     #[error("a grant cannot be given: {0}")]
     Grant(String),
-    /// The thread of the server has inherited a real-time class, and cannot leave it: it could hold up the bus thread.
-    #[error("the thread of the server cannot leave the real-time class of the calling thread: {0}")]
+    /// A thread of the server has inherited a real-time class, and cannot leave it: it could hold up the bus thread.
+    #[error("a thread of the server cannot leave the real-time class of the calling thread: {0}")]
     Scheduling(io::Error),
     /// The operating system refuses.
     #[error("{}: {error}", .path.display())]

@@ -25,7 +25,7 @@ use crate::{
     grants::is_owned,
     refusal::Refusal,
     server::Client,
-    shown::{LOG, Shown, sdo_refusal},
+    shown::{Shown, sdo_refusal},
 };
 
 /// Bytes of an object that is written.
@@ -334,7 +334,10 @@ pub(crate) async fn write(
         ));
     }
     let _turn = shown.turn().await?;
-    tracing::warn!(target: LOG, "{} of {} is written by {client}: {bytes:02X?}", object, sdo.drive());
+    let drive = sdo.drive();
+    shown.log.warn(format_args!(
+        "{object} of {drive} is written by {client}: {bytes:02X?}"
+    ));
     let written = match how.complete {
         true => {
             sdo.write_complete(object.index, object.subindex, bytes)

@@ -1,6 +1,11 @@
 //! The scheduling class of the server's thread. Threads inherit that of their maker, which may be a real-time one.
 
-use std::io;
+use std::{
+    io,
+    sync::mpsc::{Receiver, RecvTimeoutError, channel, sync_channel},
+    thread::{self, JoinHandle},
+    time::Instant,
+};
 
 use rustix::process::{getpriority_process, setpriority_process};
 use thread_priority::{
@@ -8,11 +13,74 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id, thread_schedule_policy,
 };
 
+use crate::AttachError;
+
 /// The nice value 0, on the scale of `thread-priority`.
 const NICE_0: u8 = 48;
 
+/// A thread that runs in no real-time class, whoever has started it.
+#[derive(Debug)]
+pub(crate) struct OrdinaryThread {
+    thread: JoinHandle<()>,
+    /// Fails once its work is over.
+    over: Receiver<()>,
+}
+
+impl OrdinaryThread {
+    /// # Errors
+    /// What is made of that of the operating system, where it gives no thread; [`AttachError::Scheduling`] where the thread cannot leave
+    /// its class.
+    pub fn start(
+        name: &str,
+        failed: impl FnOnce(io::Error) -> AttachError,
+        work: impl FnOnce() + Send + 'static,
+    ) -> Result<Self, AttachError> {
+        let (alive, over) = channel();
+        let (ordinary, is_ordinary) = sync_channel(1);
+        let thread = thread::Builder::new()
+            .name(name.to_owned())
+            .spawn(move || {
+                // Dropped last, also where the work panics.
+                let _alive = alive;
+                let work = work;
+                let scheduled = schedule();
+                let goes_on = scheduled.is_ok();
+                // Who has started it waits for it.
+                let _ = ordinary.send(scheduled);
+                if goes_on {
+                    work();
+                }
+            })
+            .map_err(failed)?;
+        match is_ordinary.recv() {
+            Ok(Err(error)) => Err(AttachError::Scheduling(error)),
+            _ => Ok(Self { thread, over }),
+        }
+    }
+
+    /// Waits until its work is over, but no longer than until then: the thread is left to itself after that.
+    pub fn end(self, until: Instant) -> ThreadEnd {
+        let left = until.saturating_duration_since(Instant::now());
+        match self.over.recv_timeout(left) {
+            Err(RecvTimeoutError::Timeout) => ThreadEnd::StillAtWork,
+            _ => match self.thread.join() {
+                Ok(()) => ThreadEnd::Over,
+                Err(_) => ThreadEnd::Panicked,
+            },
+        }
+    }
+}
+
+/// How a thread was found at its end.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum ThreadEnd {
+    Over,
+    Panicked,
+    StillAtWork,
+}
+
 /// Takes the calling thread out of a real-time class; any other thread stays as it is.
-pub(crate) fn schedule() -> io::Result<()> {
+fn schedule() -> io::Result<()> {
     if !is_real_time()? {
         return Ok(());
     }
@@ -45,7 +113,28 @@ fn said(error: Error) -> io::Error {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
+
+    #[test]
+    fn the_end_of_a_thread_is_waited_for_no_longer_than_is_said() {
+        let start = |work: Box<dyn FnOnce() + Send>| {
+            OrdinaryThread::start("test", AttachError::Scheduling, work).unwrap()
+        };
+        let generous = || Instant::now() + Duration::from_secs(60);
+        let (go_on, waits) = channel::<()>();
+        let blocked = start(Box::new(move || {
+            let _ = waits.recv();
+        }));
+        assert_eq!(blocked.end(Instant::now()), ThreadEnd::StillAtWork);
+        drop(go_on);
+        assert_eq!(start(Box::new(|| {})).end(generous()), ThreadEnd::Over);
+        let panics = start(Box::new(|| {
+            std::panic::resume_unwind(Box::new("as it is meant to"))
+        }));
+        assert_eq!(panics.end(generous()), ThreadEnd::Panicked);
+    }
 
     #[test]
     fn an_ordinary_thread_stays_as_it_is_and_the_scale_has_nice_0_where_it_is_expected() {

@@ -19,7 +19,7 @@ use crate::{
     commands, control, metrics, objects,
     refusal::Refusal,
     server::{Client, Place},
-    shown::{LOG, Shown},
+    shown::Shown,
     streams::SIGNALS,
 };
 
@@ -373,13 +373,17 @@ async fn stop(
     if let Err(error) = shown.view.stop_axis(&name, StopRequest::STOP) {
         return Refusal::new(StatusCode::NOT_FOUND, "no_axis", error.to_string()).into_response();
     }
-    tracing::warn!(target: LOG, "axis {name} is stopped by {client}");
+    shown
+        .log
+        .warn(format_args!("axis {name} is stopped by {client}"));
     accepted()
 }
 
 async fn quick_stop(State(shown): State<Shown>, Extension(client): Extension<Client>) -> Response {
     shown.view.stop_all(StopRequest::QUICK_STOP);
-    tracing::warn!(target: LOG, "all axes are stopped by {client}");
+    shown
+        .log
+        .warn(format_args!("all axes are stopped by {client}"));
     accepted()
 }
 

@@ -11,8 +11,7 @@ use std::{
     path::{Path, PathBuf},
     pin::pin,
     sync::Arc,
-    thread::{self, JoinHandle},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use axum::{Extension, Router, middleware::from_fn_with_state};
@@ -36,8 +35,10 @@ use crate::{
     Attach, AttachError,
     gate::{self, Gate, Token},
     grants::{AskedFor, Granted},
-    ordinary, page, requests,
-    shown::{LOG, Shown},
+    log::{Log, Subscriber, unlogged},
+    ordinary::{OrdinaryThread, ThreadEnd},
+    page, requests,
+    shown::Shown,
 };
 
 /// What clients have asked for and the program has not taken.
@@ -49,9 +50,11 @@ const BUFFER: usize = 16 * 1024;
 const CONNECTION: Duration = Duration::from_secs(60);
 /// After an error of the socket, such as no free file descriptor.
 const PAUSE: Duration = Duration::from_millis(100);
+/// How long the end of the server waits for its threads.
+const END: Duration = Duration::from_secs(1);
 
 /// A network that is shown, until this is dropped or the program ends. Neither this nor its end has an effect on any axis, but for the
-/// jogs that clients hold: they end.
+/// jogs that clients hold: they end. The end takes a second at most, also where the log is behind.
 #[derive(Debug)]
 pub struct Attached {
     socket: PathBuf,
@@ -99,22 +102,33 @@ impl Forwarded {
     }
 }
 
-/// The thread that serves, until this is dropped.
+/// The thread that serves, and the one that writes the log, until this is dropped.
 #[derive(Debug)]
 struct Server {
     panel: Option<String>,
     end: Option<oneshot::Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<OrdinaryThread>,
+    log: Log,
+    writer: Option<OrdinaryThread>,
 }
 
 impl Server {
+    /// Waits for the threads for a second at most: what follows may be the stop of the axes.
     fn end(&mut self) {
+        let until = Instant::now() + END;
         // It is dropped, which the thread hears.
         self.end.take();
-        if let Some(thread) = self.thread.take()
-            && thread.join().is_err()
-        {
-            tracing::error!(target: LOG, "the thread has panicked");
+        match self.thread.take().map(|thread| thread.end(until)) {
+            None | Some(ThreadEnd::Over) => {}
+            Some(ThreadEnd::Panicked) => self.log.error(format_args!("the thread has panicked")),
+            Some(ThreadEnd::StillAtWork) => self
+                .log
+                .error(format_args!("the thread has not ended within {END:?}")),
+        }
+        self.log.close();
+        if let Some(writer) = self.writer.take() {
+            // Where a subscriber blocks, the thread writes the rest when it can, and ends.
+            let _ = writer.end(until);
         }
     }
 }
@@ -134,6 +148,7 @@ impl Drop for Server {
 pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
     let granted = Granted::of(net, &attach.grants)?;
     let (asks, asked) = mpsc::channel(QUESTIONS);
+    let log = Log::default();
     let router = requests::router(Shown {
         view: net.view(),
         transfers: Arc::new(Semaphore::new(1)),
@@ -141,6 +156,7 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
         asks,
         streams: Arc::default(),
         dictionaries: Arc::default(),
+        log: log.clone(),
     });
     let socket = socket(&attach)?;
     let at_socket = |error| AttachError::Io {
@@ -151,10 +167,13 @@ pub fn serve(net: &Network, attach: Attach) -> Result<Attached, AttachError> {
     let served = fs::set_permissions(&socket, fs::Permissions::from_mode(0o600))
         .and_then(|()| listener.set_nonblocking(true))
         .map_err(at_socket)
-        .and_then(|()| start(router, Some(listener), attach));
+        .and_then(|()| start(router, Some(listener), attach, log));
     match served {
         Ok(server) => {
-            tracing::info!(target: LOG, "the network is shown at {}", socket.display());
+            let shown_at = socket.display();
+            server
+                .log
+                .info(format_args!("the network is shown at {shown_at}"));
             Ok(Attached {
                 socket,
                 server,
@@ -180,7 +199,9 @@ pub fn forward(socket: &Path, port: u16) -> Result<Forwarded, AttachError> {
         error,
     })?;
     let attach = Attach::new("").loopback(port);
-    start(crate::forward::router(socket), None, attach).map(Forwarded)
+    let log = Log::default();
+    let router = crate::forward::router(socket, log.clone());
+    start(router, None, attach, log).map(Forwarded)
 }
 
 /// Where an attached program with the default directory shows the network of this interface.
@@ -189,8 +210,13 @@ pub fn socket_of(interface: &str) -> PathBuf {
     directory().join(format!("{interface}.sock"))
 }
 
-/// The thread, with what it listens on.
-fn start(router: Router, unix: Option<StdListener>, attach: Attach) -> Result<Server, AttachError> {
+/// The threads, with what is listened on.
+fn start(
+    router: Router,
+    unix: Option<StdListener>,
+    attach: Attach,
+    log: Log,
+) -> Result<Server, AttachError> {
     let Attach {
         name,
         port,
@@ -213,6 +239,7 @@ fn start(router: Router, unix: Option<StdListener>, attach: Attach) -> Result<Se
         places: Arc::new(Semaphore::new(clients)),
         clients,
         header: header_timeout,
+        log: log.clone(),
     };
     let tcp = port.map(tcp_listener).transpose().map_err(failed)?;
     let mut panel = None;
@@ -224,7 +251,12 @@ fn start(router: Router, unix: Option<StdListener>, attach: Attach) -> Result<Se
             let listener = TcpListener::from_std(listener).map_err(failed)?;
             panel = Some(format!("http://{address}/#token={}", token.text()));
             let port = address.port();
-            let gate = from_fn_with_state(Gate { token, port }, gate::check);
+            let gate = Gate {
+                token,
+                port,
+                log: log.clone(),
+            };
+            let gate = from_fn_with_state(gate, gate::check);
             let router = router.clone().merge(page::router()).layer(gate);
             runtime.spawn(accept(listener, router, limits.clone()));
         }
@@ -234,29 +266,26 @@ fn start(router: Router, unix: Option<StdListener>, attach: Attach) -> Result<Se
         }
     }
     let (end, ended) = oneshot::channel::<()>();
-    let (ordinary, is_ordinary) = std::sync::mpsc::sync_channel(1);
-    let thread = thread::Builder::new()
-        .name("servocrab-attach".to_owned())
-        .spawn(move || {
-            let scheduled = ordinary::schedule();
-            let goes_on = scheduled.is_ok();
-            // The program waits for it.
-            let _ = ordinary.send(scheduled);
-            if goes_on {
-                // Nothing is ever sent. The connections end with the runtime.
-                let _ = runtime.block_on(ended);
-            }
-        })
-        .map_err(failed)?;
-    let server = Server {
+    let (written, subscriber) = (log.clone(), Subscriber::current());
+    let writer = OrdinaryThread::start("attach-log", failed, move || {
+        written.write_all(&subscriber);
+    })?;
+    let mut server = Server {
         panel,
         end: Some(end),
-        thread: Some(thread),
+        thread: None,
+        log,
+        writer: Some(writer),
     };
-    match is_ordinary.recv() {
-        Ok(Err(error)) => Err(AttachError::Scheduling(error)),
-        _ => Ok(server),
-    }
+    let thread = OrdinaryThread::start("servocrab-attach", failed, move || {
+        unlogged(|| {
+            // Nothing is ever sent. The connections end with the runtime.
+            let _ = runtime.block_on(ended);
+            drop(runtime);
+        });
+    })?;
+    server.thread = Some(thread);
+    Ok(server)
 }
 
 fn tcp_listener(port: u16) -> io::Result<StdTcpListener> {
@@ -318,6 +347,7 @@ struct Limits {
     places: Arc<Semaphore>,
     clients: usize,
     header: Duration,
+    log: Log,
 }
 
 /// Kept by a client for as long as it is connected.
@@ -328,23 +358,27 @@ trait Listener: Send + 'static {
     type Stream: AsyncRead + AsyncWrite + Unpin + Send + 'static;
 
     /// The next connection, and who it is; `None` of who is not let in.
-    fn next(&self) -> impl Future<Output = io::Result<Option<(Self::Stream, Client)>>> + Send;
+    fn next(
+        &self,
+        log: &Log,
+    ) -> impl Future<Output = io::Result<Option<(Self::Stream, Client)>>> + Send;
 }
 
 impl Listener for UnixListener {
     type Stream = UnixStream;
 
-    async fn next(&self) -> io::Result<Option<(UnixStream, Client)>> {
+    async fn next(&self, log: &Log) -> io::Result<Option<(UnixStream, Client)>> {
         let (stream, _) = self.accept().await?;
         let peer = match stream.peer_cred() {
             Ok(peer) => peer,
             Err(error) => {
-                tracing::warn!(target: LOG, "refused: it is not known who it is: {error}");
+                log.warn(format_args!("refused: it is not known who it is: {error}"));
                 return Ok(None);
             }
         };
         if !is_allowed(peer.uid()) {
-            tracing::warn!(target: LOG, "refused: user {} is not the program's", peer.uid());
+            let user = peer.uid();
+            log.warn(format_args!("refused: user {user} is not the program's"));
             return Ok(None);
         }
         let client = Client::Local {
@@ -358,7 +392,7 @@ impl Listener for UnixListener {
 impl Listener for TcpListener {
     type Stream = TcpStream;
 
-    async fn next(&self) -> io::Result<Option<(TcpStream, Client)>> {
+    async fn next(&self, _: &Log) -> io::Result<Option<(TcpStream, Client)>> {
         let (stream, address) = self.accept().await?;
         // Small messages are not to wait for each other. Where that cannot be set they do.
         let _ = stream.set_nodelay(true);
@@ -368,11 +402,13 @@ impl Listener for TcpListener {
 
 async fn accept<L: Listener + Sync>(listener: L, router: Router, limits: Limits) {
     loop {
-        let (stream, client) = match listener.next().await {
+        let (stream, client) = match listener.next(&limits.log).await {
             Ok(Some(connected)) => connected,
             Ok(None) => continue,
             Err(error) => {
-                tracing::warn!(target: LOG, "no client can be let in: {error}");
+                limits
+                    .log
+                    .warn(format_args!("no client can be let in: {error}"));
                 sleep(PAUSE).await;
                 continue;
             }
@@ -382,10 +418,13 @@ async fn accept<L: Listener + Sync>(listener: L, router: Router, limits: Limits)
             yield_now().await;
         }
         let Ok(place) = Arc::clone(&limits.places).try_acquire_owned() else {
-            tracing::debug!(target: LOG, "refused: {} clients are connected", limits.clients);
+            let clients = limits.clients;
+            limits
+                .log
+                .debug(format_args!("refused: {clients} clients are connected"));
             continue;
         };
-        tracing::debug!(target: LOG, "connected: {client}");
+        limits.log.debug(format_args!("connected: {client}"));
         let place: Place = Arc::new(place);
         let router = router
             .clone()

@@ -21,12 +21,12 @@ use tokio::{
 
 use crate::{
     grants::{AskedFor, Asks, Granted},
+    log::Log,
     refusal::Refusal,
     server::Client,
     streams::Streams,
 };
 
-pub(crate) const LOG: &str = "servocrab::attach";
 /// The code of a drive without SDO information.
 pub(crate) const NOT_SUPPORTED: &str = "not_supported";
 /// How long a transfer waits for those before it.
@@ -43,6 +43,7 @@ pub(crate) struct Shown {
     pub streams: Arc<Streams>,
     /// The objects of each drive, once they were listed.
     pub dictionaries: Arc<Mutex<HashMap<u16, Value>>>,
+    pub log: Log,
 }
 
 impl Shown {

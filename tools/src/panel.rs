@@ -67,8 +67,10 @@ pub(crate) async fn run(tool: &Tool, arguments: &Arguments) -> Done {
     if said.is_ok() {
         tool.interrupted().await;
     }
+    // The axes first: what ends the server must not keep them from their stop.
+    let left = net.shutdown().await;
     drop(shown);
-    net.shutdown().await?;
+    left?;
     said.map(|()| true)
 }
 
