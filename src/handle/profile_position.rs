@@ -192,11 +192,13 @@ pub(super) struct CountsRequest {
 /// A move in the drive's units, with what of it is written by SDO.
 #[derive(Debug)]
 pub(super) struct SplitMove {
-    asked: MoveCommand,
+    pub asked: MoveCommand,
     /// Without what is written by SDO.
     command: MoveCommand,
     /// None where nothing can be.
     by_sdo: Option<BySdo>,
+    /// Whether the axis core has said that it would not refuse the move.
+    pub checked: bool,
 }
 
 impl CountsRequest {
@@ -250,7 +252,14 @@ impl CountsRequest {
             asked,
             command,
             by_sdo: by_sdo.some(),
+            checked: false,
         })
+    }
+
+    /// Whether anything of this has to be written to the drive, as far as is known.
+    pub fn has_to_write(&self, split: &SplitMove) -> bool {
+        let by_sdo = split.by_sdo.as_ref();
+        by_sdo.is_some_and(|by_sdo| self.handles.have_to_write(by_sdo))
     }
 
     /// Writes by SDO what is to be written so. Hold the claim until the move is sent, and notify it then, so that no other move's
@@ -263,13 +272,14 @@ impl CountsRequest {
             return Ok((split.command, None));
         };
         let handles = &*self.handles;
-        let writes = handles.have_to_write(&by_sdo);
-        if writes {
+        let mut checked = split.checked;
+        if !checked && handles.have_to_write(&by_sdo) {
             self.check(split.asked).await?;
+            checked = true;
         }
         let mut claim = handles.claim(&by_sdo).await?;
         if claim.written.is_some() {
-            if !writes {
+            if !checked {
                 self.check(split.asked).await?;
             }
             by_sdo.write(&mut claim).await?;
@@ -279,10 +289,15 @@ impl CountsRequest {
 
     /// What is refused must not have changed the drive's parameters.
     async fn check(&self, asked: MoveCommand) -> Result<(), AxisError> {
-        let check = Command::CheckMove(asked);
-        let check = Pending::submit(Arc::clone(&self.handles), self.unit, check)?;
+        let check = self.submit_check(asked)?;
         check.done().await?;
         Ok(())
+    }
+
+    /// Asks whether this move would be refused.
+    pub fn submit_check(&self, asked: MoveCommand) -> Result<Pending, AxisError> {
+        let check = Command::CheckMove(asked);
+        Pending::submit(Arc::clone(&self.handles), self.unit, check)
     }
 
     fn trace(&self, what: &str, why: &dyn fmt::Display) {

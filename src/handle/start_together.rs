@@ -17,7 +17,7 @@ use crate::{
 
 use super::{
     AxisError, AxisErrorKind, Move, MoveRequest,
-    profile_position::CountsRequest,
+    profile_position::{CountsRequest, SplitMove},
     queue::{LastStop, NetworkSignals, Pending, Shared},
 };
 
@@ -342,10 +342,11 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
     in_order.sort_by_key(|request| request.handles.shared.setup.index);
     // A stop that comes while parameters are being written stops these moves as well.
     let asked: Vec<_> = in_order.iter().map(|request| request.last_stop()).collect();
+    let splits = split(&in_order).await?;
     let mut prepared = Vec::new();
     let mut claims = Vec::new();
-    for (request, asked) in in_order.into_iter().zip(asked) {
-        let (command, claim) = request.write(request.split()?).await?;
+    for ((request, split), asked) in in_order.into_iter().zip(splits).zip(asked) {
+        let (command, claim) = request.write(split).await?;
         prepared.push((request, command, asked));
         claims.push(claim);
     }
@@ -385,6 +386,23 @@ async fn start(requests: &[CountsRequest]) -> Result<Vec<Pending>, AxisError> {
     let started = started.iter();
     let started = started.map(|(request, _)| request.handles.shared.identity.axis.clone());
     Err(error.of_not_all_started(started.collect()))
+}
+
+/// Splits the moves of a group. Where one of them writes by SDO all are checked: one that is refused leaves the parameters of the others
+/// as they are.
+async fn split(requests: &[&CountsRequest]) -> Result<Vec<SplitMove>, AxisError> {
+    let splits = requests.iter().map(|request| request.split());
+    let mut splits = splits.collect::<Result<Vec<_>, _>>()?;
+    let both = || requests.iter().zip(&splits);
+    if both().any(|(request, split)| request.has_to_write(split)) {
+        // All in one cycle.
+        let checks = both().map(|(request, split)| request.submit_check(split.asked));
+        for check in checks.collect::<Result<Vec<_>, _>>()? {
+            check.done().await?;
+        }
+        splits.iter_mut().for_each(|split| split.checked = true);
+    }
+    Ok(splits)
 }
 
 /// Submits the moves of a group, and then the group.

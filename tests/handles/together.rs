@@ -16,6 +16,7 @@ use servocrab::{
     profile_position::{
         Limits, MoveRequest, PositionRange, ProfilePosition, RelativeBase, SetPoint,
     },
+    units::{Mm, Ratio, Scale},
 };
 
 use crate::machine::{Machine, Task, Variant, lock};
@@ -125,6 +126,47 @@ fn none_starts_when_one_would_end_beyond_a_limit() {
         pp[1].rel(989, SetPoint::new()),
     ];
     assert!(machine.finish(start_together(requests)).is_ok());
+}
+
+/// Where the parameters go by SDO: whether the second axis refuses, or its numbers cannot be scaled, the first one's are as before.
+#[test]
+fn a_group_that_is_refused_has_written_no_parameters_of_any_axis() {
+    let limits = Limits {
+        software: Some(PositionRange {
+            min: -1_000,
+            max: 5_000,
+        }),
+        ..Limits::trust_drive()
+    };
+    let (mut machine, mut pp) = machine_of(
+        2,
+        &Variant {
+            limits,
+            ..Variant::by_sdo()
+        },
+    );
+    let written = |machine: &Machine| machine.stations[0].sdo.written.lock().unwrap().len();
+    let fast = SetPoint::new().velocity(7_777);
+    let beyond = [pp[0].abs(10, fast), pp[1].abs(5_001, fast)];
+    let error = machine.finish(start_together(beyond)).unwrap_err();
+    assert!(matches!(error.failure(), Some(Failure::BeyondLimit { .. })));
+    assert_eq!(written(&machine), 0, "{error}");
+
+    let mm = Scale::counts_per_unit(Ratio::new(1_000, 1).unwrap());
+    let scaled = pp[1].axis().scaled::<Mm>(mm).unwrap();
+    machine.finish(pp.remove(1).release()).unwrap();
+    let on_scaled = machine.finish(scaled.profile_position()).unwrap();
+    let no_number = (
+        pp[0].abs(10, fast),
+        on_scaled.abs(f64::NAN, SetPoint::new()),
+    );
+    let error = machine.finish(start_together(no_number)).unwrap_err();
+    assert!(matches!(error.kind, AxisErrorKind::Scale(_)), "{error}");
+    assert_eq!(written(&machine), 0, "{error}");
+
+    let within = (pp[0].abs(10, fast), on_scaled.abs(5.0, SetPoint::new()));
+    let _moves = machine.finish(start_together(within)).unwrap();
+    assert_eq!(written(&machine), 1);
 }
 
 #[test]
