@@ -585,6 +585,8 @@ impl Lease {
             return Err(shared.error(AxisErrorKind::ModeInUse));
         }
         shared.leases.fetch_add(1, Ordering::AcqRel);
+        // Those of earlier leases: the axis is this one's.
+        shared.release_jogs();
         shared.trace("mode leased");
         Ok(Self {
             shared: Arc::clone(shared),

@@ -289,7 +289,7 @@ pub enum AxisErrorKind {
     /// A number or a factor cannot be converted between the program's units and the drive's; nothing was sent.
     #[error("{0}")]
     Scale(ScaleError),
-    /// The mode is leased already, or the move was made by an earlier lease. Release the other lease first, and make the move with your own.
+    /// The mode is leased already, or the move or the jog is of an earlier lease. Release the other lease first, and move with your own.
     #[error("a mode of this axis is in use: release it first")]
     ModeInUse,
     /// More commands at once than there are places for.

@@ -1,6 +1,6 @@
 //! Profile Velocity as a lease of an axis: jogs are asked for here.
 
-use core::marker::PhantomData;
+use core::{marker::PhantomData, sync::atomic::Ordering};
 
 use crate::{
     axis::{Command, Failure, TARGET_VELOCITY},
@@ -14,8 +14,8 @@ use super::{Axis, AxisError, AxisErrorKind, axis::Lease, parameters::BySdo, queu
 
 /// The lease of an axis in Profile Velocity mode, from [`Axis::profile_velocity`].
 ///
-/// Dropping it gives the mode back; a [`Jog`] that is held goes on until it is let go. [`release`](Self::release) ends the
-/// motion as well.
+/// Dropping it gives the mode back; a [`Jog`] that is held goes on until it is let go, or until the axis is leased again.
+/// [`release`](Self::release) ends the motion as well.
 ///
 /// ```
 /// # use core::time::Duration;
@@ -51,7 +51,8 @@ pub struct ProfileVelocity<U: AxisUnit = Counts> {
 impl<U: AxisUnit> Axis<U> {
     /// Selects Profile Velocity (mode 3) and leases it. The lease ends by [`ProfileVelocity::release`] or by dropping it.
     ///
-    /// The target velocity 60FFh must be mapped: `AxisConfig::map_output(obj::TARGET_VELOCITY)`.
+    /// The target velocity 60FFh must be mapped: `AxisConfig::map_output(obj::TARGET_VELOCITY)`. A jog that an earlier lease has left is
+    /// let go.
     ///
     /// # Errors
     /// [`Failure::ModeNotSupported`] where 6502h does not name mode 3. [`Failure::NotMapped`] if 60FFh is not mapped.
@@ -123,6 +124,7 @@ impl<U: AxisUnit> ProfileVelocity<U> {
         by_sdo.write(&mut claim).await?;
         // From here on whatever drops it lets it go.
         let mut jog = Jog {
+            lease: handles.shared.leases.load(Ordering::Acquire),
             pending: self.axis.submit_motion(Command::Jog(set_point), asked)?,
             unit: PhantomData,
         };
@@ -143,10 +145,13 @@ impl<U: AxisUnit> ProfileVelocity<U> {
 
 /// A velocity that is held. Dropping it lets go: the target velocity is 0 in the next frame, whatever is queued.
 ///
-/// Every stop of the axis, by anyone, ends it for good: no resume or enable brings its motion back.
+/// Every stop of the axis, by anyone, ends it for good: no resume or enable brings its motion back. So does another lease of the axis,
+/// where its own was given back.
 #[must_use = "dropping it stops the axis"]
 #[derive(Debug)]
 pub struct Jog<U: AxisUnit = Counts> {
+    /// The lease that it is of.
+    lease: u64,
     pending: Pending,
     unit: PhantomData<U>,
 }
@@ -157,7 +162,8 @@ impl<U: AxisUnit> Jog<U> {
     /// # Errors
     /// With the reason for which the jog has ended: halted, stopped, disabled, a fault, the bus lost. What was asked for then
     /// is not followed. [`Failure::TooFast`] above max profile velocity 607Fh, and [`AxisErrorKind::Scale`] for a number that cannot be
-    /// converted into counts: the jog goes on as it was. A number that is less than the drive's smallest
+    /// converted into counts: the jog goes on as it was. [`AxisErrorKind::ModeInUse`] once its lease was given back and the axis was
+    /// leased again: the jog was let go then. A number that is less than the drive's smallest
     /// ([`ScaleError::RoundsToZero`]) holds it at 0, so that a jog that gets slower and slower comes to a stand.
     pub fn set(&self, velocity: U::Signed) -> Result<(), AxisError> {
         let converted = self.pending.unit.scale.target_velocity(velocity.into());
@@ -211,14 +217,23 @@ impl<U: AxisUnit> Jog<U> {
     }
 
     fn hold_at(&self, velocity: Option<i32>) -> Result<(), AxisError> {
-        let held = match self.ended() {
-            Some(reason) => Err(reason),
+        let held = match self.pending.result() {
+            Some(Err(failure)) => Err(failure),
+            _ if self.is_of_earlier_lease() => {
+                return Err(self.pending.error(AxisErrorKind::ModeInUse));
+            }
+            Some(Ok(_)) => Err(Failure::Withdrawn),
             None => {
                 let shared = &self.pending.handles.shared;
                 shared.hold_jog(self.pending.id, velocity)
             }
         };
         held.map_err(|failure| self.pending.error(AxisErrorKind::Failed(failure)))
+    }
+
+    /// Whether the axis has been leased again since.
+    fn is_of_earlier_lease(&self) -> bool {
+        self.lease != self.pending.handles.shared.leases.load(Ordering::Acquire)
     }
 
     /// Why the jog has ended, if something ended it. Nothing is waited for.

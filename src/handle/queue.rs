@@ -854,6 +854,12 @@ impl Shared {
         }
     }
 
+    /// Lets go of all jogs: none begins at the same time.
+    pub fn release_jogs(&self) {
+        self.slots.slots.iter().for_each(Slot::release);
+        self.ask();
+    }
+
     /// Gives a command up, so far as it was not sent. `ends`: a homing that was sent is stopped.
     pub fn withdraw(&self, id: CommandId, ends: bool) {
         let _ = self.withdrawn.push(Withdrawn { id, ends });

@@ -3,6 +3,7 @@
 use core::sync::atomic::Ordering;
 
 use servocrab::axis::{Axis, AxisErrorKind, Delivery, Failure, start_together};
+use servocrab::coe::obj;
 use servocrab::ds402::Mode;
 use servocrab::profile_position::SetPoint;
 use servocrab_sim::ds402::Behaviour;
@@ -249,4 +250,60 @@ fn a_stop_that_comes_while_the_mode_is_selected_ends_that_too() {
         let moved = machine.finish(pp.move_abs(5_000, SetPoint::new())).unwrap();
         machine.finish(moved.done()).unwrap();
     }
+}
+
+/// Which stands or moves, and whether its lease was given back by dropping it alone.
+#[test]
+fn a_jog_of_a_lease_that_was_given_back_does_not_move_the_axis_of_the_next_one() {
+    let variant = Variant {
+        mapped_too: vec![obj::TARGET_VELOCITY.into()],
+        ..Variant::default()
+    };
+    for velocity in [0, 20_000] {
+        let (mut machine, axis) = Machine::enabled_of(&variant);
+        let first = machine.finish(axis.profile_velocity()).unwrap();
+        let jog = machine.finish(first.jog(velocity)).unwrap();
+        drop(first);
+        machine.run(200);
+        // It is held, and nobody else has the axis.
+        jog.set(velocity).unwrap();
+        machine.run(100);
+        assert!(machine.goes_at(velocity.into()));
+        // Another task has the axis to itself now.
+        let second = machine.finish(axis.profile_velocity()).unwrap();
+        machine.run(200);
+        assert!(machine.stands(), "it was let go");
+        let set = jog.set(20_000).unwrap_err();
+        assert!(matches!(set.kind, AxisErrorKind::ModeInUse), "{set}");
+        let hold = jog.hold().unwrap_err();
+        assert!(matches!(hold.kind, AxisErrorKind::ModeInUse), "{hold}");
+        assert_eq!(jog.ended(), Some(Failure::Withdrawn));
+        machine.run(100);
+        assert!(machine.stands());
+        let own = machine.finish(second.jog(-5_000)).unwrap();
+        drop(jog);
+        machine.run(200);
+        assert!(machine.goes_at(-5_000.0), "the other one ends nothing");
+        machine.finish(own.release()).unwrap();
+    }
+}
+
+/// It takes over from the one that comes to rest.
+#[test]
+fn the_first_jog_of_a_lease_takes_over_from_one_of_an_earlier_lease() {
+    let variant = Variant {
+        mapped_too: vec![obj::TARGET_VELOCITY.into()],
+        ..Variant::default()
+    };
+    let (mut machine, axis) = Machine::enabled_of(&variant);
+    let first = machine.finish(axis.profile_velocity()).unwrap();
+    let jog = machine.finish(first.jog(20_000)).unwrap();
+    drop(first);
+    machine.run(100);
+    let second = machine.finish(axis.profile_velocity()).unwrap();
+    let own = machine.finish(second.jog(10_000)).unwrap();
+    machine.run(200);
+    assert!(machine.goes_at(10_000.0));
+    assert_eq!(jog.ended(), Some(Failure::Superseded));
+    machine.finish(own.release()).unwrap();
 }
