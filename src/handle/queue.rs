@@ -621,18 +621,20 @@ impl Slot {
             .is_ok()
     }
 
-    /// Whether a stop is over with this result. One that went well and was asked for again meanwhile is not: its end is what
-    /// comes of that. As soon as it is over, the next one may have the slot: its result is there before, and nothing is stored after.
+    /// Whether a stop is over with this result. One that went well, or that a resume has ended, and was asked for again meanwhile is
+    /// not: its end is what comes of that. As soon as it is over, the next one may have the slot: its result is there before, and nothing
+    /// is stored after.
     pub fn ends(&self, result: Result<Completion, Failure>) -> bool {
         // Its result is there, and perhaps not taken.
         if self.queued.load(Ordering::SeqCst) == OVER {
             return false;
         }
         self.result.force_push(result);
+        let goes_on = matches!(result, Ok(_) | Err(Failure::Superseded));
         let over = self
             .queued
             .fetch_update(Ordering::SeqCst, Ordering::SeqCst, |queued| {
-                (queued == 0 || result.is_err()).then_some(OVER)
+                (queued == 0 || !goes_on).then_some(OVER)
             })
             .is_ok();
         if !over {

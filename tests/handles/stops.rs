@@ -369,6 +369,28 @@ fn a_halt_taken_back_in_the_same_cycle_is_no_halt() {
     assert_eq!(machine.stations[0].words.last().unwrap() & HALT, 0);
 }
 
+/// The frame of the resume is under way when the second halt is asked for. The first one still waits.
+#[test]
+fn a_halt_that_is_asked_for_while_a_resume_is_sent_ends_with_its_own_standstill() {
+    let (mut machine, axis) = Machine::enabled();
+    let pp = machine.finish(axis.profile_position()).unwrap();
+    let _moved = machine
+        .finish(pp.move_abs(90_000, SetPoint::new()))
+        .unwrap();
+    machine.run(100);
+    let mut first = Task::new(axis.halt());
+    assert!(first.poll().is_none());
+    machine.run(5);
+    let mut resume = Task::new(axis.resume());
+    assert!(resume.poll().is_none());
+    let mut second = Task::new(axis.halt());
+    machine.cycle_while(|| assert!(second.poll().is_none()));
+    machine.finish_task(&mut resume).unwrap();
+    machine.finish_task(&mut second).unwrap();
+    machine.finish_task(&mut first).unwrap();
+    assert!(machine.stands() && axis.status().halted);
+}
+
 #[test]
 fn dropping_the_last_handle_stops_a_moving_axis() {
     let (mut machine, axis) = Machine::enabled();
