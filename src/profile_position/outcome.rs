@@ -151,8 +151,8 @@ pub enum Failure {
     /// another `start_together` is asked for on its axis: two groups could wait for each other otherwise.
     #[error("superseded by a later move")]
     Superseded,
-    /// The axis is halted (bit 8). Resume it, or stop it.
-    #[error("the axis is halted: resume it, or give its set-point up by a stop and enable it again{}", SentText(*.delivery))]
+    /// The axis is halted (bit 8). Resume it, or disable it and enable it again, which gives its set-point up.
+    #[error("the axis is halted: resume it, or disable it and enable it again{}", SentText(*.delivery))]
     Halted {
         /// How far the set-point came, for moves, homings and jogs; `NotSent` for others.
         delivery: Delivery,

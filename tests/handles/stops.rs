@@ -391,6 +391,43 @@ fn a_halt_that_is_asked_for_while_a_resume_is_sent_ends_with_its_own_standstill(
     assert!(machine.stands() && axis.status().halted);
 }
 
+/// As the text says, whether it has kept a set-point or none. A stop leads one without a set-point nowhere, and bit 8 stays.
+#[test]
+fn a_halted_axis_that_refuses_a_move_takes_one_after_a_resume_or_after_a_disable_and_an_enable() {
+    for has_set_point in [false, true] {
+        for resumes in [false, true] {
+            let (mut machine, axis) = Machine::enabled();
+            let pp = machine.finish(axis.profile_position()).unwrap();
+            let before = has_set_point.then(|| {
+                let moved = machine.finish(pp.move_abs(9_000, SetPoint::new()));
+                machine.run(30);
+                moved.unwrap()
+            });
+            machine.finish(axis.halt()).unwrap();
+            let refused = machine.finish(pp.move_abs(5, SetPoint::new())).unwrap_err();
+            let text = refused.to_string();
+            assert!(
+                text.contains("halted: resume it, or disable it and enable it again"),
+                "{text}"
+            );
+            if resumes {
+                machine.finish(axis.resume()).unwrap();
+            } else {
+                machine.finish(axis.disable()).unwrap();
+                machine.finish(axis.enable()).unwrap();
+                let at = machine.drive().position();
+                machine.run(300);
+                assert!(machine.stands(), "nothing goes on");
+                assert!((machine.drive().position() - at).abs() < 20);
+            }
+            assert!(!axis.status().halted);
+            let moved = machine.finish(pp.move_abs(500, SetPoint::new())).unwrap();
+            at_target(machine.finish(moved.done()).unwrap(), 500);
+            drop(before);
+        }
+    }
+}
+
 #[test]
 fn dropping_the_last_handle_stops_a_moving_axis() {
     let (mut machine, axis) = Machine::enabled();
