@@ -283,6 +283,9 @@ impl<U: AxisUnit> Axis<U> {
     /// The next snapshot in which anything but the cycle's number and age differs; `None` once the network has ended. The last one before
     /// that says that the drive is lost.
     ///
+    /// It begins to look when it is polled first. A change between a look at [`status`](Self::status) and that poll is not seen. A
+    /// program that waits for a state, and looks at `status` for it, polls this once before it looks.
+    ///
     /// ```
     /// # async fn example(axis: servocrab::axis::Axis) {
     /// while let Some(status) = axis.changed().await {

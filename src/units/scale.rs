@@ -11,6 +11,8 @@ use crate::coe::ObjectAddress;
 /// are fractions of whole numbers, so that this is the only rounding. What comes back from the drive is the number nearest to the
 /// exact value, and gives the same count again.
 ///
+/// A scale is positive. An axis whose direction is mirrored is set in the drive, by polarity 607Eh.
+///
 /// ```
 /// use servocrab::units::{Ratio, Scale};
 /// // A spindle of 5 mm a revolution, an encoder of 2²⁰ counts; velocities in counts/s, accelerations in counts/s².

@@ -1216,7 +1216,8 @@ impl CycleClock {
         self.until(|now| now > last).await
     }
 
-    /// Waits for the first cycle that ends this much later than the last one did, or more.
+    /// Waits for the first cycle that ends this much later than the last one did, or more. A time of zero waits for no cycle:
+    /// [`next_cycle`](Self::next_cycle) does.
     ///
     /// # Errors
     /// [`NetworkError::Thread`] once the network has ended.
